@@ -1,0 +1,42 @@
+"""What all subcommands share: the console, JSON output, and errors turned into exit codes.
+
+Exit codes: 0 done; 1 the work was done and its answer is "no" (a bag that fails its check); 2 unusable input.
+"""
+
+from __future__ import annotations
+
+import functools
+import json
+import sys
+from collections.abc import Callable
+from typing import Any, ParamSpec, TypeVar
+
+from rich.console import Console
+
+from elastic_arm.errors import ElasticArmError
+
+P = ParamSpec("P")
+R = TypeVar("R")
+
+out = Console(highlight=False)
+err = Console(stderr=True, highlight=False)
+
+
+def reports_errors(command: Callable[P, R]) -> Callable[P, R]:
+    """Turn an :class:`ElasticArmError` into one clear line on stderr and exit code 2."""
+
+    @functools.wraps(command)
+    def wrapper(*args: P.args, **kwargs: P.kwargs) -> R:
+        try:
+            return command(*args, **kwargs)
+        except ElasticArmError as error:
+            err.print(f"[bold red]error:[/] {error}", soft_wrap=True, markup=True)
+            raise SystemExit(2) from None
+
+    return wrapper
+
+
+def print_json(data: Any) -> None:
+    """Write `data` as JSON to stdout, for scripts."""
+    json.dump(data, sys.stdout, indent=2, allow_nan=False)
+    sys.stdout.write("\n")

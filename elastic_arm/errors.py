@@ -1,0 +1,56 @@
+"""Every error a user can meet.
+
+One base class, so that a door (command line, node) catches exactly these and nothing else. Each error says what is
+wrong and what to do about it, and carries the values that were wrong as attributes.
+"""
+
+from __future__ import annotations
+
+
+class ElasticArmError(Exception):
+    """Base of all errors that a user can mend.
+
+    Parameters
+    ----------
+    problem
+        What is wrong, naming the file, field, topic, joint or time.
+    remedy
+        What to do about it.
+    """
+
+    def __init__(self, problem: str, remedy: str = "") -> None:
+        self.problem = problem
+        self.remedy = remedy
+        super().__init__(f"{problem}. {remedy}" if remedy else problem)
+
+
+class RobotError(ElasticArmError, ValueError):
+    """A robot description (arm file or URDF) that cannot be used."""
+
+
+class RecordingError(ElasticArmError, ValueError):
+    """A recording that cannot be read, or lacks what is asked of it."""
+
+
+class ExcitationError(ElasticArmError, ValueError):
+    """A trajectory that breaks the limits, or a search that found none within them."""
+
+
+class SimulationError(ElasticArmError, RuntimeError):
+    """A simulation that left the finite numbers."""
+
+
+class IdentificationError(ElasticArmError, ValueError):
+    """Data from which the asked parameters cannot be identified."""
+
+
+class EffectError(ElasticArmError, ValueError):
+    """An unmodelled effect that does not exist, or whose parameters make no sense."""
+
+
+class DiagnosisError(ElasticArmError, ValueError):
+    """Data or options from which no diagnosis can be made."""
+
+
+class MissingExtraError(ElasticArmError, ImportError):
+    """An optional library that this command needs is not installed."""
