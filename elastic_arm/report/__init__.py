@@ -1,0 +1,1 @@
+"""The only room that draws: figures (matplotlib) and self-contained HTML reports (Jinja)."""

@@ -1,0 +1,129 @@
+"""Self-contained HTML reports: sections of text, tables and figures in one file that needs no network."""
+
+from __future__ import annotations
+
+import datetime
+import io
+import itertools
+import math
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import jinja2
+import matplotlib as mpl
+from matplotlib.figure import Figure as MplFigure
+
+from elastic_arm import __version__
+from elastic_arm.errors import ElasticArmError
+from elastic_arm.report.style import style
+
+_counter = itertools.count()
+
+
+@dataclass(frozen=True)
+class Text:
+    """A paragraph; `tone` is "plain", "good", "warn" or "bad"."""
+
+    text: str
+    tone: str = "plain"
+
+
+@dataclass(frozen=True)
+class Table:
+    """A table; numbers are right-aligned and written with `digits` significant digits."""
+
+    header: Sequence[str]
+    rows: Sequence[Sequence[Any]]
+    caption: str = ""
+    digits: int = 4
+
+    def cells(self) -> list[list[tuple[str, bool]]]:
+        """Return each cell as (text, is_number)."""
+        return [[self._cell(value) for value in row] for row in self.rows]
+
+    def _cell(self, value: Any) -> tuple[str, bool]:
+        if value is None:
+            return "–", False
+        if isinstance(value, bool):
+            return ("yes" if value else "no"), False
+        if isinstance(value, int):
+            return f"{value:,}".replace(",", "\u202f"), True
+        if isinstance(value, float):
+            return (f"{value:.{self.digits}g}" if math.isfinite(value) else "–"), True
+        return str(value), False
+
+
+@dataclass(frozen=True)
+class Figure:
+    """A drawing with what it shows in a sentence."""
+
+    figure: MplFigure
+    caption: str = ""
+
+    def svg(self) -> str:
+        """Return the drawing as inline SVG whose ids collide with no other figure's."""
+        buffer = io.StringIO()
+        with style(), mpl.rc_context({"svg.hashsalt": f"figure{next(_counter)}"}):
+            self.figure.savefig(buffer, format="svg", metadata={"Date": None, "Creator": None})
+        svg = buffer.getvalue()
+        svg = svg[svg.index("<svg") :]
+        return re.sub(r'<svg ([^>]*?)width="[^"]*pt" height="[^"]*pt"', r"<svg \1", svg, count=1)
+
+    @property
+    def width(self) -> int:
+        """Width on screen, CSS pixels."""
+        return round(self.figure.get_figwidth() * 110)
+
+
+Block = Text | Table | Figure
+
+
+@dataclass(frozen=True)
+class Section:
+    """A heading and what stands under it."""
+
+    title: str
+    blocks: Sequence[Block] = field(default_factory=tuple)
+
+
+def write_report(path: str | Path, title: str, sections: Sequence[Section], *, subtitle: str = "") -> Path:
+    """Write one HTML file.
+
+    Parameters
+    ----------
+    path
+        The file; its folder is made.
+    title, subtitle
+        The heading and the line below it.
+    sections
+        What the report says, most important first.
+
+    Raises
+    ------
+    ElasticArmError
+        When the file cannot be written.
+    """
+    path = Path(path)
+    environment = jinja2.Environment(
+        loader=jinja2.PackageLoader("elastic_arm.report"), autoescape=True, undefined=jinja2.StrictUndefined
+    )
+    environment.tests["text"] = lambda block: isinstance(block, Text)
+    environment.tests["table"] = lambda block: isinstance(block, Table)
+    page = environment.get_template("report.html").render(
+        title=title,
+        subtitle=subtitle,
+        sections=sections,
+        made=datetime.datetime.now().astimezone().strftime("%Y-%m-%d %H:%M"),
+        version=__version__,
+    )
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(page, encoding="utf-8")
+    except OSError as error:
+        raise ElasticArmError(
+            f"the report {path} cannot be written: {error.strerror}", "Choose another folder with --out"
+        ) from error
+    return path
