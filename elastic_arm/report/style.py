@@ -8,6 +8,7 @@ from typing import Any
 
 import matplotlib as mpl
 import numpy as np
+from cycler import cycler
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
@@ -24,8 +25,8 @@ BLUE, ORANGE, GREEN, VERMILION, PURPLE, SKY, YELLOW, GREY = (
 )
 CYCLE = (BLUE, VERMILION, GREEN, ORANGE, PURPLE, SKY, GREY)
 
-_RC = {
-    "axes.prop_cycle": mpl.cycler(color=CYCLE),
+_RC: Any = {
+    "axes.prop_cycle": cycler(color=CYCLE),
     "axes.grid": True,
     "axes.spines.top": False,
     "axes.spines.right": False,
