@@ -1,0 +1,9 @@
+"""Recordings: one currency, held in rosbag2 MCAP bags.
+
+`Recording` is what the rest of the suite sees; nothing downstream knows whether the arm was real.
+"""
+
+from elastic_arm.recording.recording import Recording
+from elastic_arm.recording.sides import Samples, Side
+
+__all__ = ["Recording", "Samples", "Side"]

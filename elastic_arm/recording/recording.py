@@ -1,0 +1,124 @@
+"""The one currency: a recording of an arm, whoever made it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from elastic_arm.errors import RecordingError
+from elastic_arm.recording import timebase
+from elastic_arm.recording.sides import Samples, Side
+
+
+@dataclass(frozen=True)
+class Recording:
+    """A recording of an arm, real or simulated.
+
+    Parameters
+    ----------
+    joints
+        Names, in robot-description order: the columns of every channel.
+    link, motor
+        The two sides of the joints: (q, dq, tau_J) and (theta, dtheta, tau_m); None where not recorded.
+    reference
+        The commanded motion, with acceleration; None where not recorded.
+    robot_description
+        URDF text, None where not recorded.
+    source
+        Where it came from: the file or folder, or "simulation".
+    notes
+        What a reader had to assume or mend.
+    """
+
+    joints: tuple[str, ...]
+    link: Side | None = None
+    motor: Side | None = None
+    reference: Side | None = None
+    robot_description: str | None = None
+    source: str = ""
+    notes: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "joints", tuple(self.joints))
+        object.__setattr__(self, "notes", tuple(self.notes))
+        for side_name, side in self.sides().items():
+            for channel, values in side.channels().items():
+                if values.shape[1] != self.n:
+                    raise RecordingError(
+                        f"{side_name} {channel} has {values.shape[1]} columns for {self.n} joints",
+                        "Give one column per joint.",
+                    )
+
+    @property
+    def n(self) -> int:
+        """Number of joints."""
+        return len(self.joints)
+
+    def sides(self) -> dict[str, Side]:
+        """Return the sides that were recorded, by name."""
+        named = {"link": self.link, "motor": self.motor, "reference": self.reference}
+        return {name: side for name, side in named.items() if side is not None}
+
+    @property
+    def start_ns(self) -> int:
+        """First stamp of the link and motor sides."""
+        return min(int(side.stamp_ns[0]) for side in self._measured())
+
+    @property
+    def duration(self) -> float:
+        """Seconds between the first and the last stamp of the link and motor sides."""
+        return (max(int(side.stamp_ns[-1]) for side in self._measured()) - self.start_ns) * 1e-9
+
+    def samples(self) -> Samples:
+        """Bring both sides to one time base; see :func:`elastic_arm.recording.timebase.join`.
+
+        Raises
+        ------
+        RecordingError
+            If neither side was recorded, or the two do not overlap in time.
+        """
+        try:
+            return timebase.join(self.link, self.motor)
+        except RecordingError as error:
+            raise RecordingError(f"{self.source or 'the recording'}: {error.problem}", error.remedy) from None
+
+    def between(self, begin: float, end: float) -> Recording:
+        """Return the part from `begin` to before `end`, in seconds from :attr:`start_ns`."""
+        first, last = (self.start_ns + round(limit * 1e9) for limit in (begin, end))
+        cut: dict[str, Any] = {
+            name: side.at(slice(*np.searchsorted(side.stamp_ns, (first, last)))) for name, side in self.sides().items()
+        }
+        return replace(self, **cut)
+
+    def select(self, joints: Sequence[str]) -> Recording:
+        """Return the recording with the columns of `joints`, in that order.
+
+        Raises
+        ------
+        RecordingError
+            If a joint was not recorded.
+        """
+        unknown = [name for name in joints if name not in self.joints]
+        if unknown:
+            raise RecordingError(
+                f"{self.source or 'the recording'} has no joint {', '.join(unknown)}; it has {', '.join(self.joints)}",
+                "Use a robot description with these joint names, or give the names in a channel map (--channels).",
+            )
+        columns = [self.joints.index(name) for name in joints]
+        cut: dict[str, Any] = {
+            side_name: Side(side.stamp_ns, **{name: values[:, columns] for name, values in side.channels().items()})
+            for side_name, side in self.sides().items()
+        }
+        return replace(self, joints=tuple(joints), **cut)
+
+    def _measured(self) -> list[Side]:
+        measured = [side for side in (self.link, self.motor) if side is not None and len(side)]
+        if not measured:
+            raise RecordingError(
+                f"{self.source or 'the recording'} holds no samples of the arm",
+                "Record /joint_states or /motor_states, or both.",
+            )
+        return measured

@@ -1,0 +1,89 @@
+"""The samples of an arm: one side of its joints, or both on one time base."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from elastic_arm.errors import RecordingError
+
+Array = NDArray[np.float64]
+Stamps = NDArray[np.int64]
+
+CHANNELS = ("position", "velocity", "effort", "acceleration")
+
+
+@dataclass(frozen=True)
+class Side:
+    """The samples of one side of all joints.
+
+    Parameters
+    ----------
+    stamp_ns
+        (N,) int64, nanoseconds, strictly increasing.
+    position, velocity, effort, acceleration
+        (N, n) rad, rad/s, Nm, rad/s²; None where not recorded. Torques and motor angles are reduced to the
+        harmonic-drive output.
+    """
+
+    stamp_ns: Stamps
+    position: Array | None = None
+    velocity: Array | None = None
+    effort: Array | None = None
+    acceleration: Array | None = None
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "stamp_ns", np.asarray(self.stamp_ns, dtype=np.int64))
+        for name, values in self.channels().items():
+            values = np.asarray(values, dtype=np.float64)
+            object.__setattr__(self, name, values)
+            if values.ndim != 2 or len(values) != len(self.stamp_ns):
+                raise RecordingError(
+                    f"{name} has shape {values.shape} beside {len(self.stamp_ns)} stamps",
+                    "Give one row per stamp and one column per joint.",
+                )
+
+    def __len__(self) -> int:
+        return len(self.stamp_ns)
+
+    def channels(self) -> dict[str, Array]:
+        """Return the channels that were recorded, by name."""
+        return {name: values for name in CHANNELS if (values := getattr(self, name)) is not None}
+
+    def at(self, index: slice | NDArray[np.intp] | NDArray[np.bool_]) -> Side:
+        """Return the samples chosen by a slice, indices or a mask."""
+        return Side(self.stamp_ns[index], **{name: values[index] for name, values in self.channels().items()})
+
+
+@dataclass(frozen=True)
+class Samples:
+    """All channels on one time base.
+
+    Parameters
+    ----------
+    t
+        (N,) seconds from the first sample.
+    q, dq, tau_J
+        (N, n) link angle, its rate, joint torque (eq. (1)); None where not recorded.
+    theta, dtheta, tau_m
+        (N, n) motor angle, its rate, motor torque (eq. (1)); None where not recorded.
+    stamp_ns
+        (N,) the stamps of `t`.
+    notes
+        What was done to bring the channels together.
+    """
+
+    t: Array
+    q: Array | None
+    dq: Array | None
+    tau_J: Array | None
+    theta: Array | None
+    dtheta: Array | None
+    tau_m: Array | None
+    stamp_ns: Stamps
+    notes: tuple[str, ...] = ()
+
+    def __len__(self) -> int:
+        return len(self.t)
