@@ -1,0 +1,15 @@
+"""The arm as data: arm file and URDF in and out."""
+
+from elastic_arm.robot.description import (
+    DH,
+    Bearing,
+    Component,
+    Inertia,
+    Joint,
+    Limits,
+    Robot,
+    Transmission,
+)
+from elastic_arm.robot.loading import load_robot
+
+__all__ = ["DH", "Bearing", "Component", "Inertia", "Joint", "Limits", "Robot", "Transmission", "load_robot"]

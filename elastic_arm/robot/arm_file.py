@@ -1,0 +1,139 @@
+"""The arm file's fields and their types; what the numbers mean is checked by the description itself."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any, Literal
+
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field
+
+
+def _number(value: Any) -> Any:
+    """Accept what YAML 1.1 takes for text, like 1e5; refuse yes and no."""
+    if isinstance(value, bool):
+        raise ValueError("is yes or no, not a number")
+    if isinstance(value, str):
+        try:
+            return float(value)
+        except ValueError:
+            raise ValueError(f"is the text {value!r}, not a number") from None
+    return value
+
+
+Number = Annotated[float, BeforeValidator(_number), Field(allow_inf_nan=False)]
+Vector = tuple[Number, Number, Number]
+Row = tuple[Number, Number, Number, Number]
+Matrix = tuple[Row, Row, Row, Row]
+Name = Annotated[str, Field(min_length=1)]
+
+
+class _Entry(BaseModel):
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+
+class InertiaEntry(_Entry):
+    """Symmetric tensor about the centre of mass, kg m^2."""
+
+    xx: Number
+    yy: Number
+    zz: Number
+    xy: Number = 0.0
+    xz: Number = 0.0
+    yz: Number = 0.0
+
+
+class LinkEntry(_Entry):
+    """A link in its own frame; named link_1, link_2, ... where it has no name."""
+
+    name: Name | None = None
+    mass: Number
+    com: Vector
+    inertia: InertiaEntry
+
+
+class ComponentEntry(_Entry):
+    """A rotor, wave generator or spline."""
+
+    mass: Number
+    izz: Number
+    ixx: Number
+    carrier: Name
+    position: Vector = (0.0, 0.0, 0.0)
+    frame: Literal["joint"] = "joint"
+    kind: Literal["circular", "flex"] | None = None
+
+
+class BearingEntry(_Entry):
+    """Compliance about x and y."""
+
+    stiffness: Number
+    damping: Number
+
+
+class DHEntry(_Entry):
+    """Denavit-Hartenberg row."""
+
+    a: Number
+    d: Number
+    alpha: Number
+    offset: Number = 0.0
+
+
+class LimitsEntry(_Entry):
+    """Limits at the harmonic-drive output."""
+
+    position_min: Number | None = None
+    position_max: Number | None = None
+    velocity: Number | None = None
+    acceleration: Number | None = None
+    torque: Number | None = None
+
+
+class JointEntry(_Entry):
+    """A joint: placed by `dh` or by `before` and `after`; with a whole transmission or none."""
+
+    name: Name
+    dh: DHEntry | None = None
+    before: Matrix | None = None
+    after: Matrix | None = None
+    link: LinkEntry
+    rotor: ComponentEntry | None = None
+    wave_generator: ComponentEntry | None = None
+    spline: ComponentEntry | None = None
+    stiffness: Number | None = None
+    damping: Number | None = None
+    bearing: BearingEntry | None = None
+    belt_ratio: Number | None = None
+    harmonic_drive_ratio: Number | None = None
+    limits: LimitsEntry = LimitsEntry()
+
+
+class BaseEntry(_Entry):
+    """The base: placed by its Denavit-Hartenberg row or by `placement`; else at the ground's origin."""
+
+    mass: Number = 0.0
+    a: Number | None = None
+    d: Number | None = None
+    alpha: Number | None = None
+    offset: Number | None = None
+    placement: Matrix | None = None
+
+
+class EffectEntry(_Entry):
+    """What the arm has beyond mod3; the effects' own files say which parameters there are."""
+
+    effect: Name
+    joint: str | None = None
+    parameters: dict[str, Any] = {}
+
+
+class ArmEntry(_Entry):
+    """The whole file."""
+
+    name: Name
+    gravity: Vector = (0.0, 0.0, -9.81)
+    base: BaseEntry = BaseEntry()
+    joints: Annotated[tuple[JointEntry, ...], Field(min_length=1)]
+    total_ratios_studied: dict[Number, tuple[Number, Number]] = {}
+    torque_noise_std: Number = 0.26
+    sample_rate: Number = 1000.0
+    effects: tuple[EffectEntry, ...] = ()

@@ -1,0 +1,224 @@
+"""The arm as data: its joints in a row.
+
+Frames (paper, (2) and (3)): ``O_G`` is the ground and ``O_0 = T_0^G``; link i's frame is that of link i-1 followed by
+``before . Ry(q_iy) . Rx(q_ix) . Rz(q_i) . after``. Links are described in their own frame, all inertias about the
+body's own centre of mass. SI units and radians throughout.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from elastic_arm.robot.parts import (
+    DH,
+    Bearing,
+    Component,
+    Inertia,
+    Limits,
+    Transmission,
+    check_number,
+    checked_array,
+    checked_placement,
+    require,
+)
+
+__all__ = ["DH", "Bearing", "Component", "Inertia", "Joint", "Limits", "Robot", "Transmission"]
+
+
+@dataclass(frozen=True, eq=False)
+class Joint:
+    """A revolute joint, the link it moves and what drives it.
+
+    Parameters
+    ----------
+    name
+        Of the joint, as in recordings.
+    link_name
+        Of the link it moves.
+    link
+        Inertia of that link, in its frame ``O_i``.
+    before, after : (4, 4)
+        Link i-1's frame -> the joint's frame ``O_{i-1}`` (z is the axis), and the turned joint frame -> ``O_i``.
+    transmission
+        None for a joint driven at the link (a plain URDF).
+    dh
+        The row that `after` comes from, where there is one; only kept to be written again.
+    """
+
+    name: str
+    link_name: str
+    link: Inertia
+    before: np.ndarray = field(default_factory=lambda: np.eye(4))
+    after: np.ndarray = field(default_factory=lambda: np.eye(4))
+    limits: Limits = field(default_factory=Limits)
+    transmission: Transmission | None = None
+    dh: DH | None = None
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "before", checked_placement(self.before, "before"))
+        object.__setattr__(self, "after", checked_placement(self.after, "after"))
+
+    @classmethod
+    def from_dh(cls, name: str, link_name: str, link: Inertia, dh: DH, **rest: Any) -> Joint:
+        """Make a joint from its Denavit-Hartenberg row (paper, (3))."""
+        return cls(name, link_name, link, after=dh.placement, dh=dh, **rest)
+
+
+@dataclass(frozen=True, eq=False)
+class Robot:
+    """A serial arm of n revolute joints.
+
+    Parameters
+    ----------
+    name, joints
+        At least one joint; all joints have a transmission, or none has.
+    gravity : (3,)
+        In the ground frame, m/s^2.
+    base_placement : (4, 4)
+        ``T_0^G`` of (2).
+    base_mass
+        kg; rests on the ground and enters no equation.
+    total_ratios_studied
+        r_tot -> (r_b, r_hd) (paper, section IV-C).
+    torque_noise_std, sample_rate
+        Of the recordings this arm makes: Nm, Hz.
+    effects
+        What this arm has beyond mod3, as plain data: ``{"effect": id, "joint": name or None, "parameters": {...}}``.
+    """
+
+    name: str
+    joints: tuple[Joint, ...]
+    gravity: np.ndarray = field(default_factory=lambda: np.array([0.0, 0.0, -9.81]))
+    base_placement: np.ndarray = field(default_factory=lambda: np.eye(4))
+    base_mass: float = 0.0
+    base_dh: DH | None = None
+    total_ratios_studied: Mapping[float, tuple[float, float]] = field(default_factory=dict)
+    torque_noise_std: float = 0.26
+    sample_rate: float = 1000.0
+    effects: tuple[Mapping[str, Any], ...] = ()
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "joints", tuple(self.joints))
+        object.__setattr__(self, "effects", tuple(dict(e) for e in self.effects))
+        object.__setattr__(self, "gravity", checked_array(self.gravity, (3,), "gravity"))
+        object.__setattr__(self, "base_placement", checked_placement(self.base_placement, "base placement"))
+        check_number(self.base_mass, "base.mass")
+        check_number(self.torque_noise_std, "torque_noise_std")
+        check_number(self.sample_rate, "sample_rate", positive=True)
+        require(len(self.joints) > 0, f"robot {self.name} has no joints", "Give it at least one")
+        _check_unique(self.joint_names, "joint")
+        _check_unique(("base", *self.link_names), "link")
+        _check_transmissions(self.joints)
+        for i, joint in enumerate(self.joints):
+            _check_carriers(joint, self.carriers(i))
+
+    @property
+    def n(self) -> int:
+        """Number of joints."""
+        return len(self.joints)
+
+    @property
+    def joint_names(self) -> tuple[str, ...]:
+        """Names in order from the base."""
+        return tuple(j.name for j in self.joints)
+
+    @property
+    def link_names(self) -> tuple[str, ...]:
+        """Names of the moving links in order from the base."""
+        return tuple(j.link_name for j in self.joints)
+
+    @property
+    def elastic(self) -> bool:
+        """True when the joints have transmissions."""
+        return self.joints[0].transmission is not None
+
+    @property
+    def mass(self) -> float:
+        """Total mass, base included, kg."""
+        components = (c.mass for j in self.joints if j.transmission for c, _ in j.transmission.components.values())
+        return self.base_mass + sum(j.link.mass for j in self.joints) + sum(components)
+
+    def carriers(self, i: int) -> tuple[str, str]:
+        """Return the two bodies on which transmission i (from 0) can ride: the one before its joint and its link."""
+        return ("base", *self.link_names)[i], self.link_names[i]
+
+    def with_(self, **changes: Any) -> Robot:
+        """Return a copy with these fields changed."""
+        return replace(self, **changes)
+
+    def with_joint(self, name: str, **changes: Any) -> Robot:
+        """Return a copy in which these fields of joint `name` are changed."""
+        require(name in self.joint_names, f"robot {self.name} has no joint {name!r}", f"Use one of {self.joint_names}")
+        joints = tuple(replace(j, **changes) if j.name == name else j for j in self.joints)
+        return self.with_(joints=joints)
+
+    def with_ratio(self, r_tot: float) -> Robot:
+        """Return a copy whose joints all have total ratio `r_tot`, split as the description says.
+
+        Raises
+        ------
+        RobotError
+            If the arm has no transmissions or its description does not split `r_tot`.
+        """
+        require(self.elastic, f"robot {self.name} has no transmissions", "Use an arm file with transmissions")
+        known = ", ".join(f"{r:g}" for r in self.total_ratios_studied) or "none"
+        require(
+            r_tot in self.total_ratios_studied,
+            f"total ratio {r_tot:g} is not among those robot {self.name} describes ({known})",
+            "Use one of these, or add it under total_ratios_studied",
+        )
+        belt, harmonic = self.total_ratios_studied[r_tot]
+        changed = [
+            replace(j, transmission=replace(j.transmission, belt_ratio=belt, harmonic_drive_ratio=harmonic))
+            for j in self.joints
+            if j.transmission is not None
+        ]
+        return self.with_(joints=tuple(changed))
+
+    def save(self, path: str | Path) -> None:
+        """Write an arm file that :func:`elastic_arm.robot.load_robot` reads back to the same robot."""
+        from elastic_arm.robot.saving import save_robot
+
+        save_robot(self, path)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the arm file's content as plain data: equal for equal robots."""
+        from elastic_arm.robot.saving import robot_to_dict
+
+        return robot_to_dict(self)
+
+    def to_urdf(self) -> str:
+        """Return the arm as URDF text."""
+        from elastic_arm.robot.urdf import to_urdf
+
+        return to_urdf(self)
+
+
+def _check_unique(names: Sequence[str], what: str) -> None:
+    for name in names:
+        require(names.count(name) == 1, f"two {what}s are named {name!r}", f"Give every {what} a name of its own")
+
+
+def _check_transmissions(joints: Sequence[Joint]) -> None:
+    without = [j.name for j in joints if j.transmission is None]
+    require(
+        len(without) in (0, len(joints)),
+        f"joints {', '.join(without)} have no transmission, but others have one",
+        "Describe the transmissions of all joints, or of none",
+    )
+
+
+def _check_carriers(joint: Joint, allowed: tuple[str, str]) -> None:
+    if joint.transmission is None:
+        return
+    for what, (component, _) in joint.transmission.components.items():
+        require(
+            component.carrier in allowed,
+            f"{joint.name}.{what}.carrier is {component.carrier!r}",
+            f"A transmission rides on a body at its joint: {allowed[0]} or {allowed[1]}",
+        )

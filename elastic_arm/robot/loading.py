@@ -1,0 +1,226 @@
+"""From an arm file to a robot, or to an error that names the file, the field, the reason and the remedy."""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import yaml
+from pydantic import ValidationError
+
+from elastic_arm.errors import RobotError
+from elastic_arm.robot.arm_file import ArmEntry, BaseEntry, ComponentEntry, JointEntry, LinkEntry
+from elastic_arm.robot.description import DH, Bearing, Component, Inertia, Joint, Limits, Robot, Transmission
+
+NOMINAL_ARM = Path(__file__).parent / "data" / "arm.yaml"
+
+_TRANSMISSION_FIELDS = (
+    "rotor",
+    "wave_generator",
+    "spline",
+    "stiffness",
+    "damping",
+    "belt_ratio",
+    "harmonic_drive_ratio",
+)
+_SHOWN_ERRORS = 5
+
+
+def load_robot(path: str | Path | None = None) -> Robot:
+    """Read a robot description.
+
+    Parameters
+    ----------
+    path
+        An arm file (``.yaml``, ``.yml``) or a ``.urdf``; the nominal three-joint arm when None.
+
+    Raises
+    ------
+    RobotError
+        If it cannot be read, or describes no arm that can exist; names file, field, reason and remedy.
+    """
+    path = NOMINAL_ARM if path is None else Path(path)
+    if path.suffix.lower() in (".urdf", ".xml"):
+        from elastic_arm.robot.urdf import read_urdf
+
+        return read_urdf(path)
+    content = _read_yaml(path)
+    try:
+        entry = ArmEntry.model_validate(content)
+    except ValidationError as error:
+        raise _explain(path, error) from error
+    with _at(f"{path}: "):
+        return _robot(entry)
+
+
+def _read_yaml(path: Path) -> dict[str, Any]:
+    try:
+        content = yaml.safe_load(path.read_text(encoding="utf-8"))
+    except FileNotFoundError as error:
+        raise RobotError(f"{path}: no such file", "Give the path of an arm file or a URDF") from error
+    except (OSError, UnicodeDecodeError) as error:
+        raise RobotError(
+            f"{path}: cannot be read as text ({error})", "Give the path of an arm file or a URDF"
+        ) from error
+    except yaml.YAMLError as error:
+        mark = getattr(error, "problem_mark", None)
+        line = f" line {mark.line + 1}:" if mark else ""
+        reason = getattr(error, "problem", None) or "no YAML"
+        raise RobotError(f"{path}:{line} {reason}", "Mend the YAML; indentation and colons matter") from error
+    if not isinstance(content, dict):
+        raise RobotError(f"{path}: holds no fields", "An arm file starts with name, gravity, base and joints")
+    return content
+
+
+@contextlib.contextmanager
+def _at(where: str) -> Iterator[None]:
+    """Prefix errors raised inside with the place in the file."""
+    try:
+        yield
+    except RobotError as error:
+        raise RobotError(f"{where}{error.problem}", error.remedy) from error
+
+
+def _explain(path: Path, error: ValidationError) -> RobotError:
+    """Turn pydantic's list into one error: each field's path and reason, and the remedy of the first."""
+    details = error.errors(include_url=False)
+    lines = [f"{_field_path(d['loc'])}: {_reason(d)}" for d in details[:_SHOWN_ERRORS]]
+    if len(details) > _SHOWN_ERRORS:
+        lines.append(f"and {len(details) - _SHOWN_ERRORS} more")
+    return RobotError(f"{path}: " + "; ".join(lines), _remedy(details[0]))
+
+
+def _field_path(location: tuple[int | str, ...]) -> str:
+    path = ""
+    for step in location:
+        path += f"[{step}]" if isinstance(step, int) else f".{step}"
+    return path.lstrip(".")
+
+
+def _reason(detail: Any) -> str:
+    kind, value = detail["type"], detail.get("input")
+    if kind == "missing":
+        return "missing field"
+    if kind == "extra_forbidden":
+        return "unknown key"
+    if kind == "finite_number":
+        return f"{value} is not a finite number"
+    if kind == "too_short":
+        return f"has {detail['ctx']['actual_length']} entries, needs {detail['ctx']['min_length']} or more"
+    message = detail["msg"].removeprefix("Value error, ")
+    shown = repr(value)
+    return message if shown in message or kind == "value_error" else f"{message}, but is {shown[:60]}"
+
+
+def _remedy(detail: Any) -> str:
+    name = str(detail["loc"][-1]) if detail["loc"] else ""
+    match detail["type"]:
+        case "missing":
+            return f"Add {name} there; the nominal arm.yaml shows every field"
+        case "extra_forbidden":
+            return f"Remove {name}, or correct its spelling; the nominal arm.yaml shows every field"
+        case "finite_number":
+            return "Give a finite number"
+        case "literal_error":
+            return f"Choose one of {detail['ctx']['expected']}"
+    return "Give a value of the type the nominal arm.yaml shows"
+
+
+def _robot(entry: ArmEntry) -> Robot:
+    link_names = [j.link.name or f"link_{i + 1}" for i, j in enumerate(entry.joints)]
+    joints = []
+    for i, joint in enumerate(entry.joints):
+        with _at(f"joints[{i}]."):
+            joints.append(_joint(joint, link_names[i]))
+    with _at("base."):
+        base_dh, base_placement = _base(entry.base)
+    for r_tot, (belt, harmonic) in entry.total_ratios_studied.items():
+        if belt == 0 or harmonic == 0 or abs(belt * harmonic - r_tot) > 1e-9 * abs(r_tot):
+            raise RobotError(
+                f"total_ratios_studied[{r_tot:g}] is split into {belt:g} x {harmonic:g}",
+                "Give [belt, harmonic drive], neither zero, whose product is the total ratio",
+            )
+    return Robot(
+        name=entry.name,
+        joints=tuple(joints),
+        gravity=np.array(entry.gravity),
+        base_placement=base_placement,
+        base_mass=entry.base.mass,
+        base_dh=base_dh,
+        total_ratios_studied=dict(entry.total_ratios_studied),
+        torque_noise_std=entry.torque_noise_std,
+        sample_rate=entry.sample_rate,
+        effects=tuple(e.model_dump() for e in entry.effects),
+    )
+
+
+def _base(entry: BaseEntry) -> tuple[DH | None, np.ndarray]:
+    row = (entry.a, entry.d, entry.alpha, entry.offset)
+    if entry.placement is not None:
+        if any(number is not None for number in row):
+            raise RobotError("placement: is there beside a, d, alpha, offset", "Keep one of them")
+        return None, np.array(entry.placement)
+    dh = DH(*(0.0 if number is None else number for number in row))
+    return dh, dh.placement
+
+
+def _joint(entry: JointEntry, link_name: str) -> Joint:
+    with _at("link."):
+        link = _inertia(entry.link)
+    transmission = _transmission(entry)
+    with _at("limits."):
+        limits = Limits(**entry.limits.model_dump())
+    placed = entry.before is not None or entry.after is not None
+    if (entry.dh is not None) == placed:
+        raise RobotError(
+            "dh: is there beside before/after" if placed else "dh: missing field",
+            "Place the joint by a dh row, or by the 4x4 matrices before and after",
+        )
+    rest: dict[str, Any] = {"limits": limits, "transmission": transmission}
+    if entry.dh is not None:
+        return Joint.from_dh(entry.name, link_name, link, DH(**entry.dh.model_dump()), **rest)
+    for what in ("before", "after"):
+        if getattr(entry, what) is not None:
+            rest[what] = np.array(getattr(entry, what))
+    return Joint(entry.name, link_name, link, **rest)
+
+
+def _inertia(entry: LinkEntry) -> Inertia:
+    i = entry.inertia
+    tensor = np.array([[i.xx, i.xy, i.xz], [i.xy, i.yy, i.yz], [i.xz, i.yz, i.zz]])
+    return Inertia(entry.mass, np.array(entry.com), tensor)
+
+
+def _transmission(entry: JointEntry) -> Transmission | None:
+    given = [name for name in (*_TRANSMISSION_FIELDS, "bearing") if getattr(entry, name) is not None]
+    missing = [name for name in _TRANSMISSION_FIELDS if getattr(entry, name) is None]
+    if not given:
+        return None
+    if missing:
+        raise RobotError(
+            f"{', '.join(missing)}: missing field (there is {given[0]})",
+            "Describe the whole transmission, or leave all of it out",
+        )
+    components: dict[str, Component] = {}
+    for name in ("rotor", "wave_generator", "spline"):
+        with _at(f"{name}."):
+            components[name] = _component(getattr(entry, name))
+    bearing = None
+    if entry.bearing is not None:
+        with _at("bearing."):
+            bearing = Bearing(entry.bearing.stiffness, entry.bearing.damping)
+    numbers: dict[str, float] = {name: getattr(entry, name) for name in _TRANSMISSION_FIELDS[3:]}
+    return Transmission(
+        rotor=components["rotor"],
+        wave_generator=components["wave_generator"],
+        spline=components["spline"],
+        bearing=bearing,
+        **numbers,
+    )
+
+
+def _component(entry: ComponentEntry) -> Component:
+    return Component(entry.mass, entry.ixx, entry.izz, entry.carrier, np.array(entry.position), entry.kind)

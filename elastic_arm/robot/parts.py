@@ -1,0 +1,265 @@
+"""What an arm is made of: inertias, solids of revolution, bearings, transmissions, limits, Denavit-Hartenberg rows.
+
+Every object checks its own physics when it is made. SI units and radians.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from elastic_arm.errors import RobotError
+
+# A moment or a sum of moments may miss its bound by this share of the trace: rounding of a description on its edge.
+_INERTIA_TOLERANCE = 1e-9
+# Direction cosines below this are rounding of a right angle; kept, they would create false base parameters.
+_SNAP = 1e-12
+
+
+def checkedchecked_array(values: Any, shape: tuple[int, ...], what: str) -> np.ndarray:
+    """Return `values` as a read-only float array of `shape`; refuse other shapes and non-finite numbers."""
+    try:
+        array = np.array(values, dtype=float)
+    except (TypeError, ValueError) as error:
+        raise RobotError(f"{what} is not an array of numbers: {values!r}", f"Give {shape} numbers") from error
+    if array.shape != shape:
+        raise RobotError(f"{what} has shape {array.shape}", f"Give an array of shape {shape}")
+    if not np.isfinite(array).all():
+        raise RobotError(f"{what} holds a number that is not finite: {values!r}", "Give finite numbers")
+    array.setflags(write=False)
+    return array
+
+
+def require(condition: bool, problem: str, remedy: str) -> None:
+    if not condition:
+        raise RobotError(problem, remedy)
+
+
+def check_number(value: float, what: str, *, positive: bool = False) -> None:
+    require(np.isfinite(value), f"{what} is {value}", "Give a finite number")
+    if positive:
+        require(value > 0.0, f"{what} is {value:g}, but must be positive", "Give a number above zero")
+    else:
+        require(value >= 0.0, f"{what} is {value:g}, but must not be negative", "Give zero or a positive number")
+
+
+def snap(matrix: np.ndarray) -> np.ndarray:
+    """Return `matrix` with direction cosines like cos(pi/2) = 6e-17 replaced by the 0, 1 or -1 that they stand for."""
+    snapped = np.array(matrix, dtype=float)
+    for exact in (-1.0, 0.0, 1.0):
+        snapped[np.abs(snapped - exact) < _SNAP] = exact
+    return snapped
+
+
+@dataclass(frozen=True, eq=False)
+class Inertia:
+    """Inertial parameters of a rigid body.
+
+    Parameters
+    ----------
+    mass
+        kg, not negative.
+    com : (3,)
+        Centre of mass in the body's frame, m.
+    inertia : (3, 3)
+        About the centre of mass, in the axes of the body's frame, kg m^2.
+
+    Raises
+    ------
+    RobotError
+        If no body of positive density has these numbers.
+    """
+
+    mass: float
+    com: np.ndarray
+    inertia: np.ndarray
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "com", checked_array(self.com, (3,), "com"))
+        object.__setattr__(self, "inertia", checked_array(self.inertia, (3, 3), "inertia"))
+        check_number(self.mass, "mass")
+        require(
+            bool(np.array_equal(self.inertia, self.inertia.T)), "inertia is not symmetric", "Give xy once, as yx too"
+        )
+        moments = np.linalg.eigvalsh(self.inertia)
+        tolerance = _INERTIA_TOLERANCE * max(float(np.trace(self.inertia)), 0.0)
+        text = ", ".join(f"{m:.6g}" for m in moments)
+        require(
+            moments[0] >= -tolerance,
+            f"inertia is not positive definite: its principal moments are {text} kg m^2",
+            "Check its signs and the size of its products xy, xz, yz",
+        )
+        require(
+            moments[0] + moments[1] >= moments[2] - tolerance,
+            f"inertia violates the triangle inequality: its principal moments are {text} kg m^2",
+            "No moment may exceed the sum of the other two; check that it is about the centre of mass",
+        )
+        require(
+            self.mass > 0.0 or not (self.inertia.any() or self.com.any()),
+            "mass is zero, but inertia or com is not",
+            "Give the body a mass, or no inertia",
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class Component:
+    """A solid of revolution of a transmission: rotor, wave generator or spline.
+
+    Parameters
+    ----------
+    mass
+        kg.
+    ixx, izz
+        Moments about the centre of mass, across and along the axis of revolution z, kg m^2.
+    carrier
+        Body that holds the component: ``"base"`` or a link's name.
+    position : (3,)
+        Centre in ``O_{i-1}`` of its own joint, m. Where the carrier is the link the joint drives, in the frame that
+        turns with it there.
+    kind
+        Of a spline: ``"circular"`` or ``"flex"``.
+    """
+
+    mass: float
+    ixx: float
+    izz: float
+    carrier: str
+    position: np.ndarray = field(default_factory=lambda: np.zeros(3))
+    kind: str | None = None
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "position", checked_array(self.position, (3,), "position"))
+        check_number(self.mass, "mass", positive=True)
+        check_number(self.ixx, "ixx", positive=True)
+        check_number(self.izz, "izz", positive=True)
+        require(
+            self.izz <= 2.0 * self.ixx * (1.0 + _INERTIA_TOLERANCE),
+            f"inertia violates the triangle inequality: izz = {self.izz:g} exceeds 2 ixx = {2 * self.ixx:g} kg m^2",
+            "A solid of revolution has izz <= ixx + iyy = 2 ixx; check both",
+        )
+
+
+@dataclass(frozen=True)
+class Bearing:
+    """Tilting compliance of a joint about x and y: stiffness in Nm/rad, damping in Nm s/rad."""
+
+    stiffness: float
+    damping: float
+
+    def __post_init__(self) -> None:
+        check_number(self.stiffness, "stiffness", positive=True)
+        check_number(self.damping, "damping")
+
+
+@dataclass(frozen=True)
+class Transmission:
+    """Rotor, belt and harmonic drive between motor and link.
+
+    Parameters
+    ----------
+    rotor, wave_generator, spline
+        Turn by ``r_b r_hd theta``, ``r_hd theta`` and ``theta`` relative to their carriers.
+    stiffness, damping
+        Of the drive about z, belt and harmonic drive combined, Nm/rad and Nm s/rad.
+    belt_ratio, harmonic_drive_ratio
+        r_b and r_hd.
+    bearing
+        None where the joint is rigid about x and y.
+    """
+
+    rotor: Component
+    wave_generator: Component
+    spline: Component
+    stiffness: float
+    damping: float
+    belt_ratio: float
+    harmonic_drive_ratio: float
+    bearing: Bearing | None = None
+
+    def __post_init__(self) -> None:
+        check_number(self.stiffness, "stiffness", positive=True)
+        check_number(self.damping, "damping")
+        for what in ("belt_ratio", "harmonic_drive_ratio"):
+            ratio = getattr(self, what)
+            require(
+                bool(np.isfinite(ratio)) and ratio != 0.0,
+                f"{what} is {ratio:g}, but a transmission ratio cannot be zero or infinite",
+                "Give turns of the input for one turn of the output; 1 where there is no such stage",
+            )
+
+    @property
+    def r_tot(self) -> float:
+        """Total transmission ratio r_b r_hd."""
+        return self.belt_ratio * self.harmonic_drive_ratio
+
+    @property
+    def components(self) -> dict[str, tuple[Component, float]]:
+        """Name -> component and its turns relative to its carrier for one turn of theta, rotor first."""
+        return {
+            "rotor": (self.rotor, self.r_tot),
+            "wave_generator": (self.wave_generator, self.harmonic_drive_ratio),
+            "spline": (self.spline, 1.0),
+        }
+
+
+@dataclass(frozen=True)
+class Limits:
+    """What a joint may do, at the harmonic-drive output; None where unknown."""
+
+    position_min: float | None = None
+    position_max: float | None = None
+    velocity: float | None = None
+    acceleration: float | None = None
+    torque: float | None = None
+
+    def __post_init__(self) -> None:
+        for what in ("velocity", "acceleration", "torque"):
+            if getattr(self, what) is not None:
+                check_number(getattr(self, what), what, positive=True)
+        if self.position_min is not None and self.position_max is not None:
+            require(
+                self.position_min < self.position_max,
+                f"position_min {self.position_min:g} is not below position_max {self.position_max:g}",
+                "Exchange them",
+            )
+
+
+@dataclass(frozen=True)
+class DH:
+    """Denavit-Hartenberg row: ``Rz(q + offset) Tz(d) Tx(a) Rx(alpha)``, m and rad (paper, Table I)."""
+
+    a: float
+    d: float
+    alpha: float
+    offset: float
+
+    def __post_init__(self) -> None:
+        checked_array([self.a, self.d, self.alpha, self.offset], (4,), "a, d, alpha, offset")
+
+    @property
+    def placement(self) -> np.ndarray:
+        """4x4, the row's transform at q = 0, right angles exact."""
+        c, s = np.cos(self.offset), np.sin(self.offset)
+        ca, sa = np.cos(self.alpha), np.sin(self.alpha)
+        rotation = snap(np.array([[c, -s * ca, s * sa], [s, c * ca, -c * sa], [0.0, sa, ca]]))
+        placement = np.eye(4)
+        placement[:3, :3] = rotation
+        placement[:3, 3] = [self.a * rotation[0, 0], self.a * rotation[1, 0], self.d]
+        return placement
+
+
+def checked_placement(values: Any, what: str) -> np.ndarray:
+    matrix = checked_array(values, (4, 4), what)
+    rotation = matrix[:3, :3]
+    proper = np.allclose(rotation @ rotation.T, np.eye(3), atol=1e-6) and np.linalg.det(rotation) > 0
+    require(
+        bool(proper) and np.array_equal(matrix[3], [0, 0, 0, 1]),
+        f"{what} is not a rigid placement",
+        "Its upper left 3x3 must be a rotation and its last row 0 0 0 1",
+    )
+    snapped = np.array(matrix)
+    snapped[:3, :3] = snap(rotation)
+    snapped.setflags(write=False)
+    return snapped

@@ -1,0 +1,99 @@
+"""From a robot to the arm file that loads to the same robot."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import yaml
+
+from elastic_arm.errors import RobotError
+from elastic_arm.robot.description import Component, Joint, Robot, Transmission
+
+
+def save_robot(robot: Robot, path: str | Path) -> None:
+    """Write `robot` as an arm file.
+
+    Raises
+    ------
+    RobotError
+        If the file cannot be written.
+    """
+    text = yaml.safe_dump(robot_to_dict(robot), sort_keys=False, default_flow_style=None, width=120)
+    try:
+        Path(path).write_text(text, encoding="utf-8")
+    except OSError as error:
+        raise RobotError(f"{path}: cannot be written ({error.strerror})", "Give a folder you may write to") from error
+
+
+def robot_to_dict(robot: Robot) -> dict[str, Any]:
+    """Return the content of the arm file as plain data."""
+    base: dict[str, Any] = {"mass": float(robot.base_mass)}
+    if robot.base_dh is not None and np.array_equal(robot.base_dh.placement, robot.base_placement):
+        base |= _floats(vars(robot.base_dh))
+    else:
+        base["placement"] = robot.base_placement.tolist()
+    content: dict[str, Any] = {
+        "name": robot.name,
+        "gravity": robot.gravity.tolist(),
+        "base": base,
+        "joints": [_joint(j) for j in robot.joints],
+        "total_ratios_studied": {r: [float(v) for v in split] for r, split in robot.total_ratios_studied.items()},
+        "torque_noise_std": float(robot.torque_noise_std),
+        "sample_rate": float(robot.sample_rate),
+    }
+    if robot.effects:
+        content["effects"] = [_plain(effect) for effect in robot.effects]
+    return content
+
+
+def _floats(numbers: dict[str, Any]) -> dict[str, float]:
+    return {name: float(value) for name, value in numbers.items() if value is not None}
+
+
+def _plain(value: Any) -> Any:
+    """Return `value` with numpy's numbers and arrays as Python's own."""
+    if isinstance(value, dict):
+        return {str(k): _plain(v) for k, v in value.items()}
+    if isinstance(value, list | tuple):
+        return [_plain(v) for v in value]
+    return value.tolist() if isinstance(value, np.ndarray | np.generic) else value
+
+
+def _joint(joint: Joint) -> dict[str, Any]:
+    content: dict[str, Any] = {"name": joint.name}
+    by_row = joint.dh is not None and np.array_equal(joint.dh.placement, joint.after)
+    if joint.dh is not None and by_row and np.array_equal(joint.before, np.eye(4)):
+        content["dh"] = _floats(vars(joint.dh))
+    else:
+        content |= {"before": joint.before.tolist(), "after": joint.after.tolist()}
+    t = joint.link.inertia
+    names = {"xx": (0, 0), "yy": (1, 1), "zz": (2, 2), "xy": (0, 1), "xz": (0, 2), "yz": (1, 2)}
+    content["link"] = {
+        "name": joint.link_name,
+        "mass": float(joint.link.mass),
+        "com": joint.link.com.tolist(),
+        "inertia": {name: float(t[index]) for name, index in names.items()},
+    }
+    if joint.transmission is not None:
+        content |= _transmission(joint.transmission)
+    limits = _floats(vars(joint.limits))
+    if limits:
+        content["limits"] = limits
+    return content
+
+
+def _transmission(transmission: Transmission) -> dict[str, Any]:
+    content: dict[str, Any] = {name: _component(c) for name, (c, _) in transmission.components.items()}
+    content |= {"stiffness": float(transmission.stiffness), "damping": float(transmission.damping)}
+    if transmission.bearing is not None:
+        content["bearing"] = _floats(vars(transmission.bearing))
+    ratios = {"belt_ratio": transmission.belt_ratio, "harmonic_drive_ratio": transmission.harmonic_drive_ratio}
+    return content | _floats(ratios)
+
+
+def _component(component: Component) -> dict[str, Any]:
+    content: dict[str, Any] = _floats({"mass": component.mass, "izz": component.izz, "ixx": component.ixx})
+    content |= {"carrier": component.carrier, "position": component.position.tolist(), "frame": "joint"}
+    return content if component.kind is None else content | {"kind": component.kind}
