@@ -18,7 +18,7 @@ _INERTIA_TOLERANCE = 1e-9
 _SNAP = 1e-12
 
 
-def checkedchecked_array(values: Any, shape: tuple[int, ...], what: str) -> np.ndarray:
+def checked_array(values: Any, shape: tuple[int, ...], what: str) -> np.ndarray:
     """Return `values` as a read-only float array of `shape`; refuse other shapes and non-finite numbers."""
     try:
         array = np.array(values, dtype=float)
