@@ -1,0 +1,63 @@
+"""Reports: one file, complete, opened by a real browser."""
+
+from __future__ import annotations
+
+import re
+
+import numpy as np
+import pytest
+
+from elastic_arm.errors import ElasticArmError
+from elastic_arm.report.html import Figure, Section, Table, Text, write_report
+from elastic_arm.report.style import draw_signal, envelope_indices, new_figure, style
+from tests.browser import rendered_page
+
+
+def _figure():
+    with style():
+        figure, axes = new_figure()
+        t = np.linspace(0.0, 10.0, 20_000)
+        draw_signal(axes[0, 0], t, np.sin(t))
+    return Figure(figure, "A sine.")
+
+
+def test_report_shows_its_text_tables_and_figures_in_a_browser(tmp_path):
+    """A report written to one file shows every block in a real browser."""
+    sections = [
+        Section("Verdict", [Text("Nothing is <wrong>.", "good")]),
+        Section("Numbers", [Table(["joint", "rmse"], [["joint_1", 0.25], ["joint_2", None]])]),
+        Section("Pictures", [_figure(), _figure()]),
+    ]
+    page = rendered_page(write_report(tmp_path / "sub" / "report.html", "A report", sections), tmp_path / "profile")
+    assert "Nothing is &lt;wrong&gt;." in page
+    assert page.count("<svg") == 2
+    assert ">0.25<" in page and ">–<" in page
+
+
+def test_report_needs_no_network(tmp_path):
+    """A report refers to nothing outside itself."""
+    page = write_report(tmp_path / "report.html", "A report", [Section("Pictures", [_figure()])]).read_text()
+    references = re.findall(r'(?:src|href)="([^"]*)"', page)
+    assert all(reference.startswith("#") for reference in references)
+
+
+def test_ids_of_two_equal_figures_differ(tmp_path):
+    """Two drawings in one page do not share clip paths or markers."""
+    page = write_report(tmp_path / "report.html", "A report", [Section("P", [_figure(), _figure()])]).read_text()
+    clips = re.findall(r'<clipPath id="([^"]*)"', page)
+    assert clips and len(clips) == len(set(clips))
+
+
+def test_unwritable_folder_is_named(tmp_path):
+    """A report that cannot be written says which file and what to do."""
+    (tmp_path / "file").write_text("")
+    with pytest.raises(ElasticArmError, match=r"report\.html cannot be written.*--out"):
+        write_report(tmp_path / "file" / "report.html", "A report", [])
+
+
+def test_thinning_keeps_the_extremes():
+    """However long a signal is, its largest and smallest sample are drawn."""
+    y = np.random.default_rng(0).normal(size=100_000)
+    keep = envelope_indices(y, 500)
+    assert len(keep) <= 504
+    assert y[keep].max() == y.max() and y[keep].min() == y.min()
