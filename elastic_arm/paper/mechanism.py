@@ -1,0 +1,184 @@
+"""The virtual prototype's parts list: every link, rotor, wave generator and spline as a body of a MuJoCo model.
+
+Only the robot as data enters; no dynamics code is shared with mod1 to mod3. Per joint the kinematic chain is that of
+the paper's Fig. 1b: rotor, wave generator and spline each turn about the joint's axis on the body that carries them,
+and the link hangs on the spline by a bushing with three translations and three rotations.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from types import ModuleType
+from typing import Any
+
+import numpy as np
+
+from elastic_arm.errors import MissingExtraError, RobotError
+from elastic_arm.robot.description import Component, Joint, Robot, Transmission
+
+BUSHING = ("x", "y", "z", "about_y", "about_x", "about_z")
+"""The bushing's degrees of freedom, in the order in which they act: the paper's Ry(q_y) Rx(q_x) Rz(q) of (3)."""
+
+
+def engine() -> ModuleType:
+    """Return MuJoCo, which only this room needs.
+
+    Raises
+    ------
+    MissingExtraError
+        When it is not installed.
+    """
+    try:
+        import mujoco
+    except ImportError as error:
+        raise MissingExtraError(
+            "the virtual prototype needs the physics engine MuJoCo, which is not installed",
+            "Install it with: pip install 'elastic_arm[paper]'",
+        ) from error
+    return mujoco
+
+
+@dataclass(frozen=True)
+class Bushing:
+    """What the arm file does not say about the bushing between spline and link.
+
+    Parameters
+    ----------
+    translation_stiffness, translation_damping
+        The three stiff translations, N/m and N s/m; ours, as the paper only says "high".
+    bearing_scale
+        Multiplies the bearings' stiffness, and their damping by its square root (the damping ratio stays).
+    locked
+        The bushing's rotations about x and y and its translations do not move at all: the limit of a stiff bushing.
+    """
+
+    translation_stiffness: float = 2.0e8
+    translation_damping: float = 2.0e4
+    bearing_scale: float = 1.0
+    locked: bool = False
+
+
+def build_spec(robot: Robot, bushing: Bushing) -> Any:
+    """Make the engine's model specification of an elastic robot.
+
+    Parameters
+    ----------
+    robot
+        A robot whose joints all have transmissions with bearings.
+    bushing
+        The bushing's remaining numbers.
+
+    Returns
+    -------
+    mujoco.MjSpec
+        Bodies and joints named "<joint>.rotor", "<joint>.wave_generator", "<joint>.spline", "<joint>.link" and, for the
+        bushing, "<joint>.x" and so on; a site "tool" at the last link's frame.
+
+    Raises
+    ------
+    RobotError
+        When a joint lacks a transmission or a bearing, or a spline is not carried by the joint's parent link.
+    """
+    check(robot)
+    mj = engine()
+    spec = mj.MjSpec()
+    spec.option.gravity = np.asarray(robot.gravity)
+    spec.option.disableflags = mj.mjtDisableBit.mjDSBL_CONTACT
+    spec.compiler.autolimits = False
+    joint_frames = zero_pose(robot)
+    links = [spec.worldbody]  # links[i] carries joint i's components; links[0] is the ground
+    placements = [np.eye(4)]  # of those bodies' frames in the world, at the zero pose
+    for index, joint in enumerate(robot.joints):
+        transmission = joint.transmission
+        here = np.linalg.inv(placements[index]) @ joint_frames[index]
+        spline = links[index].add_body(name=f"{joint.name}.spline", pos=here[:3, 3], quat=quaternion(here))
+        _revolve(spline, transmission.spline, f"{joint.name}.spline")
+        link = _hang_link(spline, joint, bushing)
+        links.append(link)
+        placements.append(joint_frames[index])
+    for index, joint in enumerate(robot.joints):
+        for part in ("rotor", "wave_generator"):
+            component = getattr(joint.transmission, part)
+            carrier = carrier_index(robot, component.carrier)
+            offset = np.eye(4)
+            offset[:3, 3] = component.position
+            here = np.linalg.inv(placements[carrier]) @ joint_frames[index] @ offset
+            body = links[carrier].add_body(name=f"{joint.name}.{part}", pos=here[:3, 3], quat=quaternion(here))
+            _revolve(body, component, f"{joint.name}.{part}")
+    after = robot.joints[-1].after
+    links[-1].add_site(name="tool", pos=after[:3, 3], quat=quaternion(after))
+    return spec
+
+
+def check(robot: Robot) -> None:
+    """Refuse a robot from which no prototype can be built, naming the joint."""
+    for index, joint in enumerate(robot.joints):
+        if joint.transmission is None:
+            raise RobotError(
+                f"{joint.name} of {robot.name} has no transmission",
+                "The virtual prototype needs rotor, wave generator, spline and stiffness of every joint (an arm file)",
+            )
+        if joint.transmission.bearing is None:
+            raise RobotError(
+                f"{joint.name} of {robot.name} has no bearing",
+                "Add 'bearing: {stiffness: …, damping: …}' (Nm/rad, Nm s/rad) to this joint in the arm file",
+            )
+        if carrier_index(robot, joint.transmission.spline.carrier) != index:
+            raise RobotError(
+                f"the spline of {joint.name} is carried by {joint.transmission.spline.carrier}",
+                "The virtual prototype needs each output spline on the link before its joint; set 'carrier' so",
+            )
+
+
+def carrier_index(robot: Robot, carrier: str) -> int:
+    """Return 0 for the base and i + 1 for the link of joint i."""
+    return 0 if carrier == "base" else 1 + robot.link_names.index(carrier)
+
+
+def zero_pose(robot: Robot) -> list[np.ndarray]:
+    """Return the frames (4, 4) of all joints (O_{i-1}, z along the axis) in the world, at the zero pose."""
+    frames, reached = [], np.asarray(robot.base_placement)
+    for joint in robot.joints:
+        frames.append(reached @ joint.before)
+        reached = frames[-1] @ joint.after
+    return frames
+
+
+def quaternion(placement: np.ndarray) -> np.ndarray:
+    """Return the rotation of a placement (4, 4) as the engine's quaternion (w, x, y, z)."""
+    result = np.empty(4)
+    engine().mju_mat2Quat(result, np.ascontiguousarray(placement[:3, :3]).ravel())
+    return result
+
+
+def _revolve(body: Any, component: Component, name: str) -> None:
+    """Give a body the inertia of a solid of revolution and a hinge about its axis."""
+    body.explicitinertial = True
+    body.mass = component.mass
+    body.ipos, body.iquat = [0.0, 0.0, 0.0], [1.0, 0.0, 0.0, 0.0]  # unset, the engine takes the body's own placement
+    body.inertia = [component.ixx, component.ixx, component.izz]
+    body.add_joint(name=name, type=engine().mjtJoint.mjJNT_HINGE, axis=[0, 0, 1])
+
+
+def _hang_link(spline: Any, joint: Joint, bushing: Bushing) -> Any:
+    """Hang the joint's link on its spline by the six springs and dampers of the bushing."""
+    mj = engine()
+    link = spline.add_body(name=f"{joint.name}.link")
+    rotation, offset = joint.after[:3, :3], joint.after[:3, 3]
+    inertia = rotation @ joint.link.inertia @ rotation.T
+    link.explicitinertial = True
+    link.mass = joint.link.mass
+    link.ipos = rotation @ joint.link.com + offset
+    link.fullinertia = [*np.diag(inertia), inertia[0, 1], inertia[0, 2], inertia[1, 2]]
+    bearing, scale = joint.transmission.bearing, bushing.bearing_scale
+    tilt = (bearing.stiffness * scale, bearing.damping * np.sqrt(scale))
+    slide = (bushing.translation_stiffness * scale, bushing.translation_damping * np.sqrt(scale))
+    drive = (joint.transmission.stiffness, joint.transmission.damping)
+    kinds = [mj.mjtJoint.mjJNT_SLIDE] * 3 + [mj.mjtJoint.mjJNT_HINGE] * 3
+    axes = np.eye(3)[[0, 1, 2, 1, 0, 2]]
+    springs = [slide, slide, slide, tilt, tilt, drive]
+    for name, kind, axis, (stiffness, damping) in zip(BUSHING, kinds, axes, springs, strict=True):
+        added = link.add_joint(name=f"{joint.name}.{name}", type=kind, axis=axis)
+        added.stiffness = [stiffness, 0.0, 0.0]  # the engine's polynomial; linear here
+        added.damping = [damping, 0.0, 0.0]
+    return link

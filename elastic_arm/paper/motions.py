@@ -1,0 +1,93 @@
+"""Motions imposed at the rotors, cut into pieces that are smooth, so that no integrator steps over a jump."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+import numpy as np
+
+Evaluate = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray, np.ndarray]]
+"""Times (N,) to theta, dtheta, ddtheta (N, n)."""
+
+
+@dataclass(frozen=True)
+class Piece:
+    """A stretch of time in which the motion is smooth."""
+
+    start: float
+    end: float
+    evaluate: Evaluate
+
+
+class Motion(Protocol):
+    """What the prototype follows."""
+
+    @property
+    def pieces(self) -> list[Piece]:
+        """The smooth stretches, in order, each beginning where the one before ends."""
+
+
+@dataclass(frozen=True)
+class StepRamp:
+    """The paper's step ramp: all joints turn by `height` in `rise` seconds, then stand still.
+
+    Read as Adams' cubic STEP, u^2 (3 - 2 u): its acceleration jumps at both ends to 6 height / rise^2.
+
+    Parameters
+    ----------
+    start
+        theta before the ramp (n,), rad.
+    height
+        The step at the harmonic-drive output, rad.
+    rise
+        Duration of the ramp, s.
+    hold
+        How long the arm then stands still, s.
+    """
+
+    start: np.ndarray
+    height: float = 0.1
+    rise: float = 1.0
+    hold: float = 0.5
+
+    @property
+    def pieces(self) -> list[Piece]:
+        """The ramp and the standstill."""
+        return [Piece(0.0, self.rise, self._ramp), Piece(self.rise, self.rise + self.hold, self._stand)]
+
+    def _ramp(self, t: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        u = np.asarray(t)[:, None] / self.rise
+        scale = self.height * np.ones_like(self.start)
+        theta = self.start + scale * u**2 * (3.0 - 2.0 * u)
+        return theta, scale * 6.0 * u * (1.0 - u) / self.rise, scale * (6.0 - 12.0 * u) / self.rise**2
+
+    def _stand(self, t: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        theta = np.broadcast_to(self.start + self.height, (len(t), len(self.start)))
+        return theta, np.zeros_like(theta), np.zeros_like(theta)
+
+
+@dataclass(frozen=True)
+class Smooth:
+    """A trajectory that is smooth all through (a Fourier series), preceded by a lead-in that nobody records.
+
+    Parameters
+    ----------
+    trajectory
+        Anything with ``evaluate(t) -> q, dq, ddq`` for all t, negative t included.
+    duration
+        Recorded time, s.
+    lead_in
+        Time before zero in which the transients of the start die out, s.
+    """
+
+    trajectory: Any
+    duration: float
+    lead_in: float = 0.0
+
+    @property
+    def pieces(self) -> list[Piece]:
+        """The lead-in, where there is one, and the recorded stretch."""
+        recorded = Piece(0.0, self.duration, self.trajectory.evaluate)
+        return [Piece(-self.lead_in, 0.0, self.trajectory.evaluate), recorded] if self.lead_in else [recorded]

@@ -1,0 +1,289 @@
+"""mod_ad: the virtual prototype, dynamics by MuJoCo, motion imposed at the rotors, torques read at the HD output.
+
+Rotors, wave generators and splines are driven, the bushings are free. The engine gives the mass matrix and the bias
+forces of all bodies; couplers r_b and r_hd are exact because the driven bodies' velocities are written as G dtheta
+with a constant G, and the engine's own numbers are projected on (theta, bushing):
+
+    T = [G F],   T' M T (ddtheta, a_f) + T' (bias - passive) = (tau_m, 0).
+
+With the motion imposed, ddtheta is known: the lower rows give the bushing's acceleration a_f (forward dynamics), the
+upper rows the torque tau_m at the harmonic-drive output (inverse dynamics). With torques imposed it is all forward.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from elastic_arm.errors import SimulationError
+from elastic_arm.paper.mechanism import BUSHING, Bushing, build_spec, engine
+from elastic_arm.paper.motions import Motion
+from elastic_arm.paper.rotations import link_coordinates
+
+Torque = Callable[[int, np.ndarray, np.ndarray], np.ndarray]
+_Sample = tuple[float, np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]
+DEFAULT_STEP = 1.0e-4
+RECORD_RATE = 1000.0
+
+
+@dataclass(frozen=True)
+class Run:
+    """What the prototype did: samples first, joints second; angles at the harmonic-drive output, rad.
+
+    `q`, `q_x`, `q_y` are the link's angles in the paper's order Ry(q_y) Rx(q_x) Rz(q) relative to the link before.
+    `tau_m` is the generalized force on theta, `tau_J` the torque of the drive's spring and damper, Nm.
+    `tool` is the last link's frame origin in the world (N, 3), m.
+    """
+
+    t: np.ndarray
+    q: np.ndarray
+    dq: np.ndarray
+    ddq: np.ndarray
+    theta: np.ndarray
+    dtheta: np.ndarray
+    ddtheta: np.ndarray
+    tilt: tuple[np.ndarray, np.ndarray, np.ndarray]
+    tau_m: np.ndarray
+    tau_J: np.ndarray
+    tool: np.ndarray
+
+    def coordinates(self, bearings: bool = False) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Return x, dx, ddx for a model: [q, theta] (N, 2n), with bearings [q, theta, q_x, q_y] (N, 4n)."""
+        rows = []
+        for q, theta, tilt in zip(
+            (self.q, self.dq, self.ddq), (self.theta, self.dtheta, self.ddtheta), self.tilt, strict=True
+        ):
+            rows.append(np.hstack([q, theta, tilt] if bearings else [q, theta]))
+        return rows[0], rows[1], rows[2]
+
+    def every(self, stride: int) -> Run:
+        """Return the run with one sample in `stride`."""
+        thinned: dict[str, Any] = {
+            name: value[::stride] for name, value in self.__dict__.items() if isinstance(value, np.ndarray)
+        }
+        return Run(**thinned, tilt=tuple(part[::stride] for part in self.tilt))  # type: ignore[arg-type]
+
+
+@dataclass
+class _Reduced:
+    """The engine's dynamics on (theta, bushing) at one state."""
+
+    mass: np.ndarray
+    force: np.ndarray
+
+
+class Prototype:
+    """The virtual prototype of an elastic robot.
+
+    Parameters
+    ----------
+    robot
+        Every joint with a transmission and a bearing.
+    bushing
+        The bushing's numbers that the arm file does not hold.
+
+    Raises
+    ------
+    RobotError
+        When the robot lacks a transmission or a bearing.
+    MissingExtraError
+        When the engine is not installed.
+    """
+
+    def __init__(self, robot: Any, bushing: Bushing | None = None) -> None:
+        self.bushing = bushing or Bushing()
+        self.robot = robot
+        self.n = len(robot.joints)
+        self._mj = engine()
+        self._model = build_spec(robot, self.bushing).compile()
+        self._data = self._mj.MjData(self._model)
+        self._index(robot)
+        self._full = np.zeros((self._model.nv, self._model.nv))
+        self._drive = [(joint.transmission.stiffness, joint.transmission.damping) for joint in robot.joints]
+
+    def _index(self, robot: Any) -> None:
+        """Build the constant velocity map T = [G F] of the module's docstring."""
+        names = [(joint.name, joint.transmission) for joint in robot.joints]
+        free = BUSHING[-1:] if self.bushing.locked else BUSHING
+        self.T = np.zeros((self._model.nv, self.n + len(free) * self.n))
+        for i, (name, transmission) in enumerate(names):
+            r_b, r_hd = transmission.belt_ratio, transmission.harmonic_drive_ratio
+            for part, ratio in (("rotor", r_b * r_hd), ("wave_generator", r_hd), ("spline", 1.0)):
+                self.T[self._address(f"{name}.{part}"), i] = ratio
+            for k, axis in enumerate(free):
+                self.T[self._address(f"{name}.{axis}"), self.n + len(free) * i + k] = 1.0
+        self._delta = self.n + np.arange(self.n) * len(free) + len(free) - 1  # the drive's deflection of each joint
+
+    def _address(self, joint: str) -> int:
+        return int(self._model.joint(joint).dofadr[0])
+
+    def reduced(self, y: np.ndarray, dy: np.ndarray) -> _Reduced:
+        """Return the engine's mass matrix and bias minus passive forces on y = (theta, bushing)."""
+        data, model, mj = self._data, self._model, self._mj
+        data.qpos[:] = self.T @ y
+        data.qvel[:] = self.T @ dy
+        mj.mj_fwdPosition(model, data)
+        mj.mj_fwdVelocity(model, data)
+        mj.mj_fullM(model, data, self._full)
+        return _Reduced(self.T.T @ self._full @ self.T, self.T.T @ (data.qfrc_bias - data.qfrc_passive))
+
+    def equilibrium(self, theta: np.ndarray) -> np.ndarray:
+        """Return the bushing's deflections (6 n,) in which the arm stands still at theta (n,).
+
+        Newton's iteration with the springs' stiffness alone; gravity's own stiffness is smaller by 1e3 and more, and
+        the iteration shrinks the error by that factor each time.
+        """
+        n = self.n
+        y, rest = np.concatenate([theta, np.zeros(self.T.shape[1] - n)]), np.zeros(self.T.shape[1])
+        stiffness = self._model.jnt_stiffness @ self.T[:, n:]
+        for _ in range(20):
+            change = -self.reduced(y, rest).force[n:] / stiffness
+            y[n:] += change
+            if np.abs(change).max() < 1e-15:
+                break
+        return y[n:]
+
+    def follow(self, motion: Motion, *, step: float = DEFAULT_STEP, rate: float = RECORD_RATE) -> Run:
+        """Impose a motion on the rotors (through the couplers) and record what the arm does.
+
+        Parameters
+        ----------
+        motion
+            theta, dtheta, ddtheta over time, in smooth pieces; recorded from t = 0 on.
+        step
+            Largest step of the fourth-order Runge-Kutta integration of the bushings, s.
+        rate
+            Samples per second.
+
+        Raises
+        ------
+        SimulationError
+            When the bushing's motion leaves the finite numbers (a step too large for its stiffness).
+        """
+        first = motion.pieces[0]
+        u = self.equilibrium(first.evaluate(np.array([first.start]))[0][0])
+        du, samples = np.zeros_like(u), []
+        for piece in motion.pieces:
+            steps, stride, h = _division(piece.end - piece.start, step, rate)
+            imposed = list(zip(*piece.evaluate(piece.start + 0.5 * h * np.arange(2 * steps + 1)), strict=True))
+            for k in range(steps):
+                respond = _Imposed(self, imposed[2 * k : 2 * k + 3])
+                ddu = respond(0, u, du)
+                if piece.start >= 0.0 and k % stride == 0:
+                    samples.append(self._sample(piece.start + k * h, imposed[2 * k], u, du))
+                u, du = runge_kutta(respond, u, du, ddu, h)
+            self._refuse_unless_finite(u, h)
+        samples.append(self._sample(piece.end, imposed[-1], u, du))
+        return self._gather(samples)
+
+    def actuate(
+        self,
+        torque: Torque,
+        start: tuple[np.ndarray, np.ndarray],
+        duration: float,
+        *,
+        step: float = DEFAULT_STEP,
+        rate: float = RECORD_RATE,
+    ) -> Run:
+        """Apply torques at the harmonic-drive output (through the couplers) and record what the arm does.
+
+        Parameters
+        ----------
+        torque
+            Called with the number of half steps since the start, theta and dtheta (n,); returns tau_m (n,), Nm.
+        start
+            theta and dtheta at t = 0; the bushings begin in static equilibrium, turning along.
+        """
+        n = self.n
+        y = np.concatenate([start[0], self.equilibrium(start[0])])
+        dy, samples = np.concatenate([start[1], np.zeros(len(y) - n)]), []
+        steps, stride, h = _division(duration, step, rate)
+        for k in range(steps + 1):
+
+            def respond(half: int, y: np.ndarray, dy: np.ndarray, k: int = k) -> np.ndarray:
+                at = self.reduced(y, dy)
+                force = -at.force
+                force[:n] += torque(2 * k + half, y[:n], dy[:n])
+                return np.linalg.solve(at.mass, force)
+
+            ddy = respond(0, y, dy)
+            if k % stride == 0:
+                tau_m = torque(2 * k, y[:n], dy[:n])
+                samples.append((k * h, y, dy, ddy, tau_m, self._data.site_xpos[0].copy()))
+            if k < steps:
+                y, dy = runge_kutta(respond, y, dy, ddy, h)
+        self._refuse_unless_finite(y, h)
+        return self._gather(samples)
+
+    def respond(self, imposed: tuple[np.ndarray, ...], u: np.ndarray, du: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return the bushing's acceleration and the motor torque tau_m under imposed theta, dtheta, ddtheta."""
+        n = self.n
+        theta, dtheta, ddtheta = imposed
+        at = self.reduced(np.concatenate([theta, u]), np.concatenate([dtheta, du]))
+        ddu = np.linalg.solve(at.mass[n:, n:], -at.force[n:] - at.mass[n:, :n] @ ddtheta)
+        return ddu, at.mass[:n, :n] @ ddtheta + at.mass[:n, n:] @ ddu + at.force[:n]
+
+    def _sample(self, t: float, imposed: tuple[np.ndarray, ...], u: np.ndarray, du: np.ndarray) -> _Sample:
+        ddu, tau_m = self.respond(imposed, u, du)
+        y, dy, ddy = (np.concatenate(pair) for pair in zip(imposed, (u, du, ddu), strict=True))
+        return t, y, dy, ddy, tau_m, self._data.site_xpos[0].copy()
+
+    def _refuse_unless_finite(self, state: np.ndarray, step: float) -> None:
+        if not np.isfinite(state).all():
+            raise SimulationError(
+                f"the virtual prototype left the finite numbers at a step of {step:g} s",
+                "Choose a smaller step, a softer bushing or smaller torques",
+            )
+
+    def _gather(self, samples: list[_Sample]) -> Run:
+        """Turn the engine's coordinates into the paper's."""
+        t, y, dy, ddy, tau_m, tool = (np.array(column) for column in zip(*samples, strict=True))
+        full = [part @ self.T.T for part in (y, dy, ddy)]
+        links = []
+        for joint in self.robot.joints:
+            spline = self._address(f"{joint.name}.spline")
+            hinges = [self._address(f"{joint.name}.{axis}") for axis in BUSHING[3:]]
+            links.append(link_coordinates([part[:, spline] for part in full], [part[:, hinges] for part in full]))
+        q_y, q_x, q = ([np.column_stack([link[d][:, k] for link in links]) for d in range(3)] for k in range(3))
+        stiffness, damping = np.array(self._drive).T
+        tau_J = -stiffness * y[:, self._delta] - damping * dy[:, self._delta]
+        theta = [part[:, : self.n] for part in (y, dy, ddy)]
+        tilt = tuple(np.hstack(pair) for pair in zip(q_x, q_y, strict=True))
+        return Run(t, *q, *theta, tilt=tilt, tau_m=tau_m, tau_J=tau_J, tool=tool)  # type: ignore[arg-type]
+
+
+class _Imposed:
+    """The bushing's acceleration over one step, given the imposed motion at its start, middle and end."""
+
+    def __init__(self, prototype: Prototype, imposed: list[tuple[np.ndarray, ...]]) -> None:
+        self._prototype, self._imposed = prototype, imposed
+
+    def __call__(self, half: int, u: np.ndarray, du: np.ndarray) -> np.ndarray:
+        return self._prototype.respond(self._imposed[half], u, du)[0]
+
+
+def runge_kutta(
+    acceleration: Callable[[int, np.ndarray, np.ndarray], np.ndarray],
+    u: np.ndarray,
+    du: np.ndarray,
+    ddu: np.ndarray,
+    h: float,
+) -> tuple[np.ndarray, np.ndarray]:
+    """Take one classical fourth-order step of u'' = acceleration(half step 0, 1 or 2, u, u'); `ddu` is the first."""
+    v2 = du + 0.5 * h * ddu
+    a2 = acceleration(1, u + 0.5 * h * du, v2)
+    v3 = du + 0.5 * h * a2
+    a3 = acceleration(1, u + 0.5 * h * v2, v3)
+    v4 = du + h * a3
+    a4 = acceleration(2, u + h * v3, v4)
+    return u + h / 6.0 * (du + 2.0 * v2 + 2.0 * v3 + v4), du + h / 6.0 * (ddu + 2.0 * a2 + 2.0 * a3 + a4)
+
+
+def _division(duration: float, step: float, rate: float) -> tuple[int, int, float]:
+    """Return the number of steps, steps a sample, and the step, no larger than asked and dividing the samples."""
+    stride = max(1, int(np.ceil(1.0 / (rate * step) - 1e-9)))
+    steps = stride * round(duration * rate)
+    return steps, stride, duration / steps
