@@ -1,0 +1,46 @@
+# Two commands: `make demo` and `make test`. Both set up what they need; `make help` lists the rest.
+SHELL := /bin/bash
+.DELETE_ON_ERROR:
+.PHONY: help demo test paper setup lint types unit clean
+
+DONE := .venv/.done
+RUN := . tools/env.sh &&
+
+help:
+	@grep -E '^[a-z]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 10
+
+demo: $(DONE)/packages ## set up, run the live arm, identify it, and open the door to the rest
+	@$(RUN) elastic-arm demo
+
+test: lint types unit ## set up, then lint, type check and run all tests
+
+paper: $(DONE)/tests ## reproduce the paper's study into one report
+	@$(RUN) elastic-arm paper
+
+setup: $(DONE)/packages $(DONE)/tests ## set up only
+
+lint: $(DONE)/tests
+	@$(RUN) ruff check --quiet . && ruff format --quiet --check .
+
+types: $(DONE)/tests
+	@$(RUN) mypy --no-error-summary
+
+unit: $(DONE)/packages $(DONE)/tests
+	@$(RUN) python -m pytest
+
+clean: ## remove all that the set-up made
+	rm -rf .venv build install log *.egg-info
+
+# A step is done again when what it was made from changes.
+$(DONE)/environment: requirements.txt requirements-ros.txt constraints.txt
+	@tools/setup.sh environment
+	@mkdir -p $(DONE) && touch $@
+
+$(DONE)/packages: $(DONE)/environment package.xml setup.py setup.cfg tools/ros_wheels.cmake \
+                  $(wildcard msg_defs/*.xml msg_defs/*.txt msg_defs/msg/*.msg launch/*.py config/*.yaml)
+	@tools/setup.sh packages
+	@touch $@
+
+$(DONE)/tests: $(DONE)/environment requirements-dev.txt
+	@tools/setup.sh tests
+	@touch $@

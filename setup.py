@@ -1,0 +1,63 @@
+"""ROS package `elastic_arm` (ament_python), installable with plain pip as well."""
+
+from glob import glob
+from pathlib import Path
+
+from setuptools import find_packages, setup
+
+NAME = "elastic_arm"
+VERSION = next(
+    line.split('"')[1] for line in Path(NAME, "__init__.py").read_text().splitlines() if line.startswith("__version__")
+)
+NODES: tuple[str, ...] = ()
+
+
+# What the library needs at run time. Names only: the pins of requirements.txt belong to the project's own environment.
+LIBRARIES = (
+    "casadi",
+    "clarabel",
+    "cvxpy",
+    "jinja2",
+    "matplotlib",
+    "numpy",
+    "platformdirs",
+    "PyNomadBBO",
+    "pydantic>=2",
+    "pyyaml",
+    "rich",
+    "rosbags",
+    "scipy",
+    "typer",
+)
+
+
+setup(
+    name=NAME,
+    version=VERSION,
+    description="Elastic-joint robot arms: emulate, record, identify, and say where and why model and robot differ.",
+    license="Apache-2.0",
+    maintainer="elastic_arm maintainers",
+    maintainer_email="maintainers@users.noreply.h-seed-cf1e5b97.example",
+    packages=find_packages(include=[NAME, f"{NAME}.*"]),
+    package_data={NAME: ["**/*.yaml", "**/*.html", "**/*.j2", "**/*.css", "**/*.js", "**/*.msg", "py.typed"]},
+    python_requires=">=3.11",
+    install_requires=list(LIBRARIES),
+    extras_require={
+        "test": ["pytest", "hypothesis"],
+        "paper": ["mujoco"],
+        "challenge": ["dask", "distributed", "pin"],
+    },
+    data_files=[
+        ("share/ament_index/resource_index/packages", [f"resource/{NAME}"]),
+        (f"share/{NAME}", ["package.xml"]),
+        (f"share/{NAME}/launch", sorted(glob("launch/*.launch.py"))),
+        (f"share/{NAME}/config", sorted(glob("config/*.yaml"))),
+    ],
+    entry_points={
+        "console_scripts": [
+            "elastic-arm = elastic_arm.cli.main:main",
+            *(f"{node} = {NAME}.nodes.{node}:main" for node in NODES),
+        ]
+    },
+    zip_safe=True,
+)

