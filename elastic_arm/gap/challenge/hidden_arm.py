@@ -63,7 +63,7 @@ class HiddenArm:
         tilt = by_effect.get("base_tilt")
         angles = (tilt.parameters["x"], tilt.parameters["y"]) if tilt else (0.0, 0.0)
         self.tree = Tree(self.robot, bearings=soft is not None, base_tilt=angles)
-        self.n = n = robot.n
+        self.n = robot.n
         self.substeps = BEARING_SUBSTEPS if soft else SUBSTEPS
         gears = [joint.transmission for joint in self.robot.joints if joint.transmission]
         bearings = [gear.bearing for gear in gears if gear.bearing] if soft else []
@@ -210,8 +210,13 @@ def _altered_gear(gear: Transmission, fault: Fault) -> Transmission:
         return replace(gear, stiffness=gear.stiffness * p["stiffness"])
     if fault.effect == "damping_mismatch":
         return replace(gear, damping=gear.damping * p["damping"])
-    parts = {name: _scaled(getattr(gear, name), p["inertia"]) for name in ("rotor", "wave_generator", "spline")}
-    return replace(gear, **parts)
+    factor = p["inertia"]
+    return replace(
+        gear,
+        rotor=_scaled(gear.rotor, factor),
+        wave_generator=_scaled(gear.wave_generator, factor),
+        spline=_scaled(gear.spline, factor),
+    )
 
 
 def _scaled(part: Component, factor: float) -> Component:

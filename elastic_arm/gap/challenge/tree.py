@@ -63,7 +63,7 @@ class Tree:
                 raise RobotError(f"{joint.name} has no transmission", "The challenge needs an elastic arm")
             parts = [(part, ratio) for part, ratio in gear.components.values()]
             # A component rides either on what carries the joint, or (rotor 1) on the joint's own link. Pinocchio's
-            # composite-body algorithm needs the bodies depth first, so what rides on the carrier comes before the joint.
+            # composite-body algorithm needs bodies depth first, so what rides on the carrier comes before the joint.
             for part, ratio in parts:
                 if part.carrier != joint.link_name:
                     self._add_component(i, part, ratio, parent, placement)
