@@ -47,7 +47,8 @@ class Bushing:
     translation_stiffness, translation_damping
         The three stiff translations, N/m and N s/m; ours, as the paper only says "high".
     bearing_scale
-        Multiplies the bearings' stiffness, and their damping by its square root (the damping ratio stays).
+        Multiplies the stiffness of bearings and translations, and their damping by its square root (the damping ratio
+        stays).
     locked
         The bushing's rotations about x and y and its translations do not move at all: the limit of a stiff bushing.
     """
@@ -79,7 +80,7 @@ def build_spec(robot: Robot, bushing: Bushing) -> Any:
     RobotError
         When a joint lacks a transmission or a bearing, or a spline is not carried by the joint's parent link.
     """
-    check(robot)
+    drives = transmissions(robot)
     mj = engine()
     spec = mj.MjSpec()
     spec.option.gravity = np.asarray(robot.gravity)
@@ -88,17 +89,15 @@ def build_spec(robot: Robot, bushing: Bushing) -> Any:
     joint_frames = zero_pose(robot)
     links = [spec.worldbody]  # links[i] carries joint i's components; links[0] is the ground
     placements = [np.eye(4)]  # of those bodies' frames in the world, at the zero pose
-    for index, joint in enumerate(robot.joints):
-        transmission = joint.transmission
+    for index, (joint, drive) in enumerate(zip(robot.joints, drives, strict=True)):
         here = np.linalg.inv(placements[index]) @ joint_frames[index]
         spline = links[index].add_body(name=f"{joint.name}.spline", pos=here[:3, 3], quat=quaternion(here))
-        _revolve(spline, transmission.spline, f"{joint.name}.spline")
-        link = _hang_link(spline, joint, bushing)
+        _revolve(spline, drive.spline, f"{joint.name}.spline")
+        link = _hang_link(spline, joint, _springs(drive, bushing))
         links.append(link)
         placements.append(joint_frames[index])
-    for index, joint in enumerate(robot.joints):
-        for part in ("rotor", "wave_generator"):
-            component = getattr(joint.transmission, part)
+    for index, (joint, drive) in enumerate(zip(robot.joints, drives, strict=True)):
+        for part, component in (("rotor", drive.rotor), ("wave_generator", drive.wave_generator)):
             carrier = carrier_index(robot, component.carrier)
             offset = np.eye(4)
             offset[:3, 3] = component.position
@@ -110,24 +109,34 @@ def build_spec(robot: Robot, bushing: Bushing) -> Any:
     return spec
 
 
-def check(robot: Robot) -> None:
-    """Refuse a robot from which no prototype can be built, naming the joint."""
+def transmissions(robot: Robot) -> list[Transmission]:
+    """Return every joint's transmission; refuse a robot from which no prototype can be built, naming the joint.
+
+    Raises
+    ------
+    RobotError
+        As :func:`build_spec`.
+    """
+    found = []
     for index, joint in enumerate(robot.joints):
-        if joint.transmission is None:
+        transmission = joint.transmission
+        if transmission is None:
             raise RobotError(
                 f"{joint.name} of {robot.name} has no transmission",
                 "The virtual prototype needs rotor, wave generator, spline and stiffness of every joint (an arm file)",
             )
-        if joint.transmission.bearing is None:
+        if transmission.bearing is None:
             raise RobotError(
                 f"{joint.name} of {robot.name} has no bearing",
                 "Add 'bearing: {stiffness: …, damping: …}' (Nm/rad, Nm s/rad) to this joint in the arm file",
             )
-        if carrier_index(robot, joint.transmission.spline.carrier) != index:
+        if carrier_index(robot, transmission.spline.carrier) != index:
             raise RobotError(
-                f"the spline of {joint.name} is carried by {joint.transmission.spline.carrier}",
+                f"the spline of {joint.name} is carried by {transmission.spline.carrier}",
                 "The virtual prototype needs each output spline on the link before its joint; set 'carrier' so",
             )
+        found.append(transmission)
+    return found
 
 
 def carrier_index(robot: Robot, carrier: str) -> int:
@@ -160,7 +169,16 @@ def _revolve(body: Any, component: Component, name: str) -> None:
     body.add_joint(name=name, type=engine().mjtJoint.mjJNT_HINGE, axis=[0, 0, 1])
 
 
-def _hang_link(spline: Any, joint: Joint, bushing: Bushing) -> Any:
+def _springs(drive: Transmission, bushing: Bushing) -> list[tuple[float, float]]:
+    """Return stiffness and damping of the bushing's six axes, in the order of :data:`BUSHING`."""
+    assert drive.bearing is not None  # transmissions() has seen to it
+    scale = bushing.bearing_scale
+    tilt = (drive.bearing.stiffness * scale, drive.bearing.damping * scale**0.5)
+    slide = (bushing.translation_stiffness * scale, bushing.translation_damping * scale**0.5)
+    return [slide, slide, slide, tilt, tilt, (drive.stiffness, drive.damping)]
+
+
+def _hang_link(spline: Any, joint: Joint, springs: list[tuple[float, float]]) -> Any:
     """Hang the joint's link on its spline by the six springs and dampers of the bushing."""
     mj = engine()
     link = spline.add_body(name=f"{joint.name}.link")
@@ -170,13 +188,8 @@ def _hang_link(spline: Any, joint: Joint, bushing: Bushing) -> Any:
     link.mass = joint.link.mass
     link.ipos = rotation @ joint.link.com + offset
     link.fullinertia = [*np.diag(inertia), inertia[0, 1], inertia[0, 2], inertia[1, 2]]
-    bearing, scale = joint.transmission.bearing, bushing.bearing_scale
-    tilt = (bearing.stiffness * scale, bearing.damping * np.sqrt(scale))
-    slide = (bushing.translation_stiffness * scale, bushing.translation_damping * np.sqrt(scale))
-    drive = (joint.transmission.stiffness, joint.transmission.damping)
     kinds = [mj.mjtJoint.mjJNT_SLIDE] * 3 + [mj.mjtJoint.mjJNT_HINGE] * 3
     axes = np.eye(3)[[0, 1, 2, 1, 0, 2]]
-    springs = [slide, slide, slide, tilt, tilt, drive]
     for name, kind, axis, (stiffness, damping) in zip(BUSHING, kinds, axes, springs, strict=True):
         added = link.add_joint(name=f"{joint.name}.{name}", type=kind, axis=axis)
         added.stiffness = [stiffness, 0.0, 0.0]  # the engine's polynomial; linear here

@@ -29,11 +29,16 @@ class Motion(Protocol):
         """The smooth stretches, in order, each beginning where the one before ends."""
 
 
+CUBIC = (0.0, 0.0, 3.0, -2.0)
+"""Adams' STEP: its acceleration jumps at both ends to 6 height / rise^2."""
+
+QUINTIC = (0.0, 0.0, 0.0, 10.0, -15.0, 6.0)
+"""A step whose acceleration is continuous."""
+
+
 @dataclass(frozen=True)
 class StepRamp:
     """The paper's step ramp: all joints turn by `height` in `rise` seconds, then stand still.
-
-    Read as Adams' cubic STEP, u^2 (3 - 2 u): its acceleration jumps at both ends to 6 height / rise^2.
 
     Parameters
     ----------
@@ -45,12 +50,15 @@ class StepRamp:
         Duration of the ramp, s.
     hold
         How long the arm then stands still, s.
+    shape
+        Coefficients, rising, of the polynomial from 0 to 1 over the unit interval; the paper's step is the cubic.
     """
 
     start: np.ndarray
     height: float = 0.1
     rise: float = 1.0
     hold: float = 0.5
+    shape: tuple[float, ...] = CUBIC
 
     @property
     def pieces(self) -> list[Piece]:
@@ -60,8 +68,9 @@ class StepRamp:
     def _ramp(self, t: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         u = np.asarray(t)[:, None] / self.rise
         scale = self.height * np.ones_like(self.start)
-        theta = self.start + scale * u**2 * (3.0 - 2.0 * u)
-        return theta, scale * 6.0 * u * (1.0 - u) / self.rise, scale * (6.0 - 12.0 * u) / self.rise**2
+        shape = np.polynomial.Polynomial(self.shape)
+        speed, bend = shape.deriv(1)(u) / self.rise, shape.deriv(2)(u) / self.rise**2
+        return self.start + scale * shape(u), scale * speed, scale * bend
 
     def _stand(self, t: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         theta = np.broadcast_to(self.start + self.height, (len(t), len(self.start)))

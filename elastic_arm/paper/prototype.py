@@ -12,16 +12,16 @@ upper rows the torque tau_m at the harmonic-drive output (inverse dynamics). Wit
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
 from elastic_arm.errors import SimulationError
-from elastic_arm.paper.mechanism import BUSHING, Bushing, build_spec, engine
+from elastic_arm.paper.mechanism import BUSHING, Bushing, build_spec, engine, transmissions
 from elastic_arm.paper.motions import Motion
 from elastic_arm.paper.rotations import link_coordinates
+from elastic_arm.robot.description import Robot
 
 Torque = Callable[[int, np.ndarray, np.ndarray], np.ndarray]
 _Sample = tuple[float, np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]
@@ -33,7 +33,8 @@ RECORD_RATE = 1000.0
 class Run:
     """What the prototype did: samples first, joints second; angles at the harmonic-drive output, rad.
 
-    `q`, `q_x`, `q_y` are the link's angles in the paper's order Ry(q_y) Rx(q_x) Rz(q) relative to the link before.
+    `q` and `tilt` are the link's angles in the paper's order Ry(q_y) Rx(q_x) Rz(q) relative to the link before; `tilt`
+    (3, N, 2n) holds [q_x, q_y], their rates and their accelerations.
     `tau_m` is the generalized force on theta, `tau_J` the torque of the drive's spring and damper, Nm.
     `tool` is the last link's frame origin in the world (N, 3), m.
     """
@@ -45,26 +46,22 @@ class Run:
     theta: np.ndarray
     dtheta: np.ndarray
     ddtheta: np.ndarray
-    tilt: tuple[np.ndarray, np.ndarray, np.ndarray]
+    tilt: np.ndarray
     tau_m: np.ndarray
     tau_J: np.ndarray
     tool: np.ndarray
 
     def coordinates(self, bearings: bool = False) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Return x, dx, ddx for a model: [q, theta] (N, 2n), with bearings [q, theta, q_x, q_y] (N, 4n)."""
-        rows = []
-        for q, theta, tilt in zip(
-            (self.q, self.dq, self.ddq), (self.theta, self.dtheta, self.ddtheta), self.tilt, strict=True
-        ):
-            rows.append(np.hstack([q, theta, tilt] if bearings else [q, theta]))
-        return rows[0], rows[1], rows[2]
+        q, theta = (self.q, self.dq, self.ddq), (self.theta, self.dtheta, self.ddtheta)
+        parts = zip(q, theta, self.tilt, strict=True) if bearings else zip(q, theta, strict=True)
+        x, dx, ddx = (np.hstack(part) for part in parts)
+        return x, dx, ddx
 
     def every(self, stride: int) -> Run:
         """Return the run with one sample in `stride`."""
-        thinned: dict[str, Any] = {
-            name: value[::stride] for name, value in self.__dict__.items() if isinstance(value, np.ndarray)
-        }
-        return Run(**thinned, tilt=tuple(part[::stride] for part in self.tilt))  # type: ignore[arg-type]
+        thinned = {name: value[::stride] for name, value in self.__dict__.items() if name != "tilt"}
+        return Run(tilt=self.tilt[:, ::stride], **thinned)
 
 
 @dataclass
@@ -93,25 +90,24 @@ class Prototype:
         When the engine is not installed.
     """
 
-    def __init__(self, robot: Any, bushing: Bushing | None = None) -> None:
+    def __init__(self, robot: Robot, bushing: Bushing | None = None) -> None:
         self.bushing = bushing or Bushing()
         self.robot = robot
         self.n = len(robot.joints)
         self._mj = engine()
         self._model = build_spec(robot, self.bushing).compile()
         self._data = self._mj.MjData(self._model)
-        self._index(robot)
+        self._index()
         self._full = np.zeros((self._model.nv, self._model.nv))
-        self._drive = [(joint.transmission.stiffness, joint.transmission.damping) for joint in robot.joints]
 
-    def _index(self, robot: Any) -> None:
+    def _index(self) -> None:
         """Build the constant velocity map T = [G F] of the module's docstring."""
-        names = [(joint.name, joint.transmission) for joint in robot.joints]
+        drives = transmissions(self.robot)
+        self._drive = np.array([(drive.stiffness, drive.damping) for drive in drives])
         free = BUSHING[-1:] if self.bushing.locked else BUSHING
         self.T = np.zeros((self._model.nv, self.n + len(free) * self.n))
-        for i, (name, transmission) in enumerate(names):
-            r_b, r_hd = transmission.belt_ratio, transmission.harmonic_drive_ratio
-            for part, ratio in (("rotor", r_b * r_hd), ("wave_generator", r_hd), ("spline", 1.0)):
+        for i, (name, drive) in enumerate(zip(self.robot.joint_names, drives, strict=True)):
+            for part, (_, ratio) in drive.components.items():
                 self.T[self._address(f"{name}.{part}"), i] = ratio
             for k, axis in enumerate(free):
                 self.T[self._address(f"{name}.{axis}"), self.n + len(free) * i + k] = 1.0
@@ -247,18 +243,18 @@ class Prototype:
             spline = self._address(f"{joint.name}.spline")
             hinges = [self._address(f"{joint.name}.{axis}") for axis in BUSHING[3:]]
             links.append(link_coordinates([part[:, spline] for part in full], [part[:, hinges] for part in full]))
-        q_y, q_x, q = ([np.column_stack([link[d][:, k] for link in links]) for d in range(3)] for k in range(3))
-        stiffness, damping = np.array(self._drive).T
-        tau_J = -stiffness * y[:, self._delta] - damping * dy[:, self._delta]
+        angles = np.array(links)  # joint, derivative, sample, (q_y, q_x, q)
+        q_y, q_x, q = (np.moveaxis(angles[..., k], 0, 2) for k in range(3))
         theta = [part[:, : self.n] for part in (y, dy, ddy)]
-        tilt = tuple(np.hstack(pair) for pair in zip(q_x, q_y, strict=True))
-        return Run(t, *q, *theta, tilt=tilt, tau_m=tau_m, tau_J=tau_J, tool=tool)  # type: ignore[arg-type]
+        tilt = np.concatenate([q_x, q_y], axis=2)
+        tau_J = -y[:, self._delta] * self._drive[:, 0] - dy[:, self._delta] * self._drive[:, 1]
+        return Run(t, q[0], q[1], q[2], theta[0], theta[1], theta[2], tilt, tau_m, tau_J, tool)
 
 
 class _Imposed:
     """The bushing's acceleration over one step, given the imposed motion at its start, middle and end."""
 
-    def __init__(self, prototype: Prototype, imposed: list[tuple[np.ndarray, ...]]) -> None:
+    def __init__(self, prototype: Prototype, imposed: Sequence[tuple[np.ndarray, ...]]) -> None:
         self._prototype, self._imposed = prototype, imposed
 
     def __call__(self, half: int, u: np.ndarray, du: np.ndarray) -> np.ndarray:
