@@ -36,6 +36,10 @@ class ExcitationError(ElasticArmError, ValueError):
     """A trajectory that breaks the limits, or a search that found none within them."""
 
 
+class SensorError(ElasticArmError, ValueError):
+    """Settings of a sensor that make no sense."""
+
+
 class SimulationError(ElasticArmError, RuntimeError):
     """A simulation that left the finite numbers."""
 

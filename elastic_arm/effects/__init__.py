@@ -1,0 +1,24 @@
+"""The catalogue of unmodelled effects: one file an effect, read by simulator, diagnosis and report alike.
+
+A file of this folder that holds an `EFFECT` is in the catalogue; adding an effect is adding a file.
+"""
+
+from elastic_arm.effects.base import Active, Choice, Confusion, Effect, Parameter, Role, Scope
+from elastic_arm.effects.catalogue import EFFECTS, from_dict, parse, robot_effects
+from elastic_arm.effects.motion import Contribution, Motion
+
+__all__ = [
+    "EFFECTS",
+    "Active",
+    "Choice",
+    "Confusion",
+    "Contribution",
+    "Effect",
+    "Motion",
+    "Parameter",
+    "Role",
+    "Scope",
+    "from_dict",
+    "parse",
+    "robot_effects",
+]

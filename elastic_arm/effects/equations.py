@@ -1,0 +1,118 @@
+"""The equations of an arm over symbols, as laws see them: a thin layer over the one derivation in `dynamics`."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from functools import cached_property
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from elastic_arm.dynamics import recursion
+from elastic_arm.dynamics.bodies import Bodies, Body
+from elastic_arm.dynamics.composition import compose
+from elastic_arm.dynamics.derivation import TRIG, nominal
+from elastic_arm.robot import Robot
+
+SX = ca.SX
+
+
+class ArmEquations:
+    """Equation (1) of one arm in one model variant.
+
+    Parameters
+    ----------
+    robot
+        The arm.
+    model
+        mod1, mod2 or mod3.
+    bearings
+        Whether the bearing tilts are coordinates.
+    """
+
+    def __init__(self, robot: Robot, model: str = "mod3", *, bearings: bool = False) -> None:
+        self.robot, self.model_name, self._bearings = robot, model, bearings
+        self.bodies: Bodies = compose(robot, model, bearings=bearings)
+        self.Psi = SX.sym("Psi", len(self.bodies.parameters))
+
+    @property
+    def dof(self) -> int:
+        """Number of generalized coordinates."""
+        return self.bodies.dof
+
+    @cached_property
+    def nominal(self) -> np.ndarray:
+        """Psi of the robot's description (P,)."""
+        return nominal(self.bodies)
+
+    @cached_property
+    def K(self) -> SX:
+        """Stiffnesses of the drives (n, 1); of no row for an arm without transmissions."""
+        return ca.vertcat(*(self.Psi[s.stiffness] for s in self.bodies.springs if s.against is not None))
+
+    @cached_property
+    def D(self) -> SX:
+        """Dampings of the drives (n, 1)."""
+        return ca.vertcat(*(self.Psi[s.damping] for s in self.bodies.springs if s.against is not None))
+
+    @cached_property
+    def B(self) -> SX:
+        """Diagonal of B, (6) or (7)."""
+        n = self.robot.n
+        inertias: list[Any] = [SX(0.0)] * n
+        for spin in self.bodies.spins:
+            for coordinate, ratio in spin.gears:
+                inertias[coordinate - n] += ratio**2 * self.Psi[spin.parameter]
+        return ca.vertcat(*inertias)
+
+    def left_side(self, x: SX, dx: SX, ddx: SX, *, model: str | None = None) -> SX:
+        """Return the left side of (1) with K and D (dof, 1); of another variant with its nominal numbers."""
+        if model is None:
+            return _left_side(self.bodies, x, dx, ddx, _entries(self.Psi))
+        bodies = compose(self.robot, model, bearings=self._bearings)
+        return _left_side(bodies, x, dx, ddx, [float(value) for value in nominal(bodies)])
+
+    def carried_body(self, link: int, mass: SX, moment: SX, inertia: SX, x: SX, dx: SX, ddx: SX) -> SX:
+        """Return what a body fixed to a link adds to the left side of (1).
+
+        Parameters
+        ----------
+        link
+            Index of the link; the body is described in its frame.
+        mass, moment, inertia
+            Mass, first moment (3, 1) and inertia about the frame's origin (3, 3); may be negative: a difference.
+        """
+        frame = next(i for i, f in enumerate(self.bodies.frames) if f.coordinate == link)
+        alone = replace(
+            self.bodies, bodies=(Body("carried", frame, np.eye(4), tuple(range(10))),), spins=(), springs=()
+        )
+        ten = [mass, *_entries(SX(moment))] + [
+            inertia[index] for index in ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))
+        ]
+        return _column(recursion.inverse_dynamics(alone, _entries(x), _entries(dx), _entries(ddx), ten, TRIG))
+
+    def gravity_columns(self, x: SX) -> SX:
+        """Return the derivative of the left side of (1) by the gravity vector in the ground frame, (dof, 3)."""
+        still: list[Any] = [0.0] * self.dof
+        columns = [
+            _column(
+                recursion.inverse_dynamics(self.bodies, _entries(x), still, still, _entries(self.Psi), TRIG, list(axis))
+            )
+            for axis in np.eye(3)
+        ]
+        return ca.horzcat(*columns) @ ca.DM(self.robot.base_placement[:3, :3].T)
+
+
+def _left_side(bodies: Bodies, x: SX, dx: SX, ddx: SX, Psi: Sequence[Any]) -> SX:
+    rigid = recursion.inverse_dynamics(bodies, _entries(x), _entries(dx), _entries(ddx), Psi, TRIG)
+    return _column(rigid) + _column(recursion.spring_forces(bodies, _entries(x), _entries(dx), Psi))
+
+
+def _entries(vector: SX) -> list[SX]:
+    return [vector[k] for k in range(vector.numel())]
+
+
+def _column(scalars: Sequence[Any]) -> SX:
+    return ca.vertcat(*(SX(s) for s in scalars))

@@ -1,0 +1,211 @@
+"""The words in which an effect's law is written: the motion of an arm, and what a law adds to its equations.
+
+All entries are CasADi expressions. The simulator puts the state it integrates in their place, the diagnosis the
+channels of a recording; a law cannot tell which.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from typing import Any, Protocol
+
+import casadi as ca
+
+from elastic_arm.errors import EffectError
+from elastic_arm.robot import Robot, Transmission
+
+SX = ca.SX
+
+
+class Equations(Protocol):
+    """The equations of an arm over symbols, as :class:`elastic_arm.effects.equations.ArmEquations` gives them."""
+
+    robot: Robot
+    model_name: str
+    K: SX
+    D: SX
+    B: SX
+
+    def left_side(self, x: SX, dx: SX, ddx: SX, *, model: str | None = None) -> SX:
+        """Return the left side of (1), of this model or another variant of the same arm."""
+
+    def carried_body(self, link: int, mass: SX, moment: SX, inertia: SX, x: SX, dx: SX, ddx: SX) -> SX:
+        """Return what a body fixed to a link adds to the left side of (1)."""
+
+    def gravity_columns(self, x: SX) -> SX:
+        """Return the derivative of the left side of (1) by the gravity vector, (dof, 3)."""
+
+
+@dataclass(frozen=True)
+class Contribution:
+    """What an effect adds to the three residuals of each joint, and how its internal states move.
+
+    Parameters
+    ----------
+    link, drive, motor : (n, 1)
+        Nm, added to `tau_J - (model's link torque)`, `tau_J - K (theta - q) - D (dtheta - dq)` and
+        `tau_m - (model's motor torque) - tau_J`: positive where the arm resists more than the model.
+    tilts
+        (2n, 1) Nm, the same for the bearing tilts; None where bearings are rigid.
+    rates
+        Name of an internal state -> its time derivative.
+    """
+
+    link: SX
+    drive: SX
+    motor: SX
+    tilts: SX | None = None
+    rates: Mapping[str, SX] = field(default_factory=dict)
+
+    def __add__(self, other: Contribution) -> Contribution:
+        tilts = [c.tilts for c in (self, other) if c.tilts is not None]
+        return Contribution(
+            self.link + other.link,
+            self.drive + other.drive,
+            self.motor + other.motor,
+            sum(tilts[1:], tilts[0]) if tilts else None,
+            {**self.rates, **other.rates},
+        )
+
+
+@dataclass(frozen=True)
+class Motion:
+    """The motion of an arm over symbols.
+
+    Parameters
+    ----------
+    equations
+        The arm's own equations, for laws that change them.
+    x, dx, ddx : (dof, 1)
+        Generalized coordinates `[q, theta]`, `[q, theta, q_x, q_y]`, or `[q]` for an arm without transmissions.
+    tau_J, tau_m, dtau_J, dtau_m : (n, 1)
+        Joint torque and motor torque, and their rates.
+    sign
+        (side, joint index) -> sign of that side's velocity: exact in a diagnosis, regularised in a simulator.
+    twist, twist_rate : (n, 1)
+        What transmission errors add to the deflection, and its rate.
+    """
+
+    equations: Equations
+    x: SX
+    dx: SX
+    ddx: SX
+    tau_J: SX
+    tau_m: SX
+    dtau_J: SX
+    dtau_m: SX
+    sign: Callable[[str, int], SX]
+    twist: SX | float = 0.0
+    twist_rate: SX | float = 0.0
+
+    @property
+    def robot(self) -> Robot:
+        """The arm the equations are of."""
+        return self.equations.robot
+
+    @property
+    def n(self) -> int:
+        """Number of joints."""
+        return self.robot.n
+
+    def _motor(self, coordinates: SX) -> SX:
+        # Without transmissions the motor turns with the link.
+        return coordinates[self.n : 2 * self.n] if self.robot.elastic else coordinates[: self.n]
+
+    @property
+    def q(self) -> SX:
+        """Link angles (n, 1)."""
+        return self.x[: self.n]
+
+    @property
+    def dq(self) -> SX:
+        """Their rates."""
+        return self.dx[: self.n]
+
+    @property
+    def ddq(self) -> SX:
+        """Their accelerations."""
+        return self.ddx[: self.n]
+
+    @property
+    def theta(self) -> SX:
+        """Motor angles at the harmonic-drive output (n, 1)."""
+        return self._motor(self.x)
+
+    @property
+    def dtheta(self) -> SX:
+        """Their rates."""
+        return self._motor(self.dx)
+
+    @property
+    def ddtheta(self) -> SX:
+        """Their accelerations."""
+        return self._motor(self.ddx)
+
+    @property
+    def deflection(self) -> SX:
+        """d = theta + e(theta) - q, e the transmission error of the effects that act."""
+        return self.theta + self.twist - self.q
+
+    @property
+    def deflection_rate(self) -> SX:
+        """Its rate."""
+        return self.dtheta + self.twist_rate - self.dq
+
+    @property
+    def K(self) -> SX:
+        """Nominal stiffnesses (n, 1)."""
+        return self.equations.K
+
+    @property
+    def D(self) -> SX:
+        """Nominal dampings (n, 1)."""
+        return self.equations.D
+
+    def left_side(self, model: str) -> SX:
+        """Return the left side of (1) in a model variant of this arm, with its nominal numbers (dof, 1)."""
+        return self.equations.left_side(self.x, self.dx, self.ddx, model=model)
+
+    def carried_body(self, link: int, mass: SX, moment: SX, inertia: SX) -> SX:
+        """Return what a body fixed to link `link` (index) adds to the left side of (1), (dof, 1)."""
+        return self.equations.carried_body(link, mass, moment, inertia, self.x, self.dx, self.ddx)
+
+    def velocity(self, side: str) -> SX:
+        """Return the velocities (n, 1) of a side, "link" or "motor"."""
+        return self.dq if side == "link" else self.dtheta
+
+    def gear(self, i: int) -> Transmission:
+        """Return the transmission of joint i.
+
+        Raises
+        ------
+        EffectError
+            If the arm has none.
+        """
+        transmission = self.robot.joints[i].transmission
+        if transmission is None:
+            raise EffectError(
+                f"robot {self.robot.name} has no transmissions, so nothing can act in them",
+                "Use an effect of the motor or link side, or an arm file with transmissions.",
+            )
+        return transmission
+
+    def at(self, i: int, *, rates: Mapping[str, SX] | None = None, **torques: Any) -> Contribution:
+        """Return a contribution to joint i alone; `torques` are `link`, `drive`, `motor` in Nm."""
+        sides = {name: SX(self.n, 1) for name in ("link", "drive", "motor")}
+        for name, torque in torques.items():
+            sides[name][i] = torque
+        return Contribution(**sides, rates=rates or {})
+
+    def everywhere(self, rows: SX) -> Contribution:
+        """Return a contribution of `rows` (dof, 1), an addition to the left side of (1)."""
+        n = self.n
+        if not self.robot.elastic:
+            return Contribution(rows, SX(n, 1), SX(n, 1))
+        tilts = rows[2 * n :] if rows.shape[0] > 2 * n else None
+        return Contribution(rows[:n], SX(n, 1), rows[n : 2 * n], tilts)
+
+    def nothing(self) -> Contribution:
+        """Return the contribution of no effect."""
+        return self.at(0)

@@ -1,0 +1,279 @@
+"""What the sensors of an arm make of the truth: noise, resolution, gain, offset, eccentricity, delay, jitter.
+
+A layer of its own on arrays of samples: it knows no dynamics. A :class:`SensorBank` carries what the sensors remember,
+so that samples fed one at a time and samples fed at once give the same bits.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, fields, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from elastic_arm.errors import SensorError
+
+Array = NDArray[np.float64]
+PerJoint = float | tuple[float, ...]
+
+# Interpolation at a fraction of a sample is exact to about 3e-4 up to this share of the sample rate.
+PASSBAND = 0.2
+TAPS = 24
+# Keeps the filter from amplifying what lies above the passband (to a few times, at most, for delays below a sample).
+RIDGE = 1e-8
+# Jitter beyond this share of the sample interval would put samples out of order.
+LARGEST_JITTER = 0.45
+
+_AT_LEAST_ZERO = {"noise", "velocity_noise", "resolution", "delay"}
+
+
+class _Settings:
+    """Values that hold for all joints (a number) or for each (a tuple), checked when made."""
+
+    def __post_init__(self) -> None:
+        for entry in fields(self):  # type: ignore[arg-type]
+            given = getattr(self, entry.name)
+            values = np.atleast_1d(np.asarray(given, dtype=float))
+            if values.ndim != 1 or not np.isfinite(values).all():
+                raise SensorError(f"{entry.name} of a sensor is {given!r}", "Give a finite number, or one per joint.")
+            if entry.name in _AT_LEAST_ZERO and (values < 0).any():
+                raise SensorError(f"{entry.name} of a sensor is negative: {given!r}", "Give zero or more.")
+            if entry.name == "gain" and (values == 0).any():
+                raise SensorError("the gain of a sensor is zero", "Give the ratio recorded / true.")
+            value = float(values[0]) if np.ndim(given) == 0 else tuple(float(v) for v in values)
+            object.__setattr__(self, entry.name, value)
+
+    def row(self, name: str, n: int) -> Array:
+        """Return a setting as an array (n,)."""
+        values = np.atleast_1d(np.asarray(getattr(self, name), dtype=float))
+        if len(values) not in (1, n):
+            raise SensorError(
+                f"{name} of a sensor has {len(values)} values for {n} joints", "Give one, or one per joint."
+            )
+        return np.broadcast_to(values, (n,)).copy()
+
+    def changed(self, joint: int, n: int, **settings: float) -> Any:
+        """Return these settings with those of one joint (index) of `n` changed."""
+        rows: dict[str, Any] = {}
+        for name, value in settings.items():
+            row = self.row(name, n)
+            row[joint] = value
+            rows[name] = tuple(row)
+        return replace(self, **rows)  # type: ignore[type-var]
+
+
+@dataclass(frozen=True)
+class TorqueSensor(_Settings):
+    """A torque channel: recorded = gain * true(t - delay) + offset + noise, rounded to the resolution.
+
+    Parameters
+    ----------
+    noise
+        Standard deviation, Nm. The default is the paper's (section VII).
+    resolution
+        Step of the quantisation, Nm; zero for none.
+    gain, offset, delay
+        Recorded / true; Nm; s.
+    """
+
+    noise: PerJoint = 0.26
+    resolution: PerJoint = 0.0
+    gain: PerJoint = 1.0
+    offset: PerJoint = 0.0
+    delay: PerJoint = 0.0
+
+
+@dataclass(frozen=True)
+class Encoder(_Settings):
+    """An encoder: recorded = true(t - delay) + offset + eccentricity sin(true + phase) + noise, rounded.
+
+    Parameters
+    ----------
+    noise, velocity_noise
+        Standard deviations, rad and rad/s. The velocity channel has noise of its own.
+    resolution
+        Step of the quantised angle, rad; zero for none.
+    offset, eccentricity, phase, delay
+        rad, rad, rad, s.
+    """
+
+    noise: PerJoint = 0.0
+    velocity_noise: PerJoint = 0.0
+    resolution: PerJoint = 0.0
+    offset: PerJoint = 0.0
+    eccentricity: PerJoint = 0.0
+    phase: PerJoint = 0.0
+    delay: PerJoint = 0.0
+
+
+@dataclass(frozen=True)
+class Sensors:
+    """The sensors of an arm; by default exact encoders and torques with noise of 0.26 Nm.
+
+    Parameters
+    ----------
+    link_encoder, motor_encoder
+        The two encoders of a joint.
+    joint_torque, motor_torque
+        The torque sensor at the harmonic-drive output, and the motor's torque as its drive reports it.
+    stamp_jitter
+        Standard deviation of the stamps against the true sampling times, s.
+    """
+
+    link_encoder: Encoder = field(default_factory=Encoder)
+    motor_encoder: Encoder = field(default_factory=Encoder)
+    joint_torque: TorqueSensor = field(default_factory=TorqueSensor)
+    motor_torque: TorqueSensor = field(default_factory=TorqueSensor)
+    stamp_jitter: float = 0.0
+
+    def __post_init__(self) -> None:
+        if not (np.isfinite(self.stamp_jitter) and self.stamp_jitter >= 0):
+            raise SensorError(
+                f"stamp_jitter is {self.stamp_jitter!r}", "Give a standard deviation in seconds, or zero."
+            )
+
+    @classmethod
+    def exact(cls) -> Sensors:
+        """Return sensors that record the truth."""
+        return cls(joint_torque=TorqueSensor(noise=0.0), motor_torque=TorqueSensor(noise=0.0))
+
+    @classmethod
+    def real(cls) -> Sensors:
+        """Return sensors as on a real arm: 23-bit encoders with noise of a microradian, jittered stamps."""
+        encoder = Encoder(noise=1e-6, velocity_noise=1e-4, resolution=2 * np.pi / 2**23)
+        return cls(link_encoder=encoder, motor_encoder=encoder, stamp_jitter=2e-5)
+
+    def changed(self, channel: str, joint: int, n: int, **settings: float) -> Sensors:
+        """Return these sensors with settings of one channel (`joint_torque`, …) and joint (index) of `n` changed."""
+        return replace(self, **{channel: getattr(self, channel).changed(joint, n, **settings)})
+
+
+class SensorBank:
+    """Sensors at work: true samples in, measured samples out, in blocks of any length.
+
+    Parameters
+    ----------
+    sensors
+        The settings.
+    n
+        Number of joints.
+    rate
+        Sample rate, Hz.
+    rng
+        Source of the noise; every channel draws from a child of its own.
+    """
+
+    def __init__(self, sensors: Sensors, n: int, rate: float, rng: np.random.Generator) -> None:
+        self.sensors, self._n, self._rate = sensors, n, rate
+        channels = ("q", "dq", "tau_J", "theta", "dtheta", "tau_m", "stamp")
+        self._rng = dict(zip(channels, rng.spawn(len(channels)), strict=True))
+        late = {
+            "q": sensors.link_encoder,
+            "dq": sensors.link_encoder,
+            "tau_J": sensors.joint_torque,
+            "theta": sensors.motor_encoder,
+            "dtheta": sensors.motor_encoder,
+            "tau_m": sensors.motor_torque,
+        }
+        self._delay = {name: DelayLine(sensor.row("delay", n), rate) for name, sensor in late.items()}
+
+    def read(self, true: Mapping[str, Array]) -> dict[str, Array]:
+        """Return measured channels for true ones.
+
+        Parameters
+        ----------
+        true
+            `q, dq, tau_J, theta, dtheta, tau_m`, each (N, n).
+        """
+        late = {name: self._delay[name](np.asarray(true[name], dtype=float)) for name in self._delay}
+        q, dq = self._encode(self.sensors.link_encoder, "q", late["q"], "dq", late["dq"])
+        theta, dtheta = self._encode(self.sensors.motor_encoder, "theta", late["theta"], "dtheta", late["dtheta"])
+        return {
+            "q": q,
+            "dq": dq,
+            "tau_J": self._weigh(self.sensors.joint_torque, "tau_J", late["tau_J"]),
+            "theta": theta,
+            "dtheta": dtheta,
+            "tau_m": self._weigh(self.sensors.motor_torque, "tau_m", late["tau_m"]),
+        }
+
+    def jitter(self, count: int) -> Array:
+        """Return `count` errors of stamps, s, small enough to keep their order."""
+        limit = LARGEST_JITTER / self._rate
+        draws = self._rng["stamp"].standard_normal(count) * self.sensors.stamp_jitter
+        return np.clip(draws, -limit, limit)
+
+    def _encode(self, encoder: Encoder, name: str, angle: Array, rate_name: str, rate: Array) -> tuple[Array, Array]:
+        n = self._n
+        eccentricity, phase = encoder.row("eccentricity", n), encoder.row("phase", n)
+        position = angle + encoder.row("offset", n) + eccentricity * np.sin(angle + phase)
+        position = position + self._noise(name, encoder.row("noise", n), len(angle))
+        velocity = rate * (1.0 + eccentricity * np.cos(angle + phase))
+        velocity = velocity + self._noise(rate_name, encoder.row("velocity_noise", n), len(rate))
+        return quantised(position, encoder.row("resolution", n)), velocity
+
+    def _weigh(self, sensor: TorqueSensor, name: str, torque: Array) -> Array:
+        n = self._n
+        noise = self._noise(name, sensor.row("noise", n), len(torque))
+        return quantised(sensor.row("gain", n) * torque + sensor.row("offset", n) + noise, sensor.row("resolution", n))
+
+    def _noise(self, name: str, std: Array, count: int) -> Array:
+        return self._rng[name].standard_normal((count, self._n)) * std
+
+
+class DelayLine:
+    """Delays each joint's channel by its own time; the arm is taken to have been at rest before the first sample.
+
+    Parameters
+    ----------
+    delay
+        (n,) s, not negative.
+    rate
+        Sample rate, Hz.
+    """
+
+    def __init__(self, delay: Array, rate: float) -> None:
+        weights = [delay_filter(d * rate) for d in delay]
+        self._length = max(len(w) for w in weights)
+        self._weights = np.array([np.pad(w, (0, self._length - len(w))) for w in weights]).T
+        self._past: Array | None = None
+
+    def __call__(self, values: Array) -> Array:
+        """Return `values` (N, n), delayed, continuing the block before."""
+        if self._length == 1:
+            return values.copy()
+        memory = self._length - 1
+        past = np.repeat(values[:1], memory, axis=0) if self._past is None else self._past
+        extended = np.concatenate([past, values])
+        self._past = extended[len(extended) - memory :]
+        late = np.zeros_like(values)
+        for lag, weight in enumerate(self._weights):
+            if weight.any():
+                late = late + weight * extended[memory - lag : len(extended) - lag]
+        return late
+
+
+def delay_filter(samples: float) -> Array:
+    """Return the causal FIR filter that delays by `samples`, exact for a whole number.
+
+    In between, the weights are those that come closest, in least squares over the passband, to exp(-i w samples): a
+    band-limited interpolation that needs no sample of the future. They sum to one.
+    """
+    whole = round(samples)
+    if abs(samples - whole) < 1e-9:
+        return np.eye(whole + 1)[whole]
+    first = max(0, int(np.floor(samples)) - TAPS // 2 + 1)
+    lags = np.arange(first, first + TAPS) - samples
+    # Normal equations of the integral over 0..passband: sinc of the differences of lags.
+    edge = 2 * PASSBAND
+    gram = np.sinc(edge * (lags[:, None] - lags[None, :])) + RIDGE * np.eye(TAPS)
+    weights = np.linalg.solve(gram, np.sinc(edge * lags))
+    return np.concatenate([np.zeros(first), weights / weights.sum()])
+
+
+def quantised(values: Array, resolution: Array) -> Array:
+    """Round `values` (N, n) to multiples of `resolution` (n,); zero leaves a column as it is."""
+    step = np.where(resolution > 0, resolution, 1.0)
+    return np.where(resolution > 0, np.round(values / step) * step, values)
