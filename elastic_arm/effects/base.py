@@ -79,7 +79,7 @@ class Parameter:
     high: float
     role: Role = Role.LINEAR
     neutral: float | None = None
-    default: float | None = None
+    default: float | tuple[float, ...] | None = None
     meaning: str = ""
     size: int = 1
     above: float = -math.inf
@@ -213,9 +213,14 @@ class Effect:
         return next(p for p in self.parameters if p.name == name)
 
     @property
+    def entries(self) -> tuple[Parameter | Choice, ...]:
+        """All parameters and choices."""
+        return (*self.parameters, *self.choices)
+
+    @property
     def names(self) -> tuple[str, ...]:
         """Names of all parameters and choices."""
-        return tuple(entry.name for entry in (*self.parameters, *self.choices))
+        return tuple(entry.name for entry in self.entries)
 
     def enter(self, stage: Stage, active: Active) -> Stage:
         """Return the arm with the effect in it."""
@@ -305,15 +310,14 @@ class Active:
             valid = ", ".join(effect.names) or "none: it has no free parameter"
             raise EffectError(f"{effect.id} has no parameter {unknown[0]!r}", f"Its parameters: {valid}.")
         values: dict[str, Value] = {}
-        for entry in (*effect.parameters, *effect.choices):
+        for entry in effect.entries:
             value = given.get(entry.name, entry.default)
             if value is None:
                 raise EffectError(
                     f"{effect.id} lacks its parameter {entry.name}",
                     f"Write it as {effect.id}:JOINT:{entry.name}=VALUE.",
                 )
-            vector = isinstance(entry, Parameter) and entry.size > 1 and entry.name not in given
-            values[entry.name] = entry.checked((value,) * entry.size if vector else value, effect.id)  # type: ignore[union-attr]
+            values[entry.name] = entry.checked(value, effect.id)
         object.__setattr__(self, "parameters", values)
 
     @property
@@ -372,8 +376,7 @@ def _text(value: Value) -> str:
 
 def _start(parameter: Parameter) -> Value:
     middle = math.sqrt(parameter.low * parameter.high) if parameter.low > 0 else (parameter.low + parameter.high) / 2
-    first = next(v for v in (parameter.neutral, parameter.default, middle) if v is not None and math.isfinite(v))
-    return first if parameter.size == 1 else (first,) * parameter.size
+    return next(v for v in (parameter.default, parameter.neutral, middle) if v is not None)
 
 
 def _combinations(choices: tuple[Choice, ...]) -> Iterator[dict[str, Value]]:

@@ -23,6 +23,7 @@ def resisting(torque: Callable[[ca.SX, ca.SX, Mapping[str, Any]], ca.SX]) -> Law
 
     def law(motion: Motion, i: int, p: Mapping[str, Any]) -> Contribution:
         side = p["side"]
-        return motion.at(i, **{side: torque(motion.velocity(side)[i], motion.sign(side, i), p)})
+        resistance: dict[str, Any] = {side: torque(motion.velocity(side)[i], motion.sign(side, i), p)}
+        return motion.at(i, **resistance)
 
     return law

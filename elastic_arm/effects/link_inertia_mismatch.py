@@ -33,7 +33,16 @@ EFFECT = Effect(
     law=law,
     parameters=(
         Parameter("mass", "1", 0.5, 2.0, neutral=1.0, default=1.0, above=0.0, meaning="r, true / nominal"),
-        Parameter("com", "m", -0.2, 0.2, neutral=0.0, default=0.0, size=3, meaning="s, shift of the centre of mass"),
+        Parameter(
+            "com",
+            "m",
+            -0.2,
+            0.2,
+            neutral=0.0,
+            default=(0.0, 0.0, 0.0),
+            size=3,
+            meaning="s, shift of the centre of mass",
+        ),
         Parameter(
             "inertia", "1", 0.5, 2.0, neutral=1.0, default=1.0, above=0.0, meaning="rho, beyond that of the mass"
         ),

@@ -45,7 +45,7 @@ EFFECT: Effect = SensorEffect(
     id="time_delay",
     formula="named channels recorded(t) = true(t - delay), late against the motor encoder",
     description="Channels that reach the recorder late: filters, buses, other clocks.",
-    signature="The residual follows the rate of what is late: zero where it stands still, largest where it changes most.",
+    signature="The residual follows the rate of what is late: zero where it stands still, largest where it changes.",
     law=law,
     parameters=(
         Parameter("delay", "s", 1e-4, 0.05, neutral=0.0, above=-1e-12, meaning="late against the motor encoder"),

@@ -19,7 +19,7 @@ EFFECT = Effect(
     id="torque_ripple",
     formula="A sin(k r_tot theta + phi) added to the motor's torque, not seen by tau_m",
     description="Cogging and commutation ripple of the motor.",
-    signature="A ripple of the motor residual, periodic in the rotor's angle, of constant height at all speeds and loads.",
+    signature="A ripple of the motor residual, periodic in the rotor's angle, as high at all speeds and loads.",
     law=law,
     parameters=(
         Parameter("amplitude", "Nm", 0.1, 50.0, neutral=0.0, meaning="A, at the harmonic-drive output"),

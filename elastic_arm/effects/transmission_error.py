@@ -34,7 +34,7 @@ def law(motion: Motion, i: int, p: Mapping[str, Any]) -> Contribution:
 
 EFFECT = Effect(
     id="transmission_error",
-    formula="deflection theta + e(theta) - q, e = A sin(k r_hd theta + phi); reaction tau_J (1 + de/dtheta) on the motor",
+    formula="deflection theta + e(theta) - q, e = A sin(k r_hd theta + phi); on the motor tau_J (1 + de/dtheta)",
     description="The harmonic drive's kinematic error: its output leads and lags periodically in the wave generator's "
     "angle, two times a turn as a rule.",
     signature="A ripple of joint torque that is periodic in the wave generator's angle and grows at the speeds that "
