@@ -3,7 +3,9 @@
 `Recording` is what the rest of the suite sees; nothing downstream knows whether the arm was real.
 """
 
+from elastic_arm.recording.channels import ChannelMap, load_channels
+from elastic_arm.recording.reading import read_recording
 from elastic_arm.recording.recording import Recording
 from elastic_arm.recording.sides import Samples, Side
 
-__all__ = ["Recording", "Samples", "Side"]
+__all__ = ["ChannelMap", "Recording", "Samples", "Side", "load_channels", "read_recording"]

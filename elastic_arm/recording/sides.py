@@ -52,6 +52,10 @@ class Side:
         """Return the channels that were recorded, by name."""
         return {name: values for name in CHANNELS if (values := getattr(self, name)) is not None}
 
+    def beside(self, other: Side) -> Side:
+        """Return this side with the channels of `other`, which has the same stamps, added."""
+        return Side(self.stamp_ns, **{**self.channels(), **other.channels()})
+
     def at(self, index: slice | NDArray[np.intp] | NDArray[np.bool_]) -> Side:
         """Return the samples chosen by a slice, indices or a mask."""
         return Side(self.stamp_ns[index], **{name: values[index] for name, values in self.channels().items()})

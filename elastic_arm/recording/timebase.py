@@ -16,40 +16,55 @@ LONGEST_GAP = 4.0
 
 
 def join(link: Side | None, motor: Side | None) -> Samples:
-    """Bring both sides to one time base.
-
-    Samples with equal stamps are joined exactly; where the two topics are stamped apart, the motor side is
-    interpolated to the link side's stamps by a cubic spline (never beyond its ends or across its gaps).
+    """Bring both sides to one time base, see :func:`pair`.
 
     Raises
     ------
     RecordingError
         If neither side was recorded, or the two do not overlap in time.
     """
-    if link is None or motor is None:
-        only = link if link is not None else motor
-        if only is None or not len(only):
-            raise RecordingError(
-                "no samples of the arm",
-                "Record /joint_states or /motor_states, or both.",
-            )
-        return _samples(only.stamp_ns, link, motor, ())
-    common, of_link, of_motor = np.intersect1d(link.stamp_ns, motor.stamp_ns, assume_unique=True, return_indices=True)
-    if len(common) >= COMMON_SHARE * min(len(link), len(motor)) and len(common):
-        lost = len(link) + len(motor) - 2 * len(common)
-        if not lost:
-            return _samples(common, link, motor, ())
-        notes = (f"{lost} samples that only one side has were left out",)
-        return _samples(common, link.at(of_link), motor.at(of_motor), notes)
-    inside = _covered(link.stamp_ns, motor.stamp_ns)
+    if link is not None and motor is not None:
+        link, motor, notes = pair(link, motor, "the motor side", "the link side")
+        return _samples(link.stamp_ns, link, motor, notes)
+    only = link if link is not None else motor
+    if only is None or not len(only):
+        raise RecordingError("no samples of the arm", "Record /joint_states or /motor_states, or both.")
+    return _samples(only.stamp_ns, link, motor, ())
+
+
+def pair(base: Side, other: Side, other_name: str, base_name: str) -> tuple[Side, Side, tuple[str, ...]]:
+    """Bring `other` to the stamps of `base`.
+
+    Samples with equal stamps are joined exactly; where the two are stamped apart, `other` is interpolated by a cubic
+    spline (never beyond its ends or across its gaps). A cubic spline passes what lies well below half the sample rate
+    and damps what lies close to it.
+
+    Returns
+    -------
+    base, other, notes
+        Both with the stamps they now share, and what was done.
+
+    Raises
+    ------
+    RecordingError
+        If the two do not overlap in time.
+    """
+    if np.array_equal(base.stamp_ns, other.stamp_ns):
+        return base, other, ()
+    common, of_base, of_other = np.intersect1d(base.stamp_ns, other.stamp_ns, assume_unique=True, return_indices=True)
+    if len(common) and len(common) >= COMMON_SHARE * min(len(base), len(other)):
+        lost = len(base) + len(other) - 2 * len(common)
+        notes = (f"{lost} samples that only one of {base_name} and {other_name} has were left out",)
+        return base.at(of_base), other.at(of_other), notes
+    inside = _covered(base.stamp_ns, other.stamp_ns)
     if not inside.any():
         raise RecordingError(
-            "/joint_states and /motor_states do not overlap in time",
-            "Stamp both topics by one clock.",
+            f"{base_name} and {other_name} do not overlap in time",
+            "Stamp all topics by one clock.",
         )
-    at = link.at(inside)
-    notes = ("the motor side was interpolated to the link side's stamps by a cubic spline",)
-    return _samples(at.stamp_ns, at, _interpolate(motor, at.stamp_ns), notes)
+    at = base.at(inside)
+    notes = (f"{other_name} was interpolated to the stamps of {base_name} by a cubic spline",)
+    return at, _interpolate(other, at.stamp_ns), notes
 
 
 def _samples(stamp_ns: Stamps, link: Side | None, motor: Side | None, notes: tuple[str, ...]) -> Samples:

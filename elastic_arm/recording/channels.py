@@ -1,0 +1,235 @@
+"""Channel maps: what a foreign bag calls, and how it scales, what a recording holds (docs/channel_maps.md)."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Annotated, Any, Literal, Self, TypeVar
+
+import yaml
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+
+from elastic_arm.errors import RecordingError
+
+SideName = Literal["link", "motor"]
+ChannelName = Literal["position", "velocity", "effort"]
+Unit = Literal["rad", "deg", "turns", "rad/s", "deg/s", "turns/s", "rpm", "Nm", "Nm_motor", "A"]
+CHANNEL_NAMES: tuple[ChannelName, ...] = ("position", "velocity", "effort")
+
+# An angle's unit on a velocity means that unit per second.
+_TO_SI: dict[ChannelName, dict[str, float]] = {
+    "position": {"rad": 1.0, "deg": math.pi / 180, "turns": 2 * math.pi},
+    "velocity": {
+        "rad": 1.0,
+        "deg": math.pi / 180,
+        "turns": 2 * math.pi,
+        "rad/s": 1.0,
+        "deg/s": math.pi / 180,
+        "turns/s": 2 * math.pi,
+        "rpm": 2 * math.pi / 60,
+    },
+    "effort": {"Nm": 1.0, "Nm_motor": 1.0, "A": 1.0},
+}
+_DEFAULT_UNIT: dict[ChannelName, Unit] = {"position": "rad", "velocity": "rad/s", "effort": "Nm"}
+
+
+class _Strict(BaseModel):
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+
+class Channel(_Strict):
+    """Where one channel of one joint comes from.
+
+    Parameters
+    ----------
+    topic
+        Topic in the bag.
+    field
+        Path of the field in the message: `position`, `wrench.torque.z`, `data`; the channel's own name by default.
+    index
+        Place in the field; by default the place of `name` in the message's list of names.
+    name
+        The joint's name in the message; the joint's own name by default.
+    unit
+        Of the recorded number; `Nm_motor` is a torque at the motor shaft, `A` a motor current.
+    factor, sign
+        Multiply the number.
+    torque_constant
+        Nm/A at the motor shaft; for currents.
+    ratio
+        Motor turns per turn at the harmonic-drive output: what is measured at the motor shaft is reduced by it.
+    """
+
+    topic: str
+    field: str = ""
+    index: Annotated[int, Field(ge=0)] | None = None
+    name: str = ""
+    unit: Unit | None = None
+    factor: float = 1.0
+    sign: Literal[1, -1] = 1
+    torque_constant: Annotated[float, Field(gt=0)] | None = None
+    ratio: Annotated[float, Field(gt=0)] | None = None
+
+    @model_validator(mode="after")
+    def _consistent(self) -> Self:
+        if self.factor == 0 or not math.isfinite(self.factor):
+            raise ValueError("factor must be a finite number other than 0")
+        if self.unit == "A" and (self.torque_constant is None or self.ratio is None):
+            raise ValueError("unit A needs torque_constant (Nm/A at the motor shaft) and ratio")
+        if self.unit == "Nm_motor" and self.ratio is None:
+            raise ValueError("unit Nm_motor (torque at the motor shaft) needs ratio")
+        if self.unit == "Nm" and self.ratio is not None:
+            raise ValueError("a torque with a ratio is measured at the motor shaft: say unit Nm_motor")
+        if self.torque_constant is not None and self.unit != "A":
+            raise ValueError("torque_constant goes with unit A alone")
+        return self
+
+    def scale(self, channel: ChannelName) -> float:
+        """Return the factor that turns the recorded number into rad, rad/s or Nm at the harmonic-drive output."""
+        si = _TO_SI[channel][self.unit or _DEFAULT_UNIT[channel]] * self.factor * self.sign
+        ratio = self.ratio or 1.0
+        return si * (self.torque_constant or 1.0) * ratio if channel == "effort" else si / ratio
+
+
+class SideChannels(_Strict):
+    """The channels of one side of a joint; None where not recorded."""
+
+    position: Channel | None = None
+    velocity: Channel | None = None
+    effort: Channel | None = None
+
+    @model_validator(mode="after")
+    def _units(self) -> Self:
+        for name, channel in self.present():
+            if channel.unit is not None and channel.unit not in _TO_SI[name]:
+                raise ValueError(f"{name} cannot have unit {channel.unit}; one of {', '.join(_TO_SI[name])}")
+        return self
+
+    def present(self) -> Iterator[tuple[ChannelName, Channel]]:
+        """Yield the channels that are there."""
+        for name in CHANNEL_NAMES:
+            channel = getattr(self, name)
+            if channel is not None:
+                yield name, channel
+
+
+class JointChannels(_Strict):
+    """Both sides of a joint; `name` is what the bag calls it, for all channels that do not say otherwise."""
+
+    name: str = ""
+    link: SideChannels = SideChannels()
+    motor: SideChannels = SideChannels()
+
+
+class ChannelMap(_Strict):
+    """A channel map.
+
+    Parameters
+    ----------
+    joints
+        By the name in the robot description, in its order.
+    time
+        What a sample's time is: the message's `header` stamp, or its `arrival` where there is no header.
+    """
+
+    joints: Annotated[dict[str, JointChannels], Field(min_length=1)]
+    time: Literal["header", "arrival"] = "header"
+
+    @model_validator(mode="after")
+    def _uniform(self) -> Self:
+        first_name, first = next(iter(self.joints.items()))
+        for name, joint in self.joints.items():
+            for side in ("link", "motor"):
+                ours = {channel for channel, _ in getattr(joint, side).present()}
+                theirs = {channel for channel, _ in getattr(first, side).present()}
+                if ours != theirs:
+                    raise ValueError(
+                        f"{name} has {side} channels {sorted(ours)}, {first_name} has {sorted(theirs)}: "
+                        "every joint needs the same ones"
+                    )
+        if not any(True for side in (first.link, first.motor) for _ in side.present()):
+            raise ValueError("no joint has a channel")
+        return self
+
+    def topics(self) -> set[str]:
+        """Return all topics that are needed."""
+        sides = [side for joint in self.joints.values() for side in (joint.link, joint.motor)]
+        return {channel.topic for side in sides for _, channel in side.present()}
+
+
+def load_channels(path: str | Path) -> ChannelMap:
+    """Read a channel map (YAML).
+
+    Raises
+    ------
+    RecordingError
+        If the file cannot be read, or a field is missing, unknown, of the wrong type or at odds with another.
+    """
+    data = load_yaml(path, "channel map")
+    data = dict(data)
+    defaults = data.pop("defaults", None) or {}
+    if defaults and isinstance(data.get("joints"), dict):
+        data["joints"] = {name: _merged(defaults, joint or {}) for name, joint in data["joints"].items()}
+    for name, joint in (data.get("joints") or {}).items():
+        _name_channels(name, joint)
+    return validated(ChannelMap, data, path)
+
+
+def load_yaml(path: str | Path, what: str) -> dict[str, Any]:
+    """Read a YAML mapping.
+
+    Raises
+    ------
+    RecordingError
+        If it cannot be read or is no mapping.
+    """
+    try:
+        data = yaml.safe_load(Path(path).read_text(encoding="utf-8"))
+    except (OSError, UnicodeDecodeError) as error:
+        raise RecordingError(f"{what} {path} cannot be read: {error}", "Check the path.") from None
+    except yaml.YAMLError as error:
+        raise RecordingError(f"{what} {path} is no valid YAML: {error}") from None
+    if not isinstance(data, dict):
+        raise RecordingError(f"{what} {path} is no mapping of keys to values", "See docs/channel_maps.md.")
+    return data
+
+
+M = TypeVar("M", bound=BaseModel)
+
+
+def validated(model: type[M], data: dict[str, Any], path: str | Path) -> M:
+    """Check `data`, read from `path`, against a model.
+
+    Raises
+    ------
+    RecordingError
+        Naming each wrong field and what is wrong with it.
+    """
+    try:
+        return model.model_validate(data)
+    except ValidationError as error:
+        faults = [
+            f"{'.'.join(str(part) for part in fault['loc']) or 'the whole'}: "
+            f"{fault['msg'].removeprefix('Value error, ')}"
+            for fault in error.errors()
+        ]
+        raise RecordingError(f"{path}: {'; '.join(faults)}", "See docs/channel_maps.md.") from None
+
+
+def _merged(defaults: Any, own: Any) -> Any:
+    """Lay `own` over `defaults`, mapping by mapping."""
+    if not (isinstance(defaults, dict) and isinstance(own, dict)):
+        return own
+    return {**defaults, **{key: _merged(defaults.get(key), value) for key, value in own.items()}}
+
+
+def _name_channels(joint_name: str, joint: Any) -> None:
+    """Fill in what a channel does not say: the joint's name in the bag, and the field called like the channel."""
+    if not isinstance(joint, dict):
+        return
+    for side in ("link", "motor"):
+        for channel, source in (joint.get(side) or {}).items():
+            if isinstance(source, dict):
+                filled = {"name": joint.get("name") or joint_name, "field": channel, **source}
+                joint[side] = {**joint[side], channel: filled}

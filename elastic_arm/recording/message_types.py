@@ -1,0 +1,69 @@
+"""Message types without ROS: the standard ones of Jazzy, our own, and those that a foreign bag brings along."""
+
+from __future__ import annotations
+
+from functools import lru_cache
+from importlib import resources
+
+from mcap.records import Schema
+from rosbags.typesys import Stores, TypesysError, get_types_from_idl, get_types_from_msg, get_typestore
+from rosbags.typesys.store import Typestore
+
+from elastic_arm.errors import RecordingError
+
+OWN_PACKAGE = "elastic_arm_msgs"
+
+
+@lru_cache(maxsize=1)
+def typestore() -> Typestore:
+    """Return Jazzy's standard types with those of elastic_arm_msgs (whose .msg files lie in `recording/msg`)."""
+    store = get_typestore(Stores.ROS2_JAZZY)
+    types = {}
+    for file in sorted(resources.files(__package__).joinpath("msg").iterdir(), key=lambda entry: entry.name):
+        if file.name.endswith(".msg"):
+            name = f"{OWN_PACKAGE}/msg/{file.name.removesuffix('.msg')}"
+            types.update(get_types_from_msg(file.read_text(encoding="utf-8"), name))
+    store.register(types)
+    return store
+
+
+def definition(type_name: str) -> tuple[str, str]:
+    """Return the full ros2msg text of a type, with all it is made of, and its RIHS01 hash.
+
+    Raises
+    ------
+    RecordingError
+        If the type is not known.
+    """
+    store = typestore()
+    if type_name not in store.fielddefs:
+        raise RecordingError(f"message type {type_name} is not known", "Give its definition with the topic.")
+    text, _ = store.generate_msgdef(type_name, ros_version=2)
+    return text, store.hash_rihs01(type_name)
+
+
+@lru_cache(maxsize=64)
+def _registered(name: str, encoding: str, text: str) -> Typestore:
+    if not text:
+        return typestore()
+    store = get_typestore(Stores.EMPTY)
+    try:
+        parse = get_types_from_msg if encoding == "ros2msg" else None
+        store.register(parse(text, name) if parse else get_types_from_idl(text))
+    except TypesysError as error:
+        raise RecordingError(f"the definition of message type {name} in the bag cannot be read: {error}") from None
+    return store
+
+
+def types_of(schema: Schema) -> Typestore:
+    """Return the types that a schema of a bag defines.
+
+    Raises
+    ------
+    RecordingError
+        If the definition cannot be read, or is missing and the type is not a known one.
+    """
+    store = _registered(schema.name, schema.encoding, schema.data.decode(errors="replace"))
+    if schema.name not in store.fielddefs:
+        raise RecordingError(f"message type {schema.name} is not defined in the bag", "Record it with its definition.")
+    return store

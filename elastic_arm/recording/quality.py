@@ -1,0 +1,62 @@
+"""What no later step could use: times that do not advance, numbers that are none."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from elastic_arm.errors import RecordingError
+from elastic_arm.recording.sides import Side, Stamps
+
+REPAIR = "Make a usable copy with: elastic-arm bag check --repair BAG"
+
+
+def checked(side: Side, topic: str, joints: Sequence[str]) -> Side:
+    """Return `side` if its times advance and all its numbers are finite.
+
+    Raises
+    ------
+    RecordingError
+        Naming the topic, joint, field and time of the first fault.
+    """
+    check_times(side.stamp_ns, topic)
+    for name, values in side.channels().items():
+        # One sum finds any NaN or infinity in a pass; only then is it worth looking where.
+        if not np.isfinite(values.sum()) and not np.isfinite(values).all():
+            row, column = np.argwhere(~np.isfinite(values))[0]
+            raise RecordingError(
+                f"{topic}: {name} of {joints[column]} is {values[row, column]} at {moment(side.stamp_ns, row)}", REPAIR
+            )
+    return side
+
+
+def check_times(stamp_ns: Stamps, topic: str) -> None:
+    """Raise if stamps are repeated or go backwards.
+
+    Raises
+    ------
+    RecordingError
+        Naming the topic and the time.
+    """
+    if not len(stamp_ns):
+        raise RecordingError(f"{topic} has no messages", "Record again, with the publisher running.")
+    step = np.diff(stamp_ns)
+    if (step > 0).all():
+        return
+    at = int(np.argmax(step <= 0))
+    if not stamp_ns.any():
+        raise RecordingError(
+            f"{topic}: every header stamp is zero", "Set 'time: arrival' in a channel map to use the arrival times."
+        )
+    if step[at] == 0:
+        raise RecordingError(f"{topic} repeats the stamp of {moment(stamp_ns, at)}", REPAIR)
+    raise RecordingError(
+        f"{topic} jumps back in time by {-step[at] * 1e-9:.6g} s after {moment(stamp_ns, at)}",
+        f"A second publisher, or a restarted clock? {REPAIR}",
+    )
+
+
+def moment(stamp_ns: Stamps, row: int) -> str:
+    """Return when a sample was: from the beginning, and as a stamp."""
+    return f"{(stamp_ns[row] - stamp_ns[0]) * 1e-9:.6f} s (stamp {stamp_ns[row] * 1e-9:.6f})"

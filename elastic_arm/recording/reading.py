@@ -1,0 +1,264 @@
+"""From bags to recordings."""
+
+from __future__ import annotations
+
+import re
+import xml.etree.ElementTree as ElementTree
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+import numpy as np
+
+from elastic_arm.errors import RecordingError
+from elastic_arm.recording import cdr, message_types
+from elastic_arm.recording.bag import Bag, open_bag
+from elastic_arm.recording.channels import ChannelMap, load_channels
+from elastic_arm.recording.container import Block, McapFile
+from elastic_arm.recording.mapping import mapped_side
+from elastic_arm.recording.quality import check_times, checked
+from elastic_arm.recording.recording import Recording
+from elastic_arm.recording.series import Piece, Series
+from elastic_arm.recording.sides import Side
+from elastic_arm.recording.timebase import pair
+from elastic_arm.recording.topics import (
+    JOINT_STATES,
+    JOINT_TORQUES,
+    MOTOR_STATES,
+    REFERENCE,
+    ROBOT_DESCRIPTION,
+    TYPES,
+)
+
+_CONTRACT = (JOINT_STATES, MOTOR_STATES, JOINT_TORQUES, REFERENCE)
+_STATE = {name: name for name in ("position", "velocity", "effort")}
+_POINT = {
+    "position": "points.0.positions",
+    "velocity": "points.0.velocities",
+    "acceleration": "points.0.accelerations",
+}
+
+
+@dataclass
+class Content:
+    """The topics of one or several bags.
+
+    Parameters
+    ----------
+    series
+        By topic, those asked for.
+    robot_description
+        The last URDF on /robot_description.
+    topics
+        All topics that have messages, with their types.
+    damage
+        What was wrong with the bags.
+    """
+
+    series: dict[str, Series] = field(default_factory=dict)
+    robot_description: str | None = None
+    topics: dict[str, str] = field(default_factory=dict)
+    damage: list[str] = field(default_factory=list)
+
+    def take(self, file: McapFile, block: Block, wanted: Collection[str]) -> None:
+        """Decode what is wanted of a block."""
+        for channel in block.messages:
+            if channel not in file.channels:
+                raise RecordingError(f"{file.path}: messages of channel {channel}, which the file does not describe")
+            topic = file.channels[channel].topic
+            type_name = file.schemas[file.channels[channel].schema_id].name
+            self.topics[topic] = type_name
+            if topic in wanted:
+                self.series.setdefault(topic, Series(topic, type_name)).add(file, channel, block)
+            elif topic == ROBOT_DESCRIPTION and type_name == TYPES[ROBOT_DESCRIPTION]:
+                data = block.data(channel, -1)
+                begin, end = cdr.layout_of(data, type_name, message_types.typestore()).text["data"]
+                self.robot_description = bytes(data[begin:end]).decode(errors="replace")
+
+
+def read_recording(
+    path: str | Path | Sequence[str | Path],
+    channels: ChannelMap | str | Path | None = None,
+    joints: Sequence[str] | None = None,
+) -> Recording:
+    """Read one or several bags as one recording.
+
+    Parameters
+    ----------
+    path
+        A rosbag2 folder, an .mcap file, or several of them (parts of one run, or its topics).
+    channels
+        A channel map or its file, for bags that use other names, units or signs.
+    joints
+        The joints wanted, in robot-description order; by default all, in the order of the URDF in the bag, or else of
+        the numbers in their names.
+
+    Raises
+    ------
+    RecordingError
+        Naming what is missing or wrong: which topic, joint, field, time; and what to do.
+    """
+    paths = [path] if isinstance(path, str | Path) else list(path)
+    if not paths:
+        raise RecordingError("no bag was given", "Name at least one.")
+    if isinstance(channels, str | Path):
+        channels = load_channels(channels)
+    bags = [open_bag(each) for each in paths]
+    source = ", ".join(str(bag.path) for bag in bags)
+    content = read_content(bags, _CONTRACT if channels is None else channels.topics())
+    try:
+        recording = _contract_recording(content, joints) if channels is None else _mapped_recording(content, channels)
+    except RecordingError as error:
+        raise RecordingError(f"{source}: {error.problem}", error.remedy) from None
+    if channels is not None and joints is not None:
+        recording = recording.select(joints)
+    return replace(recording, source=source, notes=(*content.damage, *recording.notes))
+
+
+def read_content(bags: Sequence[Bag], wanted: Collection[str], strict: bool = True) -> Content:
+    """Decode the topics `wanted`; with `strict` a damaged chunk raises, otherwise it is skipped and noted.
+
+    Raises
+    ------
+    RecordingError
+        If a chunk or message is damaged.
+    """
+    content = Content()
+    for bag in bags:
+        for file in bag.files:
+            for block in file.blocks(strict):
+                content.take(file, block, wanted)
+        content.damage += bag.all_damage()
+    return content
+
+
+def _mapped_recording(content: Content, channels: ChannelMap) -> Recording:
+    link, of_link = mapped_side(channels, "link", content.series)
+    motor, of_motor = mapped_side(channels, "motor", content.series)
+    return Recording(
+        tuple(channels.joints), link, motor, robot_description=content.robot_description, notes=(*of_link, *of_motor)
+    )
+
+
+def _contract_recording(content: Content, wanted: Sequence[str] | None) -> Recording:
+    for topic, series in content.series.items():
+        if series.type_name != TYPES[topic]:
+            raise RecordingError(
+                f"{topic} has type {series.type_name}, not {TYPES[topic]}", "Say what it holds in a channel map."
+            )
+    states = [content.series[topic] for topic in (JOINT_STATES, MOTOR_STATES) if topic in content.series]
+    if not states:
+        listed = ", ".join(f"{topic} ({name})" for topic, name in content.topics.items()) or "no messages at all"
+        raise RecordingError(
+            f"neither {JOINT_STATES} nor {MOTOR_STATES} was recorded; there is {listed}",
+            "Record one of them, or say in a channel map (--channels) which topics hold the joints.",
+        )
+    joints = _joints(states, wanted, content.robot_description)
+    notes: list[str] = []
+    sides = {topic: _side(content.series.get(topic), joints, _STATE, notes) for topic in (JOINT_STATES, MOTOR_STATES)}
+    link, motor = _place_torques(sides[JOINT_STATES], sides[MOTOR_STATES], content, joints, notes)
+    reference = _reference(content.series.get(REFERENCE), joints, notes)
+    return Recording(joints, link, motor, reference, content.robot_description, notes=tuple(notes))
+
+
+def _place_torques(
+    link: Side | None, motor: Side | None, content: Content, joints: tuple[str, ...], notes: list[str]
+) -> tuple[Side | None, Side | None]:
+    """Decide what /joint_states.effort measured, and take torques that stand in /joint_torques alone."""
+    sensed: Side | None = None
+    driven: Side | None = None
+    if JOINT_TORQUES in content.series:
+        sensed = _side(content.series[JOINT_TORQUES], joints, {"effort": "joint_torque"}, notes)
+        driven = _side(content.series[JOINT_TORQUES], joints, {"effort": "motor_torque"}, notes)
+    if link is not None and link.effort is not None and motor is None and (sensed is None or sensed.effort is None):
+        notes.append(f"{JOINT_STATES}.effort was taken as the motor torque, as {MOTOR_STATES} was not recorded")
+        motor = Side(link.stamp_ns, effort=link.effort)
+        link = replace(link, effort=None)
+    if link is not None and link.effort is None and sensed is not None and sensed.effort is not None:
+        link, sensed, words = pair(link, sensed, f"{JOINT_TORQUES}.joint_torque", JOINT_STATES)
+        link = replace(link, effort=sensed.effort)
+        notes.extend(words)
+    if motor is None and driven is not None and driven.effort is not None:
+        motor = driven
+    elif motor is not None and motor.effort is None and driven is not None and driven.effort is not None:
+        motor, driven, words = pair(motor, driven, f"{JOINT_TORQUES}.motor_torque", MOTOR_STATES)
+        motor = replace(motor, effort=driven.effort)
+        notes.extend(words)
+    return link, motor
+
+
+def _joints(states: Sequence[Series], wanted: Sequence[str] | None, urdf: str | None) -> tuple[str, ...]:
+    names = list(dict.fromkeys(name for series in states for name in series.names()))
+    if not names:
+        raise RecordingError(f"{states[0].topic} names no joints", "The publisher must fill the field name.")
+    if wanted is not None:
+        missing = [name for name in wanted if name not in names]
+        if missing:
+            raise RecordingError(
+                f"joint {', '.join(missing)} was not recorded; there are {', '.join(names)}",
+                "Use a robot description with these names, or map them in a channel map (--channels).",
+            )
+        return tuple(wanted)
+    known = _urdf_joints(urdf)
+    if set(names) <= set(known):
+        return tuple(name for name in known if name in names)
+    numbered = [re.fullmatch(r"(.*?)(\d+)", name) for name in names]
+    if all(numbered) and len({match[1] for match in numbered if match}) == 1:
+        return tuple(sorted(names, key=lambda name: int(re.findall(r"\d+", name)[-1])))
+    return tuple(names)
+
+
+def _urdf_joints(urdf: str | None) -> list[str]:
+    try:
+        return [joint.get("name", "") for joint in ElementTree.fromstring(urdf or "").iter("joint")]
+    except ElementTree.ParseError:
+        return []
+
+
+def _side(series: Series | None, joints: tuple[str, ...], paths: dict[str, str], notes: list[str]) -> Side | None:
+    """Build a side from the messages that hold all of `joints` (a gripper may publish on the same topic)."""
+    if series is None:
+        return None
+
+    def whole(piece: Piece) -> bool:
+        return set(joints) <= set(piece.names)
+
+    if not all(whole(piece) for piece in series.pieces):
+        _refuse_split(series, joints)
+        kept = series.keep(whole)
+        notes.append(f"{series.count - kept.count} messages on {series.topic} that hold other joints were left out")
+        series = kept
+    channels = {}
+    for name, path in paths.items():
+        values = series.columns(path, joints)
+        if values is not None and np.isnan(values).all():
+            notes.append(f"{series.topic}.{name} is NaN throughout and counts as not recorded")
+        elif values is not None:
+            channels[name] = values
+    return checked(Side(series.stamp_ns, **channels), series.topic, joints)
+
+
+def _refuse_split(series: Series, joints: tuple[str, ...]) -> None:
+    if not any(set(joints) <= set(piece.names) for piece in series.pieces):
+        sets = sorted({", ".join(piece.names) for piece in series.pieces})
+        raise RecordingError(
+            f"no message on {series.topic} holds all of {', '.join(joints)}; there are {' | '.join(sets)}",
+            "Name the joints of the arm: give its robot description, or a channel map (--channels).",
+        )
+
+
+def _reference(series: Series | None, joints: tuple[str, ...], notes: list[str]) -> Side | None:
+    """Build the reference; it is no measurement, so a useless one is left out with a note."""
+    if series is None:
+        return None
+    try:
+        side = _side(series, joints, _POINT, notes)
+        if side is None:
+            return None
+        seconds, nanoseconds = (series.column(f"points.0.time_from_start.{part}", 0) for part in ("sec", "nanosec"))
+        ahead = seconds.astype(np.int64) * 1_000_000_000 + nanoseconds.astype(np.int64)
+        check_times(side.stamp_ns + ahead, REFERENCE)
+        return replace(side, stamp_ns=side.stamp_ns + ahead)
+    except RecordingError as error:
+        notes.append(f"{REFERENCE} was left out: {error.problem}")
+        return None

@@ -1,0 +1,136 @@
+"""Find the records of an MCAP byte string without a Python step per message.
+
+An MCAP file, and each chunk in it once decompressed, is a run of records: one byte of kind, eight of length, content.
+Recorders write their topics in turn, so the same few records come round and round: after a short walk the round is
+known, and whole arrays of rounds are checked at once. Where the pattern breaks the walk goes on.
+"""
+
+from __future__ import annotations
+
+import struct
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from mcap.opcode import Opcode
+from numpy.typing import NDArray
+
+Bytes = NDArray[np.uint8]
+Offsets = NDArray[np.int64]
+
+RECORD_HEAD = 9  # kind and length
+MESSAGE_HEAD = 31  # kind, length, channel, sequence, log time, publish time
+_HEAD = struct.Struct("<BQ")
+# Kind, length and channel, which are the same in each round: eleven bytes as two overlapping words.
+_KEY = (("<u4", 0), ("<u8", 3))
+_WALK = 48  # messages walked before a round is looked for
+_LONGEST_ROUND = 16
+
+
+class Record(NamedTuple):
+    """A record that is no message: its kind, and where its content begins and ends."""
+
+    opcode: int
+    begin: int
+    end: int
+
+
+@dataclass(frozen=True)
+class Scan:
+    """The records of a byte string.
+
+    Parameters
+    ----------
+    messages
+        Where each message record begins, in order.
+    others
+        All other records, in order.
+    end
+        Where the last whole record ends: less than asked for if the bytes are torn.
+    """
+
+    messages: Offsets
+    others: list[Record]
+    end: int
+
+
+def column(buffer: Bytes, dtype: str | np.dtype, offsets: Offsets | slice, at: int = 0) -> NDArray:
+    """Return the items of type `dtype` that lie `at` bytes after each of `offsets`.
+
+    A slice gives a strided view over the bytes (no copy), an index array a gathered copy.
+    """
+    kind = np.dtype(dtype)
+    # Every byte is a possible beginning, so offsets of any alignment are a slice or an index of this view.
+    every = np.ndarray((max(len(buffer) - kind.itemsize + 1, 0),), kind, buffer=buffer, strides=(1,))
+    if isinstance(offsets, slice):
+        return every[offsets.start + at : offsets.stop + at : offsets.step]
+    return every[offsets + at]
+
+
+def progression(offsets: Offsets) -> Offsets | slice:
+    """Return `offsets` as a slice if they are equally spaced, so that they can be viewed instead of gathered."""
+    if len(offsets) < 2:
+        return offsets
+    step = int(offsets[1] - offsets[0])
+    if step > 0 and int(offsets[-1] - offsets[0]) == step * (len(offsets) - 1) and np.all(np.diff(offsets) == step):
+        return slice(int(offsets[0]), int(offsets[-1]) + 1, step)
+    return offsets
+
+
+def scan(buffer: Bytes, begin: int, end: int) -> Scan:
+    """Find all records between `begin` and `end`; stops before a torn one."""
+    view = buffer.data
+    found: list[Offsets] = []
+    walked: list[int] = []
+    others: list[Record] = []
+    at, look = begin, _WALK
+    while at + RECORD_HEAD <= end:
+        opcode, size = _HEAD.unpack_from(view, at)
+        after = at + RECORD_HEAD + size
+        if opcode == 0 or after > end:
+            break
+        if opcode == Opcode.MESSAGE:
+            walked.append(at)
+            if len(walked) == look:
+                found.append(np.array(walked, np.int64))
+                leapt = _leap(buffer, walked[-_WALK:], after, end)
+                # A pattern that does not hold is not worth looking for at every turn.
+                look = min(4 * look, 4096) if len(leapt) < look else _WALK
+                if len(leapt):
+                    found.append(leapt)
+                    after = int(leapt[-1]) + RECORD_HEAD + _HEAD.unpack_from(view, int(leapt[-1]))[1]
+                walked = []
+        else:
+            others.append(Record(opcode, at + RECORD_HEAD, after))
+        at = after
+    messages = np.concatenate([*found, np.array(walked, np.int64)])
+    return Scan(messages, others, at)
+
+
+def _leap(buffer: Bytes, walked: list[int], at: int, end: int) -> Offsets:
+    """Return the messages that follow at `at` as long as they repeat the round of the `walked` ones."""
+    starts = np.array([*walked, at], np.int64)
+    keys = [column(buffer, dtype, starts[:-1], at) for dtype, at in _KEY]
+    steps = np.diff(starts)
+    for length in range(1, _LONGEST_ROUND + 1):
+        if all(np.array_equal(part[length:], part[:-length]) for part in (*keys, steps)):
+            break
+    else:
+        return np.empty(0, np.int64)
+    slots = np.concatenate([[0], np.cumsum(steps[-length:])])
+    stride = int(slots[-1])
+    rounds, most, batch = 0, (end - at) // stride, 256
+    while rounds < most:
+        count = min(batch, most - rounds)
+        first = at + rounds * stride
+        held = count
+        for index, slot in enumerate(slots[:-1], start=_WALK - length):
+            spot = slice(first + int(slot), first + int(slot) + (count - 1) * stride + 1, stride)
+            for part, (dtype, offset) in zip(keys, _KEY, strict=True):
+                equal = column(buffer, dtype, spot, offset) == part[index]
+                held = min(held, count if equal.all() else int(np.argmin(equal)))
+        rounds += held
+        if held < count:
+            break
+        batch *= 4
+    return (at + stride * np.arange(rounds)[:, None] + slots[None, :-1]).ravel()

@@ -1,0 +1,212 @@
+"""The messages of one topic as arrays."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from elastic_arm.errors import RecordingError
+from elastic_arm.recording import cdr, message_types
+from elastic_arm.recording.container import Block, McapFile
+from elastic_arm.recording.scan import MESSAGE_HEAD
+from elastic_arm.recording.sides import Array, Stamps
+
+
+@dataclass(frozen=True)
+class Piece:
+    """Messages of one layout from one block.
+
+    Parameters
+    ----------
+    rows
+        (m,) their places among the topic's messages, in file order.
+    log_ns
+        (m,) arrival times.
+    stamp_ns
+        (m,) header stamps; None where the type has no header.
+    names
+        What the message calls its columns; empty where it names none.
+    values
+        By field path: (m, columns).
+    """
+
+    rows: Stamps
+    log_ns: Stamps
+    stamp_ns: Stamps | None
+    names: tuple[str, ...]
+    values: dict[str, Array]
+
+    def has(self, path: str) -> bool:
+        """Say whether these messages carry numbers in field `path`."""
+        return path in self.values and self.values[path].shape[1] > 0
+
+
+@dataclass
+class Series:
+    """All messages of one topic; add them first, then ask.
+
+    Parameters
+    ----------
+    topic, type_name
+        Of the messages.
+    pieces
+        Their numbers, one piece per block and layout.
+    count
+        Number of messages.
+    """
+
+    topic: str
+    type_name: str
+    pieces: list[Piece] = field(default_factory=list)
+    count: int = 0
+
+    def add(self, file: McapFile, channel: int, block: Block) -> None:
+        """Decode the messages of `channel` in `block`.
+
+        Raises
+        ------
+        RecordingError
+            If a message does not fit its type.
+        """
+        schema = file.schemas[file.channels[channel].schema_id]
+        offsets, log_ns = block.messages[channel] + MESSAGE_HEAD, block.log_ns(channel)
+        types = message_types.types_of(schema)
+        try:
+            for layout, index in cdr.groups(block.buffer, offsets, block.sizes(channel), schema.name, types):
+                at = offsets[index]
+                names = next(iter(layout.strings.values()), [])
+                values = {
+                    path: layout.values(block.buffer, at, path)
+                    for path, numbers in layout.numbers.items()
+                    if numbers.dtype.kind == "f" or "time_from_start" in path
+                }
+                stamp_ns = _stamps(layout, block, at)
+                self.pieces.append(Piece(index + self.count, log_ns[index], stamp_ns, tuple(names), values))
+        except RecordingError as error:
+            raise RecordingError(f"{file.path}, {self.topic}: {error.problem}", error.remedy) from None
+        self.count += len(offsets)
+
+    def keep(self, wanted: Callable[[Piece], bool]) -> Series:
+        """Return the series of those messages alone whose piece is `wanted`."""
+        kept = [piece for piece in self.pieces if wanted(piece)]
+        rows = np.sort(np.concatenate([piece.rows for piece in kept])) if kept else np.empty(0, np.int64)
+        again = [
+            Piece(np.searchsorted(rows, piece.rows), piece.log_ns, piece.stamp_ns, piece.names, piece.values)
+            for piece in kept
+        ]
+        return Series(self.topic, self.type_name, again, len(rows))
+
+    @cached_property
+    def order(self) -> NDArray[np.intp] | slice:
+        """The messages in the order of their arrival."""
+        log_ns = self._gather(np.int64, lambda piece: piece.log_ns)
+        return slice(None) if np.all(log_ns[1:] >= log_ns[:-1]) else np.argsort(log_ns, kind="stable")
+
+    @cached_property
+    def log_ns(self) -> Stamps:
+        """(N,) arrival times."""
+        return self._gather(np.int64, lambda piece: piece.log_ns)[self.order]
+
+    @cached_property
+    def stamp_ns(self) -> Stamps:
+        """(N,) header stamps.
+
+        Raises
+        ------
+        RecordingError
+            If the messages have none.
+        """
+        for piece in self.pieces:
+            if piece.stamp_ns is None:
+                raise RecordingError(
+                    f"{self.topic} ({self.type_name}) has no header stamp",
+                    "Set 'time: arrival' in a channel map to use the arrival times.",
+                )
+        return self._gather(np.int64, lambda piece: piece.stamp_ns)[self.order]
+
+    def names(self) -> list[str]:
+        """Return all column names that occur, in the order of their appearance."""
+        return list(dict.fromkeys(name for piece in self.pieces for name in piece.names))
+
+    def has(self, path: str) -> bool:
+        """Say whether any message carries numbers in field `path`."""
+        return any(piece.has(path) for piece in self.pieces)
+
+    def columns(self, path: str, names: Sequence[str]) -> Array | None:
+        """Return field `path` for the columns named, (N, len(names)); None if no message carries it.
+
+        Raises
+        ------
+        RecordingError
+            If some messages carry it and others do not, or one of the names is missing.
+        """
+        if not self.has(path):
+            return None
+        wanted = tuple(names)
+        return self._gather(np.float64, lambda piece: self._named(piece, path, wanted), len(wanted))[self.order]
+
+    def column(self, path: str, index: int) -> Array:
+        """Return one column of field `path` by its place, (N,).
+
+        Raises
+        ------
+        RecordingError
+            If a message has no such column.
+        """
+
+        def one(piece: Piece) -> Array:
+            if not piece.has(path) or piece.values[path].shape[1] <= index:
+                known = sorted(path for path in piece.values if piece.has(path))
+                raise RecordingError(
+                    f"{self.topic} has no number {index} in field {path!r}{_at(piece)}",
+                    f"Fields with numbers there: {', '.join(known) or 'none'}.",
+                )
+            return piece.values[path][:, index]
+
+        return self._gather(np.float64, one)[self.order]
+
+    def _named(self, piece: Piece, path: str, wanted: tuple[str, ...]) -> Array:
+        if not piece.has(path):
+            raise RecordingError(
+                f"{self.topic}: field {path} is empty{_at(piece)}, and filled elsewhere",
+                "Two sources seem to publish on this topic; stop one and record again.",
+            )
+        values = piece.values[path]
+        if values.shape[1] != len(piece.names):
+            raise RecordingError(
+                f"{self.topic}: field {path} has {values.shape[1]} values for {len(piece.names)} joints{_at(piece)}",
+                "The publisher must fill a field for all joints or for none.",
+            )
+        if piece.names == wanted:
+            return values
+        missing = [name for name in wanted if name not in piece.names]
+        if missing:
+            raise RecordingError(
+                f"{self.topic}: joint {', '.join(missing)} is missing{_at(piece)}; there are {', '.join(piece.names)}",
+                "Name the joints wanted in a channel map (--channels), or record again with all joints.",
+            )
+        return values[:, [piece.names.index(name) for name in wanted]]
+
+    def _gather(self, dtype: type, part: Callable[[Piece], NDArray | None], width: int | None = None) -> NDArray:
+        gathered: NDArray = np.empty((self.count,) if width is None else (self.count, width), dtype)
+        for piece in self.pieces:
+            rows = piece.rows
+            contiguous = len(rows) and rows[-1] - rows[0] == len(rows) - 1
+            gathered[slice(rows[0], rows[-1] + 1) if contiguous else rows] = part(piece)
+        return gathered
+
+
+def _stamps(layout: cdr.Layout, block: Block, at: Stamps) -> Stamps | None:
+    if "header.stamp.sec" not in layout.numbers:
+        return None
+    seconds = layout.values(block.buffer, at, "header.stamp.sec")[:, 0].astype(np.int64)
+    return seconds * 1_000_000_000 + layout.values(block.buffer, at, "header.stamp.nanosec")[:, 0]
+
+
+def _at(piece: Piece) -> str:
+    stamps = piece.stamp_ns if piece.stamp_ns is not None else piece.log_ns
+    return f" at {stamps[0] * 1e-9:.6f} s" if len(stamps) else ""

@@ -1,0 +1,28 @@
+"""The names that every recording and every live graph uses."""
+
+from __future__ import annotations
+
+JOINT_STATES = "/joint_states"
+MOTOR_STATES = "/motor_states"
+JOINT_TORQUES = "/joint_torques"
+REFERENCE = "/reference"
+PARAMETER_ESTIMATE = "/parameter_estimate"
+GAP = "/gap"
+DIAGNOSTICS = "/diagnostics"
+ROBOT_DESCRIPTION = "/robot_description"
+CLOCK = "/clock"
+
+TYPES = {
+    JOINT_STATES: "sensor_msgs/msg/JointState",
+    MOTOR_STATES: "sensor_msgs/msg/JointState",
+    JOINT_TORQUES: "elastic_arm_msgs/msg/JointTorques",
+    REFERENCE: "trajectory_msgs/msg/JointTrajectory",
+    PARAMETER_ESTIMATE: "elastic_arm_msgs/msg/ParameterEstimate",
+    GAP: "elastic_arm_msgs/msg/GapDiagnosis",
+    DIAGNOSTICS: "diagnostic_msgs/msg/DiagnosticArray",
+    ROBOT_DESCRIPTION: "std_msgs/msg/String",
+    CLOCK: "rosgraph_msgs/msg/Clock",
+}
+
+# A late subscriber still gets the last message of these.
+LATCHED = frozenset({ROBOT_DESCRIPTION})
