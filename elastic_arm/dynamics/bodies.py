@@ -1,0 +1,183 @@
+"""What the recursion walks over: frames in a tree, the bodies they carry, spins and springs. Numbers only, no robot.
+
+A solid of revolution that spins on its carrier is two things: a body at rest on the carrier, whatever its angle, and a
+:class:`Spin`, the angular momentum about its axis. So no spin angle appears anywhere.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from elastic_arm.robot.parts import snap
+
+GROUND = -1
+# Inertial parameters of a link, about its frame's origin; those of a solid of revolution lie on its axis z.
+LINK_PARAMETERS = ("m", "mx", "my", "mz", "Ixx", "Ixy", "Ixz", "Iyy", "Iyz", "Izz")
+LINK_UNITS = ("kg", *("kg m",) * 3, *("kg m^2",) * 6)
+SOLID_PARAMETERS = ("m", "mz", "Ixx", "Izz")
+SOLID_UNITS = ("kg", "kg m", "kg m^2", "kg m^2")
+_TENSOR = ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """One entry of Psi: name, unit and the value of the description."""
+
+    name: str
+    unit: str
+    nominal: float
+
+
+@dataclass(frozen=True, eq=False)
+class Frame:
+    """A frame that turns about one axis: parent . before . R(axis, coordinate) . after.
+
+    Parameters
+    ----------
+    parent
+        Index of the parent frame, :data:`GROUND` for the base.
+    before, after : (4, 4)
+        Constant placements on either side of the turn.
+    axis
+        0, 1, 2 for x, y, z.
+    coordinate
+        Index into the generalized coordinates.
+    """
+
+    parent: int
+    before: np.ndarray
+    axis: int
+    coordinate: int
+    after: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class Body:
+    """A body at rest in a frame.
+
+    Parameters
+    ----------
+    frame
+        Index of the frame that carries it; :data:`GROUND` where it enters no equation.
+    placement : (4, 4)
+        Of the body's own frame in the carrier's.
+    parameters
+        Indices into Psi: ten of a link, or four of a solid of revolution.
+    """
+
+    name: str
+    frame: int
+    placement: np.ndarray
+    parameters: tuple[int, ...]
+
+    @property
+    def inertia_map(self) -> np.ndarray:
+        """(10, k): the body's own parameters -> the ten about its frame's origin."""
+        if len(self.parameters) == len(LINK_PARAMETERS):
+            return moved(np.eye(10), self.placement)
+        solid = np.zeros((10, 4))
+        solid[0, 0] = solid[3, 1] = solid[4, 2] = solid[7, 2] = solid[9, 3] = 1.0
+        return moved(solid, self.placement)
+
+
+@dataclass(frozen=True, eq=False)
+class Spin:
+    """A row of the gear matrix G: a solid turns by sum(ratio x coordinate) about `axis`, relative to its frame.
+
+    Carried by :data:`GROUND` it does not feel the arm's motion: its inertia enters B alone.
+    """
+
+    frame: int
+    axis: np.ndarray
+    gears: tuple[tuple[int, float], ...]
+    parameter: int
+
+
+@dataclass(frozen=True)
+class Spring:
+    """Stiffness and damping (indices into Psi) between two coordinates, or from one to zero."""
+
+    stiffness: int
+    damping: int
+    coordinate: int
+    against: int | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Bodies:
+    """A mechanism: everything the recursion needs.
+
+    Parameters
+    ----------
+    gravity : (3,)
+        In the base frame ``O_0``, m/s^2.
+    base_height
+        g . p of the base frame's origin, for the potential energy's zero at the ground.
+    coordinates
+        Names of the generalized coordinates.
+    link_side, motor_side
+        Indices of the coordinates in the first and second row of (1).
+    """
+
+    gravity: np.ndarray
+    coordinates: tuple[str, ...]
+    link_side: tuple[int, ...]
+    motor_side: tuple[int, ...]
+    frames: tuple[Frame, ...]
+    bodies: tuple[Body, ...]
+    spins: tuple[Spin, ...] = ()
+    springs: tuple[Spring, ...] = ()
+    parameters: tuple[Parameter, ...] = ()
+    base_height: float = field(default=0.0)
+
+    @property
+    def dof(self) -> int:
+        """Number of generalized coordinates."""
+        return len(self.coordinates)
+
+    def fingerprint(self) -> str:
+        """Hash of all that shapes the equations; the nominal values of the parameters do not."""
+        content = [
+            self.gravity.tolist(),
+            self.base_height,
+            self.dof,
+            [self.link_side, self.motor_side],
+            [[f.parent, f.before.tolist(), f.axis, f.coordinate, f.after.tolist()] for f in self.frames],
+            [[b.frame, b.placement.tolist(), b.parameters] for b in self.bodies],
+            [[s.frame, s.axis.tolist(), s.gears, s.parameter] for s in self.spins],
+            [[s.stiffness, s.damping, s.coordinate, s.against] for s in self.springs],
+            len(self.parameters),
+        ]
+        return hashlib.sha256(json.dumps(content).encode()).hexdigest()
+
+
+def moved(parameters: np.ndarray, placement: np.ndarray) -> np.ndarray:
+    """Express inertial parameters (10, ...) of a body about the origin of the frame in which it has `placement`."""
+    rotation, p = placement[:3, :3], placement[:3, 3]
+    columns = parameters.reshape(10, -1)
+    result = np.empty_like(columns, dtype=float)
+    for k, column in enumerate(columns.T):
+        mass, moment = column[0], rotation @ column[1:4]
+        tensor = rotation @ tensor_of(column[4:]) @ rotation.T
+        tensor = tensor + 2.0 * (p @ moment) * np.eye(3) - np.outer(p, moment) - np.outer(moment, p)
+        tensor = tensor + mass * ((p @ p) * np.eye(3) - np.outer(p, p))
+        result[:, k] = [mass, *(moment + mass * p), *(tensor[index] for index in _TENSOR)]
+    return snap(result).reshape(parameters.shape) if parameters.ndim == 2 else result.reshape(parameters.shape)
+
+
+def tensor_of(six: np.ndarray) -> np.ndarray:
+    """(6,) in the order xx xy xz yy yz zz -> symmetric (3, 3)."""
+    xx, xy, xz, yy, yz, zz = six
+    return np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+
+
+def inertial_parameters(mass: float, com: np.ndarray, inertia: np.ndarray) -> np.ndarray:
+    """(10,) about the frame's origin, from mass, centre of mass and the tensor (3, 3) about it."""
+    about_com = np.array([mass, 0.0, 0.0, 0.0, *(inertia[index] for index in _TENSOR)])
+    placement = np.eye(4)
+    placement[:3, 3] = com
+    return moved(about_com, placement)

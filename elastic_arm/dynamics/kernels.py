@@ -1,0 +1,92 @@
+"""Compiled functions over whole arrays of samples.
+
+A CasADi function becomes a straight-line :class:`~elastic_arm.dynamics.program.Program`, and that a kernel: in C where
+a compiler is found, in numpy otherwise.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Protocol
+
+import numpy as np
+
+from elastic_arm.dynamics.numpy_engine import NumpyEngine
+from elastic_arm.dynamics.program import Program, from_casadi
+
+if TYPE_CHECKING:
+    import casadi
+
+
+class Engine(Protocol):
+    """Runs one program."""
+
+    name: str
+
+    def run(self, arrays: Sequence[np.ndarray], outputs: Sequence[np.ndarray]) -> None:
+        """Fill `outputs` from `arrays`."""
+
+
+class Kernel:
+    """A function of samples.
+
+    Call it with one array an input: (N, k), or (k,) for an input that all samples share. It returns one array an
+    output: (N, m) of a vector, (N, r, c) of a matrix; a single array where there is one output.
+    """
+
+    def __init__(self, program: Program, engine: Engine, shared: Sequence[str]) -> None:
+        self.program = program
+        self.engine = engine
+        self.shared = frozenset(shared)
+
+    def __call__(self, *arrays: np.ndarray) -> np.ndarray | tuple[np.ndarray, ...]:
+        """Evaluate at all samples.
+
+        Raises
+        ------
+        ValueError
+            If an array's shape is not the input's, or the numbers of samples differ.
+        """
+        ready, samples = self._check(arrays)
+        flat = [np.zeros((samples, out.size)) for out in self.program.outputs]
+        self.engine.run(ready, flat)
+        shaped = tuple(
+            array if out.shape[1] == 1 else array.reshape(samples, *out.shape)
+            for array, out in zip(flat, self.program.outputs, strict=True)
+        )
+        return shaped if len(shaped) > 1 else shaped[0]
+
+    def _check(self, arrays: Sequence[np.ndarray]) -> tuple[list[np.ndarray], int]:
+        if len(arrays) != len(self.program.inputs):
+            names = ", ".join(name for name, _ in self.program.inputs)
+            raise ValueError(f"{len(arrays)} arrays given, but the inputs are {names}")
+        ready, samples = [], None
+        for (name, size), given in zip(self.program.inputs, arrays, strict=True):
+            array = np.ascontiguousarray(given, dtype=float)
+            expected = (size,) if name in self.shared else (len(array) if array.ndim else 0, size)
+            if array.shape != expected:
+                raise ValueError(f"{name} has shape {array.shape}, but must be {('N', size)[-len(expected) :]}")
+            if name not in self.shared:
+                if samples not in (None, len(array)):
+                    raise ValueError(f"{name} has {len(array)} samples, the inputs before it {samples}")
+                samples = len(array)
+            ready.append(array)
+        return ready, 1 if samples is None else samples
+
+
+def compile(function: casadi.Function, engine: str | None = None, shared: Sequence[str] = ()) -> Kernel:
+    """Make a kernel of a CasADi SX function.
+
+    Parameters
+    ----------
+    engine
+        ``"c"``, ``"numpy"``, or None for the fastest that this machine has.
+    shared
+        Names of inputs that are the same for all samples.
+    """
+    return make(from_casadi(function), engine, shared)
+
+
+def make(program: Program, engine: str | None = None, shared: Sequence[str] = ()) -> Kernel:
+    """Make a kernel of a program; see :func:`compile`."""
+    return Kernel(program, NumpyEngine(program, shared), shared)

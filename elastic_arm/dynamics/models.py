@@ -1,0 +1,145 @@
+"""An arm's equations of motion over arrays of samples: the door to this room."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from elastic_arm.dynamics import kernels
+from elastic_arm.dynamics.bodies import Bodies, Parameter
+from elastic_arm.dynamics.composition import compose
+from elastic_arm.robot.description import Robot
+
+if TYPE_CHECKING:
+    import casadi
+
+TERMS = ("M", "S", "B", "c", "c1", "c2", "g")
+
+
+def build_model(robot: Robot, name: str = "mod3", *, bearings: bool = False, engine: str | None = None) -> Model:
+    """Model `name` of `robot`.
+
+    Parameters
+    ----------
+    name
+        ``"mod1"``, ``"mod2"`` or ``"mod3"``; for a robot without transmissions all three are its rigid links.
+    bearings
+        Let the joints tilt about x and y on their bearings.
+    engine
+        ``"c"``, ``"numpy"``, or None for the fastest that this machine has.
+
+    Raises
+    ------
+    RobotError
+        If there is no such model, or the arm describes no bearings.
+    """
+    return Model(robot, name, compose(robot, name, bearings=bearings), engine)
+
+
+class Model:
+    """Equation (1) and regressor (10) of one composition of bodies.
+
+    Attributes
+    ----------
+    robot, name
+        As built.
+    bodies
+        What the recursion walks over.
+    parameters
+        Of Psi, with names, units and nominal values.
+    Psi : (P,)
+        Nominal values.
+    """
+
+    def __init__(self, robot: Robot, name: str, bodies: Bodies, engine: str | None = None) -> None:
+        self.robot = robot
+        self.name = name
+        self.bodies = bodies
+        self.parameters: tuple[Parameter, ...] = bodies.parameters
+        self.Psi = np.array([p.nominal for p in bodies.parameters])
+        self._engine = engine
+        self._functions: dict[str, casadi.Function] = {}
+        self._kernels: dict[tuple[str, tuple[int, ...] | None], kernels.Kernel] = {}
+
+    @property
+    def n(self) -> int:
+        """Number of joints."""
+        return self.robot.n
+
+    @property
+    def dof(self) -> int:
+        """Number of generalized coordinates x."""
+        return self.bodies.dof
+
+    @property
+    def coordinates(self) -> tuple[str, ...]:
+        """Names of x: q, theta, and the tilts with bearings."""
+        return self.bodies.coordinates
+
+    def inverse_dynamics(
+        self, x: np.ndarray, dx: np.ndarray, ddx: np.ndarray, Psi: np.ndarray | None = None
+    ) -> np.ndarray:
+        """Left side of (1) with K and D: (N, dof), [0; tau_m] for a true motion."""
+        return self._run("inverse_dynamics", x, dx, ddx, self._psi(Psi))[0]
+
+    def regressor(
+        self, x: np.ndarray, dx: np.ndarray, ddx: np.ndarray, columns: Sequence[int] | None = None
+    ) -> np.ndarray:
+        """Phi of (10), (N, dof, P), or only its `columns`."""
+        kernel = self.kernel("regressor", columns)
+        return np.asarray(kernel(x, dx, ddx)).reshape(len(x), self.dof, -1)
+
+    def mass_matrix(self, x: np.ndarray, Psi: np.ndarray | None = None) -> np.ndarray:
+        """Whole matrix of (1), (N, dof, dof), in the order of x."""
+        return self._run("mass_matrix", x, self._psi(Psi))[0].reshape(len(x), self.dof, self.dof)
+
+    def bias(self, x: np.ndarray, dx: np.ndarray, Psi: np.ndarray | None = None) -> np.ndarray:
+        """All of the left side of (1) that is not acceleration, K and D included: (N, dof)."""
+        return self._run("bias", x, dx, self._psi(Psi))[0]
+
+    def terms(self, x: np.ndarray, dx: np.ndarray, Psi: np.ndarray | None = None) -> dict[str, np.ndarray]:
+        """M, S, B, c, c1, c2, g of (1) by name, samples first; the tilts count as link side."""
+        values = self._run("terms", x, dx, self._psi(Psi))
+        rows, columns = len(self.bodies.link_side), len(self.bodies.motor_side)
+        shapes = {"M": (rows, rows), "S": (rows, columns), "B": (columns, columns), "c2": (columns,)}
+        return {
+            name: value.reshape(len(x), *shapes.get(name, (rows,))) for name, value in zip(TERMS, values, strict=True)
+        }
+
+    def forward_dynamics(
+        self, x: np.ndarray, dx: np.ndarray, f: np.ndarray, Psi: np.ndarray | None = None
+    ) -> np.ndarray:
+        """Accelerations ddx (N, dof) under generalized forces f (N, dof)."""
+        return self._run("forward_dynamics", x, dx, f, self._psi(Psi))[0]
+
+    def energy(self, x: np.ndarray, dx: np.ndarray, Psi: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
+        """Kinetic and potential energy, (N,) each, J; springs included, gravity counted from the ground's origin."""
+        kinetic, potential = self._run("energy", x, dx, self._psi(Psi))
+        return kinetic[:, 0], potential[:, 0]
+
+    def function(self, name: str) -> casadi.Function:
+        """CasADi SX function of that name, to build on: see :mod:`elastic_arm.dynamics.derivation`."""
+        if name not in self._functions:
+            from elastic_arm.dynamics.derivation import DERIVATIONS
+
+            self._functions[name] = DERIVATIONS[name](self.bodies)
+        return self._functions[name]
+
+    def kernel(self, name: str, columns: Sequence[int] | None = None) -> kernels.Kernel:
+        """Compiled function of that name; of the regressor, only `columns`."""
+        key = (name, None if columns is None else tuple(int(c) for c in columns))
+        if key not in self._kernels:
+            program = kernels.from_casadi(self.function(name))
+            if key[1] is not None:
+                program = program.columns("Phi", key[1])
+            self._kernels[key] = kernels.make(program, self._engine, shared=("Psi",))
+        return self._kernels[key]
+
+    def _psi(self, Psi: np.ndarray | None) -> np.ndarray:
+        return self.Psi if Psi is None else np.asarray(Psi, dtype=float)
+
+    def _run(self, name: str, *arrays: np.ndarray) -> tuple[np.ndarray, ...]:
+        result = self.kernel(name)(*arrays)
+        return result if isinstance(result, tuple) else (result,)

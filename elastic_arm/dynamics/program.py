@@ -1,0 +1,215 @@
+"""A function as a straight-line list of operations: value-numbered, pruned, saved and loaded without CasADi."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+if TYPE_CHECKING:
+    import casadi
+
+# Name -> number of operands. The first two are leaves: an element of an input, a constant.
+OPERATIONS: dict[str, int] = {
+    "input": 0,
+    "const": 0,
+    **dict.fromkeys(("add", "sub", "mul", "div", "pow", "fmod", "copysign", "fmin", "fmax", "atan2", "hypot"), 2),
+    **dict.fromkeys(("lt", "le", "eq", "ne", "and", "or", "if_else_zero"), 2),
+    **dict.fromkeys(("neg", "exp", "log", "log1p", "expm1", "sqrt", "fabs", "sign", "floor", "ceil", "not"), 1),
+    **dict.fromkeys(("sin", "cos", "tan", "asin", "acos", "atan", "sinh", "cosh", "tanh", "erf"), 1),
+    **dict.fromkeys(("asinh", "acosh", "atanh"), 1),
+}
+NAMES = tuple(OPERATIONS)
+CODES = {name: code for code, name in enumerate(NAMES)}
+_COMMUTATIVE = {"add", "mul", "fmin", "fmax", "hypot", "eq", "ne", "and", "or"}
+
+
+@dataclass(frozen=True, eq=False)
+class Output:
+    """One output: its dense shape, and which values stand at which places of it (row by row); the rest is zero."""
+
+    name: str
+    shape: tuple[int, int]
+    values: np.ndarray
+    places: np.ndarray
+
+    @property
+    def size(self) -> int:
+        """Entries of the dense output."""
+        return self.shape[0] * self.shape[1]
+
+
+@dataclass(frozen=True, eq=False)
+class Program:
+    """Operations in order; value k is what operation k makes.
+
+    Parameters
+    ----------
+    inputs
+        Names and sizes.
+    outputs
+        See :class:`Output`.
+    op, a, b : (K,) int
+        Code (:data:`CODES`) and operands: values, or for a leaf ``input`` its input's index and element.
+    constant : (K,) float
+        Of the leaves ``const``.
+    """
+
+    inputs: tuple[tuple[str, int], ...]
+    outputs: tuple[Output, ...]
+    op: np.ndarray
+    a: np.ndarray
+    b: np.ndarray
+    constant: np.ndarray
+
+    def __len__(self) -> int:
+        return len(self.op)
+
+    def uniform(self, shared: Iterable[str]) -> np.ndarray:
+        """(K,) bool: values that no sample changes, because they come from constants and `shared` inputs alone."""
+        is_shared = np.array([name in set(shared) for name, _ in self.inputs])
+        result = np.zeros(len(self), dtype=bool)
+        for k, (code, a, b) in enumerate(zip(self.op.tolist(), self.a.tolist(), self.b.tolist(), strict=True)):
+            arity = OPERATIONS[NAMES[code]]
+            if NAMES[code] == "input":
+                result[k] = is_shared[a]
+            else:
+                result[k] = arity == 0 or (result[a] and (arity == 1 or result[b]))
+        return result
+
+    def columns(self, output: str, columns: Sequence[int]) -> Program:
+        """Return the program with only these columns of matrix `output`, and no operation that they do not need."""
+        position = {int(c): k for k, c in enumerate(columns)}
+        changed = []
+        for out in self.outputs:
+            if out.name == output:
+                row, column = np.divmod(out.places, out.shape[1])
+                kept = np.isin(column, list(position))
+                places = [r * len(position) + position[c] for r, c in zip(row[kept], column[kept], strict=True)]
+                order = np.argsort(places)
+                out = Output(
+                    out.name,
+                    (out.shape[0], len(position)),
+                    out.values[kept][order],
+                    np.array(places, dtype=np.int64)[order],
+                )
+            changed.append(out)
+        return replace(self, outputs=tuple(changed)).pruned()
+
+    def pruned(self) -> Program:
+        """Return the program without operations that no output needs."""
+        needed = np.zeros(len(self), dtype=bool)
+        for out in self.outputs:
+            needed[out.values] = True
+        for k in range(len(self) - 1, -1, -1):
+            if needed[k]:
+                arity = OPERATIONS[NAMES[self.op[k]]]
+                if arity >= 1:
+                    needed[self.a[k]] = True
+                if arity == 2:
+                    needed[self.b[k]] = True
+        new = np.cumsum(needed) - 1
+        leaf = np.isin(self.op, (CODES["input"], CODES["const"]))
+        a, b = (np.where(leaf, v, new[v])[needed] for v in (self.a, self.b))
+        outputs = tuple(replace(out, values=new[out.values]) for out in self.outputs)
+        return replace(self, outputs=outputs, op=self.op[needed], a=a, b=b, constant=self.constant[needed])
+
+    def save(self, path: Path) -> None:
+        """Write to `path` (npz)."""
+        meta = {"inputs": self.inputs, "outputs": [(o.name, o.shape) for o in self.outputs]}
+        arrays: dict[str, Any] = {f"values_{k}": o.values for k, o in enumerate(self.outputs)}
+        arrays |= {f"places_{k}": o.places for k, o in enumerate(self.outputs)}
+        with path.open("wb") as file:
+            np.savez(file, meta=json.dumps(meta), op=self.op, a=self.a, b=self.b, constant=self.constant, **arrays)
+
+    @classmethod
+    def load(cls, path: Path) -> Program:
+        """Read what :meth:`save` wrote."""
+        with np.load(path, allow_pickle=False) as file:
+            meta = json.loads(str(file["meta"]))
+            outputs = tuple(
+                Output(name, tuple(shape), file[f"values_{k}"], file[f"places_{k}"])
+                for k, (name, shape) in enumerate(meta["outputs"])
+            )
+            inputs = tuple((name, size) for name, size in meta["inputs"])
+            return cls(inputs, outputs, file["op"], file["a"], file["b"], file["constant"])
+
+
+class _Builder:
+    """Numbers values: the same operation on the same operands is one value."""
+
+    def __init__(self) -> None:
+        self.rows: list[tuple[int, int, int, float]] = []
+        self._known: dict[tuple[str, int, int, float], int] = {}
+
+    def value(self, name: str, a: int = 0, b: int = 0, constant: float = 0.0) -> int:
+        if name in _COMMUTATIVE and b < a:
+            a, b = b, a
+        key = (name, a, b, constant)
+        if key not in self._known:
+            self._known[key] = len(self.rows)
+            self.rows.append((CODES[name], a, b, constant))
+        return self._known[key]
+
+    def composed(self, name: str, operands: list[int]) -> int:
+        """Value of a CasADi operation, its shorthands written out."""
+        match name, operands:
+            case "sq", [a, *_]:
+                return self.value("mul", a, a)
+            case "twice", [a, *_]:
+                return self.value("add", a, a)
+            case "inv", [a, *_]:
+                return self.value("div", self.value("const", constant=1.0), a)
+            case "constpow", [a, b]:
+                return self.value("pow", a, b)
+            case "assign", [a, *_]:
+                return a
+        if name not in OPERATIONS:
+            raise NotImplementedError(f"operation {name} has no straight-line form; express it by others")
+        return self.value(name, *operands[: OPERATIONS[name]])
+
+
+def from_casadi(function: casadi.Function) -> Program:
+    """Read the operations of an SX function with dense inputs; outputs may be sparse, vectors or matrices."""
+    import casadi
+
+    names = {
+        getattr(casadi, attribute): attribute[3:].lower() for attribute in dir(casadi) if attribute.startswith("OP_")
+    }
+    builder = _Builder()
+    work: dict[int, int] = {}
+    shapes = [function.size_out(k) for k in range(function.n_out())]
+    places = [_places(function.sparsity_out(k)) for k in range(function.n_out())]
+    values: list[list[tuple[int, int]]] = [[] for _ in shapes]
+    for k in range(function.n_instructions()):
+        name, taken = names[function.instruction_id(k)], function.instruction_input(k)
+        if name == "output":
+            output, element = function.instruction_output(k)
+            values[output].append((int(places[output][element]), work[taken[0]]))
+            continue
+        target = function.instruction_output(k)[0]
+        if name == "const":
+            work[target] = builder.value("const", constant=function.instruction_constant(k))
+        elif name == "input":
+            work[target] = builder.value("input", *taken)
+        else:
+            work[target] = builder.composed(name, [work[t] for t in taken])
+    op, a, b, constant = zip(*builder.rows, strict=True)
+    outputs = []
+    for k, (shape, pairs) in enumerate(zip(shapes, values, strict=True)):
+        pairs.sort()
+        table = np.array(pairs, dtype=np.int64).reshape(-1, 2)
+        outputs.append(Output(function.name_out(k), shape, table[:, 1], table[:, 0]))
+    inputs = tuple((function.name_in(k), function.numel_in(k)) for k in range(function.n_in()))
+    codes, first, second = (np.array(v, dtype=np.int64) for v in (op, a, b))
+    return Program(inputs, tuple(outputs), codes, first, second, np.array(constant)).pruned()
+
+
+def _places(sparsity: casadi.Sparsity) -> np.ndarray:
+    """Where each structural non-zero stands in the dense matrix written row by row."""
+    rows, columns = sparsity.get_triplet()
+    return np.array(rows, dtype=np.int64) * sparsity.size2() + np.array(columns, dtype=np.int64)

@@ -1,0 +1,296 @@
+"""The one derivation: Newton-Euler over a tree of bodies, for any kind of scalar.
+
+A vector is a list of three scalars, which may be floats, CasADi SX or SymPy expressions: the numbers and the printed
+S of (8) come from the same lines. Constant zeros and ones are skipped, so that expressions stay as small as by hand.
+
+Source: R. Featherstone, Rigid Body Dynamics Algorithms, ch. 5 (recursive Newton-Euler); spins after L. Sciavicco and
+B. Siciliano's treatment of rotors as bodies on the link that carries them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from elastic_arm.dynamics.bodies import GROUND, Bodies, Frame
+
+Scalar = Any
+Vec = list[Scalar]
+
+
+@dataclass(frozen=True)
+class Trig:
+    """Sine and cosine of the scalars at hand."""
+
+    sin: Callable[[Scalar], Scalar]
+    cos: Callable[[Scalar], Scalar]
+
+
+@dataclass
+class _Motion:
+    """Of a frame, in its own axes: angular velocity and acceleration, acceleration of its origin less gravity."""
+
+    w: Vec
+    dw: Vec
+    a: Vec
+    turn: tuple[Scalar, Scalar] = (1.0, 0.0)
+
+
+@dataclass
+class _Wrench:
+    """Force, and moment about a frame's origin."""
+
+    f: Vec = field(default_factory=lambda: [0.0, 0.0, 0.0])
+    n: Vec = field(default_factory=lambda: [0.0, 0.0, 0.0])
+
+    def add(self, f: Vec, n: Vec) -> None:
+        self.f, self.n = _add(self.f, f), _add(self.n, n)
+
+
+def inverse_dynamics(
+    bodies: Bodies,
+    x: Sequence[Scalar],
+    dx: Sequence[Scalar],
+    ddx: Sequence[Scalar],
+    Psi: Sequence[Scalar],
+    trig: Trig,
+    gravity: Sequence[Scalar] | None = None,
+) -> list[Scalar]:
+    """Generalized forces, the left side of (1) without springs: M ddx + c + g.
+
+    Parameters
+    ----------
+    x, dx, ddx
+        Generalized coordinates and derivatives, `bodies.dof` scalars each.
+    Psi
+        One scalar a parameter.
+    gravity
+        Of the base frame, m/s^2; that of `bodies` when None.
+    """
+    weight = bodies.gravity if gravity is None else gravity
+    motions = _outward(bodies, x, dx, ddx, [-1.0 * g for g in weight], trig)
+    wrenches = [_Wrench() for _ in bodies.frames]
+    inertias = frame_inertias(bodies, Psi)
+    for motion, wrench, inertia in zip(motions, wrenches, inertias, strict=True):
+        if inertia is not None:
+            wrench.add(*_newton_euler(motion, inertia))
+    forces: list[Scalar] = [0.0] * bodies.dof
+    for spin in bodies.spins:
+        speed, acceleration = (_sum([_times(r, d[k]) for k, r in spin.gears]) for d in (dx, ddx))
+        h, dh = Psi[spin.parameter] * speed, Psi[spin.parameter] * acceleration
+        along = dh
+        if spin.frame != GROUND:
+            motion, u = motions[spin.frame], list(spin.axis)
+            wrenches[spin.frame].add([0.0] * 3, _add(_scale(u, dh), _cross(_scale(motion.w, h), u)))
+            along = along + Psi[spin.parameter] * _dot(u, motion.dw)
+        for k, ratio in spin.gears:
+            forces[k] = forces[k] + _times(ratio, along)
+    return _inward(bodies, motions, wrenches, forces)
+
+
+def spring_forces(bodies: Bodies, x: Sequence[Scalar], dx: Sequence[Scalar], Psi: Sequence[Scalar]) -> list[Scalar]:
+    """K (q - theta) + D (dq - dtheta) on the link side of (1), the opposite on the motor side; bearings likewise."""
+    forces: list[Scalar] = [0.0] * bodies.dof
+    for s in bodies.springs:
+        d, dd = x[s.coordinate], dx[s.coordinate]
+        if s.against is not None:
+            d, dd = d - x[s.against], dd - dx[s.against]
+        force = Psi[s.stiffness] * d + Psi[s.damping] * dd
+        forces[s.coordinate] = forces[s.coordinate] + force
+        if s.against is not None:
+            forces[s.against] = forces[s.against] - force
+    return forces
+
+
+def energy(
+    bodies: Bodies, x: Sequence[Scalar], dx: Sequence[Scalar], Psi: Sequence[Scalar], trig: Trig
+) -> tuple[Scalar, Scalar]:
+    """Kinetic and potential energy; the latter counts springs, and gravity from the ground frame's origin."""
+    kinetic: Scalar = 0.0
+    potential: Scalar = 0.0
+    angular: list[Vec] = []
+    carried: list[tuple[Vec, Vec, Vec, Scalar]] = []
+    root = ([0.0] * 3, [0.0] * 3, list(bodies.gravity), bodies.base_height)
+    for frame, inertia in zip(bodies.frames, frame_inertias(bodies, Psi), strict=True):
+        w, v, g, height = _carry_energy(frame, root if frame.parent == GROUND else carried[frame.parent], x, dx, trig)
+        carried.append((w, v, g, height))
+        angular.append(w)
+        if inertia is not None:
+            m, h, tensor = inertia
+            kinetic = kinetic + 0.5 * (m * _dot(v, v) + _dot(w, _tensor_times(tensor, w))) + _dot(v, _cross(w, h))
+            potential = potential - (m * height + _dot(g, h))
+    for spin in bodies.spins:
+        speed = _sum([_times(r, dx[k]) for k, r in spin.gears])
+        along = 0.0 if spin.frame == GROUND else _dot(list(spin.axis), angular[spin.frame])
+        kinetic = kinetic + Psi[spin.parameter] * speed * (0.5 * speed + along)
+    for s in bodies.springs:
+        d = x[s.coordinate] if s.against is None else x[s.coordinate] - x[s.against]
+        potential = potential + 0.5 * Psi[s.stiffness] * d * d
+    return kinetic, potential
+
+
+def frame_inertias(bodies: Bodies, Psi: Sequence[Scalar]) -> list[tuple[Scalar, Vec, Vec] | None]:
+    """Mass, first moment and tensor (xx xy xz yy yz zz) of all that rests in each frame, about its origin."""
+    sums: list[Vec | None] = [None] * len(bodies.frames)
+    for body in bodies.bodies:
+        if body.frame == GROUND:
+            continue
+        ten = _matrix_times(body.inertia_map, [Psi[k] for k in body.parameters])
+        known = sums[body.frame]
+        sums[body.frame] = ten if known is None else _add(known, ten)
+    return [None if s is None else (s[0], s[1:4], s[4:]) for s in sums]
+
+
+def _outward(
+    bodies: Bodies, x: Sequence[Scalar], dx: Sequence[Scalar], ddx: Sequence[Scalar], a0: Vec, trig: Trig
+) -> list[_Motion]:
+    """Motion of every frame, from the base outward."""
+    motions: list[_Motion] = []
+    base = _Motion([0.0] * 3, [0.0] * 3, a0)
+    for frame in bodies.frames:
+        up = base if frame.parent == GROUND else motions[frame.parent]
+        rotation = frame.before[:3, :3].T
+        a = _add(up.a, _point_acceleration(up.w, up.dw, frame.before[:3, 3]))
+        w, dw, a = (_matrix_times(rotation, v) for v in (up.w, up.dw, a))
+        turn = trig.cos(x[frame.coordinate]), trig.sin(x[frame.coordinate])
+        w, dw, a = (_turn_back(v, frame.axis, turn) for v in (w, dw, a))
+        rate = dx[frame.coordinate]
+        j, k = (frame.axis + 1) % 3, (frame.axis + 2) % 3
+        dw[j], dw[k] = dw[j] + w[k] * rate, dw[k] - w[j] * rate
+        dw[frame.axis] = dw[frame.axis] + ddx[frame.coordinate]
+        w[frame.axis] = w[frame.axis] + rate
+        a = _add(a, _point_acceleration(w, dw, frame.after[:3, 3]))
+        w, dw, a = (_matrix_times(frame.after[:3, :3].T, v) for v in (w, dw, a))
+        motions.append(_Motion(w, dw, a, turn))
+    return motions
+
+
+def _newton_euler(motion: _Motion, inertia: tuple[Scalar, Vec, Vec]) -> tuple[Vec, Vec]:
+    """Force and moment about the frame's origin that move what rests in a frame."""
+    m, h, tensor = inertia
+    w, dw, a = motion.w, motion.dw, motion.a
+    f = _add(_scale(a, m), _point_acceleration(w, dw, h))
+    n = _add(_tensor_times(tensor, dw), _cross(w, _tensor_times(tensor, w)))
+    return f, _add(n, _cross(h, a))
+
+
+def _inward(bodies: Bodies, motions: list[_Motion], wrenches: list[_Wrench], forces: list[Scalar]) -> list[Scalar]:
+    """Hand every frame's wrench to its parent, and the part about its axis to its coordinate."""
+    for frame, motion, wrench in reversed(list(zip(bodies.frames, motions, wrenches, strict=True))):
+        f, n = _through(frame.after, wrench.f, wrench.n)
+        forces[frame.coordinate] = forces[frame.coordinate] + n[frame.axis]
+        if frame.parent != GROUND:
+            f, n = (_turn(v, frame.axis, motion.turn) for v in (f, n))
+            wrenches[frame.parent].add(*_through(frame.before, f, n))
+    return forces
+
+
+def _carry_energy(
+    frame: Frame, up: tuple[Vec, Vec, Vec, Scalar], x: Sequence[Scalar], dx: Sequence[Scalar], trig: Trig
+) -> tuple[Vec, Vec, Vec, Scalar]:
+    """Angular velocity, velocity, gravity and g . position of a frame, from its parent's."""
+    w, v, g, height = up
+    for placement, turning in ((frame.before, True), (frame.after, False)):
+        p = list(placement[:3, 3])
+        v, height = _add(v, _cross(w, p)), height + _dot(g, p)
+        w, v, g = (_matrix_times(placement[:3, :3].T, vector) for vector in (w, v, g))
+        if turning:
+            turn = trig.cos(x[frame.coordinate]), trig.sin(x[frame.coordinate])
+            w, v, g = (_turn_back(vector, frame.axis, turn) for vector in (w, v, g))
+            w[frame.axis] = w[frame.axis] + dx[frame.coordinate]
+    return w, v, g, height
+
+
+def _is(value: Scalar, number: float) -> bool:
+    """Tell whether a scalar is this very constant; symbols never are."""
+    return isinstance(value, int | float) and value == number
+
+
+def _times(a: Scalar, b: Scalar) -> Scalar:
+    if _is(a, 0.0) or _is(b, 0.0):
+        return 0.0
+    if _is(a, 1.0):
+        return b
+    if _is(b, 1.0):
+        return a
+    return -b if _is(a, -1.0) else -a if _is(b, -1.0) else a * b
+
+
+def _plus(a: Scalar, b: Scalar) -> Scalar:
+    return b if _is(a, 0.0) else a if _is(b, 0.0) else a + b
+
+
+def _sum(terms: Sequence[Scalar]) -> Scalar:
+    total: Scalar = 0.0
+    for term in terms:
+        total = _plus(total, term)
+    return total
+
+
+def _add(a: Sequence[Scalar], b: Sequence[Scalar]) -> Vec:
+    return [_plus(x, y) for x, y in zip(a, b, strict=True)]
+
+
+def _scale(v: Vec, s: Scalar) -> Vec:
+    return [_times(x, s) for x in v]
+
+
+def _dot(a: Vec, b: Vec) -> Scalar:
+    return _sum([_times(x, y) for x, y in zip(a, b, strict=True)])
+
+
+def _cross(a: Vec, b: Sequence[Scalar]) -> Vec:
+    def entry(j: int, k: int) -> Scalar:
+        return _plus(_times(a[j], b[k]), _times(-1.0, _times(a[k], b[j])))
+
+    return [entry(1, 2), entry(2, 0), entry(0, 1)]
+
+
+def _matrix_times(matrix: np.ndarray, v: Vec) -> Vec:
+    return [_sum([_times(float(c), x) for c, x in zip(row, v, strict=True)]) for row in matrix]
+
+
+def _tensor_times(tensor: Vec, v: Vec) -> Vec:
+    xx, xy, xz, yy, yz, zz = tensor
+    return [_dot([xx, xy, xz], v), _dot([xy, yy, yz], v), _dot([xz, yz, zz], v)]
+
+
+def _point_acceleration(w: Vec, dw: Vec, p: Sequence[Scalar] | np.ndarray) -> Vec:
+    """dw x p + w x (w x p), as ([dw] + w wT - |w|^2) p: the matrix is shared by all points of a body."""
+    point = [float(c) for c in p] if isinstance(p, np.ndarray) else list(p)
+    xx, yy, zz = (_times(c, c) for c in w)
+    xy, xz, yz = _times(w[0], w[1]), _times(w[0], w[2]), _times(w[1], w[2])
+
+    def minus(a: Scalar, b: Scalar) -> Scalar:
+        return _plus(a, _times(-1.0, b))
+
+    rows = [
+        [_times(-1.0, _plus(yy, zz)), minus(xy, dw[2]), _plus(xz, dw[1])],
+        [_plus(xy, dw[2]), _times(-1.0, _plus(xx, zz)), minus(yz, dw[0])],
+        [minus(xz, dw[1]), _plus(yz, dw[0]), _times(-1.0, _plus(xx, yy))],
+    ]
+    return [_dot(row, point) for row in rows]
+
+
+def _turn(v: Vec, axis: int, turn: tuple[Scalar, Scalar]) -> Vec:
+    """Rotate about a coordinate axis by the angle of (cos, sin) `turn`."""
+    c, s = turn
+    j, k = (axis + 1) % 3, (axis + 2) % 3
+    result = list(v)
+    result[j] = _plus(_times(c, v[j]), _times(-1.0, _times(s, v[k])))
+    result[k] = _plus(_times(s, v[j]), _times(c, v[k]))
+    return result
+
+
+def _turn_back(v: Vec, axis: int, turn: tuple[Scalar, Scalar]) -> Vec:
+    c, s = turn
+    return _turn(v, axis, (c, _times(-1.0, s)))
+
+
+def _through(placement: np.ndarray, f: Vec, n: Vec) -> tuple[Vec, Vec]:
+    """Express a wrench of a placed frame in the frame it is placed in."""
+    f, n = _matrix_times(placement[:3, :3], f), _matrix_times(placement[:3, :3], n)
+    return f, _add(n, _cross([float(c) for c in placement[:3, 3]], f))
