@@ -28,6 +28,10 @@ class RobotError(ElasticArmError, ValueError):
     """A robot description (arm file or URDF) that cannot be used."""
 
 
+class KernelError(ElasticArmError, RuntimeError):
+    """Generated code that cannot be compiled or loaded on this machine."""
+
+
 class RecordingError(ElasticArmError, ValueError):
     """A recording that cannot be read, or lacks what is asked of it."""
 

@@ -11,11 +11,16 @@ from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
+from elastic_arm.dynamics.compiler import build
+from elastic_arm.dynamics.emit_c import emit_scalar
 from elastic_arm.dynamics.numpy_engine import NumpyEngine
 from elastic_arm.dynamics.program import Program, from_casadi
 
 if TYPE_CHECKING:
     import casadi
+
+
+__all__ = ["Engine", "Kernel", "build", "compile", "emit_c", "make"]
 
 
 class Engine(Protocol):
@@ -90,3 +95,12 @@ def compile(function: casadi.Function, engine: str | None = None, shared: Sequen
 def make(program: Program, engine: str | None = None, shared: Sequence[str] = ()) -> Kernel:
     """Make a kernel of a program; see :func:`compile`."""
     return Kernel(program, NumpyEngine(program, shared), shared)
+
+
+def emit_c(function: casadi.Function | Program, name: str) -> str:
+    """Return C source of ``static inline void name(const double* in, double* out)``, one sample a call.
+
+    `in` holds all inputs of `function` one after another; `out` its outputs, dense, matrices row by row. Put a loop
+    around it in C and give both to :func:`build`.
+    """
+    return emit_scalar(function if isinstance(function, Program) else from_casadi(function), name)
