@@ -62,8 +62,13 @@ class StepRamp:
 
     @property
     def pieces(self) -> list[Piece]:
-        """The ramp and the standstill."""
-        return [Piece(0.0, self.rise, self._ramp), Piece(self.rise, self.rise + self.hold, self._stand)]
+        """Standstill, so that the first sample is at rest, the ramp, and standstill."""
+        end = self.rise + self.hold
+        return [Piece(-0.01, 0.0, self._wait), Piece(0.0, self.rise, self._ramp), Piece(self.rise, end, self._stand)]
+
+    def _wait(self, t: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        theta = np.broadcast_to(self.start, (len(t), len(self.start)))
+        return theta, np.zeros_like(theta), np.zeros_like(theta)
 
     def _ramp(self, t: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         u = np.asarray(t)[:, None] / self.rise

@@ -148,7 +148,8 @@ class Prototype:
         Parameters
         ----------
         motion
-            theta, dtheta, ddtheta over time, in smooth pieces; recorded from t = 0 on.
+            theta, dtheta, ddtheta over time, in smooth pieces; recorded from t = 0 on. Where the acceleration jumps
+            between two pieces, the sample is the limit from before.
         step
             Largest step of the fourth-order Runge-Kutta integration of the bushings, s.
         rate
@@ -159,20 +160,20 @@ class Prototype:
         SimulationError
             When the bushing's motion leaves the finite numbers (a step too large for its stiffness).
         """
-        first = motion.pieces[0]
-        u = self.equilibrium(first.evaluate(np.array([first.start]))[0][0])
+        u = self.equilibrium(motion.pieces[0].evaluate(np.array([motion.pieces[0].start]))[0][0])
         du, samples = np.zeros_like(u), []
         for piece in motion.pieces:
             steps, stride, h = _division(piece.end - piece.start, step, rate)
-            imposed = list(zip(*piece.evaluate(piece.start + 0.5 * h * np.arange(2 * steps + 1)), strict=True))
+            times = piece.start + 0.5 * h * np.arange(2 * steps + 1)
+            imposed = list(zip(*piece.evaluate(times), strict=True))
+            if piece is motion.pieces[0] and piece.start >= 0.0:
+                samples.append(self._sample(piece.start, imposed[0], u, du))
             for k in range(steps):
                 respond = _Imposed(self, imposed[2 * k : 2 * k + 3])
-                ddu = respond(0, u, du)
-                if piece.start >= 0.0 and k % stride == 0:
-                    samples.append(self._sample(piece.start + k * h, imposed[2 * k], u, du))
-                u, du = runge_kutta(respond, u, du, ddu, h)
+                u, du = runge_kutta(respond, u, du, respond(0, u, du), h)
+                if (k + 1) % stride == 0 and piece.start + (k + 1) * h > -0.5 * h:
+                    samples.append(self._sample(times[2 * k + 2], imposed[2 * k + 2], u, du))
             self._refuse_unless_finite(u, h)
-        samples.append(self._sample(piece.end, imposed[-1], u, du))
         return self._gather(samples)
 
     def actuate(

@@ -1,0 +1,65 @@
+"""Does the prototype deserve to be a reference? Step size, coupler stiffness, bushing stiffness."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from elastic_arm.dynamics import build_model
+from elastic_arm.paper.comparison import model_torques
+from elastic_arm.paper.couplers import SoftCouplers
+from elastic_arm.paper.mechanism import Bushing
+from elastic_arm.paper.motions import QUINTIC, StepRamp
+from elastic_arm.paper.prototype import Prototype
+from elastic_arm.robot.description import Robot
+
+
+@dataclass(frozen=True)
+class Check:
+    """One setting and the largest deviation it leaves, Nm.
+
+    `tau_m` is against the reference named by the table; `tau_l` is mod3's link-side residual where there is one.
+    """
+
+    setting: float
+    tau_m: float
+    tau_l: float | None = None
+
+
+def over_steps(robot: Robot, steps: tuple[float, ...], finest: float, motion: StepRamp) -> list[Check]:
+    """Compare tau_m at each integration step with the finest's."""
+    prototype = Prototype(robot)
+    reference = prototype.follow(motion, step=finest)
+    return [
+        Check(step, float(np.abs(prototype.follow(motion, step=step).tau_m - reference.tau_m).max())) for step in steps
+    ]
+
+
+def over_couplers(robot: Robot, frequencies: tuple[float, ...], motion: StepRamp, step: float) -> list[Check]:
+    """Compare tau_m of soft couplers (engine constraints, rad/s) with that of exact ones.
+
+    On a ramp without jumps of acceleration: no coupler of finite stiffness follows a jump.
+    """
+    motion = replace(motion, shape=QUINTIC)
+    exact = Prototype(robot).follow(motion, step=step)
+    checks = []
+    for frequency in frequencies:
+        tau_m, _ = SoftCouplers(robot, frequency).follow(motion, step=step)
+        checks.append(Check(frequency, float(np.abs(tau_m - exact.tau_m[: len(tau_m)]).max())))
+    return checks
+
+
+def over_bushings(robot: Robot, scales: tuple[float, ...], motion: StepRamp, step: float) -> list[Check]:
+    """Compare mod3 with the prototype as the bushing grows stiff; the last row, infinity, has it locked."""
+    mod3 = build_model(robot, "mod3")
+    checks = []
+    for scale in (*scales, np.inf):
+        bushing = Bushing(locked=True) if np.isinf(scale) else Bushing(bearing_scale=scale)
+        fine = step if np.isinf(scale) else step / max(1.0, scale**0.5)
+        run = Prototype(robot, bushing).follow(motion, step=fine)
+        torques = model_torques(mod3, run)
+        checks.append(
+            Check(float(scale), float(np.abs(torques.motor - run.tau_m).max()), float(np.abs(torques.link).max()))
+        )
+    return checks
