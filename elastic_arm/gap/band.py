@@ -1,0 +1,72 @@
+"""The band in which residuals are looked at: one zero-phase low pass for every term, then fewer samples."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.signal import firwin, kaiserord, upfirdn
+
+Array = NDArray[np.float64]
+
+STOP_ATTENUATION = 70.0  # dB; what lies above the band would fold into it
+OVERSAMPLING = 2.5  # kept samples per second over the band
+
+
+@dataclass(frozen=True)
+class Band:
+    """A low pass with its decimation.
+
+    Parameters
+    ----------
+    cutoff
+        Upper edge, Hz.
+    rate
+        Samples per second before.
+    """
+
+    cutoff: float
+    rate: float
+    step: int = field(init=False)
+    taps: Array = field(init=False, repr=False)
+
+    def __post_init__(self) -> None:
+        step = max(1, int(self.rate / (OVERSAMPLING * self.cutoff)))
+        # What folds back lands between the band's edge and the new Nyquist frequency, where nobody looks.
+        stop = self.rate / step - self.cutoff
+        nyquist = self.rate / 2
+        count, beta = kaiserord(STOP_ATTENUATION, (min(stop, nyquist) - self.cutoff) / nyquist)
+        taps = firwin(count | 1, (self.cutoff + min(stop, 0.98 * nyquist)) / 2, window=("kaiser", beta), fs=self.rate)
+        object.__setattr__(self, "step", step)
+        object.__setattr__(self, "taps", taps)
+
+    @property
+    def kept_rate(self) -> float:
+        """Samples per second after."""
+        return self.rate / self.step
+
+    def apply(self, values: Array) -> Array:
+        """Filter and thin columns (N, k) -> (N', k), without the ends that would need samples from outside."""
+        length = len(self.taps)
+        if len(values) < length:
+            return np.empty((0, *values.shape[1:]))
+        full = upfirdn(self.taps, values, up=1, down=self.step, axis=0)
+        first = -(-(length - 1) // self.step)
+        return full[first : first + self._kept(len(values))]
+
+    def times(self, t: Array) -> Array:
+        """Return the instants (N',) that :meth:`apply` keeps of t (N,)."""
+        length = len(self.taps)
+        first = -(-(length - 1) // self.step) * self.step - (length - 1) // 2
+        return t[first :: self.step][: self._kept(len(t))]
+
+    def _kept(self, count: int) -> int:
+        length = len(self.taps)
+        first = -(-(length - 1) // self.step) * self.step
+        return max(0, (count - 1 - first) // self.step + 1)
+
+    def gain(self, f: Array) -> Array:
+        """Response at f (F,) Hz."""
+        n = np.arange(len(self.taps)) - (len(self.taps) - 1) / 2
+        return np.cos(2 * np.pi * np.outer(f, n) / self.rate) @ self.taps

@@ -1,0 +1,191 @@
+"""From a recording to smoothed motion and the noise of every channel.
+
+The derivative stage is identification's: grid, noise and smoother are the same, only the smoother's cutoff is set wide
+here, because the gap's own band (:mod:`.band`) follows it and takes the same share from every term.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from elastic_arm.errors import DiagnosisError
+from elastic_arm.identification.derivatives import Motion, Smoother
+from elastic_arm.identification.grid import Clock, Grid
+from elastic_arm.identification.noise import HIGHEST_CUTOFF, ORDER, estimate_noise
+from elastic_arm.recording import Recording
+
+Array = NDArray[np.float64]
+
+HIGHEST_BAND = 40.0  # Hz; the drives' resonances and what rotors excite lie below
+BAND_SHARE = 0.2  # of the sample rate
+SMOOTHER_WIDTH = 2.2  # smoother's cutoff over the band: 0.2 % of a term is taken at the band's edge, from all alike
+ABOVE_MOTION = 0.2  # share of the sample rate above which torque channels hold noise alone
+SHORTEST = 2.0  # s
+
+
+@dataclass(frozen=True)
+class ChannelNoise:
+    """White noise of the channels, standard deviations per sample, (n,) each; None where not recorded.
+
+    Parameters
+    ----------
+    q, theta
+        rad.
+    dq, dtheta
+        rad/s.
+    tau_J, tau_m
+        Nm.
+    """
+
+    q: Array | None
+    dq: Array | None
+    theta: Array | None
+    dtheta: Array | None
+    tau_J: Array | None
+    tau_m: Array | None
+
+
+@dataclass(frozen=True)
+class Observation:
+    """What one recording says about the motion.
+
+    Parameters
+    ----------
+    pieces
+        Smoothed motion of each stretch without holes.
+    rate
+        Samples per second.
+    smoother
+        What all channels passed.
+    noise
+        Of the channels, before the smoother.
+    source, notes
+        Where it came from, and what had to be assumed.
+    """
+
+    pieces: tuple[Motion, ...]
+    rate: float
+    smoother: Smoother
+    noise: ChannelNoise
+    source: str = ""
+    notes: tuple[str, ...] = ()
+
+    @property
+    def duration(self) -> float:
+        """Seconds of usable motion."""
+        return sum(len(piece) for piece in self.pieces) / self.rate
+
+    def position_spectrum(self, side: str, f: Array) -> Array:
+        """Noise of the smoothed position of "link" or "motor" at f (F,) Hz: (F, n), 1 = white of 1 rad a sample."""
+        position, velocity, crossover = {
+            "link": (self.noise.q, self.noise.dq, self.smoother.link_crossover),
+            "motor": (self.noise.theta, self.noise.dtheta, self.smoother.motor_crossover),
+        }[side]
+        if position is None:
+            return np.zeros((len(f), len(crossover)))
+        gain = self.gain(f)[:, None] ** 2
+        w = 2 * np.pi * f[:, None]
+        if velocity is None:
+            return gain * position**2
+        # Position weighs w_x² / (w_x² + w²), the integral of the velocity the rest.
+        share = np.where(np.isinf(crossover), 1.0, crossover**2 / (np.minimum(crossover, 1e9) ** 2 + w**2))
+        rest = np.where(np.isinf(crossover), 0.0, w / (np.minimum(crossover, 1e9) ** 2 + w**2))
+        return gain * ((share * position) ** 2 + (rest * velocity) ** 2)
+
+    def torque_spectrum(self, channel: str, f: Array, n: int) -> Array:
+        """Noise of a smoothed torque channel at f (F,): (F, n), 1 = white of 1 Nm a sample."""
+        std = {"tau_J": self.noise.tau_J, "tau_m": self.noise.tau_m}[channel]
+        return self.gain(f)[:, None] ** 2 * (np.zeros(n) if std is None else std**2)
+
+    def gain(self, f: Array) -> Array:
+        """Response of the smoother at f (F,) Hz."""
+        return 1.0 / (1.0 + (2 * np.pi * f / self.smoother.cutoff) ** (2 * ORDER))
+
+
+def observe(recording: Recording, band: float | None = None) -> Observation:
+    """Bring a recording on a grid, estimate the noise of its channels and smooth it.
+
+    Parameters
+    ----------
+    band
+        Hz up to which the residuals will be looked at; the widest sensible one when None.
+
+    Raises
+    ------
+    DiagnosisError
+        If the recording is too short, stands still, or holds no torque.
+    """
+    samples = recording.samples()
+    where = recording.source or "the recording"
+    if samples.tau_J is None and samples.tau_m is None:
+        raise DiagnosisError(f"{where} holds no torque", "Record the effort of /motor_states, of /joint_states, or both")
+    clock = Clock.of(samples)
+    grids = [grid for grid in clock.place(samples) if len(grid) > SHORTEST * grid.rate]
+    if not grids:
+        raise DiagnosisError(
+            f"{where} is too short: it has no {SHORTEST:g} s without a hole", "Record at least 10 s of motion"
+        )
+    longest = max(grids, key=len)
+    _check_motion(longest, recording.joints, where)
+    band = band or widest_band(clock.rate)
+    link = None if longest.q is None else estimate_noise(longest.q, longest.dq, longest.rate)
+    motor = None if longest.theta is None else estimate_noise(longest.theta, longest.dtheta, longest.rate)
+    cutoff = min(2 * np.pi * SMOOTHER_WIDTH * band, HIGHEST_CUTOFF * clock.rate)
+    designed = Smoother.from_noise(clock.rate, link, motor, recording.n)
+    # A crossover slower than the cutoff's own decay would lengthen the lag for nothing.
+    slowest = cutoff * np.sin(np.pi / (2 * ORDER))
+    smoother = Smoother(
+        clock.rate,
+        cutoff,
+        np.maximum(designed.link_crossover, slowest),
+        np.maximum(designed.motor_crossover, slowest),
+    )
+    noise = ChannelNoise(
+        link.position_std if link else None,
+        link.velocity_std if link else None,
+        motor.position_std if motor else None,
+        motor.velocity_std if motor else None,
+        torque_noise(grids, "tau_J"),
+        torque_noise(grids, "tau_m"),
+    )
+    pieces = tuple(smoother(grid) for grid in grids if len(grid) > 2 * smoother.lag + clock.rate)
+    return Observation(pieces, clock.rate, smoother, noise, recording.source, (*recording.notes, *samples.notes))
+
+
+def widest_band(rate: float) -> float:
+    """Return the widest band (Hz) that a recording at `rate` allows."""
+    return min(HIGHEST_BAND, BAND_SHARE * rate)
+
+
+def torque_noise(grids: Sequence[Grid], channel: str) -> Array | None:
+    """Standard deviation (n,) of a torque channel's white noise, from its spectrum above the motion.
+
+    The median over frequency leaves single lines (ripple, mains) aside.
+    """
+    if getattr(grids[0], channel) is None:
+        return None
+    levels = []
+    for grid in grids:
+        values = getattr(grid, channel)
+        taper = np.hanning(len(values) - 4)[:, None]
+        # Fourth differences keep the motion's spectrum from leaking upward; their response is divided out.
+        spectrum = np.abs(np.fft.rfft(np.diff(values, 4, axis=0) * taper, axis=0)) ** 2 / np.sum(taper**2)
+        f = np.fft.rfftfreq(len(taper))
+        above = f > ABOVE_MOTION
+        flat = spectrum[above] / np.abs(2 * np.sin(np.pi * f[above]))[:, None] ** 8
+        levels.append(np.median(flat, axis=0) / np.log(2.0))
+    weights = [len(grid) for grid in grids]
+    return np.sqrt(np.average(levels, axis=0, weights=weights))
+
+
+def _check_motion(grid: Grid, joints: Sequence[str], where: str) -> None:
+    position = grid.theta if grid.theta is not None else grid.q
+    if position is None:
+        raise DiagnosisError(f"{where} holds no positions", "Record /motor_states or /joint_states with positions")
+    travel = np.ptp(position, axis=0)
+    if np.all(travel < 1e-3):
+        raise DiagnosisError(f"{where} holds no motion", "Record an excitation: `elastic-arm excite` makes one")

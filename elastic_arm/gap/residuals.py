@@ -1,0 +1,238 @@
+"""Where the gap lies: three residuals a joint, the noise of each, and what of them is more than noise.
+
+Rows are ordered equation by equation: [link of all joints, drive of all joints, motor of all joints].
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from elastic_arm.dynamics import Model
+from elastic_arm.gap.band import Band
+from elastic_arm.gap.observation import Observation
+from elastic_arm.identification.derivatives import Motion
+
+Array = NDArray[np.float64]
+
+SIDES = ("link", "drive", "motor")
+NOISE_FREQUENCIES = 200
+# Poses at which the inertia is looked up for the way of encoder noise into the residuals.
+POSES = 40
+# Part of the torque channels' noise that every equation is given on its own: without it, exact encoders would make the
+# difference of two equations that share a torque sensor exact too, and rounding in the filters would look like physics.
+FLOOR = 0.1
+
+
+@dataclass(frozen=True)
+class Layout:
+    """Which equations the recorded channels allow, as combinations of the full three.
+
+    Parameters
+    ----------
+    n
+        Joints.
+    transform : (R n, 3 n)
+        From the full rows to those that hold no missing channel.
+    sides
+        Name of each row block.
+    """
+
+    n: int
+    transform: Array
+    sides: tuple[str, ...]
+
+    @staticmethod
+    def of(motion: Motion, n: int) -> Layout:
+        """Find the usable equations; without joint torque sensors the drive's law stands in for them."""
+        one, zero = np.eye(n), np.zeros((n, n))
+        has_link, has_motor = motion.q is not None, motion.theta is not None
+        if motion.tau_J is not None:
+            rows = {"link": has_link, "drive": has_link and has_motor, "motor": has_motor and motion.tau_m is not None}
+            blocks = {side: np.hstack([one if s == side else zero for s in SIDES]) for side in SIDES if rows[side]}
+        else:
+            blocks = {}
+            if has_link and has_motor:
+                blocks["link"] = np.hstack([one, -one, zero])
+                if motion.tau_m is not None:
+                    blocks["motor"] = np.hstack([zero, one, one])
+            else:
+                # One encoder alone: the arm as a whole, its springs bridged.
+                blocks["motor"] = np.hstack([one, zero, one])
+        return Layout(n, np.vstack(list(blocks.values())), tuple(blocks))
+
+    @property
+    def rows(self) -> int:
+        """Number of residuals."""
+        return len(self.sides) * self.n
+
+
+def completed(motion: Motion, model: Model) -> Motion:
+    """Return motion in which a missing encoder or torque channel is replaced by what cancels from the usable rows."""
+    from dataclasses import replace
+
+    K, D = drive_constants(model)
+    tau_J, tau_m = motion.tau_J, motion.tau_m
+    q, dq, ddq, theta, dtheta, ddtheta = motion.q, motion.dq, motion.ddq, motion.theta, motion.dtheta, motion.ddtheta
+    if q is None:
+        q, dq, ddq = theta, dtheta, ddtheta
+    if theta is None:
+        theta, dtheta, ddtheta = q, dq, ddq
+    if tau_J is None:
+        tau_J = K * (theta - q) + D * (dtheta - dq)
+    if tau_m is None:
+        tau_m = np.zeros_like(tau_J)
+    return replace(
+        motion, q=q, dq=dq, ddq=ddq, theta=theta, dtheta=dtheta, ddtheta=ddtheta, tau_J=tau_J, tau_m=tau_m
+    )
+
+
+def drive_constants(model: Model) -> tuple[Array, Array]:
+    """Return K (n,) Nm/rad and D (n,) Nm s/rad of the model's robot."""
+    gears = [joint.transmission for joint in model.robot.joints]
+    return (
+        np.array([gear.stiffness if gear else 0.0 for gear in gears]),
+        np.array([gear.damping if gear else 0.0 for gear in gears]),
+    )
+
+
+def raw_residuals(model: Model, motion: Motion) -> Array:
+    """Residuals (N, 3 n) Nm of completed motion at the recording's rate."""
+    n = model.n
+    K, D = drive_constants(model)
+    spring = K * (motion.theta - motion.q) + D * (motion.dtheta - motion.dq)
+    x, dx, ddx = (np.hstack(pair) for pair in coordinates(motion))
+    left = model.inverse_dynamics(x, dx, ddx)
+    # The left side of (1) holds the spring in both rows; the residuals have the sensor's torque in its place.
+    link = motion.tau_J - (left[:, :n] + spring)
+    motor = motion.tau_m - (left[:, n : 2 * n] - spring) - motion.tau_J
+    return np.hstack([link, motion.tau_J - spring, motor])
+
+
+def coordinates(motion: Motion) -> tuple[tuple[Array, Array], tuple[Array, Array], tuple[Array, Array]]:
+    """Return (q, theta) and their first and second derivatives."""
+    return (motion.q, motion.theta), (motion.dq, motion.dtheta), (motion.ddq, motion.ddtheta)  # type: ignore[return-value]
+
+
+@dataclass(frozen=True)
+class NoiseModel:
+    """Joint noise of all usable rows over frequency, from the noise of the channels.
+
+    The noise of tau_J is common to the three equations (+, +, -), that of an encoder to those it enters.
+
+    Parameters
+    ----------
+    f
+        (F,) Hz, equally spaced from 0 to the band's edge.
+    covariance
+        (F, R, R) complex, Nm²; white noise of 1 Nm a sample is the identity.
+    rate
+        Samples per second of the recording.
+    """
+
+    f: Array
+    covariance: NDArray[np.complex128]
+    rate: float
+
+    def std(self, low: float = 0.0, high: float = np.inf) -> Array:
+        """Return the standard deviation (R,) of each residual between two frequencies (Hz)."""
+        inside = (self.f >= low) & (self.f <= high)
+        density = np.real(np.einsum("frr->fr", self.covariance))[inside]
+        width = self.f[1] - self.f[0]
+        return np.sqrt(density.sum(axis=0) * width * 2.0 / self.rate)
+
+    def whitener(self, f: Array) -> NDArray[np.complex128]:
+        """Return W (F', R, R) with W covariance W^H = 1 at f (F',) Hz within the band."""
+        index = np.clip(np.rint(f / (self.f[1] - self.f[0])).astype(int), 0, len(self.f) - 1)
+        return np.linalg.inv(np.linalg.cholesky(self.covariance))[index]
+
+
+def noise_model(model: Model, observation: Observation, layout: Layout, band: Band, *, floor: float = FLOOR) -> NoiseModel:
+    """Propagate the channels' noise into the usable residuals.
+
+    Parameters
+    ----------
+    floor
+        Share of the torque noise that each equation gets besides, 0 for the noise itself.
+    """
+    n = layout.n
+    f = np.linspace(0.0, band.cutoff, NOISE_FREQUENCIES)
+    s = 2j * np.pi * f[:, None, None]
+    K, D = (np.diag(v) for v in drive_constants(model))
+    M, S, B = _mean_inertia(model, observation)
+    one, zero = np.eye(n), np.zeros((n, n))
+    ones = np.ones((len(f), 1, 1))
+    drive = K + s * D
+    # Rows link, drive, motor of the full three; columns tau_J, tau_m, q, theta.
+    rows = [
+        [ones * one, ones * zero, -(s**2) * M, -(s**2) * S],
+        [ones * one, ones * zero, drive, -drive],
+        [ones * -one, ones * one, -(s**2) * S.T, -(s**2) * B],
+    ]
+    way = layout.transform @ np.concatenate([np.concatenate(row, axis=2) for row in rows], axis=1)
+    torque = np.hstack([observation.torque_spectrum(c, f, n) for c in ("tau_J", "tau_m")])
+    position = np.hstack([observation.position_spectrum(side, f) for side in ("link", "motor")])
+    spectrum = np.hstack([torque, position])
+    covariance = np.einsum("frc,fc,fsc->frs", way, spectrum, way.conj())
+    level = np.max(torque.mean(axis=0)) if torque.any() else 0.0
+    extra = floor**2 * level + 1e-8
+    covariance = covariance + extra * np.eye(layout.rows)
+    return NoiseModel(f, covariance, observation.rate)
+
+
+def _mean_inertia(model: Model, observation: Observation) -> tuple[Array, Array, Array]:
+    n = model.n
+    motion = max(observation.pieces, key=len)
+    position = motion.q if motion.q is not None else motion.theta
+    assert position is not None
+    x = np.hstack([position, position])[:: max(1, len(motion) // POSES)]
+    inertia = model.mass_matrix(x).mean(axis=0)
+    return inertia[:n, :n], inertia[:n, n:], inertia[n:, n:]
+
+
+@dataclass(frozen=True)
+class Stretch:
+    """Residuals of one stretch without holes, in the band, at the kept rate.
+
+    Parameters
+    ----------
+    t
+        (N',) s.
+    values
+        (N', R) Nm.
+    motion
+        The completed motion at the recording's rate that they were made of.
+    """
+
+    t: Array
+    values: Array
+    motion: Motion
+
+
+def residuals(model: Model, observation: Observation, layout: Layout, band: Band) -> list[Stretch]:
+    """Return the residuals of every stretch of a recording."""
+    stretches = []
+    for piece in observation.pieces:
+        motion = completed(piece, model)
+        full = raw_residuals(model, motion) @ layout.transform.T
+        stretches.append(Stretch(band.times(motion.t), band.apply(full), motion))
+    return [s for s in stretches if len(s.t)]
+
+
+def low_passed(values: Array, rate: float, cutoff: float) -> Array:
+    """Return columns (N, k) with what lies above `cutoff` (Hz) taken away, smoothly within a tenth of it."""
+    spectrum = np.fft.rfft(values, axis=0)
+    f = np.fft.rfftfreq(len(values), 1 / rate)
+    return np.fft.irfft(spectrum * (f <= cutoff)[:, None], len(values), axis=0)
+
+
+def block_means(squares: Sequence[Array], length: int) -> Array:
+    """Return means (blocks, k) of consecutive blocks of `length` rows of each part."""
+    blocks = []
+    for part in squares:
+        count = max(1, len(part) // length)
+        blocks.extend(np.mean(piece, axis=0) for piece in np.array_split(part, count))
+    return np.array(blocks)
