@@ -60,5 +60,9 @@ class DiagnosisError(ElasticArmError, ValueError):
     """Data or options from which no diagnosis can be made."""
 
 
+class GraphError(ElasticArmError, RuntimeError):
+    """A live graph, or a node's parameter, that is not as the node needs it."""
+
+
 class MissingExtraError(ElasticArmError, ImportError):
     """An optional library that this command needs is not installed."""

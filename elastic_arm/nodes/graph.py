@@ -1,0 +1,71 @@
+"""The graph around a node: quality of service, who else is there, and when the peers are."""
+
+from __future__ import annotations
+
+import importlib
+import time
+from typing import Any
+
+from rclpy.node import Node
+from rclpy.qos import DurabilityPolicy, QoSProfile
+
+from elastic_arm.errors import GraphError
+from elastic_arm.recording import topics
+
+# A tenth of a second of samples may pile up in a subscriber that is busy; a recorder's disk may take a whole one.
+STREAM = QoSProfile(depth=200)
+RECORDER_DEPTH = 1000
+LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+EVENTS = QoSProfile(depth=10)
+# Peers on the same machine find each other within this time, seconds.
+DISCOVERY = 1.0
+
+
+def qos(topic: str) -> QoSProfile:
+    """Return the quality of service of one of the suite's topics."""
+    if topic in topics.LATCHED:
+        return LATCHED
+    return EVENTS if topic == topics.DIAGNOSTICS else STREAM
+
+
+def message_class(type_name: str) -> Any:
+    """Return the Python class of a type such as `sensor_msgs/msg/JointState`.
+
+    Raises
+    ------
+    GraphError
+        If its package is not installed.
+    """
+    package, _, name = type_name.split("/")
+    try:
+        return getattr(importlib.import_module(f"{package}.msg"), name)
+    except (ImportError, AttributeError):
+        raise GraphError(f"message type {type_name} is not installed", f"Install or build {package}.") from None
+
+
+def other_publishers(node: Node, topic: str) -> list[str]:
+    """Return the full names of other nodes that publish a topic; a node of this one's name counts once too often."""
+    names = [f"{info.node_namespace.rstrip('/')}/{info.node_name}" for info in node.get_publishers_info_by_topic(topic)]
+    own = sum(1 for publisher in node.publishers if publisher.topic_name == topic)
+    for _ in range(own):
+        if node.get_fully_qualified_name() in names:
+            names.remove(node.get_fully_qualified_name())
+    return names
+
+
+def refuse_company(node: Node, topic: str, seconds: float = DISCOVERY) -> None:
+    """Wait for discovery, and give up if another node publishes a topic that can have only one source.
+
+    Raises
+    ------
+    GraphError
+        If there is one.
+    """
+    end = time.monotonic() + seconds
+    while time.monotonic() < end:
+        if others := other_publishers(node, topic):
+            raise GraphError(
+                f"{others[0]} already publishes {topic}: two arms on one topic would mix",
+                "Stop it, or start this one with another ROS_DOMAIN_ID or namespace.",
+            )
+        time.sleep(0.05)

@@ -1,0 +1,65 @@
+"""Parameters with a type, a range and a description, as `ros2 param describe` and rqt show them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+
+from elastic_arm.errors import GraphError
+
+_TYPES = {
+    bool: Parameter.Type.BOOL,
+    int: Parameter.Type.INTEGER,
+    float: Parameter.Type.DOUBLE,
+    str: Parameter.Type.STRING,
+}
+_LISTS = {
+    float: Parameter.Type.DOUBLE_ARRAY,
+    str: Parameter.Type.STRING_ARRAY,
+}
+
+
+def declare(
+    node: Node,
+    name: str,
+    default: bool | int | float | str,
+    description: str,
+    *,
+    between: tuple[float, float] | None = None,
+    choices: Sequence[str] = (),
+    live: bool = False,
+) -> Any:
+    """Declare a parameter and return its value.
+
+    Parameters
+    ----------
+    node, name, default, description
+        Of the parameter; its type is that of the default.
+    between
+        Smallest and largest value of a number.
+    choices
+        Values that a text may take.
+    live
+        Whether it may be changed while the node runs.
+    """
+    descriptor = ParameterDescriptor(description=description, read_only=not live, type=_TYPES[type(default)].value)
+    if choices:
+        descriptor.additional_constraints = "one of " + ", ".join(choices)
+    if between and isinstance(default, float):
+        descriptor.floating_point_range = [FloatingPointRange(from_value=between[0], to_value=between[1])]
+    elif between:
+        descriptor.integer_range = [IntegerRange(from_value=int(between[0]), to_value=int(between[1]))]
+    value = node.declare_parameter(name, default, descriptor).value
+    if choices and value not in choices:
+        raise GraphError(f"parameter {name} is {value!r}", f"Choose one of {', '.join(choices)}.")
+    return value
+
+
+def declare_list(node: Node, name: str, item: type, description: str) -> list[Any]:
+    """Declare a list of texts or numbers, empty by default, and return it."""
+    descriptor = ParameterDescriptor(description=description, read_only=True, type=_LISTS[item].value)
+    return list(node.declare_parameter(name, Parameter(name, _LISTS[item], []).value, descriptor).value or [])

@@ -1,0 +1,96 @@
+"""The life of a node's process: start, spin, stop; errors as one line and an exit code."""
+
+from __future__ import annotations
+
+import signal
+import sys
+from collections.abc import Callable, Sequence
+from types import FrameType
+
+import rclpy
+from rclpy.exceptions import InvalidParameterTypeException, InvalidParameterValueException, ParameterException
+from rclpy.experimental import EventsExecutor
+from rclpy.node import Node
+from rclpy.signals import SignalHandlerOptions
+
+from elastic_arm.errors import ElasticArmError
+
+# How long a stop signal may wait for a node that has nothing to do.
+LONGEST_REST = 0.1
+
+
+class ArmNode(Node):
+    """A node with a rhythm of its own: the process calls :meth:`tick`, spins until the next is due, and so on."""
+
+    def tick(self) -> float:
+        """Do what is due; return the seconds until there is more to do."""
+        return LONGEST_REST
+
+    def done(self) -> bool:
+        """Say whether the node has finished its work by itself."""
+        return False
+
+    def close(self) -> None:
+        """Put in order what is to outlive the process; called once, whatever ended it."""
+
+
+def run(make: Callable[[], ArmNode], args: Sequence[str] | None = None) -> int:
+    """Run a node until it is done, or SIGINT or SIGTERM stops it.
+
+    Parameters
+    ----------
+    make
+        Makes the node; called after ROS is initialised.
+    args
+        Command line, `sys.argv` by default.
+
+    Returns
+    -------
+    int
+        Exit code: 0, or 2 after a mistake of the user's, which stands in one line on stderr.
+    """
+    stop = _Stop()
+    rclpy.init(args=list(args) if args is not None else None, signal_handler_options=SignalHandlerOptions.NO)
+    try:
+        _spin(make, stop)
+    except ElasticArmError as error:
+        return _refuse(str(error))
+    except (ParameterException, InvalidParameterTypeException, InvalidParameterValueException) as error:
+        return _refuse(f"{str(error).strip().removesuffix('.')}. `config/` shows the parameters and their types.")
+    finally:
+        rclpy.try_shutdown()
+    return 0
+
+
+class _Stop:
+    """Set by SIGINT and SIGTERM. A flag rather than an exception: nothing is cut off in the middle."""
+
+    def __init__(self) -> None:
+        self.asked = False
+        for number in (signal.SIGINT, signal.SIGTERM):
+            signal.signal(number, self._ask)
+
+    def _ask(self, number: int, frame: FrameType | None) -> None:
+        self.asked = True
+
+
+def _spin(make: Callable[[], ArmNode], stop: _Stop) -> None:
+    node = make()
+    # In this wheel the executor's own spin() burns a core; spin_once with a timeout does not.
+    executor = EventsExecutor()
+    executor.add_node(node)
+    try:
+        while not (stop.asked or node.done()):
+            executor.spin_once(timeout_sec=min(max(node.tick(), 0.0), LONGEST_REST))
+    finally:
+        executor.remove_node(node)
+        try:
+            node.close()
+        finally:
+            executor.shutdown()
+            node.destroy_node()
+
+
+def _refuse(problem: str) -> int:
+    print(f"error: {problem}", file=sys.stderr)
+    return 2

@@ -1,0 +1,100 @@
+"""Messages at a kilohertz: bytes in, bytes out, with numpy views in between.
+
+Building a Python message costs more than sending it. A topic's messages differ only in their numbers, so one of them is
+serialised once and serves as a form to fill in; those that arrive are kept as bytes and decoded many at a time.
+"""
+
+from __future__ import annotations
+
+import struct
+from collections import deque
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from rclpy.serialization import serialize_message
+
+from elastic_arm.recording import cdr, message_types
+
+NANOSECONDS = 1_000_000_000
+
+
+class Form:
+    """A message to be filled in and published again and again.
+
+    Parameters
+    ----------
+    type_name
+        Of the message, such as `sensor_msgs/msg/JointState`.
+    message
+        An example whose strings and array lengths are those of every message to come.
+    """
+
+    def __init__(self, type_name: str, message: Any) -> None:
+        self._buffer = bytearray(serialize_message(message))
+        layout = cdr.layout_of(memoryview(self._buffer), type_name, message_types.typestore())
+        self._stamp = next(
+            layout.numbers[path].at for path in ("header.stamp.sec", "clock.sec") if path in layout.numbers
+        )
+        self.fields: dict[str, NDArray] = {
+            path: np.frombuffer(self._buffer, numbers.dtype, numbers.count, numbers.at)
+            for path, numbers in layout.numbers.items()
+            if numbers.count
+        }
+
+    def filled(self, stamp_ns: int, **values: NDArray[np.float64]) -> bytes:
+        """Return the message with this stamp and these fields, ready for `publish`."""
+        struct.pack_into("<iI", self._buffer, self._stamp, *divmod(stamp_ns, NANOSECONDS))
+        for name, value in values.items():
+            self.fields[name][:] = value
+        return bytes(self._buffer)
+
+
+class Inbox:
+    """Messages of one topic as they arrived, to be decoded many at a time; the oldest give way when it is full.
+
+    Parameters
+    ----------
+    type_name
+        Of the messages.
+    capacity
+        Messages kept at most.
+    """
+
+    def __init__(self, type_name: str, capacity: int = 20_000) -> None:
+        self.type_name = type_name
+        self.received = 0
+        self.overflowed = 0
+        self._messages: deque[bytes] = deque(maxlen=capacity)
+
+    def put(self, message: bytes) -> None:
+        """Keep a message; this is the callback of a raw subscription."""
+        self.received += 1
+        self.overflowed += len(self._messages) == self._messages.maxlen
+        self._messages.append(message)
+
+    def __len__(self) -> int:
+        return len(self._messages)
+
+    def take(self) -> Iterator[tuple[tuple[str, ...], NDArray[np.int64], dict[str, NDArray]]]:
+        """Empty the box: yield names, stamps (N,) in ns and numbers by field (N, count), one layout at a time.
+
+        Within a layout the order is that of arrival.
+
+        Raises
+        ------
+        RecordingError
+            If a message does not fit its type.
+        """
+        messages = list(self._messages)
+        self._messages.clear()
+        if not messages:
+            return
+        sizes = np.array([len(message) for message in messages])
+        offsets = np.concatenate(([0], np.cumsum(sizes)[:-1]))
+        buffer = np.frombuffer(b"".join(messages), np.uint8)
+        for layout, index in cdr.groups(buffer, offsets, sizes, self.type_name, message_types.typestore()):
+            numbers = {path: layout.values(buffer, offsets[index], path) for path in layout.numbers}
+            seconds, rest = (numbers.pop(f"header.stamp.{part}")[:, 0].astype(np.int64) for part in ("sec", "nanosec"))
+            yield tuple(layout.strings.get("name", ())), seconds * NANOSECONDS + rest, numbers

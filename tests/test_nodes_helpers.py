@@ -1,0 +1,262 @@
+"""What the nodes do that needs no graph: pairing, the streamed reference, the pace, messages as bytes."""
+
+from __future__ import annotations
+
+from array import array
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from rclpy.serialization import deserialize_message, serialize_message
+from sensor_msgs.msg import JointState
+
+from elastic_arm.nodes.pacing import Pace
+from elastic_arm.nodes.pairing import Pairing
+from elastic_arm.nodes.reference import ReferenceQueue, Row
+from elastic_arm.nodes.wire import Form, Inbox
+
+MS = 1_000_000
+
+
+def rows(stamps: list[int], offset: float = 0.0) -> np.ndarray:
+    """Return one recognisable row per stamp."""
+    return np.array(stamps, dtype=float)[:, None] * [1.0, 2.0] + offset
+
+
+def feed(pairing: Pairing, link: list[int], motor: list[int]) -> None:
+    pairing.add_link(np.array(link), rows(link))
+    pairing.add_motor(np.array(motor), rows(motor, 0.5))
+
+
+# Pairing
+
+
+def test_samples_of_equal_stamp_are_paired_in_order() -> None:
+    """Rows of both sides stand beside the stamp they came with, in order of time."""
+    pairing = Pairing(window_ns=0)
+    feed(pairing, [1, 2, 3], [1, 2, 3])
+    pairs = pairing.take()
+    assert pairs is not None
+    assert pairs.stamp_ns.tolist() == [1, 2, 3]
+    np.testing.assert_array_equal(pairs.link, rows([1, 2, 3]))
+    np.testing.assert_array_equal(pairs.motor, rows([1, 2, 3], 0.5))
+
+
+def test_an_overtaken_sample_takes_its_place_again() -> None:
+    """A sample that arrives behind a younger one, within the window, is handed out in order and counted."""
+    pairing = Pairing(window_ns=10)
+    feed(pairing, [1, 3, 2, 4], [1, 2, 3, 4])
+    pairs = pairing.take(everything=True)
+    assert pairs is not None
+    assert pairs.stamp_ns.tolist() == [1, 2, 3, 4]
+    assert pairing.losses.reordered == 1
+
+
+def test_a_repeated_sample_counts_once() -> None:
+    """The second sample of a stamp is dropped and counted, also when it comes in another batch."""
+    pairing = Pairing(window_ns=10)
+    feed(pairing, [1, 2, 2], [1, 2])
+    feed(pairing, [2, 3], [3])
+    pairs = pairing.take(everything=True)
+    assert pairs is not None
+    assert pairs.stamp_ns.tolist() == [1, 2, 3]
+    assert pairing.losses.repeated == 2
+
+
+def test_a_late_sample_never_follows_a_younger_one() -> None:
+    """What is older than what was handed out is dropped and counted."""
+    pairing = Pairing(window_ns=0)
+    feed(pairing, [1, 3], [1, 3])
+    pairing.take()
+    feed(pairing, [2, 4], [2, 4])
+    pairs = pairing.take()
+    assert pairs is not None
+    assert pairs.stamp_ns.tolist() == [4]
+    assert pairing.losses.late == 2
+
+
+def test_a_missing_partner_is_counted_once_the_window_has_passed() -> None:
+    """A sample without partner waits for the window, then it is counted as unmatched."""
+    pairing = Pairing(window_ns=5)
+    feed(pairing, [1, 2, 3], [1, 3])
+    pairs = pairing.take()
+    assert pairs is None
+    assert pairing.losses.unmatched == 0
+    feed(pairing, [9], [9])
+    pairs = pairing.take()
+    assert pairs is not None
+    assert pairs.stamp_ns.tolist() == [1, 3]
+    assert pairing.losses.unmatched == 1
+
+
+def test_a_clock_set_back_starts_again() -> None:
+    """After a restart of the arm its samples are paired again, instead of being late for ever."""
+    pairing = Pairing(window_ns=0)
+    feed(pairing, [5_000 * MS], [5_000 * MS])
+    assert pairing.take() is not None
+    feed(pairing, [1 * MS, 2 * MS], [1 * MS, 2 * MS])
+    pairs = pairing.take()
+    assert pairs is not None
+    assert pairs.stamp_ns.tolist() == [1 * MS, 2 * MS]
+    assert pairing.losses.restarts == 1
+
+
+def test_a_silent_peer_costs_no_memory() -> None:
+    """With one side silent, no more samples are held than the capacity."""
+    pairing = Pairing(capacity=100)
+    for begin in range(0, 5_000, 50):
+        stamps = np.arange(begin, begin + 50) * MS
+        pairing.add_link(stamps, np.zeros((50, 2)))
+        assert pairing.take() is None
+    feed(pairing, [4_999 * MS], [4_999 * MS])
+    assert pairing.losses.unmatched == 4_900
+
+
+@settings(deadline=None)
+@given(st.lists(st.tuples(st.booleans(), st.integers(0, 40)), max_size=80), st.integers(0, 10))
+def test_handed_out_stamps_strictly_increase(arrivals: list[tuple[bool, int]], window: int) -> None:
+    """Whatever arrives in whatever order, what is handed out increases, and every sample is accounted for."""
+    pairing = Pairing(window_ns=window)
+    handed: list[int] = []
+    for is_link, stamp in arrivals:
+        (pairing.add_link if is_link else pairing.add_motor)(np.array([stamp]), rows([stamp]))
+        if (pairs := pairing.take()) is not None:
+            handed += pairs.stamp_ns.tolist()
+    if (pairs := pairing.take(everything=True)) is not None:
+        handed += pairs.stamp_ns.tolist()
+    assert handed == sorted(set(handed))
+    losses = pairing.losses
+    both = {side for side, _ in arrivals} == {True, False}
+    counted = 2 * len(handed) + losses.repeated + losses.late + losses.unmatched
+    assert counted == len(arrivals) or not both
+
+
+# Reference
+
+
+def sine(stamps: np.ndarray) -> Row:
+    t = (stamps * 1e-9)[:, None] * np.ones(2)
+    return Row(np.sin(3 * t), 3 * np.cos(3 * t), -9 * np.sin(3 * t))
+
+
+def test_the_reference_between_points_follows_the_motion() -> None:
+    """Points off the grid, in messages cut anywhere, are brought onto it to within the cubic's error."""
+    queue = ReferenceQueue(np.zeros(2), origin_ns=0, step_ns=MS)
+    stamps = np.arange(700) * MS + 370_000
+    for begin in range(0, 700, 21):
+        part = stamps[begin : begin + 21]
+        queue.add(part, sine(part))
+    got = [queue.at(step) for step in range(1, 700)]
+    expected = sine(np.arange(1, 700) * MS)
+    bound = 3**4 * 1e-12 / 384  # |q''''| h^4 / 384
+    np.testing.assert_allclose([row.position for row in got], expected.position, rtol=0, atol=bound + 1e-15)
+    np.testing.assert_allclose([row.velocity for row in got], expected.velocity, atol=1e-8)
+    np.testing.assert_allclose([row.acceleration for row in got], expected.acceleration, atol=1e-4)
+    assert queue.late == queue.starved == 0
+
+
+def test_a_stream_that_ends_leaves_the_arm_where_it_is() -> None:
+    """Behind the last point the position is held at rest, and the starvation is counted once."""
+    queue = ReferenceQueue(np.zeros(2), origin_ns=0, step_ns=MS)
+    stamps = np.arange(1, 11) * MS
+    queue.add(stamps, sine(stamps))
+    last = [queue.at(step) for step in range(1, 20)][-1]
+    np.testing.assert_allclose(last.position, sine(stamps[-1:]).position[0])
+    assert not last.velocity.any()
+    assert not last.acceleration.any()
+    assert queue.starved == 1
+
+
+def test_points_of_the_past_are_not_followed() -> None:
+    """Points older than the step asked for are skipped and counted, the later ones of the message serve."""
+    queue = ReferenceQueue(np.zeros(2), origin_ns=0, step_ns=MS)
+    stamps = np.arange(1, 11) * MS
+    queue.add(stamps, sine(stamps))
+    np.testing.assert_allclose(queue.at(6).position, sine(np.array([6 * MS])).position[0], atol=1e-12)
+    assert queue.late == 5
+
+
+def test_a_new_trajectory_replaces_what_lies_behind_its_start() -> None:
+    """A message whose first point lies within the stream takes over from there."""
+    queue = ReferenceQueue(np.zeros(1), origin_ns=0, step_ns=MS)
+    stamps = np.arange(1, 11) * MS
+    still = np.zeros((10, 1))
+    queue.add(stamps, Row(still, still, still))
+    queue.add(stamps + 5 * MS, Row(still + 1, still, still))
+    positions = [queue.at(step).position[0] for step in range(1, 16)]
+    assert positions == [0.0] * 5 + [1.0] * 10
+
+
+# Pace
+
+
+def test_a_late_step_does_not_shift_the_schedule() -> None:
+    """Steps are due at absolute times: one that comes 3 ms late leaves the next where it was."""
+    pace = Pace(rate=1000.0)
+    assert pace.wait(10.0) == 0.0
+    pace.stepped(10.003)
+    assert pace.wait(10.003) == pytest.approx(-0.002)
+    assert pace.slipped == 0.0
+
+
+def test_falling_far_behind_is_admitted() -> None:
+    """Beyond the patience the schedule moves, and the lost time is counted."""
+    pace = Pace(rate=1000.0, patience=0.5)
+    pace.wait(0.0)
+    pace.stepped(2.0)
+    assert pace.slipped == pytest.approx(1.999)
+    assert pace.wait(2.0) == 0.0
+
+
+def test_the_factor_sets_the_speed() -> None:
+    """At twice real time 2000 steps of a 1 kHz arm are due in a second, and that counts as the pace held."""
+    pace = Pace(rate=1000.0, factor=2.0)
+    pace.wait(0.0)
+    for step in range(2000):
+        pace.stepped(step * 0.0005)
+    assert pace.wait(1.0) == pytest.approx(0.0, abs=1e-9)
+    assert pace.achieved(1.0) == pytest.approx(1.0)
+
+
+# Messages as bytes
+
+
+def joint_state(names: list[str], stamp_ns: int = 0, scale: float = 1.0) -> JointState:
+    message = JointState(name=names)
+    message.header.stamp.sec, message.header.stamp.nanosec = divmod(stamp_ns, 1_000_000_000)
+    message.position = array("d", [scale * (i + 1) for i in range(len(names))])
+    message.velocity = array("d", [scale * (i + 1) * 10 for i in range(len(names))])
+    return message
+
+
+def test_a_filled_form_is_the_message() -> None:
+    """The bytes of a filled form are those of the message with these numbers."""
+    form = Form("sensor_msgs/msg/JointState", joint_state(["a", "bb"]))
+    data = form.filled(3_000_000_007, position=np.array([4.0, 8.0]), velocity=np.array([40.0, 80.0]))
+    assert deserialize_message(data, JointState) == joint_state(["a", "bb"], 3_000_000_007, 4.0)
+
+
+def test_an_inbox_gives_back_what_came_in() -> None:
+    """Names, stamps and numbers of many messages come out as arrays, messages of another layout apart."""
+    inbox = Inbox("sensor_msgs/msg/JointState")
+    for stamp in (1, 2, 3):
+        inbox.put(serialize_message(joint_state(["a", "b"], stamp, float(stamp))))
+    inbox.put(serialize_message(joint_state(["b", "a", "c"], 4, 4.0)))
+    (names, stamps, numbers), (other_names, other_stamps, _) = inbox.take()
+    assert names == ("a", "b")
+    assert stamps.tolist() == [1, 2, 3]
+    np.testing.assert_array_equal(numbers["position"], [[1, 2], [2, 4], [3, 6]])
+    assert other_names == ("b", "a", "c")
+    assert other_stamps.tolist() == [4]
+    assert not list(inbox.take())
+
+
+def test_a_full_inbox_drops_the_oldest_and_says_so() -> None:
+    """A node that is busy for too long loses the oldest messages, counted, and no memory."""
+    inbox = Inbox("sensor_msgs/msg/JointState", capacity=2)
+    for stamp in (1, 2, 3):
+        inbox.put(serialize_message(joint_state(["a"], stamp)))
+    ((_, stamps, _),) = inbox.take()
+    assert stamps.tolist() == [2, 3]
+    assert inbox.overflowed == 1
