@@ -114,7 +114,8 @@ class Program:
                     needed[self.b[k]] = True
         new = np.cumsum(needed) - 1
         leaf = np.isin(self.op, (CODES["input"], CODES["const"]))
-        a, b = (np.where(leaf, v, new[v])[needed] for v in (self.a, self.b))
+        # A leaf's operands index inputs, not values.
+        a, b = (np.where(leaf, v, new[np.where(leaf, 0, v)])[needed] for v in (self.a, self.b))
         outputs = tuple(replace(out, values=new[out.values]) for out in self.outputs)
         return replace(self, outputs=outputs, op=self.op[needed], a=a, b=b, constant=self.constant[needed])
 
