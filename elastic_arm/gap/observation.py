@@ -122,7 +122,9 @@ def observe(recording: Recording, band: float | None = None) -> Observation:
     samples = recording.samples()
     where = recording.source or "the recording"
     if samples.tau_J is None and samples.tau_m is None:
-        raise DiagnosisError(f"{where} holds no torque", "Record the effort of /motor_states, of /joint_states, or both")
+        raise DiagnosisError(
+            f"{where} holds no torque", "Record the effort of /motor_states, of /joint_states, or both"
+        )
     clock = Clock.of(samples)
     grids = [grid for grid in clock.place(samples) if len(grid) > SHORTEST * grid.rate]
     if not grids:

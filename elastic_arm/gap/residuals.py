@@ -85,9 +85,7 @@ def completed(motion: Motion, model: Model) -> Motion:
         tau_J = K * (theta - q) + D * (dtheta - dq)
     if tau_m is None:
         tau_m = np.zeros_like(tau_J)
-    return replace(
-        motion, q=q, dq=dq, ddq=ddq, theta=theta, dtheta=dtheta, ddtheta=ddtheta, tau_J=tau_J, tau_m=tau_m
-    )
+    return replace(motion, q=q, dq=dq, ddq=ddq, theta=theta, dtheta=dtheta, ddtheta=ddtheta, tau_J=tau_J, tau_m=tau_m)
 
 
 def drive_constants(model: Model) -> tuple[Array, Array]:
@@ -150,7 +148,9 @@ class NoiseModel:
         return np.linalg.inv(np.linalg.cholesky(self.covariance))[index]
 
 
-def noise_model(model: Model, observation: Observation, layout: Layout, band: Band, *, floor: float = FLOOR) -> NoiseModel:
+def noise_model(
+    model: Model, observation: Observation, layout: Layout, band: Band, *, floor: float = FLOOR
+) -> NoiseModel:
     """Propagate the channels' noise into the usable residuals.
 
     Parameters
