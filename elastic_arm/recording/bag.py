@@ -10,6 +10,7 @@ import yaml
 
 from elastic_arm.errors import RecordingError
 from elastic_arm.recording.container import McapFile, open_mcap
+from elastic_arm.recording.metadata import METADATA_KEY
 
 METADATA = "metadata.yaml"
 _SUFFIXES = (".mcap", ".mcap.zstd", ".mcap.zst")
@@ -83,7 +84,7 @@ def _read_metadata(folder: Path) -> tuple[dict[str, Any] | None, list[str]]:
         return None, [f"{file} is missing"]
     try:
         content = yaml.safe_load(file.read_text(encoding="utf-8"))
-        information = content["rosbag2_bagfile_information"]
+        information = content[METADATA_KEY]
     except (yaml.YAMLError, UnicodeDecodeError, KeyError, TypeError) as error:
         return None, [f"{file} cannot be read ({type(error).__name__})"]
     except OSError as error:

@@ -59,12 +59,23 @@ def column(buffer: Bytes, dtype: str | np.dtype, offsets: Offsets | slice, at: i
 
     A slice gives a strided view over the bytes (no copy), an index array a gathered copy.
     """
-    kind = np.dtype(dtype)
+    return _everywhere(buffer, np.dtype(dtype))[_shifted(offsets, at)]
+
+
+def place(buffer: Bytes, offsets: Offsets | slice, at: int, items: NDArray) -> None:
+    """Put `items` into `buffer`, each `at` bytes after its offset; one item alone goes to all offsets."""
+    _everywhere(buffer, items.dtype)[_shifted(offsets, at)] = items
+
+
+def _everywhere(buffer: Bytes, dtype: np.dtype) -> NDArray:
     # Every byte is a possible beginning, so offsets of any alignment are a slice or an index of this view.
-    every = np.ndarray((max(len(buffer) - kind.itemsize + 1, 0),), kind, buffer=buffer, strides=(1,))
+    return np.ndarray((max(len(buffer) - dtype.itemsize + 1, 0),), dtype, buffer=buffer, strides=(1,))
+
+
+def _shifted(offsets: Offsets | slice, at: int) -> Offsets | slice:
     if isinstance(offsets, slice):
-        return every[offsets.start + at : offsets.stop + at : offsets.step]
-    return every[offsets + at]
+        return slice(offsets.start + at, offsets.stop + at, offsets.step)
+    return offsets + at
 
 
 def progression(offsets: Offsets) -> Offsets | slice:

@@ -1,0 +1,100 @@
+"""What rosbag2 wants to know beside the messages: quality of service, and metadata.yaml as Jazzy writes it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import yaml
+
+from elastic_arm.recording.topics import LATCHED
+
+METADATA_KEY = "rosbag2_bagfile_information"
+VERSION = 9  # of Jazzy's rosbag2
+_FOREVER = {"sec": 9223372036, "nsec": 854775807}
+
+
+@dataclass(frozen=True)
+class Topic:
+    """A topic of a bag: name, type, the type's definition and hash, and the quality of service offered (YAML)."""
+
+    name: str
+    type_name: str
+    definition: str
+    type_hash: str
+    qos: str
+
+
+@dataclass(frozen=True)
+class FileSummary:
+    """A file of a bag: its name, its span, its messages by topic."""
+
+    name: str
+    start_ns: int
+    end_ns: int
+    counts: Mapping[str, int]
+
+    @property
+    def messages(self) -> int:
+        """Number of messages."""
+        return sum(self.counts.values())
+
+
+def offered_qos(topic: str) -> str:
+    """Return the quality of service that the suite's nodes offer on a topic, as rosbag2 writes it (YAML)."""
+    latched = topic in LATCHED
+    profile = {
+        "history": "keep_last",
+        "depth": 1 if latched else 100,
+        "reliability": "reliable",
+        "durability": "transient_local" if latched else "volatile",
+        "deadline": dict(_FOREVER),
+        "lifespan": dict(_FOREVER),
+        "liveliness": "automatic",
+        "liveliness_lease_duration": dict(_FOREVER),
+        "avoid_ros_namespace_conventions": False,
+    }
+    return yaml.safe_dump([profile], sort_keys=False)
+
+
+def metadata(topics: Sequence[Topic], files: Sequence[FileSummary]) -> dict[str, Any]:
+    """Return what metadata.yaml says under its one key."""
+    filled = [file for file in files if file.messages]
+    start = min((file.start_ns for file in filled), default=0)
+    end = max((file.end_ns for file in filled), default=0)
+    return {
+        "version": VERSION,
+        "storage_identifier": "mcap",
+        "duration": {"nanoseconds": end - start},
+        "starting_time": {"nanoseconds_since_epoch": start},
+        "message_count": sum(file.messages for file in files),
+        "topics_with_message_count": [
+            {"topic_metadata": _topic(topic), "message_count": sum(file.counts.get(topic.name, 0) for file in files)}
+            for topic in topics
+        ],
+        "compression_format": "",
+        "compression_mode": "",
+        "relative_file_paths": [file.name for file in files],
+        "files": [
+            {
+                "path": file.name,
+                "starting_time": {"nanoseconds_since_epoch": file.start_ns},
+                "duration": {"nanoseconds": file.end_ns - file.start_ns},
+                "message_count": file.messages,
+            }
+            for file in files
+        ],
+        "custom_data": None,
+        "ros_distro": "jazzy",
+    }
+
+
+def _topic(topic: Topic) -> dict[str, Any]:
+    return {
+        "name": topic.name,
+        "type": topic.type_name,
+        "serialization_format": "cdr",
+        "offered_qos_profiles": yaml.safe_load(topic.qos) if topic.qos else [],
+        "type_description_hash": topic.type_hash,
+    }

@@ -1,0 +1,236 @@
+"""From recordings to bags: arrays are laid into the bytes of whole chunks of messages at once."""
+
+from __future__ import annotations
+
+import os
+import struct
+from collections import deque
+from collections.abc import Iterator
+from concurrent.futures import Future, ThreadPoolExecutor
+from dataclasses import dataclass, field
+from itertools import islice, pairwise
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import yaml
+from mcap.opcode import Opcode
+
+from elastic_arm.errors import RecordingError
+from elastic_arm.recording import cdr, message_types
+from elastic_arm.recording.bag import METADATA
+from elastic_arm.recording.metadata import METADATA_KEY, Topic, metadata, offered_qos
+from elastic_arm.recording.quality import check_times
+from elastic_arm.recording.recording import Recording
+from elastic_arm.recording.scan import MESSAGE_HEAD, Bytes, Offsets, place, progression
+from elastic_arm.recording.sides import Array, Side, Stamps
+from elastic_arm.recording.sink import Compression, McapSink, Packed, pack
+from elastic_arm.recording.topics import (
+    JOINT_STATES,
+    JOINT_TORQUES,
+    MOTOR_STATES,
+    REFERENCE,
+    ROBOT_DESCRIPTION,
+    TYPES,
+)
+
+_CHUNK_BYTES = 1 << 20
+
+
+@dataclass(frozen=True)
+class Stream:
+    """The messages of one topic to be written: all alike but for stamps and numbers.
+
+    Parameters
+    ----------
+    topic
+        Its name.
+    stamp_ns
+        (N,) times of the messages.
+    template
+        One message as CDR bytes.
+    values
+        (N, count) numbers that replace those of the template, by field path.
+    """
+
+    topic: str
+    stamp_ns: Stamps
+    template: bytes
+    values: dict[str, Array] = field(default_factory=dict)
+
+    @property
+    def size(self) -> int:
+        """Bytes a message takes in a chunk."""
+        return MESSAGE_HEAD + len(self.template)
+
+    def lay(self, buffer: Bytes, offsets: Offsets, rows: slice, channel: int) -> None:
+        """Lay the messages of `rows` into `buffer`, beginning at `offsets`."""
+        where = progression(offsets)
+        stamps = self.stamp_ns[rows]
+        head = struct.pack("<BQHIQQ", Opcode.MESSAGE, self.size - 9, channel, 0, 0, 0)
+        place(buffer, where, 0, np.frombuffer(head + self.template, f"V{self.size}"))
+        place(buffer, where, 11, np.arange(rows.start, rows.stop, dtype="<u4"))
+        place(buffer, where, 15, stamps)
+        place(buffer, where, 23, stamps)
+        layout = cdr.layout_of(memoryview(self.template), TYPES[self.topic], message_types.typestore())
+        if "header.stamp.sec" in layout.numbers:
+            seconds, nanoseconds = np.divmod(stamps, 1_000_000_000)
+            place(buffer, where, MESSAGE_HEAD + layout.numbers["header.stamp.sec"].at, seconds.astype("<i4"))
+            place(buffer, where, MESSAGE_HEAD + layout.numbers["header.stamp.nanosec"].at, nanoseconds.astype("<u4"))
+        for path, values in self.values.items():
+            numbers = np.ascontiguousarray(values[rows], dtype="<f8")
+            items = numbers.view(f"V{numbers.shape[1] * 8}")[:, 0]
+            place(buffer, where, MESSAGE_HEAD + layout.numbers[path].at, items)
+
+
+def write_recording(path: str | Path, recording: Recording, compression: Compression = "zstd") -> Path:
+    """Write a recording as a rosbag2 bag (folder with metadata.yaml and one MCAP file).
+
+    Parameters
+    ----------
+    path
+        Folder to make; must not exist.
+    recording
+        What to write; log times are the stamps.
+    compression
+        "none", "lz4" or "zstd".
+
+    Returns
+    -------
+    Path
+        The folder.
+
+    Raises
+    ------
+    RecordingError
+        If the folder exists or cannot be written, or the recording is empty.
+    """
+    folder = Path(path)
+    streams = _streams(recording)
+    if not any(len(stream.stamp_ns) for stream in streams):
+        raise RecordingError("the recording holds no samples", "Nothing was written.")
+    if folder.exists():
+        raise RecordingError(f"{folder} exists already", "Choose another name; nothing is overwritten.")
+    sink = McapSink(folder / f"{folder.name}_0.mcap", compression)
+    channels = [sink.add_topic(standard_topic(stream.topic)) for stream in streams]
+    for chunk in _chunks(streams, channels, compression):
+        sink.write(chunk)
+    finish_bag(sink)
+    return folder
+
+
+def standard_topic(name: str) -> Topic:
+    """Return a topic of the suite with its type's definition and hash."""
+    definition, type_hash = message_types.definition(TYPES[name])
+    return Topic(name, TYPES[name], definition, type_hash, offered_qos(name))
+
+
+def finish_bag(sink: McapSink) -> None:
+    """Close the file of a bag and write its metadata.yaml.
+
+    Raises
+    ------
+    RecordingError
+        If the disk is full or the folder cannot be written.
+    """
+    information = metadata(sink.topics, [sink.summary()])
+    # The same inside the file, for readers that are given it without its folder.
+    inside = yaml.safe_dump(information, sort_keys=False)
+    sink.add_metadata("rosbag2", {"serialized_metadata": inside, "ROS_DISTRO": "jazzy"})
+    sink.finish()
+    file = sink.path.parent / METADATA
+    try:
+        file.write_text(yaml.safe_dump({METADATA_KEY: information}, sort_keys=False), encoding="utf-8")
+    except OSError as error:
+        raise RecordingError(f"{file} cannot be written: {error.strerror}", "Make room, then check --repair.") from None
+
+
+def _streams(recording: Recording) -> list[Stream]:
+    joints = list(recording.joints)
+    streams = []
+    if recording.robot_description is not None:
+        message = _message("std_msgs/msg/String", data=recording.robot_description)
+        streams.append(Stream(ROBOT_DESCRIPTION, np.array([recording.start_ns], np.int64), message))
+    for topic, side in ((JOINT_STATES, recording.link), (MOTOR_STATES, recording.motor)):
+        if side is not None:
+            check_times(side.stamp_ns, topic)
+            channels = {name: values for name, values in side.channels().items() if name != "acceleration"}
+            blank = {name: np.zeros(recording.n if name in channels else 0) for name in _STATE}
+            message = _message(TYPES[topic], header=_header(), name=joints, **blank)
+            streams.append(Stream(topic, side.stamp_ns, message, channels))
+    if recording.link is not None and recording.link.effort is not None and recording.motor is None:
+        # Without a motor side nothing else says that the effort is the joint torque sensor's.
+        streams.append(_torques(joints, recording.link.stamp_ns, recording.link.effort))
+    if recording.reference is not None:
+        streams.append(_reference(joints, recording.reference))
+    return streams
+
+
+_STATE = ("position", "velocity", "effort")
+
+
+def _torques(joints: list[str], stamp_ns: Stamps, effort: Array) -> Stream:
+    none, blank = np.zeros(0), np.zeros(len(joints))
+    torques = {"joint_torque": blank, "motor_torque": none, "joint_torque_std": none, "motor_torque_std": none}
+    message = _message(TYPES[JOINT_TORQUES], header=_header(), name=joints, **torques)
+    return Stream(JOINT_TORQUES, stamp_ns, message, {"joint_torque": effort})
+
+
+def _reference(joints: list[str], side: Side) -> Stream:
+    fields = {"position": "positions", "velocity": "velocities", "acceleration": "accelerations", "effort": "effort"}
+    channels = side.channels()
+    types = message_types.typestore().types
+    blank = {path: np.zeros(len(joints) if name in channels else 0) for name, path in fields.items()}
+    zero = types["builtin_interfaces/msg/Duration"](sec=0, nanosec=0)
+    point = types["trajectory_msgs/msg/JointTrajectoryPoint"](**blank, time_from_start=zero)
+    message = _message(TYPES[REFERENCE], header=_header(), joint_names=joints, points=[point])
+    values = {f"points.0.{fields[name]}": numbers for name, numbers in channels.items()}
+    return Stream(REFERENCE, side.stamp_ns, message, values)
+
+
+def _header() -> Any:
+    types = message_types.typestore().types
+    return types["std_msgs/msg/Header"](stamp=types["builtin_interfaces/msg/Time"](sec=0, nanosec=0), frame_id="")
+
+
+def _message(type_name: str, **fields: Any) -> bytes:
+    store = message_types.typestore()
+    return bytes(store.serialize_cdr(store.types[type_name](**fields), type_name))
+
+
+def _chunks(streams: list[Stream], channels: list[int], compression: Compression) -> Iterator[Packed]:
+    """Yield the chunks in order of time; several are laid out and compressed at once."""
+    longest = max(streams, key=lambda stream: len(stream.stamp_ns))
+    a_round = sum(stream.size for stream in streams if len(stream.stamp_ns) > 1 or stream is longest)
+    step = max(_CHUNK_BYTES // a_round, 1)
+    edges = [np.searchsorted(stream.stamp_ns, longest.stamp_ns[step::step]) for stream in streams]
+    bounds = [[0, *edge.tolist(), len(stream.stamp_ns)] for edge, stream in zip(edges, streams, strict=True)]
+    parts = zip(*(pairwise(bound) for bound in bounds), strict=True)
+
+    def make(rows: tuple[tuple[int, int], ...]) -> Packed:
+        return _chunk(streams, channels, [slice(*pair) for pair in rows], compression)
+
+    workers = min(os.cpu_count() or 1, 4)
+    with ThreadPoolExecutor(workers) as pool:
+        ahead: deque[Future[Packed]] = deque(pool.submit(make, rows) for rows in islice(parts, 2 * workers))
+        while ahead:
+            yield ahead.popleft().result()
+            ahead.extend(pool.submit(make, rows) for rows in islice(parts, 1))
+
+
+def _chunk(streams: list[Stream], channels: list[int], rows: list[slice], compression: Compression) -> Packed:
+    stamps = np.concatenate([stream.stamp_ns[part] for stream, part in zip(streams, rows, strict=True)])
+    counts = [part.stop - part.start for part in rows]
+    sizes = np.repeat([stream.size for stream in streams], counts)
+    order = np.argsort(stamps, kind="stable")
+    ends = np.cumsum(sizes[order])
+    offsets = np.empty(len(stamps), np.int64)
+    offsets[order] = ends - sizes[order]
+    buffer = np.empty(int(ends[-1]) if len(ends) else 0, np.uint8)
+    index = {}
+    split = np.split(offsets, np.cumsum(counts)[:-1])
+    for stream, part, channel, at in zip(streams, rows, channels, split, strict=True):
+        if len(at):
+            stream.lay(buffer, at, part, channel)
+            index[channel] = (stream.stamp_ns[part], at)
+    return pack(buffer.data, index, compression)
