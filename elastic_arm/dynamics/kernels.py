@@ -6,18 +6,24 @@ a compiler is found, in numpy otherwise.
 
 from __future__ import annotations
 
+import functools
+import logging
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
+from elastic_arm.dynamics.c_engine import CEngine
 from elastic_arm.dynamics.compiler import build
 from elastic_arm.dynamics.emit_c import emit_scalar
 from elastic_arm.dynamics.numpy_engine import NumpyEngine
 from elastic_arm.dynamics.program import Program, from_casadi
+from elastic_arm.errors import KernelError
 
 if TYPE_CHECKING:
     import casadi
+
+_LOG = logging.getLogger(__name__)
 
 
 __all__ = ["Engine", "Kernel", "build", "compile", "emit_c", "make"]
@@ -27,6 +33,9 @@ class Engine(Protocol):
     """Runs one program."""
 
     name: str
+
+    def allocate(self, samples: int, size: int) -> np.ndarray:
+        """Memory (samples, size) for an output."""
 
     def run(self, arrays: Sequence[np.ndarray], outputs: Sequence[np.ndarray]) -> None:
         """Fill `outputs` from `arrays`."""
@@ -53,7 +62,7 @@ class Kernel:
             If an array's shape is not the input's, or the numbers of samples differ.
         """
         ready, samples = self._check(arrays)
-        flat = [np.zeros((samples, out.size)) for out in self.program.outputs]
+        flat = [self.engine.allocate(samples, out.size) for out in self.program.outputs]
         self.engine.run(ready, flat)
         shaped = tuple(
             array if out.shape[1] == 1 else array.reshape(samples, *out.shape)
@@ -94,7 +103,24 @@ def compile(function: casadi.Function, engine: str | None = None, shared: Sequen
 
 def make(program: Program, engine: str | None = None, shared: Sequence[str] = ()) -> Kernel:
     """Make a kernel of a program; see :func:`compile`."""
-    return Kernel(program, NumpyEngine(program, shared), shared)
+    return Kernel(program, _choose(program, engine, shared), shared)
+
+
+def _choose(program: Program, engine: str | None, shared: Sequence[str]) -> Engine:
+    if engine == "numpy":
+        return NumpyEngine(program, shared)
+    try:
+        return CEngine(program, shared)
+    except KernelError as error:
+        if engine == "c":
+            raise
+        _say_once(str(error))
+        return NumpyEngine(program, shared)
+
+
+@functools.cache
+def _say_once(reason: str) -> None:
+    _LOG.warning("Kernels run in numpy, about ten times slower than compiled: %s", reason)
 
 
 def emit_c(function: casadi.Function | Program, name: str) -> str:

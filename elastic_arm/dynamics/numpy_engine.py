@@ -80,6 +80,11 @@ class NumpyEngine:
                     source = operands[value]
                     array[start : start + size, place] = source[:size] if source.ndim else source
 
+    @staticmethod
+    def allocate(samples: int, size: int) -> np.ndarray:
+        """Zeros (samples, size): a run writes only the structural non-zeros."""
+        return np.zeros((samples, size))
+
     def _uniform_values(self, arrays: Sequence[np.ndarray]) -> dict[int, np.ndarray]:
         """Values that no sample changes, as arrays without dimensions: numpy converts those fastest."""
         program = self._program

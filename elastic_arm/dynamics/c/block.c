@@ -1,0 +1,135 @@
+/* Runs compute() over blocks of samples. What stands above this text is generated:
+   N_INPUTS, N_OUTPUTS, N_VALUES, N_SHARED, MAX_SIZE, input_size[], input_shared[], prepare(), compute(), and per output
+   output_size[], its runs: run_start[], run_value[][8] from run_first[o] to run_first[o + 1];
+   of the first output, for the information matrices: ROWS, row_first[], row_value[]. */
+
+#if defined(__clang__) || __GNUC__ >= 12
+#define SHUFFLE(a, b, ...) __builtin_shufflevector(a, b, __VA_ARGS__)
+/* Store lane l of r[0..7] to to[l * step .. l * step + 7]. */
+static inline void store_lanes(const v8 *r, double *to, long step) {
+  v8 a[8], b[8];
+  for (int k = 0; k < 8; k += 2) {
+    a[k] = SHUFFLE(r[k], r[k + 1], 0, 8, 2, 10, 4, 12, 6, 14);
+    a[k + 1] = SHUFFLE(r[k], r[k + 1], 1, 9, 3, 11, 5, 13, 7, 15);
+  }
+  for (int k = 0; k < 8; k += 4)
+    for (int j = 0; j < 2; j++) {
+      b[k + j] = SHUFFLE(a[k + j], a[k + j + 2], 0, 1, 8, 9, 4, 5, 12, 13);
+      b[k + j + 2] = SHUFFLE(a[k + j], a[k + j + 2], 2, 3, 10, 11, 6, 7, 14, 15);
+    }
+  for (int k = 0; k < 4; k++) {
+    v8 low = SHUFFLE(b[k], b[k + 4], 0, 1, 2, 3, 8, 9, 10, 11);
+    memcpy(to + k * step, &low, sizeof low);
+  }
+  for (int k = 0; k < 4; k++) { /* lanes in order: what one stores past its end the next one overwrites */
+    v8 high = SHUFFLE(b[k], b[k + 4], 4, 5, 6, 7, 12, 13, 14, 15);
+    memcpy(to + (k + 4) * step, &high, sizeof high);
+  }
+}
+#else
+static inline void store_lanes(const v8 *r, double *to, long step) {
+  for (int l = 0; l < LANES; l++)
+    for (int k = 0; k < 8; k++) to[l * step + k] = r[k][l];
+}
+#endif
+
+/* Past the caches, without reading the lines first; `to` is 64-byte aligned. */
+static inline void stream(double *to, const double *from, long count) {
+#if defined(__AVX512F__)
+  for (long k = 0; k < count; k += 8) _mm512_stream_pd(to + k, _mm512_load_pd(from + k));
+#elif defined(__x86_64__)
+  for (long k = 0; k < count; k += 2) _mm_stream_pd(to + k, _mm_load_pd(from + k));
+#else
+  memcpy(to, from, count * sizeof(double));
+#endif
+}
+
+/* Point `rows` at eight samples from `start`; past the end, at copies in `pad` whose missing lanes repeat the last. */
+static long point(long start, long n, const double *const *in, const double **rows, double *pad) {
+  long valid = n - start < LANES ? n - start : LANES;
+  for (int i = 0; i < N_INPUTS; i++) {
+    long size = input_size[i];
+    if (input_shared[i]) continue;
+    rows[i] = in[i] + start * size;
+    if (valid == LANES) continue;
+    double *copy = pad + (long)i * LANES * MAX_SIZE;
+    for (int l = 0; l < LANES; l++) memcpy(copy + l * size, rows[i] + (l < valid ? l : valid - 1) * size, size * 8);
+    rows[i] = copy;
+  }
+  return valid;
+}
+
+long prepared_size(void) { return N_SHARED; }
+
+void prepare_shared(const double *const *in, double *shared) { prepare(in, shared); }
+
+/* Dense outputs, sample by sample. 0 on success, 1 when memory is short. */
+int dense(long n, const double *const *in, const double *shared, double *const *out, int past_caches) {
+  const double *rows[N_INPUTS + 1];
+  double *pad = malloc(sizeof(double) * (N_INPUTS + 1) * LANES * MAX_SIZE);
+  double *block[N_OUTPUTS];
+  v8 values[N_VALUES + 1];
+  int failed = pad == NULL;
+  for (int o = 0; o < N_OUTPUTS; o++) {
+    size_t bytes = (output_size[o] * LANES + 8) * sizeof(double);
+    block[o] = aligned_alloc(64, (bytes + 63) / 64 * 64);
+    if (block[o] == NULL) failed = 1;
+    else memset(block[o], 0, bytes);
+  }
+  values[N_VALUES] = splat(0.0);
+  for (long start = 0; !failed && start < n; start += LANES) {
+    long valid = point(start, n, in, rows, pad);
+    compute(rows, shared, values, 1);
+    for (int o = 0; o < N_OUTPUTS; o++) {
+      long size = output_size[o];
+      for (int g = run_first[o]; g < run_first[o + 1]; g++) {
+        v8 r[8];
+        for (int k = 0; k < 8; k++) r[k] = values[run_value[g][k]];
+        store_lanes(r, block[o] + run_start[g], size);
+      }
+      if (past_caches && valid == LANES) stream(out[o] + start * size, block[o], size * LANES);
+      else memcpy(out[o] + start * size, block[o], valid * size * sizeof(double));
+    }
+  }
+#if defined(__x86_64__)
+  if (past_caches) _mm_sfence();
+#endif
+  for (int o = 0; o < N_OUTPUTS; o++) free(block[o]);
+  free(pad);
+  return failed;
+}
+
+#define TILE 8 /* blocks of eight samples that are summed while a sum stays in a register */
+typedef void (*accumulator)(int, const int *, const int *, const v8 *, const v8 *, double *, double *);
+
+/* Information of the first output's rows with the measured y (n, ROWS), summed by `add` into hi and lo. */
+int information(long n, const double *const *in, const double *shared, const double *y, accumulator add, double *hi,
+                double *lo) {
+  const double *rows[N_INPUTS + 1];
+  double *pad = malloc(sizeof(double) * (N_INPUTS + 1) * LANES * MAX_SIZE);
+  v8 *values = aligned_alloc(64, sizeof(v8) * TILE * (N_VALUES + ROWS + 1));
+  if (pad == NULL || values == NULL) {
+    free(pad);
+    free(values);
+    return 1;
+  }
+  v8 *measured = values + (long)TILE * N_VALUES;
+  for (long tile = 0; tile < n; tile += TILE * LANES) {
+    for (int t = 0; t < TILE; t++) {
+      long start = tile + t * LANES, valid = 0;
+      if (start < n) {
+        valid = point(start, n, in, rows, pad);
+        compute(rows, shared, values + t, TILE);
+      }
+      for (int r = 0; r < ROWS; r++)
+        for (int l = 0; l < LANES; l++) measured[r * TILE + t][l] = l < valid ? y[(start + l) * ROWS + r] : 0.0;
+      if (valid < LANES)
+        for (int k = 0; k < N_VALUES; k++)
+          for (int l = valid; l < LANES; l++) values[k * TILE + t][l] = 0.0;
+    }
+    add(ROWS, row_first, row_value, values, measured, hi, lo);
+  }
+  free(pad);
+  free(values);
+  return 0;
+}
