@@ -10,6 +10,7 @@ import numpy as np
 from elastic_arm.dynamics import kernels
 from elastic_arm.dynamics.bodies import Bodies, Parameter
 from elastic_arm.dynamics.composition import compose
+from elastic_arm.dynamics.program_cache import cached_program
 from elastic_arm.robot.description import Robot
 
 if TYPE_CHECKING:
@@ -131,7 +132,7 @@ class Model:
         """Compiled function of that name; of the regressor, only `columns`."""
         key = (name, None if columns is None else tuple(int(c) for c in columns))
         if key not in self._kernels:
-            program = kernels.from_casadi(self.function(name))
+            program = cached_program(f"{name}:{self.bodies.fingerprint()}", lambda: self.function(name))
             if key[1] is not None:
                 program = program.columns("Phi", key[1])
             self._kernels[key] = kernels.make(program, self._engine, shared=("Psi",))

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 
 import numpy as np
-from scipy.special import erf
 
 from elastic_arm.dynamics.program import NAMES, OPERATIONS, Program
 
@@ -17,6 +16,12 @@ def _if_else_zero(condition: np.ndarray, value: np.ndarray, out: np.ndarray | No
     return np.multiply(np.not_equal(condition, 0.0), value, out=out) if out is not None else condition * value
 
 
+def _erf(value: np.ndarray, out: np.ndarray | None = None) -> np.ndarray:
+    from scipy.special import erf
+
+    return np.asarray(erf(value, out=out))
+
+
 _UFUNCS: dict[str, Callable[..., np.ndarray]] = {
     "add": np.add, "sub": np.subtract, "mul": np.multiply, "div": np.divide, "pow": np.power, "fmod": np.fmod,
     "copysign": np.copysign, "fmin": np.fmin, "fmax": np.fmax, "atan2": np.arctan2, "hypot": np.hypot,
@@ -24,7 +29,7 @@ _UFUNCS: dict[str, Callable[..., np.ndarray]] = {
     "or": np.logical_or, "if_else_zero": _if_else_zero, "neg": np.negative, "exp": np.exp, "log": np.log,
     "log1p": np.log1p, "expm1": np.expm1, "sqrt": np.sqrt, "fabs": np.abs, "sign": np.sign, "floor": np.floor,
     "ceil": np.ceil, "not": np.logical_not, "sin": np.sin, "cos": np.cos, "tan": np.tan, "asin": np.arcsin,
-    "acos": np.arccos, "atan": np.arctan, "sinh": np.sinh, "cosh": np.cosh, "tanh": np.tanh, "erf": erf,
+    "acos": np.arccos, "atan": np.arctan, "sinh": np.sinh, "cosh": np.cosh, "tanh": np.tanh, "erf": _erf,
     "asinh": np.arcsinh, "acosh": np.arccosh, "atanh": np.arctanh,
 }  # fmt: skip
 

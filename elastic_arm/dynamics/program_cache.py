@@ -1,0 +1,61 @@
+"""Derived programs on disk: a model that was derived once is never derived again, and CasADi stays unloaded."""
+
+from __future__ import annotations
+
+import contextlib
+import functools
+import hashlib
+import os
+import tempfile
+import zipfile
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from elastic_arm.dynamics.compiler import cache_folder
+from elastic_arm.dynamics.program import Program, from_casadi
+
+if TYPE_CHECKING:
+    import casadi
+
+# What a derived program depends on besides its key.
+_SOURCES = ("bodies.py", "recursion.py", "derivation.py", "program.py")
+
+
+def cached_program(key: str, derive: Callable[[], casadi.Function]) -> Program:
+    """Return the program of `derive()`, from the cache where it is there.
+
+    Parameters
+    ----------
+    key
+        Says everything that `derive` depends on, but the project's own source.
+
+    Notes
+    -----
+    A cache that cannot be read or written costs time, never a result.
+    """
+    path = cache_folder() / f"{hashlib.sha256(f'{key}:{_source_digest()}'.encode()).hexdigest()[:32]}.npz"
+    with contextlib.suppress(OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile):
+        return Program.load(path)
+    program = from_casadi(derive())
+    with contextlib.suppress(OSError):
+        _save(program, path)
+    return program
+
+
+def _save(program: Program, path: Path) -> None:
+    """Write under a passing name first: another process must never read half a file."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    handle, passing = tempfile.mkstemp(dir=path.parent, prefix="program-")
+    os.close(handle)
+    try:
+        program.save(Path(passing))
+        Path(passing).replace(path)
+    finally:
+        Path(passing).unlink(missing_ok=True)
+
+
+@functools.cache
+def _source_digest() -> str:
+    folder = Path(__file__).parent
+    return hashlib.sha256(b"".join((folder / name).read_bytes() for name in _SOURCES)).hexdigest()
