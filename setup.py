@@ -9,7 +9,7 @@ NAME = "elastic_arm"
 VERSION = next(
     line.split('"')[1] for line in Path(NAME, "__init__.py").read_text().splitlines() if line.startswith("__version__")
 )
-NODES: tuple[str, ...] = ()
+NODES = ("simulator", "trajectory_generator", "identifier", "recorder", "replayer")
 
 
 # What the library needs at run time. Names only: the pins of requirements.txt belong to the project's own environment.
@@ -39,7 +39,7 @@ setup(
     maintainer="elastic_arm maintainers",
     maintainer_email="maintainers@users.noreply.h-seed-cf1e5b97.example",
     packages=find_packages(include=[NAME, f"{NAME}.*"]),
-    package_data={NAME: ["**/*.yaml", "**/*.html", "**/*.j2", "**/*.css", "**/*.js", "**/*.msg", "py.typed"]},
+    package_data={NAME: ["**/*.yaml", "**/*.html", "**/*.j2", "**/*.css", "**/*.js", "**/*.msg", "**/*.c", "**/*.h"]},
     python_requires=">=3.11",
     install_requires=list(LIBRARIES),
     extras_require={

@@ -23,9 +23,18 @@ class Equations(Protocol):
 
     robot: Robot
     model_name: str
-    K: SX
-    D: SX
-    B: SX
+
+    @property
+    def K(self) -> SX:
+        """Stiffnesses of the drives (n, 1)."""
+
+    @property
+    def D(self) -> SX:
+        """Dampings of the drives (n, 1)."""
+
+    @property
+    def B(self) -> SX:
+        """Diagonal of B (n, 1)."""
 
     def left_side(self, x: SX, dx: SX, ddx: SX, *, model: str | None = None) -> SX:
         """Return the left side of (1), of this model or another variant of the same arm."""

@@ -1,0 +1,7 @@
+"""An arm that moves: forward dynamics with effects, a controller, sensors; whole runs, or one sample at a time."""
+
+from elastic_arm.simulation.controller import Controller, tuned
+from elastic_arm.simulation.rollout import record, simulate
+from elastic_arm.simulation.simulator import Simulator, Truth
+
+__all__ = ["Controller", "Simulator", "Truth", "record", "simulate", "tuned"]

@@ -1,0 +1,140 @@
+"""The equations that are integrated: those of the arm, and the laws of the effects added to them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import casadi as ca
+import numpy as np
+
+from elastic_arm.dynamics.derivation import bias, mass_matrix, solve
+from elastic_arm.effects.acting import Acting
+from elastic_arm.effects.base import Active
+from elastic_arm.effects.equations import ArmEquations
+from elastic_arm.effects.motion import Contribution, Motion
+
+SX = ca.SX
+
+
+@dataclass(frozen=True)
+class System:
+    """An arm with effects, ready to be integrated.
+
+    Parameters
+    ----------
+    equations, acting
+        The arm and the laws that act on it.
+    constants
+        (Psi, p, speed) -> all that depends on parameters alone, evaluated once.
+    accelerations
+        (x, dx, z, tau_m, constants) -> (ddx, dz, tau_J).
+    balance
+        (x, dx, z, Psi, p, speed) -> left side of (1) with the effects at no acceleration and no motor torque.
+    stiffness_of_balance
+        Its derivative by x.
+    friction
+        (x, dx, z, tau_m, Psi, p, speed) -> derivative of the left side by the signs of the velocities (dof, 2n), and
+        the mass matrix.
+    """
+
+    equations: ArmEquations
+    acting: Acting
+    constants: ca.Function
+    accelerations: ca.Function
+    balance: ca.Function
+    stiffness_of_balance: ca.Function
+    friction: ca.Function
+
+    @property
+    def n(self) -> int:
+        """Number of joints."""
+        return self.equations.robot.n
+
+    @property
+    def dof(self) -> int:
+        """Number of generalized coordinates."""
+        return self.equations.dof
+
+    @property
+    def states(self) -> int:
+        """Number of internal states of effects."""
+        return int(self.acting.z.numel())
+
+    def evaluate_constants(self, speed: np.ndarray) -> np.ndarray:
+        """Return the values of the constants for the arm's own parameters and regularisation speeds (2n,)."""
+        return np.array(self.constants(self.equations.nominal, self.acting.numbers(), speed)).ravel()
+
+
+def assemble(equations: ArmEquations, actives: Sequence[Active]) -> System:
+    """Put an arm and effects together.
+
+    With tau_J taken from the drive equation, (1) reads `left side + effects = [0; tau_m]`, linear in the accelerations
+    also where a law contains them (an added mass).
+    """
+    n, dof, Psi = equations.robot.n, equations.dof, equations.Psi
+    acting = Acting(actives, equations.robot)
+    x, dx, ddx = (SX.sym(name, dof) for name in ("x", "dx", "ddx"))
+    tau_m, tau_J, speed = SX.sym("tau_m", n), SX.sym("tau_J", n), SX.sym("speed", 2 * n)
+    signs = SX.sym("signs", 2 * n)
+    unused = SX.zeros(n)
+    motion = Motion(
+        equations, x, dx, ddx, tau_J, tau_m, unused, unused, sign=lambda side, i: signs[i if side == "link" else n + i]
+    )
+    added, rates = acting.contribution(motion)
+    joint_torque = _joint_torque(motion, added, tau_m)
+
+    def finished(expression: SX) -> SX:
+        expression = ca.substitute(expression, tau_J, joint_torque)
+        return ca.substitute(expression, signs, ca.tanh(ca.vertcat(motion.dq, motion.dtheta) / speed))
+
+    rows = ca.substitute(_rows(motion, added), tau_J, joint_torque)
+    of_laws = ca.jacobian(rows, ddx)
+    still = finished(ca.substitute(rows, ddx, SX.zeros(dof)))
+    M = mass_matrix(equations.bodies)(x, Psi) + finished(of_laws)
+    h = bias(equations.bodies)(x, dx, Psi) + still
+    solution = solve(M, _input_rows(motion, tau_m) - h)
+    outputs = ca.cse([solution, finished(rates), finished(joint_torque)])
+    given = ca.vertcat(Psi, acting.p, speed)
+    outputs, symbols, hoisted = ca.extract_parametric(outputs, given, {"extract_trivial": True})
+    constants = ca.vertcat(SX(0, 1), *symbols)
+    names = ["x", "dx", "z", "tau_m", "constants"]
+    at = [x, dx, acting.z, Psi, acting.p, speed]
+    h = ca.substitute(h, tau_m, unused)
+    return System(
+        equations,
+        acting,
+        ca.Function("constants", [Psi, acting.p, speed], [ca.vertcat(SX(0, 1), *hoisted)]),
+        ca.Function(
+            "accelerations",
+            [x, dx, acting.z, tau_m, constants],
+            [ca.densify(o) for o in outputs],
+            names,
+            ["ddx", "dz", "tau_J"],
+        ),
+        ca.Function("balance", at, [h]),
+        ca.Function("stiffness_of_balance", at, [ca.jacobian(h, x)]),
+        ca.Function("friction", [*at[:3], tau_m, *at[3:]], [finished(ca.jacobian(rows, signs)), M]),
+    )
+
+
+def _joint_torque(motion: Motion, added: Contribution, tau_m: SX) -> SX:
+    """tau_J of the drive equation; where there is no drive, the motor's torque."""
+    if not motion.robot.elastic:
+        return tau_m
+    return motion.K * (motion.theta - motion.q) + motion.D * (motion.dtheta - motion.dq) + added.drive
+
+
+def _rows(motion: Motion, added: Contribution) -> SX:
+    """What the effects add to the left side of (1): the drive pulls the link and holds the motor back."""
+    if not motion.robot.elastic:
+        return added.link + added.motor
+    tilts = motion.x.shape[0] - 2 * motion.n
+    free = added.tilts if added.tilts is not None else SX(tilts, 1)
+    return ca.vertcat(added.link - added.drive, added.motor + added.drive, free)
+
+
+def _input_rows(motion: Motion, tau_m: SX) -> SX:
+    """Right side of (1)."""
+    n, dof = motion.n, motion.x.shape[0]
+    return tau_m if not motion.robot.elastic else ca.vertcat(SX(n, 1), tau_m, SX(dof - 2 * n, 1))

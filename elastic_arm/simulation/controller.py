@@ -1,0 +1,96 @@
+"""The controller on the motor side: PD on theta, with the torque of a model fed forward."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
+
+from elastic_arm.effects.equations import ArmEquations
+from elastic_arm.errors import SimulationError
+from elastic_arm.robot import Robot
+
+Array = NDArray[np.float64]
+Feedforward = Callable[[Array, Array, Array], Array]
+
+BANDWIDTH = 3.0
+DAMPING_RATIO = 0.8
+
+
+def no_feedforward(q: Array, dq: Array, ddq: Array) -> Array:
+    """Feed no torque forward."""
+    return np.zeros_like(q)
+
+
+@dataclass(frozen=True)
+class Controller:
+    """tau_m = kp (theta_ref - theta) + kd (dtheta_ref - dtheta) + feed-forward, held for a sample, within limits.
+
+    It reads the motor side without noise.
+
+    Parameters
+    ----------
+    kp, kd : (n,)
+        Nm/rad, Nm s/rad.
+    feedforward
+        Reference q, dq, ddq (N, n) -> torque (N, n).
+    """
+
+    kp: Array
+    kd: Array
+    feedforward: Feedforward = no_feedforward
+
+    def __post_init__(self) -> None:
+        for name in ("kp", "kd"):
+            gains = np.asarray(getattr(self, name), dtype=float)
+            if gains.ndim != 1 or not np.isfinite(gains).all() or (gains < 0).any():
+                raise SimulationError(
+                    f"{name} of the controller is {getattr(self, name)!r}", "Give n gains, zero or more."
+                )
+            object.__setattr__(self, name, gains)
+
+
+def tuned(robot: Robot, *, bandwidth: float = BANDWIDTH, model: str = "mod3") -> Controller:
+    """Return a controller for a nominal arm: critically damped, nearly, at `bandwidth` (Hz), with feed-forward.
+
+    The gains fit the inertia of each whole joint, link and motor, in the zero position.
+    """
+    equations = ArmEquations(robot, model)
+    inertia = joint_inertia(equations)
+    rate = 2 * np.pi * bandwidth
+    return Controller(rate**2 * inertia, 2 * DAMPING_RATIO * rate * inertia, feedforward_of(equations))
+
+
+def joint_inertia(equations: ArmEquations) -> Array:
+    """Return the inertia (n,) of each joint in the zero position, link and motor side turning together, kg m²."""
+    n = equations.robot.n
+    columns = _together(equations)
+    still = np.zeros(n)
+    at_rest = columns(still, still, still, equations.nominal)
+    moved = [columns(still, still, axis, equations.nominal) - at_rest for axis in np.eye(n)]
+    return np.array([float(moved[i][i]) for i in range(n)])
+
+
+def feedforward_of(equations: ArmEquations) -> Feedforward:
+    """Return the torque that moves an arm along a reference as if its drives were rigid (q = theta)."""
+    torque = _together(equations)
+
+    def feedforward(q: Array, dq: Array, ddq: Array) -> Array:
+        shared = np.broadcast_to(equations.nominal[:, None], (len(equations.nominal), len(q)))
+        return np.array(torque(q.T, dq.T, ddq.T, shared)).T
+
+    return feedforward
+
+
+def _together(equations: ArmEquations) -> ca.Function:
+    """(q, dq, ddq, Psi) -> sum of both sides' torques (n,) when link and motor move alike."""
+    n, dof = equations.robot.n, equations.dof
+    names = ("q", "dq", "ddq")
+    q, dq, ddq = (ca.SX.sym(name, n) for name in names)
+    x, dx, ddx = (ca.vertcat(*[v] * (dof // n)) for v in (q, dq, ddq))
+    force = equations.left_side(x, dx, ddx)
+    total = ca.sum2(ca.reshape(force, n, dof // n))
+    return ca.Function("together", [q, dq, ddq, equations.Psi], [ca.cse(total)], [*names, "Psi"], ["torque"])

@@ -1,0 +1,99 @@
+"""A whole run of a simulated arm, as a recording."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from elastic_arm.effects import Active
+from elastic_arm.errors import SimulationError
+from elastic_arm.recording import Recording, Side
+from elastic_arm.robot import Robot
+from elastic_arm.sensors import Sensors
+from elastic_arm.simulation.controller import Controller
+from elastic_arm.simulation.simulator import Simulator, Truth
+
+Array = NDArray[np.float64]
+
+
+class Trajectory(Protocol):
+    """A reference motion."""
+
+    duration: float
+
+    def evaluate(self, t: Array) -> tuple[Array, Array, Array]:
+        """Return q, dq, ddq, each (N, n), at times t (N,)."""
+
+
+def simulate(
+    robot: Robot,
+    trajectory: Trajectory,
+    *,
+    model: str = "mod3",
+    bearings: bool = False,
+    effects: Sequence[Active] = (),
+    sensors: Sensors | None = None,
+    controller: Controller | None = None,
+    nominal: Robot | None = None,
+    duration: float | None = None,
+    rate: float = 1000.0,
+    substeps: int = 10,
+    rng: np.random.Generator | None = None,
+    engine: str | None = None,
+) -> Recording:
+    """Let an arm follow a trajectory, and record it.
+
+    The arm starts where and as fast as the trajectory does, its links hanging in their drives. The recording holds what the
+    sensors read, the reference, and the description of the nominal arm: nothing of the truth.
+
+    Parameters
+    ----------
+    robot
+        The true arm; `nominal`, if given, is what the controller and the recording know instead.
+    trajectory
+        Reference of the motor side.
+    duration
+        s; that of the trajectory when None.
+
+    Other parameters are those of :class:`~elastic_arm.simulation.simulator.Simulator`.
+
+    Raises
+    ------
+    SimulationError
+        If the motion leaves the finite numbers, or the settings make no sense.
+    EffectError
+        If an effect cannot act on this arm.
+    """
+    seconds = trajectory.duration if duration is None else duration
+    if not (np.isfinite(seconds) and seconds > 0):
+        raise SimulationError(f"the duration is {seconds!r} s", "Give a positive number of seconds.")
+    t = np.arange(round(seconds * rate) + 1) / rate
+    q, dq, ddq = trajectory.evaluate(t)
+    settings: dict[str, Any] = {"model": model, "bearings": bearings, "effects": effects, "sensors": sensors}
+    settings |= {"controller": controller, "nominal": nominal, "rate": rate, "substeps": substeps, "rng": rng}
+    simulator = Simulator(robot, **settings, q0=q[0], dq0=dq[0], engine=engine)
+    truth, measured = simulator.follow(q, dq, ddq)
+    return record(simulator, truth, measured, reference=(q, dq, ddq))
+
+
+def record(
+    simulator: Simulator, truth: Truth, measured: dict[str, Array], reference: tuple[Array, Array, Array] | None = None
+) -> Recording:
+    """Put measured channels into a recording; an arm without transmissions has its motor torque on the motor side."""
+    true_ns = np.round(truth.t * 1e9).astype(np.int64)
+    stamp_ns = true_ns + np.round(simulator.sensors.jitter(len(truth.t)) * 1e9).astype(np.int64)
+    q, dq, tau_J, theta, dtheta, tau_m = measured.values()
+    robot = simulator.nominal
+    return Recording(
+        joints=robot.joint_names,
+        link=Side(stamp_ns, position=q, velocity=dq, effort=tau_J if robot.elastic else None),
+        motor=Side(stamp_ns, position=theta, velocity=dtheta, effort=tau_m),
+        reference=None
+        if reference is None
+        else Side(true_ns, position=reference[0], velocity=reference[1], acceleration=reference[2]),
+        robot_description=robot.to_urdf(),
+        source="simulation",
+    )

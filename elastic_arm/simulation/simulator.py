@@ -1,0 +1,271 @@
+"""An arm that moves: sample by sample, or a whole run at once, by the same code."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from elastic_arm.effects import Active, robot_effects
+from elastic_arm.effects.base import Stage
+from elastic_arm.effects.equations import ArmEquations
+from elastic_arm.errors import SimulationError
+from elastic_arm.robot import Robot
+from elastic_arm.sensors import SensorBank, Sensors
+from elastic_arm.simulation.assembly import System, assemble
+from elastic_arm.simulation.controller import Controller, tuned
+from elastic_arm.simulation.engine import Carry, Course, Loop, make_engine
+from elastic_arm.simulation.equilibrium import equilibrium
+
+Array = NDArray[np.float64]
+
+# The sign of a velocity is tanh(w / speed): far below the speeds of an excitation (0.1 to 2 rad/s), yet wide enough
+# that a motion through zero takes some steps.
+SIGN_SPEED = 1e-4
+# Friction steeper than this share of what the integrator can follow in a step is widened.
+STEEPEST = 0.7
+
+
+@dataclass(frozen=True)
+class Truth:
+    """What really happened: t (N,) s; (N, n) q, dq, tau_J, theta, dtheta, tau_m as sensors without fault read them.
+
+    `x`, `dx` (N, dof) hold all coordinates, `z` (N, states) the internal states of effects, `command` (N, n) the torque
+    held from each sample on. Torques at a stamp are means over the sample interval centred on it.
+    """
+
+    t: Array
+    x: Array
+    dx: Array
+    z: Array
+    tau_J: Array
+    tau_m: Array
+    command: Array
+    n: int
+
+    @property
+    def q(self) -> Array:
+        """Link angles."""
+        return self.x[:, : self.n]
+
+    @property
+    def dq(self) -> Array:
+        """Their rates."""
+        return self.dx[:, : self.n]
+
+    @property
+    def theta(self) -> Array:
+        """Motor angles."""
+        return self.x[:, self._motor]
+
+    @property
+    def dtheta(self) -> Array:
+        """Their rates."""
+        return self.dx[:, self._motor]
+
+    @property
+    def _motor(self) -> slice:
+        return slice(self.n, 2 * self.n) if self.x.shape[1] > self.n else slice(0, self.n)
+
+    def channels(self) -> dict[str, Array]:
+        """Return what sensors read, by name."""
+        return {name: getattr(self, name) for name in ("q", "dq", "tau_J", "theta", "dtheta", "tau_m")}
+
+
+class Simulator:
+    """An arm with effects, sensors and a controller.
+
+    Parameters
+    ----------
+    robot
+        The arm. What its description lists under `effects` acts too.
+    model
+        mod1, mod2 or mod3.
+    bearings
+        Let the bearings tilt (12 coordinates for three joints).
+    effects
+        Effects beyond the model.
+    sensors
+        What the measured channels add to the truth.
+    controller
+        Default: tuned to `nominal`.
+    nominal
+        What the controller believes; `robot` when None.
+    rate, substeps
+        Samples a second, and integration steps a sample (an even number).
+    rng
+        Source of all noise.
+    q0, dq0
+        Where the motors start, and how fast (n,); zero when None.
+    engine
+        "c", "casadi", or None for the faster one that this machine has.
+
+    Raises
+    ------
+    EffectError, SimulationError
+        If an effect cannot act on this arm, or the settings make no sense.
+    """
+
+    def __init__(
+        self,
+        robot: Robot,
+        *,
+        model: str = "mod3",
+        bearings: bool = False,
+        effects: Sequence[Active] = (),
+        sensors: Sensors | None = None,
+        controller: Controller | None = None,
+        nominal: Robot | None = None,
+        rate: float = 1000.0,
+        substeps: int = 10,
+        rng: np.random.Generator | None = None,
+        q0: Array | None = None,
+        dq0: Array | None = None,
+        engine: str | None = None,
+    ) -> None:
+        _check_steps(rate, substeps)
+        self.nominal = robot if nominal is None else nominal
+        self.robot, self.rate, self._substeps = robot, float(rate), substeps
+        self._model, self._bearings, self._engine_name = model, bearings, engine
+        self._given_sensors = Sensors() if sensors is None else sensors
+        self.controller = tuned(self.nominal, model=model) if controller is None else controller
+        self._rng = np.random.default_rng() if rng is None else rng
+        self._samples = 0
+        self._build(effects)
+        start = np.zeros(robot.n) if q0 is None else np.asarray(q0, dtype=float)
+        self.reset(start, None if dq0 is None else np.asarray(dq0, dtype=float))
+
+    def _build(self, effects: Sequence[Active]) -> None:
+        """Put arm, effects and sensors together."""
+        self.effects = (*robot_effects(self.robot), *effects)
+        stage = Stage(self.robot, self._given_sensors, self._bearings)
+        for active in self.effects:
+            active.joint_indices(self.robot)
+            stage = active.effect.enter(stage, active)
+        self.system: System = assemble(ArmEquations(stage.robot, self._model, bearings=stage.bearings), stage.laws)
+        self.engine = make_engine(self.system, self._engine_name)
+        self.sensors = SensorBank(stage.sensors, self.robot.n, self.rate, self._rng)
+
+    def reset(self, q0: Array, dq0: Array | None = None) -> None:
+        """Put the motors at `q0` (n,), the links where gravity leaves them; all at rest, or at velocities `dq0` (n,)."""
+        n = self.robot.n
+        dq0 = np.zeros(n) if dq0 is None else dq0
+        for what in (q0, dq0):
+            if what.shape != (n,) or not np.isfinite(what).all():
+                raise SimulationError(
+                    f"the start {what} is not {n} finite numbers", "Give one per joint, rad or rad/s."
+                )
+        x, hold = equilibrium(self.system, q0, np.full(2 * n, SIGN_SPEED))
+        z = np.zeros(self.system.states)
+        self.sign_speed = self._sign_speed(x, z, hold)
+        constants = self.system.evaluate_constants(self.sign_speed)
+        limits = [np.inf if j.limits.torque is None else j.limits.torque for j in self.robot.joints]
+        gains = np.array([self.controller.kp, self.controller.kd, limits])
+        self._loop = Loop(constants, gains, 1.0 / self.rate, self._substeps // 2)
+        dx = np.zeros_like(x)
+        dx[: 2 * n] = np.tile(dq0, len(dx[: 2 * n]) // n)
+        y = np.concatenate([x, dx, z])
+        tau_J = np.array(self.system.accelerations(x, dx, z, hold, constants)[2]).ravel()
+        self.carry = Carry(y, 0.5 * tau_J / self.rate, np.array(hold))
+
+    def _sign_speed(self, x: Array, z: Array, hold: Array) -> Array:
+        """Return the speed (2n,) below which friction of each side is regularised, rad/s.
+
+        :data:`SIGN_SPEED`, or more where friction would outrun the integrator: `friction step / inertia`.
+        """
+        n, rest = self.robot.n, np.zeros_like(x)
+        speed = np.full(2 * n, SIGN_SPEED)
+        given = (self.system.equations.nominal, self.system.acting.numbers(), speed)
+        slope, mass = (np.array(m) for m in self.system.friction(x, rest, z, hold, *given))
+        mobility = np.abs(np.einsum("ik,ij,jk->k", slope, np.linalg.inv(mass), np.where(slope != 0, 1.0, 0.0)))
+        step = 1.0 / (self.rate * self._substeps)
+        return np.maximum(speed, mobility * step / STEEPEST)
+
+    @property
+    def t(self) -> float:
+        """Time of the present sample, s."""
+        return self._samples / self.rate
+
+    def follow(self, q: Array, dq: Array, ddq: Array) -> tuple[Truth, dict[str, Array]]:
+        """Run over a reference of the motor side, (N, n) each, at the sample rate.
+
+        Returns
+        -------
+        truth, measured
+            Of the N samples: the truth, and the channels q, dq, tau_J, theta, dtheta, tau_m as the sensors read them.
+        """
+        q, dq, ddq = (np.asarray(values, dtype=float) for values in (q, dq, ddq))
+        return self._advance(self._loop, np.concatenate([q, dq, self.controller.feedforward(q, dq, ddq)], axis=1))
+
+    def drive(self, tau_m: Array) -> tuple[Truth, dict[str, Array]]:
+        """Run under given motor torques (N, n), Nm, each held for a sample; see :meth:`follow`."""
+        tau_m = np.asarray(tau_m, dtype=float)
+        gains = np.array([np.zeros(self.robot.n), np.zeros(self.robot.n), self._loop.gains[2]])
+        reference = np.concatenate([np.zeros((len(tau_m), 2 * self.robot.n)), tau_m], axis=1)
+        return self._advance(replace(self._loop, gains=gains), reference)
+
+    def step(
+        self, reference: tuple[Array, Array, Array] | None = None, *, torque: Array | None = None
+    ) -> tuple[Truth, dict[str, Array]]:
+        """Advance by one sample under a reference (q, dq, ddq), each (n,), or a motor torque (n,).
+
+        Returns truth and measured channels of the sample from which it advanced, (1, n) each: the very bits of
+        :meth:`follow` or :meth:`drive` over many samples.
+        """
+        if (reference is None) == (torque is None):
+            raise SimulationError("a step needs a reference or a torque", "Give one of the two.")
+        if reference is not None:
+            q, dq, ddq = (np.asarray(values, dtype=float)[None] for values in reference)
+            return self.follow(q, dq, ddq)
+        return self.drive(np.asarray(torque, dtype=float)[None])
+
+    def change_effects(self, effects: Sequence[Active]) -> None:
+        """Go on from the present motion with other effects; internal states of effects start anew.
+
+        Equations of a shape not met before are compiled, which takes a second or two.
+        """
+        x, dx = (self.carry.y[k * self.system.dof : (k + 1) * self.system.dof] for k in (0, 1))
+        command, half = self.carry.command, self.carry.half
+        self._build(effects)
+        dof = self.system.dof
+        x, dx = (np.pad(values[:dof], (0, max(0, dof - len(values)))) for values in (x, dx))
+        self.reset(x[self.robot.n : 2 * self.robot.n] if self.robot.elastic else x)
+        self.carry = Carry(np.concatenate([x, dx, np.zeros(self.system.states)]), half, command)
+
+    def _advance(self, loop: Loop, reference: Array) -> tuple[Truth, dict[str, Array]]:
+        course = self.engine.run(loop, reference, self.carry)
+        if len(course.y) < len(reference):
+            self._explain(course)
+        truth = self._truth(course)
+        self._samples += len(course.y)
+        return truth, self.sensors.read(truth.channels())
+
+    def _truth(self, course: Course) -> Truth:
+        dof = self.system.dof
+        t = (self._samples + np.arange(len(course.y))) / self.rate
+        x, dx, z = np.split(course.y, [dof, 2 * dof], axis=1)
+        return Truth(t, x, dx, z, course.tau_J, course.tau_m, course.command, self.robot.n)
+
+    def _explain(self, course: Course) -> None:
+        """Name time and joint of a motion that left the finite numbers."""
+        last = course.y[-1] if len(course.y) else self.carry.y
+        dof, n = self.system.dof, self.robot.n
+        joint = self.robot.joint_names[int(np.nan_to_num(np.abs(last[dof : 2 * dof]), nan=np.inf).argmax()) % n]
+        time = (self._samples + len(course.y)) / self.rate
+        raise SimulationError(
+            f"the motion left the finite numbers {time:.3f} s after the start, first at {joint}",
+            "Take more substeps, weaker gains of the controller, or check the effects: "
+            + (", ".join(str(a) for a in self.effects) or "there are none")
+            + ".",
+        )
+
+
+def _check_steps(rate: float, substeps: int) -> None:
+    if not (np.isfinite(rate) and rate > 0):
+        raise SimulationError(f"the sample rate is {rate!r} Hz", "Give a positive number.")
+    if substeps < 2 or substeps % 2:
+        raise SimulationError(
+            f"{substeps} substeps a sample", "Give an even number: a torque sample is a mean of two half intervals."
+        )
