@@ -1,0 +1,180 @@
+"""Write a bag while it happens: what is older than a moment is on disk, whatever becomes of the process."""
+
+from __future__ import annotations
+
+import struct
+import time
+from collections.abc import Callable
+from concurrent.futures import Future, ThreadPoolExecutor
+from pathlib import Path
+from types import TracebackType
+from typing import Self
+
+import numpy as np
+from mcap.opcode import Opcode
+
+from elastic_arm.errors import RecordingError
+from elastic_arm.recording import message_types
+from elastic_arm.recording.metadata import Topic, offered_qos
+from elastic_arm.recording.scan import MESSAGE_HEAD
+from elastic_arm.recording.sink import Compression, McapSink, pack
+from elastic_arm.recording.writing import finish_bag
+
+_HEAD = struct.Struct("<BQHIQQ")
+
+
+class StreamWriter:
+    """A bag being recorded, message by message, from raw CDR bytes.
+
+    Messages gather in a chunk; it is written when it is `flush_every` seconds old or holds `chunk_bytes`. A killed
+    process loses that one chunk. A power cut loses what the system had not carried to the disk yet: every
+    `sync_every` seconds it is told to, in a thread of its own, as that can take longer than a queue of messages lasts.
+
+    Parameters
+    ----------
+    path
+        Folder to make; must not exist.
+    compression
+        "none", "lz4" or "zstd".
+    flush_every, sync_every
+        Seconds.
+    chunk_bytes
+        Size at which a chunk is written before its time.
+    clock
+        Seconds, for tests; monotonic.
+
+    Raises
+    ------
+    RecordingError
+        Here and in every method: if the folder exists or cannot be written, or the disk is full. What was written
+        before is kept and readable.
+    """
+
+    def __init__(
+        self,
+        path: str | Path,
+        compression: Compression = "zstd",
+        *,
+        flush_every: float = 0.5,
+        sync_every: float = 5.0,
+        chunk_bytes: int = 1 << 20,
+        clock: Callable[[], float] = time.monotonic,
+    ) -> None:
+        self.path = Path(path)
+        if self.path.exists():
+            raise RecordingError(f"{self.path} exists already", "Choose another name; nothing is overwritten.")
+        self._sink = McapSink(self.path / f"{self.path.name}_0.mcap", compression)
+        self._flush_every, self._sync_every, self._chunk_bytes, self._clock = (
+            flush_every,
+            sync_every,
+            chunk_bytes,
+            clock,
+        )
+        self._ids: dict[str, int] = {}
+        self._sequence: dict[int, int] = {}
+        self._syncer = ThreadPoolExecutor(1)
+        self._syncing: Future[None] | None = None
+        self._flushed = self._synced = clock()
+        self._begin_chunk()
+
+    @property
+    def counts(self) -> dict[str, int]:
+        """Messages taken so far, by topic."""
+        return {topic: self._sequence[channel] for topic, channel in self._ids.items()}
+
+    def add_topic(
+        self, name: str, type_name: str, definition: str | None = None, type_hash: str = "", qos: str | None = None
+    ) -> None:
+        """Announce a topic before its first message.
+
+        Parameters
+        ----------
+        name, type_name
+            `/joint_states`, `sensor_msgs/msg/JointState`.
+        definition, type_hash
+            Full ros2msg text and RIHS01 hash; known ones by default.
+        qos
+            Offered quality of service as rosbag2 writes it (YAML); what the suite's nodes offer by default.
+        """
+        if name in self._ids:
+            return
+        if definition is None:
+            definition, type_hash = message_types.definition(type_name)
+        offered = offered_qos(name) if qos is None else qos
+        channel = self._sink.add_topic(Topic(name, type_name, definition, type_hash, offered))
+        self._ids[name] = channel
+        self._sequence[channel] = 0
+
+    def write(self, topic: str, data: bytes, log_ns: int, publish_ns: int | None = None) -> None:
+        """Take a message.
+
+        Parameters
+        ----------
+        topic
+            Announced before.
+        data
+            CDR bytes, with their encapsulation header.
+        log_ns, publish_ns
+            When it arrived and was sent.
+        """
+        channel = self._ids[topic]
+        sequence = self._sequence[channel]
+        self._sequence[channel] = sequence + 1
+        sent = log_ns if publish_ns is None else publish_ns
+        times, offsets = self._index.setdefault(channel, ([], []))
+        times.append(log_ns)
+        offsets.append(self._size)
+        size = len(data) + MESSAGE_HEAD - 9
+        self._parts += (_HEAD.pack(Opcode.MESSAGE, size, channel, sequence & 0xFFFFFFFF, log_ns, sent), data)
+        self._size += size + 9
+        if self._size >= self._chunk_bytes:
+            self.flush()
+        else:
+            self.tick()
+
+    def tick(self) -> None:
+        """Write what is due. Call it now and then while no message comes."""
+        if self._clock() - self._flushed >= self._flush_every:
+            self.flush()
+
+    def flush(self) -> None:
+        """Write the chunk gathered so far, and tell the system to carry it to the disk if that is due."""
+        self._flushed = self._clock()
+        if self._size:
+            index = {
+                channel: (np.array(times, np.int64), np.array(offsets, np.int64))
+                for channel, (times, offsets) in self._index.items()
+            }
+            plain = b"".join(self._parts)
+            self._begin_chunk()
+            self._sink.write(pack(plain, index, self._sink.compression))
+        idle = self._syncing is None or self._syncing.done()
+        if idle and self._flushed - self._synced >= self._sync_every:
+            if self._syncing is not None:
+                self._syncing.result()
+            self._synced = self._flushed
+            self._syncing = self._syncer.submit(self._sink.sync)
+
+    def close(self) -> None:
+        """Write the rest, the summary and metadata.yaml."""
+        self._syncer.shutdown()
+        try:
+            self.flush()
+            finish_bag(self._sink)
+        finally:
+            self._sink.close()
+
+    def __enter__(self) -> Self:
+        """Return the writer."""
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """Close the bag; also after an error, as what was recorded is worth keeping."""
+        self.close()
+
+    def _begin_chunk(self) -> None:
+        self._parts: list[bytes] = []
+        self._index: dict[int, tuple[list[int], list[int]]] = {}
+        self._size = 0
