@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Protocol
 
 import numpy as np
+
+from elastic_arm.excitation import FourierTrajectory
 
 Evaluate = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray, np.ndarray]]
 """Times (N,) to theta, dtheta, ddtheta (N, n)."""
@@ -83,25 +85,23 @@ class StepRamp:
 
 
 @dataclass(frozen=True)
-class Smooth:
-    """A trajectory that is smooth all through (a Fourier series), preceded by a lead-in that nobody records.
+class Excitation:
+    """A Fourier trajectory: its smooth start is driven, its first period is recorded, from t = 0 on.
 
     Parameters
     ----------
     trajectory
-        Anything with ``evaluate(t) -> q, dq, ddq`` for all t, negative t included.
-    duration
-        Recorded time, s.
-    lead_in
-        Time before zero in which the transients of the start die out, s.
+        Fourier series between two smooth ramps.
     """
 
-    trajectory: Any
-    duration: float
-    lead_in: float = 0.0
+    trajectory: FourierTrajectory
 
     @property
     def pieces(self) -> list[Piece]:
-        """The lead-in, where there is one, and the recorded stretch."""
-        recorded = Piece(0.0, self.duration, self.trajectory.evaluate)
-        return [Piece(-self.lead_in, 0.0, self.trajectory.evaluate), recorded] if self.lead_in else [recorded]
+        """The smooth start, where there is one, and one period."""
+        ramp, period = self.trajectory.ramp, self.trajectory.period
+        recorded = Piece(0.0, period, self._evaluate)
+        return [Piece(-ramp, 0.0, self._evaluate), recorded] if ramp > 0.0 else [recorded]
+
+    def _evaluate(self, t: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        return self.trajectory.evaluate(t + self.trajectory.ramp)

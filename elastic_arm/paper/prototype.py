@@ -142,6 +142,17 @@ class Prototype:
                 break
         return y[n:]
 
+    def tool(self, q: np.ndarray) -> np.ndarray:
+        """Return where the tool would be with rigid joints at q (N, n): (N, 3) in the world, m."""
+        data, y = self._data, np.zeros(self.T.shape[1])
+        places = np.empty((len(q), 3))
+        for k, angles in enumerate(q):
+            y[: self.n] = angles
+            data.qpos[:] = self.T @ y
+            self._mj.mj_kinematics(self._model, data)
+            places[k] = data.site_xpos[0]
+        return places
+
     def follow(self, motion: Motion, *, step: float = DEFAULT_STEP, rate: float = RECORD_RATE) -> Run:
         """Impose a motion on the rotors (through the couplers) and record what the arm does.
 
