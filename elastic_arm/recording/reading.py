@@ -51,6 +51,8 @@ class Content:
         The last URDF on /robot_description.
     topics
         All topics that have messages, with their types.
+    messages
+        Number of messages on all topics.
     damage
         What was wrong with the bags.
     """
@@ -58,6 +60,7 @@ class Content:
     series: dict[str, Series] = field(default_factory=dict)
     robot_description: str | None = None
     topics: dict[str, str] = field(default_factory=dict)
+    messages: int = 0
     damage: list[str] = field(default_factory=list)
 
     def take(self, file: McapFile, block: Block, wanted: Collection[str]) -> None:
@@ -68,6 +71,7 @@ class Content:
             topic = file.channels[channel].topic
             type_name = file.schemas[file.channels[channel].schema_id].name
             self.topics[topic] = type_name
+            self.messages += len(block.messages[channel])
             if topic in wanted:
                 self.series.setdefault(topic, Series(topic, type_name)).add(file, channel, block)
             elif topic == ROBOT_DESCRIPTION and type_name == TYPES[ROBOT_DESCRIPTION]:
@@ -199,7 +203,7 @@ def _joints(states: Sequence[Series], wanted: Sequence[str] | None, urdf: str | 
                 "Use a robot description with these names, or map them in a channel map (--channels).",
             )
         return tuple(wanted)
-    known = _urdf_joints(urdf)
+    known = urdf_joints(urdf)
     if set(names) <= set(known):
         return tuple(name for name in known if name in names)
     numbered = [re.fullmatch(r"(.*?)(\d+)", name) for name in names]
@@ -208,7 +212,8 @@ def _joints(states: Sequence[Series], wanted: Sequence[str] | None, urdf: str | 
     return tuple(names)
 
 
-def _urdf_joints(urdf: str | None) -> list[str]:
+def urdf_joints(urdf: str | None) -> list[str]:
+    """Return the names of all joints of a URDF; none if there is no readable one."""
     try:
         return [joint.get("name", "") for joint in ElementTree.fromstring(urdf or "").iter("joint")]
     except ElementTree.ParseError:

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
-from functools import cached_property
+from functools import cached_property, partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -169,6 +169,14 @@ class Series:
 
         return self._gather(np.float64, one)[self.order]
 
+    def all_columns(self) -> Iterator[tuple[str, str, Array]]:
+        """Yield field path, column name and (N,) values of everything recorded; NaN where messages lack it."""
+        for path in dict.fromkeys(path for piece in self.pieces for path in piece.values if piece.has(path)):
+            width = max(piece.values[path].shape[1] for piece in self.pieces if piece.has(path))
+            names = self.names() or [f"number {index}" for index in range(width)]
+            table = self._gather(np.float64, partial(_spread, path=path, names=names), len(names))[self.order]
+            yield from ((path, name, table[:, index]) for index, name in enumerate(names))
+
     def _named(self, piece: Piece, path: str, wanted: tuple[str, ...]) -> Array:
         if not piece.has(path):
             raise RecordingError(
@@ -205,6 +213,16 @@ def _stamps(layout: cdr.Layout, block: Block, at: Stamps) -> Stamps | None:
         return None
     seconds = layout.values(block.buffer, at, "header.stamp.sec")[:, 0].astype(np.int64)
     return seconds * 1_000_000_000 + layout.values(block.buffer, at, "header.stamp.nanosec")[:, 0]
+
+
+def _spread(piece: Piece, path: str, names: Sequence[str]) -> Array:
+    """Lay the columns of a piece under `names`, NaN where it has none."""
+    table = np.full((len(piece.rows), len(names)), np.nan)
+    if piece.has(path):
+        values = piece.values[path]
+        own = piece.names if len(piece.names) == values.shape[1] else names[: values.shape[1]]
+        table[:, [names.index(name) for name in own]] = values
+    return table
 
 
 def _at(piece: Piece) -> str:
