@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields, replace
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -46,22 +47,26 @@ class _Settings:
             object.__setattr__(self, entry.name, value)
 
     def row(self, name: str, n: int) -> Array:
-        """Return a setting as an array (n,)."""
-        values = np.atleast_1d(np.asarray(getattr(self, name), dtype=float))
-        if len(values) not in (1, n):
-            raise SensorError(
-                f"{name} of a sensor has {len(values)} values for {n} joints", "Give one, or one per joint."
-            )
-        return np.broadcast_to(values, (n,)).copy()
+        """Return a setting as an array (n,), not to be written to."""
+        return _row(self, name, n)
 
     def changed(self, joint: int, n: int, **settings: float) -> Any:
         """Return these settings with those of one joint (index) of `n` changed."""
         rows: dict[str, Any] = {}
         for name, value in settings.items():
-            row = self.row(name, n)
+            row = self.row(name, n).copy()
             row[joint] = value
             rows[name] = tuple(row)
         return replace(self, **rows)  # type: ignore[type-var]
+
+
+@lru_cache(maxsize=256)
+def _row(settings: _Settings, name: str, n: int) -> Array:
+    """Spread a setting over the joints; kept, as a sensor bank asks for every sample."""
+    values = np.atleast_1d(np.asarray(getattr(settings, name), dtype=float))
+    if len(values) not in (1, n):
+        raise SensorError(f"{name} of a sensor has {len(values)} values for {n} joints", "Give one, or one per joint.")
+    return np.broadcast_to(values, (n,))
 
 
 @dataclass(frozen=True)
