@@ -61,7 +61,7 @@ class Kernel:
         ValueError
             If an array's shape is not the input's, or the numbers of samples differ.
         """
-        ready, samples = self._check(arrays)
+        ready, samples = self.check(arrays)
         flat = [self.engine.allocate(samples, out.size) for out in self.program.outputs]
         self.engine.run(ready, flat)
         shaped = tuple(
@@ -70,7 +70,14 @@ class Kernel:
         )
         return shaped if len(shaped) > 1 else shaped[0]
 
-    def _check(self, arrays: Sequence[np.ndarray]) -> tuple[list[np.ndarray], int]:
+    def check(self, arrays: Sequence[np.ndarray]) -> tuple[list[np.ndarray], int]:
+        """Return contiguous arrays of the inputs' shapes, and the number of samples.
+
+        Raises
+        ------
+        ValueError
+            If an array's shape is not the input's, or the numbers of samples differ.
+        """
         if len(arrays) != len(self.program.inputs):
             names = ", ".join(name for name, _ in self.program.inputs)
             raise ValueError(f"{len(arrays)} arrays given, but the inputs are {names}")

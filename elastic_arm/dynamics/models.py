@@ -10,6 +10,7 @@ import numpy as np
 from elastic_arm.dynamics import kernels
 from elastic_arm.dynamics.bodies import Bodies, Parameter
 from elastic_arm.dynamics.composition import compose
+from elastic_arm.dynamics.information import Information
 from elastic_arm.dynamics.program_cache import cached_program
 from elastic_arm.robot.description import Robot
 
@@ -119,6 +120,24 @@ class Model:
         """Kinetic and potential energy, (N,) each, J; springs included, gravity counted from the ground's origin."""
         kinetic, potential = self._run("energy", x, dx, self._psi(Psi))
         return kinetic[:, 0], potential[:, 0]
+
+    def accumulator(self, columns: Sequence[int] | None = None) -> Information:
+        """Empty sum of information matrices of Phi (or of its `columns`); feed it by ``add(x, dx, ddx, y=y)``."""
+        return Information(self.kernel("regressor", columns))
+
+    def information(
+        self, x: np.ndarray, dx: np.ndarray, ddx: np.ndarray, y: np.ndarray, columns: Sequence[int] | None = None
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Sum over samples of [Phi_r, y_r]T [Phi_r, y_r] of every equation r; Phi is never stored.
+
+        Returns
+        -------
+        hi, lo : (dof, P + 1, P + 1)
+            The sums are hi + lo, in twice the working precision; `y` (N, dof) comes last.
+        """
+        total = self.accumulator(columns)
+        total.add(x, dx, ddx, y=y)
+        return total.grams()
 
     def function(self, name: str) -> casadi.Function:
         """CasADi SX function of that name, to build on: see :mod:`elastic_arm.dynamics.derivation`."""
