@@ -89,6 +89,8 @@ class Robot:
         Of the recordings this arm makes: Nm, Hz.
     effects
         What this arm has beyond mod3, as plain data: ``{"effect": id, "joint": name or None, "parameters": {...}}``.
+    notes
+        What was read otherwise than written (a URDF's fixed joints, say), one sentence each; not part of an arm file.
     """
 
     name: str
@@ -101,6 +103,7 @@ class Robot:
     torque_noise_std: float = 0.26
     sample_rate: float = 1000.0
     effects: tuple[Mapping[str, Any], ...] = ()
+    notes: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "joints", tuple(self.joints))

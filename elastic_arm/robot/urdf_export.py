@@ -1,0 +1,152 @@
+"""URDF out: a rigid arm of the same gravity and inertia, drawn with simple shapes.
+
+A URDF knows rigid links alone. Rotors, wave generators and splines are joined to the links that carry them, so that
+masses and gravity are right; that they spin with their ratios, and the elasticity, is not in it. Link frames have the
+axes of ``O_i`` and stand on the joint's axis. Shapes are for the eye: there are none for collisions, because cylinders
+from joint to joint touch their neighbours.
+"""
+
+from __future__ import annotations
+
+import xml.etree.ElementTree as ET
+from collections.abc import Iterable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from elastic_arm.robot.description import Component, Inertia, Joint, Robot
+from elastic_arm.robot.kinematics import link_radius, lumped, moved
+
+Array = NDArray[np.float64]
+
+_COLOURS = {"base_grey": "0.35 0.38 0.42 1", "link_blue": "0.20 0.45 0.70 1", "joint_orange": "0.90 0.60 0.10 1"}
+# A URDF must state effort and velocity beside a range; readers take 0 as "not stated".
+_UNKNOWN = 0.0
+
+
+def to_urdf(robot: Robot) -> str:
+    """Return `robot` as URDF text; reading it back gives the same rigid dynamics (see the module)."""
+    tree = ET.Element("robot", name=robot.name)
+    tree.append(ET.Comment(" Rigid links: motors and gears are part of what carries them, elasticity is left out "))
+    for name, rgba in _COLOURS.items():
+        ET.SubElement(ET.SubElement(tree, "material", name=name), "color", rgba=rgba)
+    radius = link_radius(robot)
+    frames = [_urdf_frame(joint) for joint in robot.joints]
+    bodies = _bodies(robot)
+    ground = "world" if "world" not in robot.link_names else "elastic_arm_world"
+    # KDL, and with it robot_state_publisher, wants a root link without inertia.
+    ET.SubElement(tree, "link", name=ground)
+    _fixed(tree, ground, robot.base_placement)
+    onward = robot.joints[0].before[:3, 3]
+    foot = -robot.base_placement[:3, :3].T @ robot.base_placement[:3, 3]
+    _link(tree, "base", bodies[0], (foot, onward), None, radius)
+    for i, joint in enumerate(robot.joints):
+        last = i == robot.n - 1
+        end = joint.after if last else joint.after @ robot.joints[i + 1].before
+        placement = np.linalg.inv(frames[i])
+        tip = (placement @ end)[:3, 3]
+        axis = frames[i][2, :3]
+        parent = ("base", *robot.link_names)[i]
+        start = joint.before if i == 0 else np.linalg.inv(frames[i - 1]) @ robot.joints[i - 1].after @ joint.before
+        _link(tree, joint.link_name, moved(bodies[i + 1], placement @ joint.after), (np.zeros(3), tip), axis, radius)
+        _moving(tree, joint, parent, start @ frames[i], axis)
+    ET.indent(tree)
+    return '<?xml version="1.0"?>\n' + ET.tostring(tree, encoding="unicode") + "\n"
+
+
+def _urdf_frame(joint: Joint) -> Array:
+    """Return the URDF's link frame in the turned joint frame: the axes of ``O_i`` at the joint's origin."""
+    frame = np.eye(4)
+    frame[:3, :3] = joint.after[:3, :3]
+    return frame
+
+
+def _bodies(robot: Robot) -> list[Inertia]:
+    """Return the base, in ``O_0``, and the links, each in its ``O_i``, with what rides on them."""
+    riding: dict[str, list[Inertia]] = {name: [] for name in ("base", *robot.link_names)}
+    for joint in robot.joints:
+        if joint.transmission is None:
+            continue
+        for component, _ in joint.transmission.components.values():
+            own = component.carrier == joint.link_name
+            placement = np.linalg.inv(joint.after) if own else joint.before
+            riding[component.carrier].append(moved(_solid(component), placement))
+    side = link_radius(robot)
+    base = Inertia(robot.base_mass, np.zeros(3), robot.base_mass * side**2 * np.eye(3))
+    links = (lumped([joint.link, *riding[joint.link_name]]) for joint in robot.joints)
+    return [lumped([base, *riding["base"]]), *links]
+
+
+def _solid(component: Component) -> Inertia:
+    return Inertia(component.mass, component.position, np.diag([component.ixx, component.ixx, component.izz]))
+
+
+def _link(
+    tree: ET.Element, name: str, body: Inertia, bar: tuple[Array, Array], axis: Array | None, radius: float
+) -> None:
+    link = ET.SubElement(tree, "link", name=name)
+    if body.mass > 0.0:
+        inertial = ET.SubElement(link, "inertial")
+        _origin(inertial, np.eye(3), body.com)
+        ET.SubElement(inertial, "mass", value=repr(float(body.mass)))
+        pairs = {"ixx": (0, 0), "ixy": (0, 1), "ixz": (0, 2), "iyy": (1, 1), "iyz": (1, 2), "izz": (2, 2)}
+        ET.SubElement(inertial, "inertia", {k: repr(float(body.inertia[at])) for k, at in pairs.items()})
+    if np.linalg.norm(bar[1] - bar[0]) > 1e-6:
+        _cylinder(link, *bar, radius, "base_grey" if axis is None else "link_blue")
+    if axis is not None:
+        half = 1.2 * radius * axis
+        _cylinder(link, -half, half, 1.2 * radius, "joint_orange")
+
+
+def _cylinder(link: ET.Element, start: Array, end: Array, radius: float, material: str) -> None:
+    visual = ET.SubElement(link, "visual")
+    length = float(np.linalg.norm(end - start))
+    x, y, z = (end - start) / length
+    _origin(visual, None, 0.5 * (start + end), (0.0, float(np.arctan2(np.hypot(x, y), z)), float(np.arctan2(y, x))))
+    geometry = ET.SubElement(visual, "geometry")
+    ET.SubElement(geometry, "cylinder", radius=repr(round(radius, 6)), length=repr(round(length, 6)))
+    ET.SubElement(visual, "material", name=material)
+
+
+def _fixed(tree: ET.Element, ground: str, placement: Array) -> None:
+    element = ET.SubElement(tree, "joint", name=f"{ground}_to_base", type="fixed")
+    ET.SubElement(element, "parent", link=ground)
+    ET.SubElement(element, "child", link="base")
+    _origin(element, placement[:3, :3], placement[:3, 3])
+
+
+def _moving(tree: ET.Element, joint: Joint, parent: str, placement: Array, axis: Array) -> None:
+    limits = joint.limits
+    bounded = limits.position_min is not None and limits.position_max is not None
+    element = ET.SubElement(tree, "joint", name=joint.name, type="revolute" if bounded else "continuous")
+    ET.SubElement(element, "parent", link=parent)
+    ET.SubElement(element, "child", link=joint.link_name)
+    _origin(element, placement[:3, :3], placement[:3, 3])
+    ET.SubElement(element, "axis", xyz=_words(axis))
+    values = {"effort": limits.torque or _UNKNOWN, "velocity": limits.velocity or _UNKNOWN}
+    if limits.position_min is not None and limits.position_max is not None:
+        values |= {"lower": limits.position_min, "upper": limits.position_max}
+    if any(values.values()):
+        ET.SubElement(element, "limit", {key: repr(float(value)) for key, value in values.items()})
+
+
+def _origin(
+    element: ET.Element, rotation: Array | None, position: Array, rpy: tuple[float, float, float] = (0.0, 0.0, 0.0)
+) -> None:
+    angles = rpy if rotation is None else _rpy(rotation)
+    ET.SubElement(element, "origin", xyz=_words(position), rpy=_words(angles))
+
+
+def _rpy(rotation: Array) -> tuple[float, float, float]:
+    """Return roll, pitch, yaw, to rounding also where pitch is a right angle (roll is then 0)."""
+    r = rotation
+    level = float(np.hypot(r[0, 0], r[1, 0]))
+    pitch = float(np.arctan2(-r[2, 0], level))
+    if level < 1e-9:
+        return 0.0, pitch, float(np.arctan2(-r[0, 1], r[1, 1]))
+    return float(np.arctan2(r[2, 1], r[2, 2])), pitch, float(np.arctan2(r[1, 0], r[0, 0]))
+
+
+def _words(numbers: Iterable[float]) -> str:
+    # Adding 0.0 takes the sign off negative zeros.
+    return " ".join(repr(float(number) + 0.0) for number in numbers)
