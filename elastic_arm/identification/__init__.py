@@ -1,0 +1,17 @@
+"""Identification: derivatives, base parameters, least squares in batch and stream, consistency, verdict."""
+
+from elastic_arm.identification.identify import differentiate, identifier_of, identify
+from elastic_arm.identification.laws import law_columns, parse_laws
+from elastic_arm.identification.result import Estimate, Identification
+from elastic_arm.identification.stream import Identifier
+
+__all__ = [
+    "Estimate",
+    "Identification",
+    "Identifier",
+    "differentiate",
+    "identifier_of",
+    "identify",
+    "law_columns",
+    "parse_laws",
+]

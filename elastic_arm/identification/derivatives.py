@@ -1,0 +1,242 @@
+"""Accelerations without finite differences: a steady-state smoother that all terms of an equation pass alike.
+
+The smoother is the Wiener smoother of an integrated Wiener process (white fourth derivative) seen through white noise.
+Its response from position to position is H = 1 / (1 + (w/w_c)^8), without phase. Where a velocity channel exists, the
+position channel serves below the frequency w_x = (velocity noise)/(position noise) and the velocity channel above it,
+in such a way that consistent channels see H all the same. Every channel of every joint passes the one H, and so do the
+torques: an equation stays an equation.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.signal import oaconvolve
+
+from elastic_arm.errors import IdentificationError
+from elastic_arm.identification.grid import Grid
+from elastic_arm.identification.noise import ORDER, SideNoise, estimate_noise
+
+Array = NDArray[np.float64]
+
+# The taps are cut where they have fallen to this share.
+TAIL = 1e-11
+
+
+@dataclass(frozen=True)
+class Motion:
+    """Motion and torques after the derivative stage; the rows of all equations are made of it.
+
+    Parameters
+    ----------
+    t
+        (N,) s.
+    q, dq, ddq, theta, dtheta, ddtheta
+        (N, n), or None for a side that was not recorded.
+    tau_J, tau_m
+        (N, n) Nm, passed through the same filter as the motion, or None.
+    laws
+        (N, 3 n, k) columns of laws beyond the model, for link, drive and motor residuals, passed through the same
+        filter too (a law may jump where the motion does not); None where they are to be evaluated as they stand.
+    """
+
+    t: Array
+    q: Array | None = None
+    dq: Array | None = None
+    ddq: Array | None = None
+    theta: Array | None = None
+    dtheta: Array | None = None
+    ddtheta: Array | None = None
+    tau_J: Array | None = None
+    tau_m: Array | None = None
+    laws: Array | None = None
+
+    def __len__(self) -> int:
+        return len(self.t)
+
+    def __getitem__(self, part: slice) -> Motion:
+        kept = {f.name: getattr(self, f.name) for f in fields(self)}
+        return replace(self, **{name: values[part] for name, values in kept.items() if values is not None})
+
+    @staticmethod
+    def joined(parts: list[Motion]) -> Motion:
+        """Put parts with the same channels one after another."""
+        names = [f.name for f in fields(Motion) if getattr(parts[0], f.name) is not None]
+        return Motion(**{name: np.concatenate([getattr(p, name) for p in parts]) for name in names})
+
+
+@dataclass(frozen=True)
+class Smoother:
+    """A fixed-lag smoother with steady-state gains, the same online and offline.
+
+    Parameters
+    ----------
+    rate
+        Samples per second.
+    cutoff
+        w_c, rad/s, common to all channels.
+    link_crossover, motor_crossover
+        (n,) w_x of each joint, rad/s; infinite where the positions alone serve.
+    """
+
+    rate: float
+    cutoff: float
+    link_crossover: Array
+    motor_crossover: Array
+
+    @staticmethod
+    def from_noise(rate: float, link: SideNoise | None, motor: SideNoise | None, n: int) -> Smoother:
+        """Design the smoother that the estimated noise asks for: the wider of the two sides' bands."""
+        sides = [side for side in (link, motor) if side is not None]
+        if not sides:
+            raise IdentificationError("no positions were recorded", "Record /joint_states or /motor_states.")
+        cutoff = max(side.cutoff for side in sides)
+        return Smoother(rate, cutoff, _crossover(link, cutoff, n), _crossover(motor, cutoff, n))
+
+    @property
+    def lag(self) -> int:
+        """Samples between a measurement and the estimate that has seen enough of the future."""
+        decay = np.sin(np.pi / (2 * ORDER)) * self.cutoff / self.rate
+        return int(np.ceil(-np.log(TAIL) / decay))
+
+    def __call__(self, grid: Grid) -> Motion:
+        """Smooth a regular piece; `lag` samples are lost at each end."""
+        lag = self.lag
+        if len(grid) <= 2 * lag:
+            raise IdentificationError(
+                f"a piece of {len(grid) / grid.rate:.2f} s is too short for the smoother, which needs more than "
+                f"{2 * lag / grid.rate:.2f} s",
+                "Record longer without gaps.",
+            )
+        q = self._side(grid.q, grid.dq, self.link_crossover)
+        theta = self._side(grid.theta, grid.dtheta, self.motor_crossover)
+        return Motion(
+            grid.t[lag:-lag],
+            q[0],
+            q[1],
+            q[2],
+            theta[0],
+            theta[1],
+            theta[2],
+            None if grid.tau_J is None else self.filter(instantaneous(grid.tau_J)),
+            None if grid.tau_m is None else self.filter(instantaneous(grid.tau_m)),
+        )
+
+    def filter(self, values: Array) -> Array:
+        """Pass columns (N, m) through H; `lag` samples are lost at each end."""
+        return _convolve(values, _even_taps(self.cutoff / self.rate, self.lag)[:, None])
+
+    def _side(self, position: Array | None, velocity: Array | None, crossover: Array) -> list[Array | None]:
+        if position is None:
+            return [None, None, None]
+        middle = position.mean(axis=0)
+        taps = [self._taps(w if velocity is not None else np.inf) for w in crossover]
+        out: list[Array | None] = []
+        for order in range(3):
+            y = _convolve(position - middle, np.stack([p[order] for p, _ in taps], axis=1))
+            if velocity is not None and np.isfinite(crossover).any():
+                y += _convolve(velocity / self.rate, np.stack([v[order] for _, v in taps], axis=1))
+            y *= self.rate**order
+            out.append(y + middle if order == 0 else y)
+        return out
+
+    def _taps(self, crossover: float) -> tuple[Array, Array]:
+        """Return taps on position and on velocity (rad per sample), (3, 2 lag + 1) each, for derivatives 0, 1, 2."""
+        return _taps(self.cutoff / self.rate, crossover / self.rate, self.lag)
+
+
+def instantaneous(torque: Array) -> Array:
+    """Return torques (N, n) at their stamps from means over the sample intervals centred there.
+
+    The mean over an interval h is f + h² f''/24 + O(h⁴); this takes the second term off.
+    """
+    inner = (26.0 * torque[1:-1] - torque[:-2] - torque[2:]) / 24.0
+    return np.concatenate([torque[:1], inner, torque[-1:]])
+
+
+def design_smoother(grids: list[Grid], n: int) -> Smoother:
+    """Design the smoother for a recording from the noise in its longest piece."""
+    grid = max(grids, key=len)
+    link = None if grid.q is None else estimate_noise(grid.q, grid.dq, grid.rate)
+    motor = None if grid.theta is None else estimate_noise(grid.theta, grid.dtheta, grid.rate)
+    return Smoother.from_noise(grid.rate, link, motor, n)
+
+
+def _crossover(side: SideNoise | None, cutoff: float, n: int) -> Array:
+    if side is None or side.velocity_std is None:
+        return np.full(n, np.inf)
+    # A slower crossover would lengthen the lag for frequencies at which the positions are good enough.
+    slowest = cutoff * np.sin(np.pi / (2 * ORDER))
+    ratio = np.maximum(side.velocity_std / np.maximum(side.position_std, 1e-300), slowest)
+    # Far beyond the band the velocities would have no say.
+    return np.where(ratio > 100 * cutoff, np.inf, ratio)
+
+
+def _poles(cutoff: float) -> NDArray[np.complex128]:
+    angle = np.pi * (1 + 2 * np.arange(2 * ORDER)) / (2 * ORDER)
+    poles = cutoff * np.exp(1j * angle)
+    return poles[poles.real < 0]
+
+
+def _even_taps(cutoff: float, lag: int) -> Array:
+    """Sample the impulse response of H; time in samples."""
+    return _taps(cutoff, np.inf, lag)[0][0]
+
+
+def _taps(cutoff: float, crossover: float, lag: int) -> tuple[Array, Array]:
+    """Sample the impulse responses of the smoother, time in samples."""
+    t = np.arange(-lag, lag + 1)
+    poles = _poles(cutoff)
+    # H = 1 / (1 + (s/w_c)^8); residues of its left half-plane poles give the response in |t|.
+    residues = cutoff ** (2 * ORDER) / (2 * ORDER * poles ** (2 * ORDER - 1))
+    position = np.zeros((3, len(t)))
+    velocity = np.zeros((3, len(t)))
+    if np.isinf(crossover):
+        for k in range(3):
+            position[k] = _response(poles, residues, t, k)
+    else:
+        # e = H / (w_x² - s²): positions enter through w_x² e, velocities through -s e.
+        residues = residues / (crossover**2 - poles**2)
+        pole = -crossover
+        value = 1.0 / (1.0 + (pole / cutoff) ** (2 * ORDER))
+        poles = np.append(poles, pole)
+        residues = np.append(residues, value / (2 * crossover))
+        for k in range(3):
+            position[k] = crossover**2 * _response(poles, residues, t, k)
+            velocity[k] = -_response(poles, residues, t, k + 1)
+    return _exact_on_cubics(position, velocity, t, cutoff), velocity
+
+
+def _response(poles: NDArray[np.complex128], residues: NDArray[np.complex128], t: NDArray[np.int_], k: int) -> Array:
+    """Return the k-th derivative of the two-sided response sum r exp(p |t|)."""
+    values = (residues * poles**k) @ np.exp(np.outer(poles, np.abs(t)))
+    parity = np.where(t < 0, (-1.0) ** k, 1.0)
+    if k % 2:
+        parity = np.where(t == 0, 0.0, parity)
+    return np.real(values) * parity
+
+
+def _exact_on_cubics(position: Array, velocity: Array, t: NDArray[np.int_], cutoff: float) -> Array:
+    """Mend what sampling and cutting the taps took: cubic motion comes out exactly.
+
+    The correction is a small polynomial under a bell as wide as the response.
+    """
+    bell = np.exp(-0.5 * (cutoff * t) ** 2)
+    wanted = {0: (1.0, 0.0), 1: (1.0, 0.0), 2: (0.0, 2.0)}
+    mended = position.copy()
+    for k, targets in wanted.items():
+        powers = (0, 2) if k % 2 == 0 else (1, 3)
+        # Convolution reads the past with positive taps: y(0) = sum h(n) f(-n).
+        monomials = np.array([(-t.astype(float)) ** p for p in powers])
+        rates = np.array([p * (-t.astype(float)) ** max(p - 1, 0) for p in powers])
+        got = monomials @ position[k] + rates @ velocity[k]
+        shapes = bell * monomials
+        mended[k] += np.linalg.solve(monomials @ shapes.T, np.array(targets) - got) @ shapes
+    return mended
+
+
+def _convolve(values: Array, taps: Array) -> Array:
+    """Convolve columns (N, n) with taps (K, n) or (K, 1), keeping what needs no sample from outside."""
+    return oaconvolve(values, np.broadcast_to(taps, (len(taps), values.shape[1])), mode="valid", axes=0)

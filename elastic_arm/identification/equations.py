@@ -1,0 +1,217 @@
+"""Which equations a recording allows, and their rows.
+
+With both encoders the rows are the two lines of (1), and a third where joint torque sensors exist::
+
+    link    0     = M q'' + S theta'' + c + c1 + g + K (q - theta) + D (q' - theta')
+    motor   tau_m = S' q'' + B theta'' + c2 + K (theta - q) + D (theta' - q')
+    drive   tau_J = K (theta - q) + D (theta' - q')
+
+Written so, the noises of the three are independent: encoders in the first, motor torque in the second, joint torque in
+the third. The first two alone are (10). With the encoders of one side only, theta = q, and what remains is
+
+    joint   tau_J = M q'' + S q'' + c + c1 + g
+    whole   tau_m = (M + S + S' + B) q'' + c + c1 + c2 + g
+
+Laws of the arm beyond the model add columns: what they add to the residuals of link, drive and motor side
+(`contract` of the gap diagnosis) is carried over to these rows.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from elastic_arm.errors import IdentificationError
+from elastic_arm.identification.base_parameters import BaseParameters, find_base
+from elastic_arm.identification.derivatives import Motion
+
+Array = NDArray[np.float64]
+
+RESIDUALS = ("link", "drive", "motor")
+# What each row is made of: (link line, motor line) of the model, and (link, drive, motor) residuals of extra columns.
+_MODEL_LINES = {"link": (1, 0), "motor": (0, 1), "drive": (0, 0), "joint": (1, 0), "whole": (1, 1)}
+_EXTRA_LINES = {
+    "link": (1, -1, 0),
+    "motor": (0, 1, 1),
+    "drive": (0, 1, 0),
+    "joint": (1, 0, 0),
+    "whole": (1, 0, 1),
+}
+_MEASURED = {"link": None, "motor": "tau_m", "drive": "tau_J", "joint": "tau_J", "whole": "tau_m"}
+RANDOM_STATES = 200
+
+
+class Parameters(Protocol):
+    """A parameter of a model: entry of Psi."""
+
+    name: str
+    unit: str
+    nominal: float
+
+
+@dataclass(frozen=True)
+class Column:
+    """A column beyond the model's own: one parameter of a law that is linear in it.
+
+    Parameters
+    ----------
+    name, unit
+        Of the parameter, e.g. `coulomb_friction:joint_2.torque`, Nm.
+    values
+        Motion -> residual name ("link", "drive", "motor") -> (N, n) Nm per unit of the parameter. Residuals that it
+        does not touch may be left out.
+    nominal
+        Value in the nominal arm.
+    """
+
+    name: str
+    unit: str
+    values: Callable[[Motion], dict[str, Array]]
+    nominal: float = 0.0
+
+
+class Equations:
+    """The rows of a recording's equations in base parameters.
+
+    Parameters
+    ----------
+    model
+        The model, bearings locked: `n`, `dof`, `parameters`, `regressor(x, dx, ddx)`.
+    recorded
+        Names of the recorded channels among q, theta, tau_J, tau_m.
+    columns
+        Laws beyond the model.
+    joints
+        Names.
+
+    Raises
+    ------
+    IdentificationError
+        If the channels allow no equation.
+    """
+
+    def __init__(
+        self, model: object, recorded: Sequence[str], columns: Sequence[Column] = (), joints: Sequence[str] = ()
+    ) -> None:
+        self.model = model
+        self.n: int = model.n  # type: ignore[attr-defined]
+        self.elastic: bool = model.dof >= 2 * self.n  # type: ignore[attr-defined]
+        self.columns = tuple(columns)
+        self.sides = _sides(frozenset(recorded), self.elastic)
+        self.joints = tuple(joints) or tuple(f"joint_{i + 1}" for i in range(self.n))
+        self.groups = tuple((side, joint) for side in self.sides for joint in self.joints)
+        own: Sequence[Parameters] = model.parameters  # type: ignore[attr-defined]
+        self.names = tuple(p.name for p in own) + tuple(c.name for c in columns)
+        self.units = tuple(p.unit for p in own) + tuple(c.unit for c in columns)
+        self.nominal: Array = np.array([p.nominal for p in own] + [c.nominal for c in columns])
+        self._springs = np.array([k for k, p in enumerate(own) if p.name.rpartition(".")[2] in ("K", "D")], dtype=int)
+        self._own = len(own)
+        self.base: BaseParameters = self._find_base()
+
+    def rows(self, motion: Motion) -> Array:
+        """Return regressor columns of the base parameters and, last, the measured side: (groups, N, B + 1)."""
+        wanted = self.base.columns
+        own, extra = wanted[wanted < self._own], wanted[wanted >= self._own] - self._own
+        phi = self._all_rows(motion, own, extra)
+        measured = [self._measured(motion, side) for side in self.sides]
+        return np.concatenate([phi, np.concatenate(measured)[..., None]], axis=-1)
+
+    def predict(self, motion: Motion, Psi_base: Array) -> dict[str, Array]:
+        """Return the right sides of all equations, side -> (N, n) Nm, for base parameters `Psi_base`."""
+        rows = self.rows(motion)[..., :-1] @ Psi_base
+        return {side: rows[k * self.n : (k + 1) * self.n].T for k, side in enumerate(self.sides)}
+
+    def measured(self, motion: Motion) -> dict[str, Array]:
+        """Return the left sides of all equations, side -> (N, n) Nm."""
+        return {side: self._measured(motion, side).T for side in self.sides}
+
+    def _measured(self, motion: Motion, side: str) -> Array:
+        channel = _MEASURED[side]
+        if channel is None:
+            return np.zeros((self.n, len(motion)))
+        values: Array = getattr(motion, channel)
+        return values.T
+
+    def laws(self, motion: Motion) -> Array:
+        """Return the columns of the laws beyond the model, (N, 3 n, k) for link, drive and motor residuals."""
+        motion = self._both_sides(motion)
+        stacked = np.zeros((len(motion), 3 * self.n, len(self.columns)))
+        for k, column in enumerate(self.columns):
+            for residual, values in column.values(motion).items():
+                first = RESIDUALS.index(residual) * self.n
+                stacked[:, first : first + self.n, k] = values
+        return stacked
+
+    def _all_rows(self, motion: Motion, own: NDArray[np.intp], extra: NDArray[np.intp]) -> Array:
+        """Return rows (groups, N, columns) of the model's parameters `own` and of the laws `extra`."""
+        laws = motion.laws if motion.laws is not None else self.laws(motion)
+        motion = self._both_sides(motion)
+        x, dx, ddx = (self._coordinates(motion, name) for name in ("", "d", "dd"))
+        phi: Array = self.model.regressor(x, dx, ddx, columns=own)  # type: ignore[attr-defined]
+        by_residual = laws[:, :, extra].transpose(1, 0, 2).reshape(3, self.n, len(motion), len(extra))
+        blocks = []
+        for side in self.sides:
+            block = np.empty((self.n, len(motion), len(own) + len(extra)))
+            block[:, :, : len(own)] = 0.0
+            self._fill_own(block[:, :, : len(own)], phi, side, own)
+            block[:, :, len(own) :] = np.tensordot(np.array(_EXTRA_LINES[side], dtype=float), by_residual, 1)
+            blocks.append(block)
+        return np.concatenate(blocks)
+
+    def _fill_own(self, block: Array, phi: Array, side: str, own: NDArray[np.intp]) -> None:
+        by_line = phi.transpose(1, 0, 2)
+        if side == "drive":
+            springs = np.flatnonzero(np.isin(own, self._springs))
+            block[:, :, springs] = -by_line[: self.n, :, springs]
+            return
+        link, motor = _MODEL_LINES[side]
+        if link:
+            block += by_line[: self.n]
+        if motor and self.elastic:
+            block += by_line[self.n : 2 * self.n]
+
+    def _both_sides(self, motion: Motion) -> Motion:
+        if motion.q is None:
+            return replace(motion, q=motion.theta, dq=motion.dtheta, ddq=motion.ddtheta)
+        if motion.theta is None or "joint" in self.sides or "whole" in self.sides:
+            return replace(motion, theta=motion.q, dtheta=motion.dq, ddtheta=motion.ddq)
+        return motion
+
+    def _coordinates(self, motion: Motion, rate: str) -> Array:
+        q, theta = getattr(motion, rate + "q"), getattr(motion, rate + "theta")
+        return np.hstack([q, theta]) if self.elastic else q
+
+    def _find_base(self) -> BaseParameters:
+        phi = self._all_rows(self._random_motion(), np.arange(self._own), np.arange(len(self.columns)))
+        return find_base(phi.reshape(-1, phi.shape[-1]), self.names, self.units)
+
+    def _random_motion(self) -> Motion:
+        """Return random states: what is dependent at these is dependent always."""
+        rng = np.random.default_rng(2024)
+        shape = (RANDOM_STATES, self.n)
+        q: Array = rng.uniform(-np.pi, np.pi, shape)
+        dq, ddq, dtheta, ddtheta, tau_J, tau_m = rng.standard_normal((6, *shape))
+        t: Array = np.linspace(0.0, 1.0, RANDOM_STATES)
+        motion = Motion(t, q, dq, ddq, tau_J=tau_J, tau_m=tau_m)
+        if "link" in self.sides:
+            theta = q + 0.1 * rng.standard_normal(shape)
+            motion = replace(motion, theta=theta, dtheta=dtheta, ddtheta=ddtheta)
+        return motion
+
+
+def _sides(recorded: frozenset[str], elastic: bool) -> tuple[str, ...]:
+    """Return the equations that these channels allow."""
+    if not recorded & {"q", "theta"}:
+        raise IdentificationError("no positions were recorded", "Record /joint_states or /motor_states.")
+    if not recorded & {"tau_J", "tau_m"}:
+        raise IdentificationError(
+            "no torque was recorded: neither tau_J (effort of /joint_states) nor tau_m (effort of /motor_states)",
+            "Record a torque, or map a motor current with a channel map.",
+        )
+    if elastic and {"q", "theta"} <= recorded:
+        return ("link", *(("motor",) if "tau_m" in recorded else ()), *(("drive",) if "tau_J" in recorded else ()))
+    return (*(("joint",) if "tau_J" in recorded else ()), *(("whole",) if "tau_m" in recorded else ()))

@@ -1,0 +1,157 @@
+"""From recordings to an identified arm."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from elastic_arm.dynamics import build_model
+from elastic_arm.effects import Active
+from elastic_arm.errors import IdentificationError
+from elastic_arm.identification.derivatives import Motion, Smoother, design_smoother
+from elastic_arm.identification.equations import Equations
+from elastic_arm.identification.fourier import fourier_motion
+from elastic_arm.identification.grid import Clock, Grid
+from elastic_arm.identification.laws import law_columns
+from elastic_arm.identification.noise import estimate_noise
+from elastic_arm.identification.result import Identification
+from elastic_arm.identification.stream import Identifier, smoothed
+from elastic_arm.recording import Recording, Samples
+from elastic_arm.robot import Robot
+
+Array = NDArray[np.float64]
+Method = Literal["auto", "smoother", "fourier"]
+Says = Callable[[str, float], None]
+
+
+@dataclass(frozen=True)
+class Derived:
+    """A recording after its derivative stage: regular runs of motion, and how they came about."""
+
+    motions: tuple[Motion, ...]
+    method: str
+
+
+def differentiate(
+    samples: Samples, method: Method = "auto", *, period: float | None = None, equations: Equations | None = None
+) -> Derived:
+    """Take a recording through the derivative stage.
+
+    Parameters
+    ----------
+    samples
+        Of one recording.
+    method
+        "fourier": analytic derivatives of a fitted series; "smoother"; "auto": the series where the motion repeats and
+        nothing stands out of the encoders' noise, else the smoother.
+    period
+        Of the motion, s; found from it when None.
+    equations
+        Whose laws beyond the model are to pass the same filter.
+
+    Raises
+    ------
+    IdentificationError
+        If the recording is too short, or a series was asked for and the motion is none.
+    """
+    clock = Clock.of(samples)
+    grids = clock.place(samples)
+    if not grids:
+        raise IdentificationError("the recording has no run of samples without gaps", "Record some seconds of motion.")
+    if method != "smoother":
+        try:
+            return _by_series(grids, period)
+        except IdentificationError:
+            if method == "fourier":
+                raise
+    smoother = design_smoother(grids, _width(samples))
+    lost = 2 * smoother.lag * (2 if equations is not None and equations.columns else 1)
+    long_enough = [grid for grid in grids if len(grid) > lost] or grids[:1]
+    if equations is None:
+        return Derived(tuple(smoother(grid) for grid in long_enough), _describe(smoother))
+    return Derived(tuple(smoothed(smoother, grid, equations) for grid in long_enough), _describe(smoother))
+
+
+def identify(
+    recordings: Recording | Sequence[Recording],
+    robot: Robot,
+    model: str = "mod3",
+    *,
+    effects: Sequence[Active] = (),
+    derivatives: Method = "auto",
+    period: float | None = None,
+    weighted: bool = True,
+    says: Says | None = None,
+) -> Identification:
+    """Identify an arm from recordings.
+
+    Parameters
+    ----------
+    recordings
+        One or several, with equal channels.
+    robot
+        The nominal arm.
+    model
+        mod1, mod2 or mod3.
+    effects
+        Laws identified beside the model's own parameters (:func:`elastic_arm.identification.laws.parse_laws`).
+    derivatives, period
+        See :func:`differentiate`.
+    weighted
+        Weigh each equation by its noise; else ordinary least squares.
+    says
+        Called with what is being done and the share that is done.
+
+    Raises
+    ------
+    IdentificationError
+        If the recordings allow no equation, or too few samples.
+    """
+    chosen = [recordings] if isinstance(recordings, Recording) else list(recordings)
+    if not chosen:
+        raise IdentificationError("no recording was given", "Give at least one.")
+    tell = says or (lambda what, share: None)
+    identifier = identifier_of(robot, model, effects, weighted=weighted)
+    methods = []
+    for k, recording in enumerate(chosen):
+        tell(f"derivatives of {recording.source}", k / len(chosen))
+        samples = recording.select(robot.joint_names).samples()
+        equations = identifier.expect(samples)
+        derived = differentiate(samples, derivatives, period=period, equations=equations)
+        methods.append(derived.method)
+        tell(f"equations of {recording.source}", (k + 0.5) / len(chosen))
+        for motion in derived.motions:
+            identifier.add_motion(motion)
+    tell("estimate", 1.0)
+    return identifier.estimate(tuple(r.source for r in chosen), tuple(methods))
+
+
+def identifier_of(robot: Robot, model: str = "mod3", effects: Sequence[Active] = (), **options: object) -> Identifier:
+    """Return the stream estimator for an arm."""
+    columns = law_columns(effects, robot, model)
+    return Identifier(build_model(robot, model), columns, joints=robot.joint_names, **options)  # type: ignore[arg-type]
+
+
+def _by_series(grids: list[Grid], period: float | None) -> Derived:
+    grid = max(grids, key=len)
+    noise = [
+        None if x is None else estimate_noise(x, dx, grid.rate).position_std
+        for x, dx in ((grid.q, grid.dq), (grid.theta, grid.dtheta))
+    ]
+    motion = fourier_motion(grid, noise[0], noise[1], period)
+    return Derived((motion,), "Fourier series")
+
+
+def _width(samples: Samples) -> int:
+    position = samples.q if samples.q is not None else samples.theta
+    if position is None:
+        raise IdentificationError("no positions were recorded", "Record /joint_states or /motor_states.")
+    return position.shape[1]
+
+
+def _describe(smoother: Smoother) -> str:
+    return f"smoother to {smoother.cutoff / (2 * np.pi):.1f} Hz"

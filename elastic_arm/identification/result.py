@@ -1,0 +1,234 @@
+"""What an identification says: parameters with their doubts, loadable, and an arm file to simulate."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from elastic_arm.errors import IdentificationError
+from elastic_arm.identification.equations import Equations
+from elastic_arm.identification.least_squares import BlockFactors, Fit
+from elastic_arm.identification.verdict import directions, excitation, relative_std, verdicts
+from elastic_arm.robot import Robot
+
+Array = NDArray[np.float64]
+SCHEMA = "elastic_arm/identification/1"
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """One base parameter.
+
+    Parameters
+    ----------
+    name
+        A readable combination of parameters.
+    value, std, nominal
+        In `unit`; `std` is one standard deviation.
+    relative_std
+        std over the size that is natural for the parameter.
+    verdict
+        "well", "poorly" or "not" determined by the recording.
+    """
+
+    name: str
+    unit: str
+    value: float
+    std: float
+    nominal: float
+    relative_std: float
+    verdict: str
+
+
+@dataclass(frozen=True)
+class Identification:
+    """The result of identifying an arm.
+
+    Parameters
+    ----------
+    robot, model
+        Names of the nominal arm and of the model.
+    recordings
+        Where the data came from.
+    joints
+        Names.
+    estimates
+        Base parameters.
+    noise
+        Equation -> joint -> std of the residual, Nm, in the band of the derivative stage.
+    condition
+        Condition number of the weighted, equilibrated regressor.
+    undetermined
+        Combinations that the data leave open, in words.
+    samples, derivatives
+        Number of samples used, and how derivatives were made.
+    excitation
+        What was said before the fit: condition, poor, reasons, weakest.
+    notes
+        What else the user should know.
+    parameter_names, T, Psi
+        All parameters, the map to the base parameters (B, P), and physically consistent values of all (P,) with laws
+        beyond the model last; Psi is None where it was not asked for.
+    covariance
+        (B, B) of the base parameters.
+    validation
+        Recording -> equation -> joint -> rms of the residual, Nm, on data that no fit has seen.
+    identified
+        The arm with the parameters of Psi; not part of the JSON file, see :meth:`save_robot`.
+    """
+
+    robot: str
+    model: str
+    recordings: tuple[str, ...]
+    joints: tuple[str, ...]
+    estimates: tuple[Estimate, ...]
+    noise: dict[str, dict[str, float]]
+    condition: float
+    undetermined: tuple[str, ...]
+    samples: int
+    derivatives: tuple[str, ...]
+    excitation: dict[str, Any]
+    parameter_names: tuple[str, ...]
+    T: Array
+    covariance: Array
+    Psi: Array | None = None
+    notes: tuple[str, ...] = ()
+    validation: dict[str, dict[str, dict[str, float]]] | None = None
+    identified: Robot | None = None
+
+    @property
+    def Psi_base(self) -> Array:
+        """Values of the base parameters (B,)."""
+        return np.array([e.value for e in self.estimates])
+
+    @property
+    def std(self) -> Array:
+        """Standard deviations of the base parameters (B,)."""
+        return np.array([e.std for e in self.estimates])
+
+    def with_(self, **changes: Any) -> Identification:
+        """Return the result with some fields changed."""
+        return replace(self, **changes)
+
+    def table(self) -> list[tuple[str, str, float, float, float, str]]:
+        """Return rows (name, unit, value, std, nominal, verdict)."""
+        return [(e.name, e.unit, e.value, e.std, e.nominal, e.verdict) for e in self.estimates]
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return it as plain data; numbers that are not finite become null."""
+        plain = {name: getattr(self, name) for name in self.__dataclass_fields__ if name != "identified"}
+        plain["estimates"] = [asdict(e) for e in self.estimates]
+        return {"schema": SCHEMA, **{name: _plain(value) for name, value in plain.items()}}
+
+    def to_json(self, path: str | Path | None = None) -> str:
+        """Return it as JSON text, and write it to `path` when given."""
+        text = json.dumps(self.to_dict(), indent=1, allow_nan=False)
+        if path is not None:
+            Path(path).write_text(text + "\n", encoding="utf-8")
+        return text
+
+    @staticmethod
+    def load(path: str | Path) -> Identification:
+        """Read a result that :meth:`to_json` wrote.
+
+        Raises
+        ------
+        IdentificationError
+            If the file is not such a result.
+        """
+        try:
+            data = json.loads(Path(path).read_text(encoding="utf-8"))
+        except (OSError, ValueError) as error:
+            raise IdentificationError(f"{path} cannot be read: {error}", "Give an identification.json.") from None
+        if not isinstance(data, dict) or data.pop("schema", None) != SCHEMA:
+            raise IdentificationError(f"{path} is no identification", f"Its schema must be {SCHEMA}.")
+        data["estimates"] = tuple(Estimate(**_numbers(e)) for e in data["estimates"])
+        for name in ("recordings", "joints", "undetermined", "derivatives", "parameter_names", "notes"):
+            data[name] = tuple(data[name])
+        for name in ("T", "covariance", "Psi"):
+            data[name] = None if data[name] is None else np.array(data[name], dtype=float)
+        data["condition"] = np.inf if data["condition"] is None else data["condition"]
+        return Identification(**data)
+
+    def save_robot(self, path: str | Path) -> None:
+        """Write the identified arm as an arm file, which `load_robot` and the simulator take.
+
+        Raises
+        ------
+        IdentificationError
+            If no physically consistent parameters were identified.
+        """
+        if self.identified is None:
+            raise IdentificationError(
+                "no full set of parameters was identified", "Identify with physical consistency (--consistent)."
+            )
+        self.identified.save(path)
+
+
+def result_of(
+    blocks: BlockFactors, fit: Fit, equations: Equations, *, recordings: tuple[str, ...], methods: tuple[str, ...]
+) -> Identification:
+    """Put a fit into words."""
+    base = equations.base
+    relative = relative_std(equations, fit.Psi, fit.std)
+    nominal = base.T @ equations.nominal
+    judged = excitation(blocks, equations)
+    robot = equations.model.robot  # type: ignore[attr-defined]
+    noise = fit.noise.reshape(len(equations.sides), equations.n)
+    return Identification(
+        robot=robot.name,
+        model=equations.model.name,  # type: ignore[attr-defined]
+        recordings=recordings,
+        joints=equations.joints,
+        estimates=tuple(
+            Estimate(*row)
+            for row in zip(
+                base.names,
+                base.units,
+                fit.Psi.tolist(),
+                fit.std.tolist(),
+                nominal.tolist(),
+                relative.tolist(),
+                verdicts(relative),
+                strict=True,
+            )
+        ),
+        noise={
+            side: dict(zip(equations.joints, row.tolist(), strict=True))
+            for side, row in zip(equations.sides, noise, strict=True)
+        },
+        condition=fit.condition,
+        undetermined=directions(fit.undetermined, base.names),
+        samples=fit.samples,
+        derivatives=methods,
+        excitation={
+            "condition": judged.condition,
+            "poor": judged.poor,
+            "reasons": list(judged.reasons),
+            "weakest": list(judged.weakest),
+        },
+        parameter_names=equations.names,
+        T=base.T,
+        covariance=fit.covariance,
+    )
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {key: _plain(v) for key, v in value.items()}
+    if isinstance(value, list | tuple):
+        return [_plain(v) for v in value]
+    if isinstance(value, np.ndarray):
+        return _plain(value.tolist())
+    if isinstance(value, float | np.floating):
+        return float(value) if np.isfinite(value) else None
+    return value.item() if isinstance(value, np.generic) else value
+
+
+def _numbers(entry: dict[str, Any]) -> dict[str, Any]:
+    return {name: np.inf if value is None else value for name, value in entry.items()}

@@ -1,0 +1,298 @@
+"""The estimator: samples in, estimates out, constant memory. The batch is this class fed at once."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from elastic_arm.errors import IdentificationError
+from elastic_arm.identification.derivatives import Motion, Smoother, design_smoother
+from elastic_arm.identification.equations import Column, Equations
+from elastic_arm.identification.grid import CHANNELS, Clock, Grid, joined, part
+from elastic_arm.identification.least_squares import BlockFactors, Fit, factor, fit
+from elastic_arm.identification.result import Identification, result_of
+from elastic_arm.recording import Samples
+
+# Samples of a block: the shortest run of which the accumulator keeps a factor.
+BLOCK = 256
+# The stream listens this long before it chooses its smoother.
+CALIBRATION_SECONDS = 4.0
+# Work is done in runs of about so many samples.
+CHUNK = 64 * BLOCK
+SENSED = ("q", "theta", "tau_J", "tau_m")
+
+
+class Accumulator:
+    """Rows of the equations, block by block; the last samples wait until their block is full."""
+
+    def __init__(self, equations: Equations) -> None:
+        self.equations = equations
+        self.blocks = BlockFactors(len(equations.groups), len(equations.base) + 1)
+        self._waiting: list[Motion] = []
+
+    def add(self, motion: Motion) -> None:
+        """Add a run of motion; runs need not meet."""
+        self._waiting.append(motion)
+        if sum(map(len, self._waiting)) < BLOCK:
+            return
+        motion = Motion.joined(self._waiting)
+        whole = len(motion) // BLOCK * BLOCK
+        for start in range(0, whole, CHUNK):
+            self._add_blocks(motion[start : min(start + CHUNK, whole)])
+        self._waiting = [motion[whole:]] if whole < len(motion) else []
+
+    def snapshot(self) -> BlockFactors:
+        """Return the factors with those waiting in them."""
+        rest = BlockFactors(self.blocks.groups, self.blocks.width, self.blocks.most, self.blocks.span)
+        rest.factors, rest.counts = list(self.blocks.factors), list(self.blocks.counts)
+        if self._waiting:
+            motion = Motion.joined(self._waiting)
+            rest.factors.append(factor(self.equations.rows(motion)))
+            rest.counts.append(len(motion))
+        return rest
+
+    def _add_blocks(self, motion: Motion) -> None:
+        rows = self.equations.rows(motion)
+        groups, samples, width = rows.shape
+        blocks = rows.reshape(groups, samples // BLOCK, BLOCK, width).swapaxes(0, 1)
+        for r in factor(blocks):
+            self.blocks.add(r, BLOCK)
+
+
+def smoothed(smoother: Smoother, grid: Grid, equations: Equations) -> Motion:
+    """Smooth a regular piece, with the laws beyond the model passed through the same filter."""
+    motion = smoother(grid)
+    if not equations.columns:
+        return motion
+    laws = equations.laws(motion)
+    filtered = smoother.filter(laws.reshape(len(laws), -1))
+    inner = motion[smoother.lag : -smoother.lag]
+    return replace(inner, laws=filtered.reshape(len(filtered), *laws.shape[1:]))
+
+
+@dataclass
+class Progress:
+    """What the stream has seen.
+
+    Parameters
+    ----------
+    samples
+        Samples in the equations so far.
+    received
+        Samples handed in.
+    refused
+        Samples left out because their stamps did not advance.
+    pieces
+        Runs without a gap.
+    """
+
+    samples: int = 0
+    received: int = 0
+    refused: int = 0
+    pieces: int = 0
+
+
+class Identifier:
+    """Identify an arm from a stream of samples.
+
+    Parameters
+    ----------
+    model
+        Bearings locked.
+    columns
+        Laws beyond the model.
+    smoother
+        The derivative stage; chosen from the first seconds when None.
+    clock
+        Sample rate and meaning of the stamps; chosen from the first seconds when None.
+    weighted
+        Weigh each equation by its noise.
+
+    Notes
+    -----
+    The equations are chosen by the channels of the first samples. Memory is bounded: one block of motion, the
+    smoother's window, and at most 64 factors.
+    """
+
+    def __init__(
+        self,
+        model: object,
+        columns: Sequence[Column] = (),
+        *,
+        smoother: Smoother | None = None,
+        clock: Clock | None = None,
+        weighted: bool = True,
+        joints: Sequence[str] = (),
+    ) -> None:
+        self.model = model
+        self.columns = tuple(columns)
+        self.weighted = weighted
+        self.joints = tuple(joints)
+        self._given = (smoother, clock)
+        self.paused = False
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget all samples."""
+        self.smoother, self.clock = self._given
+        self.accumulator: Accumulator | None = None
+        self.progress = Progress()
+        self._buffer: Samples | None = None
+        self._recorded: frozenset[str] = frozenset()
+
+    def pause(self) -> None:
+        """Ignore samples until :meth:`resume`."""
+        self.paused = True
+        self._end_piece()
+
+    def resume(self) -> None:
+        """Take samples again."""
+        self.paused = False
+
+    @property
+    def equations(self) -> Equations:
+        """The equations in use.
+
+        Raises
+        ------
+        IdentificationError
+            Before the first samples.
+        """
+        return self._ready().equations
+
+    def expect(self, channels: Samples | Motion) -> Equations:
+        """Choose the equations by the channels that are there, and return them.
+
+        Raises
+        ------
+        IdentificationError
+            If the channels allow no equation, or others than before.
+        """
+        recorded = frozenset(name for name in SENSED if getattr(channels, name) is not None)
+        if self.accumulator is None:
+            self.accumulator = Accumulator(Equations(self.model, sorted(recorded), self.columns, self.joints))
+            self._recorded = recorded
+        if recorded != self._recorded:
+            raise IdentificationError(
+                f"one recording holds {', '.join(sorted(self._recorded))}, another {', '.join(sorted(recorded))}",
+                "Identify recordings with equal channels.",
+            )
+        return self.accumulator.equations
+
+    def add(self, samples: Samples) -> None:
+        """Take samples, later than those before; a jump back in time starts a new piece.
+
+        Raises
+        ------
+        IdentificationError
+            If the channels allow no equation, or differ from those before.
+        """
+        if self.paused or not len(samples):
+            return
+        self.progress.received += len(samples)
+        if self._buffer is not None and samples.t[-1] < self._buffer.t[0]:
+            self._end_piece()
+        samples = self._advancing(samples)
+        if not len(samples):
+            return
+        self._buffer = samples if self._buffer is None else joined(self._buffer, samples)
+        self.expect(samples)
+        if self._calibrated(wait=True):
+            self._process()
+
+    def add_motion(self, motion: Motion) -> None:
+        """Take motion whose derivatives are known already."""
+        self.expect(motion)
+        self._ready().add(motion)
+        self.progress.samples += len(motion)
+
+    def finish(self) -> None:
+        """Work off what still waits, short of the smoother's lag; later samples start a new piece."""
+        self._end_piece()
+
+    def fit(self) -> Fit:
+        """Return the estimate from all samples so far.
+
+        Raises
+        ------
+        IdentificationError
+            If there are too few.
+        """
+        blocks = self._ready().snapshot()
+        if not blocks.factors:
+            waiting = 0 if self._buffer is None else len(self._buffer)
+            raise IdentificationError(
+                f"{waiting} samples are not yet enough for an estimate", "Wait some seconds, or record longer."
+            )
+        return fit(blocks, self.weighted)
+
+    def estimate(self, recordings: tuple[str, ...] = (), methods: tuple[str, ...] = ()) -> Identification:
+        """Return the estimate with its doubts; see :meth:`fit` for errors."""
+        return result_of(self._ready().snapshot(), self.fit(), self.equations, recordings=recordings, methods=methods)
+
+    def _ready(self) -> Accumulator:
+        if self.accumulator is None:
+            raise IdentificationError("no samples yet", "Add samples first.")
+        return self.accumulator
+
+    def _advancing(self, samples: Samples) -> Samples:
+        """Leave out samples that are not later than those before."""
+        last = -np.inf if self._buffer is None else self._buffer.t[-1]
+        newest = np.maximum.accumulate(np.concatenate([[last], samples.t]))[:-1]
+        good = samples.t > newest
+        self.progress.refused += int(np.count_nonzero(~good))
+        return samples if good.all() else part(samples, np.flatnonzero(good))
+
+    def _calibrated(self, wait: bool) -> bool:
+        """Choose clock and smoother once enough is heard."""
+        if self.smoother is not None and self.clock is not None:
+            return True
+        buffer = self._buffer
+        if buffer is None or (wait and buffer.t[-1] - buffer.t[0] < CALIBRATION_SECONDS):
+            return False
+        first = part(buffer, buffer.t <= buffer.t[0] + CALIBRATION_SECONDS)
+        self.clock = self.clock or Clock.of(first)
+        self.smoother = self.smoother or design_smoother(self.clock.place(first), self.equations.n)
+        return True
+
+    def _process(self) -> None:
+        """Smooth what has a whole window around it, and keep the window of the next."""
+        if self._buffer is None or self.smoother is None or len(self._buffer) < self._window + BLOCK:
+            return
+        grids = self._smooth(self._buffer)
+        self.progress.pieces += max(len(grids) - 1, 0)
+        self._buffer = self._tail(grids[-1], self._window) if grids else None
+
+    def _smooth(self, samples: Samples) -> list[Grid]:
+        if self.clock is None or self.smoother is None:
+            return []
+        grids = self.clock.place(samples)
+        for grid in grids:
+            if len(grid) > self._window:
+                motion = smoothed(self.smoother, grid, self.equations)
+                self._ready().add(motion)
+                self.progress.samples += len(motion)
+        return grids
+
+    @property
+    def _window(self) -> int:
+        """Samples lost at the ends of a piece, both together."""
+        lag = 0 if self.smoother is None else self.smoother.lag
+        return 2 * lag * (2 if self.columns else 1)
+
+    def _tail(self, grid: Grid, window: int) -> Samples:
+        """Return the last samples as raw samples again, already on the grid."""
+        t = grid.t[-window:]
+        kept: dict[str, Any] = {
+            name: None if (values := getattr(grid, name)) is None else values[-window:] for name in CHANNELS
+        }
+        return Samples(t=t, stamp_ns=np.rint(t * 1e9).astype(np.int64), **kept)
+
+    def _end_piece(self) -> None:
+        if self._buffer is not None and self._calibrated(wait=False):
+            self._smooth(self._buffer)
+            self.progress.pieces += 1
+        self._buffer = None
