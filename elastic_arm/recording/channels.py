@@ -34,23 +34,17 @@ _TO_SI: dict[ChannelName, dict[str, float]] = {
 _DEFAULT_UNIT: dict[ChannelName, Unit] = {"position": "rad", "velocity": "rad/s", "effort": "Nm"}
 
 
-class _Strict(BaseModel):
+class Strict(BaseModel):
+    """A model that knows all its fields: a misspelt one is an error, not a default."""
+
     model_config = ConfigDict(extra="forbid", frozen=True)
 
 
-class Channel(_Strict):
-    """Where one channel of one joint comes from.
+class Scale(Strict):
+    """How a recorded number becomes one in SI units at the harmonic-drive output.
 
     Parameters
     ----------
-    topic
-        Topic in the bag.
-    field
-        Path of the field in the message: `position`, `wrench.torque.z`, `data`; the channel's own name by default.
-    index
-        Place in the field; by default the place of `name` in the message's list of names.
-    name
-        The joint's name in the message; the joint's own name by default.
     unit
         Of the recorded number; `Nm_motor` is a torque at the motor shaft, `A` a motor current.
     factor, sign
@@ -61,10 +55,6 @@ class Channel(_Strict):
         Motor turns per turn at the harmonic-drive output: what is measured at the motor shaft is reduced by it.
     """
 
-    topic: str
-    field: str = ""
-    index: Annotated[int, Field(ge=0)] | None = None
-    name: str = ""
     unit: Unit | None = None
     factor: float = 1.0
     sign: Literal[1, -1] = 1
@@ -85,6 +75,11 @@ class Channel(_Strict):
             raise ValueError("torque_constant goes with unit A alone")
         return self
 
+    def check_unit(self, channel: ChannelName) -> None:
+        """Raise a ValueError if the unit is none of this channel's."""
+        if self.unit is not None and self.unit not in _TO_SI[channel]:
+            raise ValueError(f"{channel} cannot have unit {self.unit}; one of {', '.join(_TO_SI[channel])}")
+
     def scale(self, channel: ChannelName) -> float:
         """Return the factor that turns the recorded number into rad, rad/s or Nm at the harmonic-drive output."""
         si = _TO_SI[channel][self.unit or _DEFAULT_UNIT[channel]] * self.factor * self.sign
@@ -92,7 +87,28 @@ class Channel(_Strict):
         return si * (self.torque_constant or 1.0) * ratio if channel == "effort" else si / ratio
 
 
-class SideChannels(_Strict):
+class Channel(Scale):
+    """Where one channel of one joint comes from.
+
+    Parameters
+    ----------
+    topic
+        Topic in the bag.
+    field
+        Path of the field in the message: `position`, `wrench.torque.z`, `data`; the channel's own name by default.
+    index
+        Place in the field; by default the place of `name` in the message's list of names.
+    name
+        The joint's name in the message; the joint's own name by default.
+    """
+
+    topic: str
+    field: str = ""
+    index: Annotated[int, Field(ge=0)] | None = None
+    name: str = ""
+
+
+class SideChannels(Strict):
     """The channels of one side of a joint; None where not recorded."""
 
     position: Channel | None = None
@@ -102,8 +118,7 @@ class SideChannels(_Strict):
     @model_validator(mode="after")
     def _units(self) -> Self:
         for name, channel in self.present():
-            if channel.unit is not None and channel.unit not in _TO_SI[name]:
-                raise ValueError(f"{name} cannot have unit {channel.unit}; one of {', '.join(_TO_SI[name])}")
+            channel.check_unit(name)
         return self
 
     def present(self) -> Iterator[tuple[ChannelName, Channel]]:
@@ -114,7 +129,7 @@ class SideChannels(_Strict):
                 yield name, channel
 
 
-class JointChannels(_Strict):
+class JointChannels(Strict):
     """Both sides of a joint; `name` is what the bag calls it, for all channels that do not say otherwise."""
 
     name: str = ""
@@ -122,7 +137,7 @@ class JointChannels(_Strict):
     motor: SideChannels = SideChannels()
 
 
-class ChannelMap(_Strict):
+class ChannelMap(Strict):
     """A channel map.
 
     Parameters

@@ -1,0 +1,165 @@
+"""`elastic-arm bag`: look into, check, mend and make recordings."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from rich.markup import escape
+from rich.table import Table
+
+from elastic_arm.cli.console import out, print_json, reports_errors
+from elastic_arm.recording.channels import ChannelMap, load_channels
+from elastic_arm.recording.check import Report, check_bag
+from elastic_arm.recording.importing import import_arrays
+from elastic_arm.recording.info import BagInfo, bag_info
+from elastic_arm.recording.repair import Repair, repair_bag
+from elastic_arm.recording.sink import COMPRESSIONS, Compression
+from elastic_arm.recording.writing import write_recording
+
+bag_app = typer.Typer(
+    name="bag", help="Look into, check, mend and make recordings (rosbag2 MCAP).", no_args_is_help=True
+)
+
+BagPath = Annotated[Path, typer.Argument(help="rosbag2 folder or .mcap file.", show_default=False)]
+Channels = Annotated[Path | None, typer.Option(help="Channel map (YAML) of a foreign bag; see docs/channel_maps.md.")]
+Json = Annotated[bool, typer.Option("--json", help="Print JSON, for scripts.")]
+
+_COLOURS = {"error": "bold red", "warning": "yellow", "note": "cyan"}
+
+
+@bag_app.command("info")
+@reports_errors
+def info(bag: BagPath, channels: Channels = None, json: Json = False) -> None:
+    """Show topics, rates, joints and channels of a bag.
+
+    Example: elastic-arm bag info bags/excitation
+    """
+    told = bag_info(bag, _channels(channels))
+    if json:
+        print_json(told.to_json())
+    else:
+        _print_info(told)
+
+
+@bag_app.command("check")
+@reports_errors
+def check(
+    bag: BagPath,
+    repair: Annotated[bool, typer.Option("--repair", help="Write a usable copy beside the bag.")] = False,
+    out_folder: Annotated[
+        Path | None, typer.Option("--out", help="Folder of the copy; BAG_repaired by default.")
+    ] = None,
+    robot: Annotated[Path | None, typer.Option(help="Arm file or URDF whose joint names the bag should have.")] = None,
+    channels: Channels = None,
+    json: Json = False,
+) -> None:
+    """Say what is wrong with a bag; with --repair, save what can be saved.
+
+    Exit status: 0 nothing wrong (with --repair: nothing wrong with the copy), 1 something is, 2 not readable at all.
+
+    Example: elastic-arm bag check --repair runs/killed
+    """
+    joints = None if robot is None else _joint_names(robot)
+    report = check_bag(bag, _channels(channels), joints)
+    mended = repair_bag(bag, out_folder) if repair and not report.ok else None
+    after = None if mended is None else check_bag(mended.path, _channels(channels), joints)
+    if json:
+        print_json(
+            {
+                **report.to_json(),
+                "repaired": None
+                if mended is None or after is None
+                else {
+                    "path": str(mended.path),
+                    "kept": mended.kept,
+                    "dropped": mended.dropped,
+                    "after": after.to_json(),
+                },
+            }
+        )
+    else:
+        _print_report(report)
+        if mended is not None and after is not None:
+            _print_repair(mended)
+            _print_report(after)
+    raise typer.Exit(0 if (after or report).ok else 1)
+
+
+@bag_app.command("import")
+@reports_errors
+def import_(
+    arrays: Annotated[Path, typer.Argument(help="Arrays: .npz, .csv or .mat.", show_default=False)],
+    mapping: Annotated[Path, typer.Option("--map", help="Mapping file (YAML).", show_default=False)],
+    out_folder: Annotated[Path, typer.Option("--out", help="Bag to make.", show_default=False)],
+    compression: Annotated[str, typer.Option(help=f"Of its chunks: {', '.join(COMPRESSIONS)}.")] = "zstd",
+    json: Json = False,
+) -> None:
+    """Turn arrays of a real robot into a bag.
+
+    Example: elastic-arm bag import measurements_1.npz --map examples/kuka_lwr4/import.yaml --out kuka_1
+    """
+    chosen: Compression = next((name for name in COMPRESSIONS if name == compression), "zstd")
+    if chosen != compression:
+        raise typer.BadParameter(f"one of {', '.join(COMPRESSIONS)}", param_hint="--compression")
+    folder = write_recording(out_folder, import_arrays(arrays, mapping), chosen)
+    told = bag_info(folder)
+    if json:
+        print_json(told.to_json())
+    else:
+        _print_info(told)
+
+
+def _channels(path: Path | None) -> ChannelMap | None:
+    return None if path is None else load_channels(path)
+
+
+def _joint_names(path: Path) -> list[str]:
+    from elastic_arm.robot import load_robot
+
+    return list(load_robot(path).joint_names)
+
+
+def _print_info(told: BagInfo) -> None:
+    size = sum(told.files.values())
+    files = f"{len(told.files)} file{'s' if len(told.files) != 1 else ''}"
+    out.print(f"[bold]{escape(told.path)}[/]  {files}, {_size(size)}, {', '.join(told.compression) or 'no messages'}")
+    out.print(f"{told.messages} messages in {told.duration:.6g} s")
+    table = Table(box=None, pad_edge=False, header_style="bold")
+    for name in ("topic", "type"):
+        table.add_column(name)
+    for name in ("messages", "rate, Hz", "duration, s"):
+        table.add_column(name, justify="right")
+    for topic in told.topics:
+        rate = "–" if topic.rate is None else f"{topic.rate:.6g}"
+        span = (topic.last_ns - topic.first_ns) * 1e-9
+        table.add_row(topic.name, topic.type_name, str(topic.count), rate, f"{span:.6g}")
+    out.print(table)
+    if told.joints:
+        out.print(f"joints    {', '.join(told.joints)}", soft_wrap=True)
+        out.print(f"channels  {', '.join(told.channels)}", soft_wrap=True)
+    for words in (*told.damage, *told.notes):
+        out.print(f"[yellow]note[/]      {escape(words)}", soft_wrap=True)
+
+
+def _print_report(report: Report) -> None:
+    out.print(f"[bold]{escape(report.path)}[/]", soft_wrap=True)
+    for finding in report.findings:
+        colour = _COLOURS[finding.severity]
+        out.print(f"  [{colour}]{finding.severity:8}[/] {escape(finding.message)}", soft_wrap=True)
+    out.print("  [green]nothing wrong[/]" if report.ok else "  [red]not in order[/]")
+
+
+def _print_repair(mended: Repair) -> None:
+    out.print(f"copy with {mended.kept} messages; left out or not mended:", soft_wrap=True)
+    for words in mended.dropped or ["nothing"]:
+        out.print(f"  {escape(words)}", soft_wrap=True)
+
+
+def _size(count: float) -> str:
+    for unit in ("B", "kB", "MB"):
+        if count < 1000:
+            return f"{count:.4g} {unit}"
+        count /= 1000
+    return f"{count:.4g} GB"
