@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 from rich.markup import escape
@@ -18,9 +18,7 @@ from elastic_arm.recording.repair import Repair, repair_bag
 from elastic_arm.recording.sink import COMPRESSIONS, Compression
 from elastic_arm.recording.writing import write_recording
 
-bag_app = typer.Typer(
-    name="bag", help="Look into, check, mend and make recordings (rosbag2 MCAP).", no_args_is_help=True
-)
+bag_app = typer.Typer(name="bag", help="Look into, check, mend and make recordings.", no_args_is_help=True)
 
 BagPath = Annotated[Path, typer.Argument(help="rosbag2 folder or .mcap file.", show_default=False)]
 Channels = Annotated[Path | None, typer.Option(help="Channel map (YAML) of a foreign bag; see docs/channel_maps.md.")]
@@ -48,16 +46,14 @@ def info(bag: BagPath, channels: Channels = None, json: Json = False) -> None:
 def check(
     bag: BagPath,
     repair: Annotated[bool, typer.Option("--repair", help="Write a usable copy beside the bag.")] = False,
-    out_folder: Annotated[
-        Path | None, typer.Option("--out", help="Folder of the copy; BAG_repaired by default.")
-    ] = None,
+    out_folder: Annotated[Path | None, typer.Option("--out", help="Of the copy; BAG_repaired by default.")] = None,
     robot: Annotated[Path | None, typer.Option(help="Arm file or URDF whose joint names the bag should have.")] = None,
     channels: Channels = None,
     json: Json = False,
 ) -> None:
     """Say what is wrong with a bag; with --repair, save what can be saved.
 
-    Exit status: 0 nothing wrong (with --repair: nothing wrong with the copy), 1 something is, 2 not readable at all.
+    Exit status: 0 nothing wrong (with --repair: the copy can be used), 1 something is, 2 not readable at all.
 
     Example: elastic-arm bag check --repair runs/killed
     """
@@ -66,25 +62,15 @@ def check(
     mended = repair_bag(bag, out_folder) if repair and not report.ok else None
     after = None if mended is None else check_bag(mended.path, _channels(channels), joints)
     if json:
-        print_json(
-            {
-                **report.to_json(),
-                "repaired": None
-                if mended is None or after is None
-                else {
-                    "path": str(mended.path),
-                    "kept": mended.kept,
-                    "dropped": mended.dropped,
-                    "after": after.to_json(),
-                },
-            }
-        )
+        print_json({**report.to_json(), "repaired": _repaired(mended, after)})
     else:
         _print_report(report)
         if mended is not None and after is not None:
             _print_repair(mended)
             _print_report(after)
-    raise typer.Exit(0 if (after or report).ok else 1)
+    # What was never recorded no copy can mend: gaps and the like are left to be judged.
+    fine = report.ok if after is None else after.usable
+    raise typer.Exit(0 if fine else 1)
 
 
 @bag_app.command("import")
@@ -111,6 +97,13 @@ def import_(
         _print_info(told)
 
 
+def _repaired(mended: Repair | None, after: Report | None) -> dict[str, Any] | None:
+    if mended is None or after is None:
+        return None
+    told = {"path": str(mended.path), "kept": mended.kept, "dropped": mended.dropped}
+    return {**told, "after": after.to_json()}
+
+
 def _channels(path: Path | None) -> ChannelMap | None:
     return None if path is None else load_channels(path)
 
@@ -129,12 +122,11 @@ def _print_info(told: BagInfo) -> None:
     table = Table(box=None, pad_edge=False, header_style="bold")
     for name in ("topic", "type"):
         table.add_column(name)
-    for name in ("messages", "rate, Hz", "duration, s"):
+    for name in ("messages", "rate, Hz"):
         table.add_column(name, justify="right")
     for topic in told.topics:
         rate = "–" if topic.rate is None else f"{topic.rate:.6g}"
-        span = (topic.last_ns - topic.first_ns) * 1e-9
-        table.add_row(topic.name, topic.type_name, str(topic.count), rate, f"{span:.6g}")
+        table.add_row(topic.name, topic.type_name, str(topic.count), rate)
     out.print(table)
     if told.joints:
         out.print(f"joints    {', '.join(told.joints)}", soft_wrap=True)

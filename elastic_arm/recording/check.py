@@ -64,6 +64,11 @@ class Report:
         """Whether nothing worse than a note was found."""
         return all(finding.severity == "note" for finding in self.findings)
 
+    @property
+    def usable(self) -> bool:
+        """Whether it can be read and used, if with less accuracy."""
+        return all(finding.severity != "error" for finding in self.findings)
+
     def add(self, severity: Severity, code: str, message: str, **where: Any) -> None:
         """Add a finding."""
         self.findings.append(Finding(severity, code, message, **where))
@@ -111,7 +116,7 @@ def check_bag(path: str | Path, channels: ChannelMap | None = None, joints: Sequ
             _check_series(series, report)
     if channels is None:
         _check_drift(content, report)
-    if not any(finding.severity == "error" for finding in report.findings):
+    if report.usable:
         _check_whole(path, channels, joints, report)
     return report
 

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
 import numpy as np
-import scipy.io
+import scipy
 from pydantic import Field, model_validator
 
 from elastic_arm.errors import RecordingError

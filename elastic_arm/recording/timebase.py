@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy.interpolate import CubicSpline
+import scipy
 
 from elastic_arm.errors import RecordingError
 from elastic_arm.recording.sides import Array, Samples, Side, Stamps
@@ -96,4 +96,6 @@ def _interpolate(side: Side, stamp_ns: Stamps) -> Side:
     origin = side.stamp_ns[0]
     given: Array = (side.stamp_ns - origin) * 1e-9
     wanted: Array = (stamp_ns - origin) * 1e-9
-    return Side(stamp_ns, **{name: CubicSpline(given, x)(wanted) for name, x in side.channels().items()})
+    return Side(
+        stamp_ns, **{name: scipy.interpolate.CubicSpline(given, x)(wanted) for name, x in side.channels().items()}
+    )
