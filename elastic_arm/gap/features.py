@@ -21,14 +21,12 @@ from elastic_arm.effects.base import Active, Effect, Parameter, Role, Scope
 from elastic_arm.effects.equations import ArmEquations
 from elastic_arm.effects.motion import Contribution, Motion
 from elastic_arm.errors import EffectError
-from elastic_arm.identification import derivatives
+from elastic_arm.gap.residuals import WholeMotion
 
 Array = NDArray[np.float64]
 INPUTS = ("x", "dx", "ddx", "tau_J", "tau_m", "dtau_J", "dtau_m", "sign_link", "sign_motor")
 
-# Below this many standard deviations of its noise a velocity has no sign.
-SIGN_WIDTH = 3.0
-SLOWEST = 2e-4  # rad/s, the same where velocities carry no noise
+SCAN = 200  # steps of an internal state in one call
 
 
 @dataclass(frozen=True)
@@ -39,8 +37,8 @@ class Signals:
     values: Mapping[str, Array]
 
     @staticmethod
-    def of(motion: derivatives.Motion, standstill: tuple[Array, Array]) -> Signals:
-        """Take the signals from completed motion.
+    def of(motion: WholeMotion, standstill: tuple[Array, Array]) -> Signals:
+        """Take the signals from motion.
 
         Parameters
         ----------
@@ -49,9 +47,9 @@ class Signals:
         """
         m = motion
         values = {
-            "x": np.hstack([m.q, m.theta]),  # type: ignore[list-item]
-            "dx": np.hstack([m.dq, m.dtheta]),  # type: ignore[list-item]
-            "ddx": np.hstack([m.ddq, m.ddtheta]),  # type: ignore[list-item]
+            "x": np.hstack([m.q, m.theta]),
+            "dx": np.hstack([m.dq, m.dtheta]),
+            "ddx": np.hstack([m.ddq, m.ddtheta]),
             "tau_J": m.tau_J,
             "tau_m": m.tau_m,
             "dtau_J": CubicSpline(m.t, m.tau_J)(m.t, 1),
@@ -182,11 +180,16 @@ class _Compiled:
     def states(self, signals: Signals, searched: Array) -> Array:
         """Run the internal states (N, s) over the samples, by the exponential Euler rule."""
         h = float(signals.t[1] - signals.t[0])
-        stacked = np.hstack(signals.arrays()).T
-        scan = self.rates.mapaccum("scan", stacked.shape[1])
-        start = np.zeros(self.rates.size1_in(0))
-        every = np.repeat(np.append(searched, h)[:, None], stacked.shape[1], axis=1)
-        return np.asarray(scan(start, stacked, every)).T
+        stacked = np.hstack(signals.arrays())
+        N = len(stacked)
+        chunks = -(-N // SCAN)
+        padded = np.vstack([stacked, np.repeat(stacked[-1:], chunks * SCAN - N, axis=0)])
+        constants = np.append(searched, h)
+        state, courses = np.zeros(self.rates.size1_in(0)), []
+        for arguments in padded.reshape(chunks, -1):
+            state, course = (np.asarray(out).ravel() for out in self.rates(state, arguments, constants))
+            courses.append(course)
+        return np.concatenate(courses).reshape(-1, len(state))[:N]
 
 
 def _compile(feature: Feature) -> _Compiled:
@@ -195,7 +198,13 @@ def _compile(feature: Feature) -> _Compiled:
     symbols = {name: ca.SX.sym(name, sizes.get(name, n)) for name in INPUTS}
     motion = Motion(
         equations,
-        *(symbols[name] for name in INPUTS[:7]),
+        symbols["x"],
+        symbols["dx"],
+        symbols["ddx"],
+        symbols["tau_J"],
+        symbols["tau_m"],
+        symbols["dtau_J"],
+        symbols["dtau_m"],
         sign=lambda side, i: symbols[f"sign_{side}"][i],
     )
     numbers = {p.name: ca.SX.sym(p.name, p.size) for p in effect.parameters}
@@ -262,7 +271,15 @@ def _scan(contribution: Contribution, states: Mapping[str, Any], symbols: Any, s
     stiffness = ca.diag(ca.jacobian(rate, z)) * h
     # (exp(s) - 1) / s, with its limit at 0.
     factor = ca.if_else(ca.fabs(stiffness) < 1e-8, 1.0, ca.expm1(stiffness) / (stiffness + (ca.fabs(stiffness) < 1e-8)))
-    return ca.Function("step", [z, ca.vertcat(*symbols.values()), ca.vertcat(searched, h)], [z + h * factor * rate])
+    arguments, constants = ca.vertcat(*symbols.values()), ca.vertcat(searched, h)
+    step = ca.Function("step", [z, arguments, constants], [z + h * factor * rate])
+    # Many steps at a time in one straight line: calling a function costs more than a step.
+    many = [ca.SX.sym(f"s{k}", arguments.numel()) for k in range(SCAN)]
+    course = [ca.SX.sym("z", z.numel())]
+    start = course[0]
+    for now in many:
+        course.append(step(course[-1], now, constants))
+    return ca.Function("steps", [start, ca.vertcat(*many), constants], [course[-1], ca.vertcat(*course[:-1])])
 
 
 def features(

@@ -56,7 +56,7 @@ class Observation:
     Parameters
     ----------
     pieces
-        Smoothed motion of each stretch without holes.
+        Smoothed motion of each stretch without holes; within `margin` of its ends only roughly right.
     rate
         Samples per second.
     smoother
@@ -73,6 +73,11 @@ class Observation:
     noise: ChannelNoise
     source: str = ""
     notes: tuple[str, ...] = ()
+
+    @property
+    def margin(self) -> float:
+        """Seconds at both ends of a piece in which the smoother has seen too little."""
+        return self.smoother.lag / self.rate
 
     @property
     def duration(self) -> float:
@@ -154,8 +159,23 @@ def observe(recording: Recording, band: float | None = None) -> Observation:
         torque_noise(grids, "tau_J"),
         torque_noise(grids, "tau_m"),
     )
-    pieces = tuple(smoother(grid) for grid in grids if len(grid) > 2 * smoother.lag + clock.rate)
+    pieces = tuple(smoother(_extended(grid, smoother.lag)) for grid in grids)
     return Observation(pieces, clock.rate, smoother, noise, recording.source, (*recording.notes, *samples.notes))
+
+
+def _extended(grid: Grid, count: int) -> Grid:
+    """Continue a stretch at both ends by its mirror image, through the point for angles, so that smoothing keeps its
+    length: internal states need the motion from the first sample on. The rows made of it are dropped."""
+    channels = {name: _mirrored(v, count, odd=name in ("q", "theta")) for name, v in grid.channels().items()}
+    step = np.arange(1, count + 1) / grid.rate
+    return Grid(np.concatenate([grid.t[0] - step[::-1], grid.t, grid.t[-1] + step]), grid.rate, **channels)
+
+
+def _mirrored(values: Array, count: int, *, odd: bool) -> Array:
+    before, after = values[count:0:-1], values[-2 : -count - 2 : -1]
+    if odd:
+        before, after = 2 * values[0] - before, 2 * values[-1] - after
+    return np.concatenate([before, values, after])
 
 
 def widest_band(rate: float) -> float:

@@ -7,11 +7,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from elastic_arm.dynamics import Model
+from elastic_arm.errors import DiagnosisError
 from elastic_arm.gap.band import Band
 from elastic_arm.gap.observation import Observation
 from elastic_arm.identification.derivatives import Motion
@@ -50,11 +52,11 @@ class Layout:
         """Find the usable equations; without joint torque sensors the drive's law stands in for them."""
         one, zero = np.eye(n), np.zeros((n, n))
         has_link, has_motor = motion.q is not None, motion.theta is not None
+        blocks: dict[str, Array] = {}
         if motion.tau_J is not None:
             rows = {"link": has_link, "drive": has_link and has_motor, "motor": has_motor and motion.tau_m is not None}
             blocks = {side: np.hstack([one if s == side else zero for s in SIDES]) for side in SIDES if rows[side]}
         else:
-            blocks = {}
             if has_link and has_motor:
                 blocks["link"] = np.hstack([one, -one, zero])
                 if motion.tau_m is not None:
@@ -70,22 +72,35 @@ class Layout:
         return len(self.sides) * self.n
 
 
-def completed(motion: Motion, model: Model) -> Motion:
-    """Return motion in which a missing encoder or torque channel is replaced by what cancels from the usable rows."""
-    from dataclasses import replace
+@dataclass(frozen=True)
+class WholeMotion:
+    """Motion with every channel, (N, n) each; what was not recorded is stood in for by what no usable row sees."""
 
+    t: Array
+    q: Array
+    dq: Array
+    ddq: Array
+    theta: Array
+    dtheta: Array
+    ddtheta: Array
+    tau_J: Array
+    tau_m: Array
+
+    def __len__(self) -> int:
+        return len(self.t)
+
+
+def completed(motion: Motion, model: Model) -> WholeMotion:
+    """Fill in missing channels by what cancels from the usable rows."""
     K, D = drive_constants(model)
-    tau_J, tau_m = motion.tau_J, motion.tau_m
-    q, dq, ddq, theta, dtheta, ddtheta = motion.q, motion.dq, motion.ddq, motion.theta, motion.dtheta, motion.ddtheta
-    if q is None:
-        q, dq, ddq = theta, dtheta, ddtheta
-    if theta is None:
-        theta, dtheta, ddtheta = q, dq, ddq
-    if tau_J is None:
-        tau_J = K * (theta - q) + D * (dtheta - dq)
-    if tau_m is None:
-        tau_m = np.zeros_like(tau_J)
-    return replace(motion, q=q, dq=dq, ddq=ddq, theta=theta, dtheta=dtheta, ddtheta=ddtheta, tau_J=tau_J, tau_m=tau_m)
+    link, motor = (motion.q, motion.dq, motion.ddq), (motion.theta, motion.dtheta, motion.ddtheta)
+    q, dq, ddq = (own if own is not None else other for own, other in zip(link, motor, strict=True))
+    theta, dtheta, ddtheta = (own if own is not None else other for own, other in zip(motor, link, strict=True))
+    if q is None or dq is None or ddq is None or theta is None or dtheta is None or ddtheta is None:
+        raise DiagnosisError("the recording holds no positions", "Record /motor_states or /joint_states with positions")
+    tau_J = motion.tau_J if motion.tau_J is not None else K * (theta - q) + D * (dtheta - dq)
+    tau_m = motion.tau_m if motion.tau_m is not None else np.zeros_like(tau_J)
+    return WholeMotion(motion.t, q, dq, ddq, theta, dtheta, ddtheta, tau_J, tau_m)
 
 
 def drive_constants(model: Model) -> tuple[Array, Array]:
@@ -97,22 +112,20 @@ def drive_constants(model: Model) -> tuple[Array, Array]:
     )
 
 
-def raw_residuals(model: Model, motion: Motion) -> Array:
+def raw_residuals(model: Model, motion: WholeMotion) -> Array:
     """Residuals (N, 3 n) Nm of completed motion at the recording's rate."""
     n = model.n
     K, D = drive_constants(model)
     spring = K * (motion.theta - motion.q) + D * (motion.dtheta - motion.dq)
-    x, dx, ddx = (np.hstack(pair) for pair in coordinates(motion))
-    left = model.inverse_dynamics(x, dx, ddx)
+    left = model.inverse_dynamics(
+        np.hstack([motion.q, motion.theta]),
+        np.hstack([motion.dq, motion.dtheta]),
+        np.hstack([motion.ddq, motion.ddtheta]),
+    )
     # The left side of (1) holds the spring in both rows; the residuals have the sensor's torque in its place.
     link = motion.tau_J - (left[:, :n] + spring)
     motor = motion.tau_m - (left[:, n : 2 * n] - spring) - motion.tau_J
     return np.hstack([link, motion.tau_J - spring, motor])
-
-
-def coordinates(motion: Motion) -> tuple[tuple[Array, Array], tuple[Array, Array], tuple[Array, Array]]:
-    """Return (q, theta) and their first and second derivatives."""
-    return (motion.q, motion.theta), (motion.dq, motion.dtheta), (motion.ddq, motion.ddtheta)  # type: ignore[return-value]
 
 
 @dataclass(frozen=True)
@@ -142,7 +155,7 @@ class NoiseModel:
         width = self.f[1] - self.f[0]
         return np.sqrt(density.sum(axis=0) * width * 2.0 / self.rate)
 
-    def whitener(self, f: Array) -> NDArray[np.complex128]:
+    def whitener(self, f: NDArray[Any]) -> NDArray[np.complex128]:
         """Return W (F', R, R) with W covariance W^H = 1 at f (F',) Hz within the band."""
         index = np.clip(np.rint(f / (self.f[1] - self.f[0])).astype(int), 0, len(self.f) - 1)
         return np.linalg.inv(np.linalg.cholesky(self.covariance))[index]
@@ -205,11 +218,14 @@ class Stretch:
         (N', R) Nm.
     motion
         The completed motion at the recording's rate that they were made of.
+    kept
+        Which of the rows that the band gives for the motion they are.
     """
 
     t: Array
     values: Array
-    motion: Motion
+    motion: WholeMotion
+    kept: slice
 
 
 def residuals(model: Model, observation: Observation, layout: Layout, band: Band) -> list[Stretch]:
@@ -218,8 +234,11 @@ def residuals(model: Model, observation: Observation, layout: Layout, band: Band
     for piece in observation.pieces:
         motion = completed(piece, model)
         full = raw_residuals(model, motion) @ layout.transform.T
-        stretches.append(Stretch(band.times(motion.t), band.apply(full), motion))
-    return [s for s in stretches if len(s.t)]
+        t = band.times(motion.t)
+        first, last = np.searchsorted(t, [motion.t[0] + observation.margin, motion.t[-1] - observation.margin])
+        kept = slice(int(first), int(last))
+        stretches.append(Stretch(t[kept], band.apply(full)[kept], motion, kept))
+    return [s for s in stretches if len(s.t) > band.kept_rate]
 
 
 def low_passed(values: Array, rate: float, cutoff: float) -> Array:
@@ -231,7 +250,7 @@ def low_passed(values: Array, rate: float, cutoff: float) -> Array:
 
 def block_means(squares: Sequence[Array], length: int) -> Array:
     """Return means (blocks, k) of consecutive blocks of `length` rows of each part."""
-    blocks = []
+    blocks: list[Array] = []
     for part in squares:
         count = max(1, len(part) // length)
         blocks.extend(np.mean(piece, axis=0) for piece in np.array_split(part, count))
