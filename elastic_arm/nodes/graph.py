@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib
+import os
 import time
 from typing import Any
 
@@ -12,20 +13,18 @@ from rclpy.qos import DurabilityPolicy, QoSProfile
 from elastic_arm.errors import GraphError
 from elastic_arm.recording import topics
 
-# A tenth of a second of samples may pile up in a subscriber that is busy; a recorder's disk may take a whole one.
+# A fifth of a second of samples may pile up in a subscriber that is busy; one that writes to a disk, or makes an
+# estimate now and then, may take a whole one.
 STREAM = QoSProfile(depth=200)
-RECORDER_DEPTH = 1000
+PATIENT = QoSProfile(depth=1000)
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-EVENTS = QoSProfile(depth=10)
 # Peers on the same machine find each other within this time, seconds.
 DISCOVERY = 1.0
 
 
 def qos(topic: str) -> QoSProfile:
     """Return the quality of service of one of the suite's topics."""
-    if topic in topics.LATCHED:
-        return LATCHED
-    return EVENTS if topic == topics.DIAGNOSTICS else STREAM
+    return LATCHED if topic in topics.LATCHED else STREAM
 
 
 def message_class(type_name: str) -> Any:
@@ -56,16 +55,20 @@ def other_publishers(node: Node, topic: str) -> list[str]:
 def refuse_company(node: Node, topic: str, seconds: float = DISCOVERY) -> None:
     """Wait for discovery, and give up if another node publishes a topic that can have only one source.
 
+    Of two that start together one looks a little longer, and finds the other.
+
     Raises
     ------
     GraphError
         If there is one.
     """
-    end = time.monotonic() + seconds
-    while time.monotonic() < end:
+    end = time.monotonic() + seconds + (os.getpid() % 8) * 0.05
+    while True:
         if others := other_publishers(node, topic):
             raise GraphError(
-                f"{others[0]} already publishes {topic}: two arms on one topic would mix",
+                f"{others[0]} publishes {topic} already: two arms on one topic would mix",
                 "Stop it, or start this one with another ROS_DOMAIN_ID or namespace.",
             )
+        if time.monotonic() >= end:
+            return
         time.sleep(0.05)

@@ -59,7 +59,7 @@ def declare(
     return value
 
 
-def declare_list(node: Node, name: str, item: type, description: str) -> list[Any]:
+def declare_list(node: Node, name: str, item: type, description: str, *, live: bool = False) -> list[Any]:
     """Declare a list of texts or numbers, empty by default, and return it."""
-    descriptor = ParameterDescriptor(description=description, read_only=True, type=_LISTS[item].value)
+    descriptor = ParameterDescriptor(description=description, read_only=not live, type=_LISTS[item].value)
     return list(node.declare_parameter(name, Parameter(name, _LISTS[item], []).value, descriptor).value or [])

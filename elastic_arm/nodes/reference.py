@@ -12,6 +12,8 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 # A pause between streamed points longer than this is the start of another motion, not a hole to bridge.
 LONGEST_HOLE_NS = 50_000_000
+# Slower than this, rad/s, is standing still: rounding leaves less.
+STILL = 1e-6
 
 
 class Row(NamedTuple):
@@ -75,11 +77,18 @@ class ReferenceQueue:
             self.late += 1
         if self._rows and self._rows[0][0] == step:
             self._last = self._rows.popleft()[1]
-        elif self._last.velocity.any():
+        elif self._moving():
             self.starved += 1
             rest = np.zeros_like(self._last.position)
             self._last = Row(self._last.position, rest, rest)
         return self._last
+
+    def starving(self, step: int) -> bool:
+        """Say whether the arm is in motion and the stream does not reach this step."""
+        return self._moving() and not (self._rows and self._rows[-1][0] >= step)
+
+    def _moving(self) -> bool:
+        return bool(np.max(np.abs(self._last.velocity)) > STILL)
 
     def _time(self, step: int) -> int:
         return self._origin + step * self._step

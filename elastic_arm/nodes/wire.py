@@ -74,6 +74,10 @@ class Inbox:
         self.overflowed += len(self._messages) == self._messages.maxlen
         self._messages.append(message)
 
+    def clear(self) -> None:
+        """Throw away what is in it."""
+        self._messages.clear()
+
     def __len__(self) -> int:
         return len(self._messages)
 

@@ -1,0 +1,200 @@
+"""`ros2 run elastic_arm identifier`: base parameters while the arm moves."""
+
+from __future__ import annotations
+
+import json
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+from elastic_arm_msgs.msg import ParameterEstimate
+from numpy.typing import NDArray
+from sensor_msgs.msg import JointState
+from std_srvs.srv import SetBool, Trigger
+
+from elastic_arm.errors import ElasticArmError, IdentificationError
+from elastic_arm.identification import identifier_of, parse_laws
+from elastic_arm.identification.derivatives import Motion
+from elastic_arm.identification.least_squares import Fit
+from elastic_arm.nodes import graph
+from elastic_arm.nodes.collecting import Collector
+from elastic_arm.nodes.health import PERIOD, Health
+from elastic_arm.nodes.parameters import declare, declare_list
+from elastic_arm.nodes.running import ArmNode, run
+from elastic_arm.nodes.wire import NANOSECONDS
+from elastic_arm.recording import topics
+from elastic_arm.robot import load_robot
+
+# Samples are taken in batches of this length, seconds: arrays are cheap, single samples are not.
+BATCH = 0.1
+
+
+class IdentifierNode(ArmNode):
+    """Feeds what arrives to the estimator, and publishes what it finds."""
+
+    def __init__(self) -> None:
+        super().__init__("identifier")
+        file = declare(self, "robot", "", "Nominal arm: file (YAML) or URDF; empty: the arm of the package")
+        self._name = declare(self, "model", "mod3", "What the arm is taken to be", choices=("mod1", "mod2", "mod3"))
+        laws = declare_list(self, "effects", str, "Laws identified beside the model: EFFECT[:JOINT]")
+        sides = declare(self, "sides", "both", "What the arm measures", choices=("both", "link", "motor"))
+        self._every = declare(self, "estimate_period", 1.0, "Between estimates, s", between=(0.1, 3600.0))
+        self._folder = declare(self, "save_to", "identified", "Folder of what ~/save writes")
+        self._save_at_exit = declare(self, "save_at_exit", False, "Save also when the node stops")
+        self._lines = declare(self, "print", False, "Print each estimate as a line of JSON on stdout")
+        robot = load_robot(file or None)
+        self._identifier = identifier_of(robot, self._name, parse_laws(laws, robot))
+        self._collector = Collector(robot.joint_names, sides)
+        self._warm_up(robot.n)
+        self._output = self.create_publisher(
+            ParameterEstimate, topics.PARAMETER_ESTIMATE, graph.qos(topics.PARAMETER_ESTIMATE)
+        )
+        for topic, inbox in self._collector.inboxes.items():
+            self.create_subscription(JointState, topic, inbox.put, graph.PATIENT, raw=True)
+        self.create_service(Trigger, "~/reset", self._reset)
+        self.create_service(SetBool, "~/pause", self._pause)
+        self.create_service(Trigger, "~/save", self._save)
+        self._health = Health(self, "estimate")
+        self.create_timer(PERIOD, self._report)
+        self._due = self._estimate_due = time.monotonic()
+        self._fit: Fit | None = None
+        self._problem = ""
+
+    def tick(self) -> float:
+        """Take what has arrived; now and then, make an estimate of it."""
+        now = time.monotonic()
+        if now >= self._due:
+            self._due = now + BATCH
+            self._take()
+            if now >= self._estimate_due:
+                self._estimate_due = now + self._every
+                self._estimate()
+        return self._due - time.monotonic()
+
+    def close(self) -> None:
+        """Work off what waits, make the last estimate and save it, if that is wanted."""
+        self._take(everything=True)
+        self._identifier.finish()
+        self._estimate()
+        if self._save_at_exit:
+            self.get_logger().info(self._write())
+
+    def _warm_up(self, n: int) -> None:
+        """Compile the equations before samples arrive: that takes seconds, the first time."""
+        channels = dict.fromkeys(("q", "dq", "ddq", "theta", "dtheta", "ddtheta", "tau_J", "tau_m"), np.zeros((2, n)))
+        motion = Motion(t=np.arange(2.0), **channels)
+        self._identifier.expect(motion).rows(motion)
+        self._identifier.reset()
+
+    def _take(self, everything: bool = False) -> None:
+        samples = self._collector.take(everything)
+        if samples is None:
+            return
+        try:
+            self._identifier.add(samples)
+            self._problem = ""
+        except IdentificationError as error:
+            self._problem = str(error)
+
+    def _estimate(self) -> None:
+        try:
+            self._fit = self._identifier.fit()
+        except IdentificationError as error:
+            self._problem = self._problem or error.problem
+            return
+        base = self._identifier.equations.base
+        message = ParameterEstimate(
+            model=self._name,
+            name=list(base.names),
+            value=self._fit.Psi,
+            std=self._fit.std,
+            unit=list(base.units),
+            residual_rms=rms(self._fit.noise),
+            condition_number=self._fit.condition,
+            samples=self._fit.samples,
+        )
+        message.header.stamp.sec, message.header.stamp.nanosec = divmod(self._collector.last_ns, NANOSECONDS)
+        self._output.publish(message)
+        if self._lines:
+            self._print(message)
+
+    def _print(self, message: ParameterEstimate) -> None:
+        line = {
+            "samples": message.samples,
+            "residual_rms": message.residual_rms,
+            "condition_number": message.condition_number,
+            "name": list(message.name),
+            "value": list(message.value),
+            "std": list(message.std),
+            "unit": list(message.unit),
+        }
+        sys.stdout.write(json.dumps(line) + "\n")
+        sys.stdout.flush()
+
+    def _reset(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        """Service: forget all samples."""
+        self._collector.reset()
+        self._identifier.reset()
+        self._fit = None
+        response.success, response.message = True, "all samples forgotten"
+        return response
+
+    def _pause(self, request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:
+        """Service: ignore samples while `data` is true."""
+        if request.data:
+            self._identifier.pause()
+        else:
+            self._identifier.resume()
+        response.success, response.message = True, "paused" if request.data else "running"
+        return response
+
+    def _save(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        """Service: write the estimate."""
+        try:
+            response.message, response.success = self._write(), True
+        except ElasticArmError as error:
+            response.message = str(error)
+        return response
+
+    def _write(self) -> str:
+        """Write the estimate; return what was done, in words."""
+        result = self._identifier.estimate((topics.JOINT_STATES, topics.MOTOR_STATES))
+        file = Path(self._folder) / "identification.json"
+        try:
+            file.parent.mkdir(parents=True, exist_ok=True)
+            result.to_json(file)
+        except OSError as error:
+            raise IdentificationError(f"{file} cannot be written: {error.strerror}", "Choose another folder.") from None
+        return f"estimate of {result.samples} samples written to {file}"
+
+    def _report(self) -> None:
+        progress, losses = self._identifier.progress, self._collector.losses
+        problems = self._collector.problems()
+        if self._identifier.paused:
+            problems.append("paused")
+        if self._problem:
+            problems.append(self._problem)
+        figures = {
+            "samples received": progress.received,
+            "samples used": progress.samples,
+            "pieces without a gap": progress.pieces,
+            **{f"samples {name}": count for name, count in vars(losses).items()},
+        }
+        if self._fit is not None:
+            figures |= {"residual RMS, Nm": rms(self._fit.noise), "condition number": self._fit.condition}
+        self._health.report(problems, "identifying", figures)
+
+
+def rms(noise: NDArray[np.float64]) -> float:
+    """Return the RMS over all equations of their residuals' standard deviations."""
+    return float(np.sqrt(np.mean(noise**2)))
+
+
+def main() -> None:
+    """Entry point."""
+    sys.exit(run(IdentifierNode))
+
+
+if __name__ == "__main__":
+    main()

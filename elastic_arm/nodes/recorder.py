@@ -1,0 +1,95 @@
+"""`ros2 run elastic_arm recorder`: writes topics to an MCAP bag, byte by byte as they came."""
+
+from __future__ import annotations
+
+import sys
+from functools import partial
+from typing import Any
+
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.topic_endpoint_info import TopicEndpointInfo
+
+from elastic_arm.errors import GraphError
+from elastic_arm.nodes import graph
+from elastic_arm.nodes.health import PERIOD, Health
+from elastic_arm.nodes.parameters import declare, declare_list
+from elastic_arm.nodes.running import LONGEST_REST, ArmNode, run
+from elastic_arm.recording import topics
+from elastic_arm.recording.sink import COMPRESSIONS
+from elastic_arm.recording.stream_writer import StreamWriter
+
+# How often to look for publishers of topics not yet found, seconds.
+SEARCH_PERIOD = 0.1
+
+
+class Recorder(ArmNode):
+    """Records topics as soon as somebody publishes them."""
+
+    def __init__(self) -> None:
+        super().__init__("recorder")
+        folder = declare(self, "bag", "recording", "Folder to make; must not exist")
+        wanted = declare_list(self, "topics", str, "Topics to record; empty: all of the suite's")
+        compression: Any = declare(self, "compression", "zstd", "Of the bag", choices=COMPRESSIONS)
+        self._wanted = set(wanted or topics.TYPES)
+        self._writer = StreamWriter(folder, compression)
+        self._health = Health(self, "bag")
+        self.create_timer(SEARCH_PERIOD, self._search)
+        self.create_timer(PERIOD, self._report)
+        self.get_logger().info(f"recording to {folder}")
+
+    def tick(self) -> float:
+        """Write what has waited long enough."""
+        self._writer.tick()
+        return LONGEST_REST
+
+    def close(self) -> None:
+        """Finish the bag."""
+        self._writer.close()
+        counts = self._writer.counts
+        self.get_logger().info(f"{sum(counts.values())} messages of {len(counts)} topics in {self._writer.path}")
+
+    def _search(self) -> None:
+        """Subscribe to the wanted topics that have a publisher by now."""
+        for topic in sorted(self._wanted):
+            if infos := self.get_publishers_info_by_topic(topic):
+                self._wanted.discard(topic)
+                self._subscribe(topic, infos)
+
+    def _subscribe(self, topic: str, infos: list[TopicEndpointInfo]) -> None:
+        type_name = infos[0].topic_type
+        try:
+            kind = graph.message_class(type_name)
+        except GraphError as error:
+            self.get_logger().error(f"{topic} is not recorded: {error}")
+            return
+        self._writer.add_topic(topic, type_name)
+        take = partial(self._take, topic)
+        self.create_subscription(kind, topic, take, matching(infos), raw=True)
+
+    def _take(self, topic: str, data: bytes) -> None:
+        self._writer.write(topic, data, self.get_clock().now().nanoseconds)
+
+    def _report(self) -> None:
+        counts = self._writer.counts
+        problems = [] if counts else ["none of the topics is published"]
+        self._health.report(problems, "recording", {"messages": sum(counts.values()), **counts})
+
+
+def matching(infos: list[TopicEndpointInfo]) -> QoSProfile:
+    """Return a quality of service that hears all these publishers, and what the latched ones said before."""
+    reliable = all(info.qos_profile.reliability == ReliabilityPolicy.RELIABLE for info in infos)
+    latched = all(info.qos_profile.durability == DurabilityPolicy.TRANSIENT_LOCAL for info in infos)
+    return QoSProfile(
+        depth=graph.PATIENT.depth,
+        reliability=ReliabilityPolicy.RELIABLE if reliable else ReliabilityPolicy.BEST_EFFORT,
+        durability=DurabilityPolicy.TRANSIENT_LOCAL if latched else DurabilityPolicy.VOLATILE,
+    )
+
+
+def main() -> None:
+    """Entry point."""
+    sys.exit(run(Recorder))
+
+
+if __name__ == "__main__":
+    main()

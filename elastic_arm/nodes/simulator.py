@@ -1,0 +1,253 @@
+"""`ros2 run elastic_arm simulator`: an arm that moves, measured a thousand times a second."""
+
+from __future__ import annotations
+
+import sys
+import time
+from array import array
+from collections.abc import Sequence
+
+import numpy as np
+from elastic_arm_msgs.msg import JointTorques
+from numpy.typing import NDArray
+from rcl_interfaces.msg import SetParametersResult
+from rclpy.parameter import Parameter
+from rosgraph_msgs.msg import Clock
+from sensor_msgs.msg import JointState
+from std_msgs.msg import String
+from trajectory_msgs.msg import JointTrajectory
+
+from elastic_arm.effects import parse
+from elastic_arm.effects.base import Active
+from elastic_arm.errors import EffectError, GraphError
+from elastic_arm.nodes import graph
+from elastic_arm.nodes.health import PERIOD, Health
+from elastic_arm.nodes.pacing import Pace
+from elastic_arm.nodes.parameters import declare, declare_list
+from elastic_arm.nodes.reference import ReferenceQueue, Row
+from elastic_arm.nodes.running import ArmNode, run
+from elastic_arm.nodes.wire import NANOSECONDS, Form
+from elastic_arm.recording import topics
+from elastic_arm.robot import load_robot
+from elastic_arm.sensors import Encoder, Sensors, TorqueSensor
+from elastic_arm.simulation import Simulator
+
+# Simulated seconds between two messages on /clock.
+CLOCK_PERIOD = 0.01
+# Without real time, how long the arm waits for a stream that is behind, real seconds.
+STREAM_PATIENCE = 1.0
+# Nobody notices a pace that is off by less.
+PACE_TOLERANCE = 0.02
+# A simulator this young, seconds, gives up when another turns up: it is the newcomer, or neither is.
+SETTLING = 5.0
+
+
+class SimulatorNode(ArmNode):
+    """Steps a simulated arm in real time, or by a factor faster or slower with `/clock`."""
+
+    def __init__(self) -> None:
+        super().__init__("simulator")
+        self._declare()
+        began = time.monotonic()
+        self._arm = self._build()
+        graph.refuse_company(self, topics.MOTOR_STATES, graph.DISCOVERY - (time.monotonic() - began))
+        self._born = time.monotonic()
+        names = list(self._arm.robot.joint_names)
+        self._columns = {name: column for column, name in enumerate(names)}
+        self._step_ns = round(NANOSECONDS / self._arm.rate)
+        real_time = self._factor == 1.0
+        # Stamps lie on the grid of the clock; a clock of its own begins at zero.
+        self._origin_ns = time.time_ns() // self._step_ns * self._step_ns if real_time else 0
+        self._step = 1
+        self._reference = ReferenceQueue(self._start, self._origin_ns, self._step_ns)
+        self._pace = Pace(self._arm.rate, self._factor)
+        self._waited = 0.0
+        self._publish_setup(names, real_time)
+        self.create_subscription(JointTrajectory, topics.REFERENCE, self._follow, graph.qos(topics.REFERENCE))
+        self._health = Health(self, "pace")
+        self.create_timer(PERIOD, self._report)
+        self.add_on_set_parameters_callback(self._change)
+
+    def _declare(self) -> None:
+        self._robot = declare(self, "robot", "", "Arm file (YAML) or URDF; empty: the arm of the package")
+        self._model = declare(self, "model", "mod3", "What the arm is made of", choices=("mod1", "mod2", "mod3"))
+        self._bearings = declare(self, "bearings", False, "Let the bearings tilt")
+        self._effects = declare_list(
+            self, "effects", str, "What the arm has more: EFFECT[:JOINT][:NAME=VALUE,…]", live=True
+        )
+        self._torque_noise = declare(self, "torque_noise", 0.26, "Standard deviation, Nm", between=(0.0, 1000.0))
+        self._encoder_noise = declare(self, "encoder_noise", 0.0, "Standard deviation, rad", between=(0.0, 0.1))
+        self._seed = declare(self, "seed", 1, "Of the noise", between=(0, 2**31 - 1))
+        self._rate = declare(self, "rate", 1000.0, "Samples per second", between=(10.0, 10_000.0))
+        self._factor = declare(
+            self,
+            "real_time_factor",
+            1.0,
+            "Simulated per real seconds; not 1: with /clock",
+            between=(0.01, 20.0),
+            live=True,
+        )
+        self._position = declare_list(self, "initial_position", float, "Where the arm starts, rad; empty: at zero")
+
+    def _build(self) -> Simulator:
+        robot = load_robot(self._robot or None)
+        self._start = np.array(self._position or np.zeros(robot.n))
+        if len(self._start) != robot.n:
+            raise GraphError(
+                f"initial_position has {len(self._start)} values for {robot.n} joints", "Give one a joint."
+            )
+        torque, encoder = TorqueSensor(noise=self._torque_noise), Encoder(noise=self._encoder_noise)
+        return Simulator(
+            robot,
+            model=self._model,
+            bearings=self._bearings,
+            effects=[parse(text, robot) for text in self._effects],
+            sensors=Sensors(encoder, encoder, torque, torque),
+            rate=self._rate,
+            rng=np.random.default_rng(self._seed),
+            q0=self._start,
+        )
+
+    def _publish_setup(self, names: list[str], real_time: bool) -> None:
+        """Make the publishers, and the forms of what they publish."""
+        zeros = array("d", bytes(8 * len(names)))
+        state = JointState(name=names, position=zeros, velocity=zeros, effort=zeros)
+        rigid = JointState(name=names, position=zeros, velocity=zeros)
+        std = array("d", [self._torque_noise] * len(names))
+        torques = JointTorques(name=names, motor_torque=zeros, motor_torque_std=std)
+        if self._arm.robot.elastic:
+            torques.joint_torque, torques.joint_torque_std = zeros, std
+        types = topics.TYPES
+        self._forms = {
+            topics.JOINT_STATES: Form(types[topics.JOINT_STATES], state if self._arm.robot.elastic else rigid),
+            topics.MOTOR_STATES: Form(types[topics.MOTOR_STATES], state),
+            topics.JOINT_TORQUES: Form(types[topics.JOINT_TORQUES], torques),
+        }
+        classes = {topics.JOINT_STATES: JointState, topics.MOTOR_STATES: JointState, topics.JOINT_TORQUES: JointTorques}
+        self._outputs = {topic: self.create_publisher(kind, topic, graph.qos(topic)) for topic, kind in classes.items()}
+        self._clock_output = None if real_time else self.create_publisher(Clock, topics.CLOCK, graph.qos(topics.CLOCK))
+        self._clock_form = Form(types[topics.CLOCK], Clock())
+        self._clock_every = max(round(CLOCK_PERIOD * self._arm.rate), 1)
+        description = self.create_publisher(String, topics.ROBOT_DESCRIPTION, graph.qos(topics.ROBOT_DESCRIPTION))
+        description.publish(String(data=self._arm.nominal.to_urdf()))
+
+    def tick(self) -> float:
+        """Make the step that is due."""
+        now = time.monotonic()
+        wait = self._pace.wait(now)
+        if wait > 0:
+            return wait
+        if self._stream_is_behind(now):
+            return 0.001
+        self._publish(self._reference.at(self._step))
+        slipped = self._pace.slipped
+        self._pace.stepped(now)
+        lost = self._pace.slipped - slipped
+        # A real clock does not wait for an arm that was held up; a clock of its own does.
+        self._step += 1 + (round(lost * self._arm.rate) if self._clock_output is None else 0)
+        return self._pace.wait(time.monotonic())
+
+    def _publish(self, row: Row) -> None:
+        _, measured = self._arm.step(row)
+        stamp = self._origin_ns + self._step * self._step_ns
+        link = {"position": measured["q"][0], "velocity": measured["dq"][0]}
+        torques = {"motor_torque": measured["tau_m"][0]}
+        if self._arm.robot.elastic:
+            link["effort"] = torques["joint_torque"] = measured["tau_J"][0]
+        motor = {"position": measured["theta"][0], "velocity": measured["dtheta"][0], "effort": measured["tau_m"][0]}
+        for topic, values in (
+            (topics.JOINT_STATES, link),
+            (topics.MOTOR_STATES, motor),
+            (topics.JOINT_TORQUES, torques),
+        ):
+            self._outputs[topic].publish(self._forms[topic].filled(stamp, **values))
+        if self._clock_output is not None and self._step % self._clock_every == 0:
+            self._clock_output.publish(self._clock_form.filled(stamp))
+
+    def _stream_is_behind(self, now: float) -> bool:
+        """Say whether the clock has to stand still until more of the reference arrives; never in real time."""
+        if self._clock_output is None or not self._reference.starving(self._step):
+            self._waited = now
+            return False
+        if now - self._waited > STREAM_PATIENCE:
+            return False
+        self._pace.hold(now)
+        return True
+
+    def _follow(self, message: JointTrajectory) -> None:
+        """Take streamed points."""
+        try:
+            order = [message.joint_names.index(name) for name in self._columns]
+        except ValueError:
+            self.get_logger().error(
+                f"{topics.REFERENCE} names {', '.join(message.joint_names)}; this arm has {', '.join(self._columns)}",
+                throttle_duration_sec=5.0,
+            )
+            return
+        if not message.points:
+            return
+        stamp = message.header.stamp
+        begin = stamp.sec * NANOSECONDS + stamp.nanosec
+        if begin == 0:  # at once, by the convention of trajectories
+            begin = self._origin_ns + (self._step + 1) * self._step_ns
+        after = [point.time_from_start for point in message.points]
+        stamps = np.array([begin + t.sec * NANOSECONDS + t.nanosec for t in after], dtype=np.int64)
+        columns = [_column(message, field, order) for field in ("positions", "velocities", "accelerations")]
+        if not np.all(np.isfinite(columns)) or np.any(np.diff(stamps) <= 0):
+            self.get_logger().error(f"{topics.REFERENCE}: points that are not finite, or out of order", once=True)
+            return
+        self._reference.add(stamps, Row(*columns))
+
+    def _change(self, parameters: Sequence[Parameter]) -> SetParametersResult:
+        """Change the speed or the effects while running."""
+        for parameter in parameters:
+            if parameter.name == "real_time_factor":
+                if self._clock_output is None and parameter.value != 1.0:
+                    return SetParametersResult(successful=False, reason="started in real time, without /clock")
+                self._pace.set_factor(parameter.value)
+            if parameter.name == "effects":
+                try:
+                    self._take(list(parameter.value or []))
+                except EffectError as error:
+                    return SetParametersResult(successful=False, reason=str(error))
+        return SetParametersResult(successful=True)
+
+    def _take(self, texts: list[str]) -> None:
+        effects: list[Active] = [parse(text, self._arm.robot) for text in texts]
+        self._arm.change_effects(effects)
+        self.get_logger().info("effects: " + (", ".join(texts) or "none"))
+
+    def _report(self) -> None:
+        now = time.monotonic()
+        others = graph.other_publishers(self, topics.MOTOR_STATES)
+        if others and now - self._born < SETTLING:
+            graph.refuse_company(self, topics.MOTOR_STATES, -1.0)
+        pace = self._pace.achieved(now)
+        problems = [f"{name} publishes {topics.MOTOR_STATES} too: stop one of the two" for name in others]
+        if pace < 1.0 - PACE_TOLERANCE:
+            problems.append(f"holds {100 * pace:.0f} % of the rate asked for")
+        if self._reference.starved:
+            problems.append(f"the stream on {topics.REFERENCE} broke off in motion")
+        figures = {
+            "rate, Hz": pace * self._arm.rate * self._factor,
+            "time slipped, s": self._pace.slipped,
+            "reference points too late": self._reference.late,
+            "streams broken off": self._reference.starved,
+        }
+        self._health.report(problems, "pace held", figures)
+        self._reference.starved = 0
+
+
+def _column(message: JointTrajectory, field: str, order: list[int]) -> NDArray[np.float64]:
+    """Return one field of all points, (N, n) in the arm's order; zeros where it is not given."""
+    rows = [getattr(point, field) or [0.0] * len(order) for point in message.points]
+    return np.array(rows, dtype=float)[:, order]
+
+
+def main() -> None:
+    """Entry point."""
+    sys.exit(run(SimulatorNode))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,151 @@
+"""`ros2 run elastic_arm trajectory_generator`: streams an excitation on `/reference`."""
+
+from __future__ import annotations
+
+import sys
+from array import array
+from functools import lru_cache
+from pathlib import Path
+
+import numpy as np
+from builtin_interfaces.msg import Duration
+from sensor_msgs.msg import JointState
+from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
+
+from elastic_arm.errors import GraphError
+from elastic_arm.excitation import load_trajectory
+from elastic_arm.nodes import graph
+from elastic_arm.nodes.health import PERIOD, Health
+from elastic_arm.nodes.parameters import declare
+from elastic_arm.nodes.plan import Plan
+from elastic_arm.nodes.reference import Row
+from elastic_arm.nodes.running import LONGEST_REST, ArmNode, run
+from elastic_arm.nodes.wire import NANOSECONDS, Form
+from elastic_arm.recording import topics
+
+
+class TrajectoryGenerator(ArmNode):
+    """Waits for the arm, leads it to the start of a trajectory and streams the trajectory, a little ahead of time."""
+
+    def __init__(self) -> None:
+        super().__init__("trajectory_generator")
+        file = declare(self, "trajectory", "", "Trajectory file (YAML, as `elastic-arm excite` writes it)")
+        self._repeat = declare(self, "repeat", 1, "How often it is run; 0: until stopped", between=(0, 1_000_000))
+        rate = declare(self, "rate", 1000.0, "Points per second", between=(10.0, 10_000.0))
+        self._points = declare(self, "points_per_message", 20, "Points in a message", between=(1, 1000))
+        lead = declare(self, "lead", 0.2, "How far ahead of the clock to stream, s", between=(0.02, 10.0))
+        self._speed = declare(
+            self, "approach_speed", 0.3, "Joint speed on the way to the start, rad/s", between=(0.01, 3.0)
+        )
+        if not file:
+            raise GraphError("parameter trajectory is empty", "Name a trajectory file: -p trajectory:=FILE.")
+        self._trajectory = load_trajectory(Path(file))
+        self._step_ns = round(NANOSECONDS / rate)
+        self._lead_ns = round(lead * NANOSECONDS)
+        self._plan: Plan | None = None
+        self._start_ns = 0
+        self._sent = 0
+        self._publisher = self.create_publisher(JointTrajectory, topics.REFERENCE, graph.qos(topics.REFERENCE))
+        self._states = self.create_subscription(
+            JointState, topics.MOTOR_STATES, self._found, graph.qos(topics.MOTOR_STATES)
+        )
+        self._names: list[str] = []
+        self._position = np.zeros(0)
+        self._form = lru_cache(maxsize=4)(self._make_form)
+        self._health = Health(self, "stream")
+        self.create_timer(PERIOD, self._report)
+
+    def tick(self) -> float:
+        """Stream what is due."""
+        now = self.get_clock().now().nanoseconds
+        if self._plan is None:
+            self._begin(now)
+            return 0.01
+        if not self._publisher.get_subscription_count() and not self.done():
+            raise GraphError(f"the arm has gone: nobody reads {topics.REFERENCE} any more", "Start it again.")
+        while not self._all_sent() and self._time(self._sent) < now + self._lead_ns:
+            self._send()
+        ahead = self._time(self._sent) - now - self._lead_ns
+        return LONGEST_REST if self._all_sent() else ahead / NANOSECONDS
+
+    def done(self) -> bool:
+        """Say whether the last point's time has passed."""
+        return self._all_sent() and self.get_clock().now().nanoseconds > self._time(self._sent)
+
+    def _found(self, message: JointState) -> None:
+        """Note where the arm stands."""
+        if message.position and not self._names:
+            self._names, self._position = list(message.name), np.array(message.position)
+
+    def _begin(self, now: int) -> None:
+        if not (self._names and self._publisher.get_subscription_count()):
+            return
+        self.destroy_subscription(self._states)
+        names = self._trajectory.joints or tuple(self._names)
+        if sorted(names) != sorted(self._names) or len(names) != self._trajectory.n:
+            moved = ", ".join(self._trajectory.joints) or f"{self._trajectory.n} joints"
+            raise GraphError(
+                f"the trajectory moves {moved}; the arm has {', '.join(self._names)}",
+                "Make one for this arm with `elastic-arm excite`.",
+            )
+        position = self._position[[self._names.index(name) for name in names]]
+        self._names = list(names)
+        self._plan = Plan(self._trajectory, position, self._repeat, self._speed)
+        # On the grid of the clock, so that an arm stepping on the same grid needs no interpolation.
+        self._start_ns = -(-(now + self._lead_ns) // self._step_ns) * self._step_ns
+        self.get_logger().info(
+            f"streaming {self._plan.duration:.1f} s, {self._plan.approach:.1f} s of it the way there"
+        )
+
+    def _time(self, index: int) -> int:
+        return self._start_ns + index * self._step_ns
+
+    def _all_sent(self) -> bool:
+        if self._plan is None:
+            return False
+        return self._sent * self._step_ns > self._plan.duration * NANOSECONDS
+
+    def _send(self) -> None:
+        assert self._plan is not None
+        count = self._points
+        if np.isfinite(self._plan.duration):
+            last = int(np.ceil(self._plan.duration * NANOSECONDS / self._step_ns))
+            count = min(count, last + 1 - self._sent)
+        t = (self._sent + np.arange(count)) * self._step_ns / NANOSECONDS
+        rows: Row = self._plan.evaluate(t)
+        form = self._form(count)
+        for i in range(count):
+            form.fields[f"points.{i}.positions"][:] = rows.position[i]
+            form.fields[f"points.{i}.velocities"][:] = rows.velocity[i]
+            form.fields[f"points.{i}.accelerations"][:] = rows.acceleration[i]
+        self._publisher.publish(form.filled(self._time(self._sent)))
+        self._sent += count
+
+    def _make_form(self, count: int) -> Form:
+        message = JointTrajectory(joint_names=self._names)
+        zeros = array("d", bytes(8 * len(self._names)))
+        for i in range(count):
+            seconds, rest = divmod(i * self._step_ns, NANOSECONDS)
+            point = JointTrajectoryPoint(positions=zeros, velocities=zeros, accelerations=zeros)
+            point.time_from_start = Duration(sec=seconds, nanosec=rest)
+            message.points.append(point)
+        return Form(topics.TYPES[topics.REFERENCE], message)
+
+    def _report(self) -> None:
+        problems = []
+        if not self._publisher.get_subscription_count():
+            problems.append(f"nobody reads {topics.REFERENCE}")
+        elif not self._names:
+            problems.append(f"no arm on {topics.MOTOR_STATES}")
+        streamed = self._sent * self._step_ns / NANOSECONDS
+        total = self._plan.duration if self._plan else 0.0
+        self._health.report(problems, "streaming", {"streamed, s": streamed, "in all, s": total})
+
+
+def main() -> None:
+    """Entry point."""
+    sys.exit(run(TrajectoryGenerator))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,39 @@
+"""A simulated arm follows an excitation and is recorded."""
+
+from launch import LaunchDescription
+from launch.actions import DeclareLaunchArgument, RegisterEventHandler, Shutdown
+from launch.event_handlers import OnProcessExit
+from launch.substitutions import LaunchConfiguration
+from launch_ros.actions import Node
+from launch_ros.parameter_descriptions import ParameterValue
+from launch_ros.substitutions import FindPackageShare
+
+ARGUMENTS = {
+    "trajectory": (None, "trajectory file, made by `elastic-arm excite`"),
+    "bag": ("recording", "folder to record into; must not exist"),
+    "robot": ("", "arm file or URDF; empty: the arm of the package"),
+    "effects": ("[]", "effects of the arm, such as ['coulomb_friction:joint_2:torque=13.9']"),
+    "seed": ("1", "of the sensors' noise"),
+}
+
+
+def generate_launch_description() -> LaunchDescription:
+    """Simulator, trajectory generator and recorder; all stop when the trajectory has been run."""
+    defaults = [FindPackageShare("elastic_arm"), "/config/elastic_arm.yaml"]
+    arm = {
+        "robot": LaunchConfiguration("robot"),
+        "effects": ParameterValue(LaunchConfiguration("effects"), value_type=list[str]),
+        "seed": ParameterValue(LaunchConfiguration("seed"), value_type=int),
+    }
+    trajectory = {"trajectory": LaunchConfiguration("trajectory")}
+    bag = {"bag": LaunchConfiguration("bag")}
+    generator = Node(package="elastic_arm", executable="trajectory_generator", parameters=[defaults, trajectory])
+    return LaunchDescription(
+        [
+            *(DeclareLaunchArgument(n, default_value=d, description=text) for n, (d, text) in ARGUMENTS.items()),
+            Node(package="elastic_arm", executable="recorder", parameters=[defaults, bag], output="screen"),
+            Node(package="elastic_arm", executable="simulator", parameters=[defaults, arm], output="screen"),
+            generator,
+            RegisterEventHandler(OnProcessExit(target_action=generator, on_exit=[Shutdown()])),
+        ]
+    )

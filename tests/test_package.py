@@ -1,0 +1,124 @@
+"""The project as a package: what is installed, what it asks for, and that its declarations agree."""
+
+from __future__ import annotations
+
+import ast
+import re
+import shutil
+import subprocess
+import sys
+import zipfile
+from pathlib import Path
+from xml.etree import ElementTree
+
+import pytest
+
+import elastic_arm
+
+ROOT = Path(__file__).parents[1]
+PACKAGE_FILES = ("setup.py", "setup.cfg", "package.xml", "LICENSE")
+PACKAGE_FOLDERS = ("elastic_arm", "resource", "launch", "config", "tests", "msg_defs")
+
+
+@pytest.fixture(scope="module")
+def wheel(tmp_path_factory: pytest.TempPathFactory) -> zipfile.ZipFile:
+    """The installable form of the package, built from a copy so that the working tree stays clean."""
+    folder = tmp_path_factory.mktemp("package")
+    source = folder / "source"
+    for name in PACKAGE_FOLDERS:
+        shutil.copytree(ROOT / name, source / name, ignore=shutil.ignore_patterns("__pycache__"), symlinks=True)
+    for name in PACKAGE_FILES:
+        shutil.copy(ROOT / name, source / name)
+    command = [sys.executable, "setup.py", "--quiet", "bdist_wheel", "--dist-dir", str(folder)]
+    subprocess.run(command, cwd=source, check=True, capture_output=True)
+    return zipfile.ZipFile(next(folder.glob("*.whl")))
+
+
+def entry_points(wheel: zipfile.ZipFile) -> dict[str, str]:
+    """Return the console scripts: name to `module:function`."""
+    name = next(name for name in wheel.namelist() if name.endswith("entry_points.txt"))
+    return dict(re.findall(r"^([\w-]+) = ([\w.:]+)$", wheel.read(name).decode(), flags=re.MULTILINE))
+
+
+def test_only_the_package_itself_is_installed(wheel: zipfile.ZipFile) -> None:
+    """Neither tests nor benchmarks end up in the installation."""
+    tops = {name.split("/")[0] for name in wheel.namelist()}
+    assert {top for top in tops if not re.match(r"elastic_arm-.*\.(dist-info|data)$", top)} == {"elastic_arm"}
+
+
+def test_all_that_the_code_reads_is_installed(wheel: zipfile.ZipFile) -> None:
+    """The arm, message texts, templates and C sources travel with the code: every file of the package that is no Python."""
+    package = ROOT / "elastic_arm"
+    folders = [package, package / "recording" / "msg"]  # a link, which rglob does not follow
+    files = {path for folder in folders for path in folder.rglob("*") if path.is_file()}
+    needed = {str(path.relative_to(ROOT)) for path in files if path.suffix not in {".py", ".pyc"}}
+    assert needed
+    assert needed <= set(wheel.namelist())
+
+
+@pytest.mark.parametrize("folder", ["launch", "config"])
+def test_launch_files_and_parameters_are_installed(wheel: zipfile.ZipFile, folder: str) -> None:
+    """Every launch file and parameter file is found where `ros2 launch` looks."""
+    installed = {Path(name).name for name in wheel.namelist() if f"share/elastic_arm/{folder}/" in name}
+    assert installed == {path.name for path in (ROOT / folder).iterdir() if path.is_file()}
+
+
+def test_every_console_script_names_a_function_that_exists(wheel: zipfile.ZipFile) -> None:
+    """No entry point leads nowhere."""
+    scripts = entry_points(wheel)
+    assert {"elastic-arm", "simulator", "trajectory_generator", "identifier", "recorder", "replayer"} <= set(scripts)
+    for target in scripts.values():
+        module, function = target.split(":")
+        tree = ast.parse((ROOT / (module.replace(".", "/") + ".py")).read_text())
+        assert function in {node.name for node in tree.body if isinstance(node, ast.FunctionDef)}, target
+
+
+def test_one_version_everywhere() -> None:
+    """The package, its ROS manifest and the messages' manifest carry the same version."""
+    for manifest in (ROOT / "package.xml", ROOT / "msg_defs" / "package.xml"):
+        assert ElementTree.parse(manifest).getroot().findtext("version") == elastic_arm.__version__, manifest
+
+
+def test_the_manifest_names_every_ros_package_that_a_node_imports() -> None:
+    """`rosdep install` brings all that the nodes and launch files need."""
+    manifest = ElementTree.parse(ROOT / "package.xml").getroot()
+    declared = {element.text for element in manifest.iter() if element.tag.endswith("depend")}
+    known = {"rclpy", "launch", "launch_ros", "ament_index_python", "builtin_interfaces"}
+    files = [*(ROOT / "elastic_arm" / "nodes").glob("*.py"), *(ROOT / "launch").glob("*.py")]
+    for path in files:
+        for name in re.findall(r"^\s*(?:from|import) (\w+)", path.read_text(), flags=re.MULTILINE):
+            if name in known or name.endswith(("_msgs", "_srvs", "_interfaces")):
+                assert name in declared, f"{path.name} imports {name}; package.xml lacks it"
+
+
+def requirements(name: str) -> list[str]:
+    """Return the lines of a requirements file, without comments."""
+    lines = (line.split("#")[0].strip() for line in (ROOT / name).read_text().splitlines())
+    return [line for line in lines if line]
+
+
+PINNED = ("requirements.txt", "requirements-ros.txt", "requirements-dev.txt", "constraints.txt")
+
+
+@pytest.mark.parametrize("name", PINNED)
+def test_requirements_are_pinned_and_name_no_registry(name: str) -> None:
+    """Every line is `name==version`: nothing floats, nothing points to a server."""
+    for line in requirements(name):
+        assert re.fullmatch(r"[A-Za-z0-9._-]+==[A-Za-z0-9.]+", line), line
+
+
+def test_pins_do_not_contradict_each_other() -> None:
+    """What a requirements file pins is what the constraints say."""
+    pins = dict(line.lower().split("==") for line in requirements("constraints.txt"))
+    for line in (line for name in PINNED for line in requirements(name)):
+        name, version = line.lower().split("==")
+        assert pins[name] == version, line
+
+
+def test_what_the_package_asks_for_is_what_the_environment_pins(wheel: zipfile.ZipFile) -> None:
+    """setup.py and requirements.txt list the same run-time libraries."""
+    metadata = wheel.read(next(name for name in wheel.namelist() if name.endswith("/METADATA"))).decode()
+    asked = re.findall(r"^Requires-Dist: ([\w.-]+)(?!.*extra ==)", metadata, flags=re.MULTILINE)
+    assert {name.lower() for name in asked} == {
+        line.split("==")[0].lower() for line in requirements("requirements.txt")
+    }
