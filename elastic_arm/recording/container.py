@@ -63,8 +63,9 @@ class Block:
 
     def data(self, channel: int, index: int) -> memoryview:
         """Bytes of one message."""
-        begin = int(self.messages[channel][index]) + MESSAGE_HEAD
-        size = int(column(self.buffer, "<u8", self.messages[channel][index : index + 1], 1)[0]) - (MESSAGE_HEAD - 9)
+        at = self.messages[channel][[index]]
+        begin = int(at[0]) + MESSAGE_HEAD
+        size = int(column(self.buffer, "<u8", at, 1)[0]) - (MESSAGE_HEAD - 9)
         return self.buffer.data[begin : begin + size]
 
 
