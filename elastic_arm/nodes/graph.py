@@ -13,10 +13,9 @@ from rclpy.qos import DurabilityPolicy, QoSProfile
 from elastic_arm.errors import GraphError
 from elastic_arm.recording import topics
 
-# A fifth of a second of samples may pile up in a subscriber that is busy; one that writes to a disk, or makes an
-# estimate now and then, may take a whole one.
-STREAM = QoSProfile(depth=200)
-PATIENT = QoSProfile(depth=1000)
+# A second of samples may pile up: after the machine was busy a simulator catches up on half a second at once, and a
+# subscriber may be writing to a disk, or making an estimate.
+STREAM = QoSProfile(depth=1000)
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 # Peers on the same machine find each other within this time, seconds.
 DISCOVERY = 1.0

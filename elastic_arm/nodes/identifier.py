@@ -51,7 +51,7 @@ class IdentifierNode(ArmNode):
             ParameterEstimate, topics.PARAMETER_ESTIMATE, graph.qos(topics.PARAMETER_ESTIMATE)
         )
         for topic, inbox in self._collector.inboxes.items():
-            self.create_subscription(JointState, topic, inbox.put, graph.PATIENT, raw=True)
+            self.create_subscription(JointState, topic, inbox.put, graph.STREAM, raw=True)
         self.create_service(Trigger, "~/reset", self._reset)
         self.create_service(SetBool, "~/pause", self._pause)
         self.create_service(Trigger, "~/save", self._save)
