@@ -1,5 +1,23 @@
 """Motions that excite an arm's parameters: Fourier series within limits, searched for their conditioning."""
 
+from elastic_arm.excitation.criteria import CRITERIA, BaseRegressor, find_criterion
 from elastic_arm.excitation.fourier import FourierTrajectory, load_trajectory
+from elastic_arm.excitation.limits import LimitUse, MotionLimits, check_limits
+from elastic_arm.excitation.search import ExcitationResult, Shape, optimise, random_trajectories
+from elastic_arm.excitation.workspace import Workspace
 
-__all__ = ["FourierTrajectory", "load_trajectory"]
+__all__ = [
+    "CRITERIA",
+    "BaseRegressor",
+    "ExcitationResult",
+    "FourierTrajectory",
+    "LimitUse",
+    "MotionLimits",
+    "Shape",
+    "Workspace",
+    "check_limits",
+    "find_criterion",
+    "load_trajectory",
+    "optimise",
+    "random_trajectories",
+]

@@ -1,0 +1,230 @@
+"""What an arm may do, and how much of it a motion uses."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from elastic_arm.dynamics import Model
+from elastic_arm.errors import ExcitationError
+from elastic_arm.excitation.fourier import FourierTrajectory
+from elastic_arm.excitation.workspace import Workspace
+from elastic_arm.robot.description import Robot
+
+Array = NDArray[np.float64]
+
+# Where the description states none: a full turn, and what a heavy arm does without haste. Torque is not limited then.
+DEFAULTS: dict[str, float] = {
+    "position_min": -np.pi,
+    "position_max": np.pi,
+    "velocity": 1.5,
+    "acceleration": 6.0,
+    "torque": np.inf,
+}
+UNITS = {"position": "rad", "velocity": "rad/s", "acceleration": "rad/s²", "torque": "Nm", "floor": "m", "links": "m"}
+# Samples of a period of the highest harmonic: a peak between two samples exceeds them by less than 1 %.
+SAMPLES_PER_WAVE = 24
+FEWEST_SAMPLES = 200
+
+
+@dataclass(frozen=True, eq=False)
+class MotionLimits:
+    """Limits of all joints, (n,) each, and of the workspace; see :data:`DEFAULTS`.
+
+    Parameters
+    ----------
+    joints
+        Their names.
+    position_min, position_max, velocity, acceleration, torque
+        rad, rad/s, rad/s^2, Nm; torque at the harmonic-drive output, infinite where unlimited.
+    workspace
+        None where the arm may go everywhere.
+    assumed
+        Sentences on limits that the description does not state.
+    """
+
+    joints: tuple[str, ...]
+    position_min: Array
+    position_max: Array
+    velocity: Array
+    acceleration: Array
+    torque: Array
+    workspace: Workspace | None = None
+    assumed: tuple[str, ...] = ()
+
+    @classmethod
+    def of(
+        cls,
+        robot: Robot,
+        *,
+        velocity: float | None = None,
+        acceleration: float | None = None,
+        torque: float | None = None,
+        workspace: Workspace | None = None,
+    ) -> MotionLimits:
+        """Take the limits of `robot`, defaults where it states none, lowered to the given ones (all joints alike)."""
+        values: dict[str, Array] = {}
+        assumed: list[str] = []
+        for name, default in DEFAULTS.items():
+            stated = [getattr(joint.limits, name) for joint in robot.joints]
+            values[name] = np.array([default if value is None else value for value in stated], dtype=float)
+            unknown = [j for j, value in zip(robot.joint_names, stated, strict=True) if value is None]
+            if unknown:
+                assumed.append(f"{name} of {', '.join(unknown)}: {_words(default, name)} assumed")
+        for name, given in (("velocity", velocity), ("acceleration", acceleration), ("torque", torque)):
+            if given is not None:
+                _require_positive(given, name)
+                values[name] = np.minimum(values[name], given)
+        return cls(robot.joint_names, **values, workspace=workspace or Workspace.of(robot), assumed=tuple(assumed))
+
+    @property
+    def centre(self) -> Array:
+        """Middle of the position range (n,), rad."""
+        return 0.5 * (self.position_min + self.position_max)
+
+    @property
+    def half_range(self) -> Array:
+        """Half the position range (n,), rad."""
+        return 0.5 * (self.position_max - self.position_min)
+
+    def fitted(self, trajectory: FourierTrajectory, share: float = 1.0) -> FourierTrajectory:
+        """Return the motion with joints that exceed `share` of a kinematic limit turned down to it."""
+        q, dq, ddq = trajectory.evaluate(limit_times(trajectory))
+        swing = q - trajectory.q0
+        below = share * self.half_range + trajectory.q0 - self.centre
+        above = share * self.half_range - trajectory.q0 + self.centre
+        uses = [
+            _ratio(-swing.min(axis=0), below),
+            _ratio(swing.max(axis=0), above),
+            np.abs(dq).max(axis=0) / (share * self.velocity),
+            np.abs(ddq).max(axis=0) / (share * self.acceleration),
+        ]
+        return trajectory.scaled(1.0 / np.maximum(1.0, np.max(uses, axis=0)))
+
+    def use(self, trajectory: FourierTrajectory, model: Model, t: Array | None = None) -> LimitUse:
+        """Return how much of every limit a motion uses, start and stop included.
+
+        Torque is the rigid arm's, theta = q: the deflections of a stiff drive change it little.
+        """
+        q, dq, ddq = trajectory.evaluate(limit_times(trajectory) if t is None else t)
+        tau = rigid_torque(model, q, dq, ddq)
+        floor, links = (np.inf, np.inf)
+        if self.workspace is not None:
+            floor, links = (float(gap.min()) for gap in self.workspace.clearance(q))
+        return LimitUse(
+            self.joints,
+            position=np.abs(q - self.centre).max(axis=0) / self.half_range,
+            velocity=np.abs(dq).max(axis=0) / self.velocity,
+            acceleration=np.abs(ddq).max(axis=0) / self.acceleration,
+            torque=np.abs(tau).max(axis=0) / self.torque,
+            peak_torque=np.abs(tau).max(axis=0),
+            floor=floor,
+            links=links,
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class LimitUse:
+    """Peaks of a motion as shares of the limits, (n,) each: 1 is at the limit.
+
+    `peak_torque` is in Nm; `floor` and `links` are the smallest gaps, m, negative where a link goes through something,
+    infinite where there is nothing.
+    """
+
+    joints: tuple[str, ...]
+    position: Array
+    velocity: Array
+    acceleration: Array
+    torque: Array
+    peak_torque: Array
+    floor: float
+    links: float
+    kinds: tuple[str, ...] = field(default=("position", "velocity", "acceleration", "torque"), init=False)
+
+    @property
+    def excess(self) -> Array:
+        """How far each limit is broken, not above 0 where it is kept: four shares and two gaps in m, (6,)."""
+        shares = [float(getattr(self, kind).max()) - 1.0 for kind in self.kinds]
+        gaps = [-1.0 if np.isinf(gap) else -gap for gap in (self.floor, self.links)]
+        return np.array(shares + gaps)
+
+    @property
+    def kept(self) -> bool:
+        """Whether every limit is kept."""
+        return bool((self.excess <= 1e-9).all())
+
+    def worst(self) -> str:
+        """Return in words which limit is broken most."""
+        index = int(np.argmax(self.excess))
+        if index < len(self.kinds):
+            shares = getattr(self, self.kinds[index])
+            joint = int(np.argmax(shares))
+            return f"the {self.kinds[index]} of {self.joints[joint]} reaches {100 * shares[joint]:.0f} % of its limit"
+        what = ("the floor", "another link")[index - len(self.kinds)]
+        return f"a link goes {1e3 * self.excess[index]:.0f} mm into {what}"
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return plain data, null where there is no limit."""
+        shares = {kind: dict(zip(self.joints, getattr(self, kind).tolist(), strict=True)) for kind in self.kinds}
+        gaps = {f"{name}_gap_m": None if np.isinf(gap) else gap for name, gap in self._gaps()}
+        peaks = dict(zip(self.joints, self.peak_torque.tolist(), strict=True))
+        return {"share_of_limit": shares, "peak_torque_Nm": peaks, **gaps}
+
+    def _gaps(self) -> tuple[tuple[str, float], ...]:
+        return (("floor", self.floor), ("links", self.links))
+
+
+def limit_times(trajectory: FourierTrajectory) -> Array:
+    """Return times at which a motion's peaks are found: ramps and one period, which stands for the rest."""
+    span = min(trajectory.duration, trajectory.period + 2.0 * trajectory.ramp)
+    per_period = max(FEWEST_SAMPLES, SAMPLES_PER_WAVE * trajectory.harmonics)
+    t = np.linspace(0.0, span, int(np.ceil(per_period * span / trajectory.period)) + 1)
+    # Where more periods follow, the stop is the end of the trajectory, not of the first period.
+    return np.where(t > span - trajectory.ramp, t + trajectory.duration - span, t)
+
+
+def generalized(model: Model, values: Array) -> Array:
+    """Return joint values (N, n) as generalized coordinates (N, dof): theta = q, bearings not tilted."""
+    x = np.zeros((len(values), model.dof))
+    for k in range(2 if model.robot.elastic else 1):
+        x[:, k * model.n : (k + 1) * model.n] = values
+    return x
+
+
+def rigid_torque(model: Model, q: Array, dq: Array, ddq: Array) -> Array:
+    """Return the torque (N, n) that moves the arm with stiff drives: both rows of (1) together, Nm."""
+    rows = model.inverse_dynamics(*(generalized(model, values) for values in (q, dq, ddq)))
+    return rows[:, : model.n] + (rows[:, model.n : 2 * model.n] if model.robot.elastic else 0.0)
+
+
+def check_limits(limits: MotionLimits, model: Model, trajectory: FourierTrajectory) -> LimitUse:
+    """Return the use of the limits.
+
+    Raises
+    ------
+    ExcitationError
+        If the trajectory breaks one; says which, where and how far.
+    """
+    use = limits.use(trajectory, model)
+    if not use.kept:
+        raise ExcitationError(f"the trajectory breaks a limit: {use.worst()}", "Make a gentler one, or raise the limit")
+    return use
+
+
+def _ratio(swing: Array, room: Array) -> Array:
+    """Return swing / room; huge where there is no room for a swing."""
+    return np.where(swing <= 0.0, 0.0, swing / np.maximum(room, 1e-9))
+
+
+def _words(default: float, name: str) -> str:
+    if np.isinf(default):
+        return "no limit"
+    return f"{default:.3g} {UNITS[name.partition('_')[0]]}"
+
+
+def _require_positive(value: float, name: str) -> None:
+    if not (np.isfinite(value) and value > 0.0):
+        raise ExcitationError(f"the {name} limit is {value:g}", "Give a number above zero")
