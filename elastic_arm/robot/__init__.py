@@ -11,5 +11,17 @@ from elastic_arm.robot.description import (
     Transmission,
 )
 from elastic_arm.robot.loading import load_robot
+from elastic_arm.robot.variation import varied
 
-__all__ = ["DH", "Bearing", "Component", "Inertia", "Joint", "Limits", "Robot", "Transmission", "load_robot"]
+__all__ = [
+    "DH",
+    "Bearing",
+    "Component",
+    "Inertia",
+    "Joint",
+    "Limits",
+    "Robot",
+    "Transmission",
+    "load_robot",
+    "varied",
+]
