@@ -173,7 +173,7 @@ def _newton_euler(motion: _Motion, inertia: tuple[Scalar, Vec, Vec]) -> tuple[Ve
     m, h, tensor = inertia
     w, dw, a = motion.w, motion.dw, motion.a
     f = _add(_scale(a, m), _point_acceleration(w, dw, h))
-    n = _add(_tensor_times(tensor, dw), _cross(w, _tensor_times(tensor, w)))
+    n = [_dot(row, tensor) for row in _tensor_regressor(w, dw)]
     return f, _add(n, _cross(h, a))
 
 
@@ -258,19 +258,30 @@ def _tensor_times(tensor: Vec, v: Vec) -> Vec:
     return [_dot([xx, xy, xz], v), _dot([xy, yy, yz], v), _dot([xz, yz, zz], v)]
 
 
+def _minus(a: Scalar, b: Scalar) -> Scalar:
+    return _plus(a, _times(-1.0, b))
+
+
+def _tensor_regressor(w: Vec, dw: Vec) -> list[Vec]:
+    """I dw + w x I w as a matrix times the six of I: its products of w are shared by all that a frame carries."""
+    x, y, z = w
+    xx, yy, zz, xy, xz, yz = (_times(a, b) for a, b in ((x, x), (y, y), (z, z), (x, y), (x, z), (y, z)))
+    return [
+        [dw[0], _minus(dw[1], xz), _plus(dw[2], xy), _times(-1.0, yz), _minus(yy, zz), yz],
+        [xz, _plus(dw[0], yz), _minus(zz, xx), dw[1], _minus(dw[2], xy), _times(-1.0, xz)],
+        [_times(-1.0, xy), _minus(xx, yy), _minus(dw[0], yz), xy, _plus(dw[1], xz), dw[2]],
+    ]
+
+
 def _point_acceleration(w: Vec, dw: Vec, p: Sequence[Scalar] | np.ndarray) -> Vec:
     """dw x p + w x (w x p), as ([dw] + w wT - |w|^2) p: the matrix is shared by all points of a body."""
     point = [float(c) for c in p] if isinstance(p, np.ndarray) else list(p)
     xx, yy, zz = (_times(c, c) for c in w)
     xy, xz, yz = _times(w[0], w[1]), _times(w[0], w[2]), _times(w[1], w[2])
-
-    def minus(a: Scalar, b: Scalar) -> Scalar:
-        return _plus(a, _times(-1.0, b))
-
     rows = [
-        [_times(-1.0, _plus(yy, zz)), minus(xy, dw[2]), _plus(xz, dw[1])],
-        [_plus(xy, dw[2]), _times(-1.0, _plus(xx, zz)), minus(yz, dw[0])],
-        [minus(xz, dw[1]), _plus(yz, dw[0]), _times(-1.0, _plus(xx, yy))],
+        [_times(-1.0, _plus(yy, zz)), _minus(xy, dw[2]), _plus(xz, dw[1])],
+        [_plus(xy, dw[2]), _times(-1.0, _plus(xx, zz)), _minus(yz, dw[0])],
+        [_minus(xz, dw[1]), _plus(yz, dw[0]), _times(-1.0, _plus(xx, yy))],
     ]
     return [_dot(row, point) for row in rows]
 

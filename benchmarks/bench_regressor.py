@@ -1,0 +1,146 @@
+"""Regressor over arrays of samples: ratios against peers, in one run. ``python -m benchmarks.bench_regressor``.
+
+Peers: Pinocchio's ``computeJointTorqueRegressor`` on the full tree, projected by G onto the same base columns, in a
+Python loop; filling the same bytes; the numpy fallback. Then first and later use of a cache, and growth with N and n.
+"""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable
+
+import numpy as np
+import pinocchio as pin
+import scipy.linalg
+
+from elastic_arm.dynamics import Model, build_model
+from elastic_arm.robot import Robot, load_robot
+from elastic_arm.robot.synthetic import random_arm
+from tests.full_tree import FullTree
+
+REPEATS = 7
+LOOP_SAMPLES = 2000
+
+
+def median_time(work: Callable[[], object]) -> float:
+    """Median of a few runs, s; one run before does not count."""
+    work()
+    times = []
+    for _ in range(REPEATS):
+        start = time.perf_counter()
+        work()
+        times.append(time.perf_counter() - start)
+    return float(np.median(times))
+
+
+def samples(model: Model, count: int, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Random states; tilts small."""
+    x, dx, ddx = rng.normal(size=(3, count, model.dof))
+    x[:, 2 * model.n :] *= 0.01
+    return x, dx, ddx
+
+
+def base_columns(model: Model, rng: np.random.Generator) -> np.ndarray:
+    """Indices of a largest set of independent columns of Phi."""
+    Phi = np.vstack(model.regressor(*samples(model, 300, rng)))
+    norms = np.linalg.norm(Phi, axis=0)
+    scaled = Phi / np.where(norms > 1e-9, norms, np.inf)
+    triangle, pivots = scipy.linalg.qr(scaled, mode="r", pivoting=True)
+    diagonal = np.abs(np.diag(triangle))
+    return np.sort(pivots[: int((diagonal > 1e-9 * diagonal[0]).sum())])
+
+
+class PinocchioLoop:
+    """The peer: one call a sample, reduced by G and projected onto as many columns."""
+
+    def __init__(self, robot: Robot, bearings: bool, columns: int) -> None:
+        self.tree = FullTree(robot, bearings=bearings)
+        self.columns = columns
+        rng = np.random.default_rng(0)
+        self.projection = np.asfortranarray(rng.normal(size=(10 * (self.tree.model.njoints - 1), columns)))
+
+    def __call__(self, x: np.ndarray, dx: np.ndarray, ddx: np.ndarray) -> np.ndarray:
+        model, data, G = self.tree.model, self.tree.data, self.tree.G
+        Phi = np.empty((len(x), G.shape[1], self.columns))
+        q, v, a = x @ G.T, dx @ G.T, ddx @ G.T
+        for k in range(len(x)):
+            Phi[k] = G.T @ (pin.computeJointTorqueRegressor(model, data, q[k], v[k], a[k]) @ self.projection)
+        return Phi
+
+
+def compare(title: str, robot: Robot, bearings: bool, counts: tuple[int, ...], rng: np.random.Generator) -> None:
+    """Print one arm's table."""
+    compiled = build_model(robot, "mod3", bearings=bearings, engine="c")
+    fallback = build_model(robot, "mod3", bearings=bearings, engine="numpy")
+    columns = base_columns(compiled, rng)
+    loop = PinocchioLoop(robot, bearings, len(columns))
+    kernel = compiled.kernel("regressor", columns)
+    nonzero = len(kernel.program.outputs[0].values)
+    print(
+        f"\n{title}: dof {compiled.dof}, base columns {len(columns)}, not null {nonzero}, operations {len(kernel.program)}"
+    )
+    x, dx, ddx = samples(compiled, LOOP_SAMPLES, rng)
+    peer = median_time(lambda: loop(x, dx, ddx)) / LOOP_SAMPLES
+    print(
+        f"{'N':>9} {'samples/s':>10} {'x Pinocchio':>12} {'x fill':>7} {'numpy x Pinocchio':>18} {'fused x Pinocchio':>18}"
+    )
+    for count in counts:
+        state = samples(compiled, count, rng)
+        y = rng.normal(size=(count, compiled.dof))
+        Phi = np.empty((count, compiled.dof, len(columns)))
+        fill = median_time(lambda: np.empty_like(Phi).fill(1.0))
+        ours = median_time(lambda: compiled.regressor(*state, columns))
+        numpy = median_time(lambda: fallback.regressor(*state, columns))
+        fused = median_time(lambda: compiled.information(*state, y, columns))
+        print(
+            f"{count:9d} {count / ours:10.3g} {count * peer / ours:12.0f} {ours / fill:7.2f}"
+            f" {count * peer / numpy:18.1f} {count * peer / fused:18.0f}"
+        )
+
+
+def first_and_later_use() -> None:
+    """Print the time to the first regressor in a new cache, and in new processes after it."""
+    code = (
+        "import time, numpy as np; from elastic_arm.dynamics import build_model; from elastic_arm.robot import load_robot;"
+        "from elastic_arm.robot.synthetic import random_arm; arm = {arm}; start = time.perf_counter();"
+        "m = build_model(arm, 'mod3', bearings={bearings}); m.regressor(*np.zeros((3, 8, m.dof)));"
+        "m.inverse_dynamics(*np.zeros((3, 8, m.dof))); print(time.perf_counter() - start)"
+    )
+    print("\nfirst use (derived and compiled) and later use (new process) of Phi and inverse dynamics, s")
+    arms = {
+        "nominal, 6 dof": ("load_robot()", False),
+        "nominal, 12 dof": ("load_robot()", True),
+        "random, n = 7": ("random_arm(7, np.random.default_rng(7))", False),
+        "random, n = 12": ("random_arm(12, np.random.default_rng(12))", False),
+    }
+    for title, (arm, bearings) in arms.items():
+        with tempfile.TemporaryDirectory() as cache:
+            times = [
+                subprocess.run(
+                    [sys.executable, "-c", code.format(arm=arm, bearings=bearings)],
+                    env={"PATH": "/usr/bin:/bin", "ELASTIC_ARM_CACHE": cache},
+                    capture_output=True,
+                    text=True,
+                    check=True,
+                ).stdout.strip()
+                for _ in range(2)
+            ]
+        print(f"  {title:18} {float(times[0]):7.2f} {float(times[1]):7.3f}")
+
+
+def main() -> None:
+    """Run all."""
+    rng = np.random.default_rng(0)
+    nominal = load_robot()
+    compare("nominal arm, bearings locked", nominal, False, (100, 1000, 10_000, 100_000), rng)
+    compare("nominal arm with bearings", nominal, True, (1000, 10_000, 40_000), rng)
+    for n in (6, 7, 12):
+        compare(f"random arm, n = {n}", random_arm(n, np.random.default_rng(n)), False, (10_000,), rng)
+    first_and_later_use()
+
+
+if __name__ == "__main__":
+    main()
