@@ -118,9 +118,10 @@ def test_energy_is_conserved_without_damping_and_input(arm, bearings):
     """A falling undamped arm keeps its energy."""
     free = undamped(arm)
     if bearings:
-        rigid = [replace(j.transmission.bearing, damping=0.0) for j in free.joints]
-        joints = [replace(j, transmission=replace(j.transmission, bearing=b)) for j, b in zip(free.joints, rigid)]
-        free = free.with_(joints=tuple(joints))
+        for joint in free.joints:
+            gear = joint.transmission
+            gear = replace(gear, bearing=replace(gear.bearing, damping=0.0))
+            free = free.with_joint(joint.name, transmission=gear)
     simulator = Simulator(free, bearings=bearings, sensors=Sensors.exact(), q0=np.full(3, 0.5), substeps=40)
     truth, _ = simulator.drive(np.zeros((1500, 3)))
     kinetic, potential = build_model(free, bearings=bearings).energy(truth.x, truth.dx)
@@ -219,7 +220,7 @@ def test_the_arm_starts_in_equilibrium(arm, bearings):
 
 
 def test_a_torque_sample_is_the_mean_over_its_interval(arm):
-    """tau_m is the mean of the two commands it bounds, tau_J the mean of the torque over the interval around the stamp."""
+    """tau_m is the mean of the two commands it bounds, tau_J the mean of the torque over the interval around it."""
     truth, _ = Simulator(arm, sensors=Sensors.exact(), q0=swing().q0).follow(*reference(0.6))
     assert np.array_equal(truth.tau_m[1:], 0.5 * (truth.command[1:] + truth.command[:-1]))
     fine = Simulator(arm, sensors=Sensors.exact(), q0=swing().q0, rate=100 * RATE, substeps=2)
