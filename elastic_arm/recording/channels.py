@@ -182,12 +182,10 @@ def load_channels(path: str | Path) -> ChannelMap:
         If the file cannot be read, or a field is missing, unknown, of the wrong type or at odds with another.
     """
     data = load_yaml(path, "channel map")
-    data = dict(data)
     defaults = data.pop("defaults", None) or {}
-    if defaults and isinstance(data.get("joints"), dict):
-        data["joints"] = {name: _merged(defaults, joint or {}) for name, joint in data["joints"].items()}
-    for name, joint in (data.get("joints") or {}).items():
-        _name_channels(name, joint)
+    if isinstance(data.get("joints"), dict):
+        joints = {name: _merged(defaults, joint or {}) for name, joint in data["joints"].items()}
+        data["joints"] = {name: _filled(str(name), joint) for name, joint in joints.items()}
     return validated(ChannelMap, data, path)
 
 
@@ -239,12 +237,21 @@ def _merged(defaults: Any, own: Any) -> Any:
     return {**defaults, **{key: _merged(defaults.get(key), value) for key, value in own.items()}}
 
 
-def _name_channels(joint_name: str, joint: Any) -> None:
-    """Fill in what a channel does not say: the joint's name in the bag, and the field called like the channel."""
+def _filled(joint_name: str, joint: Any) -> Any:
+    """Fill in what a channel does not say: the joint's name in the bag, and the field called like the channel.
+
+    What is no mapping is left as it is: the validation has the better words for it.
+    """
     if not isinstance(joint, dict):
-        return
-    for side in ("link", "motor"):
-        for channel, source in (joint.get(side) or {}).items():
-            if isinstance(source, dict):
-                filled = {"name": joint.get("name") or joint_name, "field": channel, **source}
-                joint[side] = {**joint[side], channel: filled}
+        return joint
+    name = joint.get("name") or joint_name
+
+    def side(channels: Any) -> Any:
+        if not isinstance(channels, dict):
+            return channels
+        return {
+            channel: {"name": name, "field": channel, **source} if isinstance(source, dict) else source
+            for channel, source in channels.items()
+        }
+
+    return {key: side(value) if key in ("link", "motor") else value for key, value in joint.items()}

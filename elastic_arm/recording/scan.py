@@ -113,6 +113,9 @@ def scan(buffer: Bytes, begin: int, end: int) -> Scan:
                 walked = []
         else:
             others.append(Record(opcode, at + RECORD_HEAD, after))
+            # A round must not leap over what is no message, so the walk begins anew behind it.
+            found.append(np.array(walked, np.int64))
+            walked = []
         at = after
     messages = np.concatenate([*found, np.array(walked, np.int64)])
     return Scan(messages, others, at)
