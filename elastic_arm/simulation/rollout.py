@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any, Protocol
 
 import numpy as np
@@ -14,7 +14,7 @@ from elastic_arm.recording import Recording, Side
 from elastic_arm.robot import Robot
 from elastic_arm.sensors import Sensors
 from elastic_arm.simulation.controller import Controller
-from elastic_arm.simulation.simulator import Simulator, Truth
+from elastic_arm.simulation.simulator import Simulator
 
 Array = NDArray[np.float64]
 
@@ -22,7 +22,9 @@ Array = NDArray[np.float64]
 class Trajectory(Protocol):
     """A reference motion."""
 
-    duration: float
+    @property
+    def duration(self) -> float:
+        """Length, s."""
 
     def evaluate(self, t: Array) -> tuple[Array, Array, Array]:
         """Return q, dq, ddq, each (N, n), at times t (N,)."""
@@ -43,11 +45,12 @@ def simulate(
     substeps: int = 10,
     rng: np.random.Generator | None = None,
     engine: str | None = None,
+    progress: Callable[[int, int], None] | None = None,
 ) -> Recording:
     """Let an arm follow a trajectory, and record it.
 
-    The arm starts where and as fast as the trajectory does, its links hanging in their drives. The recording holds what the
-    sensors read, the reference, and the description of the nominal arm: nothing of the truth.
+    The arm starts where and as fast as the trajectory does, its links hanging in their drives. The recording holds
+    what the sensors read, the reference, and the description of the nominal arm: nothing of the truth.
 
     Parameters
     ----------
@@ -57,6 +60,8 @@ def simulate(
         Reference of the motor side.
     duration
         s; that of the trajectory when None.
+    progress
+        Called with the samples done and their total, about every second of motion.
 
     Other parameters are those of :class:`~elastic_arm.simulation.simulator.Simulator`.
 
@@ -75,16 +80,22 @@ def simulate(
     settings: dict[str, Any] = {"model": model, "bearings": bearings, "effects": effects, "sensors": sensors}
     settings |= {"controller": controller, "nominal": nominal, "rate": rate, "substeps": substeps, "rng": rng}
     simulator = Simulator(robot, **settings, q0=q[0], dq0=dq[0], engine=engine)
-    truth, measured = simulator.follow(q, dq, ddq)
-    return record(simulator, truth, measured, reference=(q, dq, ddq))
+    block = max(1, round(rate))
+    parts = []
+    for first in range(0, len(t), block):
+        parts.append(simulator.follow(*(values[first : first + block] for values in (q, dq, ddq)))[1])
+        if progress is not None:
+            progress(min(first + block, len(t)), len(t))
+    measured = {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
+    return record(simulator, t, measured, reference=(q, dq, ddq))
 
 
 def record(
-    simulator: Simulator, truth: Truth, measured: dict[str, Array], reference: tuple[Array, Array, Array] | None = None
+    simulator: Simulator, t: Array, measured: dict[str, Array], reference: tuple[Array, Array, Array] | None = None
 ) -> Recording:
-    """Put measured channels into a recording; an arm without transmissions has its motor torque on the motor side."""
-    true_ns = np.round(truth.t * 1e9).astype(np.int64)
-    stamp_ns = true_ns + np.round(simulator.sensors.jitter(len(truth.t)) * 1e9).astype(np.int64)
+    """Put channels (N, n) measured at times t (N,) into a recording, with the stamps that the sensors give them."""
+    true_ns = np.round(t * 1e9).astype(np.int64)
+    stamp_ns = true_ns + np.round(simulator.sensors.jitter(len(t)) * 1e9).astype(np.int64)
     q, dq, tau_J, theta, dtheta, tau_m = measured.values()
     robot = simulator.nominal
     return Recording(

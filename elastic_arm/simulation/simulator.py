@@ -149,7 +149,7 @@ class Simulator:
         self.sensors = SensorBank(stage.sensors, self.robot.n, self.rate, self._rng)
 
     def reset(self, q0: Array, dq0: Array | None = None) -> None:
-        """Put the motors at `q0` (n,), the links where gravity leaves them; all at rest, or at velocities `dq0` (n,)."""
+        """Put the motors at `q0` (n,), links where gravity leaves them, at rest or at velocities `dq0` (n,)."""
         n = self.robot.n
         dq0 = np.zeros(n) if dq0 is None else dq0
         for what in (q0, dq0):

@@ -1,0 +1,176 @@
+"""`elastic-arm simulate`: record a simulated arm, with whatever effects it is given."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import replace
+from pathlib import Path
+from typing import Annotated, Any
+
+import numpy as np
+import typer
+from rich.markup import escape
+from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
+from rich.table import Table
+
+from elastic_arm.cli.console import err, out, print_json, reports_errors
+from elastic_arm.dynamics import build_model
+from elastic_arm.effects import EFFECTS, Active, parse
+from elastic_arm.errors import EffectError, SimulationError
+from elastic_arm.excitation import FourierTrajectory, MotionLimits, load_trajectory, random_trajectories
+from elastic_arm.recording import Recording, write_recording
+from elastic_arm.robot import Robot, load_robot
+from elastic_arm.sensors import Encoder, Sensors, TorqueSensor
+from elastic_arm.simulation import simulate as run_simulation
+
+DEFAULT_TRAJECTORY = "default"
+SENSORS = {"nominal": Sensors, "exact": Sensors.exact, "real": Sensors.real}
+
+
+def _list_effects(value: bool) -> None:
+    """Print the catalogue and leave."""
+    if not value:
+        return
+    table = Table(box=None, header_style="bold")
+    for heading in ("effect", "law", "parameters", "sits on"):
+        table.add_column(heading, no_wrap=heading == "effect")
+    for effect in EFFECTS.values():
+        numbers = [f"{p.name} [{p.unit}]" for p in effect.parameters]
+        choices = [f"{c.name} ({('+' if c.several else '|').join(c.values)})" for c in effect.choices]
+        cells = (effect.id, effect.formula, ", ".join([*numbers, *choices]), effect.scope.value)
+        table.add_row(*(escape(cell) for cell in cells))
+    out.print(table)
+    raise typer.Exit
+
+
+@reports_errors
+def simulate(
+    out_bag: Annotated[Path, typer.Option("--out", help="Bag to make (a folder that does not exist).")],
+    robot_file: Annotated[
+        Path | None, typer.Option("--robot", help="True arm: arm file or URDF; the nominal arm by default.")
+    ] = None,
+    nominal_file: Annotated[
+        Path | None, typer.Option("--nominal", help="What controller and recording believe; the true arm by default.")
+    ] = None,
+    trajectory: Annotated[
+        str, typer.Option(help="Trajectory file, or 'default': a random Fourier motion within the limits.")
+    ] = DEFAULT_TRAJECTORY,
+    effect: Annotated[
+        list[str] | None, typer.Option("--effect", help="EFFECT[:JOINT][:NAME=VALUE,…]; may be given again.")
+    ] = None,
+    list_effects: Annotated[
+        bool, typer.Option("--list-effects", callback=_list_effects, is_eager=True, help="Show the catalogue.")
+    ] = False,
+    model: Annotated[str, typer.Option(help="mod1, mod2 or mod3.")] = "mod3",
+    bearings: Annotated[bool, typer.Option("--bearings", help="Let the bearings tilt.")] = False,
+    duration: Annotated[float | None, typer.Option(help="s; that of the trajectory by default.")] = None,
+    rate: Annotated[float, typer.Option(help="Samples a second.")] = 1000.0,
+    substeps: Annotated[int, typer.Option(help="Integration steps a sample; even.")] = 10,
+    sensors: Annotated[str, typer.Option(help="nominal, exact, or real (encoder noise, jitter).")] = "nominal",
+    noise: Annotated[float | None, typer.Option(help="Standard deviation of the torque noise, Nm.")] = None,
+    encoder_noise: Annotated[float | None, typer.Option(help="Standard deviation of the encoders, rad.")] = None,
+    seed: Annotated[int, typer.Option(min=0, help="The same seed gives the same bag.")] = 0,
+    json: Annotated[bool, typer.Option("--json", help="Print JSON, for scripts.")] = False,
+) -> None:
+    """Let a simulated arm follow a trajectory, and record it as a bag.
+
+    Examples:
+
+        elastic-arm simulate --out clean
+
+        elastic-arm simulate --trajectory traj.yaml --effect coulomb_friction:joint_2:torque=13.9 --seed 1 --out bag
+
+        elastic-arm simulate --effect payload:mass=5,position=0/0/0.1 --sensors real --out loaded
+
+        elastic-arm simulate --list-effects
+    """
+    robot = load_robot(robot_file)
+    nominal = robot.with_(effects=()) if nominal_file is None else load_robot(nominal_file)
+    effects = [parse(text, robot) for text in effect or ()]
+    motion = _motion(trajectory, nominal, model, seed)
+    read = _sensors(sensors, robot, noise, encoder_noise)
+    if out_bag.exists():
+        raise SimulationError(f"{out_bag} exists already", "Choose another name; nothing is overwritten.")
+    settings = {"model": model, "bearings": bearings, "duration": duration, "rate": rate, "substeps": substeps}
+    begin = time.perf_counter()
+    with Progress(TextColumn("simulating"), BarColumn(), TimeRemainingColumn(), console=err, transient=True) as bar:
+        task = bar.add_task("", total=None)
+        recording = run_simulation(
+            robot,
+            motion,
+            nominal=nominal,
+            effects=effects,
+            sensors=read,
+            rng=np.random.default_rng(seed),
+            progress=lambda done, total: bar.update(task, completed=done, total=total),
+            **settings,  # type: ignore[arg-type]
+        )
+    seconds = time.perf_counter() - begin
+    write_recording(out_bag, recording)
+    summary = _summary(recording, effects, seconds)
+    if json:
+        print_json({"bag": str(out_bag), "robot": robot.name, "model": model, "seed": seed, **summary})
+    else:
+        _print_summary(recording, summary, out_bag)
+
+
+def _motion(trajectory: str, robot: Robot, model: str, seed: int) -> FourierTrajectory:
+    if trajectory != DEFAULT_TRAJECTORY:
+        motion = load_trajectory(trajectory)
+        if motion.n != robot.n:
+            raise SimulationError(
+                f"{trajectory} moves {motion.n} joints, {robot.name} has {robot.n}", "Make one with elastic-arm excite."
+            )
+        return motion
+    rng = np.random.default_rng(seed)
+    return random_trajectories(build_model(robot, model), MotionLimits.of(robot), 1, rng=rng)[0]
+
+
+def _sensors(name: str, robot: Robot, noise: float | None, encoder_noise: float | None) -> Sensors:
+    if name not in SENSORS:
+        raise EffectError(f"there are no sensors {name!r}", f"Choose one of {', '.join(SENSORS)}.")
+    sensors = SENSORS[name]()
+    torque = robot.torque_noise_std if noise is None and name != "exact" else noise
+    if torque is not None:
+        sensors = replace(sensors, joint_torque=TorqueSensor(torque), motor_torque=TorqueSensor(torque))
+    if encoder_noise is not None:
+        encoder: Encoder = replace(sensors.link_encoder, noise=encoder_noise)
+        sensors = replace(sensors, link_encoder=encoder, motor_encoder=encoder)
+    return sensors
+
+
+def _summary(recording: Recording, effects: list[Active], seconds: float) -> dict[str, Any]:
+    samples = recording.samples()
+    reference = recording.reference
+    torque = np.abs(samples.tau_m).max(axis=0) if samples.tau_m is not None else []
+    lag = (
+        np.abs(samples.theta - reference.position).max(axis=0)
+        if samples.theta is not None and reference is not None and reference.position is not None
+        else []
+    )
+    return {
+        "samples": len(samples),
+        "duration_s": float(recording.duration),
+        "wall_s": round(seconds, 3),
+        "effects": [active.to_dict() for active in effects],
+        "joints": list(recording.joints),
+        "peak_motor_torque_nm": [float(value) for value in torque],
+        "largest_tracking_error_rad": [float(value) for value in lag],
+    }
+
+
+def _print_summary(recording: Recording, summary: dict[str, Any], bag: Path) -> None:
+    out.print(
+        f"{summary['duration_s']:g} s of motion, {summary['samples']} samples, simulated in {summary['wall_s']:.2f} s"
+    )
+    for entry in summary["effects"]:
+        values = ", ".join(f"{name} = {value}" for name, value in entry["parameters"].items())
+        out.print(f"  [bold]{entry['effect']}[/] on {entry['joint'] or 'the arm'}: {escape(values) or 'no parameters'}")
+    table = Table(box=None, header_style="bold")
+    for heading in ("joint", "peak tau_m, Nm", "off the reference, mrad"):
+        table.add_column(heading, justify="left" if heading == "joint" else "right")
+    rows = zip(recording.joints, summary["peak_motor_torque_nm"], summary["largest_tracking_error_rad"], strict=True)
+    for joint, torque, lag in rows:
+        table.add_row(escape(joint), f"{torque:.1f}", f"{1e3 * lag:.2f}")
+    out.print(table)
+    out.print(f"bag written to {escape(str(bag))}")
