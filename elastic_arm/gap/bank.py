@@ -62,15 +62,17 @@ class Bank:
     def __init__(self, identify: Evidence, validate: Evidence) -> None:
         self.sets = (identify, validate)
         self.entries: list[Entry] = []
-        self._columns: list[list[Array]] = [[e.white[:, None]] for e in self.sets]
+        self._pending: list[list[Array]] = [[e.white[:, None]] for e in self.sets]
+        self._columns = [np.empty((len(e.white), 0), order="F") for e in self.sets]
+        self._grams = [np.empty((0, 0)) for _ in self.sets]
+        self._filled = 0
         self._count = 1
-        self.gram: list[Array] = []
 
     def add(self, feature: Feature, searched: tuple[float, ...] | None = (), *, fixed: bool = False) -> Entry:
         """Take a feature in; :meth:`close` makes it usable."""
         blocks = [self.columns(which, feature, searched) for which in (0, 1)]
         entry = Entry(feature, searched, slice(self._count, self._count + blocks[0].shape[1]), fixed)
-        for own, block in zip(self._columns, blocks, strict=True):
+        for own, block in zip(self._pending, blocks, strict=True):
             own.append(block)
         self._count = entry.columns.stop
         self.entries.append(entry)
@@ -86,37 +88,39 @@ class Bank:
 
     def close(self) -> None:
         """Bring the Gram matrices up to the columns taken in since."""
-        for which, own in enumerate(self._columns):
-            if len(self.gram) <= which:
-                whole = np.hstack(own)
-                self.gram.append(whole.T @ whole)
-                own[:] = [whole]
-            elif len(own) > 1:
-                old, new = own[0], np.hstack(own[1:])
-                cross = old.T @ new
-                self.gram[which] = np.block([[self.gram[which], cross], [cross.T, new.T @ new]])
-                own[:] = [np.hstack([old, new])]
+        old, now = self._filled, self._count
+        if now == old:
+            return
+        for which, pending in enumerate(self._pending):
+            self._reserve(which, now)
+            columns, gram = self._columns[which], self._grams[which]
+            columns[:, old:now] = np.hstack(pending)
+            pending.clear()
+            gram[:now, old:now] = columns[:, :now].T @ columns[:, old:now]
+            gram[old:now, :old] = gram[:old, old:now].T
+        self._filled = now
+
+    def _reserve(self, which: int, count: int) -> None:
+        columns, gram, old = self._columns[which], self._grams[which], self._filled
+        if columns.shape[1] < count:
+            room = count + count // 2
+            self._columns[which] = np.empty((len(columns), room), order="F")
+            self._columns[which][:, :old] = columns[:, :old]
+            self._grams[which] = np.empty((room, room))
+            self._grams[which][:old, :old] = gram[:old, :old]
 
     def matrix(self, which: int, index: Sequence[int] | NDArray[np.intp]) -> Array:
         """Return columns (rows, k) by number; column 0 is the residual."""
-        return self._columns[which][0][:, index]
+        return self._columns[which][:, index]
 
     def fit(self, which: int, entries: Sequence[Entry]) -> Array:
         """Return coefficients of all columns of the entries, in order, fitted on one data set."""
-        index, free = _split(entries)
-        gram = self.gram[which]
-        beta = np.ones(len(index))
-        if not free.any():
-            return beta
-        a, fixed = index[free], index[~free]
-        target = gram[a, 0] - gram[np.ix_(a, fixed)].sum(axis=1)
-        beta[free] = _solve(gram[np.ix_(a, a)], target)
-        return beta
+        return _fit(self._grams[which], entries)
 
     def gain(self, which: int, entries: Sequence[Entry], beta: Array) -> float:
         """Log-likelihood that coefficients gain on a data set over no cause."""
         index, _ = _split(entries)
-        gram = self.gram[which]
+        gram = self._grams[which]
         return float(beta @ gram[index, 0] - 0.5 * beta @ gram[np.ix_(index, index)] @ beta)
 
     def held_out(self, entries: Sequence[Entry]) -> float:
@@ -127,14 +131,11 @@ class Bank:
 
     def both(self, entries: Sequence[Entry]) -> float:
         """Log-likelihood gained on both data sets by one fit to both."""
-        if not entries:
-            return 0.0
-        index, free = _split(entries)
-        gram = self.gram[0] + self.gram[1]
-        beta = np.ones(len(index))
-        a, fixed = index[free], index[~free]
-        beta[free] = _solve(gram[np.ix_(a, a)], gram[a, 0] - gram[np.ix_(a, fixed)].sum(axis=1))
-        return float(beta @ gram[index, 0] - 0.5 * beta @ gram[np.ix_(index, index)] @ beta)
+        index, _ = _split(entries)
+        keep = np.append(0, index)
+        gram = self._grams[0][np.ix_(keep, keep)] + self._grams[1][np.ix_(keep, keep)]
+        beta = _solution(gram, _split(entries)[1])
+        return float(beta @ gram[1:, 0] - 0.5 * beta @ gram[1:, 1:] @ beta)
 
     def remainder(self, which: int, entries: Sequence[Entry], beta: Array) -> Array:
         """Return the whitened residual (rows,) that the entries leave."""
@@ -148,6 +149,21 @@ def _split(entries: Sequence[Entry]) -> tuple[NDArray[np.intp], NDArray[np.bool_
     index = np.concatenate([entry.index for entry in entries])
     free = np.concatenate([np.full(len(entry.index), not entry.fixed) for entry in entries])
     return index, free
+
+
+def _fit(gram: Array, entries: Sequence[Entry]) -> Array:
+    index, free = _split(entries)
+    keep = np.append(0, index)
+    return _solution(gram[np.ix_(keep, keep)], free)
+
+
+def _solution(gram: Array, free: NDArray[np.bool_]) -> Array:
+    """Least squares for the free columns, the others with coefficient 1; row and column 0 are the residual's."""
+    beta = np.ones(len(free))
+    if free.any():
+        a, fixed = 1 + np.flatnonzero(free), 1 + np.flatnonzero(~free)
+        beta[free] = _solve(gram[np.ix_(a, a)], gram[a, 0] - gram[np.ix_(a, fixed)].sum(axis=1))
+    return beta
 
 
 def _solve(gram: Array, target: Array) -> Array:
