@@ -11,7 +11,7 @@ from functools import cache
 import numpy as np
 
 from elastic_arm.dynamics.compiler import build
-from elastic_arm.dynamics.emit_c import emit_block
+from elastic_arm.dynamics.emit_block import emit_block
 from elastic_arm.dynamics.program import Program
 
 # Below this many samples a second thread costs more than it saves.

@@ -18,7 +18,7 @@ from elastic_arm.errors import KernelError
 
 CACHE_VARIABLE = "ELASTIC_ARM_CACHE"
 _TIMEOUT_S = 300.0
-_FLAGS = ("-std=gnu11", "-shared", "-fPIC", "-w", "-O2", "-ftree-vectorize", "-fno-math-errno", "-fno-trapping-math")
+_FLAGS = ("-std=gnu11", "-shared", "-fPIC", "-w", "-O2", "-fno-math-errno", "-fno-trapping-math")
 # Tried in turn: with the vector mathematics of the GNU C library, for this processor only, and plain.
 _VARIANTS = (("-march=native", "-DVECTOR_MATH"), ("-march=native",), ())
 _LIBRARIES = {"-DVECTOR_MATH": ("-lmvec",)}

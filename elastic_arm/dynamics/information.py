@@ -16,7 +16,7 @@ import numpy as np
 
 from elastic_arm.dynamics.c_engine import CEngine, in_chunks
 from elastic_arm.dynamics.compiler import build
-from elastic_arm.dynamics.emit_c import LANES, gram_source
+from elastic_arm.dynamics.emit_block import LANES, gram_source
 from elastic_arm.dynamics.kernels import Kernel
 
 _CHUNK = 1024

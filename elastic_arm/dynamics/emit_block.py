@@ -1,0 +1,196 @@
+"""A program printed as a C library that runs over arrays of samples, eight samples side by side."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from elastic_arm.dynamics.emit_c import INFIX, literal, operand_names, scalar_expression
+from elastic_arm.dynamics.program import NAMES, OPERATIONS, Output, Program
+
+LANES = 8
+# Operations in one C function: compilers stay linear, and passing values on costs next to nothing.
+_PART = 1500
+
+
+def emit_block(program: Program, shared: Sequence[str]) -> str:
+    """C source of a library that runs `program` over arrays of samples; see ``c/block.c`` for its functions.
+
+    Values that no sample changes are computed once a call, by ``prepare``.
+    """
+    uniform = program.uniform(shared)
+    parts = [_source("lanes"), *_lane_functions(program, uniform), *_tables(program, shared)]
+    parts += [*_prepare(program, uniform), *_compute(program, uniform), _source("block")]
+    return "\n".join(parts)
+
+
+def gram_source() -> str:
+    """C source of the accumulation of information matrices in twice the working precision."""
+    return _source("lanes") + "\n" + _source("gram")
+
+
+def _source(name: str) -> str:
+    return (Path(__file__).parent / "c" / f"{name}.c").read_text(encoding="utf-8")
+
+
+def _lane_functions(program: Program, uniform: np.ndarray) -> list[str]:
+    """Lane by lane versions of what C has no operator for."""
+    lines = []
+    for name in sorted({NAMES[code] for code in program.op[~uniform]} - set(INFIX) - {"input", "const", "neg"}):
+        arity = OPERATIONS[name]
+        expression = scalar_expression(name, ["x[l]", "y[l]"][:arity])
+        lines.append(f"LANEWISE{'2' if arity == 2 else ''}({name}, ({expression}))")
+    return lines
+
+
+def _prepare(program: Program, uniform: np.ndarray) -> list[str]:
+    """Scalars shared by all samples; those that samples use are handed over in `shared`."""
+    lines = ["static void prepare(const double *const *in, double *shared) {"]
+    for k, operands in enumerate(operand_names(program)):
+        operation = NAMES[program.op[k]]
+        if not uniform[k] or operation == "const":
+            continue
+        source = f"in[{program.a[k]}][{program.b[k]}]"
+        names = [
+            literal(program.constant[v]) if NAMES[program.op[v]] == "const" else name
+            for v, name in zip((program.a[k], program.b[k]), operands, strict=False)
+        ]
+        expression = source if operation == "input" else scalar_expression(operation, names)
+        lines.append(f"  const double t{k} = {expression};")
+    lines += [f"  shared[{slot}] = t{k};" for slot, k in enumerate(_handed_over(program, uniform))]
+    return [*lines, "}"]
+
+
+def _handed_over(program: Program, uniform: np.ndarray) -> list[int]:
+    used: set[int] = set()
+    for k in np.flatnonzero(~uniform).tolist():
+        used.update(_operands(program, k))
+    for out in program.outputs:
+        used.update(out.values.tolist())
+    return sorted(k for k in used if uniform[k] and NAMES[program.op[k]] != "const")
+
+
+def _compute(program: Program, uniform: np.ndarray) -> list[str]:
+    """The operations on eight samples, as ``compute``; value k of the outputs goes to ``out[k * step]``.
+
+    Cut into parts, because a compiler's time grows faster than a function's length; what a later part needs passes
+    through ``work``.
+    """
+    shared = {k: f"shared[{slot}]" for slot, k in enumerate(_handed_over(program, uniform))}
+    shared |= {k: literal(program.constant[k]) for k in range(len(program)) if NAMES[program.op[k]] == "const"}
+    order = [k for k in range(len(program)) if not uniform[k] and NAMES[program.op[k]] != "input"]
+    part_of = {k: position // _PART for position, k in enumerate(order)}
+    passed: dict[int, int] = {}
+    for k in order:
+        for v in _operands(program, k):
+            if v in part_of and part_of[v] < part_of[k]:
+                passed.setdefault(v, len(passed))
+    targets: dict[int, list[int]] = {}
+    for position, value in enumerate(np.concatenate([out.values for out in program.outputs]).tolist()):
+        targets.setdefault(value, []).append(position)
+    signature = "(const double *const *in, const double *shared, v8 *out, long step, v8 *work)"
+    lines, calls = [], []
+    for number in range(max(part_of.values(), default=-1) + 1):
+        lines.append(f"static __attribute__((noinline)) void part_{number}{signature} {{")
+        calls.append(f"  part_{number}(in, shared, out, step, work);")
+        names = dict(shared)
+        for k in order[number * _PART : (number + 1) * _PART]:
+            lines += _named(program, k, names, passed)
+            lines.append(f"  const v8 t{k} = {_lane_expression(program, k, uniform, names)};")
+            names[k] = f"t{k}"
+            lines += [f"  out[{position} * step] = t{k};" for position in targets.get(k, ())]
+            lines += [f"  work[{passed[k]}] = t{k};"] if k in passed else []
+        lines.append("}")
+    lines.append("static void compute(const double *const *in, const double *shared, v8 *out, long step) {")
+    lines += [f"  v8 work[{len(passed) + 1}];", *calls]
+    for k, positions in targets.items():
+        if k not in part_of:
+            value = f"splat({shared[k]})" if uniform[k] else _load(program, k)
+            lines += [f"  out[{position} * step] = {value};" for position in positions]
+    return [*lines, "}"]
+
+
+def _operands(program: Program, k: int) -> list[int]:
+    return [int(v) for v in (program.a[k], program.b[k])[: OPERATIONS[NAMES[program.op[k]]]]]
+
+
+def _named(program: Program, k: int, names: dict[int, str], passed: dict[int, int]) -> list[str]:
+    """Declare what operation k needs and this part has not seen: inputs, and values that earlier parts passed on."""
+    lines = []
+    for v in _operands(program, k):
+        if v not in names:
+            names[v] = f"t{v}"
+            lines.append(f"  const v8 t{v} = {_load(program, v) if v not in passed else f'work[{passed[v]}]'};")
+    return lines
+
+
+def _load(program: Program, k: int) -> str:
+    """Element of an input at eight samples."""
+    size, base = program.inputs[program.a[k]][1], f"in[{program.a[k]}]"
+    return "(v8){" + ", ".join(f"{base}[{program.b[k] + lane * size}]" for lane in range(LANES)) + "}"
+
+
+def _lane_expression(program: Program, k: int, uniform: np.ndarray, names: dict[int, str]) -> str:
+    operation, operands = NAMES[program.op[k]], _operands(program, k)
+    if operation in INFIX or operation == "neg":
+        return scalar_expression(operation, [names[v] for v in operands])
+    return f"lane_{operation}({', '.join(f'splat({names[v]})' if uniform[v] else names[v] for v in operands)})"
+
+
+def _tables(program: Program, shared: Sequence[str]) -> list[str]:
+    """Sizes, and where the values go in the dense outputs."""
+    total = sum(len(out.values) for out in program.outputs)
+    sizes = [size for _, size in program.inputs]
+    first, starts, runs = [0], [], []
+    offset = 0
+    for out in program.outputs:
+        for start, run in _runs(out, offset, total):
+            starts.append(start)
+            runs.append(run)
+        first.append(len(runs))
+        offset += len(out.values)
+    head = program.outputs[0]
+    row_of = head.places // head.shape[1]
+    row_first = np.searchsorted(row_of, np.arange(head.shape[0] + 1))
+    uniform = program.uniform(shared)
+    constants = {
+        "N_INPUTS": len(sizes),
+        "N_OUTPUTS": len(program.outputs),
+        "N_VALUES": total,
+        "N_SHARED": len(_handed_over(program, uniform)),
+        "MAX_SIZE": max(sizes, default=1),
+        "ROWS": head.shape[0],
+    }
+    lines = [f"enum {{ {', '.join(f'{name} = {value}' for name, value in constants.items())} }};"]
+    tables = {
+        "input_size": sizes,
+        "input_shared": [int(name in set(shared)) for name, _ in program.inputs],
+        "output_size": [out.size for out in program.outputs],
+        "run_first": first,
+        "run_start": starts,
+        "row_first": row_first.tolist(),
+        "row_value": list(range(len(head.values))),
+    }
+    lines += [
+        f"static const int {name}[] = {{{', '.join(map(str, values or [0]))}}};" for name, values in tables.items()
+    ]
+    rows = ", ".join("{" + ", ".join(map(str, run)) + "}" for run in runs or [[total] * 8])
+    return [*lines, f"static const int run_value[][8] = {{{rows}}};"]
+
+
+def _runs(out: Output, offset: int, nothing: int) -> list[tuple[int, list[int]]]:
+    """Cover an output's places by runs of eight, last first.
+
+    A run may reach past the sample's end into the next one's start: those places belong to runs that are stored later,
+    or to the next lane of the same run.
+    """
+    value_at = {place: offset + k for k, place in enumerate(out.places.tolist())}
+    runs: list[tuple[int, list[int]]] = []
+    covered = -1
+    for place in sorted(value_at):
+        if place > covered:
+            runs.append((place, [value_at.get(p, nothing) for p in range(place, place + 8)]))
+            covered = place + 7
+    return runs[::-1]
