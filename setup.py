@@ -56,7 +56,7 @@ setup(
     entry_points={
         "console_scripts": [
             "elastic-arm = elastic_arm.cli.main:main",
-            *(f"{node} = {NAME}.nodes.{node}:main" for node in NODES),
+            *(f"{node} = {NAME}.nodes.entry:{node}" for node in NODES),
         ]
     },
     zip_safe=True,

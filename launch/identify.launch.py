@@ -1,8 +1,7 @@
 """A simulated arm follows an excitation and is identified while it moves."""
 
 from launch import LaunchDescription
-from launch.actions import DeclareLaunchArgument, RegisterEventHandler, Shutdown
-from launch.event_handlers import OnProcessExit
+from launch.actions import DeclareLaunchArgument, Shutdown
 from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
 from launch_ros.parameter_descriptions import ParameterValue
@@ -16,19 +15,24 @@ ARGUMENTS = {
 }
 
 
+def node(executable, parameters):
+    """One of the package's nodes; when it stops, the others have no more to do."""
+    return Node(
+        package="elastic_arm", executable=executable, parameters=parameters, output="screen", on_exit=[Shutdown()]
+    )
+
+
 def generate_launch_description() -> LaunchDescription:
     """Simulator, trajectory generator and identifier; all stop when the trajectory has been run."""
     defaults = [FindPackageShare("elastic_arm"), "/config/elastic_arm.yaml"]
     robot = {"robot": LaunchConfiguration("robot"), "model": LaunchConfiguration("model")}
     seed = {"seed": ParameterValue(LaunchConfiguration("seed"), value_type=int)}
     trajectory = {"trajectory": LaunchConfiguration("trajectory")}
-    generator = Node(package="elastic_arm", executable="trajectory_generator", parameters=[defaults, trajectory])
     return LaunchDescription(
         [
             *(DeclareLaunchArgument(n, default_value=d, description=text) for n, (d, text) in ARGUMENTS.items()),
-            Node(package="elastic_arm", executable="simulator", parameters=[defaults, robot, seed], output="screen"),
-            Node(package="elastic_arm", executable="identifier", parameters=[defaults, robot], output="screen"),
-            generator,
-            RegisterEventHandler(OnProcessExit(target_action=generator, on_exit=[Shutdown()])),
+            node("simulator", [defaults, robot, seed]),
+            node("identifier", [defaults, robot]),
+            node("trajectory_generator", [defaults, trajectory]),
         ]
     )

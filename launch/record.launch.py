@@ -1,8 +1,7 @@
 """A simulated arm follows an excitation and is recorded."""
 
 from launch import LaunchDescription
-from launch.actions import DeclareLaunchArgument, RegisterEventHandler, Shutdown
-from launch.event_handlers import OnProcessExit
+from launch.actions import DeclareLaunchArgument, Shutdown
 from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
 from launch_ros.parameter_descriptions import ParameterValue
@@ -12,9 +11,16 @@ ARGUMENTS = {
     "trajectory": (None, "trajectory file, made by `elastic-arm excite`"),
     "bag": ("recording", "folder to record into; must not exist"),
     "robot": ("", "arm file or URDF; empty: the arm of the package"),
-    "effects": ("[]", "effects of the arm, such as ['coulomb_friction:joint_2:torque=13.9']"),
+    "effects": ("['']", "effects of the arm, such as ['coulomb_friction:joint_2:torque=13.9']"),
     "seed": ("1", "of the sensors' noise"),
 }
+
+
+def node(executable, parameters):
+    """One of the package's nodes; when it stops, the others have no more to do."""
+    return Node(
+        package="elastic_arm", executable=executable, parameters=parameters, output="screen", on_exit=[Shutdown()]
+    )
 
 
 def generate_launch_description() -> LaunchDescription:
@@ -27,13 +33,11 @@ def generate_launch_description() -> LaunchDescription:
     }
     trajectory = {"trajectory": LaunchConfiguration("trajectory")}
     bag = {"bag": LaunchConfiguration("bag")}
-    generator = Node(package="elastic_arm", executable="trajectory_generator", parameters=[defaults, trajectory])
     return LaunchDescription(
         [
             *(DeclareLaunchArgument(n, default_value=d, description=text) for n, (d, text) in ARGUMENTS.items()),
-            Node(package="elastic_arm", executable="recorder", parameters=[defaults, bag], output="screen"),
-            Node(package="elastic_arm", executable="simulator", parameters=[defaults, arm], output="screen"),
-            generator,
-            RegisterEventHandler(OnProcessExit(target_action=generator, on_exit=[Shutdown()])),
+            node("recorder", [defaults, bag]),
+            node("simulator", [defaults, arm]),
+            node("trajectory_generator", [defaults, trajectory]),
         ]
     )

@@ -1,8 +1,7 @@
 """A recorded arm is identified again, live, from its bag."""
 
 from launch import LaunchDescription
-from launch.actions import DeclareLaunchArgument, RegisterEventHandler, Shutdown
-from launch.event_handlers import OnProcessExit
+from launch.actions import DeclareLaunchArgument, Shutdown
 from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
 from launch_ros.parameter_descriptions import ParameterValue
@@ -16,17 +15,22 @@ ARGUMENTS = {
 }
 
 
+def node(executable, parameters):
+    """One of the package's nodes; when it stops, the others have no more to do."""
+    return Node(
+        package="elastic_arm", executable=executable, parameters=parameters, output="screen", on_exit=[Shutdown()]
+    )
+
+
 def generate_launch_description() -> LaunchDescription:
     """Replayer and identifier; both stop at the end of the bag."""
     defaults = [FindPackageShare("elastic_arm"), "/config/elastic_arm.yaml"]
     robot = {"robot": LaunchConfiguration("robot"), "model": LaunchConfiguration("model")}
     bag = {"bag": LaunchConfiguration("bag"), "rate": ParameterValue(LaunchConfiguration("rate"), value_type=float)}
-    replayer = Node(package="elastic_arm", executable="replayer", parameters=[defaults, bag], output="screen")
     return LaunchDescription(
         [
             *(DeclareLaunchArgument(n, default_value=d, description=text) for n, (d, text) in ARGUMENTS.items()),
-            Node(package="elastic_arm", executable="identifier", parameters=[defaults, robot], output="screen"),
-            replayer,
-            RegisterEventHandler(OnProcessExit(target_action=replayer, on_exit=[Shutdown()])),
+            node("identifier", [defaults, robot]),
+            node("replayer", [defaults, bag]),
         ]
     )

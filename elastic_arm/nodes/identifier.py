@@ -20,7 +20,7 @@ from elastic_arm.identification.least_squares import Fit
 from elastic_arm.nodes import graph
 from elastic_arm.nodes.collecting import Collector
 from elastic_arm.nodes.health import PERIOD, Health
-from elastic_arm.nodes.parameters import declare, declare_list
+from elastic_arm.nodes.parameters import declare, declare_texts
 from elastic_arm.nodes.running import ArmNode, run
 from elastic_arm.nodes.wire import NANOSECONDS
 from elastic_arm.recording import topics
@@ -37,7 +37,7 @@ class IdentifierNode(ArmNode):
         super().__init__("identifier")
         file = declare(self, "robot", "", "Nominal arm: file (YAML) or URDF; empty: the arm of the package")
         self._name = declare(self, "model", "mod3", "What the arm is taken to be", choices=("mod1", "mod2", "mod3"))
-        laws = declare_list(self, "effects", str, "Laws identified beside the model: EFFECT[:JOINT]")
+        laws = declare_texts(self, "effects", "Laws identified beside the model: EFFECT[:JOINT]")
         sides = declare(self, "sides", "both", "What the arm measures", choices=("both", "link", "motor"))
         self._every = declare(self, "estimate_period", 1.0, "Between estimates, s", between=(0.1, 3600.0))
         self._folder = declare(self, "save_to", "identified", "Folder of what ~/save writes")

@@ -17,10 +17,6 @@ _TYPES = {
     float: Parameter.Type.DOUBLE,
     str: Parameter.Type.STRING,
 }
-_LISTS = {
-    float: Parameter.Type.DOUBLE_ARRAY,
-    str: Parameter.Type.STRING_ARRAY,
-}
 
 
 def declare(
@@ -59,7 +55,23 @@ def declare(
     return value
 
 
-def declare_list(node: Node, name: str, item: type, description: str, *, live: bool = False) -> list[Any]:
-    """Declare a list of texts or numbers, empty by default, and return it."""
-    descriptor = ParameterDescriptor(description=description, read_only=not live, type=_LISTS[item].value)
-    return list(node.declare_parameter(name, Parameter(name, _LISTS[item], []).value, descriptor).value or [])
+def declare_texts(node: Node, name: str, description: str, *, live: bool = False) -> list[str]:
+    """Declare a list of texts, empty by default, and return it.
+
+    An empty list has no type in ROS; a list of one empty text stands for it.
+    """
+    descriptor = ParameterDescriptor(
+        description=description, read_only=not live, type=Parameter.Type.STRING_ARRAY.value
+    )
+    return texts(node.declare_parameter(name, [""], descriptor).value)
+
+
+def declare_numbers(node: Node, name: str, default: list[float], description: str) -> list[float]:
+    """Declare a list of numbers and return it."""
+    descriptor = ParameterDescriptor(description=description, read_only=True, type=Parameter.Type.DOUBLE_ARRAY.value)
+    return list(node.declare_parameter(name, default, descriptor).value)
+
+
+def texts(value: Sequence[str]) -> list[str]:
+    """Return the texts of a list parameter that are not empty."""
+    return [text for text in value if text]

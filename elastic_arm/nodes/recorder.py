@@ -12,7 +12,7 @@ from rclpy.topic_endpoint_info import TopicEndpointInfo
 from elastic_arm.errors import GraphError
 from elastic_arm.nodes import graph
 from elastic_arm.nodes.health import PERIOD, Health
-from elastic_arm.nodes.parameters import declare, declare_list
+from elastic_arm.nodes.parameters import declare, declare_texts
 from elastic_arm.nodes.running import LONGEST_REST, ArmNode, run
 from elastic_arm.recording import topics
 from elastic_arm.recording.sink import COMPRESSIONS
@@ -28,7 +28,7 @@ class Recorder(ArmNode):
     def __init__(self) -> None:
         super().__init__("recorder")
         folder = declare(self, "bag", "recording", "Folder to make; must not exist")
-        wanted = declare_list(self, "topics", str, "Topics to record; empty: all of the suite's")
+        wanted = declare_texts(self, "topics", "Topics to record; empty: all of the suite's")
         compression: Any = declare(self, "compression", "zstd", "Of the bag", choices=COMPRESSIONS)
         self._wanted = set(wanted or topics.TYPES)
         self._writer = StreamWriter(folder, compression)

@@ -13,7 +13,7 @@ from rosgraph_msgs.msg import Clock
 from elastic_arm.errors import GraphError
 from elastic_arm.nodes import graph
 from elastic_arm.nodes.health import PERIOD, Health
-from elastic_arm.nodes.parameters import declare, declare_list
+from elastic_arm.nodes.parameters import declare, declare_texts
 from elastic_arm.nodes.running import LONGEST_REST, ArmNode, run
 from elastic_arm.nodes.wire import NANOSECONDS, Form
 from elastic_arm.recording import topics
@@ -33,7 +33,7 @@ class Replayer(ArmNode):
     def __init__(self) -> None:
         super().__init__("replayer")
         self._bag = declare(self, "bag", "", "Bag to play: rosbag2 folder or .mcap file")
-        wanted = declare_list(self, "topics", str, "Topics to play; empty: all that are understood")
+        wanted = declare_texts(self, "topics", "Topics to play; empty: all that are understood")
         self._rate = declare(self, "rate", 1.0, "Times the speed of the recording", between=(0.01, 100.0), live=True)
         self._loop = declare(self, "loop", False, "Begin again at the end", live=True)
         clock = declare(self, "clock", True, "Publish /clock")

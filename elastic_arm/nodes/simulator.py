@@ -23,7 +23,7 @@ from elastic_arm.errors import EffectError, GraphError
 from elastic_arm.nodes import graph
 from elastic_arm.nodes.health import PERIOD, Health
 from elastic_arm.nodes.pacing import Pace
-from elastic_arm.nodes.parameters import declare, declare_list
+from elastic_arm.nodes.parameters import declare, declare_numbers, declare_texts, texts
 from elastic_arm.nodes.reference import ReferenceQueue, Row
 from elastic_arm.nodes.running import ArmNode, run
 from elastic_arm.nodes.wire import NANOSECONDS, Form
@@ -72,8 +72,8 @@ class SimulatorNode(ArmNode):
         self._robot = declare(self, "robot", "", "Arm file (YAML) or URDF; empty: the arm of the package")
         self._model = declare(self, "model", "mod3", "What the arm is made of", choices=("mod1", "mod2", "mod3"))
         self._bearings = declare(self, "bearings", False, "Let the bearings tilt")
-        self._effects = declare_list(
-            self, "effects", str, "What the arm has more: EFFECT[:JOINT][:NAME=VALUE,…]", live=True
+        self._effects = declare_texts(
+            self, "effects", "What the arm has more: EFFECT[:JOINT][:NAME=VALUE,…]", live=True
         )
         self._torque_noise = declare(self, "torque_noise", 0.26, "Standard deviation, Nm", between=(0.0, 1000.0))
         self._encoder_noise = declare(self, "encoder_noise", 0.0, "Standard deviation, rad", between=(0.0, 0.1))
@@ -87,15 +87,17 @@ class SimulatorNode(ArmNode):
             between=(0.01, 20.0),
             live=True,
         )
-        self._position = declare_list(self, "initial_position", float, "Where the arm starts, rad; empty: at zero")
+        self._position = declare_numbers(
+            self, "initial_position", [0.0], "Where the arm starts, rad; one angle a joint, or one for all"
+        )
 
     def _build(self) -> Simulator:
         robot = load_robot(self._robot or None)
-        self._start = np.array(self._position or np.zeros(robot.n))
-        if len(self._start) != robot.n:
+        if len(self._position) not in (1, robot.n):
             raise GraphError(
-                f"initial_position has {len(self._start)} values for {robot.n} joints", "Give one a joint."
+                f"initial_position has {len(self._position)} values for {robot.n} joints", "Give one a joint, or one."
             )
+        self._start = np.broadcast_to(self._position, (robot.n,)).astype(float)
         torque, encoder = TorqueSensor(noise=self._torque_noise), Encoder(noise=self._encoder_noise)
         return Simulator(
             robot,
@@ -207,15 +209,15 @@ class SimulatorNode(ArmNode):
                 self._pace.set_factor(parameter.value)
             if parameter.name == "effects":
                 try:
-                    self._take(list(parameter.value or []))
+                    self._take(texts(parameter.value))
                 except EffectError as error:
                     return SetParametersResult(successful=False, reason=str(error))
         return SetParametersResult(successful=True)
 
-    def _take(self, texts: list[str]) -> None:
-        effects: list[Active] = [parse(text, self._arm.robot) for text in texts]
+    def _take(self, wanted: list[str]) -> None:
+        effects: list[Active] = [parse(text, self._arm.robot) for text in wanted]
         self._arm.change_effects(effects)
-        self.get_logger().info("effects: " + (", ".join(texts) or "none"))
+        self.get_logger().info("effects: " + (", ".join(wanted) or "none"))
 
     def _report(self) -> None:
         now = time.monotonic()

@@ -1,0 +1,42 @@
+"""The console scripts of the nodes: `ros2 run elastic_arm simulator` and its like.
+
+A module apart, without imports of weight: a node's own libraries take a second or two to load, and a Ctrl-C in that
+time should end the process as quietly as one later on.
+"""
+
+from __future__ import annotations
+
+import importlib
+import os
+import signal
+
+
+def _start(node: str) -> None:
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, lambda *_: os._exit(0))
+    importlib.import_module(f"elastic_arm.nodes.{node}").main()
+
+
+def simulator() -> None:
+    """Start the simulator."""
+    _start("simulator")
+
+
+def trajectory_generator() -> None:
+    """Start the trajectory generator."""
+    _start("trajectory_generator")
+
+
+def identifier() -> None:
+    """Start the identifier."""
+    _start("identifier")
+
+
+def recorder() -> None:
+    """Start the recorder."""
+    _start("recorder")
+
+
+def replayer() -> None:
+    """Start the replayer."""
+    _start("replayer")
