@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from collections import OrderedDict
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import casadi as ca
 import numpy as np
@@ -66,8 +67,34 @@ class System:
         return np.array(self.constants(self.equations.nominal, self.acting.numbers(), speed)).ravel()
 
 
+# Systems put together in this process: a campaign makes thousands of arms of few shapes.
+_known: OrderedDict[str, System] = OrderedDict()
+_MOST_KNOWN = 64
+
+
 def assemble(equations: ArmEquations, actives: Sequence[Active]) -> System:
-    """Put an arm and effects together.
+    """Put an arm and effects together, or find a system of the same shape."""
+    shape = _shape(equations, actives)
+    if shape not in _known:
+        _known[shape] = _assemble(equations, actives)
+        if len(_known) > _MOST_KNOWN:
+            _known.popitem(last=False)
+    acting = Acting(actives, equations.robot)
+    return replace(_known[shape], equations=equations, acting=acting)
+
+
+def _shape(equations: ArmEquations, actives: Sequence[Active]) -> str:
+    """What the straight-line code depends on; laws may read any number of the nominal arm, an arm alone does not."""
+    laws = [
+        (active.effect.id, active.joint, [str(active.parameters[c.name]) for c in active.effect.choices])
+        for active in actives
+    ]
+    numbers = equations.nominal.tolist() if laws else []
+    return repr((equations.bodies.fingerprint(), equations.robot.gravity.tolist(), equations.model_name, laws, numbers))
+
+
+def _assemble(equations: ArmEquations, actives: Sequence[Active]) -> System:
+    """Derive the functions of a system.
 
     With tau_J taken from the drive equation, (1) reads `left side + effects = [0; tau_m]`, linear in the accelerations
     also where a law contains them (an added mass).
