@@ -12,7 +12,7 @@ import yaml
 from elastic_arm.errors import RecordingError
 from elastic_arm.recording import load_channels, message_types, read_recording, write_recording
 from elastic_arm.recording.check import check_bag
-from elastic_arm.recording.importing import import_arrays
+from elastic_arm.recording.importing import import_arrays, load_array_map
 from tests.bags import JOINT_STATE, JOINTS, assert_equal, joint_state, stamps, states, write_foreign
 
 ROOT = Path(__file__).parents[1]
@@ -25,16 +25,16 @@ def write_yaml(path: Path, content: object) -> Path:
     return path
 
 
-def test_the_documented_channel_map_is_valid() -> None:
-    """The example of docs/channel_maps.md loads as it stands."""
+def test_the_documented_maps_are_valid(tmp_path: Path) -> None:
+    """The examples of docs/channel_maps.md load as they stand."""
     text = (ROOT / "docs" / "channel_maps.md").read_text()
     blocks = [block.split("```")[0] for block in text.split("```yaml\n")[1:]]
-    assert len(blocks) >= 3
-    for number, block in enumerate(blocks):
+    kinds = []
+    for block in blocks:
         content = yaml.safe_load(block)
-        if "times" not in content:
-            channels = load_channels(write_yaml(Path(f"/tmp/elastic_arm_doc_{number}.yaml"), content))
-            assert channels.topics()
+        file = write_yaml(tmp_path / "map.yaml", content)
+        kinds.append(type(load_array_map(file) if "times" in content else load_channels(file)).__name__)
+    assert kinds == ["ChannelMap", "ChannelMap", "ArrayMap"]
 
 
 def test_names_units_signs_and_ratios_are_applied(tmp_path: Path) -> None:

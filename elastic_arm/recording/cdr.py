@@ -56,6 +56,8 @@ class Layout:
         Single strings, by path: where their bytes begin and end. Only their lengths are the layout's.
     fixed
         The bytes (begin, end) that must agree for another message to have this layout and these names.
+    words
+        What they hold: (begin, dtype, value).
     """
 
     size: int
@@ -63,22 +65,33 @@ class Layout:
     strings: dict[str, list[str]] = field(default_factory=dict)
     text: dict[str, tuple[int, int]] = field(default_factory=dict)
     fixed: list[tuple[int, int]] = field(default_factory=list)
+    words: list[tuple[int, str, int]] = field(default_factory=list)
 
-    def matches(self, buffer: Bytes, offsets: Offsets, pattern: memoryview) -> NDArray[np.bool_]:
-        """Say which of the messages (of this size) at `offsets` have the layout of the message `pattern`."""
-        where = progression(offsets)
-        same = np.ones(len(offsets), dtype=bool)
-        for begin, end in self.fixed:
-            # Compared in words: numpy walks byte strings byte by byte.
+    def learn(self, pattern: memoryview) -> None:
+        """Keep what `pattern`, a message of this layout, has in its fixed bytes."""
+        merged: list[tuple[int, int]] = []
+        for begin, end in sorted(self.fixed):
+            if merged and merged[-1][1] == begin:
+                begin, _ = merged.pop()
+            merged.append((begin, end))
+        for begin, end in merged:
+            # In words: numpy walks byte strings byte by byte.
             while begin < end:
                 width = max(width for width in (8, 4, 2, 1) if width <= end - begin)
-                word = int.from_bytes(pattern[begin : begin + width], "little")
-                same &= column(buffer, f"<u{width}", where, begin) == word
+                value = int.from_bytes(pattern[begin : begin + width], "little")
+                self.words.append((begin, f"<u{width}", value))
                 begin += width
+
+    def matches(self, buffer: Bytes, where: Offsets | slice) -> NDArray[np.bool_]:
+        """Say which of the messages (all of this size) at `where` have this layout and these names."""
+        begin, dtype, value = self.words[0]
+        same = column(buffer, dtype, where, begin) == value
+        for begin, dtype, value in self.words[1:]:
+            same &= column(buffer, dtype, where, begin) == value
         return same
 
-    def values(self, buffer: Bytes, offsets: Offsets, path: str) -> NDArray:
-        """Return field `path` of the messages at `offsets`: (N, count), or (N,) for a single number.
+    def values(self, buffer: Bytes, where: Offsets | slice, path: str) -> NDArray:
+        """(N, count) numbers of field `path` in the messages at `where`.
 
         Raises
         ------
@@ -86,12 +99,12 @@ class Layout:
             If the messages have no such field of numbers.
         """
         numbers = self.numbers[path]
-        if not numbers.count:
-            return np.empty((len(offsets), 0), numbers.dtype)
         # One opaque item per message is copied faster than `count` numbers.
-        width = numbers.count * numbers.dtype.itemsize
-        items = np.ascontiguousarray(column(buffer, f"V{width}", progression(offsets), numbers.at))
-        return items.view(numbers.dtype).reshape(len(offsets), numbers.count)
+        width = max(numbers.count * numbers.dtype.itemsize, 1)
+        items = np.ascontiguousarray(column(buffer, f"V{width}", where, numbers.at if numbers.count else 0))
+        if not numbers.count:
+            return np.empty((len(items), 0), numbers.dtype)
+        return items.view(numbers.dtype).reshape(len(items), numbers.count)
 
 
 def layout_of(data: memoryview, type_name: str, store: Typestore) -> Layout:
@@ -114,21 +127,55 @@ def layout_of(data: memoryview, type_name: str, store: Typestore) -> Layout:
     return walker.layout
 
 
-def groups(
-    buffer: Bytes, offsets: Offsets, sizes: Offsets, type_name: str, store: Typestore
-) -> Iterator[tuple[Layout, Offsets]]:
-    """Yield the layouts that occur among the messages at `offsets`, each with the indices of its messages."""
-    left = np.arange(len(offsets))
-    while len(left):
-        begin, size = int(offsets[left[0]]), int(sizes[left[0]])
+class Layouts:
+    """The layouts met so far among the messages of one type.
+
+    Parameters
+    ----------
+    type_name, store
+        The type and its definition.
+    """
+
+    def __init__(self, type_name: str, store: Typestore) -> None:
+        self.type_name, self.store = type_name, store
+        self.known: dict[int, list[Layout]] = {}
+
+    def groups(self, buffer: Bytes, offsets: Offsets, sizes: Offsets) -> Iterator[tuple[Layout, Offsets | None]]:
+        """Yield the layouts that occur among the messages at `offsets`, each with the indices of its messages.
+
+        None stands for all of them.
+
+        Raises
+        ------
+        RecordingError
+            If a message does not fit its type.
+        """
+        if len(sizes) and (sizes == sizes[0]).all():
+            # Nearly always all messages of a block are alike: then nothing has to be picked out.
+            layout = self._of(buffer, int(offsets[0]), int(sizes[0]))
+            if layout.matches(buffer, progression(offsets)).all():
+                yield layout, None
+                return
+        left = np.arange(len(offsets))
+        while len(left):
+            size = int(sizes[left[0]])
+            layout = self._of(buffer, int(offsets[left[0]]), size)
+            alike = left[sizes[left] == size]
+            mine = alike[layout.matches(buffer, offsets[alike])]
+            yield layout, mine
+            left = np.setdiff1d(left, mine, assume_unique=True)
+
+    def _of(self, buffer: Bytes, begin: int, size: int) -> Layout:
+        """Return the layout of one message: a known one, or a new one by walking it."""
+        known = self.known.setdefault(size, [])
+        for layout in known:
+            if layout.matches(buffer, np.array([begin])).all():
+                return layout
         pattern = buffer.data[begin : begin + size]
-        layout = layout_of(pattern, type_name, store)
-        equal = sizes[left] == size
-        alike = left if equal.all() else left[equal]
-        match = layout.matches(buffer, offsets[alike], pattern)
-        mine = alike if match.all() else alike[match]
-        yield layout, mine
-        left = left[:0] if len(mine) == len(left) else np.setdiff1d(left, mine, assume_unique=True)
+        layout = layout_of(pattern, self.type_name, self.store)
+        layout.learn(pattern)
+        known.append(layout)
+        return layout
 
 
 class _Walker:
@@ -147,7 +194,8 @@ class _Walker:
     def member(self, kind: Nodetype, what: Any, path: str) -> None:
         match kind:
             case Nodetype.BASE if what[0] == "string":
-                self.layout.text[path] = self.string()
+                begin, end = self.string()
+                self.layout.text[path] = (begin, max(end - 1, begin))  # without the closing NUL
             case Nodetype.BASE:
                 self.numbers(what[0], 1, path)
             case Nodetype.NAME:
@@ -166,9 +214,8 @@ class _Walker:
                 self.message(inner, f"{path}.{index}.")
         elif inner[0] == "string":
             spans = [self.string() for _ in range(count)]
-            for begin, end in spans:
-                self.fix(begin, end)
-            self.layout.strings[path] = [bytes(self.data[begin:end]).decode() for begin, end in spans]
+            self.layout.fixed += spans
+            self.layout.strings[path] = [bytes(self.data[begin:end]).rstrip(b"\0").decode() for begin, end in spans]
         else:
             self.numbers(inner[0], count, path)
 
@@ -182,21 +229,14 @@ class _Walker:
     def string(self) -> tuple[int, int]:
         size = self.length()
         begin, self.at = self.at, self.at + size
-        return begin, max(self.at - 1, begin)  # without the closing NUL
+        return begin, self.at
 
     def length(self) -> int:
         self.align(4)
         (value,) = struct.unpack_from(f"{self.order}I", self.data, self.at)
-        self.fix(self.at, self.at + 4)
+        self.layout.fixed.append((self.at, self.at + 4))
         self.at += 4
         return int(value)
-
-    def fix(self, begin: int, end: int) -> None:
-        fixed = self.layout.fixed
-        if fixed[-1][1] == begin:
-            fixed[-1] = (fixed[-1][0], end)
-        elif end > begin:
-            fixed.append((begin, end))
 
     def align(self, width: int) -> None:
         self.at += -(self.at - _ORIGIN) % width

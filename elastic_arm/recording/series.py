@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from elastic_arm.errors import RecordingError
 from elastic_arm.recording import cdr, message_types
 from elastic_arm.recording.container import Block, McapFile
-from elastic_arm.recording.scan import MESSAGE_HEAD
+from elastic_arm.recording.scan import MESSAGE_HEAD, Offsets, progression
 from elastic_arm.recording.sides import Array, Stamps
 
 
@@ -57,12 +57,15 @@ class Series:
         Their numbers, one piece per block and layout.
     count
         Number of messages.
+    layouts
+        Those met so far, by the type's definition.
     """
 
     topic: str
     type_name: str
     pieces: list[Piece] = field(default_factory=list)
     count: int = 0
+    layouts: dict[bytes, cdr.Layouts] = field(default_factory=dict)
 
     def add(self, file: McapFile, channel: int, block: Block) -> None:
         """Decode the messages of `channel` in `block`.
@@ -72,23 +75,24 @@ class Series:
         RecordingError
             If a message does not fit its type.
         """
-        schema = file.schemas[file.channels[channel].schema_id]
         offsets, log_ns = block.messages[channel] + MESSAGE_HEAD, block.log_ns(channel)
-        types = message_types.types_of(schema)
+        rows = np.arange(self.count, self.count + len(offsets))
         try:
-            for layout, index in cdr.groups(block.buffer, offsets, block.sizes(channel), schema.name, types):
-                at = offsets[index]
-                names = next(iter(layout.strings.values()), [])
-                values = {
-                    path: layout.values(block.buffer, at, path)
-                    for path, numbers in layout.numbers.items()
-                    if numbers.dtype.kind == "f" or "time_from_start" in path
-                }
-                stamp_ns = _stamps(layout, block, at)
-                self.pieces.append(Piece(index + self.count, log_ns[index], stamp_ns, tuple(names), values))
+            layouts = self._layouts(file, channel)
+            for layout, index in layouts.groups(block.buffer, offsets, block.sizes(channel)):
+                if index is None:
+                    self.pieces.append(_piece(layout, block, progression(offsets), rows, log_ns))
+                else:
+                    self.pieces.append(_piece(layout, block, offsets[index], rows[index], log_ns[index]))
         except RecordingError as error:
             raise RecordingError(f"{file.path}, {self.topic}: {error.problem}", error.remedy) from None
         self.count += len(offsets)
+
+    def _layouts(self, file: McapFile, channel: int) -> cdr.Layouts:
+        schema = file.schemas[file.channels[channel].schema_id]
+        if schema.data not in self.layouts:
+            self.layouts[schema.data] = cdr.Layouts(schema.name, message_types.types_of(schema))
+        return self.layouts[schema.data]
 
     def keep(self, wanted: Callable[[Piece], bool]) -> Series:
         """Return the series of those messages alone whose piece is `wanted`."""
@@ -208,11 +212,19 @@ class Series:
         return gathered
 
 
-def _stamps(layout: cdr.Layout, block: Block, at: Stamps) -> Stamps | None:
-    if "header.stamp.sec" not in layout.numbers:
-        return None
-    seconds = layout.values(block.buffer, at, "header.stamp.sec")[:, 0].astype(np.int64)
-    return seconds * 1_000_000_000 + layout.values(block.buffer, at, "header.stamp.nanosec")[:, 0]
+def _piece(layout: cdr.Layout, block: Block, where: Offsets | slice, rows: Stamps, log_ns: Stamps) -> Piece:
+    def values(path: str) -> NDArray:
+        return layout.values(block.buffer, where, path)
+
+    stamp_ns = None
+    if "header.stamp.sec" in layout.numbers:
+        seconds, nanoseconds = values("header.stamp.sec")[:, 0], values("header.stamp.nanosec")[:, 0]
+        stamp_ns = seconds.astype(np.int64) * 1_000_000_000 + nanoseconds
+    wanted = [
+        path for path, numbers in layout.numbers.items() if numbers.dtype.kind == "f" or "time_from_start" in path
+    ]
+    names = tuple(next(iter(layout.strings.values()), []))
+    return Piece(rows, log_ns, stamp_ns, names, {path: values(path) for path in wanted})
 
 
 def _spread(piece: Piece, path: str, names: Sequence[str]) -> Array:
