@@ -63,7 +63,7 @@ class Inbox:
     """
 
     def __init__(self, type_name: str, capacity: int = 20_000) -> None:
-        self.type_name = type_name
+        self._layouts = cdr.Layouts(type_name, message_types.typestore())
         self.received = 0
         self.overflowed = 0
         self._messages: deque[bytes] = deque(maxlen=capacity)
@@ -98,7 +98,8 @@ class Inbox:
         sizes = np.array([len(message) for message in messages])
         offsets = np.concatenate(([0], np.cumsum(sizes)[:-1]))
         buffer = np.frombuffer(b"".join(messages), np.uint8)
-        for layout, index in cdr.groups(buffer, offsets, sizes, self.type_name, message_types.typestore()):
-            numbers = {path: layout.values(buffer, offsets[index], path) for path in layout.numbers}
+        for layout, index in self._layouts.groups(buffer, offsets, sizes):
+            where = offsets if index is None else offsets[index]
+            numbers = {path: layout.values(buffer, where, path) for path in layout.numbers}
             seconds, rest = (numbers.pop(f"header.stamp.{part}")[:, 0].astype(np.int64) for part in ("sec", "nanosec"))
             yield tuple(layout.strings.get("name", ())), seconds * NANOSECONDS + rest, numbers
