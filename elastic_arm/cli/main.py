@@ -5,6 +5,11 @@ from __future__ import annotations
 import typer
 
 from elastic_arm import __version__
+from elastic_arm.cli.bag import bag_app
+from elastic_arm.cli.demo import demo
+from elastic_arm.cli.describe import describe
+from elastic_arm.cli.excite import excite
+from elastic_arm.cli.simulate import simulate
 
 app = typer.Typer(
     name="elastic-arm",
@@ -13,6 +18,11 @@ app = typer.Typer(
     rich_markup_mode="rich",
     pretty_exceptions_enable=False,
 )
+app.command()(describe)
+app.command()(excite)
+app.command()(simulate)
+app.add_typer(bag_app)
+app.command()(demo)
 
 
 def _version(value: bool) -> None:

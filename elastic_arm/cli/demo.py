@@ -1,0 +1,196 @@
+"""`elastic-arm demo`: the whole suite at work in a live ROS 2 graph, from excitation to a compared estimate."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any
+
+import numpy as np
+import typer
+from rich.live import Live
+from rich.markup import escape
+from rich.progress import BarColumn, Progress, TextColumn
+from rich.table import Table
+
+from elastic_arm.cli.console import err, out, reports_errors
+from elastic_arm.cli.describe import base_of
+from elastic_arm.cli.processes import Nodes
+from elastic_arm.dynamics import build_model
+from elastic_arm.errors import ElasticArmError, GraphError
+from elastic_arm.excitation import ExcitationResult, MotionLimits, Shape, Workspace, optimise
+from elastic_arm.identification import Identification, identify
+from elastic_arm.recording import Recording, read_recording
+from elastic_arm.report import demo as drawing
+from elastic_arm.robot import Robot, load_robot, varied
+
+EVALUATIONS = 600
+SHAPE = Shape(harmonics=5, period=8.0, periods=2)
+# How long nodes may take to find each other, and the first kernels to compile, seconds.
+START = 120.0
+
+
+@dataclass(frozen=True)
+class Course:
+    """What the identifier said while the arm moved: one entry an estimate."""
+
+    lines: tuple[dict[str, Any], ...]
+
+    @property
+    def last(self) -> dict[str, Any]:
+        """The estimate when everything had stopped."""
+        return self.lines[-1]
+
+
+@reports_errors
+def demo(
+    folder: Annotated[Path, typer.Option("--out", help="Folder of all that the demo writes.")] = Path("runs/demo"),
+    seed: Annotated[int, typer.Option(min=0, help="Of the arm, the search and the noise.")] = 1,
+    speed: Annotated[float, typer.Option(help="Times real time; above 1 the graph runs on /clock.")] = 1.0,
+) -> None:
+    """Move an arm in a live ROS 2 graph, record it, and identify it: live, and again from the bag.
+
+    The simulated arm differs from its description by up to 15 % in every inertial and elastic number, so that there
+    is something to find. Its true numbers are read only by the comparison at the end.
+    """
+    _make_room(folder)
+    nominal = load_robot(None)
+    true_arm = varied(nominal, np.random.default_rng(seed))
+    true_arm.save(folder / "true_arm.yaml")
+    out.rule("1  a motion that excites the parameters")
+    search = _excite(nominal, folder / "trajectory.yaml", seed)
+    out.rule("2  the live graph: simulator, trajectory generator, identifier, recorder")
+    course = _live(folder, search.trajectory.duration, seed, speed)
+    out.rule("3  the same arm, identified from the bag")
+    recording = read_recording(folder / "bag")
+    offline = identify(recording, nominal)
+    out.print(f"{offline.samples} samples, derivatives by {', '.join(offline.derivatives)}")
+    out.rule("4  estimates beside the truth")
+    truth = _truth(offline, true_arm)
+    _compare(offline, course, truth)
+    report = _report(folder / "report.html", search, course, offline, truth, recording)
+    out.print(f"\nbag:     {escape(str(folder / 'bag'))}   (ros2 bag info, Foxglove, PlotJuggler)")
+    out.print(f"report:  {escape(str(report))}")
+
+
+def _make_room(folder: Path) -> None:
+    """Clear what an earlier demo left in its folder, and nothing else."""
+    for name in ("bag", "nodes", "online"):
+        if (folder / name).is_dir():
+            shutil.rmtree(folder / name)
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise ElasticArmError(
+            f"{folder} cannot be made: {error.strerror}", "Choose another folder with --out"
+        ) from error
+
+
+def _excite(nominal: Robot, file: Path, seed: int) -> ExcitationResult:
+    model = build_model(nominal, "mod3")
+    limits = MotionLimits.of(nominal, workspace=Workspace.of(nominal))
+    with Progress(TextColumn("{task.description}"), BarColumn(), console=err, transient=True) as progress:
+        task = progress.add_task("pattern search", total=EVALUATIONS)
+        result = optimise(
+            model,
+            limits,
+            base_of(model).columns,
+            rng=np.random.default_rng(seed),
+            shape=SHAPE,
+            evaluations=EVALUATIONS,
+            progress=lambda k, best: progress.update(task, completed=k, description=f"condition number {best:.2f}"),
+        )
+    result.trajectory.save(file)
+    out.print(
+        f"condition number of the base regressor: {result.condition_after:.2f}; random motions within the same limits: "
+        f"{np.median(result.random):.2f} (median)"
+    )
+    return result
+
+
+def _live(folder: Path, duration: float, seed: int, speed: float) -> Course:
+    """Run the graph until the trajectory has been streamed; return what the identifier said."""
+    domain = int(os.environ.get("ROS_DOMAIN_ID", 1 + os.getpid() % 100))
+    lines: list[dict[str, Any]] = []
+    with Nodes(folder / "nodes", domain) as nodes, Live(console=out, refresh_per_second=4) as live:
+        nodes.start("recorder", {"bag": str(folder / "bag")})
+        nodes.start("identifier", {"print": True, "save_at_exit": True, "save_to": str(folder / "online")})
+        simulator = {"robot": str(folder / "true_arm.yaml"), "seed": seed, "real_time_factor": speed}
+        nodes.start("simulator", simulator)
+        nodes.start("trajectory_generator", {"trajectory": str(folder / "trajectory.yaml")})
+        waited = 0.0
+        while nodes.running("trajectory_generator"):
+            heard = [json.loads(line) for line in nodes.told(0.5)]
+            lines += heard
+            waited += 0.0 if lines else 0.5
+            if waited > duration / speed + START:
+                raise GraphError("no estimate arrived", f"The nodes' words are in {folder / 'nodes'}.")
+            live.update(_progress(lines, duration))
+        for name in ("simulator", "identifier", "recorder"):
+            nodes.stop(name)
+        lines += [json.loads(line) for line in nodes.told(0.5)]
+        live.update(_progress(lines, duration))
+    if not lines:
+        raise GraphError("the identifier made no estimate", f"Its words are in {nodes.log('identifier')}.")
+    return Course(tuple(lines))
+
+
+def _progress(lines: list[dict[str, Any]], duration: float) -> Table:
+    table = Table(box=None, header_style="bold")
+    for heading in ("samples", "residual RMS [Nm]", "condition number", "std of the worst parameter"):
+        table.add_column(heading, justify="right")
+    for line in lines[-8:]:
+        value, std = np.abs(line["value"]), np.array(line["std"])
+        worst = float(np.nanmax(std / np.maximum(value, 1e-12))) if len(value) else float("nan")
+        table.add_row(
+            str(line["samples"]),
+            f"{line['residual_rms']:.4f}",
+            f"{line['condition_number']:.4g}",
+            f"{100 * worst:.3g} %",
+        )
+    if not lines:
+        table.add_row("waiting for the first estimate…", "", "", "")
+    return table
+
+
+def _truth(identified: Identification, true_arm: Robot) -> np.ndarray:
+    """Return the true base parameters (B,): scoring, the one place of the demo that knows the arm."""
+    return identified.T @ build_model(true_arm, identified.model).Psi
+
+
+def _compare(offline: Identification, course: Course, truth: np.ndarray) -> None:
+    online = dict(zip(course.last["name"], zip(course.last["value"], course.last["std"], strict=True), strict=True))
+    table = Table(box=None, header_style="bold")
+    table.add_column("base parameter", no_wrap=True, overflow="ellipsis", max_width=22)
+    for heading in ("nominal", "true", "online", "offline", "± std", "error / std"):
+        table.add_column(heading, justify="right", no_wrap=True)
+    for entry, true in zip(offline.estimates, truth, strict=True):
+        value, _ = online.get(entry.name, (float("nan"), float("nan")))
+        error = (entry.value - true) / entry.std
+        numbers = [f"{number:.5g}" for number in (entry.nominal, true, value, entry.value)]
+        table.add_row(escape(entry.name), *numbers, f"{entry.std:.1g}", f"{error:+.2f}")
+    out.print(table)
+    off = np.abs(offline.Psi_base - truth) / offline.std
+    values, stds = (np.array([online[e.name][k] for e in offline.estimates]) for k in (0, 1))
+    on = np.abs(values - truth) / stds
+    out.print(
+        f"true value within two standard deviations: online {int((on < 2).sum())}, offline {int((off < 2).sum())} "
+        f"of {len(truth)} base parameters"
+    )
+    apart = np.abs(values - offline.Psi_base) / np.hypot(stds, offline.std)
+    out.print(f"online and offline apart: at most {apart.max():.2f} standard deviations")
+
+
+def _report(
+    path: Path,
+    search: ExcitationResult,
+    course: Course,
+    offline: Identification,
+    truth: np.ndarray,
+    recording: Recording,
+) -> Path:
+    samples = recording.samples()
+    return drawing.write(path, search, course.lines, offline, truth, samples)
