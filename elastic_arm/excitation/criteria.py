@@ -81,20 +81,24 @@ class BaseRegressor:
         Standard deviation of each equation's error, by which its rows are divided, Nm; None: all alike.
     samples
         Of the period.
+    picked
+        Indices into `columns` of those that count; None: all. (One compiled regressor serves every choice.)
     """
 
     model: Model
-    columns: Sequence[int]
+    columns: Sequence[int] | NDArray[np.intp]
     noise: Array | None = None
     samples: int = 150
+    picked: NDArray[np.intp] | None = None
 
     def __call__(self, trajectory: FourierTrajectory) -> Array:
         """Return W, (samples * dof, B)."""
         x, dx, ddx = elastic_motion(self.model, trajectory, self.samples)
-        Phi = self.model.regressor(x, dx, ddx, columns=tuple(self.columns))
+        Phi = self.model.regressor(x, dx, ddx, columns=tuple(int(c) for c in self.columns))
         if self.noise is not None:
             Phi = Phi / np.asarray(self.noise)[:, None]
-        return Phi.reshape(-1, Phi.shape[-1])
+        W = Phi.reshape(-1, Phi.shape[-1])
+        return W if self.picked is None else W[:, self.picked]
 
 
 def distinct_columns(W: Array) -> NDArray[np.intp]:

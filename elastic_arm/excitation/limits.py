@@ -73,7 +73,7 @@ class MotionLimits:
             values[name] = np.array([default if value is None else value for value in stated], dtype=float)
             unknown = [j for j, value in zip(robot.joint_names, stated, strict=True) if value is None]
             if unknown:
-                assumed.append(f"{name} of {', '.join(unknown)}: {_words(default, name)} assumed")
+                assumed.append(f"{name.replace('_', ' ')} of {', '.join(unknown)}: {_words(default, name)} assumed")
         for name, given in (("velocity", velocity), ("acceleration", acceleration), ("torque", torque)):
             if given is not None:
                 _require_positive(given, name)

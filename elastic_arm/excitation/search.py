@@ -119,7 +119,7 @@ class ExcitationResult:
 def optimise(
     model: Model,
     limits: MotionLimits,
-    columns: Sequence[int],
+    columns: Sequence[int] | NDArray[np.intp],
     *,
     rng: np.random.Generator,
     shape: Shape | None = None,
@@ -166,7 +166,8 @@ def optimise(
     indistinct = problem.refer_to(kept or drawn)
     start = min(kept, key=problem.value) if kept else min(drawn, key=lambda u: float(problem.excess(u).max()))
     course = _Course(problem, progress)
-    _run_nomad(course, start, evaluations, int(rng.integers(2**31 - 1)))
+    # NOMAD steps its generator `seed` times to get there: a large seed would cost minutes.
+    _run_nomad(course, start, evaluations, int(rng.integers(10_000)))
     best = course.best(start)
     use = limits.use(problem.trajectory(best), model)
     if not use.kept:
@@ -183,7 +184,7 @@ def optimise(
         condition_before=problem.condition(start),
         condition_after=problem.condition(best),
         random=np.array([problem.condition(u) for u in kept]),
-        columns=tuple(int(c) for c in problem.columns),
+        columns=problem.columns,
         indistinct=indistinct,
         history=(*course.history, (course.count, course.value)),
         use=use,
@@ -266,13 +267,13 @@ class _Problem:
         motions = [self._regressor(self.trajectory(u)) for u in points]
         distinct = distinct_columns(np.concatenate(motions[:TELLING]))
         self._scale = np.median([np.linalg.norm(W[:, distinct], axis=0) for W in motions], axis=0)
-        before = self.columns
-        self._regressor = replace(self._regressor, columns=tuple(before[k] for k in distinct))
-        return tuple(int(c) for c in before if c not in self.columns)
+        self._regressor = replace(self._regressor, picked=distinct)
+        return tuple(int(c) for c in np.delete(np.asarray(self._regressor.columns), distinct))
 
     @property
-    def columns(self) -> Sequence[int]:
-        return self._regressor.columns
+    def columns(self) -> tuple[int, ...]:
+        """Base columns that count."""
+        return tuple(int(c) for c in np.asarray(self._regressor.columns)[self._regressor.picked])
 
     def value(self, u: Array) -> float:
         return self._criterion(self._regressor(self.trajectory(u)), self._scale)

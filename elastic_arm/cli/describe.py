@@ -1,0 +1,106 @@
+"""`elastic-arm describe`: what a robot description says, and what its models are made of."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Any
+
+import numpy as np
+import typer
+from rich.markup import escape
+from rich.table import Table
+
+from elastic_arm.cli.console import out, print_json, reports_errors
+from elastic_arm.dynamics import build_model
+from elastic_arm.errors import RobotError
+from elastic_arm.identification.base_parameters import BaseParameters
+from elastic_arm.identification.equations import Equations
+from elastic_arm.robot import Robot, load_robot
+
+RobotFile = Annotated[Path | None, typer.Option("--robot", help="Arm file or URDF; the nominal arm by default.")]
+
+
+@reports_errors
+def describe(
+    robot_file: RobotFile = None,
+    model: Annotated[str, typer.Option(help="mod1, mod2 or mod3.")] = "mod3",
+    base: Annotated[bool, typer.Option("--base", help="List the base parameters.")] = False,
+    urdf: Annotated[Path | None, typer.Option(help="Write the arm as URDF to this file.")] = None,
+    json: Annotated[bool, typer.Option("--json", help="Print JSON, for scripts.")] = False,
+) -> None:
+    """Show an arm: joints, limits, masses, transmissions, and what a model of it has to identify.
+
+    Examples:
+
+        elastic-arm describe --base
+
+        elastic-arm describe --robot my_arm.urdf --json
+    """
+    robot = load_robot(robot_file)
+    told = build_model(robot, model)
+    parameters = base_of(told)
+    if urdf is not None:
+        _write(urdf, robot.to_urdf())
+    if json:
+        print_json(_content(robot, model, len(told.parameters), parameters))
+        return
+    _print_robot(robot)
+    out.print(f"\n{model}: {len(told.parameters)} parameters, {len(parameters)} base parameters")
+    if base:
+        for name, unit in zip(parameters.names, parameters.units, strict=True):
+            out.print(f"  {escape(name)} [dim]{escape(f'[{unit}]')}[/]")
+    if urdf is not None:
+        out.print(f"URDF written to {escape(str(urdf))}")
+
+
+def base_of(model: Any) -> BaseParameters:
+    """Return the base parameters of (10): both encoders and the motor torque."""
+    channels = ("q", "theta", "tau_m") if model.robot.elastic else ("q", "tau_m")
+    return Equations(model, channels, joints=model.robot.joint_names).base
+
+
+def _print_robot(robot: Robot) -> None:
+    kind = "elastic" if robot.elastic else "rigid (no transmissions)"
+    gravity = " ".join(f"{g:g}" for g in robot.gravity)
+    out.print(f"[bold]{escape(robot.name)}[/]: {robot.n} joints, {kind}, {robot.mass:.4g} kg, gravity {gravity} m/s²")
+    table = Table(box=None, header_style="bold")
+    for heading in ("joint", "link", "mass kg", "range rad", "rad/s", "Nm"):
+        table.add_column(heading, justify="left" if heading in ("joint", "link") else "right")
+    if robot.elastic:
+        for heading in ("ratio", "K Nm/rad", "D Nms/rad", "bearing"):
+            table.add_column(heading, justify="right")
+    for joint in robot.joints:
+        limits = joint.limits
+        span = f"{_short(limits.position_min)} … {_short(limits.position_max)}"
+        row = [joint.name, joint.link_name, f"{joint.link.mass:.4g}", span, _short(limits.velocity)]
+        row.append(_short(limits.torque))
+        if joint.transmission is not None:
+            t = joint.transmission
+            row += [f"{t.r_tot:g}", f"{t.stiffness:g}", f"{t.damping:g}", "yes" if t.bearing else "rigid"]
+        table.add_row(*(escape(cell) for cell in row))
+    out.print(table)
+    for note in robot.notes:
+        out.print(f"[cyan]note:[/] {escape(note)}", soft_wrap=True)
+
+
+def _content(robot: Robot, model: str, parameters: int, base: BaseParameters) -> dict[str, Any]:
+    return {
+        "robot": robot.to_dict(),
+        "elastic": robot.elastic,
+        "mass_kg": float(robot.mass),
+        "notes": list(robot.notes),
+        "model": model,
+        "parameters": parameters,
+        "base_parameters": [{"name": name, "unit": unit} for name, unit in zip(base.names, base.units, strict=True)],
+    }
+
+
+def _short(value: float | None) -> str:
+    return "–" if value is None or not np.isfinite(value) else f"{value:.4g}"
+
+
+def _write(path: Path, text: str) -> None:
+    try:
+        path.write_text(text, encoding="utf-8")
+    except OSError as error:
+        raise RobotError(f"{path}: cannot be written ({error.strerror})", "Give a file you may write") from error

@@ -1,0 +1,190 @@
+"""`elastic-arm excite`: find a motion that determines an arm's parameters, within its limits."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Any
+
+import numpy as np
+import typer
+from rich.markup import escape
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+from rich.table import Table
+
+from elastic_arm.cli.console import err, out, print_json, reports_errors
+from elastic_arm.cli.describe import RobotFile, base_of
+from elastic_arm.dynamics import Model, build_model
+from elastic_arm.excitation import ExcitationResult, MotionLimits, Shape, Workspace, find_criterion, optimise
+from elastic_arm.identification.base_parameters import BaseParameters
+from elastic_arm.robot import Robot, load_robot
+
+Limit = Annotated[float | None, typer.Option(help="Lower the limit of all joints to this.", show_default=False)]
+
+
+@reports_errors
+def excite(
+    robot_file: RobotFile = None,
+    file: Annotated[Path, typer.Option("--out", help="Trajectory file (YAML) to write.")] = Path("trajectory.yaml"),
+    model: Annotated[str, typer.Option(help="mod1, mod2 or mod3.")] = "mod3",
+    harmonics: Annotated[int, typer.Option(help="Of the Fourier series of every joint.")] = 5,
+    period: Annotated[float, typer.Option(help="Of the series, s.")] = 10.0,
+    periods: Annotated[int, typer.Option(help="Whole periods between start and stop.")] = 1,
+    ramp: Annotated[float | None, typer.Option(help="Smooth start and stop, s each; a quarter period.")] = None,
+    criterion: Annotated[str, typer.Option(help="condition, d_optimal or a_optimal.")] = "condition",
+    evaluations: Annotated[int, typer.Option(help="Budget of the search.")] = 3000,
+    seed: Annotated[int, typer.Option(min=0, help="The same seed gives the same motion.")] = 0,
+    velocity: Limit = None,
+    acceleration: Limit = None,
+    torque: Limit = None,
+    floor: Annotated[float, typer.Option(help="Height of the floor above the ground frame, m.")] = 0.0,
+    json: Annotated[bool, typer.Option("--json", help="Print JSON, for scripts.")] = False,
+    report: Annotated[Path | None, typer.Option(help="Write report.html with figures into this folder.")] = None,
+) -> None:
+    """Find a Fourier trajectory whose motion tells the arm's parameters apart best, within all limits.
+
+    Examples:
+
+        elastic-arm excite --out traj.yaml --report excitation/
+
+        elastic-arm excite --robot my_arm.urdf --criterion d_optimal --velocity 1.0
+    """
+    find_criterion(criterion)
+    shape = Shape(harmonics, period, ramp, periods)
+    robot = load_robot(robot_file)
+    told = build_model(robot, model)
+    base = base_of(told)
+    limits = MotionLimits.of(
+        robot, velocity=velocity, acceleration=acceleration, torque=torque, workspace=Workspace.of(robot, floor=floor)
+    )
+    result = _search(told, limits, base, shape, criterion, evaluations, seed)
+    result.trajectory.save(file)
+    if report is not None:
+        _write_report(report, robot, limits, base, result)
+    if json:
+        print_json({"robot": robot.name, "model": model, "trajectory": str(file), **result.to_dict()})
+    else:
+        _print_result(result, limits, base, told, file)
+        if report is not None:
+            out.print(f"report: {escape(str(report / 'report.html'))}")
+
+
+def _search(
+    model: Model, limits: MotionLimits, base: BaseParameters, shape: Shape, criterion: str, evaluations: int, seed: int
+) -> ExcitationResult:
+    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
+    with Progress(*columns, console=err, transient=True) as progress:
+        task = progress.add_task("random motions", total=evaluations)
+
+        def show(evaluation: int, best: float) -> None:
+            progress.update(task, completed=evaluation, description=f"best {criterion} {best:.4g}")
+
+        return optimise(
+            model,
+            limits,
+            base.columns,
+            rng=np.random.default_rng(seed),
+            shape=shape,
+            criterion=criterion,
+            evaluations=evaluations,
+            progress=show,
+        )
+
+
+def _print_result(
+    result: ExcitationResult, limits: MotionLimits, base: BaseParameters, model: Model, file: Path
+) -> None:
+    low, median, high = np.percentile(result.random, [0, 50, 100]) if len(result.random) else [np.nan] * 3
+    out.print(f"condition number of the base regressor ({len(result.columns)} columns)")
+    out.print(f"  {len(result.random)} random motions  {low:.4g} … [bold]{median:.4g}[/] (median) … {high:.4g}")
+    out.print(f"  start, the best of them  {result.condition_before:.4g}")
+    out.print(
+        f"  optimised          [bold green]{result.condition_after:.4g}[/]  after {result.evaluations} evaluations"
+    )
+    if result.criterion != "condition":
+        out.print(f"{result.criterion}: {result.value_before:.4g} before, [bold]{result.value_after:.4g}[/] after")
+    for sentence in indistinct_words(result, base, model):
+        out.print(f"[yellow]not told apart by any such motion:[/] {escape(sentence)}", soft_wrap=True)
+    out.print(_limit_table(result))
+    for name, gap in (("floor", result.use.floor), ("another link", result.use.links)):
+        if np.isfinite(gap):
+            out.print(f"smallest gap to {name}: {1e3 * gap:.0f} mm")
+    for sentence in limits.assumed:
+        out.print(f"[cyan]note:[/] {escape(sentence)}", soft_wrap=True)
+    trajectory = result.trajectory
+    out.print(f"{trajectory.duration:g} s of motion written to {escape(str(file))}")
+
+
+def indistinct_words(result: ExcitationResult, base: BaseParameters, model: Model) -> list[str]:
+    """Return the names of the base parameters that were left out of the search."""
+    names = dict(zip((int(c) for c in base.columns), base.names, strict=True))
+    return [names.get(c, model.parameters[c].name) for c in result.indistinct]
+
+
+def _limit_table(result: ExcitationResult) -> Table:
+    use = result.use
+    table = Table(box=None, header_style="bold", title="share of the limits used", title_justify="left")
+    table.add_column("joint")
+    for heading in (*use.kinds, "peak torque"):
+        table.add_column(heading, justify="right")
+    for i, joint in enumerate(use.joints):
+        shares = [f"{100 * getattr(use, kind)[i]:.0f} %" if np.isfinite(_limit(use, kind, i)) else "–"
+                  for kind in use.kinds]  # fmt: skip
+        table.add_row(escape(joint), *shares, f"{use.peak_torque[i]:.4g} Nm")
+    return table
+
+
+def _limit(use: Any, kind: str, joint: int) -> float:
+    """Return infinity for a torque that is not limited: its share is 0 whatever the peak."""
+    unlimited = kind == "torque" and use.torque[joint] == 0.0 and use.peak_torque[joint] > 0.0
+    return float("inf") if unlimited else 1.0
+
+
+def _write_report(
+    folder: Path, robot: Robot, limits: MotionLimits, base: BaseParameters, result: ExcitationResult
+) -> None:
+    from elastic_arm.report import excitation as figures
+    from elastic_arm.report.html import Figure, Section, Table, Text, write_report
+
+    median = float(np.median(result.random)) if len(result.random) else float("nan")
+    verdict = (
+        f"Condition number of the base regressor: {result.condition_after:.3g} optimised, {median:.3g} the median of "
+        f"{len(result.random)} random motions within the same limits."
+    )
+    use = result.use
+    rows = [
+        [joint, *(float(getattr(use, kind)[i]) for kind in use.kinds), float(use.peak_torque[i])]
+        for i, joint in enumerate(use.joints)
+    ]
+    left_out = [name for c, name in zip(base.columns, base.names, strict=True) if c in result.indistinct]
+    sections = [
+        Section(
+            "Result",
+            [
+                Text(verdict, "good"),
+                *(Text(f"No such motion tells this parameter from the others: {name}", "warn") for name in left_out),
+                Figure(figures.condition_against_random(result), "Random motions and the optimised one."),
+                Figure(figures.search_course(result), "Course of the pattern search."),
+            ],
+        ),
+        Section(
+            "Motion",
+            [
+                Figure(
+                    figures.joint_motion(result.trajectory, limits),
+                    "Blue: the motion; dashed: limits; shaded: the periodic section between start and stop.",
+                ),
+                Figure(
+                    figures.tip_path(result.trajectory, robot),
+                    "Path of the last link's frame, with the arm in some poses; dot: start; dashed: floor.",
+                ),
+            ],
+        ),
+        Section(
+            "Limits",
+            [
+                Table(["joint", *use.kinds, "peak torque [Nm]"], rows, "Share of the limits used.", digits=3),
+                *(Text(sentence) for sentence in limits.assumed),
+            ],
+        ),
+    ]
+    write_report(folder / "report.html", f"Excitation of {robot.name}", sections, subtitle=f"by {result.criterion}")
