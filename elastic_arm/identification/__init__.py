@@ -2,13 +2,15 @@
 
 from elastic_arm.identification.identify import differentiate, identifier_of, identify
 from elastic_arm.identification.laws import law_columns, parse_laws
-from elastic_arm.identification.result import Estimate, Identification
+from elastic_arm.identification.result import Comparison, Estimate, Identification, compare
 from elastic_arm.identification.stream import Identifier
 
 __all__ = [
+    "Comparison",
     "Estimate",
     "Identification",
     "Identifier",
+    "compare",
     "differentiate",
     "identifier_of",
     "identify",

@@ -25,9 +25,11 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from elastic_arm.dynamics.information import gram
 from elastic_arm.errors import IdentificationError
 from elastic_arm.identification.base_parameters import BaseParameters, find_base
 from elastic_arm.identification.derivatives import Motion
+from elastic_arm.identification.doubled import Pair
 
 Array = NDArray[np.float64]
 
@@ -119,6 +121,44 @@ class Equations:
         phi = self._all_rows(motion, own, extra)
         measured = [self._measured(motion, side) for side in self.sides]
         return np.concatenate([phi, np.concatenate(measured)[..., None]], axis=-1)
+
+    def information(self, motion: Motion) -> Pair:
+        """Return [Phi y]'[Phi y] of all groups, hi and lo (groups, B + 1, B + 1), in twice the working precision."""
+        if self.columns or (self.elastic and "whole" in self.sides):
+            rows = self.rows(motion)
+            parts = [gram(group) for group in rows]
+            return np.stack([hi for hi, _ in parts]), np.stack([lo for _, lo in parts])
+        both = self._both_sides(motion)
+        x, dx, ddx = (self._coordinates(both, name) for name in ("", "d", "dd"))
+        measured = [self._measured(motion, side).T for side in self.sides if side != "drive"]
+        y = np.zeros((len(motion), self.model.dof))  # type: ignore[attr-defined]
+        y[:, : self.n * len(measured)] = np.hstack(measured)[:, : y.shape[1]]
+        total = self.model.accumulator(self.base.columns)  # type: ignore[attr-defined]
+        total.add(x, dx, ddx, y=y)
+        hi, lo = total.grams()
+        own = self.n * len(measured)
+        if "drive" not in self.sides:
+            return hi[:own], lo[:own]
+        drive = self._drive_information(x, dx, self._measured(motion, "drive"))
+        return np.concatenate([hi[:own], drive[0]]), np.concatenate([lo[:own], drive[1]])
+
+    def _drive_information(self, x: Array, dx: Array, tau_J: Array) -> Pair:
+        """Return the sums of the drive rows: their only columns are deflections and their rates."""
+        width = len(self.base) + 1
+        hi, lo = np.zeros((2, self.n, width, width))
+        n = self.n
+        for i, (K, D) in enumerate(self._drive_columns()):
+            columns = [x[:, n + i] - x[:, i], dx[:, n + i] - dx[:, i], tau_J[i]]
+            at = np.ix_([i], [K, D, width - 1], [K, D, width - 1])
+            whole, rest = gram(np.stack(columns, axis=1))
+            hi[at], lo[at] = whole[None], rest[None]
+        return hi, lo
+
+    def _drive_columns(self) -> list[tuple[int, int]]:
+        """Return the places of K and D of each joint among the base columns."""
+        place = {self.names[c]: k for k, c in enumerate(self.base.columns.tolist())}
+        joints = self.model.robot.joint_names  # type: ignore[attr-defined]
+        return [(place[f"{joint}.K"], place[f"{joint}.D"]) for joint in joints]
 
     def predict(self, motion: Motion, Psi_base: Array) -> dict[str, Array]:
         """Return the right sides of all equations, side -> (N, n) Nm, for base parameters `Psi_base`."""

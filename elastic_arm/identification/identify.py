@@ -12,6 +12,8 @@ from numpy.typing import NDArray
 from elastic_arm.dynamics import build_model
 from elastic_arm.effects import Active
 from elastic_arm.errors import IdentificationError
+from elastic_arm.identification.consistency import consistent as find_consistent
+from elastic_arm.identification.consistency import identified_robot
 from elastic_arm.identification.derivatives import Motion, Smoother, design_smoother
 from elastic_arm.identification.equations import Equations
 from elastic_arm.identification.fourier import fourier_motion
@@ -85,6 +87,8 @@ def identify(
     derivatives: Method = "auto",
     period: float | None = None,
     weighted: bool = True,
+    consistent: bool = True,
+    validate: Sequence[Recording] = (),
     says: Says | None = None,
 ) -> Identification:
     """Identify an arm from recordings.
@@ -103,6 +107,10 @@ def identify(
         See :func:`differentiate`.
     weighted
         Weigh each equation by its noise; else ordinary least squares.
+    consistent
+        Also find all parameters, physically consistent and close to the nominal where the data say nothing.
+    validate
+        Recordings that no fit may see; the residuals on them are part of the result.
     says
         Called with what is being done and the share that is done.
 
@@ -127,7 +135,54 @@ def identify(
         for motion in derived.motions:
             identifier.add_motion(motion)
     tell("estimate", 1.0)
-    return identifier.estimate(tuple(r.source for r in chosen), tuple(methods))
+    result = identifier.estimate(tuple(r.source for r in chosen), tuple(methods))
+    if consistent:
+        tell("physical consistency", 1.0)
+        result = with_consistency(result, identifier, robot, effects)
+    return _validated(result, identifier, robot, validate, tell) if validate else result
+
+
+def with_consistency(
+    result: Identification, identifier: Identifier, robot: Robot, effects: Sequence[Active] = ()
+) -> Identification:
+    """Add all parameters, physically consistent, and the arm that has them; see :mod:`.consistency` for errors."""
+    found = find_consistent(identifier.fit(), identifier.equations)
+    return result.with_(
+        Psi=found.Psi,
+        consistency={"trust": found.trust, "misfit": found.misfit},
+        identified=identified_robot(robot, identifier.equations, found.Psi, effects),
+    )
+
+
+def residuals(equations: Equations, Psi_base: Array, motions: Sequence[Motion]) -> dict[str, dict[str, float]]:
+    """Return equation -> joint -> rms of measured less predicted, Nm, in the band of the derivative stage."""
+    squares = {side: np.zeros(equations.n) for side in equations.sides}
+    samples = sum(len(motion) for motion in motions)
+    for motion in motions:
+        predicted = equations.predict(motion, Psi_base)
+        for side, measured in equations.measured(motion).items():
+            squares[side] += np.sum((measured - predicted[side]) ** 2, axis=0)
+    return {
+        side: dict(zip(equations.joints, np.sqrt(total / max(samples, 1)).tolist(), strict=True))
+        for side, total in squares.items()
+    }
+
+
+def _validated(
+    result: Identification, identifier: Identifier, robot: Robot, recordings: Sequence[Recording], tell: Says
+) -> Identification:
+    equations = identifier.equations
+    arms = {"nominal": equations.base.T @ equations.nominal, "identified": result.Psi_base}
+    if result.Psi is not None:
+        arms["consistent"] = equations.base.T @ result.Psi
+    found = {}
+    for recording in recordings:
+        tell(f"validation on {recording.source}", 1.0)
+        samples = recording.select(robot.joint_names).samples()
+        identifier.expect(samples)
+        motions = differentiate(samples, "smoother", equations=equations).motions
+        found[recording.source] = {arm: residuals(equations, Psi, motions) for arm, Psi in arms.items()}
+    return result.with_(validation=found)
 
 
 def identifier_of(robot: Robot, model: str = "mod3", effects: Sequence[Active] = (), **options: object) -> Identifier:

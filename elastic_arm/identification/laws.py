@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elastic_arm.dynamics import kernels
-from elastic_arm.effects import Active, Contribution, Role, Scope, parse
+from elastic_arm.effects import Active, Role, Scope, parse
 from elastic_arm.effects import Motion as SymbolicMotion
-from elastic_arm.effects.acting import Acting
+from elastic_arm.effects.acting import law_joints
 from elastic_arm.effects.catalogue import find
 from elastic_arm.effects.equations import ArmEquations
 from elastic_arm.errors import IdentificationError
@@ -22,6 +22,8 @@ from elastic_arm.robot import Robot
 
 Array = NDArray[np.float64]
 SIDES = ("link", "drive", "motor")
+# Below this speed, rad/s, dry friction turns over gradually: presliding, and the velocity's own error.
+SIGN_SPEED = 0.01
 
 
 def parse_laws(texts: Sequence[str], robot: Robot) -> list[Active]:
@@ -84,12 +86,24 @@ def _kernel(active: Active, robot: Robot, model: str, wanted: list[int]) -> tupl
     tau_J, tau_m = ca.SX.sym("tau_J", n), ca.SX.sym("tau_m", n)
     velocity = {"link": dx[:n], "motor": dx[n : 2 * n] if robot.elastic else dx[:n]}
     motion = SymbolicMotion(
-        equations, x, dx, ddx, tau_J, tau_m, ca.SX(n, 1), ca.SX(n, 1), lambda side, i: ca.sign(velocity[side][i])
+        equations,
+        x,
+        dx,
+        ddx,
+        tau_J,
+        tau_m,
+        ca.SX(n, 1),
+        ca.SX(n, 1),
+        lambda side, i: ca.tanh(velocity[side][i] / SIGN_SPEED),
     )
-    acting = Acting([active], robot)
-    total: Contribution = acting.contribution(motion)[0]
+    symbols = {p.name: ca.SX.sym(p.name, p.size) for p in active.effect.parameters}
+    numbers = np.concatenate([np.atleast_1d(np.asarray(active.parameters[name], dtype=float)) for name in symbols])
+    p = ca.vertcat(*symbols.values())
+    total = motion.nothing()
+    for i in law_joints(active, robot):
+        total += active.effect.law(motion, i, {**active.parameters, **symbols})
     stacked = ca.vertcat(total.link, total.drive, total.motor)
-    at = ca.substitute(ca.jacobian(stacked, acting.p)[:, wanted], acting.p, ca.DM(acting.numbers()))
+    at = ca.substitute(ca.jacobian(stacked, p)[:, wanted], p, ca.DM(numbers))
     inputs = {"x": x, "dx": dx, "ddx": ddx, "tau_J": tau_J, "tau_m": tau_m, "Psi": equations.Psi}
     function = ca.Function("law", list(inputs.values()), [ca.sparsify(at)], list(inputs), ["columns"])
     return kernels.compile(function, shared=("Psi",)), equations.nominal

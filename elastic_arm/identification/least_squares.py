@@ -1,53 +1,45 @@
-"""Least squares in constant memory: triangular factors of blocks of samples, and what follows from them.
+"""Least squares in constant memory: Gram matrices of blocks of samples, and what follows from them.
 
-A *group* is the rows of one equation of one joint. Each block of samples leaves one triangular factor per group,
-R'R = [Phi y]'[Phi y]. At most :data:`MOST_BLOCKS` blocks are kept: when they are full, neighbours are merged by an
-orthogonal transformation and blocks become twice as long. Nothing else is stored, however long the stream runs, and
+A *group* is the rows of one equation of one joint. Each block of samples leaves [Phi y]'[Phi y] of each group, in twice
+the working precision, so that nothing is lost by squaring. At most :data:`MOST_BLOCKS` blocks are kept: when they are
+full, neighbours are added up and blocks become twice as long. Nothing else is stored, however long the stream runs, and
 still the scores of the blocks, Phi'(y - Phi Psi), are there for any Psi: they give standard deviations that hold for
 coloured errors too.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+import functools
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import solve_triangular
 
 from elastic_arm.errors import IdentificationError
+from elastic_arm.identification.doubled import Pair, add, cholesky
 
 Array = NDArray[np.float64]
 
 MOST_BLOCKS = 64
+# With fewer blocks than this, errors are taken for white: there is nothing to tell their colour by.
+FEWEST_BLOCKS = 8
 # Below this share of the largest singular value of the equilibrated columns a direction is not determined.
 RANK_FLOOR = 1e-9
 # A group's noise is not believed to be smaller than this share of its largest term: rounding, not data.
 NOISE_FLOOR = 1e-6
 
 
-def factor(rows: Array) -> Array:
-    """Return triangular factors of rows.
-
-    Parameters
-    ----------
-    rows
-        (groups, N, width): regressor columns and, last, the measured side.
-
-    Returns
-    -------
-    (groups, width, width), upper triangular.
-    """
+def triangular(rows: Array) -> Array:
+    """Return the triangular factor (k, k) of rows (N, k)."""
     width = rows.shape[-1]
     r: Array = np.asarray(np.linalg.qr(rows, mode="r"))
-    if r.shape[-2] < width:
-        r = np.concatenate([r, np.zeros((*r.shape[:-2], width - r.shape[-2], width))], axis=-2)
-    return r
+    return r if len(r) == width else np.concatenate([r, np.zeros((width - len(r), width))])
 
 
 @dataclass
-class BlockFactors:
-    """The accumulator: a bounded number of block factors.
+class Blocks:
+    """The accumulator: a bounded number of blocks, each the Gram matrices of its rows.
 
     Parameters
     ----------
@@ -57,26 +49,43 @@ class BlockFactors:
         Columns, the measured side included.
     most
         Largest number of blocks kept, even.
+    span
+        Units of samples that make a block; it doubles whenever the blocks are full.
+    grams
+        hi, lo (groups, width, width) of each block: [Phi y]'[Phi y] in twice the working precision.
+    counts
+        Samples of each block.
     """
 
     groups: int
     width: int
     most: int = MOST_BLOCKS
     span: int = 1
-    factors: list[Array] = field(default_factory=list)
+    grams: list[Pair] = field(default_factory=list)
     counts: list[int] = field(default_factory=list)
-    _open: int = 0
+    _units: int = 0
 
-    def add(self, r: Array, count: int) -> None:
-        """Add the factor (groups, width, width) of the next `count` samples."""
-        if self._open:
-            self.factors[-1] = factor(np.concatenate([self.factors[-1], r], axis=1))
+    @property
+    def room(self) -> int:
+        """Units that the last block still takes."""
+        return self.span - self._units
+
+    def add(self, gram: Pair, count: int, units: int = 1) -> None:
+        """Add the sums of the next `count` samples, which are `units` units, at most :attr:`room`."""
+        if self._units:
+            self.grams[-1] = add(self.grams[-1], gram)
             self.counts[-1] += count
         else:
-            self.factors.append(r)
+            self.grams.append(gram)
             self.counts.append(count)
-        self._open = (self._open + 1) % self.span
-        if len(self.factors) == self.most and not self._open:
+        self._units = (self._units + units) % self.span
+        if len(self.grams) == self.most and not self._units:
+            self._halve()
+
+    def close(self) -> None:
+        """Begin a new block with the next samples, as after a gap."""
+        self._units = 0
+        while len(self.grams) >= self.most:
             self._halve()
 
     @property
@@ -85,22 +94,25 @@ class BlockFactors:
         return sum(self.counts)
 
     def total(self) -> Array:
-        """Return the factor (groups, width, width) of all samples."""
-        if not self.factors:
+        """Return the triangular factors (groups, width, width) of all samples."""
+        if not self.grams:
             return np.zeros((self.groups, self.width, self.width))
-        return factor(np.concatenate(self.factors, axis=1))
+        return cholesky(functools.reduce(add, self.grams))
 
-    def merged(self, other: BlockFactors) -> BlockFactors:
+    def copy(self) -> Blocks:
+        """Return blocks that go their own way from here."""
+        return replace(self, grams=list(self.grams), counts=list(self.counts))
+
+    def merged(self, other: Blocks) -> Blocks:
         """Return the blocks of both, as of two recordings."""
-        both = BlockFactors(self.groups, self.width, self.most, max(self.span, other.span))
-        both.factors, both.counts = self.factors + other.factors, self.counts + other.counts
-        while len(both.factors) >= both.most:
-            both._halve()
+        both = replace(self, grams=self.grams + other.grams, counts=self.counts + other.counts)
+        both.span = max(self.span, other.span)
+        both.close()
         return both
 
     def _halve(self) -> None:
-        pairs = [slice(k, k + 2) for k in range(0, len(self.factors), 2)]
-        self.factors = [factor(np.concatenate(self.factors[pair], axis=1)) for pair in pairs]
+        pairs = [slice(k, k + 2) for k in range(0, len(self.grams), 2)]
+        self.grams = [functools.reduce(add, self.grams[pair]) for pair in pairs]
         self.counts = [sum(self.counts[pair]) for pair in pairs]
         self.span *= 2
 
@@ -147,7 +159,7 @@ class Fit:
         return np.sqrt(np.diag(self.covariance))
 
 
-def fit(blocks: BlockFactors, weighted: bool = True, rounds: int = 4) -> Fit:
+def fit(blocks: Blocks, weighted: bool = True, rounds: int = 4) -> Fit:
     """Solve the accumulated problem.
 
     Parameters
@@ -170,16 +182,16 @@ def fit(blocks: BlockFactors, weighted: bool = True, rounds: int = 4) -> Fit:
     r = blocks.total()
     weights = np.ones(blocks.groups)
     for _ in range(rounds if weighted else 1):
-        whole = factor((weights[:, None, None] * r).reshape(1, -1, P + 1))[0]
+        whole = triangular((weights[:, None, None] * r).reshape(-1, P + 1))
         Psi, condition, undetermined = _solve(whole)
         noise = _noise(r, Psi, blocks.samples)
         if weighted:
             weights = 1.0 / noise
     if weighted:
-        whole = factor((weights[:, None, None] * r).reshape(1, -1, P + 1))[0]
+        whole = triangular((weights[:, None, None] * r).reshape(-1, P + 1))
         Psi, condition, undetermined = _solve(whole)
         noise = _noise(r, Psi, blocks.samples)
-    robust, white = _covariances(blocks, Psi, weights, noise, whole)
+    robust, white = _covariances(blocks, Psi, weights, noise, whole, r)
     return Fit(Psi, robust, white, noise, weights, whole, condition, undetermined, blocks.samples)
 
 
@@ -217,7 +229,9 @@ def _solve(whole: Array) -> tuple[Array, float, Array]:
     return Psi, float(s[0] / s[-1]) if s[-1] > 0 else float("inf"), vt[~known]
 
 
-def _covariances(blocks: BlockFactors, Psi: Array, weights: Array, noise: Array, whole: Array) -> tuple[Array, Array]:
+def _covariances(
+    blocks: Blocks, Psi: Array, weights: Array, noise: Array, whole: Array, r: Array
+) -> tuple[Array, Array]:
     """Return the covariance from the blocks' scores, and that of white errors.
 
     The scores are mended for the share of each block in the fit (bias-reduced linearization, R. Bell and
@@ -227,22 +241,21 @@ def _covariances(blocks: BlockFactors, Psi: Array, weights: Array, noise: Array,
     _, s, vt = np.linalg.svd(columns, full_matrices=False)
     known = s > RANK_FLOOR * s[0]
     back = (vt[known].T / s[known]) / scale[:, None]  # whitened coordinates -> Psi
-    white = back @ _white_meat(blocks, weights, noise, back) @ back.T
-    if len(blocks.factors) < 8:
+    white = back @ _white_meat(r, weights, noise, back) @ back.T
+    if len(blocks.grams) < FEWEST_BLOCKS:
         return white, white
-    square = weights[:, None, None] ** 2
+    solution = np.append(-Psi, 1.0)
     meat = np.zeros((back.shape[1],) * 2)
-    for r in blocks.factors:
-        phi = r[..., :-1] @ back
-        error = r[..., -1] - r[..., :-1] @ Psi
-        leverage = np.sum(square * (phi.transpose(0, 2, 1) @ phi), axis=0)
-        score = np.einsum("g,gik,gi->k", weights**2, phi, error)
+    for hi, lo in blocks.grams:
+        gram = np.tensordot(weights**2, hi, 1)
+        score = back.T @ (gram @ solution + np.tensordot(weights**2, lo, 1) @ solution)[:-1]
+        leverage = back.T @ gram[:-1, :-1] @ back
         values, vectors = np.linalg.eigh(leverage)
         mended = vectors @ ((vectors.T @ score) / np.sqrt(np.maximum(1.0 - values, 1e-3)))
         meat += np.outer(mended, mended)
     return back @ meat @ back.T, white
 
 
-def _white_meat(blocks: BlockFactors, weights: Array, noise: Array, back: Array) -> Array:
-    phi = blocks.total()[..., :-1] @ back
+def _white_meat(r: Array, weights: Array, noise: Array, back: Array) -> Array:
+    phi = r[..., :-1] @ back
     return np.einsum("g,gik,gil->kl", (weights**2 * noise) ** 2, phi, phi)

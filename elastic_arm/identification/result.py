@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 
 from elastic_arm.errors import IdentificationError
 from elastic_arm.identification.equations import Equations
-from elastic_arm.identification.least_squares import BlockFactors, Fit
-from elastic_arm.identification.verdict import directions, excitation, relative_std, verdicts
+from elastic_arm.identification.least_squares import Fit
+from elastic_arm.identification.verdict import Excitation, directions, relative_std, verdicts
 from elastic_arm.robot import Robot
 
 Array = NDArray[np.float64]
@@ -76,8 +76,12 @@ class Identification:
         beyond the model last; Psi is None where it was not asked for.
     covariance
         (B, B) of the base parameters.
+    consistency
+        For Psi: `trust`, the relative error of the nominal that made the recording most probable; `misfit`, by how much
+        of the noise the consistent arm fits worse than the base parameters.
     validation
-        Recording -> equation -> joint -> rms of the residual, Nm, on data that no fit has seen.
+        Recording -> "nominal", "identified" or "consistent" -> equation -> joint -> rms of the residual, Nm, on data
+        that no fit has seen.
     identified
         The arm with the parameters of Psi; not part of the JSON file, see :meth:`save_robot`.
     """
@@ -98,7 +102,8 @@ class Identification:
     covariance: Array
     Psi: Array | None = None
     notes: tuple[str, ...] = ()
-    validation: dict[str, dict[str, dict[str, float]]] | None = None
+    consistency: dict[str, float] | None = None
+    validation: dict[str, dict[str, dict[str, dict[str, float]]]] | None = None
     identified: Robot | None = None
 
     @property
@@ -170,14 +175,46 @@ class Identification:
         self.identified.save(path)
 
 
+@dataclass(frozen=True)
+class Comparison:
+    """A base parameter beside the truth of a simulated arm; `z` is the error in standard deviations."""
+
+    name: str
+    unit: str
+    value: float
+    std: float
+    true: float
+    z: float
+
+
+def compare(identification: Identification, true_robot: Robot) -> list[Comparison]:
+    """Compare an identification with the arm that was simulated; only code that scores may know that.
+
+    Raises
+    ------
+    IdentificationError
+        If the true arm is not made of the same bodies.
+    """
+    from elastic_arm.dynamics import build_model
+
+    parameters = build_model(true_robot, identification.model).parameters
+    value = {p.name: p.nominal for p in parameters}
+    if not set(value) <= set(identification.parameter_names):
+        raise IdentificationError("the true arm has other bodies than the identified one", "Compare equal arms.")
+    true = identification.T @ np.array([value.get(name, 0.0) for name in identification.parameter_names])
+    return [
+        Comparison(e.name, e.unit, e.value, e.std, t, (e.value - t) / max(e.std, 1e-300))
+        for e, t in zip(identification.estimates, true.tolist(), strict=True)
+    ]
+
+
 def result_of(
-    blocks: BlockFactors, fit: Fit, equations: Equations, *, recordings: tuple[str, ...], methods: tuple[str, ...]
+    fit: Fit, equations: Equations, judged: Excitation, *, recordings: tuple[str, ...], methods: tuple[str, ...]
 ) -> Identification:
     """Put a fit into words."""
     base = equations.base
     relative = relative_std(equations, fit.Psi, fit.std)
     nominal = base.T @ equations.nominal
-    judged = excitation(blocks, equations)
     robot = equations.model.robot  # type: ignore[attr-defined]
     noise = fit.noise.reshape(len(equations.sides), equations.n)
     return Identification(

@@ -12,16 +12,15 @@ from elastic_arm.errors import IdentificationError
 from elastic_arm.identification.derivatives import Motion, Smoother, design_smoother
 from elastic_arm.identification.equations import Column, Equations
 from elastic_arm.identification.grid import CHANNELS, Clock, Grid, joined, part
-from elastic_arm.identification.least_squares import BlockFactors, Fit, factor, fit
+from elastic_arm.identification.least_squares import Blocks, Fit, fit
 from elastic_arm.identification.result import Identification, result_of
+from elastic_arm.identification.verdict import Excitation, Liveliness, excitation
 from elastic_arm.recording import Samples
 
-# Samples of a block: the shortest run of which the accumulator keeps a factor.
+# Samples of a unit: the shortest block.
 BLOCK = 256
 # The stream listens this long before it chooses its smoother.
 CALIBRATION_SECONDS = 4.0
-# Work is done in runs of about so many samples.
-CHUNK = 64 * BLOCK
 SENSED = ("q", "theta", "tau_J", "tau_m")
 
 
@@ -30,36 +29,36 @@ class Accumulator:
 
     def __init__(self, equations: Equations) -> None:
         self.equations = equations
-        self.blocks = BlockFactors(len(equations.groups), len(equations.base) + 1)
+        self.blocks = Blocks(len(equations.groups), len(equations.base) + 1)
+        self.liveliness = Liveliness()
         self._waiting: list[Motion] = []
 
     def add(self, motion: Motion) -> None:
         """Add a run of motion; runs need not meet."""
+        self.liveliness.add(motion)
         self._waiting.append(motion)
         if sum(map(len, self._waiting)) < BLOCK:
             return
         motion = Motion.joined(self._waiting)
         whole = len(motion) // BLOCK * BLOCK
-        for start in range(0, whole, CHUNK):
-            self._add_blocks(motion[start : min(start + CHUNK, whole)])
+        self._add_blocks(motion[:whole])
         self._waiting = [motion[whole:]] if whole < len(motion) else []
 
-    def snapshot(self) -> BlockFactors:
-        """Return the factors with those waiting in them."""
-        rest = BlockFactors(self.blocks.groups, self.blocks.width, self.blocks.most, self.blocks.span)
-        rest.factors, rest.counts = list(self.blocks.factors), list(self.blocks.counts)
+    def snapshot(self) -> Blocks:
+        """Return the blocks with the samples that wait in them."""
+        blocks = self.blocks.copy()
         if self._waiting:
             motion = Motion.joined(self._waiting)
-            rest.factors.append(factor(self.equations.rows(motion)))
-            rest.counts.append(len(motion))
-        return rest
+            blocks.add(self.equations.information(motion), len(motion))
+        return blocks
 
     def _add_blocks(self, motion: Motion) -> None:
-        rows = self.equations.rows(motion)
-        groups, samples, width = rows.shape
-        blocks = rows.reshape(groups, samples // BLOCK, BLOCK, width).swapaxes(0, 1)
-        for r in factor(blocks):
-            self.blocks.add(r, BLOCK)
+        start = 0
+        while start < len(motion):
+            units = min((len(motion) - start) // BLOCK, self.blocks.room)
+            stop = start + units * BLOCK
+            self.blocks.add(self.equations.information(motion[start:stop]), stop - start, units)
+            start = stop
 
 
 def smoothed(smoother: Smoother, grid: Grid, equations: Equations) -> Motion:
@@ -114,7 +113,7 @@ class Identifier:
     Notes
     -----
     The equations are chosen by the channels of the first samples. Memory is bounded: one block of motion, the
-    smoother's window, and at most 64 factors.
+    smoother's window, and at most 64 blocks.
     """
 
     def __init__(
@@ -222,7 +221,7 @@ class Identifier:
             If there are too few.
         """
         blocks = self._ready().snapshot()
-        if not blocks.factors:
+        if not blocks.grams:
             waiting = 0 if self._buffer is None else len(self._buffer)
             raise IdentificationError(
                 f"{waiting} samples are not yet enough for an estimate", "Wait some seconds, or record longer."
@@ -231,7 +230,12 @@ class Identifier:
 
     def estimate(self, recordings: tuple[str, ...] = (), methods: tuple[str, ...] = ()) -> Identification:
         """Return the estimate with its doubts; see :meth:`fit` for errors."""
-        return result_of(self._ready().snapshot(), self.fit(), self.equations, recordings=recordings, methods=methods)
+        return result_of(self.fit(), self.equations, self.excitation(), recordings=recordings, methods=methods)
+
+    def excitation(self) -> Excitation:
+        """Return what the motion so far can determine; the torques are not looked at."""
+        ready = self._ready()
+        return excitation(ready.snapshot(), ready.equations, ready.liveliness)
 
     def _ready(self) -> Accumulator:
         if self.accumulator is None:

@@ -8,18 +8,19 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from elastic_arm.identification.derivatives import Motion
 from elastic_arm.identification.equations import Equations
-from elastic_arm.identification.least_squares import BlockFactors, factor
+from elastic_arm.identification.least_squares import Blocks, triangular
 
 Array = NDArray[np.float64]
 
 # A parameter is determined well below the first, poorly below the second relative standard deviation, else not at all.
 WELL = 0.05
 POORLY = 0.5
-# Condition numbers of the equilibrated columns from which an excitation is called poor.
-POOR_CONDITION = 1000.0
-# Share of parameters that a good excitation may leave poorly determined or worse.
-POOR_SHARE = 0.5
+# Independent equations that a good excitation gives for each parameter.
+ROWS_PER_PARAMETER = 1.0
+# Share of parameters that a good excitation may leave undetermined.
+POOR_SHARE = 0.25
 # Torque noise taken for granted before a fit, Nm (torque sensors of this class; a fit estimates its own).
 TORQUE_NOISE = 0.26
 # A parameter takes part in an undetermined direction from this share on.
@@ -51,6 +52,47 @@ class Excitation:
     reasons: tuple[str, ...]
 
 
+@dataclass
+class Liveliness:
+    """How much a motion moves: running sums that tell how often it says something new.
+
+    Parameters
+    ----------
+    samples
+        Number of samples.
+    speed, acceleration
+        (n,) sums of squares.
+    """
+
+    samples: int = 0
+    seconds: float = 0.0
+    speed: Array | float = 0.0
+    acceleration: Array | float = 0.0
+
+    def add(self, motion: Motion) -> None:
+        """Add a run of motion."""
+        dq, ddq = (motion.dq, motion.ddq) if motion.dq is not None else (motion.dtheta, motion.ddtheta)
+        if dq is None or ddq is None or not len(motion):
+            return
+        self.samples += len(motion)
+        self.seconds += float(motion.t[-1] - motion.t[0])
+        self.speed = self.speed + np.sum(dq**2, axis=0)
+        self.acceleration = self.acceleration + np.sum(ddq**2, axis=0)
+
+    @property
+    def frequency(self) -> float:
+        """Typical frequency of the motion, Hz: of the joint that is quickest to and fro."""
+        if not self.samples or not np.any(self.speed):
+            return 0.0
+        quickest = np.max(self.acceleration / np.maximum(self.speed, 1e-12 * np.max(self.speed)))
+        return float(np.sqrt(quickest) / (2 * np.pi))
+
+    @property
+    def independent_samples(self) -> float:
+        """Number of samples that say something new: two a period of the typical frequency."""
+        return max(2.0 * self.frequency * self.seconds, 1.0)
+
+
 def natural_scales(equations: Equations) -> Array:
     """Return the size that each base parameter can be expected to have, (B,).
 
@@ -70,29 +112,43 @@ def natural_scales(equations: Equations) -> Array:
     return np.where(scale > 0, scale, np.nan)
 
 
-def excitation(blocks: BlockFactors, equations: Equations, torque_noise: float = TORQUE_NOISE) -> Excitation:
-    """Judge the motion of a recording; the torques are not looked at."""
+def excitation(
+    blocks: Blocks, equations: Equations, liveliness: Liveliness, torque_noise: float = TORQUE_NOISE
+) -> Excitation:
+    """Judge the motion of a recording; the torques are not looked at.
+
+    What a model misses (friction, ripple, elasticity) follows the motion and does not average out as noise does: the
+    errors of samples closer than half a period of the motion count as one.
+    """
     r = blocks.total()[..., :-1]
-    whole = factor(r.reshape(1, -1, r.shape[-1]) / torque_noise)[0]
+    crowding = np.sqrt(max(liveliness.samples / liveliness.independent_samples, 1.0))
+    whole = triangular(r.reshape(-1, r.shape[-1]) / (torque_noise * crowding))
     size = np.linalg.norm(whole, axis=0)
     _, s, vt = np.linalg.svd(whole / np.where(size > 0, size, 1.0), full_matrices=False)
     condition = float(s[0] / s[-1]) if s[-1] > 0 else float("inf")
     spread = np.sqrt(np.sum((vt / np.maximum(s, 1e-300)[:, None]) ** 2, axis=0))
+    scales = natural_scales(equations)
     with np.errstate(divide="ignore"):
-        relative = np.where(size > 0, spread / size, np.inf) / natural_scales(equations)
+        relative = np.where(size > 0, spread / size, np.inf) / scales
     names = equations.base.names
     weakest = tuple(names[k] for k in np.flatnonzero(np.abs(vt[-1]) > TAKES_PART).tolist())
-    judged = np.isfinite(natural_scales(equations))
-    bad = judged & ~(relative <= POORLY)
-    reasons = []
-    if condition > POOR_CONDITION:
-        reasons.append(
-            f"the condition number of the regressor is {condition:.3g} (below {POOR_CONDITION:g} is wanted): "
-            f"some parameters act alike on this motion"
+    reasons = _reasons(liveliness, len(equations.groups), relative[np.isfinite(scales)], len(names))
+    return Excitation(condition, relative, weakest, bool(reasons), reasons)
+
+
+def _reasons(liveliness: Liveliness, groups: int, relative: Array, parameters: int) -> tuple[str, ...]:
+    """Say why the excitation is poor, if it is."""
+    said = []
+    rows = liveliness.independent_samples * groups
+    if rows < ROWS_PER_PARAMETER * parameters:
+        said.append(
+            f"the motion says little that is new: at {liveliness.frequency:.2g} Hz over {liveliness.seconds:.3g} s "
+            f"it gives about {rows:.0f} independent equations for {parameters} parameters"
         )
-    if judged.any() and bad.sum() > POOR_SHARE * judged.sum():
-        reasons.append(f"{bad.sum()} of {judged.sum()} base parameters stay within their expected errors")
-    return Excitation(condition, relative, weakest, bool(reasons), tuple(reasons))
+    bad = np.count_nonzero(~(relative <= POORLY))
+    if bad > POOR_SHARE * len(relative):
+        said.append(f"{bad} of {len(relative)} base parameters of the arm will stay within their expected errors")
+    return tuple(said)
 
 
 def verdicts(relative_std: Array) -> tuple[str, ...]:
