@@ -17,8 +17,9 @@ from rosbags.interfaces import Nodetype
 from rosbags.typesys.store import Typestore
 
 from elastic_arm.errors import RecordingError
-from elastic_arm.recording.scan import Bytes, Offsets, column, progression
+from elastic_arm.recording.scan import MESSAGE_HEAD, RECORD_HEAD, Bytes, Offsets, column, progression
 
+_RECORD_SIZE = 1 - MESSAGE_HEAD  # where a message's record says its length, seen from the message
 _ORIGIN = 4  # alignment counts from behind the encapsulation header
 _NUMBERS = {
     **{name: name for name in ("int8", "uint8", "int16", "uint16", "int32", "uint32", "int64", "uint64")},
@@ -82,8 +83,18 @@ class Layout:
                 self.words.append((begin, f"<u{width}", value))
                 begin += width
 
-    def matches(self, buffer: Bytes, where: Offsets | slice) -> NDArray[np.bool_]:
-        """Say which of the messages (all of this size) at `where` have this layout and these names."""
+    def matches(self, buffer: Bytes, offsets: Offsets) -> NDArray[np.bool_]:
+        """Say which of the messages at `offsets` have this layout and these names."""
+        where = progression(offsets)
+        # The length stands in the head of the message's record; only messages of this one reach as far as the words.
+        same = column(buffer, "<u8", where, _RECORD_SIZE) == self.size + MESSAGE_HEAD - RECORD_HEAD
+        if same.all():
+            return self._alike(buffer, where)
+        long = np.flatnonzero(same)
+        same[long] = self._alike(buffer, offsets[long])
+        return same
+
+    def _alike(self, buffer: Bytes, where: Offsets | slice) -> NDArray[np.bool_]:
         begin, dtype, value = self.words[0]
         same = column(buffer, dtype, where, begin) == value
         for begin, dtype, value in self.words[1:]:
@@ -99,12 +110,18 @@ class Layout:
             If the messages have no such field of numbers.
         """
         numbers = self.numbers[path]
-        # One opaque item per message is copied faster than `count` numbers.
-        width = max(numbers.count * numbers.dtype.itemsize, 1)
-        items = np.ascontiguousarray(column(buffer, f"V{width}", where, numbers.at if numbers.count else 0))
-        if not numbers.count:
-            return np.empty((len(items), 0), numbers.dtype)
-        return items.view(numbers.dtype).reshape(len(items), numbers.count)
+        count = len(range(where.start, where.stop, where.step)) if isinstance(where, slice) else len(where)
+        found = np.empty((count, numbers.count), numbers.dtype)
+        self.values_into(buffer, where, path, found)
+        return found
+
+    def values_into(self, buffer: Bytes, where: Offsets | slice, path: str, target: NDArray) -> None:
+        """Put what :meth:`values` returns into `target`, (N, count) contiguous."""
+        numbers = self.numbers[path]
+        if numbers.count and len(target):
+            # One opaque item per message is copied faster than `count` numbers.
+            items = f"V{numbers.count * numbers.dtype.itemsize}"
+            target.view(items)[:, 0] = column(buffer, items, where, numbers.at)
 
 
 def layout_of(data: memoryview, type_name: str, store: Typestore) -> Layout:
@@ -140,33 +157,33 @@ class Layouts:
         self.type_name, self.store = type_name, store
         self.known: dict[int, list[Layout]] = {}
 
-    def groups(self, buffer: Bytes, offsets: Offsets, sizes: Offsets) -> Iterator[tuple[Layout, Offsets | None]]:
+    def groups(self, buffer: Bytes, offsets: Offsets) -> Iterator[tuple[Layout, Offsets | None]]:
         """Yield the layouts that occur among the messages at `offsets`, each with the indices of its messages.
 
-        None stands for all of them.
+        None stands for all of them. The messages must stand in records, as in an MCAP file.
 
         Raises
         ------
         RecordingError
             If a message does not fit its type.
         """
-        if len(sizes) and (sizes == sizes[0]).all():
-            # Nearly always all messages of a block are alike: then nothing has to be picked out.
-            layout = self._of(buffer, int(offsets[0]), int(sizes[0]))
-            if layout.matches(buffer, progression(offsets)).all():
-                yield layout, None
-                return
-        left = np.arange(len(offsets))
+        # Nearly always all messages of a block are alike: then nothing has to be picked out.
+        layout = self._of(buffer, int(offsets[0]))
+        match = layout.matches(buffer, offsets)
+        if match.all():
+            yield layout, None
+            return
+        yield layout, np.flatnonzero(match)
+        left = np.flatnonzero(~match)
         while len(left):
-            size = int(sizes[left[0]])
-            layout = self._of(buffer, int(offsets[left[0]]), size)
-            alike = left[sizes[left] == size]
-            mine = alike[layout.matches(buffer, offsets[alike])]
-            yield layout, mine
-            left = np.setdiff1d(left, mine, assume_unique=True)
+            layout = self._of(buffer, int(offsets[left[0]]))
+            match = layout.matches(buffer, offsets[left])
+            yield layout, left[match]
+            left = left[~match]
 
-    def _of(self, buffer: Bytes, begin: int, size: int) -> Layout:
+    def _of(self, buffer: Bytes, begin: int) -> Layout:
         """Return the layout of one message: a known one, or a new one by walking it."""
+        size = int(column(buffer, "<u8", np.array([begin]), _RECORD_SIZE)[0]) - (MESSAGE_HEAD - RECORD_HEAD)
         known = self.known.setdefault(size, [])
         for layout in known:
             if layout.matches(buffer, np.array([begin])).all():

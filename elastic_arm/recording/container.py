@@ -100,6 +100,10 @@ class McapFile:
     damage: list[str] = field(default_factory=list)
     loose: Offsets = field(default_factory=lambda: np.empty(0, np.int64))
 
+    def expected(self, channel: int) -> int:
+        """Return how many messages the summary promises on a channel; 0 where nothing is known."""
+        return self.statistics.channel_message_counts.get(channel, 0) if self.statistics is not None else 0
+
     def blocks(self, strict: bool = True) -> Iterator[Block]:
         """Yield the messages, block by block in file order; chunks are unpacked in parallel.
 

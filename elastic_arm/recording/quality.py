@@ -41,9 +41,9 @@ def check_times(stamp_ns: Stamps, topic: str) -> None:
     """
     if not len(stamp_ns):
         raise RecordingError(f"{topic} has no messages", "Record again, with the publisher running.")
-    step = np.diff(stamp_ns)
-    if (step > 0).all():
+    if (stamp_ns[1:] > stamp_ns[:-1]).all():
         return
+    step = np.diff(stamp_ns)
     at = int(np.argmax(step <= 0))
     if not stamp_ns.any():
         raise RecordingError(

@@ -15,6 +15,7 @@ from elastic_arm.recording import cdr, message_types
 from elastic_arm.recording.bag import Bag, open_bag
 from elastic_arm.recording.channels import ChannelMap, load_channels
 from elastic_arm.recording.container import Block, McapFile
+from elastic_arm.recording.decoding import Decoder
 from elastic_arm.recording.mapping import mapped_side
 from elastic_arm.recording.quality import check_times, checked
 from elastic_arm.recording.recording import Recording
@@ -45,8 +46,8 @@ class Content:
 
     Parameters
     ----------
-    series
-        By topic, those asked for.
+    series, decoders
+        By topic, those asked for; the series once all is read.
     robot_description
         The last URDF on /robot_description.
     topics
@@ -58,6 +59,7 @@ class Content:
     """
 
     series: dict[str, Series] = field(default_factory=dict)
+    decoders: dict[str, Decoder] = field(default_factory=dict)
     robot_description: str | None = None
     topics: dict[str, str] = field(default_factory=dict)
     messages: int = 0
@@ -73,7 +75,7 @@ class Content:
             self.topics[topic] = type_name
             self.messages += len(block.messages[channel])
             if topic in wanted:
-                self.series.setdefault(topic, Series(topic, type_name)).add(file, channel, block)
+                self.decoders.setdefault(topic, Decoder(topic, type_name)).add(file, channel, block)
             elif topic == ROBOT_DESCRIPTION and type_name == TYPES[ROBOT_DESCRIPTION]:
                 data = block.data(channel, -1)
                 begin, end = cdr.layout_of(data, type_name, message_types.typestore()).text["data"]
@@ -133,6 +135,7 @@ def read_content(bags: Sequence[Bag], wanted: Collection[str], strict: bool = Tr
             for block in file.blocks(strict):
                 content.take(file, block, wanted)
         content.damage += bag.all_damage()
+    content.series = {topic: decoder.series() for topic, decoder in content.decoders.items()}
     return content
 
 

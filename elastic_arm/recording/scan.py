@@ -23,8 +23,9 @@ MESSAGE_HEAD = 31  # kind, length, channel, sequence, log time, publish time
 _HEAD = struct.Struct("<BQ")
 # Kind, length and channel, which are the same in each round: eleven bytes as two overlapping words.
 _KEY = (("<u4", 0), ("<u8", 3))
-_WALK = 48  # messages walked before a round is looked for
-_LONGEST_ROUND = 16
+_WALK = 24  # messages walked before a round is looked for
+_LONGEST_ROUND = 8
+_BATCH = 8192  # rounds checked at first; more each time they hold
 
 
 class Record(NamedTuple):
@@ -133,7 +134,7 @@ def _leap(buffer: Bytes, walked: list[int], at: int, end: int) -> Offsets:
         return np.empty(0, np.int64)
     slots = np.concatenate([[0], np.cumsum(steps[-length:])])
     stride = int(slots[-1])
-    rounds, most, batch = 0, (end - at) // stride, 256
+    rounds, most, batch = 0, (end - at) // stride, _BATCH
     while rounds < most:
         count = min(batch, most - rounds)
         first = at + rounds * stride

@@ -10,15 +10,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elastic_arm.errors import RecordingError
-from elastic_arm.recording import cdr, message_types
-from elastic_arm.recording.container import Block, McapFile
-from elastic_arm.recording.scan import MESSAGE_HEAD, Offsets, progression
 from elastic_arm.recording.sides import Array, Stamps
 
 
 @dataclass(frozen=True)
 class Piece:
-    """Messages of one layout from one block.
+    """The messages of one layout.
 
     Parameters
     ----------
@@ -40,6 +37,10 @@ class Piece:
     names: tuple[str, ...]
     values: dict[str, Array]
 
+    def whole(self) -> bool:
+        """Say whether these are all messages from the first to the last."""
+        return len(self.rows) > 0 and self.rows[-1] - self.rows[0] == len(self.rows) - 1
+
     def has(self, path: str) -> bool:
         """Say whether these messages carry numbers in field `path`."""
         return path in self.values and self.values[path].shape[1] > 0
@@ -47,52 +48,22 @@ class Piece:
 
 @dataclass
 class Series:
-    """All messages of one topic; add them first, then ask.
+    """All messages of one topic.
 
     Parameters
     ----------
     topic, type_name
         Of the messages.
     pieces
-        Their numbers, one piece per block and layout.
+        Their numbers, one piece per layout; nearly always there is one alone.
     count
         Number of messages.
-    layouts
-        Those met so far, by the type's definition.
     """
 
     topic: str
     type_name: str
     pieces: list[Piece] = field(default_factory=list)
     count: int = 0
-    layouts: dict[bytes, cdr.Layouts] = field(default_factory=dict)
-
-    def add(self, file: McapFile, channel: int, block: Block) -> None:
-        """Decode the messages of `channel` in `block`.
-
-        Raises
-        ------
-        RecordingError
-            If a message does not fit its type.
-        """
-        offsets, log_ns = block.messages[channel] + MESSAGE_HEAD, block.log_ns(channel)
-        rows = np.arange(self.count, self.count + len(offsets))
-        try:
-            layouts = self._layouts(file, channel)
-            for layout, index in layouts.groups(block.buffer, offsets, block.sizes(channel)):
-                if index is None:
-                    self.pieces.append(_piece(layout, block, progression(offsets), rows, log_ns))
-                else:
-                    self.pieces.append(_piece(layout, block, offsets[index], rows[index], log_ns[index]))
-        except RecordingError as error:
-            raise RecordingError(f"{file.path}, {self.topic}: {error.problem}", error.remedy) from None
-        self.count += len(offsets)
-
-    def _layouts(self, file: McapFile, channel: int) -> cdr.Layouts:
-        schema = file.schemas[file.channels[channel].schema_id]
-        if schema.data not in self.layouts:
-            self.layouts[schema.data] = cdr.Layouts(schema.name, message_types.types_of(schema))
-        return self.layouts[schema.data]
 
     def keep(self, wanted: Callable[[Piece], bool]) -> Series:
         """Return the series of those messages alone whose piece is `wanted`."""
@@ -204,27 +175,12 @@ class Series:
         return values[:, [piece.names.index(name) for name in wanted]]
 
     def _gather(self, dtype: type, part: Callable[[Piece], NDArray | None], width: int | None = None) -> NDArray:
+        if len(self.pieces) == 1 and self.pieces[0].whole():
+            return np.asarray(part(self.pieces[0]), dtype)
         gathered: NDArray = np.empty((self.count,) if width is None else (self.count, width), dtype)
         for piece in self.pieces:
-            rows = piece.rows
-            contiguous = len(rows) and rows[-1] - rows[0] == len(rows) - 1
-            gathered[slice(rows[0], rows[-1] + 1) if contiguous else rows] = part(piece)
+            gathered[piece.rows] = part(piece)
         return gathered
-
-
-def _piece(layout: cdr.Layout, block: Block, where: Offsets | slice, rows: Stamps, log_ns: Stamps) -> Piece:
-    def values(path: str) -> NDArray:
-        return layout.values(block.buffer, where, path)
-
-    stamp_ns = None
-    if "header.stamp.sec" in layout.numbers:
-        seconds, nanoseconds = values("header.stamp.sec")[:, 0], values("header.stamp.nanosec")[:, 0]
-        stamp_ns = seconds.astype(np.int64) * 1_000_000_000 + nanoseconds
-    wanted = [
-        path for path, numbers in layout.numbers.items() if numbers.dtype.kind == "f" or "time_from_start" in path
-    ]
-    names = tuple(next(iter(layout.strings.values()), []))
-    return Piece(rows, log_ns, stamp_ns, names, {path: values(path) for path in wanted})
 
 
 def _spread(piece: Piece, path: str, names: Sequence[str]) -> Array:

@@ -1,0 +1,110 @@
+"""Decode the messages of a topic, block by block, straight into the arrays they end in."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from elastic_arm.errors import RecordingError
+from elastic_arm.recording import cdr, message_types
+from elastic_arm.recording.container import Block, McapFile
+from elastic_arm.recording.scan import MESSAGE_HEAD, Bytes, Offsets, progression
+from elastic_arm.recording.series import Piece, Series
+from elastic_arm.recording.sides import Stamps
+
+_SECONDS, _NANOSECONDS = "header.stamp.sec", "header.stamp.nanosec"
+_FIRST = 1024  # messages room is made for when nothing is known
+
+
+class Decoder:
+    """Decodes the messages of one topic.
+
+    Parameters
+    ----------
+    topic, type_name
+        Of the messages.
+    """
+
+    def __init__(self, topic: str, type_name: str) -> None:
+        self.topic, self.type_name = topic, type_name
+        self._count = 0
+        self._layouts: dict[bytes, cdr.Layouts] = {}
+        self._tables: dict[int, _Table] = {}
+
+    def add(self, file: McapFile, channel: int, block: Block) -> None:
+        """Decode the messages of `channel` in `block`.
+
+        Raises
+        ------
+        RecordingError
+            If a message does not fit its type.
+        """
+        offsets, log_ns = block.messages[channel] + MESSAGE_HEAD, block.log_ns(channel)
+        rows = np.arange(self._count, self._count + len(offsets))
+        expected = file.expected(channel)
+        try:
+            for layout, index in self._types(file, channel).groups(block.buffer, offsets):
+                if id(layout) not in self._tables:
+                    self._tables[id(layout)] = _Table(layout, max(expected, _FIRST) if index is None else _FIRST)
+                table = self._tables[id(layout)]
+                if index is None:
+                    table.append(block.buffer, progression(offsets), rows, log_ns)
+                else:
+                    table.append(block.buffer, offsets[index], rows[index], log_ns[index])
+        except RecordingError as error:
+            raise RecordingError(f"{file.path}, {self.topic}: {error.problem}", error.remedy) from None
+        self._count += len(offsets)
+
+    def series(self) -> Series:
+        """Return all messages decoded so far."""
+        return Series(self.topic, self.type_name, [table.piece() for table in self._tables.values()], self._count)
+
+    def _types(self, file: McapFile, channel: int) -> cdr.Layouts:
+        schema = file.schemas[file.channels[channel].schema_id]
+        if schema.data not in self._layouts:
+            self._layouts[schema.data] = cdr.Layouts(schema.name, message_types.types_of(schema))
+        return self._layouts[schema.data]
+
+
+class _Table:
+    """The numbers of all messages of one layout; grows as they come."""
+
+    def __init__(self, layout: cdr.Layout, capacity: int) -> None:
+        self.layout, self.count = layout, 0
+        self.columns: dict[str, NDArray] = {name: np.empty(capacity, np.int64) for name in ("rows", "log_ns")}
+        if _SECONDS in layout.numbers:
+            self.columns["stamp_ns"] = np.empty(capacity, np.int64)
+        self.values: dict[str, NDArray] = {
+            path: np.empty((capacity, numbers.count), numbers.dtype)
+            for path, numbers in layout.numbers.items()
+            if numbers.dtype.kind == "f" or "time_from_start" in path
+        }
+
+    def append(self, buffer: Bytes, where: Offsets | slice, rows: Stamps, log_ns: Stamps) -> None:
+        """Decode the messages at `where`."""
+        spot = slice(self.count, self.count + len(rows))
+        self._reserve(spot.stop)
+        self.columns["rows"][spot], self.columns["log_ns"][spot] = rows, log_ns
+        if "stamp_ns" in self.columns:
+            stamps = self.columns["stamp_ns"][spot]
+            np.multiply(self.layout.values(buffer, where, _SECONDS)[:, 0], 1_000_000_000, out=stamps, dtype=np.int64)
+            stamps += self.layout.values(buffer, where, _NANOSECONDS)[:, 0]
+        for path, target in self.values.items():
+            self.layout.values_into(buffer, where, path, target[spot])
+        self.count = spot.stop
+
+    def piece(self) -> Piece:
+        """Return the messages as arrays, without a copy where they have the machine's own byte order."""
+        rows, log_ns = self.columns["rows"][: self.count], self.columns["log_ns"][: self.count]
+        stamp_ns = self.columns["stamp_ns"][: self.count] if "stamp_ns" in self.columns else None
+        names = tuple(next(iter(self.layout.strings.values()), []))
+        values = {path: np.asarray(target[: self.count], np.float64) for path, target in self.values.items()}
+        return Piece(rows, log_ns, stamp_ns, names, values)
+
+    def _reserve(self, count: int) -> None:
+        for arrays in (self.columns, self.values):
+            for name, array in arrays.items():
+                if len(array) < count:
+                    grown = np.empty((max(count, 2 * len(array)), *array.shape[1:]), array.dtype)
+                    grown[: self.count] = array[: self.count]
+                    arrays[name] = grown
