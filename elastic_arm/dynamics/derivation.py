@@ -81,7 +81,8 @@ def terms(bodies: Bodies) -> ca.Function:
         "S": whole[link, motor],
         "B": whole[motor, motor],
         "c": bias_link[link],
-        "c1": ca.simplify(bias_all[link] - bias_link[link]),
+        # Linear in the motors' speeds: the axes of the spins do not turn on their carriers.
+        "c1": ca.jacobian(bias_all[link], s.dx)[:, motor] @ s.dx[motor],
         "c2": bias_all[motor],
         "g": weight[link],
     }
