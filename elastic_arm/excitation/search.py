@@ -10,7 +10,7 @@ be broken on the way (progressive barrier).
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -18,20 +18,14 @@ from numpy.typing import NDArray
 
 from elastic_arm.dynamics import Model
 from elastic_arm.errors import ExcitationError
-from elastic_arm.excitation.criteria import BaseRegressor, condition, distinct_columns, find_criterion
+from elastic_arm.excitation.criteria import BaseRegressor, find_criterion
 from elastic_arm.excitation.fourier import FourierTrajectory
 from elastic_arm.excitation.limits import LimitUse, MotionLimits
+from elastic_arm.excitation.problem import Problem, Shape
 
 Array = NDArray[np.float64]
 Progress = Callable[[int, float], None]
 
-# Share of the kinematic limits that the search uses, so that peaks between its samples stay within them.
-SHARE = 0.98
-# A random motion that breaks torque or workspace is tried again smaller, then elsewhere.
-SHRINKING = (1.0, 0.7, 0.5, 0.35, 0.2, 0.1)
-PLACES = 60
-# Random motions that tell which columns can be told apart.
-TELLING = 10
 # Models of the objective cost more than our evaluations do; the plain pattern is faster and found as good motions.
 NOMAD = (
     "QUAD_MODEL_SEARCH no",
@@ -40,26 +34,6 @@ NOMAD = (
     "BB_OUTPUT_TYPE OBJ PB PB PB",
     "DISPLAY_DEGREE 0",
 )
-
-
-@dataclass(frozen=True)
-class Shape:
-    """What kind of motion is sought: harmonics, period and ramp in s, and periods between the ramps."""
-
-    harmonics: int = 5
-    period: float = 10.0
-    ramp: float | None = None
-    periods: int = 1
-
-    def __post_init__(self) -> None:
-        _require(self.harmonics >= 1, f"{self.harmonics} harmonics are asked for", "Ask for at least one")
-        _require(
-            np.isfinite(self.period) and self.period > 0.0, f"the period is {self.period:g} s", "Give a time above 0"
-        )
-        _require(self.periods >= 1, f"{self.periods} periods are asked for", "Ask for at least one")
-        ramp = self.period / 4.0 if self.ramp is None else self.ramp
-        _require(np.isfinite(ramp) and ramp >= 0.0, f"the ramp is {ramp:g} s", "Give zero or a positive time")
-        object.__setattr__(self, "ramp", float(ramp))
 
 
 @dataclass(frozen=True, eq=False)
@@ -160,7 +134,7 @@ def optimise(
     _require(evaluations >= 1, f"{evaluations} evaluations are asked for", "Ask for at least one")
     _require(random >= 1, f"{random} random motions are asked for", "Ask for at least one, to start from")
     _require(len(columns) > 0, "the model has no base parameters", "Give the base columns of its regressor")
-    problem = _Problem(model, limits, BaseRegressor(model, columns, noise), shape or Shape(), find_criterion(criterion))
+    problem = Problem(model, limits, BaseRegressor(model, columns, noise), shape or Shape(), find_criterion(criterion))
     drawn = [problem.random(rng) for _ in range(random)]
     kept = [u for u in drawn if problem.excess(u).max() <= 0.0]
     indistinct = problem.refer_to(kept or drawn)
@@ -192,111 +166,10 @@ def optimise(
     )
 
 
-def random_trajectories(
-    model: Model, limits: MotionLimits, count: int, *, rng: np.random.Generator, shape: Shape | None = None
-) -> list[FourierTrajectory]:
-    """Return `count` random motions within the limits: coefficients uniform, turned down to the limits.
-
-    Raises
-    ------
-    ExcitationError
-        If one of them finds no place within the limits.
-    """
-    problem = _Problem(model, limits, BaseRegressor(model, ()), shape or Shape(), condition)
-    found = [problem.trajectory(problem.random(rng)) for _ in range(count)]
-    for trajectory in found:
-        use = limits.use(trajectory, model)
-        _require(use.kept, f"a random motion breaks the limits everywhere: {use.worst()}", "Raise that limit")
-    return found
-
-
-class _Problem:
-    """Motions as points u in [-1, 1]^(n (2 H + 1)): centres, sines, cosines, joint by joint."""
-
-    def __init__(
-        self,
-        model: Model,
-        limits: MotionLimits,
-        regressor: BaseRegressor,
-        shape: Shape,
-        criterion: Callable[[Array, Array], float],
-    ) -> None:
-        self._model, self._limits, self._regressor, self._shape = model, limits, regressor, shape
-        self._criterion = criterion
-        self._scale = np.ones(len(regressor.columns))
-
-    @property
-    def size(self) -> int:
-        return self._model.n * (2 * self._shape.harmonics + 1)
-
-    def trajectory(self, u: Array) -> FourierTrajectory:
-        centres, waves = u[: self._model.n], u[self._model.n :].reshape(2, self._model.n, -1)
-        a, b = waves * self._limits.velocity[:, None]
-        assert self._shape.ramp is not None
-        motion = FourierTrajectory.of_periods(
-            self._shape.period,
-            a,
-            b,
-            self._limits.centre + SHARE * self._limits.half_range * centres,
-            periods=self._shape.periods,
-            ramp=self._shape.ramp,
-            joints=self._limits.joints,
-        )
-        return self._limits.fitted(motion, SHARE)
-
-    def random(self, rng: np.random.Generator) -> Array:
-        """Draw a motion; turn it down, then move it elsewhere, until torque and workspace are kept."""
-        best, least = np.zeros(self.size), np.inf
-        for _ in range(PLACES):
-            u = rng.uniform(-1.0, 1.0, self.size)
-            for factor in SHRINKING:
-                v = self._point(self.trajectory(u).scaled(factor))
-                excess = float(self.excess(v).max())
-                if excess <= 0.0:
-                    return v
-                if excess < least:
-                    best, least = v, excess
-        return best
-
-    def excess(self, u: Array) -> Array:
-        """How far torque, floor and links are broken, (3,)."""
-        return self._limits.use(self.trajectory(u), self._model).excess[3:]
-
-    def refer_to(self, points: Sequence[Array]) -> tuple[int, ...]:
-        """Take the scale of the columns from these ordinary motions; return the columns they cannot tell apart."""
-        motions = [self._regressor(self.trajectory(u)) for u in points]
-        distinct = distinct_columns(np.concatenate(motions[:TELLING]))
-        self._scale = np.median([np.linalg.norm(W[:, distinct], axis=0) for W in motions], axis=0)
-        self._regressor = replace(self._regressor, picked=distinct)
-        return tuple(int(c) for c in np.delete(np.asarray(self._regressor.columns), distinct))
-
-    @property
-    def columns(self) -> tuple[int, ...]:
-        """Base columns that count."""
-        return tuple(int(c) for c in np.asarray(self._regressor.columns)[self._regressor.picked])
-
-    def value(self, u: Array) -> float:
-        return self._criterion(self._regressor(self.trajectory(u)), self._scale)
-
-    def both(self, u: Array) -> tuple[float, Array]:
-        """Value and excess of one motion."""
-        motion = self.trajectory(u)
-        value = self._criterion(self._regressor(motion), self._scale)
-        return value, self._limits.use(motion, self._model).excess[3:]
-
-    def condition(self, u: Array) -> float:
-        return condition(self._regressor(self.trajectory(u)), self._scale)
-
-    def _point(self, motion: FourierTrajectory) -> Array:
-        centres = (motion.q0 - self._limits.centre) / (SHARE * self._limits.half_range)
-        waves = np.array([motion.a, motion.b]) / self._limits.velocity[:, None]
-        return np.clip(np.concatenate([centres, waves.ravel()]), -1.0, 1.0)
-
-
 class _Course:
     """What the search asks for: evaluates points, remembers the best and how it came about."""
 
-    def __init__(self, problem: _Problem, progress: Progress | None) -> None:
+    def __init__(self, problem: Problem, progress: Progress | None) -> None:
         self.problem = problem
         self.count = 0
         self.value = np.inf

@@ -31,8 +31,15 @@ def search_course(result: ExcitationResult) -> Figure:
         ax = axes[0, 0]
         ax.step(count, value, where="post", color=BLUE)
         ax.axhline(result.value_before, color=GREY, ls="--", lw=1.0)
-        ax.annotate("start: the best random motion", (count[-1], result.value_before), (0, 3),
-                    textcoords="offset points", ha="right", color=GREY)  # fmt: skip
+        ax.annotate(
+            "start: the best random motion",
+            (count[-1], result.value_before),
+            (0, -4),
+            textcoords="offset points",
+            ha="right",
+            va="top",
+            color=GREY,
+        )
         ax.set_xlabel("evaluations")
         ax.set_title(f"{LABELS[result.criterion]} of the best motion so far", loc="left")
         if result.criterion == "condition":

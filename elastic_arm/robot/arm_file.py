@@ -88,14 +88,9 @@ class LimitsEntry(_Entry):
     torque: Number | None = None
 
 
-class JointEntry(_Entry):
-    """A joint: placed by `dh` or by `before` and `after`; with a whole transmission or none."""
+class TransmissionEntry(_Entry):
+    """What drives a joint: a whole transmission or none of it."""
 
-    name: Name
-    dh: DHEntry | None = None
-    before: Matrix | None = None
-    after: Matrix | None = None
-    link: LinkEntry
     rotor: ComponentEntry | None = None
     wave_generator: ComponentEntry | None = None
     spline: ComponentEntry | None = None
@@ -104,6 +99,16 @@ class JointEntry(_Entry):
     bearing: BearingEntry | None = None
     belt_ratio: Number | None = None
     harmonic_drive_ratio: Number | None = None
+
+
+class JointEntry(TransmissionEntry):
+    """A joint: placed by `dh` or by `before` and `after`; with a whole transmission or none."""
+
+    name: Name
+    dh: DHEntry | None = None
+    before: Matrix | None = None
+    after: Matrix | None = None
+    link: LinkEntry
     limits: LimitsEntry = LimitsEntry()
 
 
@@ -137,3 +142,16 @@ class ArmEntry(_Entry):
     torque_noise_std: Number = 0.26
     sample_rate: Number = 1000.0
     effects: tuple[EffectEntry, ...] = ()
+
+
+class OverlayEntry(_Entry):
+    """A URDF and what it cannot say; `transmissions` and `limits` by the URDF's joint names."""
+
+    urdf: Name
+    name: Name | None = None
+    gravity: Vector | None = None
+    transmissions: dict[str, TransmissionEntry] = {}
+    limits: dict[str, LimitsEntry] = {}
+    total_ratios_studied: dict[Number, tuple[Number, Number]] | None = None
+    torque_noise_std: Number | None = None
+    sample_rate: Number | None = None

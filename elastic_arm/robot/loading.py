@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import contextlib
-from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -12,8 +11,17 @@ import yaml
 from pydantic import ValidationError
 
 from elastic_arm.errors import RobotError
-from elastic_arm.robot.arm_file import ArmEntry, BaseEntry, ComponentEntry, JointEntry, LinkEntry
+from elastic_arm.robot.arm_file import (
+    ArmEntry,
+    BaseEntry,
+    ComponentEntry,
+    JointEntry,
+    LinkEntry,
+    OverlayEntry,
+    TransmissionEntry,
+)
 from elastic_arm.robot.description import DH, Bearing, Component, Inertia, Joint, Limits, Robot, Transmission
+from elastic_arm.robot.parts import located
 
 NOMINAL_ARM = Path(__file__).parent / "data" / "arm.yaml"
 
@@ -35,7 +43,8 @@ def load_robot(path: str | Path | None = None) -> Robot:
     Parameters
     ----------
     path
-        An arm file (``.yaml``, ``.yml``) or a ``.urdf``; the nominal three-joint arm when None.
+        An arm file (``.yaml``, ``.yml``), a ``.urdf``, or an overlay: YAML that names a ``urdf`` and adds what a URDF
+        cannot say (``transmissions`` and ``limits`` by joint). The nominal three-joint arm when None.
 
     Raises
     ------
@@ -49,11 +58,11 @@ def load_robot(path: str | Path | None = None) -> Robot:
         return read_urdf(path)
     content = _read_yaml(path)
     try:
-        entry = ArmEntry.model_validate(content)
+        entry = (OverlayEntry if "urdf" in content else ArmEntry).model_validate(content)
     except ValidationError as error:
         raise _explain(path, error) from error
-    with _at(f"{path}: "):
-        return _robot(entry)
+    with located(f"{path}: "):
+        return _overlaid(entry, path.parent) if isinstance(entry, OverlayEntry) else _robot(entry)
 
 
 def _read_yaml(path: Path) -> dict[str, Any]:
@@ -73,15 +82,6 @@ def _read_yaml(path: Path) -> dict[str, Any]:
     if not isinstance(content, dict):
         raise RobotError(f"{path}: holds no fields", "An arm file starts with name, gravity, base and joints")
     return content
-
-
-@contextlib.contextmanager
-def _at(where: str) -> Iterator[None]:
-    """Prefix errors raised inside with the place in the file."""
-    try:
-        yield
-    except RobotError as error:
-        raise RobotError(f"{where}{error.problem}", error.remedy) from error
 
 
 def _explain(path: Path, error: ValidationError) -> RobotError:
@@ -133,9 +133,9 @@ def _robot(entry: ArmEntry) -> Robot:
     link_names = [j.link.name or f"link_{i + 1}" for i, j in enumerate(entry.joints)]
     joints = []
     for i, joint in enumerate(entry.joints):
-        with _at(f"joints[{i}]."):
+        with located(f"joints[{i}]."):
             joints.append(_joint(joint, link_names[i]))
-    with _at("base."):
+    with located("base."):
         base_dh, base_placement = _base(entry.base)
     for r_tot, (belt, harmonic) in entry.total_ratios_studied.items():
         if belt == 0 or harmonic == 0 or abs(belt * harmonic - r_tot) > 1e-9 * abs(r_tot):
@@ -157,6 +157,30 @@ def _robot(entry: ArmEntry) -> Robot:
     )
 
 
+def _overlaid(entry: OverlayEntry, folder: Path) -> Robot:
+    """Return the URDF's robot with what the overlay adds; limits that it does not state stay the URDF's."""
+    from elastic_arm.robot.urdf import read_urdf
+
+    robot = read_urdf(folder / entry.urdf)
+    for name in entry.transmissions:
+        if name not in robot.joint_names:
+            raise RobotError(f"transmissions.{name}: the URDF has no such joint", f"Use one of {robot.joint_names}")
+    joints = []
+    for joint in robot.joints:
+        with located(f"transmissions.{joint.name}."):
+            given = entry.transmissions.get(joint.name)
+            joints.append(replace(joint, transmission=None if given is None else _transmission(given)))
+    robot = robot.with_(joints=tuple(joints))
+    for name, limits in entry.limits.items():
+        with located(f"limits.{name}: "):
+            stated = {what: value for what, value in limits.model_dump().items() if value is not None}
+            changed = [joint.limits for joint in robot.joints if joint.name == name]
+            robot = robot.with_joint(name, limits=replace(changed[0], **stated) if changed else Limits(**stated))
+    others = entry.model_dump(exclude={"urdf", "transmissions", "limits"}, exclude_none=True)
+    notes = tuple(note for note in robot.notes if not (robot.elastic and note.startswith("<transmission>")))
+    return robot.with_(**others, notes=notes)
+
+
 def _base(entry: BaseEntry) -> tuple[DH | None, np.ndarray]:
     row = (entry.a, entry.d, entry.alpha, entry.offset)
     if entry.placement is not None:
@@ -168,10 +192,10 @@ def _base(entry: BaseEntry) -> tuple[DH | None, np.ndarray]:
 
 
 def _joint(entry: JointEntry, link_name: str) -> Joint:
-    with _at("link."):
+    with located("link."):
         link = _inertia(entry.link)
     transmission = _transmission(entry)
-    with _at("limits."):
+    with located("limits."):
         limits = Limits(**entry.limits.model_dump())
     placed = entry.before is not None or entry.after is not None
     if (entry.dh is not None) == placed:
@@ -194,7 +218,7 @@ def _inertia(entry: LinkEntry) -> Inertia:
     return Inertia(entry.mass, np.array(entry.com), tensor)
 
 
-def _transmission(entry: JointEntry) -> Transmission | None:
+def _transmission(entry: TransmissionEntry) -> Transmission | None:
     given = [name for name in (*_TRANSMISSION_FIELDS, "bearing") if getattr(entry, name) is not None]
     missing = [name for name in _TRANSMISSION_FIELDS if getattr(entry, name) is None]
     if not given:
@@ -206,11 +230,11 @@ def _transmission(entry: JointEntry) -> Transmission | None:
         )
     components: dict[str, Component] = {}
     for name in ("rotor", "wave_generator", "spline"):
-        with _at(f"{name}."):
+        with located(f"{name}."):
             components[name] = _component(getattr(entry, name))
     bearing = None
     if entry.bearing is not None:
-        with _at("bearing."):
+        with located("bearing."):
             bearing = Bearing(entry.bearing.stiffness, entry.bearing.damping)
     numbers: dict[str, float] = {name: getattr(entry, name) for name in _TRANSMISSION_FIELDS[3:]}
     return Transmission(

@@ -5,6 +5,8 @@ Every object checks its own physics when it is made. SI units and radians.
 
 from __future__ import annotations
 
+import contextlib
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -30,6 +32,15 @@ def checked_array(values: Any, shape: tuple[int, ...], what: str) -> np.ndarray:
         raise RobotError(f"{what} holds a number that is not finite: {values!r}", "Give finite numbers")
     array.setflags(write=False)
     return array
+
+
+@contextlib.contextmanager
+def located(where: str) -> Iterator[None]:
+    """Say of errors raised inside where they were met, in front of the problem."""
+    try:
+        yield
+    except RobotError as error:
+        raise RobotError(f"{where}{error.problem}", error.remedy) from error
 
 
 def require(condition: bool, problem: str, remedy: str) -> None:

@@ -2,14 +2,12 @@
 
 The root link is the base. Frames are kept: link i's frame is the URDF's, its joint's ``before`` and ``after`` turn z
 into the URDF's axis and back. A URDF knows no elasticity, so that the robot has no transmissions unless an overlay
-gives them (:mod:`elastic_arm.robot.urdf_overlay`). What is read otherwise than written is said in ``Robot.notes``.
+gives them (:func:`elastic_arm.robot.load_robot`). What is read otherwise than written is said in ``Robot.notes``.
 """
 
 from __future__ import annotations
 
-import contextlib
 import xml.etree.ElementTree as ET
-from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -18,6 +16,18 @@ from numpy.typing import NDArray
 from elastic_arm.errors import RobotError
 from elastic_arm.robot.description import Inertia, Joint, Limits, Robot
 from elastic_arm.robot.kinematics import lumped, moved
+from elastic_arm.robot.parts import located
+from elastic_arm.robot.urdf_elements import (
+    attribute,
+    by_name,
+    child_of,
+    number,
+    parse,
+    right_angles,
+    rotation,
+    vector,
+    z_onto,
+)
 from elastic_arm.robot.urdf_export import to_urdf
 
 __all__ = ["parse_urdf", "read_urdf", "to_urdf"]
@@ -25,10 +35,6 @@ __all__ = ["parse_urdf", "read_urdf", "to_urdf"]
 Array = NDArray[np.float64]
 
 REVOLUTE = ("revolute", "continuous")
-# An angle this near a right angle is one that was written with few digits (1.5708, 3.1416); taken as it stands, it
-# would make parameters seem identifiable that are not.
-_RIGHT_ANGLE = 1e-5
-_XACRO = "http://www.ros.org/wiki/xacro", "http://ros.org/wiki/xacro", "http://wiki.ros.org/xacro"
 
 
 def read_urdf(path: str | Path) -> Robot:
@@ -39,7 +45,7 @@ def read_urdf(path: str | Path) -> Robot:
         raise RobotError(f"{path}: no such file", "Give the path of an arm file or a URDF") from error
     except OSError as error:
         raise RobotError(f"{path}: cannot be read ({error.strerror})", "Give the path of a URDF") from error
-    with _at(f"{path}: "):
+    with located(f"{path}: "):
         return parse_urdf(text)
 
 
@@ -54,7 +60,7 @@ def parse_urdf(text: str | bytes) -> Robot:
     RobotError
         If it is no URDF of a serial chain of revolute joints; names the element, the reason and the remedy.
     """
-    return _Reading(_tree(text)).robot()
+    return _Reading(parse(text)).robot()
 
 
 class _Reading:
@@ -63,8 +69,8 @@ class _Reading:
     def __init__(self, tree: ET.Element) -> None:
         self._tree = tree
         self._notes: list[str] = []
-        self._links = _by_name(tree, "link")
-        self._elements = _by_name(tree, "joint")
+        self._links = by_name(tree, "link")
+        self._elements = by_name(tree, "joint")
         self._children: dict[str, list[ET.Element]] = {name: [] for name in self._links}
         self._check_joints()
 
@@ -98,7 +104,7 @@ class _Reading:
                 )
             if element.find("mimic") is not None:
                 raise RobotError(f"joint {name!r} mimics another", "Make it fixed or take its branch out")
-            parent, child = (_attribute(_child(element, what, name), "link", name) for what in ("parent", "child"))
+            parent, child = (attribute(child_of(element, what, name), "link", name) for what in ("parent", "child"))
             for link in (parent, child):
                 if link not in self._links:
                     raise RobotError(f"joint {name!r} names the link {link!r}, which is not there", "Mend the name")
@@ -150,36 +156,36 @@ class _Reading:
     def _joint(self, element: ET.Element, carried: Array) -> tuple[Joint, list[tuple[ET.Element, Array]]]:
         name, child = str(element.get("name")), self._moves(element)
         turn = np.eye(4)
-        turn[:3, :3] = _z_onto(self._axis(element, name))
+        turn[:3, :3] = z_onto(self._axis(element, name))
         body, onward = self._rigid(child, np.eye(4))
         if body.mass == 0.0 and onward:
             self._notes.append(f"link {child!r} has no inertial: it counts as massless")
         before = carried @ self._origin(element, f"joint {name!r}") @ turn
-        with _at(f"joint {name!r}: "):
+        with located(f"joint {name!r}: "):
             return Joint(name, child, body, before, turn.T, limits=self._limits(element, name)), onward
 
     def _moves(self, element: ET.Element) -> str:
-        return str(_child(element, "child", str(element.get("name"))).get("link"))
+        return str(child_of(element, "child", str(element.get("name"))).get("link"))
 
     def _inertia(self, link: str, placement: Array) -> Inertia:
         inertial = self._links[link].find("inertial")
         if inertial is None:
             return Inertia(0.0, np.zeros(3), np.zeros((3, 3)))
         where = f"link {link!r}"
-        mass = _number(_attribute(_child(inertial, "mass", where), "value", where), f"{where}: mass")
-        values = _child(inertial, "inertia", where)
+        mass = number(attribute(child_of(inertial, "mass", where), "value", where), f"{where}: mass")
+        values = child_of(inertial, "inertia", where)
         keys = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
-        xx, xy, xz, yy, yz, zz = (_number(_attribute(values, key, where), f"{where}: {key}") for key in keys)
+        xx, xy, xz, yy, yz, zz = (number(attribute(values, key, where), f"{where}: {key}") for key in keys)
         origin = self._origin(inertial, where)
         tensor = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
-        with _at(f"{where}: "):
+        with located(f"{where}: "):
             if mass == 0.0 and not tensor.any():
                 return Inertia(0.0, np.zeros(3), tensor)
             return moved(Inertia(mass, np.zeros(3), tensor), placement @ origin)
 
     def _limits(self, element: ET.Element, name: str) -> Limits:
         limit = element.find("limit")
-        given = {} if limit is None else {k: _number(v, f"joint {name!r}: limit {k}") for k, v in limit.items()}
+        given = {} if limit is None else {k: number(v, f"joint {name!r}: limit {k}") for k, v in limit.items()}
         lower, upper = given.get("lower", 0.0), given.get("upper", 0.0)
         bounded = element.get("type") == "revolute" and lower != upper
         if element.get("type") == "continuous":
@@ -198,11 +204,11 @@ class _Reading:
 
     def _axis(self, element: ET.Element, name: str) -> Array:
         axis = element.find("axis")
-        vector = np.array([1.0, 0.0, 0.0]) if axis is None else _vector(axis.get("xyz"), f"joint {name!r}: axis")
-        length = float(np.linalg.norm(vector))
+        direction = np.array([1.0, 0.0, 0.0]) if axis is None else vector(axis.get("xyz"), f"joint {name!r}: axis")
+        length = float(np.linalg.norm(direction))
         if length < 1e-9:
             raise RobotError(f"joint {name!r} turns about the axis 0 0 0", "Give the direction it turns about")
-        return vector / length
+        return direction / length
 
     def _origin(self, element: ET.Element, where: str) -> Array:
         origins = element.findall("origin")
@@ -210,12 +216,12 @@ class _Reading:
             self._notes.append(f"{where} has {len(origins)} origins: the first counts")
         placement = np.eye(4)
         if origins:
-            placement[:3, 3] = _vector(origins[0].get("xyz", "0 0 0"), f"{where}: origin xyz")
-            written = _vector(origins[0].get("rpy", "0 0 0"), f"{where}: origin rpy")
-            angles = _right_angles(written)
+            placement[:3, 3] = vector(origins[0].get("xyz", "0 0 0"), f"{where}: origin xyz")
+            written = vector(origins[0].get("rpy", "0 0 0"), f"{where}: origin rpy")
+            angles = right_angles(written)
             if not np.allclose(angles, written, rtol=0.0, atol=1e-10):
                 self._notes.append(f"{where}: rpy {origins[0].get('rpy')} is taken as exact right angles")
-            placement[:3, :3] = _rotation(*angles)
+            placement[:3, :3] = rotation(*angles)
         return placement
 
     def _note_unused(self) -> None:
@@ -224,90 +230,3 @@ class _Reading:
             self._notes.append(f"<dynamics> (damping, friction) of {', '.join(rubbing)} is not part of the models")
         if self._tree.find("transmission") is not None:
             self._notes.append("<transmission> states no stiffness: the joints are taken as rigid")
-
-
-def _tree(text: str | bytes) -> ET.Element:
-    try:
-        tree = ET.fromstring(text)
-    except ET.ParseError as error:
-        raise RobotError(f"is no XML ({error})", "Give a URDF file") from error
-    if tree.tag != "robot":
-        raise RobotError(f"is no URDF: its root element is <{tree.tag}>, not <robot>", "Give a URDF file")
-    if any(isinstance(e.tag, str) and e.tag.startswith(tuple(f"{{{ns}}}" for ns in _XACRO)) for e in tree.iter()):
-        raise RobotError("holds xacro macros", "Expand them first: xacro FILE > arm.urdf")
-    return tree
-
-
-def _by_name(tree: ET.Element, tag: str) -> dict[str, ET.Element]:
-    found: dict[str, ET.Element] = {}
-    for element in tree.findall(tag):
-        name = element.get("name")
-        if not name:
-            raise RobotError(f"a {tag} has no name", f"Name every {tag}")
-        if name in found:
-            raise RobotError(f"two {tag}s are named {name!r}", f"Give every {tag} a name of its own")
-        found[name] = element
-    return found
-
-
-def _child(element: ET.Element, tag: str, where: str) -> ET.Element:
-    child = element.find(tag)
-    if child is None:
-        raise RobotError(f"{where} has no <{tag}>", f"Give it one, as the URDF specification asks of <{element.tag}>")
-    return child
-
-
-def _attribute(element: ET.Element, key: str, where: str) -> str:
-    value = element.get(key)
-    if value is None:
-        raise RobotError(f"{where}: <{element.tag}> has no {key}", "Give it")
-    return value
-
-
-def _number(text: str, what: str) -> float:
-    return float(_vector(text, what, 1)[0])
-
-
-def _vector(text: str | None, what: str, size: int = 3) -> Array:
-    try:
-        vector = np.array([float(word) for word in (text or "").split()])
-    except ValueError as error:
-        raise RobotError(f"{what} is {text!r}", "Give numbers") from error
-    if len(vector) != size or not np.isfinite(vector).all():
-        raise RobotError(f"{what} is {text!r}", f"Give {size} finite number{'s' if size > 1 else ''}")
-    return vector
-
-
-def _right_angles(angles: Array) -> Array:
-    exact = np.round(angles / (0.5 * np.pi)) * (0.5 * np.pi)
-    return np.where(np.abs(angles - exact) < _RIGHT_ANGLE, exact, angles)
-
-
-def _rotation(roll: float, pitch: float, yaw: float) -> Array:
-    """Rz(yaw) Ry(pitch) Rx(roll), the URDF's convention."""
-    (cr, cp, cy), (sr, sp, sy) = (f(np.array([roll, pitch, yaw])) for f in (np.cos, np.sin))
-    return np.array(
-        [
-            [cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr],
-            [sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr],
-            [-sp, cp * sr, cp * cr],
-        ]
-    )
-
-
-def _z_onto(axis: Array) -> Array:
-    """Return the smallest rotation that takes z onto the unit vector `axis`."""
-    x, y, z = axis
-    if z < -1.0 + 1e-12:
-        return np.diag([1.0, -1.0, -1.0])
-    k = 1.0 / (1.0 + z)
-    return np.array([[1.0 - k * x * x, -k * x * y, x], [-k * x * y, 1.0 - k * y * y, y], [-x, -y, z]])
-
-
-@contextlib.contextmanager
-def _at(where: str) -> Iterator[None]:
-    """Say of an error where it was met."""
-    try:
-        yield
-    except RobotError as error:
-        raise RobotError(f"{where}{error.problem}", error.remedy) from error

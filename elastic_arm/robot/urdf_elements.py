@@ -1,0 +1,95 @@
+"""What reading a URDF needs: its XML, checked attributes, rotations as a URDF writes them."""
+
+from __future__ import annotations
+
+import xml.etree.ElementTree as ET
+
+import numpy as np
+from numpy.typing import NDArray
+
+from elastic_arm.errors import RobotError
+
+Array = NDArray[np.float64]
+
+# An angle this near a right angle is one that was written with few digits (1.5708, 3.1416); taken as it stands, it
+# would make parameters seem identifiable that are not.
+_RIGHT_ANGLE = 1e-5
+_XACRO = "http://www.ros.org/wiki/xacro", "http://ros.org/wiki/xacro", "http://wiki.ros.org/xacro"
+
+
+def parse(text: str | bytes) -> ET.Element:
+    try:
+        tree = ET.fromstring(text)
+    except ET.ParseError as error:
+        raise RobotError(f"is no XML ({error})", "Give a URDF file") from error
+    if tree.tag != "robot":
+        raise RobotError(f"is no URDF: its root element is <{tree.tag}>, not <robot>", "Give a URDF file")
+    if any(isinstance(e.tag, str) and e.tag.startswith(tuple(f"{{{ns}}}" for ns in _XACRO)) for e in tree.iter()):
+        raise RobotError("holds xacro macros", "Expand them first: xacro FILE > arm.urdf")
+    return tree
+
+
+def by_name(tree: ET.Element, tag: str) -> dict[str, ET.Element]:
+    found: dict[str, ET.Element] = {}
+    for element in tree.findall(tag):
+        name = element.get("name")
+        if not name:
+            raise RobotError(f"a {tag} has no name", f"Name every {tag}")
+        if name in found:
+            raise RobotError(f"two {tag}s are named {name!r}", f"Give every {tag} a name of its own")
+        found[name] = element
+    return found
+
+
+def child_of(element: ET.Element, tag: str, where: str) -> ET.Element:
+    child = element.find(tag)
+    if child is None:
+        raise RobotError(f"{where} has no <{tag}>", f"Give it one, as the URDF specification asks of <{element.tag}>")
+    return child
+
+
+def attribute(element: ET.Element, key: str, where: str) -> str:
+    value = element.get(key)
+    if value is None:
+        raise RobotError(f"{where}: <{element.tag}> has no {key}", "Give it")
+    return value
+
+
+def number(text: str, what: str) -> float:
+    return float(vector(text, what, 1)[0])
+
+
+def vector(text: str | None, what: str, size: int = 3) -> Array:
+    try:
+        vector = np.array([float(word) for word in (text or "").split()])
+    except ValueError as error:
+        raise RobotError(f"{what} is {text!r}", "Give numbers") from error
+    if len(vector) != size or not np.isfinite(vector).all():
+        raise RobotError(f"{what} is {text!r}", f"Give {size} finite number{'s' if size > 1 else ''}")
+    return vector
+
+
+def right_angles(angles: Array) -> Array:
+    exact = np.round(angles / (0.5 * np.pi)) * (0.5 * np.pi)
+    return np.where(np.abs(angles - exact) < _RIGHT_ANGLE, exact, angles)
+
+
+def rotation(roll: float, pitch: float, yaw: float) -> Array:
+    """Rz(yaw) Ry(pitch) Rx(roll), the URDF's convention."""
+    (cr, cp, cy), (sr, sp, sy) = (f(np.array([roll, pitch, yaw])) for f in (np.cos, np.sin))
+    return np.array(
+        [
+            [cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr],
+            [sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr],
+            [-sp, cp * sr, cp * cr],
+        ]
+    )
+
+
+def z_onto(axis: Array) -> Array:
+    """Return the smallest rotation that takes z onto the unit vector `axis`."""
+    x, y, z = axis
+    if z < -1.0 + 1e-12:
+        return np.diag([1.0, -1.0, -1.0])
+    k = 1.0 / (1.0 + z)
+    return np.array([[1.0 - k * x * x, -k * x * y, x], [-k * x * y, 1.0 - k * y * y, y], [-x, -y, z]])
