@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.signal import firwin, kaiserord, upfirdn
+from scipy.signal import firwin, kaiserord, oaconvolve, upfirdn
 
 Array = NDArray[np.float64]
 
@@ -69,4 +69,44 @@ class Band:
     def gain(self, f: Array) -> Array:
         """Response at f (F,) Hz."""
         n = np.arange(len(self.taps)) - (len(self.taps) - 1) / 2
+        return np.cos(2 * np.pi * np.outer(f, n) / self.rate) @ self.taps
+
+
+@dataclass(frozen=True)
+class LowPass:
+    """A zero-phase low pass without decimation, for looking at a narrower band of what a :class:`Band` kept.
+
+    Parameters
+    ----------
+    cutoff
+        Upper edge, Hz; beyond half as much again nothing is left.
+    rate
+        Samples per second.
+    """
+
+    cutoff: float
+    rate: float
+    taps: Array = field(init=False, repr=False)
+
+    def __post_init__(self) -> None:
+        nyquist = self.rate / 2
+        stop = min(1.5 * self.cutoff, 0.999 * nyquist)
+        count, beta = kaiserord(STOP_ATTENUATION, (stop - self.cutoff) / nyquist)
+        taps = firwin(count | 1, (self.cutoff + stop) / 2, window=("kaiser", beta), fs=self.rate)
+        object.__setattr__(self, "taps", taps)
+
+    @property
+    def margin(self) -> int:
+        """Samples lost at each end."""
+        return (len(self.taps) - 1) // 2
+
+    def apply(self, values: Array) -> Array:
+        """Filter columns (N, k) -> (N - 2 margin, k)."""
+        if len(values) < len(self.taps):
+            return np.empty((0, *values.shape[1:]))
+        return oaconvolve(values, self.taps[:, None], mode="valid", axes=0)
+
+    def gain(self, f: Array) -> Array:
+        """Response at f (F,) Hz."""
+        n = np.arange(len(self.taps)) - self.margin
         return np.cos(2 * np.pi * np.outer(f, n) / self.rate) @ self.taps

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elastic_arm.dynamics import Model
-from elastic_arm.gap.band import Band
+from elastic_arm.gap.band import Band, LowPass
 from elastic_arm.gap.features import Feature, Signals
 from elastic_arm.gap.observation import Observation
 from elastic_arm.gap.residuals import Layout, NoiseModel, Stretch, noise_model, residuals
@@ -57,7 +57,9 @@ class Evidence:
             pure = noise_model(model, observation, layout, band, floor=0.0)
             standstill = _standstill(observation, noise.f, model.n)
             for stretch in residuals(model, observation, layout, band):
-                self.parts.append(Part(stretch, Signals.of(stretch.motion, standstill), noise))
+                self.parts.append(
+                    Part(stretch, Signals.of(stretch.motion, standstill, elastic=model.robot.elastic), noise)
+                )
                 self.pure.append(pure)
         self.y = [part.stretch.values for part in self.parts]
         self.white = self.whiten([y[:, :, None] for y in self.y])[:, 0]
@@ -68,10 +70,10 @@ class Evidence:
         """Duration of the rows."""
         return sum(len(y) for y in self.y) / self.band.kept_rate
 
-    def noise_std(self, low: float = 0.0, high: float = np.inf) -> Array:
-        """Standard deviation (R,) of each residual's noise between two frequencies, over all stretches."""
+    def noise_std(self, low_pass: LowPass) -> Array:
+        """Standard deviation (R,) of each residual's noise behind a low pass, over all stretches."""
         weights = [len(y) for y in self.y]
-        return np.sqrt(np.average([noise.std(low, high) ** 2 for noise in self.pure], axis=0, weights=weights))
+        return np.sqrt(np.average([noise.std(low_pass) ** 2 for noise in self.pure], axis=0, weights=weights))
 
     def plain(self, feature: Feature, searched: Sequence[float] = ()) -> list[Array]:
         """Return a feature's columns (N', R, count) in the band, one array a stretch."""

@@ -37,19 +37,21 @@ class Signals:
     values: Mapping[str, Array]
 
     @staticmethod
-    def of(motion: WholeMotion, standstill: tuple[Array, Array]) -> Signals:
+    def of(motion: WholeMotion, standstill: tuple[Array, Array], *, elastic: bool = True) -> Signals:
         """Take the signals from motion.
 
         Parameters
         ----------
         standstill
             (n,) rad/s for link and motor side, below which a velocity has no sign.
+        elastic
+            Whether the arm has transmissions; x is then [q, theta], otherwise [q].
         """
         m = motion
         values = {
-            "x": np.hstack([m.q, m.theta]),
-            "dx": np.hstack([m.dq, m.dtheta]),
-            "ddx": np.hstack([m.ddq, m.ddtheta]),
+            "x": np.hstack([m.q, m.theta]) if elastic else m.q,
+            "dx": np.hstack([m.dq, m.dtheta]) if elastic else m.dq,
+            "ddx": np.hstack([m.ddq, m.ddtheta]) if elastic else m.ddq,
             "tau_J": m.tau_J,
             "tau_m": m.tau_m,
             "dtau_J": CubicSpline(m.t, m.tau_J)(m.t, 1),
@@ -158,6 +160,26 @@ class Feature:
         return Active(self.effect, self.joint, {**self.parameters(coefficients, searched), **self.choices})
 
 
+@dataclass(frozen=True, eq=False)
+class Whole(Feature):
+    """A feature whose one column is the law itself, at given values of all its parameters."""
+
+    @property
+    def linear(self) -> tuple[Parameter, ...]:
+        """None: all are arguments."""
+        return ()
+
+    @property
+    def phase(self) -> Parameter | None:
+        """None: it is an argument too."""
+        return None
+
+    @property
+    def searched(self) -> tuple[Parameter, ...]:
+        """All parameters."""
+        return self.effect.parameters
+
+
 def _spread(parameters: Sequence[Parameter], values: Sequence[float], convert: Any) -> dict[str, Any]:
     found: dict[str, Any] = {}
     k = 0
@@ -183,6 +205,8 @@ class _Compiled:
         stacked = np.hstack(signals.arrays())
         N = len(stacked)
         chunks = -(-N // SCAN)
+        # Over a step the rates are those of its middle.
+        stacked[:-1] = 0.5 * (stacked[:-1] + stacked[1:])
         padded = np.vstack([stacked, np.repeat(stacked[-1:], chunks * SCAN - N, axis=0)])
         constants = np.append(searched, h)
         state, courses = np.zeros(self.rates.size1_in(0)), []
@@ -194,7 +218,7 @@ class _Compiled:
 
 def _compile(feature: Feature) -> _Compiled:
     equations, effect, n = feature.equations, feature.effect, feature.equations.robot.n
-    sizes = {"x": 2 * n, "dx": 2 * n, "ddx": 2 * n}
+    sizes = dict.fromkeys(("x", "dx", "ddx"), equations.dof)
     symbols = {name: ca.SX.sym(name, sizes.get(name, n)) for name in INPUTS}
     motion = Motion(
         equations,

@@ -14,14 +14,14 @@ from numpy.typing import NDArray
 
 from elastic_arm.dynamics import Model
 from elastic_arm.errors import DiagnosisError
-from elastic_arm.gap.band import Band
+from elastic_arm.gap.band import Band, LowPass
 from elastic_arm.gap.observation import Observation
 from elastic_arm.identification.derivatives import Motion
 
 Array = NDArray[np.float64]
 
 SIDES = ("link", "drive", "motor")
-NOISE_FREQUENCIES = 200
+NOISE_FREQUENCIES = 400
 # Poses at which the inertia is looked up for the way of encoder noise into the residuals.
 POSES = 40
 # Part of the torque channels' noise that every equation is given on its own: without it, exact encoders would make the
@@ -115,6 +115,9 @@ def drive_constants(model: Model) -> tuple[Array, Array]:
 def raw_residuals(model: Model, motion: WholeMotion) -> Array:
     """Residuals (N, 3 n) Nm of completed motion at the recording's rate."""
     n = model.n
+    if not model.robot.elastic:
+        left = model.inverse_dynamics(motion.q, motion.dq, motion.ddq)
+        return np.hstack([motion.tau_J - left, np.zeros_like(left), motion.tau_m - motion.tau_J])
     K, D = drive_constants(model)
     spring = K * (motion.theta - motion.q) + D * (motion.dtheta - motion.dq)
     left = model.inverse_dynamics(
@@ -137,7 +140,7 @@ class NoiseModel:
     Parameters
     ----------
     f
-        (F,) Hz, equally spaced from 0 to the band's edge.
+        (F,) Hz, equally spaced from 0 to half the kept rate.
     covariance
         (F, R, R) complex, Nm²; white noise of 1 Nm a sample is the identity.
     rate
@@ -148,12 +151,11 @@ class NoiseModel:
     covariance: NDArray[np.complex128]
     rate: float
 
-    def std(self, low: float = 0.0, high: float = np.inf) -> Array:
-        """Return the standard deviation (R,) of each residual between two frequencies (Hz)."""
-        inside = (self.f >= low) & (self.f <= high)
-        density = np.real(np.einsum("frr->fr", self.covariance))[inside]
+    def std(self, low_pass: LowPass) -> Array:
+        """Return the standard deviation (R,) of each residual behind a low pass."""
+        density = np.real(np.einsum("frr->fr", self.covariance)) * low_pass.gain(self.f)[:, None] ** 2
         width = self.f[1] - self.f[0]
-        return np.sqrt(density.sum(axis=0) * width * 2.0 / self.rate)
+        return np.sqrt(np.trapezoid(density, dx=width, axis=0) * 2.0 / self.rate)
 
     def whitener(self, f: NDArray[Any]) -> NDArray[np.complex128]:
         """Return W (F', R, R) with W covariance W^H = 1 at f (F',) Hz within the band."""
@@ -172,7 +174,7 @@ def noise_model(
         Share of the torque noise that each equation gets besides, 0 for the noise itself.
     """
     n = layout.n
-    f = np.linspace(0.0, band.cutoff, NOISE_FREQUENCIES)
+    f = np.linspace(0.0, band.kept_rate / 2, NOISE_FREQUENCIES)
     s = 2j * np.pi * f[:, None, None]
     K, D = (np.diag(v) for v in drive_constants(model))
     M, S, B = _mean_inertia(model, observation)
@@ -201,8 +203,10 @@ def _mean_inertia(model: Model, observation: Observation) -> tuple[Array, Array,
     motion = max(observation.pieces, key=len)
     position = motion.q if motion.q is not None else motion.theta
     assert position is not None
-    x = np.hstack([position, position])[:: max(1, len(motion) // POSES)]
-    inertia = model.mass_matrix(x).mean(axis=0)
+    poses = position[:: max(1, len(motion) // POSES)]
+    if not model.robot.elastic:
+        return model.mass_matrix(poses).mean(axis=0), np.zeros((n, n)), np.zeros((n, n))
+    inertia = model.mass_matrix(np.hstack([poses, poses])).mean(axis=0)
     return inertia[:n, :n], inertia[:n, n:], inertia[n:, n:]
 
 
@@ -239,13 +243,6 @@ def residuals(model: Model, observation: Observation, layout: Layout, band: Band
         kept = slice(int(first), int(last))
         stretches.append(Stretch(t[kept], band.apply(full)[kept], motion, kept))
     return [s for s in stretches if len(s.t) > band.kept_rate]
-
-
-def low_passed(values: Array, rate: float, cutoff: float) -> Array:
-    """Return columns (N, k) with what lies above `cutoff` (Hz) taken away, smoothly within a tenth of it."""
-    spectrum = np.fft.rfft(values, axis=0)
-    f = np.fft.rfftfreq(len(values), 1 / rate)
-    return np.fft.irfft(spectrum * (f <= cutoff)[:, None], len(values), axis=0)
 
 
 def block_means(squares: Sequence[Array], length: int) -> Array:

@@ -1,0 +1,320 @@
+"""The diagnosis from recordings to result: where, which, how far."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from elastic_arm.dynamics import Model, build_model
+from elastic_arm.effects import EFFECTS, Active, Effect
+from elastic_arm.effects.equations import ArmEquations
+from elastic_arm.errors import DiagnosisError
+from elastic_arm.gap import shrink as shrinking
+from elastic_arm.gap.band import Band
+from elastic_arm.gap.bank import Bank, Entry, build_bank
+from elastic_arm.gap.certainty import Estimate, differs, estimates, polish
+from elastic_arm.gap.evidence import Evidence
+from elastic_arm.gap.explain import ENOUGH, Explanation, Rival, Search, misfit
+from elastic_arm.gap.features import Feature, features
+from elastic_arm.gap.material import Material
+from elastic_arm.gap.observation import Observation, observe, widest_band
+from elastic_arm.gap.regimes import regime, shares
+from elastic_arm.gap.residuals import Layout
+from elastic_arm.gap.result import Alternative, Cause, Diagnosis, Place, Size
+from elastic_arm.gap.split import independent, split
+from elastic_arm.gap.words import separated_by
+from elastic_arm.recording import Recording
+from elastic_arm.robot import Robot
+
+Array = NDArray[np.float64]
+
+WORTH = 0.01  # of the whole gap: less is no cause
+EXPLAINED = 0.2  # of the excess may be left
+LISTED = 0.01  # alternatives less probable than this are not worth a line
+
+
+@dataclass(frozen=True)
+class Question:
+    """What is asked of the recordings.
+
+    Parameters
+    ----------
+    robot
+        The nominal arm.
+    model
+        mod1, mod2 or mod3.
+    given
+        Effects that the user knows: they count as part of the model, their sizes are fitted.
+    effects
+        The catalogue that may explain the gap.
+    """
+
+    robot: Robot
+    model: str = "mod3"
+    given: tuple[Active, ...] = ()
+    effects: tuple[Effect, ...] = field(default_factory=lambda: tuple(EFFECTS.values()))
+
+
+def diagnose(recordings: Sequence[Recording], question: Question, validate: Sequence[Recording] = ()) -> Diagnosis:
+    """Say where recordings and model part, which effects cause it, and how far the gap shrinks with them.
+
+    Parameters
+    ----------
+    recordings
+        What causes are fitted on.
+    validate
+        What judges them; the last third of the recordings where none is given.
+
+    Raises
+    ------
+    DiagnosisError
+        If nothing can be said: no torque, no motion, too short, validation equal to identification data.
+    RecordingError
+        If a recording lacks a joint.
+    """
+    names = question.robot.joint_names
+    fitted, judging = split([r.select(names) for r in recordings], [r.select(names) for r in validate])
+    model = build_model(question.robot, question.model)
+    seen = [[observe(r) for r in part] for part in (fitted, judging)]
+    layout, band = _common(seen[0] + seen[1], model.n)
+    identify, judge = (Evidence(model, part, layout, band) for part in seen)
+    for part, evidence in zip(("fit", "judge"), (identify, judge), strict=True):
+        if not evidence.parts:
+            raise DiagnosisError(f"too little motion is left to {part} after filtering", "Record longer without gaps")
+    equations = ArmEquations(question.robot, question.model)
+    bank = build_bank(identify, judge, features(equations, question.effects))
+    given = [_given(bank, equations, active) for active in question.given]
+    inquiry = _Inquiry(model, bank, judge, given, max(o.rate for o in seen[0]))
+    notes = list(dict.fromkeys(note for part in seen for o in part for note in o.notes))
+    return inquiry.answer(
+        identify=tuple(r.source for r in fitted),
+        validate=tuple(r.source for r in judging),
+        independent_motion=independent(fitted, judging),
+        notes=notes,
+    )
+
+
+def _common(observations: Sequence[Observation], n: int) -> tuple[Layout, Band]:
+    """Return equations and band that all recordings allow."""
+    layouts = [Layout.of(o.pieces[0], n) for o in observations]
+    if any(layout.sides != layouts[0].sides for layout in layouts):
+        raise DiagnosisError(
+            "the recordings do not hold the same channels", "Diagnose those with equal channels together"
+        )
+    rate = min(o.rate for o in observations)
+    if max(o.rate for o in observations) > 1.01 * rate:
+        raise DiagnosisError("the recordings have different sample rates", "Diagnose those of one rate together")
+    return layouts[0], Band(widest_band(rate), rate)
+
+
+def _given(bank: Bank, equations: ArmEquations, active: Active) -> Entry:
+    chosen = {c.name: active.parameters[c.name] for c in active.effect.choices}
+    feature = Feature(active.effect, active.joint, chosen, equations)
+    searched = np.concatenate([np.atleast_1d(active.parameters[p.name]) for p in feature.searched] or [np.zeros(0)])
+    entry = bank.add(feature, tuple(float(v) for v in searched), fixed=feature.fixed)
+    bank.close()
+    return entry
+
+
+class _Inquiry:
+    """Search, judgement and wording for one bank of columns."""
+
+    def __init__(self, model: Model, bank: Bank, judge: Evidence, given: list[Entry], rate: float) -> None:
+        self.model, self.bank, self.judge, self.given, self.rate = model, bank, judge, given, rate
+        self.notes: list[str] = []
+
+    def answer(
+        self, *, identify: tuple[str, ...], validate: tuple[str, ...], independent_motion: bool, notes: Iterable[str]
+    ) -> Diagnosis:
+        """Return the diagnosis."""
+        baseline, before_values = self.given, self._left(self.given)
+        explanation = Explanation(list(baseline), len(baseline))
+        if shrinking.any_significant(self.judge, before_values).any():
+            explanation = self._without_lags(self._polished(Search(self.bank, self.given).run()))
+            baseline = explanation.entries[: explanation.given]
+            before_values = self._left(baseline)
+        before = shrinking.widest_telling(self.judge, before_values)
+        if before.significant.any():
+            explanation = self._judged(explanation, before)
+        else:
+            explanation = Explanation(list(baseline), len(baseline))
+        explanation = self._polished(explanation)
+        entries = explanation.entries
+        after_values = self._left(entries)
+        after = shrinking.figures(self.judge, after_values, before.band)
+        causes, alone = self._causes(explanation, before, baseline)
+        found = shrinking.shrink(before, after) if before.significant.any() else None
+        verdict = self._verdict(found[0] if found else None, causes)
+        regimes = tuple(shares(self.judge, before_values, row, self._ratios(row)) for row in range(len(before.rmse)))
+        if not independent_motion:
+            self.notes.append("The validation data repeat the motion of the fit: it is not an independent motion.")
+        return Diagnosis(
+            model=self.model.name,
+            robot=self.model.robot.name,
+            joints=self.model.robot.joint_names,
+            identify=identify,
+            validate=validate,
+            independent_motion=independent_motion,
+            band=before.band,
+            verdict=verdict,
+            noise=dict(zip(self._places(), before.noise.tolist(), strict=True)),
+            before=self._size(before),
+            after=self._size(after),
+            shrink=found[0] if found else None,
+            shrink_interval=found[1] if found else None,
+            causes=tuple(causes),
+            unexplained=tuple(self._unexplained(before, after, after_values)) if verdict == "unknown" else (),
+            notes=(*notes, *self.notes),
+            material=Material(
+                self.model, self.judge, before_values, after_values, tuple(c for _, c in alone),
+                tuple(values for values, _ in alone), regimes,
+            ),
+        )  # fmt: skip
+
+    def _polished(self, explanation: Explanation) -> Explanation:
+        return Explanation(polish(self.bank, explanation.entries), explanation.given, explanation.rivals)
+
+    def _left(self, entries: Sequence[Entry]) -> list[Array]:
+        return shrinking.remaining(self.judge, entries, self.bank.fit(0, entries))
+
+    def _without_lags(self, explanation: Explanation) -> Explanation:
+        """Count lags of a sample or less as part of the model: they are no cause."""
+        estimated = estimates(self.bank, explanation.entries)
+        lags, causes = [], []
+        for k in range(explanation.given, len(explanation.entries)):
+            entry, values = explanation.entries[k], estimated[k]
+            delay = values.get("delay")
+            is_lag = entry.feature.effect.id == "time_delay" and delay is not None
+            if is_lag and abs(delay.value) <= 1.0 / self.rate + 2 * delay.std:  # type: ignore[union-attr]
+                channels = ", ".join(entry.feature.choices["channels"])
+                where = entry.feature.joint or "all joints"
+                self.notes.append(
+                    f"{channels} of {where} lags by {1e3 * delay.value:.2f} ms, a sample or less: "  # type: ignore[union-attr]
+                    "taken into account, no cause."
+                )
+                lags.append(k)
+            else:
+                causes.append(k)
+        order = [*range(explanation.given), *lags, *causes]
+        moved = {order.index(k): v for k, v in explanation.rivals.items() if k in causes}
+        return Explanation([explanation.entries[k] for k in order], explanation.given + len(lags), moved)
+
+    def _judged(self, explanation: Explanation, before: shrinking.Figures) -> Explanation:
+        """Leave out, worst first, causes that do not pass the contract's conditions."""
+        entries, rivals = list(explanation.entries), dict(explanation.rivals)
+        while len(entries) > explanation.given:
+            entries = polish(self.bank, entries)
+            after = self._figures(entries, before.band)
+            estimated = estimates(self.bank, entries)
+            worst, worst_share = None, np.inf
+            for k in range(explanation.given, len(entries)):
+                without = self._refitted(entries[:k] + entries[k + 1 :])
+                share, low = shrinking.contribution(before, self._figures(without, before.band), after)
+                if self._passes(entries, without, k, share, low, estimated[k]):
+                    continue
+                if share < worst_share:
+                    worst, worst_share = k, share
+            if worst is None:
+                break
+            entries.pop(worst)
+            rivals = {k - (k > worst): v for k, v in rivals.items() if k != worst}
+        return Explanation(entries, explanation.given, rivals)
+
+    def _refitted(self, entries: Sequence[Entry]) -> list[Entry]:
+        """Return entries with their coefficients free again: what they explain without the causes left out."""
+        return polish(self.bank, entries)
+
+    def _passes(
+        self,
+        entries: Sequence[Entry],
+        without: Sequence[Entry],
+        k: int,
+        share: float,
+        low: float,
+        estimate: dict[str, Estimate],
+    ) -> bool:
+        if not entries[k].feature.effect.parameters:
+            gain = self.bank.held_out(entries) - self.bank.held_out(without)
+            return gain > ENOUGH * misfit(self.bank, entries)
+        return share >= WORTH and low > 0.0 and differs(estimate, entries[k])
+
+    def _figures(self, entries: Sequence[Entry], band: float) -> shrinking.Figures:
+        return shrinking.figures(self.judge, self._left(entries), band)
+
+    def _causes(
+        self, explanation: Explanation, before: shrinking.Figures, baseline: Sequence[Entry]
+    ) -> tuple[list[Cause], list[tuple[list[Array], Entry]]]:
+        entries = explanation.entries
+        estimated, beta = estimates(self.bank, entries), self.bank.fit(0, entries)
+        found = []
+        first = 0
+        for k, entry in enumerate(entries):
+            size = entry.columns.stop - entry.columns.start
+            coefficients = [float(v) for v in beta[first : first + size]]
+            first += size
+            if k < explanation.given:
+                continue
+            alone = self._left(self._refitted([*baseline, entry]))
+            share = shrinking.shrink(before, shrinking.figures(self.judge, alone, before.band))[0]
+            cause = self._cause(entry, estimated[k], share, explanation.rivals.get(k, []), coefficients)
+            found.append((cause, alone, entry))
+        found.sort(key=lambda item: -item[0].shrink)
+        return [c for c, _, _ in found], [(values, entry) for _, values, entry in found]
+
+    def _cause(
+        self, entry: Entry, estimate: dict[str, Estimate], share: float, rivals: list[Rival], coefficients: list[float]
+    ) -> Cause:
+        feature = entry.feature
+        confidence = 1.0 / (1.0 + sum(r.odds for r in rivals))
+        alternatives = tuple(
+            Alternative(
+                r.entry.feature.effect.id,
+                r.entry.feature.joint,
+                r.odds * confidence,
+                separated_by(feature.effect, r.entry.feature.effect, feature.joint, r.entry.feature.joint),
+            )
+            for r in rivals
+            if r.odds * confidence >= LISTED
+        )
+        return Cause(
+            feature.effect.id,
+            feature.joint,
+            tuple(side for side in feature.sides if side in self.bank.sets[0].layout.sides) or feature.sides,
+            feature.effect.regime,
+            estimate,
+            share,
+            confidence,
+            alternatives,
+            feature.active(coefficients, entry.searched or ()),
+        )
+
+    def _verdict(self, shrink: float | None, causes: Sequence[Cause]) -> str:
+        if shrink is None:
+            return "none"
+        return "explained" if causes and shrink >= 1.0 - EXPLAINED else "unknown"
+
+    def _unexplained(self, before: shrinking.Figures, after: shrinking.Figures, values: Sequence[Array]) -> list[Place]:
+        total = before.excess[before.significant].sum()
+        rows = [int(r) for r in np.argsort(-after.excess) if before.significant[r] and after.excess[r] > WORTH * total]
+        places = self._places()
+        return [
+            Place(joint, side, regime(shares(self.judge, values, r, self._ratios(r))), float(after.rmse[r]))
+            for r in rows
+            for joint, side in [places[r]]
+        ]
+
+    def _places(self) -> list[tuple[str, str]]:
+        return [(joint, side) for side in self.judge.layout.sides for joint in self.model.robot.joint_names]
+
+    def _size(self, figures: shrinking.Figures) -> Size:
+        places = self._places()
+        return Size(
+            dict(zip(places, figures.rmse.tolist(), strict=True)), dict(zip(places, figures.peak.tolist(), strict=True))
+        )
+
+    def _ratios(self, row: int) -> tuple[float, float]:
+        gear = self.model.robot.joints[row % self.model.n].transmission
+        return (gear.harmonic_drive_ratio, gear.r_tot) if gear else (1.0, 1.0)

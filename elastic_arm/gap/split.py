@@ -1,0 +1,89 @@
+"""Which part of the recordings is fitted and which part judges."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from elastic_arm.errors import DiagnosisError
+from elastic_arm.recording import Recording
+
+Array = NDArray[np.float64]
+
+HELD_BACK = 1.0 / 3.0
+SHORTEST = 2.5  # s of either part
+COARSE = 50.0  # samples per second at which motions are compared
+SAME = 0.02  # difference over spread below which a motion counts as a repetition
+
+
+def split(recordings: Sequence[Recording], validate: Sequence[Recording]) -> tuple[list[Recording], list[Recording]]:
+    """Return recordings to fit and to judge: the last third of each where no validation recording is given.
+
+    Raises
+    ------
+    DiagnosisError
+        If the parts would be too short, or a recording is to judge itself.
+    """
+    if not recordings:
+        raise DiagnosisError("no recording is given", "Name a bag")
+    if validate:
+        for judge in validate:
+            if any(_identical(judge, r) for r in recordings):
+                raise DiagnosisError(
+                    f"{judge.source or 'the validation recording'} is also what is fitted",
+                    "Validate on another recording, or leave --validate out: the last third then judges",
+                )
+        return list(recordings), list(validate)
+    for r in recordings:
+        if r.duration * HELD_BACK < SHORTEST:
+            raise DiagnosisError(
+                f"{r.source or 'the recording'} lasts {r.duration:.1f} s, too short to hold a third back for judging",
+                f"Record at least {SHORTEST / HELD_BACK:.0f} s, or give another recording with --validate",
+            )
+    ends = [r.duration * (1.0 - HELD_BACK) for r in recordings]
+    first = [r.between(0.0, end) for r, end in zip(recordings, ends, strict=True)]
+    rest = [r.between(end, r.duration + 1.0) for r, end in zip(recordings, ends, strict=True)]
+    return first, rest
+
+
+def independent(identify: Sequence[Recording], validate: Sequence[Recording]) -> bool:
+    """Whether the judging motion is another one than the fitted ones, not a repetition at another time."""
+    return not any(_repeats(_course(v), _course(r)) for v in validate for r in identify)
+
+
+def _course(recording: Recording) -> Array:
+    samples = recording.samples()
+    position = samples.theta if samples.theta is not None else samples.q
+    if position is None:
+        raise DiagnosisError(f"{recording.source or 'the recording'} holds no positions", "Record positions")
+    t = np.arange(samples.t[0], samples.t[-1], 1.0 / COARSE)
+    return np.stack([np.interp(t, samples.t, column) for column in position.T], axis=1)
+
+
+def _repeats(part: Array, whole: Array) -> bool:
+    """Whether `part` is found somewhere in `whole`: least mean-square distance over all shifts."""
+    if len(part) > len(whole):
+        part, whole = whole, part
+    middle = part.mean(axis=0)
+    part, whole = part - middle, whole - middle
+    spread = float(np.mean(part**2))
+    if spread == 0.0 or len(part) < 2:
+        return True
+    size = len(whole) + len(part)
+    product = np.fft.irfft(np.fft.rfft(whole, size, axis=0) * np.fft.rfft(part[::-1], size, axis=0), size, axis=0)
+    shifts = slice(len(part) - 1, len(whole))
+    energy = np.cumsum(np.vstack([np.zeros(whole.shape[1]), whole**2]), axis=0)
+    windows = energy[len(part) :] - energy[: len(energy) - len(part)]
+    distance = (windows + np.sum(part**2, axis=0) - 2 * product[shifts]).sum(axis=1) / part.size
+    return bool(distance.min() < SAME**2 * spread)
+
+
+def _identical(a: Recording, b: Recording) -> bool:
+    one, other = a.motor or a.link, b.motor or b.link
+    if one is None or other is None or len(one) != len(other):
+        return False
+    return bool(np.array_equal(one.stamp_ns, other.stamp_ns)) and bool(
+        one.position is not None and other.position is not None and np.array_equal(one.position, other.position)
+    )
