@@ -11,8 +11,11 @@ from hypothesis import strategies as st
 from rclpy.serialization import deserialize_message, serialize_message
 from sensor_msgs.msg import JointState
 
+from elastic_arm.excitation import FourierTrajectory
+from elastic_arm.nodes.collecting import Collector
 from elastic_arm.nodes.pacing import Pace
 from elastic_arm.nodes.pairing import Pairing
+from elastic_arm.nodes.plan import Plan
 from elastic_arm.nodes.reference import ReferenceQueue, Row
 from elastic_arm.nodes.wire import Form, Inbox
 
@@ -260,3 +263,94 @@ def test_a_full_inbox_drops_the_oldest_and_says_so() -> None:
     ((_, stamps, _),) = inbox.take()
     assert stamps.tolist() == [2, 3]
     assert inbox.overflowed == 1
+
+
+# Collecting
+
+
+def states(names: list[str], stamp_ms: int, **numbers: list[float]) -> bytes:
+    """Return a message with these fields as it comes from the wire."""
+    message = JointState(name=names, **{field: array("d", values) for field, values in numbers.items()})
+    message.header.stamp.nanosec = stamp_ms * MS
+    return serialize_message(message)
+
+
+def collector(sides: str = "both") -> Collector:
+    return Collector(("a", "b"), sides)
+
+
+def test_joints_in_another_order_find_their_columns() -> None:
+    """Joints are matched by name on either topic, and joints of others are left out."""
+    box = collector()
+    box.inboxes["/joint_states"].put(states(["b", "gripper", "a"], 1, position=[2.0, 9.0, 1.0]))
+    box.inboxes["/motor_states"].put(states(["a", "b"], 1, position=[3.0, 4.0], effort=[5.0, 6.0]))
+    samples = box.take(everything=True)
+    assert samples is not None
+    assert samples.q is not None
+    assert samples.theta is not None
+    assert samples.tau_m is not None
+    assert samples.q.tolist() == [[1.0, 2.0]]
+    assert samples.theta.tolist() == [[3.0, 4.0]]
+    assert samples.tau_m.tolist() == [[5.0, 6.0]]
+    assert samples.tau_J is None
+    assert samples.dq is None
+
+
+def test_messages_that_cannot_be_used_are_counted_and_told() -> None:
+    """Other joints, numbers that are not finite and changed fields are left out, each said in words."""
+    box = collector("motor")
+    inbox = box.inboxes["/motor_states"]
+    inbox.put(states(["a", "b"], 1, position=[1.0, 2.0]))
+    inbox.put(states(["x", "y"], 2, position=[1.0, 2.0]))
+    inbox.put(states(["a", "b"], 3, position=[1.0, float("nan")]))
+    inbox.put(states(["a", "b"], 4, position=[1.0, 2.0], velocity=[1.0, 2.0]))
+    samples = box.take(everything=True)
+    assert samples is not None
+    assert len(samples) == 1
+    assert (box.faults.foreign, box.faults.not_finite, box.faults.changed) == (1, 1, 1)
+    assert len([words for words in box.problems() if words.startswith("1 ")]) == 3
+
+
+def test_one_side_alone_makes_samples() -> None:
+    """An arm that has only a motor side gives samples without waiting for the other."""
+    box = collector("motor")
+    for stamp in (1, 2, 3):
+        box.inboxes["/motor_states"].put(states(["a", "b"], stamp, position=[1.0, 2.0], effort=[3.0, 4.0]))
+    samples = box.take(everything=True)
+    assert samples is not None
+    assert samples.t.tolist() == pytest.approx([0.0, 0.001, 0.002])
+    assert samples.q is None
+    assert samples.tau_J is None
+
+
+# The plan of a motion
+
+
+def test_the_way_to_the_start_is_smooth_and_within_its_speed() -> None:
+    """From rest where the arm stands to the trajectory's start there is no jump, and no more than the speed given."""
+    rng = np.random.default_rng(2)
+    a, b = rng.normal(size=(2, 2, 3)) * 0.2
+    trajectory = FourierTrajectory(2.0, a, b, np.array([1.0, -0.5]), 4.0, 0.5)
+    plan = Plan(trajectory, np.array([0.3, 0.2]), speed=0.3)
+    t = np.arange(0.0, plan.duration, 0.001)
+    rows = plan.evaluate(t)
+    np.testing.assert_allclose(rows.position[0], [0.3, 0.2], atol=1e-12)
+    approach = t < plan.approach
+    assert np.abs(rows.velocity[approach]).max() <= 0.3 + 1e-9
+    for values, rate in ((rows.position, rows.velocity), (rows.velocity, rows.acceleration)):
+        means = (rate[1:] + rate[:-1]) / 2
+        np.testing.assert_allclose(np.diff(values, axis=0) / 0.001, means, atol=2e-3)
+    q, dq, _ = trajectory.evaluate(t[~approach] - plan.approach)
+    np.testing.assert_allclose(rows.position[~approach], q)
+    np.testing.assert_allclose(rows.velocity[~approach], dq)
+
+
+def test_a_plan_can_be_repeated() -> None:
+    """Each round is the same motion, and the last point is at rest."""
+    trajectory = FourierTrajectory(2.0, np.full((1, 1), 0.3), np.zeros((1, 1)), np.zeros(1), 4.0, 0.5)
+    plan = Plan(trajectory, np.zeros(1), repeat=3)
+    assert plan.duration == pytest.approx(12.0)
+    t = np.linspace(0.1, 3.9, 20)
+    np.testing.assert_allclose(plan.evaluate(t + 8.0).position, plan.evaluate(t).position, atol=1e-12)
+    assert not plan.evaluate(np.array([plan.duration])).velocity.any()
+    assert np.isinf(Plan(trajectory, np.zeros(1), repeat=0).duration)

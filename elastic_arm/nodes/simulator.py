@@ -54,15 +54,10 @@ class SimulatorNode(ArmNode):
         self._born = time.monotonic()
         names = list(self._arm.robot.joint_names)
         self._columns = {name: column for column, name in enumerate(names)}
-        self._step_ns = round(NANOSECONDS / self._arm.rate)
         real_time = self._factor == 1.0
-        # Stamps lie on the grid of the clock; a clock of its own begins at zero.
-        self._origin_ns = time.time_ns() // self._step_ns * self._step_ns if real_time else 0
-        self._step = 1
-        self._reference = ReferenceQueue(self._start, self._origin_ns, self._step_ns)
-        self._pace = Pace(self._arm.rate, self._factor)
         self._waited = 0.0
         self._publish_setup(names, real_time)
+        self._start_clock(real_time)
         self.create_subscription(JointTrajectory, topics.REFERENCE, self._follow, graph.qos(topics.REFERENCE))
         self._health = Health(self, "pace")
         self.create_timer(PERIOD, self._report)
@@ -132,6 +127,15 @@ class SimulatorNode(ArmNode):
         self._clock_every = max(round(CLOCK_PERIOD * self._arm.rate), 1)
         description = self.create_publisher(String, topics.ROBOT_DESCRIPTION, graph.qos(topics.ROBOT_DESCRIPTION))
         description.publish(String(data=self._arm.nominal.to_urdf()))
+
+    def _start_clock(self, real_time: bool) -> None:
+        self._step_ns = round(NANOSECONDS / self._arm.rate)
+        # Stamps lie on the grid of the time of day; a clock of its own begins at zero.
+        self._origin_ns = time.time_ns() // self._step_ns * self._step_ns if real_time else 0
+        self._step = 1
+        self._reference = ReferenceQueue(self._start, self._origin_ns, self._step_ns)
+        self._pace = Pace(self._arm.rate, self._factor)
+        self._pace.wait(time.monotonic())
 
     def tick(self) -> float:
         """Make the step that is due."""

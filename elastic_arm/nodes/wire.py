@@ -18,6 +18,8 @@ from rclpy.serialization import serialize_message
 from elastic_arm.recording import cdr, message_types
 
 NANOSECONDS = 1_000_000_000
+# Names of the joints, stamps (N,) in ns, numbers by field (N, count).
+Decoded = tuple[tuple[str, ...], NDArray[np.int64], dict[str, NDArray]]
 
 
 class Form:
@@ -63,7 +65,7 @@ class Inbox:
     """
 
     def __init__(self, type_name: str, capacity: int = 20_000) -> None:
-        self._layouts = cdr.Layouts(type_name, message_types.typestore())
+        self.type_name = type_name
         self.received = 0
         self.overflowed = 0
         self._messages: deque[bytes] = deque(maxlen=capacity)
@@ -81,7 +83,7 @@ class Inbox:
     def __len__(self) -> int:
         return len(self._messages)
 
-    def take(self) -> Iterator[tuple[tuple[str, ...], NDArray[np.int64], dict[str, NDArray]]]:
+    def take(self) -> Iterator[Decoded]:
         """Empty the box: yield names, stamps (N,) in ns and numbers by field (N, count), one layout at a time.
 
         Within a layout the order is that of arrival.
@@ -93,13 +95,20 @@ class Inbox:
         """
         messages = list(self._messages)
         self._messages.clear()
-        if not messages:
-            return
-        sizes = np.array([len(message) for message in messages])
-        offsets = np.concatenate(([0], np.cumsum(sizes)[:-1]))
-        buffer = np.frombuffer(b"".join(messages), np.uint8)
-        for layout, index in self._layouts.groups(buffer, offsets, sizes):
-            where = offsets if index is None else offsets[index]
-            numbers = {path: layout.values(buffer, where, path) for path in layout.numbers}
-            seconds, rest = (numbers.pop(f"header.stamp.{part}")[:, 0].astype(np.int64) for part in ("sec", "nanosec"))
-            yield tuple(layout.strings.get("name", ())), seconds * NANOSECONDS + rest, numbers
+        for size in dict.fromkeys(map(len, messages)):
+            block = np.frombuffer(b"".join(m for m in messages if len(m) == size), np.uint8).reshape(-1, size)
+            while len(block):
+                layout = cdr.layout_of(block[0].data, self.type_name, message_types.typestore())
+                alike = np.all([np.all(block[:, a:b] == block[0, a:b], axis=1) for a, b in layout.fixed], axis=0)
+                yield _decoded(layout, block[alike])
+                block = block[~alike]
+
+
+def _decoded(layout: cdr.Layout, block: NDArray[np.uint8]) -> Decoded:
+    """Decode messages of one layout, (N, size) bytes."""
+    numbers = {
+        path: block[:, field.at : field.at + field.count * field.dtype.itemsize].copy().view(field.dtype)
+        for path, field in layout.numbers.items()
+    }
+    seconds, rest = (numbers.pop(f"header.stamp.{part}")[:, 0].astype(np.int64) for part in ("sec", "nanosec"))
+    return tuple(layout.strings.get("name", ())), seconds * NANOSECONDS + rest, numbers
