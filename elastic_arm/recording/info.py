@@ -100,13 +100,10 @@ def bag_info(path: str | Path, channels: ChannelMap | None = None) -> BagInfo:
         kinds |= {"unchunked"} if len(file.loose) else set()
         for block in file.blocks(strict=False):
             for channel_id, offsets in block.messages.items():
-                channel = file.channels[channel_id]
+                name, type_name = file.topic(channel_id)
                 log_ns = block.log_ns(channel_id)
                 first, last = int(log_ns.min()), int(log_ns.max())
-                topic = topics.get(channel.topic)
-                if topic is None:
-                    type_name = file.schemas[channel.schema_id].name
-                    topic = topics[channel.topic] = TopicInfo(channel.topic, type_name, 0, first, last)
+                topic = topics.setdefault(name, TopicInfo(name, type_name, 0, first, last))
                 topic.count += len(offsets)
                 topic.first_ns, topic.last_ns = min(topic.first_ns, first), max(topic.last_ns, last)
     sizes = {file.path.name: len(file.buffer) for file in bag.files}

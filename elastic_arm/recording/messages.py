@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
+from mcap.records import Schema
 
 from elastic_arm.recording.bag import open_bag
 from elastic_arm.recording.container import Block, McapFile
@@ -66,7 +67,7 @@ def read_topics(path: str | Path) -> list[Topic]:
             for _ in file.blocks(strict=False):
                 pass
         for channel in file.channels.values():
-            schema = file.schemas[channel.schema_id]
+            schema = file.schemas.get(channel.schema_id, Schema(0, b"", "", ""))
             offered = channel.metadata.get("offered_qos_profiles", "")
             type_hash = channel.metadata.get("topic_type_hash", "")
             definition = schema.data.decode(errors="replace")
@@ -93,12 +94,11 @@ def _of_file(file: McapFile, topics: Collection[str] | None, strict: bool) -> It
 def _of_block(file: McapFile, block: Block, topics: Collection[str] | None) -> Iterator[tuple[int, Message]]:
     view = block.buffer.data
     for channel_id, offsets in block.messages.items():
-        channel = file.channels[channel_id]
-        if topics is not None and channel.topic not in topics:
+        topic, type_name = file.topic(channel_id)
+        if topics is not None and topic not in topics:
             continue
-        type_name = file.schemas[channel.schema_id].name
         published = column(block.buffer, "<u8", offsets, 23)
         columns = (offsets, block.sizes(channel_id), block.log_ns(channel_id), published)
         for offset, size, log_ns, publish_ns in zip(*(part.tolist() for part in columns), strict=True):
             data = bytes(view[offset + MESSAGE_HEAD : offset + MESSAGE_HEAD + size])
-            yield offset, Message(log_ns, publish_ns, channel.topic, type_name, data)
+            yield offset, Message(log_ns, publish_ns, topic, type_name, data)

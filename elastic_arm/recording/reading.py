@@ -68,10 +68,7 @@ class Content:
     def take(self, file: McapFile, block: Block, wanted: Collection[str]) -> None:
         """Decode what is wanted of a block."""
         for channel in block.messages:
-            if channel not in file.channels:
-                raise RecordingError(f"{file.path}: messages of channel {channel}, which the file does not describe")
-            topic = file.channels[channel].topic
-            type_name = file.schemas[file.channels[channel].schema_id].name
+            topic, type_name = file.topic(channel)
             self.topics[topic] = type_name
             self.messages += len(block.messages[channel])
             if topic in wanted:

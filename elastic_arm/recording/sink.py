@@ -56,7 +56,7 @@ def pack(plain: bytes | memoryview, index: dict[int, tuple[Offsets, Offsets]], c
     crc = zlib.crc32(plain)
     match compression:
         case "zstd":
-            plain = zstandard.ZstdCompressor(level=1).compress(plain)
+            plain = zstandard.ZstdCompressor(level=-1).compress(plain)
         case "lz4":
             plain = lz4.frame.compress(plain)
         case "none":
