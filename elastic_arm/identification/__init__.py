@@ -1,6 +1,6 @@
 """Identification: derivatives, base parameters, least squares in batch and stream, consistency, verdict."""
 
-from elastic_arm.identification.identify import differentiate, identifier_of, identify
+from elastic_arm.identification.identify import differentiate, identifier_of, identify, identify_with
 from elastic_arm.identification.laws import law_columns, parse_laws
 from elastic_arm.identification.result import Comparison, Estimate, Identification, compare
 from elastic_arm.identification.stream import Identifier
@@ -14,6 +14,7 @@ __all__ = [
     "differentiate",
     "identifier_of",
     "identify",
+    "identify_with",
     "law_columns",
     "parse_laws",
 ]

@@ -80,7 +80,9 @@ class _Chart:
     free: tuple[int, ...]
 
 
-def consistent(fit: Fit, equations: Equations, trust: float | None = None) -> Consistent:
+def consistent(
+    fit: Fit, equations: Equations, independent_samples: float | None = None, trust: float | None = None
+) -> Consistent:
     """Find the physically consistent parameters that fit best, close to the nominal where the data say nothing.
 
     Parameters
@@ -89,6 +91,9 @@ def consistent(fit: Fit, equations: Equations, trust: float | None = None) -> Co
         The unconstrained fit of the base parameters.
     equations
         Whose model and laws these are.
+    independent_samples
+        How many samples say something new (:class:`.verdict.Liveliness`): what the model misses follows the motion, and
+        its errors do not average out between them. All of them when None.
     trust
         Relative standard deviation of the nominal; the most probable one when None.
 
@@ -98,7 +103,7 @@ def consistent(fit: Fit, equations: Equations, trust: float | None = None) -> Co
         If the solver fails.
     """
     chart = _chart(equations)
-    A, b = _data(fit, equations, chart)
+    A, b = _data(fit, equations, chart, independent_samples or fit.samples)
     trust = trust or _most_probable_trust(A, b, chart)
     x = _solve(A, b, chart, trust)
     Psi = chart.Psi0 + chart.G @ (x - chart.x0)
@@ -239,12 +244,14 @@ def _solid_chart(nominal: Array) -> Array:
     return np.array([[mass, 0.0, 0.0], [0.0, 0.0, 0.0], [0.0, radial, axial], [0.0, 2.0 * radial, 0.0]])
 
 
-def _data(fit: Fit, equations: Equations, chart: _Chart) -> tuple[Array, Array]:
+def _data(fit: Fit, equations: Equations, chart: _Chart, independent_samples: float) -> tuple[Array, Array]:
     """Return A, b: the recording says A (x - x0) = b with unit noise.
 
-    Errors are coloured: their effect on the estimate is larger than white ones' by a factor known from the blocks.
+    Errors are coloured: their effect on the estimate is larger than white ones' by a factor known from the blocks, and
+    larger still where the motion repeats itself block after block.
     """
-    inflation = np.sqrt(max(1.0, float(np.median(np.diag(fit.covariance) / np.diag(fit.white_covariance)))))
+    coloured = float(np.median(np.diag(fit.covariance) / np.diag(fit.white_covariance)))
+    inflation = np.sqrt(max(1.0, coloured, fit.samples / independent_samples))
     # Ordinary least squares has weights of one: its rows are still in Nm.
     size = np.sqrt(np.mean((fit.weights * fit.noise) ** 2))
     scaled = fit.factor[:-1, :] / (inflation * size)

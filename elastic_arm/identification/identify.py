@@ -18,7 +18,7 @@ from elastic_arm.identification.derivatives import Motion, Smoother, design_smoo
 from elastic_arm.identification.equations import Equations
 from elastic_arm.identification.fourier import fourier_motion
 from elastic_arm.identification.grid import Clock, Grid
-from elastic_arm.identification.laws import law_columns
+from elastic_arm.identification.laws import DEFAULT_SIGN_SPEED, SIGN_SPEEDS, is_dry, law_columns
 from elastic_arm.identification.noise import estimate_noise
 from elastic_arm.identification.result import Identification
 from elastic_arm.identification.stream import Identifier, smoothed
@@ -119,34 +119,70 @@ def identify(
     IdentificationError
         If the recordings allow no equation, or too few samples.
     """
+    return identify_with(
+        recordings,
+        robot,
+        model,
+        effects=effects,
+        derivatives=derivatives,
+        period=period,
+        weighted=weighted,
+        consistent=consistent,
+        validate=validate,
+        says=says,
+    )[0]
+
+
+def identify_with(
+    recordings: Recording | Sequence[Recording],
+    robot: Robot,
+    model: str = "mod3",
+    *,
+    effects: Sequence[Active] = (),
+    derivatives: Method = "auto",
+    period: float | None = None,
+    weighted: bool = True,
+    consistent: bool = True,
+    validate: Sequence[Recording] = (),
+    says: Says | None = None,
+) -> tuple[Identification, Identifier, Motion]:
+    """Identify as :func:`identify` does, and hand out the estimator and the longest run of motion too."""
     chosen = [recordings] if isinstance(recordings, Recording) else list(recordings)
     if not chosen:
         raise IdentificationError("no recording was given", "Give at least one.")
     tell = says or (lambda what, share: None)
-    identifier = identifier_of(robot, model, effects, weighted=weighted)
-    methods = []
-    for k, recording in enumerate(chosen):
-        tell(f"derivatives of {recording.source}", k / len(chosen))
-        samples = recording.select(robot.joint_names).samples()
-        equations = identifier.expect(samples)
-        derived = differentiate(samples, derivatives, period=period, equations=equations)
-        methods.append(derived.method)
-        tell(f"equations of {recording.source}", (k + 0.5) / len(chosen))
-        for motion in derived.motions:
-            identifier.add_motion(motion)
+    speeds = SIGN_SPEEDS if any(is_dry(active) for active in effects) else (DEFAULT_SIGN_SPEED,)
+    prepared = [recording.select(robot.joint_names).samples() for recording in chosen]
+    tries = []
+    for k, speed in enumerate(speeds):
+        columns = law_columns(effects, robot, model, speed)
+        identifier = Identifier(build_model(robot, model), columns, joints=robot.joint_names, weighted=weighted)
+        derived = []
+        for j, (recording, samples) in enumerate(zip(chosen, prepared, strict=True)):
+            tell(f"equations of {recording.source}", (k * len(chosen) + j) / (len(speeds) * len(chosen)))
+            derived.append(differentiate(samples, derivatives, period=period, equations=identifier.expect(samples)))
+            for motion in derived[-1].motions:
+                identifier.add_motion(motion)
+        tries.append((float(np.sum(np.log(identifier.fit().noise))), speed, identifier, derived))
+    _, speed, identifier, derived = min(tries, key=lambda each: each[0])
     tell("estimate", 1.0)
-    result = identifier.estimate(tuple(r.source for r in chosen), tuple(methods))
+    result = identifier.estimate(tuple(r.source for r in chosen), tuple(d.method for d in derived))
+    notes = [note for r in chosen for note in r.notes]
+    notes += [f"dry friction turns over within {speed:g} rad/s of standstill"] if len(speeds) > 1 else []
+    result = result.with_(notes=tuple(dict.fromkeys(notes)))
     if consistent:
         tell("physical consistency", 1.0)
         result = with_consistency(result, identifier, robot, effects)
-    return _validated(result, identifier, robot, validate, tell) if validate else result
+    if validate:
+        result = _validated(result, identifier, robot, validate, tell)
+    return result, identifier, max((motion for d in derived for motion in d.motions), key=len)
 
 
 def with_consistency(
     result: Identification, identifier: Identifier, robot: Robot, effects: Sequence[Active] = ()
 ) -> Identification:
     """Add all parameters, physically consistent, and the arm that has them; see :mod:`.consistency` for errors."""
-    found = find_consistent(identifier.fit(), identifier.equations)
+    found = find_consistent(identifier.fit(), identifier.equations, identifier.liveliness.independent_samples)
     return result.with_(
         Psi=found.Psi,
         consistency={"trust": found.trust, "misfit": found.misfit},

@@ -22,8 +22,9 @@ from elastic_arm.robot import Robot
 
 Array = NDArray[np.float64]
 SIDES = ("link", "drive", "motor")
-# Below this speed, rad/s, dry friction turns over gradually: presliding, and the velocity's own error.
-SIGN_SPEED = 0.01
+# Dry friction turns over gradually below some speed, rad/s: presliding. A batch tries these and takes the likeliest.
+SIGN_SPEEDS = (1e-4, 1e-3, 5e-3, 2e-2)
+DEFAULT_SIGN_SPEED = 1e-3
 
 
 def parse_laws(texts: Sequence[str], robot: Robot) -> list[Active]:
@@ -54,17 +55,24 @@ def parse_laws(texts: Sequence[str], robot: Robot) -> list[Active]:
     return actives
 
 
-def law_columns(actives: Sequence[Active], robot: Robot, model: str = "mod3") -> list[Column]:
-    """Return one column for each linear parameter of each effect."""
-    columns = []
-    for active in actives:
-        names = _linear_entries(active)
-        kernel, nominal = _kernel(active, robot, model, [index for _, _, index in names])
-        evaluate = partial(_evaluate, kernel, nominal, robot)
-        place = active.joint or robot.name
-        for k, (name, unit, _) in enumerate(names):
-            columns.append(Column(f"{active.effect.id}:{place}.{name}", unit, partial(_column, evaluate, k)))
-    return columns
+def law_columns(
+    actives: Sequence[Active], robot: Robot, model: str = "mod3", sign_speed: float = DEFAULT_SIGN_SPEED
+) -> list[Column]:
+    """Return one column for each linear parameter of each effect; sign(w) is tanh(w / sign_speed)."""
+    if not actives:
+        return []
+    evaluate = _Evaluator(tuple(actives), robot, model, sign_speed)
+    entries = [
+        (f"{active.effect.id}:{active.joint or robot.name}.{name}", unit)
+        for active in actives
+        for name, unit, _ in _linear_entries(active)
+    ]
+    return [Column(name, unit, partial(evaluate.column, k)) for k, (name, unit) in enumerate(entries)]
+
+
+def is_dry(active: Active) -> bool:
+    """Say whether the effect's law depends on the sign of a velocity."""
+    return active.effect.regime == "velocity_reversal"
 
 
 def _linear_entries(active: Active) -> list[tuple[str, str, int]]:
@@ -78,49 +86,58 @@ def _linear_entries(active: Active) -> list[tuple[str, str, int]]:
     return entries
 
 
-def _kernel(active: Active, robot: Robot, model: str, wanted: list[int]) -> tuple[kernels.Kernel, Array]:
-    """Compile (x, dx, ddx, tau_J, tau_m, Psi) -> contributions (3 n, parameters) per unit of the parameters."""
+class _Evaluator:
+    """All laws in one kernel; the columns of the last motion are kept, as they are asked for one by one."""
+
+    def __init__(self, actives: tuple[Active, ...], robot: Robot, model: str, sign_speed: float) -> None:
+        self.robot = robot
+        self.kernel, self.nominal = _kernel(actives, robot, model)
+        self.sign_speed = np.array([sign_speed])
+        self.last: tuple[Motion, Array] | None = None
+
+    def column(self, k: int, motion: Motion) -> dict[str, Array]:
+        """Return column k by residual."""
+        if self.last is None or self.last[0] is not motion:
+            self.last = motion, self.columns(motion)
+        return dict(zip(SIDES, np.split(self.last[1][:, :, k], 3, axis=1), strict=True))
+
+    def columns(self, motion: Motion) -> Array:
+        """Return all columns (N, 3 n, k)."""
+        robot = self.robot
+        none = np.zeros((len(motion), robot.n))
+        pairs = [(getattr(motion, rate + "q"), getattr(motion, rate + "theta")) for rate in ("", "d", "dd")]
+        states = [np.hstack(pair) if robot.elastic else pair[0] for pair in pairs]
+        torques = [none if tau is None else tau for tau in (motion.tau_J, motion.tau_m)]
+        values = np.asarray(self.kernel(*states, *torques, self.nominal, self.sign_speed))
+        return values.reshape(len(motion), 3 * robot.n, -1)
+
+
+def _kernel(actives: tuple[Active, ...], robot: Robot, model: str) -> tuple[kernels.Kernel, Array]:
+    """Compile (x, dx, ddx, tau_J, tau_m, Psi, speed) -> contributions (3 n, k) per unit of the parameters."""
     equations = ArmEquations(robot, model)
     n = robot.n
     x, dx, ddx = (ca.SX.sym(name, equations.dof) for name in ("x", "dx", "ddx"))
-    tau_J, tau_m = ca.SX.sym("tau_J", n), ca.SX.sym("tau_m", n)
+    tau_J, tau_m, speed = ca.SX.sym("tau_J", n), ca.SX.sym("tau_m", n), ca.SX.sym("speed")
     velocity = {"link": dx[:n], "motor": dx[n : 2 * n] if robot.elastic else dx[:n]}
-    motion = SymbolicMotion(
-        equations,
-        x,
-        dx,
-        ddx,
-        tau_J,
-        tau_m,
-        ca.SX(n, 1),
-        ca.SX(n, 1),
-        lambda side, i: ca.tanh(velocity[side][i] / SIGN_SPEED),
-    )
+
+    def sign(side: str, i: int) -> ca.SX:
+        return ca.tanh(velocity[side][i] / speed)
+
+    motion = SymbolicMotion(equations, x, dx, ddx, tau_J, tau_m, ca.SX(n, 1), ca.SX(n, 1), sign)
+    columns = ca.horzcat(*(_linear_columns(active, motion) for active in actives))
+    inputs = {"x": x, "dx": dx, "ddx": ddx, "tau_J": tau_J, "tau_m": tau_m, "Psi": equations.Psi, "speed": speed}
+    function = ca.Function("laws", list(inputs.values()), [ca.sparsify(columns)], list(inputs), ["columns"])
+    return kernels.compile(function, shared=("Psi", "speed")), equations.nominal
+
+
+def _linear_columns(active: Active, motion: SymbolicMotion) -> ca.SX:
+    """Return the derivative of link, drive and motor contributions (3 n, k) by the linear parameters."""
     symbols = {p.name: ca.SX.sym(p.name, p.size) for p in active.effect.parameters}
     numbers = np.concatenate([np.atleast_1d(np.asarray(active.parameters[name], dtype=float)) for name in symbols])
     p = ca.vertcat(*symbols.values())
     total = motion.nothing()
-    for i in law_joints(active, robot):
+    for i in law_joints(active, motion.robot):
         total += active.effect.law(motion, i, {**active.parameters, **symbols})
+    wanted = [index for _, _, index in _linear_entries(active)]
     stacked = ca.vertcat(total.link, total.drive, total.motor)
-    at = ca.substitute(ca.jacobian(stacked, p)[:, wanted], p, ca.DM(numbers))
-    inputs = {"x": x, "dx": dx, "ddx": ddx, "tau_J": tau_J, "tau_m": tau_m, "Psi": equations.Psi}
-    function = ca.Function("law", list(inputs.values()), [ca.sparsify(at)], list(inputs), ["columns"])
-    return kernels.compile(function, shared=("Psi",)), equations.nominal
-
-
-def _evaluate(kernel: kernels.Kernel, nominal: Array, robot: Robot, motion: Motion) -> Array:
-    """Return the columns (N, 3 n, parameters)."""
-    none = np.zeros((len(motion), robot.n))
-    q, dq, ddq = (getattr(motion, r + "q") for r in ("", "d", "dd"))
-    theta, dtheta, ddtheta = (getattr(motion, r + "theta") for r in ("", "d", "dd"))
-    pairs = ((q, theta), (dq, dtheta), (ddq, ddtheta))
-    states = [np.hstack(pair) if robot.elastic else pair[0] for pair in pairs]
-    torques = [none if tau is None else tau for tau in (motion.tau_J, motion.tau_m)]
-    columns = np.asarray(kernel(*states, *torques, nominal))
-    return columns.reshape(len(motion), 3 * robot.n, -1)
-
-
-def _column(evaluate: partial[Array], k: int, motion: Motion) -> dict[str, Array]:
-    values = evaluate(motion)[:, :, k]
-    return dict(zip(SIDES, np.split(values, 3, axis=1), strict=True))
+    return ca.substitute(ca.jacobian(stacked, p)[:, wanted], p, ca.DM(numbers))

@@ -162,6 +162,11 @@ class Identifier:
         """
         return self._ready().equations
 
+    @property
+    def liveliness(self) -> Liveliness:
+        """How much the motion moves."""
+        return self._ready().liveliness
+
     def expect(self, channels: Samples | Motion) -> Equations:
         """Choose the equations by the channels that are there, and return them.
 

@@ -1,0 +1,155 @@
+"""`elastic-arm identify`: recordings in, parameters with their doubts out."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from enum import StrEnum
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from rich.markup import escape
+from rich.progress import BarColumn, Progress, TextColumn
+from rich.table import Table
+
+from elastic_arm.cli.console import err, out, print_json, reports_errors
+from elastic_arm.identification import Identification, identify_with, parse_laws
+from elastic_arm.recording import ChannelMap, Recording, load_channels, read_recording
+from elastic_arm.report.html import write_report
+from elastic_arm.report.identification import sections, shortened
+from elastic_arm.robot import Robot, load_robot
+
+COLOURS = {"well": "green", "poorly": "yellow", "not": "red"}
+
+
+class Derivatives(StrEnum):
+    """Where accelerations come from."""
+
+    auto = "auto"
+    smoother = "smoother"
+    fourier = "fourier"
+
+
+class Weights(StrEnum):
+    """How equations are weighed against each other."""
+
+    noise = "noise"
+    ordinary = "ordinary"
+
+
+@reports_errors
+def identify(
+    bags: Annotated[list[Path], typer.Argument(metavar="BAG…", help="Recordings to fit.")],
+    validate: Annotated[
+        list[Path] | None, typer.Option(help="Recording that no fit may see; may be given again.")
+    ] = None,
+    robot_file: Annotated[
+        Path | None, typer.Option("--robot", help="Nominal arm: arm file or URDF; that of the package by default.")
+    ] = None,
+    model: Annotated[str, typer.Option(help="mod1, mod2 or mod3.")] = "mod3",
+    with_: Annotated[
+        list[str] | None,
+        typer.Option("--with", help="Law identified too: EFFECT[:JOINT][:side=link]; may be given again."),
+    ] = None,
+    channels: Annotated[Path | None, typer.Option(help="Channel map of foreign bags.")] = None,
+    derivatives: Annotated[Derivatives, typer.Option(help="Where accelerations come from.")] = Derivatives.auto,
+    period: Annotated[float | None, typer.Option(help="Of the motion, s, for a Fourier series.")] = None,
+    weights: Annotated[Weights, typer.Option(help="Weigh equations by their noise, or all alike.")] = Weights.noise,
+    consistent: Annotated[bool, typer.Option(help="Also find all parameters, physically consistent.")] = True,
+    out_dir: Annotated[Path, typer.Option("--out", help="Folder for the results.")] = Path("identified"),
+    json: Annotated[bool, typer.Option("--json", help="Print the result as JSON, for scripts.")] = False,
+) -> None:
+    """Identify an arm's parameters from recordings.
+
+    Writes identification.json, report.html and, with physical consistency, robot.yaml, an arm file that
+    `elastic-arm simulate --robot` takes.
+
+    Examples:
+
+        elastic-arm identify bag
+
+        elastic-arm identify slow fast --validate other --with coulomb_friction --with viscous_friction
+
+        elastic-arm identify lwr_1 lwr_3 --robot lwr.urdf --with coulomb_friction:side=link --validate lwr_2
+    """
+    robot = load_robot(robot_file)
+    laws = parse_laws(with_ or (), robot)
+    mapping = None if channels is None else load_channels(channels)
+    with Progress(TextColumn("{task.description}"), BarColumn(), console=err, transient=True) as bar:
+        task = bar.add_task("reading", total=1.0)
+
+        def says(what: str, share: float) -> None:
+            bar.update(task, description=what, completed=share)
+
+        recordings, held_out = (_read(paths, mapping, robot, says) for paths in (bags, validate or []))
+        result, identifier, motion = identify_with(
+            recordings,
+            robot,
+            model,
+            effects=laws,
+            derivatives=derivatives.value,
+            period=period,
+            weighted=weights is Weights.noise,
+            consistent=consistent,
+            validate=held_out,
+            says=says,
+        )
+        says("report", 1.0)
+        out_dir.mkdir(parents=True, exist_ok=True)
+        result.to_json(out_dir / "identification.json")
+        if result.identified is not None:
+            result.save_robot(out_dir / "robot.yaml")
+        names = ", ".join(result.recordings)
+        parts = sections(result, identifier.equations, motion)
+        write_report(out_dir / "report.html", f"Identification of {robot.name}", parts, subtitle=f"{model}, {names}")
+    if json:
+        print_json(result.to_dict())
+    else:
+        _print(result, out_dir)
+
+
+def _read(
+    paths: list[Path], channels: ChannelMap | None, robot: Robot, says: Callable[[str, float], None]
+) -> list[Recording]:
+    recordings = []
+    for path in paths:
+        says(f"reading {path}", 0.0)
+        recordings.append(read_recording(path, channels, robot.joint_names))
+    return recordings
+
+
+def _print(result: Identification, out_dir: Path) -> None:
+    if result.excitation["poor"]:
+        reasons = "; ".join(result.excitation["reasons"])
+        out.print(f"[bold yellow]the excitation is poor[/] (known from the motion alone): {escape(reasons)}")
+    table = Table(box=None, header_style="bold")
+    for heading in ("parameter", "identified", "± std", "nominal", "unit", "determined"):
+        table.add_column(heading, justify="right" if heading in ("identified", "± std", "nominal") else "left")
+    for e in result.estimates:
+        verdict = f"[{COLOURS[e.verdict]}]{e.verdict}[/]"
+        numbers = (f"{e.value:.6g}", f"{e.std:.2g}", f"{e.nominal:.6g}")
+        table.add_row(escape(shortened(e.name)), *numbers, e.unit, verdict)
+    out.print(table)
+    methods = ", ".join(dict.fromkeys(result.derivatives))
+    out.print(f"{result.samples} samples, {methods}, condition number {result.condition:.3g}")
+    for note in result.notes:
+        out.print(escape(note))
+    for direction in result.undetermined:
+        out.print(f"[red]left open by the data:[/] {escape(direction)}")
+    for title, rows in _residual_rows(result):
+        shown = Table(box=None, header_style="bold", title=title, title_justify="left")
+        for heading in ("", *result.joints):
+            shown.add_column(escape(heading), justify="right" if heading else "left")
+        for name, values in rows:
+            shown.add_row(escape(name), *(f"{value:.3g}" for value in values))
+        out.print(shown)
+    out.print(f"results in {escape(str(out_dir))}: {', '.join(sorted(p.name for p in out_dir.iterdir()))}")
+
+
+def _residual_rows(result: Identification) -> list[tuple[str, list[tuple[str, list[float]]]]]:
+    fitted = [(side, list(values.values())) for side, values in result.noise.items()]
+    tables = [("residual of the fit, Nm", fitted)]
+    for recording, arms in (result.validation or {}).items():
+        rows = [(f"{arm}, {side}", list(v.values())) for arm, by_side in arms.items() for side, v in by_side.items()]
+        tables.append((f"validation on {recording}, Nm", rows))
+    return tables

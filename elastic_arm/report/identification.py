@@ -1,0 +1,153 @@
+"""Figures and sections of an identification's report."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from matplotlib.figure import Figure as MplFigure
+
+from elastic_arm.identification import Identification
+from elastic_arm.identification.derivatives import Motion
+from elastic_arm.identification.equations import Equations
+from elastic_arm.identification.verdict import POORLY, WELL
+from elastic_arm.report.html import Block, Figure, Section, Table, Text
+from elastic_arm.report.style import BLUE, GREEN, GREY, ORANGE, VERMILION, draw_signal, new_figure, style
+
+COLOURS = {"well": GREEN, "poorly": ORANGE, "not": VERMILION}
+SIDES = {
+    "link": "link side",
+    "motor": "motor side",
+    "drive": "drive",
+    "joint": "joint torque",
+    "whole": "motor torque",
+}
+LONGEST_NAME = 60
+
+
+def identifiability(result: Identification) -> MplFigure:
+    """Draw the relative standard deviation of each base parameter, worst at the top."""
+    order = np.argsort([e.relative_std for e in result.estimates])
+    chosen = [result.estimates[k] for k in order]
+    with style():
+        figure, axes = new_figure(size=(8.4, 0.9 + 0.19 * len(chosen)))
+        ax = axes[0, 0]
+        widths = [max(min(e.relative_std, 1e3), 1e-9) for e in chosen]
+        ax.barh(range(len(chosen)), widths, left=0, color=[COLOURS[e.verdict] for e in chosen], height=0.7)
+        ax.set_yticks(range(len(chosen)), [shortened(e.name) for e in chosen], fontsize=6.5)
+        ax.set_xscale("log")
+        for limit in (WELL, POORLY):
+            ax.axvline(limit, color=GREY, lw=1.0, ls="--")
+        ax.set_xlabel("standard deviation over the natural size of the parameter")
+        ax.set_ylim(-0.8, len(chosen) - 0.2)
+    return figure
+
+
+def torques(equations: Equations, motion: Motion, result: Identification) -> MplFigure:
+    """Draw measured torques, what the nominal and the identified arm predict, and what is left."""
+    measured = equations.measured(motion)
+    sides = [side for side in equations.sides if side != "link"] or list(equations.sides)
+    nominal = equations.predict(motion, equations.base.T @ equations.nominal)
+    found = equations.predict(motion, result.Psi_base)
+    with style():
+        figure, axes = new_figure(equations.n, len(sides), size=(4.6 * len(sides), 1.7 * equations.n), sharex=True)
+        for column, side in enumerate(sides):
+            for i, joint in enumerate(equations.joints):
+                ax = axes[i, column]
+                draw_signal(ax, motion.t, measured[side][:, i], color=GREY, lw=2.4, alpha=0.6, label="measured")
+                draw_signal(ax, motion.t, nominal[side][:, i], color=ORANGE, lw=0.9, label="nominal arm")
+                draw_signal(ax, motion.t, found[side][:, i], color=BLUE, lw=0.9, label="identified")
+                ax.set_title(f"{joint}, {SIDES[side]} [Nm]", loc="left")
+            axes[-1, column].set_xlabel("time [s]")
+        axes[0, 0].legend(loc="upper right", ncols=3)
+    return figure
+
+
+def residuals(equations: Equations, motion: Motion, result: Identification) -> MplFigure:
+    """Draw what the identified arm leaves, per joint and equation."""
+    measured, found = equations.measured(motion), equations.predict(motion, result.Psi_base)
+    with style():
+        figure, axes = new_figure(equations.n, 1, size=(8.4, 1.35 * equations.n), sharex=True)
+        for i, joint in enumerate(equations.joints):
+            for side, colour in zip(equations.sides, (BLUE, VERMILION, GREEN), strict=False):
+                left = measured[side][:, i] - found[side][:, i]
+                draw_signal(axes[i, 0], motion.t, left, color=colour, lw=0.7, label=SIDES[side])
+            axes[i, 0].set_title(f"{joint}, residual [Nm]", loc="left")
+        axes[-1, 0].set_xlabel("time [s]")
+        axes[0, 0].legend(loc="upper right", ncols=3)
+    return figure
+
+
+def sections(
+    result: Identification, equations: Equations | None = None, motion: Motion | None = None
+) -> Sequence[Section]:
+    """Return the report: verdict first, then parameters, fit and validation.
+
+    Parameters
+    ----------
+    result
+        What was identified.
+    equations, motion
+        A run of the recording, for the figures of torques and residuals.
+    """
+    said: list[Section] = [Section("What the recording determines", _verdict(result))]
+    said.append(Section("Base parameters", [_parameters(result)]))
+    if equations is not None and motion is not None:
+        drawn = [
+            Figure(torques(equations, motion, result), "Torques as measured and as the two arms predict them."),
+            Figure(residuals(equations, motion, result), "What the identified arm leaves, in the band of the filter."),
+        ]
+        said.append(Section("Fit", [_noise(result), *drawn]))
+    else:
+        said.append(Section("Fit", [_noise(result)]))
+    if result.validation:
+        said.append(Section("Validation on recordings no fit has seen", [_validation(result)]))
+    return said
+
+
+def shortened(name: str) -> str:
+    """Return a combination's name, cut where it is long."""
+    return name if len(name) <= LONGEST_NAME else f"{name[: LONGEST_NAME - 2]} …"
+
+
+def _verdict(result: Identification) -> list[Block]:
+    words = [e.verdict for e in result.estimates]
+    counts = f"{words.count('well')} of {len(words)} base parameters are well determined (relative standard deviation \
+up to {WELL:.0%}), {words.count('poorly')} poorly (up to {POORLY:.0%}), {words.count('not')} not at all."
+    blocks: list[Block] = [Text(counts, "good" if words.count("not") == 0 else "warn")]
+    if result.excitation["poor"]:
+        reasons = "; ".join(result.excitation["reasons"])
+        blocks.append(Text(f"Known before any fit, from the motion alone: the excitation is poor. {reasons}.", "bad"))
+    blocks += [Text(f"Left open by the data: {direction}", "warn") for direction in result.undetermined]
+    blocks += [Text(note) for note in result.notes]
+    if result.consistency is not None:
+        blocks.append(
+            Text(
+                f"All parameters were filled in so that every body is physically possible, trusting the nominal arm to "
+                f"{result.consistency['trust']:.0%} (the value under which the recording is most probable)."
+            )
+        )
+    caption = "Green: well determined, orange: poorly, red: not at all. Dashed: the limits between them."
+    return [*blocks, Figure(identifiability(result), caption)]
+
+
+def _parameters(result: Identification) -> Table:
+    header = ("parameter", "unit", "identified", "standard deviation", "nominal", "determined")
+    return Table(header, result.table(), "Base parameters: all that the equations can see.", digits=6)
+
+
+def _noise(result: Identification) -> Table:
+    rows = [[SIDES[side], *by_joint.values()] for side, by_joint in result.noise.items()]
+    how = f"{result.samples:,} samples; derivatives: {', '.join(dict.fromkeys(result.derivatives))}; "
+    caption = how + f"condition number {result.condition:.3g}. Standard deviation of the residuals, Nm."
+    return Table(("equation", *result.joints), rows, caption)
+
+
+def _validation(result: Identification) -> Table:
+    rows = [
+        [recording, arm, SIDES[side], *by_joint.values()]
+        for recording, arms in (result.validation or {}).items()
+        for arm, by_side in arms.items()
+        for side, by_joint in by_side.items()
+    ]
+    return Table(("recording", "arm", "equation", *result.joints), rows, "Root of the mean square residual, Nm.")
