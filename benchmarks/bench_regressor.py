@@ -14,7 +14,6 @@ from collections.abc import Callable
 
 import numpy as np
 import pinocchio as pin
-import scipy.linalg
 
 from elastic_arm.dynamics import Model, build_model
 from elastic_arm.robot import Robot, load_robot
@@ -44,13 +43,19 @@ def samples(model: Model, count: int, rng: np.random.Generator) -> tuple[np.ndar
 
 
 def base_columns(model: Model, rng: np.random.Generator) -> np.ndarray:
-    """Indices of a largest set of independent columns of Phi."""
+    """Indices of independent columns of Phi: each one that those before it do not make up."""
     Phi = np.vstack(model.regressor(*samples(model, 300, rng)))
     norms = np.linalg.norm(Phi, axis=0)
-    scaled = Phi / np.where(norms > 1e-9, norms, np.inf)
-    triangle, pivots = scipy.linalg.qr(scaled, mode="r", pivoting=True)
-    diagonal = np.abs(np.diag(triangle))
-    return np.sort(pivots[: int((diagonal > 1e-9 * diagonal[0]).sum())])
+    columns: list[int] = []
+    basis = np.empty((len(Phi), 0))
+    for k in np.flatnonzero(norms):
+        rest = Phi[:, k] / norms[k]
+        for _ in range(2):
+            rest = rest - basis @ (basis.T @ rest)
+        if np.linalg.norm(rest) > 1e-9:
+            columns.append(int(k))
+            basis = np.column_stack([basis, rest / np.linalg.norm(rest)])
+    return np.array(columns)
 
 
 class PinocchioLoop:
@@ -78,33 +83,36 @@ def compare(title: str, robot: Robot, bearings: bool, counts: tuple[int, ...], r
     columns = base_columns(compiled, rng)
     loop = PinocchioLoop(robot, bearings, len(columns))
     kernel = compiled.kernel("regressor", columns)
-    nonzero = len(kernel.program.outputs[0].values)
-    print(
-        f"\n{title}: dof {compiled.dof}, base columns {len(columns)}, not null {nonzero}, operations {len(kernel.program)}"
-    )
+    nonzero, operations = len(kernel.program.outputs[0].values), len(kernel.program)
+    print(f"\n{title}: dof {compiled.dof}, base columns {len(columns)}, not null {nonzero}, operations {operations}")
     x, dx, ddx = samples(compiled, LOOP_SAMPLES, rng)
     peer = median_time(lambda: loop(x, dx, ddx)) / LOOP_SAMPLES
-    print(
-        f"{'N':>9} {'samples/s':>10} {'x Pinocchio':>12} {'x fill':>7} {'numpy x Pinocchio':>18} {'fused x Pinocchio':>18}"
-    )
+    print("        N  samples/s  x Pinocchio  x fill (fresh, warm)  numpy x Pinocchio  fused x Pinocchio")
     for count in counts:
-        state = samples(compiled, count, rng)
-        y = rng.normal(size=(count, compiled.dof))
-        Phi = np.empty((count, compiled.dof, len(columns)))
-        fill = median_time(lambda: np.empty_like(Phi).fill(1.0))
-        ours = median_time(lambda: compiled.regressor(*state, columns))
-        numpy = median_time(lambda: fallback.regressor(*state, columns))
-        fused = median_time(lambda: compiled.information(*state, y, columns))
-        print(
-            f"{count:9d} {count / ours:10.3g} {count * peer / ours:12.0f} {ours / fill:7.2f}"
-            f" {count * peer / numpy:18.1f} {count * peer / fused:18.0f}"
-        )
+        measure(compiled, fallback, columns, samples(compiled, count, rng), peer)
+
+
+def measure(compiled: Model, fallback: Model, columns: np.ndarray, state: tuple[np.ndarray, ...], peer: float) -> None:
+    """Print one line of an arm's table; `peer` is the Pinocchio loop's time a sample, s."""
+    x, dx, ddx = state
+    count = len(x)
+    memory = np.empty((count, compiled.dof, len(columns)))
+    fresh = median_time(lambda: np.empty_like(memory).fill(1.0))
+    warm = median_time(lambda: memory.fill(1.0))
+    ours = median_time(lambda: compiled.regressor(x, dx, ddx, columns))
+    numpy = median_time(lambda: fallback.regressor(x, dx, ddx, columns))
+    fused = median_time(lambda: compiled.information(x, dx, ddx, x, columns))
+    print(
+        f"{count:9d} {count / ours:10.3g} {count * peer / ours:12.0f} {ours / fresh:15.2f} {ours / warm:5.2f}"
+        f" {count * peer / numpy:18.1f} {count * peer / fused:18.0f}"
+    )
 
 
 def first_and_later_use() -> None:
     """Print the time to the first regressor in a new cache, and in new processes after it."""
     code = (
-        "import time, numpy as np; from elastic_arm.dynamics import build_model; from elastic_arm.robot import load_robot;"
+        "import time, numpy as np; from elastic_arm.dynamics import build_model;"
+        "from elastic_arm.robot import load_robot;"
         "from elastic_arm.robot.synthetic import random_arm; arm = {arm}; start = time.perf_counter();"
         "m = build_model(arm, 'mod3', bearings={bearings}); m.regressor(*np.zeros((3, 8, m.dof)));"
         "m.inverse_dynamics(*np.zeros((3, 8, m.dof))); print(time.perf_counter() - start)"

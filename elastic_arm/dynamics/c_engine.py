@@ -3,22 +3,17 @@
 from __future__ import annotations
 
 import ctypes
-import os
-from collections.abc import Callable, Sequence
-from concurrent.futures import ThreadPoolExecutor
-from functools import cache
+from collections.abc import Sequence
 
 import numpy as np
 
 from elastic_arm.dynamics.compiler import build
 from elastic_arm.dynamics.emit_block import emit_block
+from elastic_arm.dynamics.parallel import in_chunks
 from elastic_arm.dynamics.program import Program
 
-# Below this many samples a second thread costs more than it saves.
-_WORTH_A_THREAD = 2048
 # Outputs larger than the caches are written past them.
 _PAST_CACHES_BYTES = 1 << 21
-_BLOCK = 64
 _ARRAY = ctypes.c_void_p
 
 
@@ -80,28 +75,3 @@ class CEngine:
 def pointers(arrays: Sequence[np.ndarray]) -> ctypes.Array[ctypes.c_void_p]:
     """C array of the arrays' addresses."""
     return (ctypes.c_void_p * max(len(arrays), 1))(*(array.ctypes.data for array in arrays))
-
-
-def threads() -> int:
-    """Cores this process may use; OMP_NUM_THREADS bounds them."""
-    available = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-    asked = os.environ.get("OMP_NUM_THREADS", "")
-    return max(1, min(available, int(asked))) if asked.isdigit() else available
-
-
-def in_chunks(samples: int, work: Callable[[int, int], None]) -> int:
-    """Call `work(start, stop)` for as many parts of the samples as there are threads; return how many."""
-    parts = max(1, min(threads(), samples // _WORTH_A_THREAD))
-    if parts == 1:
-        work(0, samples)
-        return 1
-    step = -(-samples // (parts * _BLOCK)) * _BLOCK
-    starts = range(0, samples, step)
-    for done in [_pool(parts).submit(work, start, min(start + step, samples)) for start in starts]:
-        done.result()
-    return len(starts)
-
-
-@cache
-def _pool(size: int) -> ThreadPoolExecutor:
-    return ThreadPoolExecutor(size, thread_name_prefix="elastic-arm-kernel")

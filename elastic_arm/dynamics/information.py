@@ -14,10 +14,11 @@ from typing import Any
 
 import numpy as np
 
-from elastic_arm.dynamics.c_engine import CEngine, in_chunks
+from elastic_arm.dynamics.c_engine import CEngine
 from elastic_arm.dynamics.compiler import build
 from elastic_arm.dynamics.emit_block import LANES, gram_source
 from elastic_arm.dynamics.kernels import Kernel
+from elastic_arm.dynamics.parallel import in_chunks
 
 _CHUNK = 1024
 # Samples whose regressor is stored at a time where there is no compiler.

@@ -6,10 +6,14 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
+from elastic_arm.dynamics.parallel import in_chunks
 from elastic_arm.dynamics.program import NAMES, OPERATIONS, Program
 
-# Long enough to hide the cost of a call, short enough for the registers to stay in the second-level cache.
-CHUNK = 1024
+# Long enough to hide the cost of a call, short enough for the registers to stay in the caches.
+CHUNK = 4096
+
+_Load = tuple[np.ndarray, np.ndarray]
+_Step = tuple[Callable[..., np.ndarray], tuple[np.ndarray, ...], np.ndarray]
 
 
 def _if_else_zero(condition: np.ndarray, value: np.ndarray, out: np.ndarray | None = None) -> np.ndarray:
@@ -55,12 +59,41 @@ class NumpyEngine:
 
     def run(self, arrays: Sequence[np.ndarray], outputs: Sequence[np.ndarray]) -> None:
         """Fill `outputs` (N, size) from `arrays`: (N, k), or (k,) where shared."""
+        constants = self._uniform_values(arrays)
+        # numpy lets go of the interpreter while it works on an array this long: threads do help.
+        in_chunks(len(outputs[0]), lambda start, stop: self._run_part(arrays, outputs, constants, start, stop))
+
+    def _run_part(
+        self,
+        arrays: Sequence[np.ndarray],
+        outputs: Sequence[np.ndarray],
+        constants: dict[int, np.ndarray],
+        start: int,
+        stop: int,
+    ) -> None:
+        width = min(CHUNK, stop - start)
+        registers = np.empty((self._count, width))
+        operands, loads, steps = self._bind(arrays, constants, registers)
+        for first in range(start, stop, CHUNK):
+            size = min(width, stop - first)
+            for register, column in loads:
+                register[:size] = column[first : first + size]
+                register[size:] = register[0]
+            for ufunc, taken, target in steps:
+                ufunc(*taken, out=target)
+            for out, array in zip(self._program.outputs, outputs, strict=True):
+                for value, place in zip(out.values.tolist(), out.places.tolist(), strict=True):
+                    source = operands[value]
+                    array[first : first + size, place] = source[:size] if source.ndim else source
+
+    def _bind(
+        self, arrays: Sequence[np.ndarray], constants: dict[int, np.ndarray], registers: np.ndarray
+    ) -> tuple[list[np.ndarray], list[_Load], list[_Step]]:
+        """Give every value its memory: what is loaded for each chunk, and what is called on what."""
         program = self._program
         operands: list[np.ndarray] = [np.empty(0)] * len(program)
-        registers = np.empty((self._count, CHUNK))
-        constants = self._uniform_values(arrays)
-        steps: list[tuple[Callable[..., np.ndarray], tuple[np.ndarray, ...], np.ndarray]] = []
-        loads: list[tuple[np.ndarray, np.ndarray]] = []
+        loads: list[_Load] = []
+        steps: list[_Step] = []
         for k in range(len(program)):
             if self._uniform[k]:
                 operands[k] = constants[k]
@@ -72,18 +105,7 @@ class NumpyEngine:
             else:
                 taken = (program.a[k], program.b[k])[: OPERATIONS[name]]
                 steps.append((_UFUNCS[name], tuple(operands[t] for t in taken), operands[k]))
-        samples = len(outputs[0]) if outputs else 0
-        for start in range(0, samples, CHUNK):
-            size = min(CHUNK, samples - start)
-            for register, column in loads:
-                register[:size] = column[start : start + size]
-                register[size:] = register[0]
-            for ufunc, taken_operands, target in steps:
-                ufunc(*taken_operands, out=target)
-            for out, array in zip(program.outputs, outputs, strict=True):
-                for value, place in zip(out.values.tolist(), out.places.tolist(), strict=True):
-                    source = operands[value]
-                    array[start : start + size, place] = source[:size] if source.ndim else source
+        return operands, loads, steps
 
     @staticmethod
     def allocate(samples: int, size: int) -> np.ndarray:
