@@ -9,6 +9,7 @@ from elastic_arm.cli.bag import bag_app
 from elastic_arm.cli.demo import demo
 from elastic_arm.cli.describe import describe
 from elastic_arm.cli.excite import excite
+from elastic_arm.cli.identify import identify
 from elastic_arm.cli.simulate import simulate
 
 app = typer.Typer(
@@ -21,6 +22,7 @@ app = typer.Typer(
 app.command()(describe)
 app.command()(excite)
 app.command()(simulate)
+app.command()(identify)
 app.add_typer(bag_app)
 app.command()(demo)
 
