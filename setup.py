@@ -18,7 +18,9 @@ LIBRARIES = (
     "clarabel",
     "cvxpy",
     "jinja2",
+    "lz4",
     "matplotlib",
+    "mcap",
     "numpy",
     "platformdirs",
     "PyNomadBBO",
@@ -28,6 +30,7 @@ LIBRARIES = (
     "rosbags",
     "scipy",
     "typer",
+    "zstandard",
 )
 
 
