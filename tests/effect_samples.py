@@ -10,7 +10,7 @@ from elastic_arm.effects.acting import Acting
 from elastic_arm.effects.equations import ArmEquations
 from elastic_arm.robot import Robot
 
-CHANNELS = ("x", "dx", "ddx", "tau_J", "tau_m", "dtau_J", "dtau_m")
+CHANNELS = ("x", "dx", "ddx", "tau_J", "tau_m", "dtau_J", "dtau_m", "dddx", "ddddx")
 
 # One plausible instance of every effect, and the model that lacks it.
 INSTANCES = {
@@ -48,22 +48,31 @@ def random_motion(robot: Robot, rng: np.random.Generator, dof: int | None = None
     q, dq, ddq = rng.uniform(-1, 1, n), rng.uniform(-0.8, 0.8, n), rng.uniform(-3, 3, n)
     small = rng.uniform(-1, 1, (3, n)) * [[1e-3], [0.02], [0.5]]
     motion = {name: np.append(a, a + b) for name, a, b in zip(("x", "dx", "ddx"), (q, dq, ddq), small, strict=True)}
-    motion |= {name: rng.uniform(-200, 200, n) for name in CHANNELS[3:]}
+    motion |= {name: rng.uniform(-200, 200, n) for name in CHANNELS[3:7]}
     return motion
+
+
+def law_function(robot: Robot, actives: list[Active], model: str = "mod3") -> ca.Function:
+    """(channels, states of effects) -> what effects add to link, drive and motor (n,) each, and rates of the states."""
+    equations = ArmEquations(robot, model)
+    acting = Acting(actives, robot)
+    sizes = {name: equations.dof if name.endswith("x") else robot.n for name in CHANNELS}
+    symbols = {name: ca.SX.sym(name, size) for name, size in sizes.items()}
+    velocities = {"link": symbols["dx"][: robot.n], "motor": symbols["dx"][robot.n :]}
+    total, rates = acting.contribution(Motion(equations, **symbols, sign=lambda side, i: ca.sign(velocities[side][i])))
+    outputs = ca.substitute(
+        [total.link, total.drive, total.motor, rates],
+        [acting.p, equations.Psi],
+        [ca.DM(acting.numbers()), ca.DM(equations.nominal)],
+    )
+    return ca.Function("law", [*symbols.values(), acting.z], outputs)
 
 
 def contribution(
     robot: Robot, actives: list[Active], motion: dict[str, np.ndarray], z: np.ndarray | None = None, model: str = "mod3"
 ) -> dict[str, np.ndarray]:
-    """What effects add to the residuals link, drive and motor (n,) each, and the rates of their states."""
-    equations = ArmEquations(robot, model)
-    acting = Acting(actives, robot)
-    symbols = {name: ca.SX.sym(name, len(motion[name])) for name in CHANNELS}
-    velocities = {"link": symbols["dx"][: robot.n], "motor": symbols["dx"][robot.n :]}
-    total, rates = acting.contribution(Motion(equations, **symbols, sign=lambda side, i: ca.sign(velocities[side][i])))
-    function = ca.Function(
-        "f", [*symbols.values(), acting.p, acting.z, equations.Psi], [total.link, total.drive, total.motor, rates]
-    )
-    z = np.zeros(acting.z.numel()) if z is None else z
-    values = function(*motion.values(), acting.numbers(), z, equations.nominal)
+    """What effects add to the residuals at one instant, (n,) each, and the rates of their states."""
+    function = law_function(robot, actives, model)
+    z = np.zeros(function.numel_in(len(CHANNELS))) if z is None else z
+    values = function(*(motion.get(name, 0.0) for name in CHANNELS), z)
     return {name: np.array(v).ravel() for name, v in zip(("link", "drive", "motor", "rates"), values, strict=True)}

@@ -94,6 +94,8 @@ class Motion:
         (side, joint index) -> sign of that side's velocity: exact in a diagnosis, regularised in a simulator.
     twist, twist_rate : (n, 1)
         What transmission errors add to the deflection, and its rate.
+    dddx, ddddx : (dof, 1)
+        Third and fourth derivative of x, where somebody knows them.
     """
 
     equations: Equations
@@ -107,6 +109,8 @@ class Motion:
     sign: Callable[[str, int], SX]
     twist: SX | float = 0.0
     twist_rate: SX | float = 0.0
+    dddx: SX | float = 0.0
+    ddddx: SX | float = 0.0
 
     @property
     def robot(self) -> Robot:
