@@ -12,6 +12,7 @@ from collections.abc import Callable
 from typing import Any, ParamSpec, TypeVar
 
 from rich.console import Console
+from rich.markup import escape
 
 from elastic_arm.errors import ElasticArmError
 
@@ -30,7 +31,7 @@ def reports_errors(command: Callable[P, R]) -> Callable[P, R]:
         try:
             return command(*args, **kwargs)
         except ElasticArmError as error:
-            err.print(f"[bold red]error:[/] {error}", soft_wrap=True, markup=True)
+            err.print(f"[bold red]error:[/] {escape(str(error))}", soft_wrap=True, markup=True)
             raise SystemExit(2) from None
 
     return wrapper

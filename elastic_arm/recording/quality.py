@@ -59,4 +59,5 @@ def check_times(stamp_ns: Stamps, topic: str) -> None:
 
 def moment(stamp_ns: Stamps, row: int) -> str:
     """Return when a sample was: from the beginning, and as a stamp."""
-    return f"{(stamp_ns[row] - stamp_ns[0]) * 1e-9:.6f} s (stamp {stamp_ns[row] * 1e-9:.6f})"
+    seconds, nanoseconds = divmod(int(stamp_ns[row]), 1_000_000_000)
+    return f"{(stamp_ns[row] - stamp_ns[0]) * 1e-9:.6f} s (stamp {seconds}.{nanoseconds:09d})"
