@@ -27,12 +27,12 @@ class Check:
     tau_l: float | None = None
 
 
-def over_steps(robot: Robot, steps: tuple[float, ...], finest: float, motion: StepRamp) -> list[Check]:
-    """Compare tau_m at each integration step with the finest's."""
+def over_steps(robot: Robot, steps: tuple[float, ...], motion: StepRamp) -> list[Check]:
+    """Compare tau_m at each integration step with that at the last, the finest."""
     prototype = Prototype(robot)
-    reference = prototype.follow(motion, step=finest)
-    return [
-        Check(step, float(np.abs(prototype.follow(motion, step=step).tau_m - reference.tau_m).max())) for step in steps
+    torques = [prototype.follow(motion, step=step).tau_m for step in steps]
+    return [Check(step, float(np.abs(tau_m - torques[-1]).max())) for step, tau_m in zip(steps, torques, strict=True)][
+        :-1
     ]
 
 
@@ -51,10 +51,10 @@ def over_couplers(robot: Robot, frequencies: tuple[float, ...], motion: StepRamp
 
 
 def over_bushings(robot: Robot, scales: tuple[float, ...], motion: StepRamp, step: float) -> list[Check]:
-    """Compare mod3 with the prototype as the bushing grows stiff; the last row, infinity, has it locked."""
+    """Compare mod3 with the prototype as the bushing grows stiff; an infinite scale has it locked."""
     mod3 = build_model(robot, "mod3")
     checks = []
-    for scale in (*scales, np.inf):
+    for scale in scales:
         bushing = Bushing(locked=True) if np.isinf(scale) else Bushing(bearing_scale=scale)
         fine = step if np.isinf(scale) else step / max(1.0, scale**0.5)
         run = Prototype(robot, bushing).follow(motion, step=fine)

@@ -80,7 +80,7 @@ class SoftCouplers:
             for k in range(steps):
                 lag, slip = theta[k] - data.qpos[self._rotors], dtheta[k] - data.qvel[self._rotors]
                 effort = rest + inertia * ddtheta[k] + stiffness * lag + damping * slip
-                if k % stride == 0:
+                if piece.start >= 0.0 and k % stride == 0:
                     torques.append(effort * self._ratios)
                     angles.append(data.qpos[self._rotors] / self._ratios)
                 data.qfrc_applied[self._rotors] = effort

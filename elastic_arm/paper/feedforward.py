@@ -8,13 +8,14 @@ controller on the motor side keeps the arm near theta_d.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Any
+from collections.abc import Sequence
+from dataclasses import astuple, dataclass
 
 import numpy as np
 
-from elastic_arm.dynamics import Model
-from elastic_arm.paper.prototype import Prototype, Run
+from elastic_arm.dynamics import Model, build_model
+from elastic_arm.excitation import FourierTrajectory
+from elastic_arm.paper.prototype import Prototype
 from elastic_arm.robot.description import Robot
 
 ROUNDS = 6
@@ -30,15 +31,38 @@ class Command:
 
 
 @dataclass(frozen=True)
+class Law:
+    """A feed-forward: its name, the ratio it is for, a model and its parameters; no torque at all where Psi is None."""
+
+    name: str
+    r_tot: float
+    model: str
+    Psi: np.ndarray | None
+
+
+@dataclass(frozen=True)
 class Tracking:
-    """How well the prototype followed: tool error in mm, joint error in mrad, rms and largest."""
+    """How well the prototype followed.
+
+    `tool_rms` and `tool_max` are the tool's error, mm; `joints_rms` the part of it that the links' angles q make,
+    without the bearings' tilt, mm; `angle_rms` the error of q, mrad; `feedback_rms` what the feedback added, Nm.
+    """
 
     feedforward: str
     r_tot: float
     tool_rms: float
     tool_max: float
-    joint_rms: float
+    joints_rms: float
+    angle_rms: float
     feedback_rms: float
+
+
+def together(runs: Sequence[Tracking]) -> Tracking:
+    """Put the same law's runs along several motions together: rms over all, largest of all."""
+    values = np.array([astuple(run)[2:] for run in runs])
+    whole = np.sqrt((values**2).mean(axis=0))
+    whole[1] = values[:, 1].max()
+    return Tracking(runs[0].feedforward, runs[0].r_tot, *map(float, whole))
 
 
 def invert(model: Model, Psi: np.ndarray, q: tuple[np.ndarray, np.ndarray, np.ndarray], period: float) -> Command:
@@ -56,11 +80,6 @@ def invert(model: Model, Psi: np.ndarray, q: tuple[np.ndarray, np.ndarray, np.nd
     return Command(q[0] + delta[0], q[1] + delta[1], forces[:, n:] + K * delta[0] + D * delta[1])
 
 
-def nothing(q: tuple[np.ndarray, np.ndarray, np.ndarray]) -> Command:
-    """Return the command without a model: the motor is told the link's motion, feedback does the rest."""
-    return Command(q[0], q[1], np.zeros_like(q[0]))
-
-
 def gains(model: Model, frequency: float, at: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return proportional and derivative gains (n,) for a natural frequency (rad/s) and damping ratio 0.7."""
     n = model.n
@@ -69,36 +88,66 @@ def gains(model: Model, frequency: float, at: np.ndarray) -> tuple[np.ndarray, n
     return inertia * frequency**2, 1.4 * inertia * frequency
 
 
-def track(
-    robot: Robot, command: Command, feedback: tuple[np.ndarray, np.ndarray], duration: float, *, step: float
-) -> Run:
-    """Drive the prototype with a command (grid of half steps) and the feedback gains."""
-    stiffness, damping = feedback
-    period = len(command.theta)
+def reference(n: int, period: float, duration: float, rng: np.random.Generator) -> FourierTrajectory:
+    """Make a motion that no identification saw: three harmonics, at most 0.4 rad from zero per joint and 0.8 rad/s."""
+    harmonics = 3
+    a, b = rng.standard_normal((2, n, harmonics))
+    frequency = 2.0 * np.pi / period * np.arange(1, harmonics + 1)
+    size = np.hypot(a, b)
+    scale = np.minimum(0.8 / size.sum(axis=1), 0.4 / (size / frequency).sum(axis=1))[:, None]
+    return FourierTrajectory(2.0 * np.pi / period, a * scale, b * scale, np.zeros(n), duration + period)
+
+
+def assess(
+    robot: Robot, law: Law, reference: FourierTrajectory, *, frequency: float, settle: float, step: float
+) -> Tracking:
+    """Drive the prototype along a reference under a feed-forward law and compare.
+
+    Parameters
+    ----------
+    frequency
+        Natural frequency of the feedback on the motor side, rad/s.
+    settle
+        Time after which errors count, s.
+    step
+        Of the prototype's integration, s.
+    """
+    period = reference.period
+    steps = round(period / step)
+    grid = np.linspace(0.0, period, 2 * steps, endpoint=False)
+    command = _command(robot, law, reference.evaluate(grid), period)
+    stiffness, damping = gains(build_model(robot, "mod3"), frequency, reference.q0)
 
     def torque(half: int, theta: np.ndarray, dtheta: np.ndarray) -> np.ndarray:
-        k = half % period
+        k = half % len(grid)
         lag, slip = command.theta[k] - theta, command.dtheta[k] - dtheta
         return command.tau_m[k] + stiffness * lag + damping * slip
 
-    return Prototype(robot).actuate(torque, (command.theta[0], command.dtheta[0]), duration, step=step)
-
-
-def score(
-    name: str, r_tot: float, robot: Robot, run: Run, reference: Any, command: Command, settle: float, step: float
-) -> Tracking:
-    """Compare a run with the reference motion after `settle` seconds."""
+    prototype = Prototype(robot)
+    start = command.theta[0], command.dtheta[0]
+    run = prototype.actuate(torque, start, reference.duration - period, step=period / steps)
     kept = run.t >= settle
-    q = reference.evaluate(run.t[kept])[0]
-    away = 1e3 * np.linalg.norm(run.tool[kept] - Prototype(robot).tool(q), axis=1)
-    joint = 1e3 * (run.q[kept] - q)
-    half = np.rint(2.0 * run.t[kept] / step).astype(int) % len(command.tau_m)
-    added = run.tau_m[kept] - command.tau_m[half]
+    wanted = reference.evaluate(run.t[kept])[0]
+    place, rigid = prototype.tool(wanted), prototype.tool(run.q[kept])
+    sent = command.tau_m[np.rint(run.t[kept] / period * len(grid)).astype(int) % len(grid)]
+    away = np.linalg.norm(run.tool[kept] - place, axis=1)
     return Tracking(
-        name,
-        r_tot,
-        tool_rms=float(np.sqrt((away**2).mean())),
-        tool_max=float(away.max()),
-        joint_rms=float(np.sqrt((joint**2).mean())),
-        feedback_rms=float(np.sqrt((added**2).mean())),
+        law.name,
+        law.r_tot,
+        tool_rms=1e3 * _rms(away),
+        tool_max=1e3 * float(away.max()),
+        joints_rms=1e3 * _rms(np.linalg.norm(rigid - place, axis=1)),
+        angle_rms=1e3 * _rms(run.q[kept] - wanted),
+        feedback_rms=_rms(run.tau_m[kept] - sent),
     )
+
+
+def _command(robot: Robot, law: Law, q: tuple[np.ndarray, np.ndarray, np.ndarray], period: float) -> Command:
+    """Invert the law's model along one period; without one, tell the motor the link's motion and send no torque."""
+    if law.Psi is None:
+        return Command(q[0], q[1], np.zeros_like(q[0]))
+    return invert(build_model(robot, law.model), law.Psi, q, period)
+
+
+def _rms(values: np.ndarray) -> float:
+    return float(np.sqrt((values**2).mean()))

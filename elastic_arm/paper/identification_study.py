@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.stats import spearmanr
@@ -11,11 +11,14 @@ from scipy.stats import spearmanr
 from elastic_arm.dynamics import build_model
 from elastic_arm.identification.derivatives import Motion
 from elastic_arm.identification.equations import Equations
-from elastic_arm.identification.least_squares import BlockFactors, factor, fit
+from elastic_arm.identification.least_squares import Fit, fit
+from elastic_arm.identification.stream import Accumulator
+from elastic_arm.paper.individual import Recovered, recover
 from elastic_arm.paper.prototype import Run
 from elastic_arm.robot.description import Robot
 
 PAPER_STRIDE = 100  # of the 1 kHz samples: the paper's 10 Hz
+GUESS_SEED = 7
 LOW, MID = 20.5, 50.5  # the paper's 0-20 %, 21-50 %, 51-100 %, read as rounded percentages
 
 
@@ -55,25 +58,22 @@ class Problem:
         self.true = base.T @ self.equations.nominal
         self.estimable = int(np.count_nonzero(np.abs(base.T).max(axis=0) > 0.0))
 
-    def rows(self, run: Run) -> np.ndarray:
-        """Return regressor and measured side (groups, N, B + 1) of a run, with no filter: the engine knows ddq."""
-        return self.equations.rows(motion_of(run))
+    def fit(self, motion: Motion, *, weighted: bool) -> Fit:
+        """Fit the base parameters; `weighted` by the noise of each equation."""
+        data = Accumulator(self.equations)
+        data.add(motion)
+        return fit(data.snapshot(), weighted)
 
-    def estimate(self, rows: np.ndarray) -> np.ndarray:
+    def estimate(self, motion: Motion) -> np.ndarray:
         """Return Psi_ls (B,) of (11)."""
-        blocks = BlockFactors(rows.shape[0], rows.shape[2])
-        blocks.add(factor(rows), rows.shape[1])
-        return fit(blocks, weighted=False).Psi
+        return self.fit(motion, weighted=False).Psi
 
-    def with_noise(self, rows: np.ndarray, std: float, seeds: int, rng: np.random.Generator) -> np.ndarray:
+    def with_noise(self, motion: Motion, std: float, seeds: int, rng: np.random.Generator) -> np.ndarray:
         """Return estimates (seeds, B) with independent Gaussian noise of `std` Nm on every measured torque."""
-        motor = slice(self.model.n, 2 * self.model.n)
-        estimates = []
-        for _ in range(seeds):
-            noisy = rows.copy()
-            noisy[motor, :, -1] += std * rng.standard_normal(noisy[motor, :, -1].shape)
-            estimates.append(self.estimate(noisy))
-        return np.array(estimates)
+        assert motion.tau_m is not None
+        torque = motion.tau_m
+        noisy = (replace(motion, tau_m=torque + std * rng.standard_normal(torque.shape)) for _ in range(seeds))
+        return np.array([self.estimate(one) for one in noisy])
 
     def percent(self, estimate: np.ndarray) -> np.ndarray:
         """Return Psi_err of (13), in percent."""
@@ -93,7 +93,8 @@ class Estimate:
     All errors are in percent of the true coefficient, (B,): `error` as in the paper (10 Hz, no noise), `model_error`
     the same with the bushing locked, `noise_spread` the standard deviation over seeds at 10 Hz, `fast_error` and
     `fast_noise_spread` at 1 kHz. `noisy_shares` are those of each seed. `torque` is what each coefficient contributes
-    to the equations, `residual` what the fit leaves, Nm rms.
+    to the equations, `residual` what the fit leaves, Nm rms. `condition` is that of F with columns of unit
+    length, at 10 Hz. `individual` are the individual parameters under physical consistency.
     """
 
     model: str
@@ -111,7 +112,9 @@ class Estimate:
     fast_noisy_shares: tuple[Shares, ...]
     torque: np.ndarray
     residual: float
+    condition: float
     Psi: np.ndarray
+    individual: Recovered
 
     @property
     def bushing_error(self) -> np.ndarray:
@@ -133,6 +136,7 @@ def study(
     *,
     noise: float,
     seeds: tuple[int, int],
+    guesses: int,
     rng: np.random.Generator,
 ) -> Estimate:
     """Identify one model from the prototype's run.
@@ -147,31 +151,36 @@ def study(
         Standard deviation of the torque sensor, Nm.
     seeds
         Number of noise realisations at 10 Hz and at 1 kHz.
+    guesses
+        Number of wrong descriptions from which individual parameters are recovered.
     """
     problem = Problem(robot, model)
-    fast = problem.rows(run)
-    slow = fast[:, _ten_hertz(run)]
-    found = problem.estimate(slow)
+    fast = motion_of(run)
+    slow, slow_locked = fast[_ten_hertz(run)], motion_of(locked)[_ten_hertz(locked)]
+    plain = problem.fit(slow, weighted=False)
     noisy = problem.with_noise(slow, noise, seeds[0], rng)
     fast_noisy = problem.with_noise(fast, noise, seeds[1], rng)
-    left = slow[:, :, -1] - slow[:, :, :-1] @ found
+    rows = problem.equations.rows(slow)
+    left = rows[:, :, -1] - rows[:, :, :-1] @ plain.Psi
     return Estimate(
         model=model,
         r_tot=r_tot,
         names=problem.names,
         estimable=problem.estimable,
         true=problem.true,
-        estimate=found,
-        error=problem.percent(found),
-        model_error=problem.percent(problem.estimate(problem.rows(locked)[:, _ten_hertz(locked)])),
+        estimate=plain.Psi,
+        error=problem.percent(plain.Psi),
+        model_error=problem.percent(problem.estimate(slow_locked)),
         noise_spread=problem.percent(noisy).std(axis=0, ddof=1),
         fast_error=problem.percent(problem.estimate(fast)),
         fast_noise_spread=problem.percent(fast_noisy).std(axis=0, ddof=1),
         noisy_shares=tuple(shares(problem.percent(one)) for one in noisy),
         fast_noisy_shares=tuple(shares(problem.percent(one)) for one in fast_noisy),
-        torque=np.abs(problem.true) * np.sqrt((slow[:, :, :-1] ** 2).mean(axis=(0, 1))),
+        torque=np.abs(problem.true) * np.sqrt((rows[:, :, :-1] ** 2).mean(axis=(0, 1))),
         residual=float(np.sqrt((left**2).mean())),
-        Psi=problem.full(found),
+        condition=plain.condition,
+        Psi=problem.full(plain.Psi),
+        individual=recover(problem.fit(slow, weighted=True), problem.equations, guesses, GUESS_SEED),
     )
 
 

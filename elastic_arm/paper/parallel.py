@@ -6,33 +6,55 @@ import multiprocessing
 import os
 from collections.abc import Callable, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
+from types import TracebackType
 from typing import Any
 
 Task = Callable[[], Any]
 Advance = Callable[[], None]
 
 
-def run_all(tasks: Sequence[Task], workers: int, advance: Advance) -> list[Any]:
-    """Run tasks (functions of a module, bound to their arguments) and return their results in order.
+class Crew:
+    """Processes that run tasks; a context.
 
     Parameters
     ----------
     workers
         Processes; 1 runs everything in this one.
-    advance
-        Called after each task.
     """
-    if workers <= 1 or len(tasks) <= 1:
-        results = []
-        for task in tasks:
-            results.append(task())
-            advance()
-        return results
-    # Spawned, not forked: this process may hold threads of the kernels' engine.
-    context = multiprocessing.get_context("spawn")
-    with ProcessPoolExecutor(min(workers, len(tasks)), mp_context=context, initializer=_one_thread_each) as pool:
-        futures = [pool.submit(task) for task in tasks]
-        for _ in as_completed(futures):
+
+    def __init__(self, workers: int) -> None:
+        self._pool: ProcessPoolExecutor | None = None
+        if workers > 1:
+            # Spawned, not forked: this process may hold threads of the kernels' engine.
+            context = multiprocessing.get_context("spawn")
+            self._pool = ProcessPoolExecutor(workers, mp_context=context, initializer=_one_thread_each)
+
+    def __enter__(self) -> Crew:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        if self._pool is not None:
+            self._pool.shutdown(cancel_futures=True)
+
+    def run(self, tasks: Sequence[Task], advance: Advance) -> list[Any]:
+        """Run tasks (functions of a module, bound to their arguments) and return their results in order.
+
+        Parameters
+        ----------
+        advance
+            Called after each task.
+        """
+        if self._pool is None:
+            results = []
+            for task in tasks:
+                results.append(task())
+                advance()
+            return results
+        futures = [self._pool.submit(task) for task in tasks]
+        for future in as_completed(futures):
+            future.result()
             advance()
         return [future.result() for future in futures]
 
