@@ -8,6 +8,8 @@ import numpy as np
 import pytest
 import yaml
 from mcap.reader import make_reader
+from mcap.writer import CompressionType, IndexType
+from mcap.writer import Writer as McapWriter
 from mcap_ros2.decoder import DecoderFactory
 from rosbags.highlevel import AnyReader
 from rosbags.rosbag2 import Writer
@@ -174,25 +176,35 @@ def test_topics_in_irregular_turn_are_told_apart(tmp_path: Path) -> None:
     np.testing.assert_allclose(recording.motor.velocity[:, 0], np.arange(1500) + 0.01, rtol=0, atol=1e-12)
 
 
-def test_unchunked_files_are_read(tmp_path: Path, rng: np.random.Generator) -> None:
-    """A file without chunks, as rosbag2's fast writing makes, holds the same recording."""
-    from mcap.writer import IndexType
-    from mcap.writer import Writer as McapWriter
-
+@pytest.mark.parametrize(
+    ("chunked", "index", "compression"),
+    [
+        (False, IndexType.NONE, CompressionType.NONE),
+        (True, IndexType.ALL, CompressionType.LZ4),
+        (True, IndexType.ALL, CompressionType.ZSTD),
+        (True, IndexType.NONE, CompressionType.NONE),
+    ],
+    ids=["unchunked", "lz4", "zstd", "chunks without indexes"],
+)
+def test_files_of_the_mcap_library_are_read(
+    tmp_path: Path, chunked: bool, index: IndexType, compression: CompressionType
+) -> None:
+    """Chunked or not, indexed or not, with definitions inside the chunks: the same recording."""
     text, _ = message_types.definition(JOINT_STATE)
     file = tmp_path / "run.mcap"
     with open(file, "wb") as stream:
-        writer = McapWriter(stream, use_chunking=False, index_types=IndexType.NONE)
+        writer = McapWriter(stream, chunk_size=20_000, use_chunking=chunked, index_types=index, compression=compression)
         writer.start(profile="ros2", library="test")
         schema = writer.register_schema(JOINT_STATE, "ros2msg", text.encode())
-        channel = writer.register_channel("/joint_states", "cdr", schema)
-        for _, _, log_ns, data in states("/joint_states", stamps(1000)):
-            writer.add_message(channel, log_ns, data, log_ns)
+        for topic in ("/joint_states", "/motor_states"):
+            channel = writer.register_channel(topic, "cdr", schema)
+            for _, _, log_ns, data in states(topic, stamps(1000)):
+                writer.add_message(channel, log_ns, data, log_ns)
         writer.finish()
     recording = read_recording(file)
     np.testing.assert_array_equal(recording.link.stamp_ns, stamps(1000))
-    np.testing.assert_allclose(recording.link.velocity[:, 1], np.arange(1000) + 0.11, rtol=0, atol=1e-12)
-    assert bag_info(file).compression == ["unchunked"]
+    np.testing.assert_allclose(recording.motor.velocity[:, 1], np.arange(1000) + 0.11, rtol=0, atol=1e-12)
+    assert bag_info(file).compression == [compression.name.lower() if chunked else "unchunked"]
 
 
 def test_several_bags_make_one_recording(tmp_path: Path) -> None:
