@@ -4,7 +4,8 @@
 
 The peers are rosbags' AnyReader with deserialisation and rosbags' Writer with serialisation (timed on fewer messages:
 their cost is linear), and the plain reading and unpacking of the file's bytes. All are timed in turn, so that whatever
-else the machine does falls on all alike; figures are medians.
+else the machine does falls on all alike; figures are medians of
+wall time, and in brackets of processor time (threads add up), which a busy machine disturbs less.
 """
 
 from __future__ import annotations
@@ -16,18 +17,16 @@ import tempfile
 import time
 from collections.abc import Callable
 from pathlib import Path
-from statistics import median
 from typing import Any
 
 import lz4.frame
 import numpy as np
 import zstandard
-from mcap.records import Chunk
-from mcap.stream_reader import StreamReader
 from rosbags.highlevel import AnyReader
 from rosbags.rosbag2 import StoragePlugin, Writer
 
 from elastic_arm.recording import Recording, Side, message_types, read_recording, write_recording
+from elastic_arm.recording.container import open_mcap
 from elastic_arm.recording.sink import COMPRESSIONS
 
 JOINT_STATE = "sensor_msgs/msg/JointState"
@@ -69,48 +68,51 @@ def read_rosbags(folder: Path) -> None:
 
 
 def unpack(folder: Path) -> None:
-    """Read the file and unpack its chunks, and nothing else."""
-    with open(next(folder.glob("*.mcap")), "rb") as stream:
-        for record in StreamReader(stream, emit_chunks=True).records:
-            if isinstance(record, Chunk) and record.compression == "zstd":
-                zstandard.ZstdDecompressor().decompress(record.data, max_output_size=record.uncompressed_size)
-            elif isinstance(record, Chunk) and record.compression == "lz4":
-                lz4.frame.decompress(record.data)
+    """Read the file's bytes and unpack its chunks one after the other, and nothing else."""
+    file = next(folder.glob("*.mcap"))
+    content = file.read_bytes()
+    for chunk in open_mcap(file).chunks:
+        if chunk.compression == "zstd":
+            zstandard.ZstdDecompressor().decompress(content[chunk.begin : chunk.end], max_output_size=chunk.size)
+        elif chunk.compression == "lz4":
+            lz4.frame.decompress(content[chunk.begin : chunk.end])
 
 
-def seconds(job: Callable[[], Any]) -> float:
-    """Wall time of one call."""
-    begin = time.perf_counter()
+def timed(job: Callable[[], Any]) -> np.ndarray:
+    """Wall time and processor time of one call."""
+    begin = time.perf_counter(), time.process_time()
     job()
-    return time.perf_counter() - begin
+    return np.array([time.perf_counter() - begin[0], time.process_time() - begin[1]])
 
 
 def compare(root: Path, count: int, peers: int, repeats: int, n: int, compression: Any) -> dict[str, Any]:
     """Time everything `repeats` times in turn; rates in messages a second."""
     rng = np.random.default_rng(0)
     recording, small = make(count, n, rng), make(peers, n, rng)
-    times: dict[str, list[float]] = {name: [] for name in ("write", "read", "unpack", "peer write", "peer read")}
+    times: dict[str, list[np.ndarray]] = {name: [] for name in ("write", "read", "unpack", "peer write", "peer read")}
     for _ in range(repeats):
         for folder in ("big", "small", "peer"):
             shutil.rmtree(root / folder, ignore_errors=True)
-        times["write"].append(seconds(lambda: write_recording(root / "big", recording, compression)) / count)
         write_recording(root / "small", small, compression)
-        times["read"].append(seconds(lambda: read_recording(root / "big")) / count)
-        times["unpack"].append(seconds(lambda: unpack(root / "big")) / count)
-        times["peer write"].append(seconds(lambda: write_rosbags(root / "peer", small)) / peers)
-        times["peer read"].append(seconds(lambda: read_rosbags(root / "small")) / peers)
-    rate = {name: 1 / median(values) for name, values in times.items()}
+        times["write"].append(timed(lambda: write_recording(root / "big", recording, compression)) / count)
+        times["peer write"].append(timed(lambda: write_rosbags(root / "peer", small)) / peers)
+        times["read"].append(timed(lambda: read_recording(root / "big")) / count)
+        times["peer read"].append(timed(lambda: read_rosbags(root / "small")) / peers)
+        times["unpack"].append(timed(lambda: unpack(root / "big")) / count)
+    wall, cpu = ({name: float(np.median(values, axis=0)[k]) for name, values in times.items()} for k in (0, 1))
     size = next((root / "big").glob("*.mcap")).stat().st_size / count
     return {
         "joints": n,
         "messages": count,
-        "compression": compression,
-        "bytes a message": round(size, 1),
-        "read, messages/s": rate["read"],
-        "write, messages/s": rate["write"],
-        "read / AnyReader": rate["read"] / rate["peer read"],
-        "time / unpacking": rate["unpack"] / rate["read"],
-        "write / Writer": rate["write"] / rate["peer write"],
+        "packing": compression,
+        "bytes": round(size, 1),
+        "read/s": 1 / wall["read"],
+        "write/s": 1 / wall["write"],
+        "AnyReader / read": wall["peer read"] / wall["read"],
+        "(cpu)": cpu["peer read"] / cpu["read"],
+        "read / unpack": wall["read"] / wall["unpack"],
+        "Writer / write": wall["peer write"] / wall["write"],
+        "(cpu) ": cpu["peer write"] / cpu["write"],
     }
 
 
