@@ -6,7 +6,7 @@ so that samples fed one at a time and samples fed at once give the same bits.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from functools import lru_cache
 from typing import Any
@@ -171,18 +171,12 @@ class SensorBank:
     """
 
     def __init__(self, sensors: Sensors, n: int, rate: float, rng: np.random.Generator) -> None:
-        self.sensors, self._n, self._rate = sensors, n, rate
-        channels = ("q", "dq", "tau_J", "theta", "dtheta", "tau_m", "stamp")
-        self._rng = dict(zip(channels, rng.spawn(len(channels)), strict=True))
-        late = {
-            "q": sensors.link_encoder,
-            "dq": sensors.link_encoder,
-            "tau_J": sensors.joint_torque,
-            "theta": sensors.motor_encoder,
-            "dtheta": sensors.motor_encoder,
-            "tau_m": sensors.motor_torque,
-        }
-        self._delay = {name: DelayLine(sensor.row("delay", n), rate) for name, sensor in late.items()}
+        self.sensors, self._rate = sensors, rate
+        *own, self._jitter = rng.spawn(7)
+        self._link = _encoder(sensors.link_encoder, n, rate, own[0], own[1])
+        self._motor = _encoder(sensors.motor_encoder, n, rate, own[2], own[3])
+        self._joint_torque = _torque(sensors.joint_torque, n, rate, own[4])
+        self._motor_torque = _torque(sensors.motor_torque, n, rate, own[5])
 
     def read(self, true: Mapping[str, Array]) -> dict[str, Array]:
         """Return measured channels for true ones.
@@ -192,40 +186,67 @@ class SensorBank:
         true
             `q, dq, tau_J, theta, dtheta, tau_m`, each (N, n).
         """
-        late = {name: self._delay[name](np.asarray(true[name], dtype=float)) for name in self._delay}
-        q, dq = self._encode(self.sensors.link_encoder, "q", late["q"], "dq", late["dq"])
-        theta, dtheta = self._encode(self.sensors.motor_encoder, "theta", late["theta"], "dtheta", late["dtheta"])
-        return {
-            "q": q,
-            "dq": dq,
-            "tau_J": self._weigh(self.sensors.joint_torque, "tau_J", late["tau_J"]),
-            "theta": theta,
-            "dtheta": dtheta,
-            "tau_m": self._weigh(self.sensors.motor_torque, "tau_m", late["tau_m"]),
-        }
+        q, dq = self._link(true["q"], true["dq"])
+        theta, dtheta = self._motor(true["theta"], true["dtheta"])
+        tau_J, tau_m = self._joint_torque(true["tau_J"]), self._motor_torque(true["tau_m"])
+        return {"q": q, "dq": dq, "tau_J": tau_J, "theta": theta, "dtheta": dtheta, "tau_m": tau_m}
 
     def jitter(self, count: int) -> Array:
         """Return `count` errors of stamps, s, small enough to keep their order."""
         limit = LARGEST_JITTER / self._rate
-        draws = self._rng["stamp"].standard_normal(count) * self.sensors.stamp_jitter
-        return np.clip(draws, -limit, limit)
+        return np.clip(self._jitter.standard_normal(count) * self.sensors.stamp_jitter, -limit, limit)
 
-    def _encode(self, encoder: Encoder, name: str, angle: Array, rate_name: str, rate: Array) -> tuple[Array, Array]:
-        n = self._n
-        eccentricity, phase = encoder.row("eccentricity", n), encoder.row("phase", n)
-        position = angle + encoder.row("offset", n) + eccentricity * np.sin(angle + phase)
-        position = position + self._noise(name, encoder.row("noise", n), len(angle))
-        velocity = rate * (1.0 + eccentricity * np.cos(angle + phase))
-        velocity = velocity + self._noise(rate_name, encoder.row("velocity_noise", n), len(rate))
-        return quantised(position, encoder.row("resolution", n)), velocity
 
-    def _weigh(self, sensor: TorqueSensor, name: str, torque: Array) -> Array:
-        n = self._n
-        noise = self._noise(name, sensor.row("noise", n), len(torque))
-        return quantised(sensor.row("gain", n) * torque + sensor.row("offset", n) + noise, sensor.row("resolution", n))
+# What a channel passes through: only stages that change something, as a live arm reads its sensors sample by sample.
+Stage = Callable[[Array], Array]
 
-    def _noise(self, name: str, std: Array, count: int) -> Array:
-        return self._rng[name].standard_normal((count, self._n)) * std
+
+def _through(stages: Sequence[Stage]) -> Stage:
+    def run(values: Array) -> Array:
+        for stage in stages:
+            values = stage(values)
+        return values
+
+    return run
+
+
+def _late(sensor: _Settings, n: int, rate: float) -> list[Stage]:
+    delay = sensor.row("delay", n)
+    return [DelayLine(delay, rate)] if delay.any() else []
+
+
+def _noisy(std: Array, rng: np.random.Generator) -> list[Stage]:
+    return [lambda values: values + rng.standard_normal(values.shape) * std] if std.any() else []
+
+
+def _rounded(sensor: _Settings, n: int) -> list[Stage]:
+    resolution = sensor.row("resolution", n)
+    return [lambda values: quantised(values, resolution)] if resolution.any() else []
+
+
+def _torque(sensor: TorqueSensor, n: int, rate: float, rng: np.random.Generator) -> Stage:
+    gain, offset = sensor.row("gain", n), sensor.row("offset", n)
+    scaled: list[Stage] = [lambda values: gain * values + offset] if offset.any() or (gain != 1).any() else []
+    return _through([*_late(sensor, n, rate), *scaled, *_noisy(sensor.row("noise", n), rng), *_rounded(sensor, n)])
+
+
+def _encoder(
+    encoder: Encoder, n: int, rate: float, rng: np.random.Generator, rng_velocity: np.random.Generator
+) -> Callable[[Array, Array], tuple[Array, Array]]:
+    """Return the function of true angle and velocity."""
+    amplitude, phase, offset = (encoder.row(name, n) for name in ("eccentricity", "phase", "offset"))
+    late, late_velocity = (_through(_late(encoder, n, rate)) for _ in range(2))
+    read = _through([*_noisy(encoder.row("noise", n), rng), *_rounded(encoder, n)])
+    read_velocity = _through(_noisy(encoder.row("velocity_noise", n), rng_velocity))
+
+    def run(angle: Array, velocity: Array) -> tuple[Array, Array]:
+        angle, velocity = late(angle), late_velocity(velocity)
+        if amplitude.any():
+            velocity = velocity * (1.0 + amplitude * np.cos(angle + phase))
+            angle = angle + amplitude * np.sin(angle + phase)
+        return read(angle + offset if offset.any() else angle), read_velocity(velocity)
+
+    return run
 
 
 class DelayLine:

@@ -61,7 +61,7 @@ def tuned(robot: Robot, *, bandwidth: float = BANDWIDTH, model: str = "mod3") ->
     equations = ArmEquations(robot, model)
     inertia = joint_inertia(equations)
     rate = 2 * np.pi * bandwidth
-    return Controller(rate**2 * inertia, 2 * DAMPING_RATIO * rate * inertia, feedforward_of(equations))
+    return Controller(rate**2 * inertia, 2 * DAMPING_RATIO * rate * inertia, RigidFeedforward(equations))
 
 
 def joint_inertia(equations: ArmEquations) -> Array:
@@ -74,15 +74,31 @@ def joint_inertia(equations: ArmEquations) -> Array:
     return np.array([float(moved[i][i]) for i in range(n)])
 
 
-def feedforward_of(equations: ArmEquations) -> Feedforward:
-    """Return the torque that moves an arm along a reference as if its drives were rigid (q = theta)."""
-    torque = _together(equations)
+class RigidFeedforward:
+    """The torque that moves an arm along a reference as if its drives were rigid (q = theta).
 
-    def feedforward(q: Array, dq: Array, ddq: Array) -> Array:
-        shared = np.broadcast_to(equations.nominal[:, None], (len(equations.nominal), len(q)))
-        return np.array(torque(q.T, dq.T, ddq.T, shared)).T
+    Evaluated sample by sample in one way, so that a run and its single steps agree to the bit.
+    """
 
-    return feedforward
+    def __init__(self, equations: ArmEquations) -> None:
+        # The buffer points into the function and the arrays: they live as long as it does.
+        self._function = _together(equations)
+        self._arguments = [*(np.zeros(equations.robot.n) for _ in range(3)), equations.nominal.copy()]
+        self._torque = np.zeros(equations.robot.n)
+        self._buffer, self._evaluate = self._function.buffer()
+        for k, array in enumerate(self._arguments):
+            self._buffer.set_arg(k, memoryview(array))  # type: ignore[call-arg, arg-type]
+        self._buffer.set_res(0, memoryview(self._torque))  # type: ignore[call-arg, arg-type]
+
+    def __call__(self, q: Array, dq: Array, ddq: Array) -> Array:
+        """Return torques (N, n) for a reference (N, n)."""
+        out = np.empty_like(q)
+        for k in range(len(q)):
+            for slot, values in zip(self._arguments, (q, dq, ddq), strict=False):
+                slot[:] = values[k]
+            self._evaluate()
+            out[k] = self._torque
+        return out
 
 
 def _together(equations: ArmEquations) -> ca.Function:
@@ -93,4 +109,6 @@ def _together(equations: ArmEquations) -> ca.Function:
     x, dx, ddx = (ca.vertcat(*[v] * (dof // n)) for v in (q, dq, ddq))
     force = equations.left_side(x, dx, ddx)
     total = ca.sum2(ca.reshape(force, n, dof // n))
-    return ca.Function("together", [q, dq, ddq, equations.Psi], [ca.cse(total)], [*names, "Psi"], ["torque"])
+    return ca.Function(
+        "together", [q, dq, ddq, equations.Psi], [ca.densify(ca.cse(total))], [*names, "Psi"], ["torque"]
+    )

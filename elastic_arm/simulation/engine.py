@@ -102,21 +102,24 @@ class CEngine:
         source += "".join(f"#define {name} {size}\n" for name, size in sizes.items())
         source += (resources.files("elastic_arm.simulation") / "rollout.c").read_text(encoding="utf-8")
         self._rollout = build(source).rollout
-        array = np.ctypeslib.ndpointer(dtype=np.float64, flags="C_CONTIGUOUS")
-        self._rollout.argtypes = [ctypes.c_long, ctypes.c_long, ctypes.c_double, *[array] * 5]
+        self._rollout.argtypes = [ctypes.c_long, ctypes.c_long, ctypes.c_double, *[ctypes.c_void_p] * 5]
         self._rollout.restype = ctypes.c_long
 
     def run(self, loop: Loop, reference: Array, carry: Carry) -> Course:
         """See :meth:`Engine.run`."""
-        reference = np.ascontiguousarray(reference, dtype=float)
+        ode, n = self._ode, self._n
         state = np.concatenate([carry.y, carry.half, carry.command])
-        out = np.empty((len(reference), self._ode + 3 * self._n))
-        done = self._rollout(
-            len(reference), loop.half_steps, loop.period, loop.constants, loop.gains.ravel(), reference, state, out
-        )
-        ends = np.cumsum([self._ode, self._n, self._n])
-        carry.y, carry.half, carry.command = np.split(state, ends[:2])
-        return Course(*np.split(out[:done], ends, axis=1))
+        out = np.empty((len(reference), ode + 3 * n))
+        arrays = [np.ascontiguousarray(a, dtype=float) for a in (loop.constants, loop.gains, reference, state)]
+        addresses = [a.ctypes.data for a in (*arrays, out)]
+        done = self._rollout(len(reference), loop.half_steps, loop.period, *addresses)
+        state = arrays[-1]
+        carry.y, carry.half, carry.command = state[:ode], state[ode : ode + n], state[ode + n :]
+        return _course(out[:done], ode, n)
+
+
+def _course(rows: Array, ode: int, n: int) -> Course:
+    return Course(rows[:, :ode], rows[:, ode : ode + n], rows[:, ode + n : ode + 2 * n], rows[:, ode + 2 * n :])
 
 
 class CasadiEngine:
@@ -162,5 +165,4 @@ class CasadiEngine:
             mean_J = (carry.half + middle[ode:]) / loop.period
             rows.append(np.concatenate([y, mean_J, 0.5 * (carry.command + command), command]))
             carry.y, carry.half, carry.command = end[:ode], end[ode:], command
-        table = np.array(rows).reshape(-1, ode + 3 * n)
-        return Course(*np.split(table, np.cumsum([ode, n, n]), axis=1))
+        return _course(np.array(rows).reshape(-1, ode + 3 * n), ode, n)

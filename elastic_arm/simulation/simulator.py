@@ -245,7 +245,7 @@ class Simulator:
     def _truth(self, course: Course) -> Truth:
         dof = self.system.dof
         t = (self._samples + np.arange(len(course.y))) / self.rate
-        x, dx, z = np.split(course.y, [dof, 2 * dof], axis=1)
+        x, dx, z = course.y[:, :dof], course.y[:, dof : 2 * dof], course.y[:, 2 * dof :]
         return Truth(t, x, dx, z, course.tau_J, course.tau_m, course.command, self.robot.n)
 
     def _explain(self, course: Course) -> None:
