@@ -5,8 +5,8 @@ from __future__ import annotations
 import difflib
 import importlib
 import pkgutil
+import sys
 from collections.abc import Mapping
-from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
@@ -15,22 +15,21 @@ from elastic_arm.errors import EffectError
 from elastic_arm.robot import Robot
 
 
-def _discover() -> dict[str, Effect]:
-    found: dict[str, Effect] = {}
-    for module in sorted(m.name for m in pkgutil.iter_modules([str(Path(__file__).parent)])):
-        if module == "catalogue":
+def discover() -> dict[str, Effect]:
+    """Return the `EFFECT` of every module of this package that has one, by id."""
+    package, found = sys.modules[__package__], {}
+    for module in sorted(m.name for m in pkgutil.iter_modules(package.__path__)):
+        if f"{__package__}.{module}" == __name__:
             continue
-        effect = getattr(importlib.import_module(f"elastic_arm.effects.{module}"), "EFFECT", None)
+        effect = getattr(importlib.import_module(f"{__package__}.{module}"), "EFFECT", None)
         if isinstance(effect, Effect):
             if effect.id in found:
-                raise EffectError(
-                    f"two files of the catalogue hold {effect.id!r}", "Give each effect an id of its own."
-                )
+                raise EffectError(f"two files of the catalogue hold {effect.id!r}", "Give each its own id.")
             found[effect.id] = effect
     return found
 
 
-EFFECTS: Mapping[str, Effect] = MappingProxyType(_discover())
+EFFECTS: Mapping[str, Effect] = MappingProxyType(discover())
 
 
 def find(effect_id: str) -> Effect:
