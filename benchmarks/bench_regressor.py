@@ -42,9 +42,9 @@ def samples(model: Model, count: int, rng: np.random.Generator) -> tuple[np.ndar
     return x, dx, ddx
 
 
-def base_columns(model: Model, rng: np.random.Generator) -> np.ndarray:
+def base_columns(model: Model, rng: np.random.Generator) -> list[int]:
     """Indices of independent columns of Phi: each one that those before it do not make up."""
-    Phi = np.vstack(model.regressor(*samples(model, 300, rng)))
+    Phi = model.regressor(*samples(model, 300, rng)).reshape(-1, len(model.Psi))
     norms = np.linalg.norm(Phi, axis=0)
     columns: list[int] = []
     basis = np.empty((len(Phi), 0))
@@ -55,7 +55,7 @@ def base_columns(model: Model, rng: np.random.Generator) -> np.ndarray:
         if np.linalg.norm(rest) > 1e-9:
             columns.append(int(k))
             basis = np.column_stack([basis, rest / np.linalg.norm(rest)])
-    return np.array(columns)
+    return columns
 
 
 class PinocchioLoop:
@@ -92,7 +92,7 @@ def compare(title: str, robot: Robot, bearings: bool, counts: tuple[int, ...], r
         measure(compiled, fallback, columns, samples(compiled, count, rng), peer)
 
 
-def measure(compiled: Model, fallback: Model, columns: np.ndarray, state: tuple[np.ndarray, ...], peer: float) -> None:
+def measure(compiled: Model, fallback: Model, columns: list[int], state: tuple[np.ndarray, ...], peer: float) -> None:
     """Print one line of an arm's table; `peer` is the Pinocchio loop's time a sample, s."""
     x, dx, ddx = state
     count = len(x)

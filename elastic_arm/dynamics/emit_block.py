@@ -22,7 +22,7 @@ def emit_block(program: Program, shared: Sequence[str]) -> str:
     """
     uniform = program.uniform(shared)
     parts = [_source("lanes"), *_lane_functions(program, uniform), *_tables(program, shared)]
-    parts += [*_prepare(program, uniform), *_compute(program, uniform), _source("block")]
+    parts += [*_prepare(program, uniform), *_compute(program, uniform), *_spread(program), _source("block")]
     return "\n".join(parts)
 
 
@@ -140,57 +140,63 @@ def _lane_expression(program: Program, k: int, uniform: np.ndarray, names: dict[
 
 
 def _tables(program: Program, shared: Sequence[str]) -> list[str]:
-    """Sizes, and where the values go in the dense outputs."""
-    total = sum(len(out.values) for out in program.outputs)
+    """Sizes, and which values of the first output make up each of its rows."""
     sizes = [size for _, size in program.inputs]
-    first, starts, runs = [0], [], []
-    offset = 0
-    for out in program.outputs:
-        for start, run in _runs(out, offset, total):
-            starts.append(start)
-            runs.append(run)
-        first.append(len(runs))
-        offset += len(out.values)
     head = program.outputs[0]
-    row_of = head.places // head.shape[1]
-    row_first = np.searchsorted(row_of, np.arange(head.shape[0] + 1))
-    uniform = program.uniform(shared)
+    row_first = np.searchsorted(head.places // head.shape[1], np.arange(head.shape[0] + 1))
     constants = {
         "N_INPUTS": len(sizes),
         "N_OUTPUTS": len(program.outputs),
-        "N_VALUES": total,
-        "N_SHARED": len(_handed_over(program, uniform)),
+        "N_VALUES": sum(len(out.values) for out in program.outputs),
+        "N_SHARED": len(_handed_over(program, program.uniform(shared))),
         "MAX_SIZE": max(sizes, default=1),
         "ROWS": head.shape[0],
     }
-    lines = [f"enum {{ {', '.join(f'{name} = {value}' for name, value in constants.items())} }};"]
     tables = {
         "input_size": sizes,
         "input_shared": [int(name in set(shared)) for name, _ in program.inputs],
         "output_size": [out.size for out in program.outputs],
-        "run_first": first,
-        "run_start": starts,
         "row_first": row_first.tolist(),
         "row_value": list(range(len(head.values))),
     }
-    lines += [
-        f"static const int {name}[] = {{{', '.join(map(str, values or [0]))}}};" for name, values in tables.items()
-    ]
-    rows = ", ".join("{" + ", ".join(map(str, run)) + "}" for run in runs or [[total] * 8])
-    return [*lines, f"static const int run_value[][8] = {{{rows}}};"]
+    lines = [f"enum {{ {', '.join(f'{name} = {value}' for name, value in constants.items())} }};"]
+    for name, values in tables.items():
+        lines.append(f"static const int {name}[] = {{{', '.join(map(str, values or [0]))}}};")
+    return lines
 
 
-def _runs(out: Output, offset: int, nothing: int) -> list[tuple[int, list[int]]]:
-    """Cover an output's places by runs of eight, last first.
+def _spread(program: Program) -> list[str]:
+    """Functions that put each output's values, eight lanes each, to their places in eight dense samples."""
+    lines, offset = [], 0
+    for number, out in enumerate(program.outputs):
+        lines.append(f"static void spread_{number}(const double *v, double *to) {{")
+        lines.append("  const v4 nil = {0.0, 0.0, 0.0, 0.0};")
+        fours, singles = _runs(out, offset)
+        for place, run in fours:
+            for half in (0, 4):
+                four = ", ".join("nil" if k is None else f"*(const v4 *)(v + {k * LANES + half})" for k in run)
+                lines.append(f"  store_lanes({four}, to + {place + half * out.size}, {out.size});")
+        for place, k in singles:
+            lines += [f"  to[{place + lane * out.size}] = v[{k * LANES + lane}];" for lane in range(LANES)]
+        lines.append("}")
+        offset += len(out.values)
+    names = ", ".join(f"spread_{number}" for number in range(len(program.outputs)))
+    return [*lines, f"static void (*const spread[])(const double *, double *) = {{{names}}};"]
 
-    A run may reach past the sample's end into the next one's start: those places belong to runs that are stored later,
-    or to the next lane of the same run.
-    """
+
+def _runs(out: Output, offset: int) -> tuple[list[tuple[int, list[int | None]]], list[tuple[int, int]]]:
+    """Cover an output's places by runs of four, None where null, and by single ones where a run would not pay."""
     value_at = {place: offset + k for k, place in enumerate(out.places.tolist())}
-    runs: list[tuple[int, list[int]]] = []
+    fours: list[tuple[int, list[int | None]]] = []
+    singles: list[tuple[int, int]] = []
     covered = -1
     for place in sorted(value_at):
-        if place > covered:
-            runs.append((place, [value_at.get(p, nothing) for p in range(place, place + 8)]))
-            covered = place + 7
-    return runs[::-1]
+        if place <= covered:
+            continue
+        four = [value_at.get(p) for p in range(place, place + 4)]
+        if place + 4 <= out.size and sum(k is not None for k in four) > 1:
+            fours.append((place, four))
+            covered = place + 3
+        else:
+            singles.append((place, value_at[place]))
+    return fours, singles

@@ -1,37 +1,7 @@
 /* Runs compute() over blocks of samples. What stands above this text is generated:
-   N_INPUTS, N_OUTPUTS, N_VALUES, N_SHARED, MAX_SIZE, input_size[], input_shared[], prepare(), compute(), and per output
-   output_size[], its runs: run_start[], run_value[][8] from run_first[o] to run_first[o + 1];
-   of the first output, for the information matrices: ROWS, row_first[], row_value[]. */
-
-#if defined(__clang__) || __GNUC__ >= 12
-#define SHUFFLE(a, b, ...) __builtin_shufflevector(a, b, __VA_ARGS__)
-/* Store lane l of r[0..7] to to[l * step .. l * step + 7]. */
-static inline void store_lanes(const v8 *r, double *to, long step) {
-  v8 a[8], b[8];
-  for (int k = 0; k < 8; k += 2) {
-    a[k] = SHUFFLE(r[k], r[k + 1], 0, 8, 2, 10, 4, 12, 6, 14);
-    a[k + 1] = SHUFFLE(r[k], r[k + 1], 1, 9, 3, 11, 5, 13, 7, 15);
-  }
-  for (int k = 0; k < 8; k += 4)
-    for (int j = 0; j < 2; j++) {
-      b[k + j] = SHUFFLE(a[k + j], a[k + j + 2], 0, 1, 8, 9, 4, 5, 12, 13);
-      b[k + j + 2] = SHUFFLE(a[k + j], a[k + j + 2], 2, 3, 10, 11, 6, 7, 14, 15);
-    }
-  for (int k = 0; k < 4; k++) {
-    v8 low = SHUFFLE(b[k], b[k + 4], 0, 1, 2, 3, 8, 9, 10, 11);
-    memcpy(to + k * step, &low, sizeof low);
-  }
-  for (int k = 0; k < 4; k++) { /* lanes in order: what one stores past its end the next one overwrites */
-    v8 high = SHUFFLE(b[k], b[k + 4], 4, 5, 6, 7, 12, 13, 14, 15);
-    memcpy(to + (k + 4) * step, &high, sizeof high);
-  }
-}
-#else
-static inline void store_lanes(const v8 *r, double *to, long step) {
-  for (int l = 0; l < LANES; l++)
-    for (int k = 0; k < 8; k++) to[l * step + k] = r[k][l];
-}
-#endif
+   N_INPUTS, N_OUTPUTS, N_VALUES, N_SHARED, MAX_SIZE, input_size[], input_shared[], output_size[], prepare(), compute(),
+   spread[], which put an output's values to their places; of the first output, for the information matrices: ROWS,
+   row_first[], row_value[]. */
 
 /* Past the caches, without reading the lines first; `to` is 64-byte aligned. */
 static inline void stream(double *to, const double *from, long count) {
@@ -71,22 +41,17 @@ int dense(long n, const double *const *in, const double *shared, double *const *
   v8 values[N_VALUES + 1];
   int failed = pad == NULL;
   for (int o = 0; o < N_OUTPUTS; o++) {
-    size_t bytes = (output_size[o] * LANES + 8) * sizeof(double);
+    size_t bytes = output_size[o] * LANES * sizeof(double);
     block[o] = aligned_alloc(64, (bytes + 63) / 64 * 64);
     if (block[o] == NULL) failed = 1;
     else memset(block[o], 0, bytes);
   }
-  values[N_VALUES] = splat(0.0);
   for (long start = 0; !failed && start < n; start += LANES) {
     long valid = point(start, n, in, rows, pad);
     compute(rows, shared, values, 1);
     for (int o = 0; o < N_OUTPUTS; o++) {
       long size = output_size[o];
-      for (int g = run_first[o]; g < run_first[o + 1]; g++) {
-        v8 r[8];
-        for (int k = 0; k < 8; k++) r[k] = values[run_value[g][k]];
-        store_lanes(r, block[o] + run_start[g], size);
-      }
+      spread[o]((const double *)values, block[o]);
       if (past_caches && valid == LANES) stream(out[o] + start * size, block[o], size * LANES);
       else memcpy(out[o] + start * size, block[o], valid * size * sizeof(double));
     }
