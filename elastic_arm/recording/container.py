@@ -132,7 +132,7 @@ class McapFile:
         return self.statistics.channel_message_counts.get(channel, 0) if self.statistics is not None else 0
 
     def blocks(self, strict: bool = True) -> Iterator[Block]:
-        """Yield the messages, block by block in file order; chunks are unpacked in parallel.
+        """Yield the messages, block by block in file order; slow chunks are unpacked ahead in threads.
 
         Parameters
         ----------
@@ -146,28 +146,40 @@ class McapFile:
         """
         if len(self.loose):
             yield self._block(self.buffer, Scan(self.loose, [], len(self.buffer)))
-        # Decompression and checksums leave the interpreter's lock, so threads help; a few chunks ahead are enough.
-        workers = min(os.cpu_count() or 1, 4)
+        for chunk, plain in zip(self.chunks, self._plain_chunks(), strict=True):
+            if isinstance(plain, RecordingError):
+                if strict:
+                    raise plain
+                self.damage.append(plain.problem)
+            else:
+                yield self._chunk_block(chunk, plain)
+
+    def _plain_chunks(self) -> Iterator[Bytes | RecordingError]:
+        """Yield the plain bytes of each chunk, or why there are none."""
+        # Only zstd takes long enough to be worth handing over to another thread and back; what is unpacked here is
+        # still in the cache when it is decoded.
+        workers = min((os.cpu_count() or 1) - 1, 4)
+        if workers < 1 or not any(chunk.compression == "zstd" for chunk in self.chunks):
+            yield from map(self._unpack, self.chunks)
+            return
         with ThreadPoolExecutor(workers) as pool:
             todo = iter(self.chunks)
             ahead = deque(pool.submit(self._unpack, chunk) for chunk in islice(todo, 2 * workers))
             while ahead:
                 unpacked = ahead.popleft().result()
                 ahead.extend(pool.submit(self._unpack, chunk) for chunk in islice(todo, 1))
-                if isinstance(unpacked, Block):
-                    yield unpacked
-                elif strict:
-                    raise unpacked
-                else:
-                    self.damage.append(unpacked.problem)
+                yield unpacked
 
-    def _unpack(self, chunk: Chunk) -> Block | RecordingError:
+    def _unpack(self, chunk: Chunk) -> Bytes | RecordingError:
         try:
             plain = _decompress(self.buffer[chunk.begin : chunk.end], chunk)
         except (RuntimeError, ValueError, zstandard.ZstdError) as error:
             return self._chunk_error(chunk, str(error))
         if len(plain) != chunk.size or (chunk.crc and zlib.crc32(plain.data) != chunk.crc):
             return self._chunk_error(chunk, "its checksum does not match")
+        return plain
+
+    def _chunk_block(self, chunk: Chunk, plain: Bytes) -> Block:
         indexed = _indexed(self.buffer, chunk.indexes, plain)
         if indexed is not None:
             return Block(plain, indexed)
