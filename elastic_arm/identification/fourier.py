@@ -7,7 +7,7 @@ the motion but not from the torques, so a series is only taken where nothing sta
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -41,6 +41,10 @@ class FourierFit:
         (H, n) rad, of sin(k omega t) and cos(k omega t), k = 1..H.
     residual_std
         (n,) rad, what the fit leaves of the positions.
+    samples
+        Number of samples that were fitted.
+    velocity_weight
+        Position noise over velocity noise, s; 0 without velocities.
     """
 
     omega: float
@@ -48,6 +52,8 @@ class FourierFit:
     sine: Array
     cosine: Array
     residual_std: Array
+    samples: int = 0
+    velocity_weight: float = 0.0
 
     @staticmethod
     def of(t: Array, position: Array, velocity: Array | None, omega: float, velocity_weight: float) -> FourierFit:
@@ -79,7 +85,21 @@ class FourierFit:
         )
         freedom = np.sqrt(max(len(t) - len(coefficients), 1))
         left = np.linalg.norm(position - fit(t)[0], axis=0) / freedom
-        return FourierFit(omega, fit.mean, fit.sine, fit.cosine, left)
+        return replace(fit, residual_std=left, samples=len(t), velocity_weight=velocity_weight)
+
+    def variances(self) -> Array:
+        """Return the variances of mean, sines and cosines, (1 + 2 H, n)."""
+        w = self.omega * np.arange(1, len(self.sine) + 1)
+        harmonic = 2.0 / (1.0 + (w * self.velocity_weight) ** 2)
+        return np.outer(np.concatenate([[1.0], harmonic, harmonic]), self.residual_std**2 / self.samples)
+
+    def bases(self, t: Array) -> tuple[Array, Array, Array]:
+        """Return what mean, sines and cosines add to position, velocity and acceleration, (N, 1 + 2 H) each."""
+        w = self.omega * np.arange(1, len(self.sine) + 1)
+        basis = _basis(t, self.omega, len(w))
+        s, c = basis[:, 1 : len(w) + 1], basis[:, len(w) + 1 :]
+        none = np.zeros((len(t), 1))
+        return basis, np.hstack([none, c * w, -s * w]), np.hstack([none, -s * w**2, -c * w**2])
 
     def __call__(self, t: Array) -> tuple[Array, Array, Array]:
         """Evaluate position, velocity and acceleration, (N, n) each."""
@@ -90,8 +110,10 @@ class FourierFit:
         return self.mean + s @ a + c @ b, c @ (w * a) - s @ (w * b), -s @ (w**2 * a) - c @ (w**2 * b)
 
 
-def fourier_motion(grid: Grid, link_std: Array | None, motor_std: Array | None, period: float | None = None) -> Motion:
-    """Return the motion of a periodic recording from fitted series, with the torques as measured.
+def fourier_motion(
+    grid: Grid, link_std: Array | None, motor_std: Array | None, period: float | None = None
+) -> tuple[Motion, FourierFit | None, FourierFit | None]:
+    """Return the motion of a periodic recording from fitted series, with the torques as measured, and the series.
 
     Parameters
     ----------
@@ -115,6 +137,7 @@ def fourier_motion(grid: Grid, link_std: Array | None, motor_std: Array | None, 
     t = grid.t[start:] - grid.t[start]
     omega = _refined(t, position[start:], 2 * np.pi / period)
     sides: dict[str, Array] = {}
+    series: dict[str, FourierFit] = {}
     for name, x, dx, std in (("q", grid.q, grid.dq, link_std), ("theta", grid.theta, grid.dtheta, motor_std)):
         if x is None:
             continue
@@ -124,9 +147,10 @@ def fourier_motion(grid: Grid, link_std: Array | None, motor_std: Array | None, 
                 f"the motion of {name} holds more than a series of period {2 * np.pi / omega:.3f} s",
                 "Use the smoother.",
             )
+        series[name] = fit
         sides[name], sides["d" + name], sides["dd" + name] = fit(t)
     torques = {name: instantaneous(v)[start:] for name in ("tau_J", "tau_m") if (v := getattr(grid, name)) is not None}
-    return Motion(grid.t[start:], **sides, **torques)
+    return Motion(grid.t[start:], **sides, **torques), series.get("q"), series.get("theta")
 
 
 def find_period(position: Array, rate: float) -> float:

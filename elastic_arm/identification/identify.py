@@ -16,11 +16,12 @@ from elastic_arm.identification.consistency import consistent as find_consistent
 from elastic_arm.identification.consistency import identified_robot
 from elastic_arm.identification.derivatives import Motion, Smoother, design_smoother
 from elastic_arm.identification.equations import Equations
-from elastic_arm.identification.fourier import fourier_motion
+from elastic_arm.identification.fourier import FourierFit, fourier_motion
 from elastic_arm.identification.grid import Clock, Grid
 from elastic_arm.identification.laws import DEFAULT_SIGN_SPEED, SIGN_SPEEDS, is_dry, law_columns
 from elastic_arm.identification.noise import estimate_noise
 from elastic_arm.identification.result import Identification
+from elastic_arm.identification.series_errors import series_covariance
 from elastic_arm.identification.stream import Identifier, smoothed
 from elastic_arm.recording import Recording, Samples
 from elastic_arm.robot import Robot
@@ -36,6 +37,7 @@ class Derived:
 
     motions: tuple[Motion, ...]
     method: str
+    series: tuple[FourierFit | None, FourierFit | None] | None = None
 
 
 def differentiate(
@@ -166,7 +168,8 @@ def identify_with(
         tries.append((float(np.sum(np.log(identifier.fit().noise))), speed, identifier, derived))
     _, speed, identifier, derived = min(tries, key=lambda each: each[0])
     tell("estimate", 1.0)
-    result = identifier.estimate(tuple(r.source for r in chosen), tuple(d.method for d in derived))
+    names, methods = tuple(r.source for r in chosen), tuple(d.method for d in derived)
+    result = identifier.estimate(names, methods, _covariance(identifier, derived))
     notes = [note for r in chosen for note in r.notes]
     notes += [f"dry friction turns over within {speed:g} rad/s of standstill"] if len(speeds) > 1 else []
     result = result.with_(notes=tuple(dict.fromkeys(notes)))
@@ -176,6 +179,16 @@ def identify_with(
     if validate:
         result = _validated(result, identifier, robot, validate, tell)
     return result, identifier, max((motion for d in derived for motion in d.motions), key=len)
+
+
+def _covariance(identifier: Identifier, derived: Sequence[Derived]) -> Array | None:
+    """Return the covariance where derivatives come from series; None where the blocks tell all of it."""
+    series = [(d.motions[0], *d.series) for d in derived if d.series is not None]
+    if not series:
+        return None
+    fit, equations = identifier.fit(), identifier.equations
+    known = fit.white_covariance if len(series) == len(derived) else fit.covariance
+    return known + sum(series_covariance(equations, fit, *each) for each in series)
 
 
 def with_consistency(
@@ -233,8 +246,8 @@ def _by_series(grids: list[Grid], period: float | None) -> Derived:
         None if x is None else estimate_noise(x, dx, grid.rate).position_std
         for x, dx in ((grid.q, grid.dq), (grid.theta, grid.dtheta))
     ]
-    motion = fourier_motion(grid, noise[0], noise[1], period)
-    return Derived((motion,), "Fourier series")
+    motion, link, motor = fourier_motion(grid, noise[0], noise[1], period)
+    return Derived((motion,), "Fourier series", (link, motor))
 
 
 def _width(samples: Samples) -> int:

@@ -30,6 +30,8 @@ LONGEST_PIECE = 4096
 # The filter's cutoff over the highest frequency at which the motion stands out of the noise: its response is then
 # within 1e-3 of one wherever there is motion.
 CUTOFF_OVER_BAND = 2.5
+# A wider filter does no harm while the noise of the acceleration stays below this share of the acceleration.
+QUIET = 1e-5
 # Spectra are taken over windows of this many seconds; their side lobes lie 1e-15 below the motion.
 SPECTRUM_SECONDS = 4.0
 KAISER_BETA = 26.0
@@ -95,9 +97,23 @@ def estimate_noise(position: Array, velocity: Array | None, rate: float) -> Side
     band = 2 * np.pi * CUTOFF_OVER_BAND * _band(position, std, rate)
     if ratio is not None and velocity is not None:
         band = max(band, 2 * np.pi * CUTOFF_OVER_BAND * _band(velocity, std * ratio * rate, rate))
-    slowest = 2 * np.pi * LOWEST_CUTOFF_HZ
+    slowest = max(2 * np.pi * LOWEST_CUTOFF_HZ, _quiet(position, std, rate))
     cutoff = min(max(band, slowest), _crossing(cutoff, ratio) * rate)
     return SideNoise(cutoff, std, None if ratio is None else std * ratio * rate)
+
+
+def _quiet(position: Array, std: Array, rate: float) -> float:
+    """Return the cutoff, rad/s, up to which the noise of the acceleration stays a small share of the acceleration.
+
+    White noise of density std²/rate through w² up to the cutoff w_c has the variance std² w_c⁵ / (5 pi rate).
+    """
+    w = 2 * np.pi * np.fft.rfftfreq(len(position), 1.0 / rate)[:, None]
+    window = np.hanning(len(position))[:, None]
+    spectrum = np.fft.rfft(window * (position - position.mean(axis=0)), axis=0)
+    # The acceleration of the slow part alone: above 10 Hz the noise of the positions would speak.
+    acceleration = np.sqrt(np.sum(np.abs(spectrum * w**2 * (w < 63.0)) ** 2, axis=0)) / len(position)
+    cutoff = (np.sqrt(5 * np.pi * rate) * QUIET * acceleration / np.maximum(std, 1e-300)) ** 0.4
+    return float(min(np.min(cutoff), HIGHEST_CUTOFF * rate))
 
 
 def _band(values: Array, std: Array, rate: float) -> float:

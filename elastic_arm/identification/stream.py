@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from elastic_arm.errors import IdentificationError
 from elastic_arm.identification.derivatives import Motion, Smoother, design_smoother
@@ -16,6 +17,8 @@ from elastic_arm.identification.least_squares import Blocks, Fit, fit
 from elastic_arm.identification.result import Identification, result_of
 from elastic_arm.identification.verdict import Excitation, Liveliness, excitation
 from elastic_arm.recording import Samples
+
+Array = NDArray[np.float64]
 
 # Samples of a unit: the shortest block.
 BLOCK = 256
@@ -233,9 +236,20 @@ class Identifier:
             )
         return fit(blocks, self.weighted)
 
-    def estimate(self, recordings: tuple[str, ...] = (), methods: tuple[str, ...] = ()) -> Identification:
-        """Return the estimate with its doubts; see :meth:`fit` for errors."""
-        return result_of(self.fit(), self.equations, self.excitation(), recordings=recordings, methods=methods)
+    def estimate(
+        self, recordings: tuple[str, ...] = (), methods: tuple[str, ...] = (), covariance: Array | None = None
+    ) -> Identification:
+        """Return the estimate with its doubts; see :meth:`fit` for errors.
+
+        Parameters
+        ----------
+        recordings, methods
+            Where the samples came from, and how derivatives were made.
+        covariance
+            (B, B), where it is known better than from the blocks.
+        """
+        fit = self.fit() if covariance is None else replace(self.fit(), covariance=covariance)
+        return result_of(fit, self.equations, self.excitation(), recordings=recordings, methods=methods)
 
     def excitation(self) -> Excitation:
         """Return what the motion so far can determine; the torques are not looked at."""
