@@ -26,6 +26,8 @@ from elastic_arm.excitation.problem import Problem, Shape
 Array = NDArray[np.float64]
 Progress = Callable[[int, float], None]
 
+# NOMAD draws and throws away as many numbers as its seed says: a seed near 2^31 takes a minute.
+LARGEST_SEED = 2**16
 # Models of the objective cost more than our evaluations do; the plain pattern is faster and found as good motions.
 NOMAD = (
     "QUAD_MODEL_SEARCH no",
@@ -134,21 +136,15 @@ def optimise(
     _require(evaluations >= 1, f"{evaluations} evaluations are asked for", "Ask for at least one")
     _require(random >= 1, f"{random} random motions are asked for", "Ask for at least one, to start from")
     _require(len(columns) > 0, "the model has no base parameters", "Give the base columns of its regressor")
-    problem = Problem(model, limits, BaseRegressor(model, columns, noise), shape or Shape(), find_criterion(criterion))
+    regressor = BaseRegressor(model, columns, noise)
+    problem = Problem(model, limits, regressor, shape or Shape(), find_criterion(criterion))
     drawn = [problem.random(rng) for _ in range(random)]
     kept = [u for u in drawn if problem.excess(u).max() <= 0.0]
     indistinct = problem.refer_to(kept or drawn)
     start = min(kept, key=problem.value) if kept else min(drawn, key=lambda u: float(problem.excess(u).max()))
     course = _Course(problem, progress)
-    # NOMAD steps its generator `seed` times to get there: a large seed would cost minutes.
-    _run_nomad(course, start, evaluations, int(rng.integers(10_000)))
+    _run_nomad(course, start, evaluations, int(rng.integers(LARGEST_SEED)))
     best = course.best(start)
-    use = limits.use(problem.trajectory(best), model)
-    if not use.kept:
-        raise ExcitationError(
-            f"no motion within the limits was found in {course.count} evaluations; at best {use.worst()}",
-            "Raise that limit, give the arm more time (a longer period or ramp), or search longer",
-        )
     return ExcitationResult(
         trajectory=problem.trajectory(best),
         start=problem.trajectory(start),
@@ -161,9 +157,19 @@ def optimise(
         columns=problem.columns,
         indistinct=indistinct,
         history=(*course.history, (course.count, course.value)),
-        use=use,
+        use=_kept_use(model, limits, problem.trajectory(best), course.count),
         evaluations=course.count,
     )
+
+
+def _kept_use(model: Model, limits: MotionLimits, trajectory: FourierTrajectory, evaluations: int) -> LimitUse:
+    use = limits.use(trajectory, model)
+    _require(
+        use.kept,
+        f"no motion within the limits was found in {evaluations} evaluations; at best {use.worst()}",
+        "Raise that limit, give the arm more time (a longer period or ramp), or search longer",
+    )
+    return use
 
 
 class _Course:
