@@ -13,9 +13,9 @@ from rclpy.qos import DurabilityPolicy, QoSProfile
 from elastic_arm.errors import GraphError
 from elastic_arm.recording import topics
 
-# A second of samples may pile up: after the machine was busy a simulator catches up on half a second at once, and a
+# Seconds of samples may pile up: after the machine was busy a simulator catches up on half a second at once, and a
 # subscriber may be writing to a disk, or making an estimate.
-STREAM = QoSProfile(depth=1000)
+STREAM = QoSProfile(depth=5000)
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 # Peers on the same machine find each other within this time, seconds.
 DISCOVERY = 1.0
@@ -64,10 +64,15 @@ def refuse_company(node: Node, topic: str, seconds: float = DISCOVERY) -> None:
     end = time.monotonic() + seconds + (os.getpid() % 8) * 0.05
     while True:
         if others := other_publishers(node, topic):
-            raise GraphError(
-                f"{others[0]} publishes {topic} already: two arms on one topic would mix",
-                "Stop it, or start this one with another ROS_DOMAIN_ID or namespace.",
-            )
+            raise company(others, topic)
         if time.monotonic() >= end:
             return
         time.sleep(0.05)
+
+
+def company(others: list[str], topic: str) -> GraphError:
+    """Return the error of a topic that has another source already."""
+    return GraphError(
+        f"{others[0]} publishes {topic} already: two arms on one topic would mix",
+        "Stop it, or start this one with another ROS_DOMAIN_ID or namespace.",
+    )

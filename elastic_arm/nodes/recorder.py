@@ -9,7 +9,7 @@ from typing import Any
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.topic_endpoint_info import TopicEndpointInfo
 
-from elastic_arm.errors import GraphError
+from elastic_arm.errors import GraphError, RecordingError
 from elastic_arm.nodes import graph
 from elastic_arm.nodes.health import PERIOD, Health
 from elastic_arm.nodes.parameters import declare, declare_texts
@@ -44,6 +44,8 @@ class Recorder(ArmNode):
 
     def close(self) -> None:
         """Finish the bag."""
+        if self.failure is not None:
+            return  # a full disk takes no more; what is there is readable
         self._writer.close()
         counts = self._writer.counts
         self.get_logger().info(f"{sum(counts.values())} messages of {len(counts)} topics in {self._writer.path}")
@@ -67,7 +69,10 @@ class Recorder(ArmNode):
         self.create_subscription(kind, topic, take, matching(infos), raw=True)
 
     def _take(self, topic: str, data: bytes) -> None:
-        self._writer.write(topic, data, self.get_clock().now().nanoseconds)
+        try:
+            self._writer.write(topic, data, self.get_clock().now().nanoseconds)
+        except RecordingError as error:
+            self.failure = error
 
     def _report(self) -> None:
         counts = self._writer.counts

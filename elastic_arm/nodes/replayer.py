@@ -23,6 +23,8 @@ from elastic_arm.recording.messages import Message, read_messages, read_topics
 CLOCK_PERIOD_NS = 10_000_000
 # Messages sent at most before the executor gets its turn.
 BURST = 50
+# Listeners on other topics have this long, seconds, to be found after the first.
+SETTLING = 0.5
 # Its own status is the replayer's to publish, and so is the clock.
 OWN = {topics.DIAGNOSTICS, topics.CLOCK}
 
@@ -48,13 +50,14 @@ class Replayer(ArmNode):
         self._sent = 0
         self._rounds = 0
         self._began: float | None = None
+        self._matched: float | None = None
         self._finished = False
         self._health = Health(self, "bag")
         self.create_timer(PERIOD, self._report)
 
     def tick(self) -> float:
         """Publish what is due."""
-        if self._began is None and not self._listened():
+        if self._began is None and not self._settled():
             return 0.02
         self._rate = self.get_parameter("rate").value
         for _ in range(BURST):
@@ -105,6 +108,17 @@ class Replayer(ArmNode):
 
     def _listened(self) -> bool:
         return not self._wait or any(output.get_subscription_count() for output in self._outputs.values())
+
+    def _settled(self) -> bool:
+        """Say whether somebody listens, and others have had the time to be found too."""
+        if not self._wait:
+            return True
+        if not self._listened():
+            self._matched = None
+            return False
+        now = time.monotonic()
+        self._matched = self._matched or now
+        return now - self._matched >= SETTLING
 
     def _publish(self, message: Message) -> None:
         if self._clock_output is not None and message.log_ns >= self._clock_ns:

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import signal
 import sys
+import time
 from collections.abc import Callable, Sequence
 from types import FrameType
 
 import rclpy
 from rclpy.exceptions import InvalidParameterTypeException, InvalidParameterValueException, ParameterException
+from rclpy.executors import Executor
 from rclpy.experimental import EventsExecutor
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
@@ -17,10 +19,22 @@ from elastic_arm.errors import ElasticArmError
 
 # How long a stop signal may wait for a node that has nothing to do.
 LONGEST_REST = 0.1
+# A node that is stopped takes what has arrived: until nothing comes for `QUIET`, or this long where the stream goes on.
+LONGEST_DRAIN = 1.0
+QUIET = 0.02
 
 
 class ArmNode(Node):
-    """A node with a rhythm of its own: the process calls :meth:`tick`, spins until the next is due, and so on."""
+    """A node with a rhythm of its own: the process calls :meth:`tick`, spins until the next is due, and so on.
+
+    Attributes
+    ----------
+    failure
+        Set by a callback that met an error, which ends the node; an exception out of a callback would be logged by the
+        executor with its traceback first.
+    """
+
+    failure: ElasticArmError | None = None
 
     def tick(self) -> float:
         """Do what is due; return the seconds until there is more to do."""
@@ -82,6 +96,9 @@ def _spin(make: Callable[[], ArmNode], stop: _Stop) -> None:
     try:
         while not (stop.asked or node.done()):
             executor.spin_once(timeout_sec=min(max(node.tick(), 0.0), LONGEST_REST))
+            if node.failure is not None:
+                raise node.failure
+        _drain(executor)
     finally:
         executor.remove_node(node)
         try:
@@ -89,6 +106,15 @@ def _spin(make: Callable[[], ArmNode], stop: _Stop) -> None:
         finally:
             executor.shutdown()
             node.destroy_node()
+
+
+def _drain(executor: Executor) -> None:
+    """Let the callbacks have what had arrived when the node was stopped."""
+    end = time.monotonic() + LONGEST_DRAIN
+    while (began := time.monotonic()) < end:
+        executor.spin_once(timeout_sec=QUIET)
+        if time.monotonic() - began >= QUIET:
+            return
 
 
 def _refuse(problem: str) -> int:

@@ -50,7 +50,8 @@ class SimulatorNode(ArmNode):
         self._declare()
         began = time.monotonic()
         self._arm = self._build()
-        graph.refuse_company(self, topics.MOTOR_STATES, graph.DISCOVERY - (time.monotonic() - began))
+        # Discovery went on while the arm was built; a busy machine leaves it little time then.
+        graph.refuse_company(self, topics.MOTOR_STATES, max(graph.DISCOVERY - (time.monotonic() - began), 0.5))
         self._born = time.monotonic()
         names = list(self._arm.robot.joint_names)
         self._columns = {name: column for column, name in enumerate(names)}
@@ -133,6 +134,7 @@ class SimulatorNode(ArmNode):
         # Stamps lie on the grid of the time of day; a clock of its own begins at zero.
         self._origin_ns = time.time_ns() // self._step_ns * self._step_ns if real_time else 0
         self._step = 1
+        self._skipped = self._told = 0
         self._reference = ReferenceQueue(self._start, self._origin_ns, self._step_ns)
         self._pace = Pace(self._arm.rate, self._factor)
         self._pace.wait(time.monotonic())
@@ -149,9 +151,17 @@ class SimulatorNode(ArmNode):
         slipped = self._pace.slipped
         self._pace.stepped(now)
         lost = self._pace.slipped - slipped
-        # A real clock does not wait for an arm that was held up; a clock of its own does.
-        self._step += 1 + (round(lost * self._arm.rate) if self._clock_output is None else 0)
+        self._step += 1
+        if lost and self._clock_output is None:
+            self._skip(round(lost * self._arm.rate))
         return self._pace.wait(time.monotonic())
+
+    def _skip(self, steps: int) -> None:
+        """Move on without publishing: real time does not wait for a process that was held up, and nor does an arm."""
+        rows = [self._reference.at(self._step + k) for k in range(steps)]
+        self._arm.follow(*(np.array(values) for values in zip(*rows, strict=True)))
+        self._step += steps
+        self._skipped += steps
 
     def _publish(self, row: Row) -> None:
         _, measured = self._arm.step(row)
@@ -227,16 +237,20 @@ class SimulatorNode(ArmNode):
         now = time.monotonic()
         others = graph.other_publishers(self, topics.MOTOR_STATES)
         if others and now - self._born < SETTLING:
-            graph.refuse_company(self, topics.MOTOR_STATES, -1.0)
+            self.failure = graph.company(others, topics.MOTOR_STATES)
+            return
         pace = self._pace.achieved(now)
         problems = [f"{name} publishes {topics.MOTOR_STATES} too: stop one of the two" for name in others]
         if pace < 1.0 - PACE_TOLERANCE:
             problems.append(f"holds {100 * pace:.0f} % of the rate asked for")
+        if self._skipped > self._told:
+            problems.append(f"{self._skipped - self._told} samples skipped, as the process was held up")
+            self._told = self._skipped
         if self._reference.starved:
             problems.append(f"the stream on {topics.REFERENCE} broke off in motion")
         figures = {
             "rate, Hz": pace * self._arm.rate * self._factor,
-            "time slipped, s": self._pace.slipped,
+            "samples skipped": self._skipped,
             "reference points too late": self._reference.late,
             "streams broken off": self._reference.starved,
         }

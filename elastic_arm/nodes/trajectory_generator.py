@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+import time
 from array import array
 from functools import lru_cache
 from pathlib import Path
@@ -22,6 +23,11 @@ from elastic_arm.nodes.reference import Row
 from elastic_arm.nodes.running import LONGEST_REST, ArmNode, run
 from elastic_arm.nodes.wire import NANOSECONDS, Form
 from elastic_arm.recording import topics
+
+# Clocks further apart than this, seconds, are two clocks.
+LARGEST_OFFSET = 5.0
+# With two clocks there is nothing to wait for but a mistake to mend, or /clock that has not been heard yet: seconds.
+CLOCK_PATIENCE = 5.0
 
 
 class TrajectoryGenerator(ArmNode):
@@ -50,6 +56,8 @@ class TrajectoryGenerator(ArmNode):
             JointState, topics.MOTOR_STATES, self._found, graph.qos(topics.MOTOR_STATES)
         )
         self._names: list[str] = []
+        self._offset = ""
+        self._born = time.monotonic()
         self._position = np.zeros(0)
         self._form = lru_cache(maxsize=4)(self._make_form)
         self._health = Health(self, "stream")
@@ -74,10 +82,18 @@ class TrajectoryGenerator(ArmNode):
 
     def _found(self, message: JointState) -> None:
         """Note where the arm stands."""
-        if message.position and not self._names:
-            self._names, self._position = list(message.name), np.array(message.position)
+        if not message.position or self._names:
+            return
+        stamp = message.header.stamp.sec + message.header.stamp.nanosec / NANOSECONDS
+        now = self.get_clock().now().nanoseconds / NANOSECONDS
+        if abs(now - stamp) > LARGEST_OFFSET:
+            self._offset = f"the arm's clock is {stamp - now:+.0f} s off: give both use_sim_time, or neither"
+            return
+        self._names, self._position, self._offset = list(message.name), np.array(message.position), ""
 
     def _begin(self, now: int) -> None:
+        if self._offset and time.monotonic() - self._born > CLOCK_PATIENCE:
+            raise GraphError(self._offset, "A simulator that is not in real time publishes /clock.")
         if not (self._names and self._publisher.get_subscription_count()):
             return
         self.destroy_subscription(self._states)
