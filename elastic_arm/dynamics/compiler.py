@@ -7,6 +7,7 @@ import functools
 import hashlib
 import os
 import platform
+import shlex
 import shutil
 import subprocess
 import tempfile
@@ -30,12 +31,13 @@ def cache_folder() -> Path:
     return Path(chosen) if chosen else Path(platformdirs.user_cache_dir("elastic_arm"))
 
 
-def find_compiler() -> str | None:
-    """Path of $CC, cc, gcc or clang, the first that is there; None without one. An empty $CC means none."""
+def find_compiler() -> tuple[str, ...] | None:
+    """Command of $CC, cc, gcc or clang, the first that is there; None without one. An empty $CC means none."""
     asked = os.environ.get("CC")
-    if asked is not None:
-        return shutil.which(asked.split()[0]) if asked.strip() else None
-    return next((path for name in ("cc", "gcc", "clang") if (path := shutil.which(name))), None)
+    for name, *options in [shlex.split(asked) or [""]] if asked is not None else [["cc"], ["gcc"], ["clang"]]:
+        if path := shutil.which(name):
+            return path, *options
+    return None
 
 
 def build(source: str, *, flags: tuple[str, ...] = ("-ffp-contract=fast",)) -> ctypes.CDLL:
@@ -65,8 +67,8 @@ def build(source: str, *, flags: tuple[str, ...] = ("-ffp-contract=fast",)) -> c
         raise KernelError(f"{library} cannot be loaded ({error})", "Delete it; it is made again") from error
 
 
-def _key(source: str, compiler: str, flags: tuple[str, ...]) -> str:
-    content = "\0".join([source, compiler, *_compiler_stamp(compiler), *_FLAGS, *flags, _processor()])
+def _key(source: str, compiler: tuple[str, ...], flags: tuple[str, ...]) -> str:
+    content = "\0".join([source, *compiler, *_compiler_stamp(compiler[0]), *_FLAGS, *flags, _processor()])
     return hashlib.sha256(content.encode()).hexdigest()[:32]
 
 
@@ -87,7 +89,7 @@ def _processor() -> str:
     return platform.machine() + "".join(sorted(set(chosen)))
 
 
-def _compile(source: str, compiler: str, flags: tuple[str, ...], library: Path) -> None:
+def _compile(source: str, compiler: tuple[str, ...], flags: tuple[str, ...], library: Path) -> None:
     try:
         library.parent.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryDirectory(dir=library.parent, prefix="build-") as folder:
@@ -96,17 +98,19 @@ def _compile(source: str, compiler: str, flags: tuple[str, ...], library: Path) 
             messages = []
             for variant in _VARIANTS:
                 libraries = [name for flag in variant for name in _LIBRARIES.get(flag, ())]
-                command = [compiler, *_FLAGS, *flags, *variant, str(text), "-o", str(made), *libraries, "-lm"]
+                command = [*compiler, *_FLAGS, *flags, *variant, str(text), "-o", str(made), *libraries, "-lm"]
                 done = subprocess.run(command, capture_output=True, text=True, timeout=_TIMEOUT_S, check=False)
                 if done.returncode == 0:
                     made.replace(library)
                     return
                 messages.append(done.stderr.strip())
     except subprocess.TimeoutExpired as error:
-        raise KernelError(f"{compiler} did not end within {_TIMEOUT_S:g} s", "Run without a compiler: CC=''") from error
+        raise KernelError(
+            f"{compiler[0]} did not end within {_TIMEOUT_S:g} s", "Run with an empty CC"
+        ) from error
     except OSError as error:
         raise KernelError(
             f"cannot compile in {library.parent} ({error})", f"Set {CACHE_VARIABLE} to a folder you may write to"
         ) from error
     first = messages[-1].splitlines()[0] if messages[-1] else "no message"
-    raise KernelError(f"{compiler} failed: {first}", "Set CC to a working C compiler, or to nothing to do without")
+    raise KernelError(f"{compiler[0]} failed: {first}", "Set CC to a working C compiler, or to nothing to do without")
