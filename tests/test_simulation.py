@@ -258,6 +258,20 @@ def test_tracking_is_close(arm):
     assert np.abs(truth.theta - q).max() < 1e-3
 
 
+@pytest.mark.parametrize("rate", [250.0, 1000.0])
+@pytest.mark.parametrize("ratio", [5, 51, 128, 230, 363])
+def test_the_tuned_controller_is_stable_at_every_ratio_and_rate(arm, ratio, rate):
+    """Light motors and slow loops bound the gains: the arm follows, and a push dies out."""
+    robot = arm.with_ratio(ratio)
+    still = np.tile(swing().q0, (round(4 * rate), 1))
+    simulator = Simulator(robot, sensors=Sensors.exact(), rate=rate, substeps=int(10000 / rate), q0=still[0])
+    simulator.carry.y[6:12] += 0.05
+    truth, _ = simulator.follow(still, 0 * still, 0 * still)
+    excursion = np.abs(truth.theta - truth.theta[-1])
+    assert excursion[-len(still) // 8 :].max() < 0.1 * excursion.max()
+    assert excursion.max() < 0.1
+
+
 def test_a_recording_knows_only_the_nominal_arm(arm):
     """Whatever the true arm is, the recording's description is the nominal one, and no effect is named in it."""
     heavier = arm.with_joint("joint_3", link=replace(arm.joints[2].link, mass=30.0)).with_(name="the_truth")

@@ -18,6 +18,9 @@ Feedforward = Callable[[Array, Array, Array], Array]
 
 BANDWIDTH = 3.0
 DAMPING_RATIO = 0.8
+# Where the motor bounds kd: how much of the bound is used, and how far kp may then go.
+HELD_SHARE = 0.6
+LEAST_DAMPING_RATIO = 0.2
 
 
 def no_feedforward(q: Array, dq: Array, ddq: Array) -> Array:
@@ -53,15 +56,30 @@ class Controller:
             object.__setattr__(self, name, gains)
 
 
-def tuned(robot: Robot, *, bandwidth: float = BANDWIDTH, model: str = "mod3") -> Controller:
-    """Return a controller for a nominal arm: critically damped, nearly, at `bandwidth` (Hz), with feed-forward.
+def tuned(robot: Robot, *, bandwidth: float = BANDWIDTH, model: str = "mod3", rate: float = 1000.0) -> Controller:
+    """Return a controller for a nominal arm: well damped at `bandwidth` (Hz), with feed-forward.
 
-    The gains fit the inertia of each whole joint, link and motor, in the zero position.
+    The gains fit the inertia of each whole joint, link and motor, in the zero position; but the motor alone, on its
+    drive's damper, must stay stable under a command held for a sample. Where the ratio is low and the motor light, that
+    bounds both gains.
     """
     equations = ArmEquations(robot, model)
     inertia = joint_inertia(equations)
-    rate = 2 * np.pi * bandwidth
-    return Controller(rate**2 * inertia, 2 * DAMPING_RATIO * rate * inertia, RigidFeedforward(equations))
+    speed = 2 * np.pi * bandwidth
+    kd = np.minimum(2 * DAMPING_RATIO * speed * inertia, HELD_SHARE * _largest_held_damping(equations, rate))
+    slowed = kd / (2 * LEAST_DAMPING_RATIO * inertia)
+    return Controller(np.minimum(speed, slowed) ** 2 * inertia, kd, RigidFeedforward(equations))
+
+
+def _largest_held_damping(equations: ArmEquations, rate: float) -> Array:
+    """Return the kd (n,) at which B dv/dt = -D v - kd v_k, v_k held for a sample, ceases to decay."""
+    if not equations.robot.elastic:
+        return np.full(equations.robot.n, np.inf)
+    numbers = ca.Function("numbers", [equations.Psi], [equations.D, equations.B])
+    D, B = (np.array(values).ravel() for values in numbers(equations.nominal))
+    decay = D / (B * rate)
+    # D (1 + a) / (1 - a) with a = exp(-decay), which without damping is 2 B rate.
+    return 2.0 * B * rate * np.where(decay > 1e-9, 0.5 * decay / np.tanh(0.5 * np.maximum(decay, 1e-9)), 1.0)
 
 
 def joint_inertia(equations: ArmEquations) -> Array:

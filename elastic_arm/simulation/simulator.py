@@ -130,7 +130,7 @@ class Simulator:
         self.robot, self.rate, self._substeps = robot, float(rate), substeps
         self._model, self._bearings, self._engine_name = model, bearings, engine
         self._given_sensors = Sensors() if sensors is None else sensors
-        self.controller = tuned(self.nominal, model=model) if controller is None else controller
+        self.controller = tuned(self.nominal, model=model, rate=self.rate) if controller is None else controller
         self._rng = np.random.default_rng() if rng is None else rng
         self._samples = 0
         self._build(effects)
