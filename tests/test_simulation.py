@@ -305,6 +305,18 @@ def test_effects_change_while_the_arm_moves(arm):
     assert np.abs(truth.theta - q[300:]).max() < 1e-3
 
 
+def test_a_prediction_starts_from_any_motion(arm):
+    """Placed into a motion of another run and given its torques, the arm goes on as that run did."""
+    effects = [parse("hysteresis:joint_2:torque=5,width=1e-4")]
+    truth, _ = Simulator(arm, effects=effects, sensors=Sensors.exact(), q0=swing().q0).follow(*reference(0.8))
+    k = 500
+    other = Simulator(arm, effects=effects, sensors=Sensors.exact())
+    other.place(truth.q[k], truth.theta[k], truth.dq[k], truth.dtheta[k], command=truth.command[k - 1], z=truth.z[k])
+    ahead, _ = other.drive(truth.command[k : k + 200])
+    assert np.array_equal(ahead.x, truth.x[k : k + 200])
+    assert np.array_equal(ahead.tau_m, truth.tau_m[k : k + 200])
+
+
 def test_a_motion_that_explodes_is_named(arm):
     """An unstable loop ends in an error with time, joint and remedy."""
     wild = Controller(np.full(3, 1e12), np.zeros(3))

@@ -164,11 +164,8 @@ class Simulator:
         limits = [np.inf if j.limits.torque is None else j.limits.torque for j in self.robot.joints]
         gains = np.array([self.controller.kp, self.controller.kd, limits])
         self._loop = Loop(constants, gains, 1.0 / self.rate, self._substeps // 2)
-        dx = np.zeros_like(x)
-        dx[: 2 * n] = np.tile(dq0, len(dx[: 2 * n]) // n)
-        y = np.concatenate([x, dx, z])
-        tau_J = np.array(self.system.accelerations(x, dx, z, hold, constants)[2]).ravel()
-        self.carry = Carry(y, 0.5 * tau_J / self.rate, np.array(hold))
+        self.place(x[:n], x[n : 2 * n], dq0, dq0, command=hold, z=z)
+        self.carry.y[2 * n : len(x)] = x[2 * n :]
 
     def _sign_speed(self, x: Array, z: Array, hold: Array) -> Array:
         """Return the speed (2n,) below which friction of each side is regularised, rad/s.
@@ -220,6 +217,23 @@ class Simulator:
             q, dq, ddq = (np.asarray(values, dtype=float)[None] for values in reference)
             return self.follow(q, dq, ddq)
         return self.drive(np.asarray(torque, dtype=float)[None])
+
+    def place(
+        self, q: Array, theta: Array, dq: Array, dtheta: Array, *, command: Array | None = None, z: Array | None = None
+    ) -> None:
+        """Put the arm into a motion, (n,) each: from where a prediction over a short horizon starts.
+
+        Bearings start untilted. `command` is the motor torque held until now, `z` the internal states of effects;
+        both are zero when None.
+        """
+        dof = self.system.dof
+        parts = (q, theta) if self.robot.elastic else (q,)
+        rates = (dq, dtheta) if self.robot.elastic else (dq,)
+        x, dx = (np.pad(np.concatenate(values), (0, dof - len(values) * self.robot.n)) for values in (parts, rates))
+        z = np.zeros(self.system.states) if z is None else np.asarray(z, dtype=float)
+        held = np.zeros(self.robot.n) if command is None else np.array(command, dtype=float)
+        tau_J = np.array(self.system.accelerations(x, dx, z, held, self._loop.constants)[2]).ravel()
+        self.carry = Carry(np.concatenate([x, dx, z]), 0.5 * tau_J / self.rate, held)
 
     def change_effects(self, effects: Sequence[Active]) -> None:
         """Go on from the present motion with other effects; internal states of effects start anew.
