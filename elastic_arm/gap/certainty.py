@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
 from elastic_arm.gap.bank import Bank, Entry
-from elastic_arm.gap.features import Feature, Whole
 
 Array = NDArray[np.float64]
 
@@ -96,11 +95,11 @@ def differs(estimate: dict[str, Estimate], entry: Entry) -> bool:
 def _whole(bank: Bank, entry: Entry, beta: Array) -> Entry:
     """Return a cause as its law at the parameters that its columns' coefficients mean."""
     feature = entry.feature
-    if isinstance(feature, Whole) or not isinstance(feature, Feature):
+    whole = feature.whole()
+    if whole is feature and entry.fixed:
         return entry
-    values = feature.parameters([float(b) for b in beta], entry.searched or ())
+    values = feature.parameters([] if feature.fixed else [float(b) for b in beta], entry.searched or ())
     flat = np.concatenate([np.atleast_1d(values[p.name]) for p in feature.effect.parameters] or [np.zeros(0)])
-    whole = Whole(feature.effect, feature.joint, feature.choices, feature.equations)
     return bank.add(whole, tuple(float(v) for v in flat), fixed=True)
 
 
@@ -166,8 +165,6 @@ class _Problem:
 
 
 def _free_components(entry: Entry) -> list[int]:
-    if not isinstance(entry.feature, Whole):
-        return []
     names = [p.name for p in entry.feature.searched for _ in range(p.size)]
     return [j for j, name in enumerate(names) if name != "order"]
 

@@ -15,12 +15,13 @@ from elastic_arm.errors import DiagnosisError
 from elastic_arm.gap import shrink as shrinking
 from elastic_arm.gap.band import Band
 from elastic_arm.gap.bank import Bank, Entry, build_bank
+from elastic_arm.gap.candidates import feature_of, features
 from elastic_arm.gap.certainty import Estimate, differs, estimates, polish
 from elastic_arm.gap.evidence import Evidence
 from elastic_arm.gap.explain import ENOUGH, Explanation, Rival, Search, misfit
-from elastic_arm.gap.features import Feature, features
 from elastic_arm.gap.material import Material
 from elastic_arm.gap.observation import Observation, observe, widest_band
+from elastic_arm.gap.refit import OWN, refitted
 from elastic_arm.gap.regimes import regime, shares
 from elastic_arm.gap.residuals import Layout
 from elastic_arm.gap.result import Alternative, Cause, Diagnosis, Place, Size
@@ -31,6 +32,7 @@ from elastic_arm.robot import Robot
 
 Array = NDArray[np.float64]
 
+DETECTED = 25.0  # held-out log-likelihood from which a cause shows although no residual stands out of the noise
 WORTH = 0.01  # of the whole gap: less is no cause
 EXPLAINED = 0.2  # of the excess may be left
 LISTED = 0.01  # alternatives less probable than this are not worth a line
@@ -46,6 +48,8 @@ class Question:
         The nominal arm.
     model
         mod1, mod2 or mod3.
+    refit
+        Fit the model's own parameters first.
     given
         Effects that the user knows: they count as part of the model, their sizes are fitted.
     effects
@@ -54,6 +58,7 @@ class Question:
 
     robot: Robot
     model: str = "mod3"
+    refit: bool = False
     given: tuple[Active, ...] = ()
     effects: tuple[Effect, ...] = field(default_factory=lambda: tuple(EFFECTS.values()))
 
@@ -80,12 +85,16 @@ def diagnose(recordings: Sequence[Recording], question: Question, validate: Sequ
     model = build_model(question.robot, question.model)
     seen = [[observe(r) for r in part] for part in (fitted, judging)]
     layout, band = _common(seen[0] + seen[1], model.n)
+    effects = question.effects
+    if question.refit:
+        model = refitted(model, seen[0], layout, band)
+        effects = tuple(e for e in effects if e.id not in OWN)
     identify, judge = (Evidence(model, part, layout, band) for part in seen)
     for part, evidence in zip(("fit", "judge"), (identify, judge), strict=True):
         if not evidence.parts:
             raise DiagnosisError(f"too little motion is left to {part} after filtering", "Record longer without gaps")
     equations = ArmEquations(question.robot, question.model)
-    bank = build_bank(identify, judge, features(equations, question.effects))
+    bank = build_bank(identify, judge, features(equations, effects))
     given = [_given(bank, equations, active) for active in question.given]
     inquiry = _Inquiry(model, bank, judge, given, max(o.rate for o in seen[0]))
     notes = list(dict.fromkeys(note for part in seen for o in part for note in o.notes))
@@ -111,8 +120,7 @@ def _common(observations: Sequence[Observation], n: int) -> tuple[Layout, Band]:
 
 
 def _given(bank: Bank, equations: ArmEquations, active: Active) -> Entry:
-    chosen = {c.name: active.parameters[c.name] for c in active.effect.choices}
-    feature = Feature(active.effect, active.joint, chosen, equations)
+    feature = feature_of(active, equations)
     searched = np.concatenate([np.atleast_1d(active.parameters[p.name]) for p in feature.searched] or [np.zeros(0)])
     entry = bank.add(feature, tuple(float(v) for v in searched), fixed=feature.fixed)
     bank.close()
@@ -131,17 +139,20 @@ class _Inquiry:
     ) -> Diagnosis:
         """Return the diagnosis."""
         baseline, before_values = self.given, self._left(self.given)
+        tried = shrinking.in_all_bands(self.judge, before_values)
+        before = shrinking.telling(tried)
         explanation = Explanation(list(baseline), len(baseline))
-        if shrinking.any_significant(self.judge, before_values).any():
-            explanation = self._without_lags(self._polished(Search(self.bank, self.given).run()))
+        search = Search(self.bank, self.given)
+        if before is not None or search.strongest() > DETECTED:
+            explanation = self._without_lags(self._polished(search.run()))
             baseline = explanation.entries[: explanation.given]
             before_values = self._left(baseline)
-        before = shrinking.widest_telling(self.judge, before_values)
-        if before.significant.any():
-            explanation = self._judged(explanation, before)
+            tried = shrinking.in_all_bands(self.judge, before_values)
+            before = shrinking.telling(tried) or self._faint(tried, explanation)
+        if before is not None:
+            explanation = self._polished(self._judged(explanation, before))
         else:
-            explanation = Explanation(list(baseline), len(baseline))
-        explanation = self._polished(explanation)
+            before, explanation = tried[0], Explanation(list(baseline), len(baseline))
         entries = explanation.entries
         after_values = self._left(entries)
         after = shrinking.figures(self.judge, after_values, before.band)
@@ -173,6 +184,15 @@ class _Inquiry:
                 tuple(values for values, _ in alone), regimes,
             ),
         )  # fmt: skip
+
+    def _faint(self, tried: Sequence[shrinking.Figures], explanation: Explanation) -> shrinking.Figures | None:
+        """Return a band in which the causes make residuals smaller that do not stand out of the noise by size alone."""
+        entries = explanation.entries
+        if len(entries) == explanation.given or self.bank.held_out(entries) < DETECTED:
+            return None
+        after = shrinking.in_all_bands(self.judge, self._left(entries))
+        marked = [b.of(shrinking.improved(b, a)) for b, a in zip(tried, after, strict=True)]
+        return shrinking.telling(marked)
 
     def _polished(self, explanation: Explanation) -> Explanation:
         return Explanation(polish(self.bank, explanation.entries), explanation.given, explanation.rivals)

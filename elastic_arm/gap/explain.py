@@ -13,15 +13,15 @@ from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import norm
 
-from elastic_arm.effects.base import Role
 from elastic_arm.gap.bank import Bank, Entry
 from elastic_arm.gap.refine import refine
 
 Array = NDArray[np.float64]
 Key = tuple[str, str | None, tuple[object, ...]]
 
+RESAMPLES = 2000
+PATIENCE = 50  # optimisations that one search may spend
 ENOUGH = 12.0  # log-likelihood, over the misfit that is left, that another cause must gain
 SHARE = 0.002  # of all the log-likelihood that there is to gain
 MOST_CAUSES = 16
@@ -96,9 +96,14 @@ class Search:
     def __init__(self, bank: Bank, given: Sequence[Entry] = ()) -> None:
         self.bank, self.given = bank, list(given)
         self._candidates = [e for e in bank.entries if e not in self.given]
+        self._patience = PATIENCE
         self._refined: dict[tuple[Entry, frozenset[Entry]], Entry] = {}
         total = 0.5 * sum(float(e.white @ e.white) - e.freedom for e in bank.sets)
         self._least = SHARE * max(total, 0.0)
+
+    def strongest(self) -> float:
+        """Held-out log-likelihood that the best single cause gains."""
+        return max((score for score, _ in self._ranked(self.given)), default=0.0) - self.bank.held_out(self.given)
 
     def run(self) -> Explanation:
         """Return the best explanation found."""
@@ -144,14 +149,16 @@ class Search:
 
         What was searched alone may have gone astray for want of the newcomer, so its other values are tried again.
         """
-        bases = [list(entries)]
+        others: dict[str | None, list[list[Entry]]] = {}
         for k in range(len(self.given), len(entries)):
             same = [e for e in self._candidates if e.feature.key == entries[k].feature.key]
-            bases += [[*entries[:k], e, *entries[k + 1 :]] for e in same if len(same) > 1]
+            if len(same) > 1:
+                tried = [[*entries[:k], e, *entries[k + 1 :]] for e in same]
+                others.setdefault(entries[k].feature.joint, []).extend(tried)
         best: dict[Key, tuple[float, list[Entry]]] = {}
         for entry in self._open(entries):
             key = entry.feature.key
-            for base in bases:
+            for base in [list(entries), *others.get(entry.feature.joint, [])]:
                 trial = [*base, entry]
                 score = self.bank.held_out(trial)
                 if (key not in best or score > best[key][0]) and plausible(self.bank, trial):
@@ -175,7 +182,10 @@ class Search:
 
     def _refine(self, others: Sequence[Entry], entry: Entry) -> Entry:
         key = (entry, frozenset(others))
+        if key not in self._refined and self._patience <= 0:
+            return entry
         if key not in self._refined:
+            self._patience -= 1
             self._refined[key] = refine(self.bank, [*others, entry], entry)
         return self._refined[key]
 
@@ -251,11 +261,6 @@ class Search:
             ]
             difference.append(np.bincount(self.bank.sets[which].blocks, squares[0] - squares[1]))
         blocks = np.concatenate(difference)
-        spread = float(np.std(blocks) * np.sqrt(len(blocks)))
-        share = float(norm.sf(blocks.sum() / spread)) if spread > 0 else 0.5
-        return float(max(np.exp(-np.clip(behind, 0.0, 700.0)), min(1.0, share / (1.0 - min(share, 0.5)))))
-
-
-def free_parameters(entry: Entry) -> int:
-    """Number of numbers that a cause may choose."""
-    return sum(p.size for p in entry.feature.effect.parameters if p.role is not Role.PHASE) + bool(entry.feature.phase)
+        weights = np.random.default_rng(0).multinomial(len(blocks), np.full(len(blocks), 1 / len(blocks)), RESAMPLES)
+        share = float(np.mean(weights @ blocks <= 0.0))
+        return float(max(np.exp(-np.clip(behind, 0.0, 700.0)), min(1.0, share / max(1.0 - share, 0.5))))

@@ -155,6 +155,10 @@ class Feature:
             found |= _spread(self.linear, coefficients, lambda p, c: p.value_of(c))
         return found | _spread(self.searched, searched, lambda p, c: c)
 
+    def whole(self) -> Feature:
+        """Return the feature whose column is the law itself."""
+        return Whole(self.effect, self.joint, self.choices, self.equations)
+
     def active(self, coefficients: Sequence[float], searched: Sequence[float] = ()) -> Active:
         """Return the effect as the simulator takes it."""
         return Active(self.effect, self.joint, {**self.parameters(coefficients, searched), **self.choices})
@@ -163,6 +167,10 @@ class Feature:
 @dataclass(frozen=True, eq=False)
 class Whole(Feature):
     """A feature whose one column is the law itself, at given values of all its parameters."""
+
+    def whole(self) -> Feature:
+        """Return itself."""
+        return self
 
     @property
     def linear(self) -> tuple[Parameter, ...]:
@@ -304,17 +312,3 @@ def _scan(contribution: Contribution, states: Mapping[str, Any], symbols: Any, s
     for now in many:
         course.append(step(course[-1], now, constants))
     return ca.Function("steps", [start, ca.vertcat(*many), constants], [course[-1], ca.vertcat(*course[:-1])])
-
-
-def features(
-    robot_equations: ArmEquations, effects: Sequence[Effect], *, choices: Mapping[str, Any] | None = None
-) -> list[Feature]:
-    """Return every effect at every place where it adds something to this model's residuals."""
-    found = []
-    for effect in effects:
-        for active in effect.candidates(robot_equations.robot):
-            chosen = {c.name: active.parameters[c.name] for c in effect.choices}
-            feature = Feature(effect, active.joint, chosen, robot_equations)
-            if feature.acts:
-                found.append(feature)
-    return found

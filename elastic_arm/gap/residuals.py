@@ -104,12 +104,11 @@ def completed(motion: Motion, model: Model) -> WholeMotion:
 
 
 def drive_constants(model: Model) -> tuple[Array, Array]:
-    """Return K (n,) Nm/rad and D (n,) Nm s/rad of the model's robot."""
-    gears = [joint.transmission for joint in model.robot.joints]
-    return (
-        np.array([gear.stiffness if gear else 0.0 for gear in gears]),
-        np.array([gear.damping if gear else 0.0 for gear in gears]),
-    )
+    """Return K (n,) Nm/rad and D (n,) Nm s/rad of the model; nothing for an arm without transmissions."""
+    drives = [spring for spring in model.bodies.springs if spring.against is not None]
+    if not drives:
+        return np.zeros(model.n), np.zeros(model.n)
+    return model.Psi[[spring.stiffness for spring in drives]], model.Psi[[spring.damping for spring in drives]]
 
 
 def raw_residuals(model: Model, motion: WholeMotion) -> Array:

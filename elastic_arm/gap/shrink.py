@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,6 +25,7 @@ ALPHA = 1e-3
 RESAMPLES = 4000
 # The noise is estimated too, its square to a few per cent, and quantised encoders are not quite white.
 NOISE_GUARD = 1.12
+CLEAR = 10.0  # clarity from which an excess is known to a tenth
 
 
 @dataclass(frozen=True)
@@ -37,6 +38,8 @@ class Figures:
         Upper edge, Hz.
     rmse, peak, noise
         (R,) Nm.
+    freedom
+        Number of independent samples.
     blocks
         (blocks, R) Nm², mean squares of blocks of the recording.
     significant
@@ -47,6 +50,7 @@ class Figures:
     rmse: Array
     peak: Array
     noise: Array
+    freedom: float
     blocks: Array
     significant: NDArray[np.bool_]
 
@@ -54,6 +58,17 @@ class Figures:
     def excess(self) -> Array:
         """What is more than noise (R,) Nm²."""
         return np.maximum(self.rmse**2 - self.noise**2, 0.0)
+
+    @property
+    def clarity(self) -> float:
+        """Excess of the significant residuals over the uncertainty of their noise's square."""
+        chosen = self.significant
+        uncertainty = (NOISE_GUARD - 1.0 + np.sqrt(2.0 / self.freedom)) * np.sum(self.noise[chosen] ** 2)
+        return float(self.excess[chosen].sum() / uncertainty) if chosen.any() else 0.0
+
+    def of(self, significant: NDArray[np.bool_]) -> Figures:
+        """Return the same sizes with other residuals counted as significant."""
+        return replace(self, significant=significant)
 
 
 def figures(evidence: Evidence, values: Sequence[Array], band: float, tests: int = 1) -> Figures:
@@ -77,19 +92,27 @@ def figures(evidence: Evidence, values: Sequence[Array], band: float, tests: int
     beyond_chance = chi2.sf(freedom * mean / (NOISE_GUARD * noise**2), freedom) < level
     weights = _weights(len(blocks), np.random.default_rng(0))
     resampled = (weights @ blocks <= noise**2).mean(axis=0) < ALPHA
-    return Figures(band, np.sqrt(mean), np.abs(together).max(axis=0), noise, blocks, beyond_chance & resampled)
+    return Figures(band, np.sqrt(mean), np.abs(together).max(axis=0), noise, freedom, blocks, beyond_chance & resampled)
 
 
-def widest_telling(evidence: Evidence, values: Sequence[Array]) -> Figures:
-    """Measure residuals in the widest band in which any holds more than noise; in the whole one if none does."""
-    tried = [figures(evidence, values, evidence.band.cutoff * share, len(NARROWER)) for share in NARROWER]
-    return next((f for f in tried if f.significant.any()), tried[0])
+def telling(candidates: Sequence[Figures]) -> Figures | None:
+    """Return the widest band in which the excess stands clear of the noise's uncertainty, else the clearest."""
+    able = [f for f in candidates if f.significant.any()]
+    if not able:
+        return None
+    return next((f for f in able if f.clarity > CLEAR), max(able, key=lambda f: f.clarity))
 
 
-def any_significant(evidence: Evidence, values: Sequence[Array]) -> NDArray[np.bool_]:
-    """Which residuals (R,) hold more than noise in any band."""
-    tried = [figures(evidence, values, evidence.band.cutoff * share, len(NARROWER)) for share in NARROWER]
-    return np.any([f.significant for f in tried], axis=0)
+def in_all_bands(evidence: Evidence, values: Sequence[Array]) -> list[Figures]:
+    """Measure residuals in every band that is tried, widest first."""
+    return [figures(evidence, values, evidence.band.cutoff * share, len(NARROWER)) for share in NARROWER]
+
+
+def improved(before: Figures, after: Figures) -> NDArray[np.bool_]:
+    """Which residuals (R,) the causes make smaller in all but one of a thousand resamplings of whole blocks."""
+    saved = before.blocks - after.blocks
+    weights = _weights(len(saved), np.random.default_rng(3))
+    return ((weights @ saved <= 0.0).mean(axis=0) < ALPHA) & (before.excess > 0.0)
 
 
 def shrink(before: Figures, after: Figures) -> tuple[float, tuple[float, float]]:

@@ -1,0 +1,24 @@
+"""Every effect of a catalogue at every place of an arm where it could show."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from elastic_arm.effects.base import Active, Effect, StructuralEffect
+from elastic_arm.effects.equations import ArmEquations
+from elastic_arm.gap.features import Feature
+from elastic_arm.gap.tilting import Tilting
+
+
+def features(equations: ArmEquations, effects: Sequence[Effect]) -> list[Feature]:
+    """Return every effect at every place where it adds something to this model's residuals."""
+    found = [feature_of(active, equations) for effect in effects for active in effect.candidates(equations.robot)]
+    return [feature for feature in found if feature.acts]
+
+
+def feature_of(active: Active, equations: ArmEquations) -> Feature:
+    """Return the feature of an effect on an arm."""
+    effect = active.effect
+    chosen = {c.name: active.parameters[c.name] for c in effect.choices}
+    kind = Tilting if isinstance(effect, StructuralEffect) else Feature
+    return kind(effect, active.joint, chosen, equations)
