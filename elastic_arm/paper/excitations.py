@@ -6,9 +6,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from elastic_arm.excitation import ExcitationResult, FourierTrajectory, MotionLimits, optimise
+from elastic_arm.excitation import ExcitationResult, FourierTrajectory, MotionLimits, Shape, optimise
 from elastic_arm.paper.identification_study import Problem
 from elastic_arm.robot.description import Robot
+
+SHAPE = Shape(harmonics=5, period=10.0, ramp=1.5)
+"""The paper's duration of 10 s, between smooth ramps."""
 
 
 @dataclass(frozen=True)
@@ -52,7 +55,9 @@ def excite(robot: Robot, model: str, evaluations: int, random: int, seed: int) -
     limits = MotionLimits.of(robot)
     columns = [int(c) for c in problem.equations.base.columns]
     rng = np.random.default_rng(seed)
-    found: ExcitationResult = optimise(problem.model, limits, columns, rng=rng, evaluations=evaluations, random=random)
+    found: ExcitationResult = optimise(
+        problem.model, limits, columns, rng=rng, shape=SHAPE, evaluations=evaluations, random=random
+    )
     return Excited(
         found.trajectory,
         found.condition_after,

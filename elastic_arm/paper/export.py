@@ -14,6 +14,7 @@ import numpy as np
 
 from elastic_arm.errors import ElasticArmError
 from elastic_arm.paper.claims import Claim
+from elastic_arm.paper.identification_study import shares
 from elastic_arm.paper.study import Result
 
 SCHEMA = "elastic_arm/paper/1"
@@ -104,7 +105,9 @@ def _shares(result: Result) -> list[dict[str, Any]]:
     for e in result.estimates:
         row = {"model": e.model, "r_tot": e.r_tot, "parameters": e.estimable, "coefficients": len(e.names)}
         row |= asdict(e.shares) | {"residual": e.residual, "condition": e.condition}
-        for name, many in (("noisy", e.noisy_shares), ("fast_noisy", e.fast_noisy_shares)):
+        row |= {f"merged_{category}": value for category, value in asdict(shares(e.merged_error)).items()}
+        kinds = {"noisy": e.noisy_shares, "merged_noisy": e.merged_noisy_shares, "fast_noisy": e.fast_noisy_shares}
+        for name, many in kinds.items():
             for category in ("low", "mid", "high", "beyond"):
                 values = np.array([getattr(share, category) for share in many])
                 row |= {f"{name}_{category}": values.mean(), f"{name}_{category}_std": values.std()}

@@ -9,6 +9,7 @@ import numpy as np
 from scipy.stats import spearmanr
 
 from elastic_arm.dynamics import build_model
+from elastic_arm.excitation.criteria import distinct_columns
 from elastic_arm.identification.derivatives import Motion
 from elastic_arm.identification.equations import Equations
 from elastic_arm.identification.least_squares import Fit, fit
@@ -64,16 +65,12 @@ class Problem:
         data.add(motion)
         return fit(data.snapshot(), weighted)
 
-    def estimate(self, motion: Motion) -> np.ndarray:
-        """Return Psi_ls (B,) of (11)."""
-        return self.fit(motion, weighted=False).Psi
-
-    def with_noise(self, motion: Motion, std: float, seeds: int, rng: np.random.Generator) -> np.ndarray:
-        """Return estimates (seeds, B) with independent Gaussian noise of `std` Nm on every measured torque."""
+    def with_noise(self, motion: Motion, std: float, seeds: int, rng: np.random.Generator) -> list[Fit]:
+        """Return fits with independent Gaussian noise of `std` Nm on every measured torque."""
         assert motion.tau_m is not None
         torque = motion.tau_m
         noisy = (replace(motion, tau_m=torque + std * rng.standard_normal(torque.shape)) for _ in range(seeds))
-        return np.array([self.estimate(one) for one in noisy])
+        return [self.fit(one, weighted=False) for one in noisy]
 
     def percent(self, estimate: np.ndarray) -> np.ndarray:
         """Return Psi_err of (13), in percent."""
@@ -86,13 +83,28 @@ class Problem:
         return Psi
 
 
+def merged_error(found: Fit, true: np.ndarray, kept: np.ndarray) -> np.ndarray:
+    """Return Psi_err (K,) of the coefficients `kept`, the others merged into them as the data's columns depend on them.
+
+    Base parameters are what *some* state tells apart. Where no ordinary motion does, as at high ratios, (11) is blown
+    up along that direction; a numerical rank decision would have merged such columns, and this does.
+    """
+    R, z = found.factor[:, :-1], found.factor[:, -1]
+    lost = np.setdiff1d(np.arange(len(true)), kept)
+    scale = np.linalg.norm(R[:, kept], axis=0)
+    solution = np.linalg.lstsq(R[:, kept] / scale, np.column_stack([R[:, lost], z]), rcond=None)[0] / scale[:, None]
+    expected = true[kept] + solution[:, :-1] @ true[lost]
+    return 100.0 * (solution[:, -1] - expected) / expected
+
+
 @dataclass(frozen=True)
 class Estimate:
     """One model at one ratio.
 
     All errors are in percent of the true coefficient, (B,): `error` as in the paper (10 Hz, no noise), `model_error`
     the same with the bushing locked, `noise_spread` the standard deviation over seeds at 10 Hz, `fast_error` and
-    `fast_noise_spread` at 1 kHz. `noisy_shares` are those of each seed. `torque` is what each coefficient contributes
+    `fast_noise_spread` at 1 kHz; `merged_error` that of 10 Hz with what this motion cannot tell apart merged.
+    `noisy_shares` and `merged_noisy_shares` are those of each seed. `torque` is what each coefficient contributes
     to the equations, `residual` what the fit leaves, Nm rms. `condition` is that of F with columns of unit
     length, at 10 Hz. `individual` are the individual parameters under physical consistency.
     """
@@ -108,6 +120,8 @@ class Estimate:
     noise_spread: np.ndarray
     fast_error: np.ndarray
     fast_noise_spread: np.ndarray
+    merged_error: np.ndarray
+    merged_noisy_shares: tuple[Shares, ...]
     noisy_shares: tuple[Shares, ...]
     fast_noisy_shares: tuple[Shares, ...]
     torque: np.ndarray
@@ -160,6 +174,7 @@ def study(
     plain = problem.fit(slow, weighted=False)
     noisy = problem.with_noise(slow, noise, seeds[0], rng)
     fast_noisy = problem.with_noise(fast, noise, seeds[1], rng)
+    kept = distinct_columns(plain.factor[:, :-1])
     rows = problem.equations.rows(slow)
     left = rows[:, :, -1] - rows[:, :, :-1] @ plain.Psi
     return Estimate(
@@ -170,12 +185,14 @@ def study(
         true=problem.true,
         estimate=plain.Psi,
         error=problem.percent(plain.Psi),
-        model_error=problem.percent(problem.estimate(slow_locked)),
-        noise_spread=problem.percent(noisy).std(axis=0, ddof=1),
-        fast_error=problem.percent(problem.estimate(fast)),
-        fast_noise_spread=problem.percent(fast_noisy).std(axis=0, ddof=1),
-        noisy_shares=tuple(shares(problem.percent(one)) for one in noisy),
-        fast_noisy_shares=tuple(shares(problem.percent(one)) for one in fast_noisy),
+        model_error=problem.percent(problem.fit(slow_locked, weighted=False).Psi),
+        noise_spread=problem.percent(np.array([one.Psi for one in noisy])).std(axis=0, ddof=1),
+        fast_error=problem.percent(problem.fit(fast, weighted=False).Psi),
+        fast_noise_spread=problem.percent(np.array([one.Psi for one in fast_noisy])).std(axis=0, ddof=1),
+        merged_error=merged_error(plain, problem.true, kept),
+        merged_noisy_shares=tuple(shares(merged_error(one, problem.true, kept)) for one in noisy),
+        noisy_shares=tuple(shares(problem.percent(one.Psi)) for one in noisy),
+        fast_noisy_shares=tuple(shares(problem.percent(one.Psi)) for one in fast_noisy),
         torque=np.abs(problem.true) * np.sqrt((rows[:, :, :-1] ** 2).mean(axis=(0, 1))),
         residual=float(np.sqrt((left**2).mean())),
         condition=plain.condition,

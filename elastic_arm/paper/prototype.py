@@ -16,6 +16,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.linalg.lapack import dposv
 
 from elastic_arm.errors import SimulationError
 from elastic_arm.paper.mechanism import BUSHING, Bushing, build_spec, engine, transmissions
@@ -25,6 +26,7 @@ from elastic_arm.robot.description import Robot
 
 Torque = Callable[[int, np.ndarray, np.ndarray], np.ndarray]
 _Sample = tuple[float, np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]
+RUNGE_KUTTA_REACH = 2.78  # of |eigenvalue| times step, on the real axis
 DEFAULT_STEP = 1.0e-4
 RECORD_RATE = 1000.0
 
@@ -111,6 +113,7 @@ class Prototype:
                 self.T[self._address(f"{name}.{part}"), i] = ratio
             for k, axis in enumerate(free):
                 self.T[self._address(f"{name}.{axis}"), self.n + len(free) * i + k] = 1.0
+        self._Tt = np.ascontiguousarray(self.T.T)
         self._delta = self.n + np.arange(self.n) * len(free) + len(free) - 1  # the drive's deflection of each joint
 
     def _address(self, joint: str) -> int:
@@ -124,7 +127,7 @@ class Prototype:
         mj.mj_fwdPosition(model, data)
         mj.mj_fwdVelocity(model, data)
         mj.mj_fullM(model, data, self._full)
-        return _Reduced(self.T.T @ self._full @ self.T, self.T.T @ (data.qfrc_bias - data.qfrc_passive))
+        return _Reduced(self._Tt @ self._full @ self.T, self._Tt @ (data.qfrc_bias - data.qfrc_passive))
 
     def equilibrium(self, theta: np.ndarray) -> np.ndarray:
         """Return the bushing's deflections (6 n,) in which the arm stands still at theta (n,).
@@ -141,6 +144,18 @@ class Prototype:
             if np.abs(change).max() < 1e-15:
                 break
         return y[n:]
+
+    def stable_step(self) -> float:
+        """Return the largest step that the integration of the bushings bears, with a tenth to spare, s.
+
+        From the eigenvalues of the springs and dampers against the engine's mass matrix at the zero pose.
+        """
+        n, size = self.n, self.T.shape[1] - self.n
+        rest = np.zeros(self.T.shape[1])
+        inverse = np.linalg.inv(self.reduced(rest, rest).mass[n:, n:])
+        stiffness, damping = (values @ self.T[:, n:] for values in (self._model.jnt_stiffness, self._model.dof_damping))
+        system = np.block([[np.zeros((size, size)), np.eye(size)], [-inverse * stiffness, -inverse * damping]])
+        return 0.9 * RUNGE_KUTTA_REACH / float(np.abs(np.linalg.eigvals(system)).max())
 
     def tool(self, q: np.ndarray) -> np.ndarray:
         """Return where the tool would be with rigid joints at q (N, n): (N, 3) in the world, m."""
@@ -215,7 +230,7 @@ class Prototype:
                 at = self.reduced(y, dy)
                 force = -at.force
                 force[:n] += torque(2 * k + half, y[:n], dy[:n])
-                return np.linalg.solve(at.mass, force)
+                return _solve(at.mass, force)
 
             ddy = respond(0, y, dy)
             if k % stride == 0:
@@ -231,7 +246,7 @@ class Prototype:
         n = self.n
         theta, dtheta, ddtheta = imposed
         at = self.reduced(np.concatenate([theta, u]), np.concatenate([dtheta, du]))
-        ddu = np.linalg.solve(at.mass[n:, n:], -at.force[n:] - at.mass[n:, :n] @ ddtheta)
+        ddu = _solve(at.mass[n:, n:], -at.force[n:] - at.mass[n:, :n] @ ddtheta)
         return ddu, at.mass[:n, :n] @ ddtheta + at.mass[:n, n:] @ ddu + at.force[:n]
 
     def _sample(self, t: float, imposed: tuple[np.ndarray, ...], u: np.ndarray, du: np.ndarray) -> _Sample:
@@ -288,6 +303,12 @@ def runge_kutta(
     v4 = du + h * a3
     a4 = acceleration(2, u + h * v3, v4)
     return u + h / 6.0 * (du + 2.0 * v2 + 2.0 * v3 + v4), du + h / 6.0 * (ddu + 2.0 * a2 + 2.0 * a3 + a4)
+
+
+def _solve(mass: np.ndarray, force: np.ndarray) -> np.ndarray:
+    """Solve with a symmetric positive definite matrix; LAPACK itself, as this is most of a small step's overhead."""
+    solution: np.ndarray = dposv(mass, force)[1]
+    return solution
 
 
 def _division(duration: float, step: float, rate: float) -> tuple[int, int, float]:

@@ -18,7 +18,7 @@ from elastic_arm.paper.excitations import Excited, excite
 from elastic_arm.paper.identification_study import Estimate
 from elastic_arm.paper.identification_study import study as identify
 from elastic_arm.paper.mechanism import Bushing, engine, transmissions
-from elastic_arm.paper.motions import Excitation, Motion, StepRamp
+from elastic_arm.paper.motions import QUINTIC, Excitation, Motion, StepRamp
 from elastic_arm.paper.parallel import Advance, Crew
 from elastic_arm.paper.prototype import Prototype, Run
 from elastic_arm.robot.description import Robot
@@ -110,7 +110,8 @@ TRACKING_PERIOD = 4.0
 class Result:
     """All numbers of the study; the report draws from here and nothing else.
 
-    `comparisons` are the ramps over the ratios, `poses` those from other poses at the highest one.
+    `comparisons` are the ramps over the ratios, `poses` those from other poses at the highest one, and `smooth` a ramp
+    there without jumps of acceleration.
     """
 
     robot: Robot
@@ -118,6 +119,7 @@ class Result:
     ratios: tuple[float, ...]
     comparisons: list[Comparison]
     poses: list[tuple[np.ndarray, Comparison]]
+    smooth: Comparison
     against_mod3: list[Metric]
     against_prototype: list[Metric]
     inertial: Mapping[str, np.ndarray]
@@ -201,6 +203,7 @@ def run_study(robot: Robot, settings: Settings, *, workers: int, seed: int, stag
         excited = _excite(top, settings, crew, rng, timed)
         estimates = _identify(arms, excited, settings, crew, rng, timed)
         tracking = _track(arms, estimates, settings, crew, rng, timed)
+    smooth = comparison.compare(top, ratios[-1], ramps.pop())
     comparisons = [comparison.compare(arms[r], r, run) for r, run in zip(ratios, ramps, strict=False)]
     others = zip(starts[1:], ramps[len(ratios) :], strict=True)
     poses = [(start, comparison.compare(top, ratios[-1], run)) for start, run in others]
@@ -217,6 +220,7 @@ def run_study(robot: Robot, settings: Settings, *, workers: int, seed: int, stag
         ratios=ratios,
         comparisons=comparisons,
         poses=poses,
+        smooth=smooth,
         against_mod3=comparison.metrics(comparisons, "mod3"),
         against_prototype=comparison.metrics(comparisons, comparison.PROTOTYPE),
         inertial=motor_terms(top, comparisons[-1].run),
@@ -234,8 +238,9 @@ def run_study(robot: Robot, settings: Settings, *, workers: int, seed: int, stag
 
 
 def follow(robot: Robot, bushing: Bushing, motion: Motion, step: float) -> Run:
-    """Build a prototype and let it follow a motion: one task of the study."""
-    return Prototype(robot, bushing).follow(motion, step=step)
+    """Build a prototype and let it follow a motion, at `step` or what its bushings bear: one task of the study."""
+    prototype = Prototype(robot, bushing)
+    return prototype.follow(motion, step=min(step, prototype.stable_step()))
 
 
 def motor_terms(robot: Robot, run: Run) -> dict[str, np.ndarray]:
@@ -255,10 +260,11 @@ def motor_terms(robot: Robot, run: Run) -> dict[str, np.ndarray]:
 def _ramps(
     arms: Mapping[float, Robot], starts: list[np.ndarray], settings: Settings, crew: Crew, stage: Stage
 ) -> list[Run]:
-    """Run the step ramp over all ratios from the first pose, then from the other poses at the highest ratio."""
+    """Run the step ramp over all ratios, at the highest from the other poses too, and there without jumps."""
     tasks = [partial(follow, arm, Bushing(), StepRamp(starts[0]), settings.step) for arm in arms.values()]
     top = list(arms.values())[-1]
     tasks += [partial(follow, top, Bushing(), StepRamp(start), settings.step) for start in starts[1:]]
+    tasks.append(partial(follow, top, Bushing(), StepRamp(starts[0], shape=QUINTIC), settings.step))
     return crew.run(tasks, stage("step ramps of the prototype", len(tasks)))
 
 
