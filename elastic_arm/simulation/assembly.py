@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from collections import OrderedDict
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
+from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -37,6 +38,8 @@ class System:
     friction
         (x, dx, z, tau_m, Psi, p, speed) -> derivative of the left side by the signs of the velocities (dof, 2n), and
         the mass matrix.
+    engines
+        Made of it so far, by name; shared by all systems of its shape.
     """
 
     equations: ArmEquations
@@ -46,6 +49,7 @@ class System:
     balance: ca.Function
     stiffness_of_balance: ca.Function
     friction: ca.Function
+    engines: dict[str, Any] = field(default_factory=dict)
 
     @property
     def n(self) -> int:

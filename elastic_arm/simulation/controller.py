@@ -64,11 +64,12 @@ def tuned(robot: Robot, *, bandwidth: float = BANDWIDTH, model: str = "mod3", ra
     bounds both gains.
     """
     equations = ArmEquations(robot, model)
-    inertia = joint_inertia(equations)
+    feedforward = RigidFeedforward(equations)
+    inertia = feedforward.joint_inertia()
     speed = 2 * np.pi * bandwidth
     kd = np.minimum(2 * DAMPING_RATIO * speed * inertia, HELD_SHARE * _largest_held_damping(equations, rate))
     slowed = kd / (2 * LEAST_DAMPING_RATIO * inertia)
-    return Controller(np.minimum(speed, slowed) ** 2 * inertia, kd, RigidFeedforward(equations))
+    return Controller(np.minimum(speed, slowed) ** 2 * inertia, kd, feedforward)
 
 
 def _largest_held_damping(equations: ArmEquations, rate: float) -> Array:
@@ -80,16 +81,6 @@ def _largest_held_damping(equations: ArmEquations, rate: float) -> Array:
     decay = D / (B * rate)
     # D (1 + a) / (1 - a) with a = exp(-decay), which without damping is 2 B rate.
     return 2.0 * B * rate * np.where(decay > 1e-9, 0.5 * decay / np.tanh(0.5 * np.maximum(decay, 1e-9)), 1.0)
-
-
-def joint_inertia(equations: ArmEquations) -> Array:
-    """Return the inertia (n,) of each joint in the zero position, link and motor side turning together, kg m²."""
-    n = equations.robot.n
-    columns = _together(equations)
-    still = np.zeros(n)
-    at_rest = columns(still, still, still, equations.nominal)
-    moved = [columns(still, still, axis, equations.nominal) - at_rest for axis in np.eye(n)]
-    return np.array([float(moved[i][i]) for i in range(n)])
 
 
 class RigidFeedforward:
@@ -118,9 +109,27 @@ class RigidFeedforward:
             out[k] = self._torque
         return out
 
+    def joint_inertia(self) -> Array:
+        """Return the inertia (n,) of each joint in the zero position, link and motor side turning together, kg m²."""
+        n = len(self._torque)
+        none = np.zeros((n + 1, n))
+        torque = self(none, none, np.vstack([np.zeros(n), np.eye(n)]))
+        return np.diag(torque[1:] - torque[0]).copy()
+
+
+# Functions derived in this process, by the shape of the arm.
+_known: dict[str, ca.Function] = {}
+
 
 def _together(equations: ArmEquations) -> ca.Function:
     """(q, dq, ddq, Psi) -> sum of both sides' torques (n,) when link and motor move alike."""
+    shape = equations.bodies.fingerprint()
+    if shape not in _known:
+        _known[shape] = _derive_together(equations)
+    return _known[shape]
+
+
+def _derive_together(equations: ArmEquations) -> ca.Function:
     n, dof = equations.robot.n, equations.dof
     names = ("q", "dq", "ddq")
     q, dq, ddq = (ca.SX.sym(name, n) for name in names)

@@ -82,7 +82,10 @@ def make_engine(system: System, name: str | None = None) -> Engine:
         name = "c" if find_compiler() else "casadi"
         if name == "casadi":
             log.warning("no C compiler was found: the simulation runs about fifty times slower. Install gcc or clang.")
-    return CEngine(system) if name == "c" else CasadiEngine(system)
+    if name not in system.engines:
+        system.engines[name] = CEngine(system) if name == "c" else CasadiEngine(system)
+    engine: Engine = system.engines[name]
+    return engine
 
 
 class CEngine:
