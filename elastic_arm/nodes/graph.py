@@ -43,7 +43,11 @@ def message_class(type_name: str) -> Any:
 
 def other_publishers(node: Node, topic: str) -> list[str]:
     """Return the full names of other nodes that publish a topic; a node of this one's name counts once too often."""
-    names = [f"{info.node_namespace.rstrip('/')}/{info.node_name}" for info in node.get_publishers_info_by_topic(topic)]
+    names = [
+        # The node behind an endpoint may be known only later than the endpoint.
+        "another node" if "UNKNOWN" in info.node_name else f"{info.node_namespace.rstrip('/')}/{info.node_name}"
+        for info in node.get_publishers_info_by_topic(topic)
+    ]
     own = sum(1 for publisher in node.publishers if publisher.topic_name == topic)
     for _ in range(own):
         if node.get_fully_qualified_name() in names:

@@ -39,7 +39,7 @@ STREAM_PATIENCE = 1.0
 # Nobody notices a pace that is off by less.
 PACE_TOLERANCE = 0.02
 # A simulator this young, seconds, gives up when another turns up: it is the newcomer, or neither is.
-SETTLING = 5.0
+SETTLING = 3.0
 
 
 class SimulatorNode(ArmNode):
