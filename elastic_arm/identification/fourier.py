@@ -21,6 +21,8 @@ Array = NDArray[np.float64]
 
 MOST_HARMONICS = 120
 FASTEST_HZ = 40.0
+# Enough to find the period and the number of harmonics.
+ENOUGH_SAMPLES = 4000
 # A harmonic counts when its power stands this far above the floor.
 ABOVE_FLOOR = 12.0
 # A series is accepted when it leaves no more than this times the noise of the encoders.
@@ -71,7 +73,10 @@ class FourierFit:
             Position noise over velocity noise, s.
         """
         most = _most_harmonics(t, omega)
-        coefficients = _solve(t, position, velocity, omega, most, velocity_weight)
+        few = slice(None, None, max(1, len(t) // ENOUGH_SAMPLES))
+        coefficients = _solve(
+            t[few], position[few], None if velocity is None else velocity[few], omega, most, velocity_weight
+        )
         power = np.sum((coefficients[1 : most + 1] ** 2 + coefficients[most + 1 :] ** 2), axis=1)
         floor = np.median(power[most // 2 :])
         harmonics = max(1, int(np.max(np.flatnonzero(power > ABOVE_FLOOR * floor), initial=0)) + 1)
@@ -188,7 +193,7 @@ def _settled(position: Array, shift: int) -> int:
 
 def _refined(t: Array, position: Array, omega: float) -> float:
     """Sharpen the fundamental: first by search, then by Gauss-Newton steps with all harmonics."""
-    few = slice(None, None, max(1, len(t) // 4000))
+    few = slice(None, None, max(1, len(t) // ENOUGH_SAMPLES))
     harmonics = min(12, _most_harmonics(t, omega))
     width = 0.2 * 2 * np.pi / (t[-1] * harmonics)
 
