@@ -195,6 +195,6 @@ def build_bank(identify: Evidence, validate: Evidence, features: Sequence[Featur
     for feature in features:
         for point in starting_points(feature):
             # What has no free parameter at all has a known size; what is only searched may be scaled while searching.
-            bank.add(feature, point, fixed=feature.fixed and not feature.searched)
+            bank.add(feature, point, fixed=feature.fixed and not feature.scalable)
     bank.close()
     return bank

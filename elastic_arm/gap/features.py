@@ -109,6 +109,11 @@ class Feature:
         return not self.linear
 
     @property
+    def scalable(self) -> bool:
+        """Whether a column of fixed coefficient may be scaled while its searched parameters are looked for."""
+        return bool(self.searched)
+
+    @property
     def count(self) -> int:
         """Number of columns."""
         return 2 if self.phase else (1 if self.fixed else sum(p.size for p in self.linear))

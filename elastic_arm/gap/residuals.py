@@ -23,7 +23,7 @@ Array = NDArray[np.float64]
 SIDES = ("link", "drive", "motor")
 NOISE_FREQUENCIES = 400
 # Poses at which the inertia is looked up for the way of encoder noise into the residuals.
-POSES = 40
+POSES = 12
 # Part of the torque channels' noise that every equation is given on its own: without it, exact encoders would make the
 # difference of two equations that share a torque sensor exact too, and rounding in the filters would look like physics.
 FLOOR = 0.1
@@ -176,37 +176,41 @@ def noise_model(
     f = np.linspace(0.0, band.kept_rate / 2, NOISE_FREQUENCIES)
     s = 2j * np.pi * f[:, None, None]
     K, D = (np.diag(v) for v in drive_constants(model))
-    M, S, B = _mean_inertia(model, observation)
     one, zero = np.eye(n), np.zeros((n, n))
     ones = np.ones((len(f), 1, 1))
     drive = K + s * D
-    # Rows link, drive, motor of the full three; columns tau_J, tau_m, q, theta.
-    rows = [
-        [ones * one, ones * zero, -(s**2) * M, -(s**2) * S],
-        [ones * one, ones * zero, drive, -drive],
-        [ones * -one, ones * one, -(s**2) * S.T, -(s**2) * B],
-    ]
-    way = layout.transform @ np.concatenate([np.concatenate(row, axis=2) for row in rows], axis=1)
     torque = np.hstack([observation.torque_spectrum(c, f, n) for c in ("tau_J", "tau_m")])
     position = np.hstack([observation.position_spectrum(side, f) for side in ("link", "motor")])
     spectrum = np.hstack([torque, position])
-    covariance = np.einsum("frc,fc,fsc->frs", way, spectrum, way.conj())
+    covariance = np.zeros((len(f), layout.rows, layout.rows), dtype=complex)
+    poses = _inertias(model, observation)
+    for M, S, B in poses:
+        # Rows link, drive, motor of the full three; columns tau_J, tau_m, q, theta.
+        rows = [
+            [ones * one, ones * zero, -(s**2) * M, -(s**2) * S],
+            [ones * one, ones * zero, drive, -drive],
+            [ones * -one, ones * one, -(s**2) * S.T, -(s**2) * B],
+        ]
+        way = layout.transform @ np.concatenate([np.concatenate(row, axis=2) for row in rows], axis=1)
+        covariance += (way * spectrum[:, None, :]) @ way.conj().transpose(0, 2, 1) / len(poses)
     level = np.max(torque.mean(axis=0)) if torque.any() else 0.0
     extra = floor**2 * level + 1e-8
     covariance = covariance + extra * np.eye(layout.rows)
     return NoiseModel(f, covariance, observation.rate)
 
 
-def _mean_inertia(model: Model, observation: Observation) -> tuple[Array, Array, Array]:
+def _inertias(model: Model, observation: Observation) -> list[tuple[Array, Array, Array]]:
+    """Return M, S, B at poses along the motion: the way of the encoders' noise changes with the pose."""
     n = model.n
     motion = max(observation.pieces, key=len)
     position = motion.q if motion.q is not None else motion.theta
     assert position is not None
     poses = position[:: max(1, len(motion) // POSES)]
     if not model.robot.elastic:
-        return model.mass_matrix(poses).mean(axis=0), np.zeros((n, n)), np.zeros((n, n))
-    inertia = model.mass_matrix(np.hstack([poses, poses])).mean(axis=0)
-    return inertia[:n, :n], inertia[:n, n:], inertia[n:, n:]
+        none = np.zeros((n, n))
+        return [(M, none, none) for M in model.mass_matrix(poses)]
+    whole = model.mass_matrix(np.hstack([poses, poses]))
+    return [(m[:n, :n], m[:n, n:], m[n:, n:]) for m in whole]
 
 
 @dataclass(frozen=True)

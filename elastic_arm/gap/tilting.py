@@ -20,12 +20,18 @@ from elastic_arm.gap.features import Feature, Signals
 Array = NDArray[np.float64]
 
 POSES = 40
+SMOOTH = 12.0  # Hz: above, the moments hold more of the encoders' noise, twice differentiated, than of motion
 PADDING = 500  # samples mirrored at both ends, in which the tilts swing in
 
 
 @dataclass(frozen=True, eq=False)
 class Tilting(Feature):
     """The bearings of all joints, with `stiffness_scale` times the stiffness of the arm file."""
+
+    @property
+    def scalable(self) -> bool:
+        """False: at each stiffness the size of the effect is known."""
+        return False
 
     @property
     def acts(self) -> bool:
@@ -66,9 +72,11 @@ class Tilting(Feature):
         poses = signals.values["x"][:: max(1, len(moment) // POSES)]
         inertia = self._model.mass_matrix(np.hstack([poses, np.zeros_like(poses)])).mean(axis=0)[2 * n :, 2 * n :]
         padded = np.pad(moment, ((PADDING, PADDING), (0, 0)), mode="reflect")
-        s = 2j * np.pi * np.fft.rfftfreq(len(padded), signals.t[1] - signals.t[0])[:, None, None]
+        f = np.fft.rfftfreq(len(padded), signals.t[1] - signals.t[0])
+        s = 2j * np.pi * f[:, None, None]
         response = np.linalg.inv(np.diag(scale * stiffness) + s * np.diag(damping) + s**2 * inertia)
-        tilt = (response @ np.fft.rfft(padded, axis=0)[:, :, None])[:, :, 0]
+        pressing = np.fft.rfft(padded, axis=0) * np.exp(-0.5 * (f / SMOOTH) ** 2)[:, None]
+        tilt = (response @ pressing[:, :, None])[:, :, 0]
         rate = s[:, :, 0]
         kept = slice(PADDING, PADDING + len(moment))
         derivatives = [np.fft.irfft(tilt * rate**k, len(padded), axis=0)[kept] for k in range(3)]
