@@ -47,7 +47,7 @@ setup(
     install_requires=list(LIBRARIES),
     extras_require={
         "test": ["pytest", "hypothesis"],
-        "paper": ["mujoco"],
+        "paper": ["mujoco", "sympy"],
         "challenge": ["dask", "distributed", "pin"],
     },
     data_files=[
