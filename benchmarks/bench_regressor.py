@@ -21,18 +21,20 @@ from elastic_arm.robot.synthetic import random_arm
 from tests.full_tree import FullTree
 
 REPEATS = 7
-LOOP_SAMPLES = 2000
+LOOP_SAMPLES = 1000
 
 
-def median_time(work: Callable[[], object]) -> float:
-    """Median of a few runs, s; one run before does not count."""
-    work()
-    times = []
-    for _ in range(REPEATS):
-        start = time.perf_counter()
+def interleaved(works: dict[str, Callable[[], object]]) -> dict[str, np.ndarray]:
+    """Times of each work in every round, s; all take turns, so that whatever else the machine does meets all alike."""
+    for work in works.values():
         work()
-        times.append(time.perf_counter() - start)
-    return float(np.median(times))
+    times: dict[str, list[float]] = {name: [] for name in works}
+    for _ in range(REPEATS):
+        for name, work in works.items():
+            start = time.perf_counter()
+            work()
+            times[name].append(time.perf_counter() - start)
+    return {name: np.array(values) for name, values in times.items()}
 
 
 def samples(model: Model, count: int, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -85,26 +87,34 @@ def compare(title: str, robot: Robot, bearings: bool, counts: tuple[int, ...], r
     kernel = compiled.kernel("regressor", columns)
     nonzero, operations = len(kernel.program.outputs[0].values), len(kernel.program)
     print(f"\n{title}: dof {compiled.dof}, base columns {len(columns)}, not null {nonzero}, operations {operations}")
-    x, dx, ddx = samples(compiled, LOOP_SAMPLES, rng)
-    peer = median_time(lambda: loop(x, dx, ddx)) / LOOP_SAMPLES
     print("        N  samples/s  x Pinocchio  x fill (fresh, warm)  numpy x Pinocchio  fused x Pinocchio")
     for count in counts:
-        measure(compiled, fallback, columns, samples(compiled, count, rng), peer)
+        measure(compiled, fallback, loop, columns, samples(compiled, count, rng))
 
 
-def measure(compiled: Model, fallback: Model, columns: list[int], state: tuple[np.ndarray, ...], peer: float) -> None:
-    """Print one line of an arm's table; `peer` is the Pinocchio loop's time a sample, s."""
+def measure(
+    compiled: Model, fallback: Model, loop: PinocchioLoop, columns: list[int], state: tuple[np.ndarray, ...]
+) -> None:
+    """Print one line of an arm's table: medians over rounds of the ratios within each round."""
     x, dx, ddx = state
-    count = len(x)
+    count, few = len(x), slice(0, LOOP_SAMPLES)
     memory = np.empty((count, compiled.dof, len(columns)))
-    fresh = median_time(lambda: np.empty_like(memory).fill(1.0))
-    warm = median_time(lambda: memory.fill(1.0))
-    ours = median_time(lambda: compiled.regressor(x, dx, ddx, columns))
-    numpy = median_time(lambda: fallback.regressor(x, dx, ddx, columns))
-    fused = median_time(lambda: compiled.information(x, dx, ddx, x, columns))
+    times = interleaved(
+        {
+            "loop": lambda: loop(x[few], dx[few], ddx[few]),
+            "fresh": lambda: np.empty_like(memory).fill(1.0),
+            "warm": lambda: memory.fill(1.0),
+            "ours": lambda: compiled.regressor(x, dx, ddx, columns),
+            "numpy": lambda: fallback.regressor(x, dx, ddx, columns),
+            "fused": lambda: compiled.information(x, dx, ddx, x, columns),
+        }
+    )
+    peer = times["loop"] * count / min(count, LOOP_SAMPLES)
+    faster = {name: float(np.median(peer / times[name])) for name in ("ours", "numpy", "fused")}
+    fresh, warm = (float(np.median(times["ours"] / times[name])) for name in ("fresh", "warm"))
     print(
-        f"{count:9d} {count / ours:10.3g} {count * peer / ours:12.0f} {ours / fresh:15.2f} {ours / warm:5.2f}"
-        f" {count * peer / numpy:18.1f} {count * peer / fused:18.0f}"
+        f"{count:9d} {count / np.median(times['ours']):10.3g} {faster['ours']:12.0f} {fresh:15.2f} {warm:5.2f}"
+        f" {faster['numpy']:18.1f} {faster['fused']:18.0f}"
     )
 
 

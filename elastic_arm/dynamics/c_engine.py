@@ -7,8 +7,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from elastic_arm.dynamics.compiler import build
-from elastic_arm.dynamics.emit_block import emit_block
+from elastic_arm.dynamics.compiler import build_once
+from elastic_arm.dynamics.emit_block import block_identity, emit_block
 from elastic_arm.dynamics.parallel import in_chunks
 from elastic_arm.dynamics.program import Program
 
@@ -30,7 +30,7 @@ class CEngine:
 
     def __init__(self, program: Program, shared: Sequence[str]) -> None:
         self._program = program
-        self.library = build(emit_block(program, shared))
+        self.library = build_once(block_identity(program, shared), lambda: emit_block(program, shared))
         self.library.dense.argtypes = [ctypes.c_long, _ARRAY, _ARRAY, _ARRAY, ctypes.c_int]
         self.library.prepare_shared.argtypes = [_ARRAY, _ARRAY]
         self.library.prepared_size.restype = ctypes.c_long

@@ -11,6 +11,7 @@ import shlex
 import shutil
 import subprocess
 import tempfile
+from collections.abc import Callable
 from pathlib import Path
 
 import platformdirs
@@ -48,27 +49,34 @@ def build(source: str, *, flags: tuple[str, ...] = ("-ffp-contract=fast",)) -> c
     Parameters
     ----------
     flags
-        Added to the usual ones (``-O2``, vectorised, for this machine's processor).
+        Added to the usual ones (``-O2``, for this machine's processor).
 
     Raises
     ------
     KernelError
         If there is no compiler, it refuses the source, or the cache cannot be written.
     """
+    return build_once(source, lambda: source, flags=flags)
+
+
+def build_once(
+    identity: str, source: Callable[[], str], *, flags: tuple[str, ...] = ("-ffp-contract=fast",)
+) -> ctypes.CDLL:
+    """As :func:`build`, but print the source only when no library of this `identity` is in the cache."""
     compiler = find_compiler()
     if compiler is None:
         raise KernelError("no C compiler was found", "Install gcc or clang, or set CC to one")
-    library = cache_folder() / f"{_key(source, compiler, flags)}.so"
+    library = cache_folder() / f"{_key(identity, compiler, flags)}.so"
     if not library.exists():
-        _compile(source, compiler, flags, library)
+        _compile(source(), compiler, flags, library)
     try:
         return ctypes.CDLL(str(library))
     except OSError as error:
         raise KernelError(f"{library} cannot be loaded ({error})", "Delete it; it is made again") from error
 
 
-def _key(source: str, compiler: tuple[str, ...], flags: tuple[str, ...]) -> str:
-    content = "\0".join([source, *compiler, *_compiler_stamp(compiler[0]), *_FLAGS, *flags, _processor()])
+def _key(identity: str, compiler: tuple[str, ...], flags: tuple[str, ...]) -> str:
+    content = "\0".join([identity, *compiler, *_compiler_stamp(compiler[0]), *_FLAGS, *flags, _processor()])
     return hashlib.sha256(content.encode()).hexdigest()[:32]
 
 
@@ -105,9 +113,7 @@ def _compile(source: str, compiler: tuple[str, ...], flags: tuple[str, ...], lib
                     return
                 messages.append(done.stderr.strip())
     except subprocess.TimeoutExpired as error:
-        raise KernelError(
-            f"{compiler[0]} did not end within {_TIMEOUT_S:g} s", "Run with an empty CC"
-        ) from error
+        raise KernelError(f"{compiler[0]} did not end within {_TIMEOUT_S:g} s", "Run with an empty CC") from error
     except OSError as error:
         raise KernelError(
             f"cannot compile in {library.parent} ({error})", f"Set {CACHE_VARIABLE} to a folder you may write to"

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import functools
+import hashlib
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -26,9 +28,21 @@ def emit_block(program: Program, shared: Sequence[str]) -> str:
     return "\n".join(parts)
 
 
+def block_identity(program: Program, shared: Sequence[str]) -> str:
+    """Say in a few letters what :func:`emit_block` would print: the program, and the printer's own source."""
+    return f"{program.digest()}:{','.join(sorted(shared))}:{_printer_digest()}"
+
+
 def gram_source() -> str:
     """C source of the accumulation of information matrices in twice the working precision."""
     return _source("lanes") + "\n" + _source("gram")
+
+
+@functools.cache
+def _printer_digest() -> str:
+    folder = Path(__file__).parent
+    files = [folder / "emit_block.py", folder / "emit_c.py", *sorted((folder / "c").glob("*.c"))]
+    return hashlib.sha256(b"".join(path.read_bytes() for path in files)).hexdigest()
 
 
 def _source(name: str) -> str:

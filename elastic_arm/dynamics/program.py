@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
@@ -118,6 +119,13 @@ class Program:
         a, b = (np.where(leaf, v, new[np.where(leaf, 0, v)])[needed] for v in (self.a, self.b))
         outputs = tuple(replace(out, values=new[out.values]) for out in self.outputs)
         return replace(self, outputs=outputs, op=self.op[needed], a=a, b=b, constant=self.constant[needed])
+
+    def digest(self) -> str:
+        """Hash of inputs, outputs and operations."""
+        names = [self.inputs, [(out.name, out.shape) for out in self.outputs]]
+        arrays = [self.op, self.a, self.b, self.constant, *(v for o in self.outputs for v in (o.values, o.places))]
+        content = json.dumps(names).encode() + b"".join(np.ascontiguousarray(array).tobytes() for array in arrays)
+        return hashlib.sha256(content).hexdigest()
 
     def save(self, path: Path) -> None:
         """Write to `path` (npz)."""
