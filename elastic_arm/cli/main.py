@@ -10,6 +10,7 @@ from elastic_arm.cli.demo import demo
 from elastic_arm.cli.describe import describe
 from elastic_arm.cli.excite import excite
 from elastic_arm.cli.identify import identify
+from elastic_arm.cli.paper import paper
 from elastic_arm.cli.simulate import simulate
 
 app = typer.Typer(
@@ -24,6 +25,7 @@ app.command()(excite)
 app.command()(simulate)
 app.command()(identify)
 app.add_typer(bag_app)
+app.command()(paper)
 app.command()(demo)
 
 
