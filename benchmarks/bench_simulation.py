@@ -8,6 +8,9 @@ Euler schemes need smaller steps for splines this light. Then the engine that ne
 
 from __future__ import annotations
 
+import subprocess
+import sys
+import tempfile
 import time
 from collections.abc import Callable
 
@@ -149,16 +152,32 @@ def main() -> None:
     print()
     for name, rate in zip(jobs, rates(*jobs.values()), strict=True):
         print(f"{name:27} {rate:10.3g} steps/s")
-    print(f"\n{'n':>3} {'steps/s':>10} {'first use, s':>13} {'later, s':>9}")
+    print(f"\n{'n':>3} {'steps/s':>10} {'first use, s':>13} {'new process, s':>15} {'same process, s':>16}")
     for n in (3, 6, 7, 12):
-        robot = random_arm(n, np.random.default_rng(n))
-        times = []
-        for _ in range(2):
-            start = time.perf_counter()
-            Simulator(robot)
-            times.append(time.perf_counter() - start)
-        (rate,) = rates(ours(robot, samples=500))
-        print(f"{n:3d} {rate:10.3g} {times[0]:13.2f} {times[1]:9.3f}")
+        (rate,) = rates(ours(random_arm(n, np.random.default_rng(n)), samples=500))
+        print(f"{n:3d} {rate:10.3g} {{:13.2f}} {{:15.3f}} {{:16.3f}}".format(*uses(n)))
+
+
+def uses(n: int) -> tuple[float, float, float]:
+    """Times to make a simulator: with an empty cache, in a new process after it, and again there."""
+    code = (
+        "import time, numpy as np; from elastic_arm.robot.synthetic import random_arm;"
+        f"from elastic_arm.simulation import Simulator; arm = random_arm({n}, np.random.default_rng({n}));"
+        "start = time.perf_counter(); Simulator(arm); middle = time.perf_counter(); Simulator(arm);"
+        "print(middle - start, time.perf_counter() - middle)"
+    )
+    with tempfile.TemporaryDirectory() as cache:
+        lines = [
+            subprocess.run(
+                [sys.executable, "-c", code],
+                env={"PATH": "/usr/bin:/bin", "ELASTIC_ARM_CACHE": cache},
+                capture_output=True,
+                text=True,
+                check=True,
+            ).stdout.split()
+            for _ in range(2)
+        ]
+    return float(lines[0][0]), float(lines[1][0]), float(lines[1][1])
 
 
 if __name__ == "__main__":

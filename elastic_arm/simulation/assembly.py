@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import OrderedDict
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import casadi as ca
@@ -15,6 +15,7 @@ from elastic_arm.effects.acting import Acting
 from elastic_arm.effects.base import Active
 from elastic_arm.effects.equations import ArmEquations
 from elastic_arm.effects.motion import Contribution, Motion
+from elastic_arm.simulation.stored import stored
 
 SX = ca.SX
 
@@ -49,7 +50,7 @@ class System:
     balance: ca.Function
     stiffness_of_balance: ca.Function
     friction: ca.Function
-    engines: dict[str, Any] = field(default_factory=dict)
+    engines: dict[str, Any]
 
     @property
     def n(self) -> int:
@@ -74,16 +75,19 @@ class System:
 # Systems put together in this process: a campaign makes thousands of arms of few shapes.
 _known: OrderedDict[str, System] = OrderedDict()
 _MOST_KNOWN = 64
+_DERIVED = ("constants", "accelerations", "balance", "stiffness_of_balance", "friction")
 
 
 def assemble(equations: ArmEquations, actives: Sequence[Active]) -> System:
     """Put an arm and effects together, or find a system of the same shape."""
-    shape = _shape(equations, actives)
+    shape, acting = _shape(equations, actives), Acting(actives, equations.robot)
     if shape not in _known:
-        _known[shape] = _assemble(equations, actives)
+        # On disk an arm of its own is worth keeping; every arm with effects and numbers of its own would fill it.
+        functions = _derive(equations, acting) if actives else stored(shape, lambda: _derive(equations, acting))
+        named: dict[str, Any] = dict(zip(_DERIVED, functions, strict=True))
+        _known[shape] = System(equations, acting, engines={}, **named)
         if len(_known) > _MOST_KNOWN:
             _known.popitem(last=False)
-    acting = Acting(actives, equations.robot)
     return replace(_known[shape], equations=equations, acting=acting)
 
 
@@ -97,14 +101,13 @@ def _shape(equations: ArmEquations, actives: Sequence[Active]) -> str:
     return repr((equations.bodies.fingerprint(), equations.robot.gravity.tolist(), equations.model_name, laws, numbers))
 
 
-def _assemble(equations: ArmEquations, actives: Sequence[Active]) -> System:
-    """Derive the functions of a system.
+def _derive(equations: ArmEquations, acting: Acting) -> list[ca.Function]:
+    """Derive the functions of a system, in the order of :data:`_DERIVED`.
 
     With tau_J taken from the drive equation, (1) reads `left side + effects = [0; tau_m]`, linear in the accelerations
     also where a law contains them (an added mass).
     """
     n, dof, Psi = equations.robot.n, equations.dof, equations.Psi
-    acting = Acting(actives, equations.robot)
     x, dx, ddx = (SX.sym(name, dof) for name in ("x", "dx", "ddx"))
     tau_m, tau_J, speed = SX.sym("tau_m", n), SX.sym("tau_J", n), SX.sym("speed", 2 * n)
     signs = SX.sym("signs", 2 * n)
@@ -132,9 +135,7 @@ def _assemble(equations: ArmEquations, actives: Sequence[Active]) -> System:
     names = ["x", "dx", "z", "tau_m", "constants"]
     at = [x, dx, acting.z, Psi, acting.p, speed]
     h = ca.substitute(h, tau_m, unused)
-    return System(
-        equations,
-        acting,
+    return [
         ca.Function("constants", [Psi, acting.p, speed], [ca.vertcat(SX(0, 1), *hoisted)]),
         ca.Function(
             "accelerations",
@@ -146,7 +147,7 @@ def _assemble(equations: ArmEquations, actives: Sequence[Active]) -> System:
         ca.Function("balance", at, [h]),
         ca.Function("stiffness_of_balance", at, [ca.jacobian(h, x)]),
         ca.Function("friction", [*at[:3], tau_m, *at[3:]], [finished(ca.jacobian(rows, signs)), M]),
-    )
+    ]
 
 
 def _joint_torque(motion: Motion, added: Contribution, tau_m: SX) -> SX:
