@@ -15,7 +15,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
-import cvxpy as cp
 import numpy as np
 from numpy.typing import NDArray
 
@@ -290,6 +289,9 @@ def _prior_shape(chart: _Chart) -> Array:
 
 
 def _solve(A: Array, b: Array, chart: _Chart, trust: float) -> Array:
+    # Takes a second to import, and nothing else needs it.
+    import cvxpy as cp
+
     x = cp.Variable(len(chart.x0))
     divergence: list[cp.Expression] = []
     for piece in chart.pseudo:

@@ -13,9 +13,9 @@ from dataclasses import dataclass, fields, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.signal import oaconvolve
 
 from elastic_arm.errors import IdentificationError
+from elastic_arm.identification.convolution import convolve
 from elastic_arm.identification.grid import Grid
 from elastic_arm.identification.noise import ORDER, SideNoise, estimate_noise
 
@@ -63,6 +63,8 @@ class Motion:
     @staticmethod
     def joined(parts: list[Motion]) -> Motion:
         """Put parts with the same channels one after another."""
+        if len(parts) == 1:
+            return parts[0]
         names = [f.name for f in fields(Motion) if getattr(parts[0], f.name) is not None]
         return Motion(**{name: np.concatenate([getattr(p, name) for p in parts]) for name in names})
 
@@ -126,21 +128,25 @@ class Smoother:
 
     def filter(self, values: Array) -> Array:
         """Pass columns (N, m) through H; `lag` samples are lost at each end."""
-        return _convolve(values, _even_taps(self.cutoff / self.rate, self.lag)[:, None])
+        response = _even_taps(self.cutoff / self.rate, self.lag)[None, None]
+        out = np.zeros((len(values) - 2 * self.lag, values.shape[1]))
+        for k in np.flatnonzero(values.any(axis=0)):
+            out[:, k] = convolve([values[:, k]], response)[0]
+        return out
 
     def _side(self, position: Array | None, velocity: Array | None, crossover: Array) -> list[Array | None]:
         if position is None:
             return [None, None, None]
-        middle = position.mean(axis=0)
-        taps = [self._taps(w if velocity is not None else np.inf) for w in crossover]
-        out: list[Array | None] = []
-        for order in range(3):
-            y = _convolve(position - middle, np.stack([p[order] for p, _ in taps], axis=1))
-            if velocity is not None and np.isfinite(crossover).any():
-                y += _convolve(velocity / self.rate, np.stack([v[order] for _, v in taps], axis=1))
-            y *= self.rate**order
-            out.append(y + middle if order == 0 else y)
-        return out
+        out = np.empty((3, len(position) - 2 * self.lag, position.shape[1]))
+        for i, w in enumerate(crossover if velocity is not None else np.full_like(crossover, np.inf)):
+            middle = position[:, i].mean()
+            signals = [position[:, i] - middle]
+            taps = self._taps(w)
+            if velocity is not None and np.isfinite(w):
+                signals.append(velocity[:, i] / self.rate)
+            out[:, :, i] = convolve(signals, np.stack(taps[: len(signals)], axis=1))
+            out[0, :, i] += middle
+        return [out[0], out[1] * self.rate, out[2] * self.rate**2]
 
     def _taps(self, crossover: float) -> tuple[Array, Array]:
         """Return taps on position and on velocity (rad per sample), (3, 2 lag + 1) each, for derivatives 0, 1, 2."""
@@ -235,8 +241,3 @@ def _exact_on_cubics(position: Array, velocity: Array, t: NDArray[np.int_], cuto
         shapes = bell * monomials
         mended[k] += np.linalg.solve(monomials @ shapes.T, np.array(targets) - got) @ shapes
     return mended
-
-
-def _convolve(values: Array, taps: Array) -> Array:
-    """Convolve columns (N, n) with taps (K, n) or (K, 1), keeping what needs no sample from outside."""
-    return oaconvolve(values, np.broadcast_to(taps, (len(taps), values.shape[1])), mode="valid", axes=0)

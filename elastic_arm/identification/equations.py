@@ -148,10 +148,9 @@ class Equations:
         hi, lo = np.zeros((2, self.n, width, width))
         n = self.n
         for i, (K, D) in enumerate(self._drive_columns()):
-            columns = [x[:, n + i] - x[:, i], dx[:, n + i] - dx[:, i], tau_J[i]]
-            at = np.ix_([i], [K, D, width - 1], [K, D, width - 1])
-            whole, rest = gram(np.stack(columns, axis=1))
-            hi[at], lo[at] = whole[None], rest[None]
+            columns = np.stack([x[:, n + i] - x[:, i], dx[:, n + i] - dx[:, i], tau_J[i]])
+            # Three columns that are far from dependent: working precision will do.
+            hi[np.ix_([i], [K, D, width - 1], [K, D, width - 1])] = (columns @ columns.T)[None]
         return hi, lo
 
     def _drive_columns(self) -> list[tuple[int, int]]:

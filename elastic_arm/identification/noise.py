@@ -77,17 +77,20 @@ def estimate_noise(position: Array, velocity: Array | None, rate: float) -> Side
     lowest = np.log(2 * np.pi * LOWEST_CUTOFF_HZ / rate)
     highest = max(np.log(HIGHEST_CUTOFF), lowest)
 
-    def cost(z: Array) -> float:
+    few = slice(0, max(len(y) // 4, 256))
+
+    def cost(z: Array, part: slice = slice(None)) -> float:
         cutoff = float(np.exp(np.clip(z[0], lowest, highest)))
         outside = float(np.clip(z[0], lowest, highest) - z[0]) ** 2
-        return float(_concentrated(y, v, cutoff, _ratio(z, v))[0].sum()) + len(y) * outside
+        observed = y[part], None if v is None else v[part]
+        return float(_concentrated(*observed, cutoff, _ratio(z, v))[0].sum()) + len(y) * outside
 
     grid = [
         (c, r)
         for c in np.linspace(lowest, highest, 6)
         for r in (np.linspace(np.log(1e-3), np.log(30.0), 6) if v is not None else (0.0,))
     ]
-    start = np.array(min(grid, key=lambda z: cost(np.array(z))))
+    start = np.array(min(grid, key=lambda z: cost(np.array(z), few)))
     simplex = start + np.array([[0.0, 0.0], [0.4, 0.0], [0.0, 0.8]])
     best = minimize(cost, start, method="Nelder-Mead", options={"initial_simplex": simplex, "xatol": 0.05, "fatol": 1})
     z = best.x

@@ -39,10 +39,15 @@ class Accumulator:
     def add(self, motion: Motion) -> None:
         """Add a run of motion; runs need not meet."""
         self.liveliness.add(motion)
-        self._waiting.append(motion)
-        if sum(map(len, self._waiting)) < BLOCK:
+        waiting = sum(map(len, self._waiting))
+        if waiting + len(motion) < BLOCK:
+            self._waiting.append(motion)
             return
-        motion = Motion.joined(self._waiting)
+        if waiting:
+            # Only the unit that was begun is put together; the rest is used where it lies.
+            begun = BLOCK - waiting
+            self._add_blocks(Motion.joined([*self._waiting, motion[:begun]]))
+            motion = motion[begun:]
         whole = len(motion) // BLOCK * BLOCK
         self._add_blocks(motion[:whole])
         self._waiting = [motion[whole:]] if whole < len(motion) else []

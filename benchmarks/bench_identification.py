@@ -1,0 +1,174 @@
+"""Identification against its peers: ratios measured in one run. ``python -m benchmarks.bench_identification``.
+
+Two jobs. *From arrays*: the Gram matrices of the equations and their solution, Phi never stored, against building Phi
+with the same compiled kernel and numpy's lstsq, errors of both against a known truth. *From a bag*: a recording
+on disk to parameters with standard deviations, against rosbags' reading and deserialising, a loop over Pinocchio's
+regressor, and numpy's lstsq. The peers' costs are linear: they are timed on fewer samples and scaled up. Wall times;
+in brackets processor time, which a busy machine disturbs less. Last, how the cost grows with N and n.
+"""
+
+from __future__ import annotations
+
+import argparse
+import tempfile
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+from rosbags.highlevel import AnyReader
+
+from benchmarks.bench_regressor import PinocchioLoop
+from elastic_arm.dynamics import Model, build_model
+from elastic_arm.identification import identify
+from elastic_arm.identification.derivatives import Motion
+from elastic_arm.identification.equations import Equations
+from elastic_arm.identification.least_squares import Blocks, fit
+from elastic_arm.recording import Recording, Side, read_recording, write_recording
+from elastic_arm.robot import load_robot
+from elastic_arm.robot.synthetic import random_arm
+from tests.periodic_arm import record
+
+REPEATS = 5
+PEER_SAMPLES = 50_000
+LOOP_SAMPLES = 2_000
+
+
+def timed(work: Callable[[], object], repeats: int = REPEATS) -> tuple[float, float]:
+    """Median wall and processor seconds."""
+    work()
+    times = []
+    for _ in range(repeats):
+        wall, cpu = time.perf_counter(), time.process_time()
+        work()
+        times.append((time.perf_counter() - wall, time.process_time() - cpu))
+    wall, cpu = np.median(times, axis=0)
+    return float(wall), float(cpu)
+
+
+def random_motion(model: Model, count: int, rng: np.random.Generator) -> Motion:
+    """Random states, and the torques of the model to rounding."""
+    n = model.n
+    q, dq, ddq, deflection, dtheta, ddtheta = rng.standard_normal((6, count, n))
+    theta = q + 1e-3 * deflection
+    x, dx, ddx = np.hstack([q, theta]), np.hstack([dq, dtheta]), np.hstack([ddq, ddtheta])
+    tau = model.inverse_dynamics(x, dx, ddx)
+    return Motion(np.arange(count) * 1e-3, q, dq, ddq, theta, dtheta, ddtheta, tau_m=tau)
+
+
+class FromArrays:
+    """Both ways from states and left sides to base parameters; every row of (1) has its own left side."""
+
+    def __init__(self, model: Model, count: int) -> None:
+        self.model = model
+        self.columns = Equations(model, ("q", "theta", "tau_m")).base.columns
+        self.true = Equations(model, ("q", "theta", "tau_m")).base.T @ model.Psi
+        motion = random_motion(model, count, np.random.default_rng(0))
+        self.states = [
+            np.hstack([getattr(motion, rate + "q"), getattr(motion, rate + "theta")]) for rate in ("", "d", "dd")
+        ]
+        self.y = motion.tau_m
+
+    def fused(self) -> np.ndarray:
+        """Sum Gram matrices without storing Phi, and solve."""
+        hi, lo = self.model.information(*self.states, self.y, columns=self.columns)
+        blocks = Blocks(self.model.dof, len(self.columns) + 1)
+        blocks.add((hi, lo), len(self.y))
+        return fit(blocks, weighted=False).Psi
+
+    def stored(self) -> np.ndarray:
+        """Build Phi and call lstsq."""
+        Phi = self.model.regressor(*self.states, columns=self.columns)
+        return np.linalg.lstsq(Phi.reshape(-1, len(self.columns)), self.y.reshape(-1), rcond=None)[0]
+
+    def error(self, Psi: np.ndarray) -> float:
+        """Largest relative error."""
+        return float(np.max(np.abs(Psi / self.true - 1.0)))
+
+
+def recording(model: Model, count: int) -> Recording:
+    """A recording of periodic motion with noise, `count` samples at 1 kHz."""
+    s = record(
+        model, np.random.default_rng(1), periods=max(count // 10_000, 1), encoder_noise=1e-6, velocity_noise=1e-4
+    )
+    link, motor = Side(s.stamp_ns, s.q, s.dq, s.tau_J), Side(s.stamp_ns, s.theta, s.dtheta, s.tau_m)
+    return Recording(model.robot.joint_names, link=link, motor=motor, source="benchmark")
+
+
+def from_bag(model: Model, bag: Path) -> None:
+    """Read a bag and identify, standard deviations included."""
+    identify(read_recording(bag), model.robot, derivatives="smoother", consistent=False)
+
+
+def read_by_rosbags(bag: Path) -> None:
+    """Read and deserialise all messages into arrays."""
+    rows = []
+    with AnyReader([bag]) as reader:
+        for connection, _, raw in reader.messages():
+            message = reader.deserialize(raw, connection.msgtype)
+            if hasattr(message, "effort"):
+                rows.append((message.position, message.velocity, message.effort))
+    np.array(rows)
+
+
+def report_arrays(model: Model, count: int) -> None:
+    """Print the first job."""
+    job = FromArrays(model, count)
+    ours, theirs = timed(job.fused), timed(job.stored, 2)
+    errors = job.error(job.fused()), job.error(job.stored())
+    print(f"from arrays, {count} samples, {len(job.columns)} base parameters, {model.dof} rows a sample")
+    print(f"  Phi not stored       {ours[0]:9.4f} s ({ours[1]:.4f})   largest relative error {errors[0]:.1e}")
+    print(f"  build Phi and lstsq  {theirs[0]:9.4f} s ({theirs[1]:.4f})   largest relative error {errors[1]:.1e}")
+    print(f"  ratio {theirs[0] / ours[0]:.0f} ({theirs[1] / ours[1]:.0f}), error ratio {errors[0] / errors[1]:.2f}")
+
+
+def report_bag(model: Model, count: int, folder: Path) -> None:
+    """Print the second job."""
+    bags = {}
+    for name, size in (("whole", count), ("peer", PEER_SAMPLES)):
+        bags[name] = folder / name
+        write_recording(bags[name], recording(model, size))
+    ours = timed(lambda: from_bag(model, bags["whole"]), 3)
+    job = FromArrays(model, PEER_SAMPLES)
+    loop = PinocchioLoop(model.robot, bearings=False, columns=len(job.columns))
+    few = [a[:LOOP_SAMPLES] for a in job.states]
+    parts = {
+        "rosbags, read and deserialise": (timed(lambda: read_by_rosbags(bags["peer"]), 1), count / PEER_SAMPLES),
+        "Pinocchio regressor, loop": (timed(lambda: loop(*few), 3), count / LOOP_SAMPLES),
+        "numpy lstsq": (timed(job.stored, 1), count / PEER_SAMPLES),
+    }
+    total = np.zeros(2)
+    print(f"from a bag, {count} samples (two topics)")
+    print(f"  ours, bag to parameters with standard deviations {ours[0]:8.2f} s ({ours[1]:.2f})")
+    for name, (seconds, scale) in parts.items():
+        print(f"  {name:48s} {seconds[0] * scale:8.2f} s ({seconds[1] * scale:.2f}), scaled up by {scale:.0f}")
+        total += np.array(seconds) * scale
+    print(f"  ratio {total[0] / ours[0]:.0f} ({total[1] / ours[1]:.0f})")
+
+
+def report_growth(model: Model) -> None:
+    """Print how the cost of the sums grows with N and n."""
+    print("growth: microseconds a sample of the sums and the solution, from arrays")
+    for count in (10_000, 100_000, 1_000_000):
+        print(f"  n = 3, N = {count:8d}: {1e6 * timed(FromArrays(model, count).fused, 3)[0] / count:8.3f}")
+    for n in (3, 6, 7):
+        arm = build_model(random_arm(n, np.random.default_rng(n)))
+        job = FromArrays(arm, 50_000)
+        print(f"  n = {n}, {len(job.columns):3d} parameters: {1e6 * timed(job.fused, 3)[0] / 50_000:8.3f}")
+
+
+def main() -> None:
+    """Run and print."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--samples", type=int, default=1_000_000, help="of the recording on disk")
+    parser.add_argument("--array-samples", type=int, default=200_000)
+    arguments = parser.parse_args()
+    model = build_model(load_robot(None), "mod3")
+    report_arrays(model, arguments.array_samples)
+    with tempfile.TemporaryDirectory() as folder:
+        report_bag(model, arguments.samples, Path(folder))
+    report_growth(model)
+
+
+if __name__ == "__main__":
+    main()
