@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+import sys
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -10,6 +12,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from elastic_arm.cli.console import out, print_json, reports_errors
+from elastic_arm.cli.processes import require_ros
 from elastic_arm.recording.channels import ChannelMap, load_channels
 from elastic_arm.recording.check import Report, check_bag
 from elastic_arm.recording.importing import import_arrays
@@ -95,6 +98,24 @@ def import_(
         print_json(told.to_json())
     else:
         _print_info(told)
+
+
+@bag_app.command("replay")
+@reports_errors
+def replay(
+    bag: BagPath,
+    rate: Annotated[float, typer.Option(help="Times the speed of the recording.")] = 1.0,
+    loop: Annotated[bool, typer.Option("--loop", help="Begin again at the end, until Ctrl-C.")] = False,
+) -> None:
+    """Publish a bag into the ROS 2 graph, with /clock; the same as `ros2 run elastic_arm replayer`.
+
+    Example: elastic-arm bag replay bags/excitation --rate 2
+    """
+    require_ros()
+    parameters = [f"bag:={bag}", f"rate:={rate}", f"loop:={str(loop).lower()}"]
+    arguments = [word for parameter in parameters for word in ("-p", parameter)]
+    # The process becomes the node: Ctrl-C and exit code are the node's own.
+    os.execv(sys.executable, [sys.executable, "-m", "elastic_arm.nodes.replayer", "--ros-args", *arguments])
 
 
 def _repaired(mended: Repair | None, after: Report | None) -> dict[str, Any] | None:

@@ -24,7 +24,6 @@ from elastic_arm.errors import ElasticArmError, GraphError
 from elastic_arm.excitation import ExcitationResult, MotionLimits, Shape, Workspace, optimise
 from elastic_arm.identification import Identification, identify
 from elastic_arm.recording import Recording, read_recording
-from elastic_arm.report import demo as drawing
 from elastic_arm.robot import Robot, load_robot, varied
 
 EVALUATIONS = 600
@@ -192,5 +191,7 @@ def _report(
     truth: np.ndarray,
     recording: Recording,
 ) -> Path:
-    samples = recording.samples()
-    return drawing.write(path, search, course.lines, offline, truth, samples)
+    # Matplotlib is slow to import, and only this needs it.
+    from elastic_arm.report import demo as drawing
+
+    return drawing.write(path, search, course.lines, offline, truth, recording.samples())

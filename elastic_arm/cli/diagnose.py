@@ -16,7 +16,6 @@ from elastic_arm.gap.repair import repaired_robot
 from elastic_arm.gap.result import Diagnosis
 from elastic_arm.gap.words import meaning
 from elastic_arm.recording import Recording, load_channels, read_recording
-from elastic_arm.report.gap import write_gap_report
 from elastic_arm.robot import load_robot
 
 COLOURS = {"none": "green", "explained": "cyan", "unknown": "yellow"}
@@ -66,6 +65,9 @@ def diagnose_command(
     with err.status("diagnosing"):
         found = diagnose(recordings, question, judges)
         found.save(out_dir / "diagnosis.json")
+        # Matplotlib is slow to import, and only reports need it.
+        from elastic_arm.report.gap import write_gap_report
+
         write_gap_report(out_dir / "report.html", found)
         if found.causes:
             repaired_robot(robot, found).save(out_dir / "robot.yaml")

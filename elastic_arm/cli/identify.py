@@ -15,8 +15,6 @@ from rich.table import Table
 from elastic_arm.cli.console import err, out, print_json, reports_errors
 from elastic_arm.identification import Identification, identify_with, parse_laws
 from elastic_arm.recording import ChannelMap, Recording, load_channels, read_recording
-from elastic_arm.report.html import write_report
-from elastic_arm.report.identification import sections, shortened
 from elastic_arm.robot import Robot, load_robot
 
 COLOURS = {"well": "green", "poorly": "yellow", "not": "red"}
@@ -99,6 +97,10 @@ def identify(
         result.to_json(out_dir / "identification.json")
         if result.identified is not None:
             result.save_robot(out_dir / "robot.yaml")
+        # Matplotlib is slow to import, and only reports need it.
+        from elastic_arm.report.html import write_report
+        from elastic_arm.report.identification import sections
+
         names = ", ".join(result.recordings)
         parts = sections(result, identifier.equations, motion)
         write_report(out_dir / "report.html", f"Identification of {robot.name}", parts, subtitle=f"{model}, {names}")
@@ -123,12 +125,15 @@ def _print(result: Identification, out_dir: Path) -> None:
         reasons = "; ".join(result.excitation["reasons"])
         out.print(f"[bold yellow]the excitation is poor[/] (known from the motion alone): {escape(reasons)}")
     table = Table(box=None, header_style="bold")
-    for heading in ("parameter", "identified", "± std", "nominal", "unit", "determined"):
-        table.add_column(heading, justify="right" if heading in ("identified", "± std", "nominal") else "left")
+    table.add_column("parameter", no_wrap=True, overflow="ellipsis", max_width=34)
+    for heading in ("identified", "± std", "nominal", "unit", "determined"):
+        table.add_column(
+            heading, no_wrap=True, justify="right" if heading in ("identified", "± std", "nominal") else "left"
+        )
     for e in result.estimates:
         verdict = f"[{COLOURS[e.verdict]}]{e.verdict}[/]"
         numbers = (f"{e.value:.6g}", f"{e.std:.2g}", f"{e.nominal:.6g}")
-        table.add_row(escape(shortened(e.name)), *numbers, e.unit, verdict)
+        table.add_row(escape(e.name), *numbers, e.unit, verdict)
     out.print(table)
     methods = ", ".join(dict.fromkeys(result.derivatives))
     out.print(f"{result.samples} samples, {methods}, condition number {result.condition:.3g}")

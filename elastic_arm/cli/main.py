@@ -6,8 +6,10 @@ import typer
 
 from elastic_arm import __version__
 from elastic_arm.cli.bag import bag_app
+from elastic_arm.cli.challenge import challenge_app
 from elastic_arm.cli.demo import demo
 from elastic_arm.cli.describe import describe
+from elastic_arm.cli.diagnose import diagnose_command
 from elastic_arm.cli.excite import excite
 from elastic_arm.cli.identify import identify
 from elastic_arm.cli.paper import paper
@@ -23,8 +25,10 @@ app = typer.Typer(
 app.command()(describe)
 app.command()(excite)
 app.command()(simulate)
-app.command()(identify)
 app.add_typer(bag_app)
+app.command()(identify)
+app.command("diagnose")(diagnose_command)
+app.add_typer(challenge_app)
 app.command()(paper)
 app.command()(demo)
 

@@ -22,6 +22,21 @@ from elastic_arm.errors import GraphError, MissingExtraError
 PATIENCE = 30.0
 
 
+def require_ros() -> None:
+    """Refuse to start nodes where there is no ROS.
+
+    Raises
+    ------
+    MissingExtraError
+        If rclpy is not installed.
+    """
+    if importlib.util.find_spec("rclpy") is None:
+        raise MissingExtraError(
+            "ROS 2 is not installed here, and this command starts ROS nodes",
+            "Run `make setup`, which installs it, or source your ROS 2 set-up first.",
+        )
+
+
 class Nodes:
     """A set of the suite's nodes, each a process of its own; leaving the context stops them all.
 
@@ -34,11 +49,7 @@ class Nodes:
     """
 
     def __init__(self, folder: Path, domain: int) -> None:
-        if importlib.util.find_spec("rclpy") is None:
-            raise MissingExtraError(
-                "ROS 2 is not installed here, and this command starts ROS nodes",
-                "Run `make demo`, which installs it, or source your ROS 2 set-up first.",
-            )
+        require_ros()
         self._folder = folder
         self._environment = {**os.environ, "ROS_DOMAIN_ID": str(domain)}
         self._environment.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
