@@ -10,7 +10,7 @@ from elastic_arm.excitation import ExcitationResult, FourierTrajectory, MotionLi
 from elastic_arm.paper.identification_study import Problem
 from elastic_arm.robot.description import Robot
 
-SHAPE = Shape(harmonics=5, period=10.0, ramp=1.5)
+SHAPE = Shape(harmonics=5, period=10.0, ramp=1.0)
 """The paper's duration of 10 s, between smooth ramps."""
 
 

@@ -87,7 +87,7 @@ FULL = Settings(
 )
 QUICK = Settings(
     step=2e-4,
-    excitation_step=2.5e-4,
+    excitation_step=2.8e-4,
     poses=1,
     identified=(-1,),
     seeds=(20, 3),
@@ -101,6 +101,7 @@ QUICK = Settings(
     motions=1,
 )
 COUPLER_STEP = 1e-4
+LOCKED_STEP = 1e-3  # only the drives are left to swing
 SETTLE = 2.0
 FEEDBACK_FREQUENCY = 10.0
 TRACKING_PERIOD = 4.0
@@ -321,7 +322,7 @@ def _identify(
 def _identify_one(robot: Robot, model: str, r_tot: float, excited: Excited, settings: Settings, seed: int) -> Estimate:
     motion = Excitation(excited.trajectory)
     run = follow(robot, Bushing(), motion, settings.excitation_step)
-    locked = follow(robot, Bushing(locked=True), motion, 4.0 * settings.excitation_step)
+    locked = follow(robot, Bushing(locked=True), motion, LOCKED_STEP)
     return identify(
         robot,
         model,
