@@ -111,6 +111,8 @@ def convergence(result: Result) -> Figure:
             if name == "bushing":
                 ax.loglog(settings, [check.tau_l for check in checks], "s-", color=VERMILION, label=r"$\tau^l$")
                 ax.legend()
+            ax.set_xticks(settings, [f"{setting:g}" for setting in settings])
+            ax.set_xticks([], minor=True)
             ax.set_xlabel(horizontal)
             ax.set_title(title, loc="left")
     return figure
