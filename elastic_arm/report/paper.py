@@ -122,8 +122,8 @@ def _prototype(result: Result) -> Section:
             Table(
                 ("varied", "setting", "tau^m differs by [Nm]", "tau^l of mod3 [Nm]"),
                 checks,
-                caption="Largest differences at the highest ratio; steps over the step ramp, couplers and bushings over a "
-                "ramp without jumps of acceleration (quintic)",
+                caption="Largest differences at the highest ratio; steps over the step ramp, couplers and bushings "
+                "over a ramp without jumps of acceleration (quintic)",
             ),
         ],
     )
