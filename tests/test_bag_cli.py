@@ -78,3 +78,12 @@ def test_import_makes_a_bag(tmp_path: Path) -> None:
     assert len(read_recording(tmp_path / "bag").link) == 100
     again = run(*arguments)
     assert (again.exit_code, "exists already" in again.stderr) == (2, True)
+
+
+@pytest.mark.parametrize("name", ["excitation", "validation"])
+def test_shipped_bags_have_nothing_wrong(name: str) -> None:
+    """The bags that come with the project pass the check, their streamed reference included."""
+    bag = Path(__file__).parents[1] / "bags" / name
+    checked = json.loads(run("check", bag, "--json").stdout)
+    assert checked["findings"] == []
+    assert "/reference" in run("info", bag).stdout

@@ -147,8 +147,11 @@ class Series:
     def all_columns(self) -> Iterator[tuple[str, str, Array]]:
         """Yield field path, column name and (N,) values of everything recorded; NaN where messages lack it."""
         for path in dict.fromkeys(path for piece in self.pieces for path in piece.values if piece.has(path)):
-            width = max(piece.values[path].shape[1] for piece in self.pieces if piece.has(path))
-            names = self.names() or [f"number {index}" for index in range(width)]
+            holding = [piece for piece in self.pieces if piece.has(path)]
+            width = max(piece.values[path].shape[1] for piece in holding)
+            # A field such as a duration belongs to the message, not to its joints.
+            of_joints = all(piece.values[path].shape[1] == len(piece.names) for piece in holding)
+            names = self.names() if of_joints else [f"number {index}" for index in range(width)]
             table = self._gather(np.float64, partial(_spread, path=path, names=names), len(names))[self.order]
             yield from ((path, name, table[:, index]) for index, name in enumerate(names))
 
