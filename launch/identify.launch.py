@@ -8,7 +8,7 @@ from launch_ros.parameter_descriptions import ParameterValue
 from launch_ros.substitutions import FindPackageShare
 
 ARGUMENTS = {
-    "trajectory": (None, "trajectory file, made by `elastic-arm excite`"),
+    "trajectory": ([FindPackageShare("elastic_arm"), "/config/excitation.yaml"], "file made by `elastic-arm excite`"),
     "robot": ("", "arm file or URDF; empty: the arm of the package"),
     "model": ("mod3", "mod1, mod2 or mod3, of the arm and of the identification"),
     "seed": ("1", "of the sensors' noise"),

@@ -8,7 +8,7 @@ from launch_ros.parameter_descriptions import ParameterValue
 from launch_ros.substitutions import FindPackageShare
 
 ARGUMENTS = {
-    "trajectory": (None, "trajectory file, made by `elastic-arm excite`"),
+    "trajectory": ([FindPackageShare("elastic_arm"), "/config/excitation.yaml"], "file made by `elastic-arm excite`"),
     "bag": ("recording", "folder to record into; must not exist"),
     "robot": ("", "arm file or URDF; empty: the arm of the package"),
     "effects": ("['']", "effects of the arm, such as ['coulomb_friction:joint_2:torque=13.9']"),

@@ -122,3 +122,15 @@ def test_what_the_package_asks_for_is_what_the_environment_pins(wheel: zipfile.Z
     assert {name.lower() for name in asked} == {
         line.split("==")[0].lower() for line in requirements("requirements.txt")
     }
+
+
+def test_the_parameter_file_names_parameters_that_exist() -> None:
+    """Every parameter in config/elastic_arm.yaml is declared by its node, and every one declared is in the file."""
+    text = (ROOT / "config" / "elastic_arm.yaml").read_text()
+    sections = re.split(r"^(\w+):$", text, flags=re.MULTILINE)[1:]
+    assert len(sections) == 10
+    for node, section in zip(sections[::2], sections[1::2], strict=True):
+        source = (ROOT / "elastic_arm" / "nodes" / f"{node}.py").read_text()
+        declared = set(re.findall(r"declare(?:_\w+)?\(\s*self,\s*\"(\w+)\"", source))
+        listed = set(re.findall(r"^    (?:# )?(\w+): ", section, flags=re.MULTILINE))
+        assert listed == declared, node

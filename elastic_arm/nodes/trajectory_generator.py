@@ -41,7 +41,7 @@ class TrajectoryGenerator(ArmNode):
         self._points = declare(self, "points_per_message", 20, "Points in a message", between=(1, 1000))
         lead = declare(self, "lead", 0.2, "How far ahead of the clock to stream, s", between=(0.02, 10.0))
         self._speed = declare(
-            self, "approach_speed", 0.3, "Joint speed on the way to the start, rad/s", between=(0.01, 3.0)
+            self, "approach_speed", 1.0, "Joint speed on the way to the start, rad/s", between=(0.01, 3.0)
         )
         if not file:
             raise GraphError("parameter trajectory is empty", "Name a trajectory file: -p trajectory:=FILE.")
