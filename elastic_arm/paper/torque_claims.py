@@ -251,7 +251,7 @@ def _only_first_below_noise(result: Result) -> Claim:
         f"of the torque errors only those of tau_1^m are of the size of the sensor noise ({SENSOR_NOISE} Nm) and "
         "drown in it",
         f"largest errors of tau^m: {listed(largest, 3)} Nm (joint 1, 2, …): "
-        f"{'all are' if below.all() else 'not all are'} of that size, not joint 1 alone",
+        f"{'all are' if below.all() else 'not all are'} of that size or below, not those of joint 1 alone",
         verdict([bool(below[0]), bool(not below[1:].any())]),
     )
 

@@ -14,6 +14,8 @@ from elastic_arm.report import paper_identification as identification
 from elastic_arm.report import paper_torques as torques
 from elastic_arm.report.html import Block, Figure, Section, Table, Text, write_report
 
+MARKS = {HOLDS: "✓", IN_PART: "◐", FAILS: "✗"}
+
 
 def write_paper_report(result: Result, claims: list[Claim], path: Path) -> Path:
     """Write the study as one self-contained HTML file.
@@ -58,7 +60,7 @@ def _summary(result: Result, claims: list[Claim]) -> Section:
         ),
         Table(
             ("section", "claim of the paper", "what decides it here", "verdict"),
-            [(c.section, c.claim, c.finding, c.verdict) for c in claims],
+            [(c.section, c.claim, c.finding, f"{MARKS[c.verdict]} {c.verdict}") for c in claims],
         ),
     ]
     return Section("Claims", blocks)
@@ -87,8 +89,8 @@ def _prototype(result: Result) -> Section:
         "r_hd",
         "K_z [Nm/rad]",
         "D_z [Nm s/rad]",
-        "K_x, K_y",
-        "D_x, D_y",
+        "K_x, K_y [Nm/rad]",
+        "D_x, D_y [Nm s/rad]",
         "K_t [N/m]",
         "D_t [N s/m]",
     )
