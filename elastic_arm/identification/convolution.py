@@ -15,7 +15,7 @@ Array = NDArray[np.float64]
 BLOCK_OVER_RESPONSE = 6
 SHORTEST_BLOCK = 4096
 # Threads pay from this many samples on.
-THREADS_FROM = 100_000
+THREADS_FROM = 30_000
 
 
 def convolve(signals: Sequence[Array], responses: Array) -> Array:

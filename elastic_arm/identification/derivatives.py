@@ -9,6 +9,7 @@ torques: an equation stays an equation.
 
 from __future__ import annotations
 
+import functools
 from dataclasses import dataclass, fields, replace
 
 import numpy as np
@@ -191,6 +192,7 @@ def _even_taps(cutoff: float, lag: int) -> Array:
     return _taps(cutoff, np.inf, lag)[0][0]
 
 
+@functools.lru_cache(maxsize=64)
 def _taps(cutoff: float, crossover: float, lag: int) -> tuple[Array, Array]:
     """Sample the impulse responses of the smoother, time in samples."""
     t = np.arange(-lag, lag + 1)

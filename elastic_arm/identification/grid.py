@@ -55,6 +55,9 @@ class Grid:
     def __len__(self) -> int:
         return len(self.t)
 
+    def __getitem__(self, part: slice) -> Grid:
+        return Grid(self.t[part], self.rate, **{name: values[part] for name, values in self.channels().items()})
+
     def channels(self) -> dict[str, Array]:
         """Return the channels that are there, by name."""
         return {name: values for name in CHANNELS if (values := getattr(self, name)) is not None}

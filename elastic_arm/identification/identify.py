@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Literal
 
 import numpy as np
@@ -30,14 +31,32 @@ Array = NDArray[np.float64]
 Method = Literal["auto", "smoother", "fourier"]
 Says = Callable[[str, float], None]
 
+# Long recordings go through the derivative stage in runs of this many samples, which stay in the cache.
+RUN = 32768
+
 
 @dataclass(frozen=True)
 class Derived:
-    """A recording after its derivative stage: regular runs of motion, and how they came about."""
+    """A recording after its derivative stage: runs of motion, and how they came about.
 
-    motions: tuple[Motion, ...]
+    Parameters
+    ----------
+    pieces
+        Each makes one run when it is called: a long recording is never in memory as a whole.
+    method
+        In words.
+    series
+        Of link and motor side, where the derivatives come from them.
+    """
+
+    pieces: tuple[Callable[[], Motion], ...]
     method: str
     series: tuple[FourierFit | None, FourierFit | None] | None = None
+
+    @property
+    def motions(self) -> Iterator[Motion]:
+        """Make the runs one after another; runs of one piece of the recording follow each other without a hole."""
+        return (piece() for piece in self.pieces)
 
 
 def differentiate(
@@ -75,9 +94,15 @@ def differentiate(
     smoother = design_smoother(grids, _width(samples))
     lost = 2 * smoother.lag * (2 if equations is not None and equations.columns else 1)
     long_enough = [grid for grid in grids if len(grid) > lost] or grids[:1]
-    if equations is None:
-        return Derived(tuple(smoother(grid) for grid in long_enough), _describe(smoother))
-    return Derived(tuple(smoothed(smoother, grid, equations) for grid in long_enough), _describe(smoother))
+    stage = smoother if equations is None else partial(smoothed, smoother, equations=equations)
+    pieces = [partial(stage, run) for grid in long_enough for run in _runs(grid, lost)]
+    return Derived(tuple(pieces), _describe(smoother))
+
+
+def _runs(grid: Grid, lost: int) -> Iterator[Grid]:
+    """Cut a regular piece into runs that overlap by what the smoother loses."""
+    for start in range(0, max(len(grid) - lost, 1), RUN):
+        yield grid[start : start + RUN + lost]
 
 
 def identify(
@@ -148,7 +173,7 @@ def identify_with(
     validate: Sequence[Recording] = (),
     says: Says | None = None,
 ) -> tuple[Identification, Identifier, Motion]:
-    """Identify as :func:`identify` does, and hand out the estimator and the longest run of motion too."""
+    """Identify as :func:`identify` does, and hand out the estimator and a run of motion too."""
     chosen = [recordings] if isinstance(recordings, Recording) else list(recordings)
     if not chosen:
         raise IdentificationError("no recording was given", "Give at least one.")
@@ -178,12 +203,12 @@ def identify_with(
         result = with_consistency(result, identifier, robot, effects)
     if validate:
         result = _validated(result, identifier, robot, validate, tell)
-    return result, identifier, max((motion for d in derived for motion in d.motions), key=len)
+    return result, identifier, next(derived[0].motions)
 
 
 def _covariance(identifier: Identifier, derived: Sequence[Derived]) -> Array | None:
     """Return the covariance where derivatives come from series; None where the blocks tell all of it."""
-    series = [(d.motions[0], *d.series) for d in derived if d.series is not None]
+    series = [(next(d.motions), *d.series) for d in derived if d.series is not None]
     if not series:
         return None
     fit, equations = identifier.fit(), identifier.equations
@@ -229,7 +254,7 @@ def _validated(
         tell(f"validation on {recording.source}", 1.0)
         samples = recording.select(robot.joint_names).samples()
         identifier.expect(samples)
-        motions = differentiate(samples, "smoother", equations=equations).motions
+        motions = list(differentiate(samples, "smoother", equations=equations).motions)
         found[recording.source] = {arm: residuals(equations, Psi, motions) for arm, Psi in arms.items()}
     return result.with_(validation=found)
 
@@ -247,7 +272,7 @@ def _by_series(grids: list[Grid], period: float | None) -> Derived:
         for x, dx in ((grid.q, grid.dq), (grid.theta, grid.dtheta))
     ]
     motion, link, motor = fourier_motion(grid, noise[0], noise[1], period)
-    return Derived((motion,), "Fourier series", (link, motor))
+    return Derived((lambda: motion,), "Fourier series", (link, motor))
 
 
 def _width(samples: Samples) -> int:

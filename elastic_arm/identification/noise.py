@@ -27,6 +27,8 @@ HIGHEST_CUTOFF = np.pi / 4
 LOWEST_CUTOFF_HZ = 4.0
 # Longest piece of a recording from which the noise is estimated, in samples.
 LONGEST_PIECE = 4096
+# And from which its spectrum is taken.
+LONGEST_SPECTRUM = 65536
 # The filter's cutoff over the highest frequency at which the motion stands out of the noise: its response is then
 # within 1e-3 of one wherever there is motion.
 CUTOFF_OVER_BAND = 2.5
@@ -71,7 +73,7 @@ def estimate_noise(position: Array, velocity: Array | None, rate: float) -> Side
     Cutoff and the ratio of the two noises are common to the joints of a side (they share encoders of a kind), the
     noise level is each joint's own and concentrated out of the likelihood.
     """
-    piece = _liveliest(position)
+    piece = _liveliest(position, LONGEST_PIECE)
     y = position[piece] - position[piece].mean(axis=0)
     v = None if velocity is None else velocity[piece] / rate
     lowest = np.log(2 * np.pi * LOWEST_CUTOFF_HZ / rate)
@@ -97,6 +99,8 @@ def estimate_noise(position: Array, velocity: Array | None, rate: float) -> Side
     cutoff, ratio = float(np.exp(np.clip(z[0], lowest, highest))), _ratio(z, v)
     variance = _concentrated(y, v, cutoff, ratio)[1]
     std = np.sqrt(variance)
+    wide = _liveliest(position, LONGEST_SPECTRUM)
+    position, velocity = position[wide], None if velocity is None else velocity[wide]
     band = 2 * np.pi * CUTOFF_OVER_BAND * _band(position, std, rate)
     if ratio is not None and velocity is not None:
         band = max(band, 2 * np.pi * CUTOFF_OVER_BAND * _band(velocity, std * ratio * rate, rate))
@@ -146,15 +150,15 @@ def _crossing(cutoff: float, ratio: float | None) -> float:
     return min(w, HIGHEST_CUTOFF)
 
 
-def _liveliest(position: Array) -> slice:
-    """Return the piece of the recording in which the joints move most."""
+def _liveliest(position: Array, longest: int) -> slice:
+    """Return the piece of the recording, of at most `longest` samples, in which the joints move most."""
     n_samples = len(position)
-    if n_samples <= LONGEST_PIECE:
+    if n_samples <= longest:
         return slice(0, n_samples)
-    starts = np.arange(0, n_samples - LONGEST_PIECE + 1, LONGEST_PIECE // 4)
-    travel = [np.sum(np.var(position[s : s + LONGEST_PIECE : 16], axis=0)) for s in starts]
+    starts = np.arange(0, n_samples - longest + 1, max(longest // 4, n_samples // 256))
+    travel = [np.sum(np.var(position[s : s + longest : 16], axis=0)) for s in starts]
     s = int(starts[int(np.argmax(travel))])
-    return slice(s, s + LONGEST_PIECE)
+    return slice(s, s + longest)
 
 
 def _concentrated(y: Array, v: Array | None, cutoff: float, ratio: float | None) -> tuple[Array, Array]:
