@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -44,10 +45,15 @@ class Entry:
     columns: slice
     fixed: bool = False
 
-    @property
+    @cached_property
     def index(self) -> NDArray[np.intp]:
         """Column numbers."""
         return np.arange(self.columns.start, self.columns.stop)
+
+    @cached_property
+    def free(self) -> NDArray[np.bool_]:
+        """Which of its columns have a coefficient to fit."""
+        return np.full(len(self.index), not self.fixed)
 
 
 class Bank:
@@ -146,9 +152,7 @@ class Bank:
 def _split(entries: Sequence[Entry]) -> tuple[NDArray[np.intp], NDArray[np.bool_]]:
     if not entries:
         return np.empty(0, dtype=int), np.empty(0, dtype=bool)
-    index = np.concatenate([entry.index for entry in entries])
-    free = np.concatenate([np.full(len(entry.index), not entry.fixed) for entry in entries])
-    return index, free
+    return np.concatenate([entry.index for entry in entries]), np.concatenate([entry.free for entry in entries])
 
 
 def _fit(gram: Array, entries: Sequence[Entry]) -> Array:

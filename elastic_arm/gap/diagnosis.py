@@ -35,6 +35,7 @@ Array = NDArray[np.float64]
 DETECTED = 25.0  # held-out log-likelihood from which a cause shows although no residual stands out of the noise
 WORTH = 0.01  # of the whole gap: less is no cause
 EXPLAINED = 0.2  # of the excess may be left
+ONE_ENCODER = 5.0  # Hz: above, the drives' deflection that a single encoder does not show changes the motion too much
 LISTED = 0.01  # alternatives less probable than this are not worth a line
 
 
@@ -84,7 +85,7 @@ def diagnose(recordings: Sequence[Recording], question: Question, validate: Sequ
     fitted, judging = split([r.select(names) for r in recordings], [r.select(names) for r in validate])
     model = build_model(question.robot, question.model)
     seen = [[observe(r) for r in part] for part in (fitted, judging)]
-    layout, band = _common(seen[0] + seen[1], model.n)
+    layout, band = _common(seen[0] + seen[1], model.n, elastic=model.robot.elastic)
     effects = question.effects
     if question.refit:
         model = refitted(model, seen[0], layout, band)
@@ -106,7 +107,7 @@ def diagnose(recordings: Sequence[Recording], question: Question, validate: Sequ
     )
 
 
-def _common(observations: Sequence[Observation], n: int) -> tuple[Layout, Band]:
+def _common(observations: Sequence[Observation], n: int, *, elastic: bool) -> tuple[Layout, Band]:
     """Return equations and band that all recordings allow."""
     layouts = [Layout.of(o.pieces[0], n) for o in observations]
     if any(layout.sides != layouts[0].sides for layout in layouts):
@@ -116,7 +117,8 @@ def _common(observations: Sequence[Observation], n: int) -> tuple[Layout, Band]:
     rate = min(o.rate for o in observations)
     if max(o.rate for o in observations) > 1.01 * rate:
         raise DiagnosisError("the recordings have different sample rates", "Diagnose those of one rate together")
-    return layouts[0], Band(widest_band(rate), rate)
+    cutoff = widest_band(rate) if len(layouts[0].sides) > 1 or not elastic else min(widest_band(rate), ONE_ENCODER)
+    return layouts[0], Band(cutoff, rate)
 
 
 def _given(bank: Bank, equations: ArmEquations, active: Active) -> Entry:
@@ -144,7 +146,7 @@ class _Inquiry:
         explanation = Explanation(list(baseline), len(baseline))
         search = Search(self.bank, self.given)
         if before is not None or search.strongest() > DETECTED:
-            explanation = self._without_lags(self._polished(search.run()))
+            explanation = self._without_lags(search.run())
             baseline = explanation.entries[: explanation.given]
             before_values = self._left(baseline)
             tried = shrinking.in_all_bands(self.judge, before_values)
@@ -202,7 +204,7 @@ class _Inquiry:
 
     def _without_lags(self, explanation: Explanation) -> Explanation:
         """Count lags of a sample or less as part of the model: they are no cause."""
-        estimated = estimates(self.bank, explanation.entries)
+        estimated = estimates(self.bank, polish(self.bank, explanation.entries))
         lags, causes = [], []
         for k in range(explanation.given, len(explanation.entries)):
             entry, values = explanation.entries[k], estimated[k]
@@ -226,40 +228,30 @@ class _Inquiry:
         """Leave out, worst first, causes that do not pass the contract's conditions."""
         entries, rivals = list(explanation.entries), dict(explanation.rivals)
         while len(entries) > explanation.given:
-            entries = polish(self.bank, entries)
             after = self._figures(entries, before.band)
-            estimated = estimates(self.bank, entries)
-            worst, worst_share = None, np.inf
+            shares = {}
             for k in range(explanation.given, len(entries)):
-                without = self._refitted(entries[:k] + entries[k + 1 :])
+                without = entries[:k] + entries[k + 1 :]
                 share, low = shrinking.contribution(before, self._figures(without, before.band), after)
-                if self._passes(entries, without, k, share, low, estimated[k]):
-                    continue
-                if share < worst_share:
-                    worst, worst_share = k, share
-            if worst is None:
+                if not self._worthy(entries, without, k, share, low):
+                    shares[k] = share
+            if not shares:
+                estimated = estimates(self.bank, polish(self.bank, entries))
+                shares = {
+                    k: 0.0 for k in range(explanation.given, len(entries)) if not differs(estimated[k], entries[k])
+                }
+            if not shares:
                 break
+            worst = min(shares, key=lambda k: shares[k])
             entries.pop(worst)
             rivals = {k - (k > worst): v for k, v in rivals.items() if k != worst}
         return Explanation(entries, explanation.given, rivals)
 
-    def _refitted(self, entries: Sequence[Entry]) -> list[Entry]:
-        """Return entries with their coefficients free again: what they explain without the causes left out."""
-        return polish(self.bank, entries)
-
-    def _passes(
-        self,
-        entries: Sequence[Entry],
-        without: Sequence[Entry],
-        k: int,
-        share: float,
-        low: float,
-        estimate: dict[str, Estimate],
-    ) -> bool:
+    def _worthy(self, entries: Sequence[Entry], without: Sequence[Entry], k: int, share: float, low: float) -> bool:
         if not entries[k].feature.effect.parameters:
             gain = self.bank.held_out(entries) - self.bank.held_out(without)
             return gain > ENOUGH * misfit(self.bank, entries)
-        return share >= WORTH and low > 0.0 and differs(estimate, entries[k])
+        return share >= WORTH and low > 0.0
 
     def _figures(self, entries: Sequence[Entry], band: float) -> shrinking.Figures:
         return shrinking.figures(self.judge, self._left(entries), band)
@@ -277,7 +269,7 @@ class _Inquiry:
             first += size
             if k < explanation.given:
                 continue
-            alone = self._left(self._refitted([*baseline, entry]))
+            alone = self._left([*baseline, entry])
             share = shrinking.shrink(before, shrinking.figures(self.judge, alone, before.band))[0]
             cause = self._cause(entry, estimated[k], share, explanation.rivals.get(k, []), coefficients)
             found.append((cause, alone, entry))

@@ -21,13 +21,13 @@ Array = NDArray[np.float64]
 Key = tuple[str, str | None, tuple[object, ...]]
 
 RESAMPLES = 2000
-PATIENCE = 50  # optimisations that one search may spend
+PATIENCE = 30  # optimisations that one search may spend
 ENOUGH = 12.0  # log-likelihood, over the misfit that is left, that another cause must gain
-SHARE = 0.002  # of all the log-likelihood that there is to gain
+SHARE = 0.005  # of all the log-likelihood that there is to gain
 MOST_CAUSES = 16
-STARTS = 3  # single causes from which the search sets out
+STARTS = 2  # single causes from which the search sets out
 COMPLETE = 1.3  # mean square of the whitened remainder up to which an explanation needs no rival start
-SHORTLIST = 6  # candidates whose searched parameters are optimised before they are compared
+SHORTLIST = 4  # candidates whose searched parameters are optimised before they are compared
 CLOSE = 40.0  # log-likelihood (over the misfit) within which an alternative deserves an optimised comparison
 
 
@@ -182,7 +182,7 @@ class Search:
 
     def _refine(self, others: Sequence[Entry], entry: Entry) -> Entry:
         key = (entry, frozenset(others))
-        if key not in self._refined and self._patience <= 0:
+        if key not in self._refined and self._patience <= 0 and entry.searched is not None:
             return entry
         if key not in self._refined:
             self._patience -= 1
@@ -191,7 +191,7 @@ class Search:
 
     def _exchanged(self, entries: list[Entry]) -> list[Entry]:
         """Put another cause in the place of each as long as that explains more."""
-        for _ in range(3):
+        for _ in range(2):
             changed = False
             for k in range(len(self.given), len(entries)):
                 others = entries[:k] + entries[k + 1 :]

@@ -21,6 +21,8 @@ from elastic_arm.identification.derivatives import Motion
 Array = NDArray[np.float64]
 
 SIDES = ("link", "drive", "motor")
+STIFF = 12.0  # Hz, up to which the deflection behind a single encoder follows the load
+PADDING = 500  # samples
 NOISE_FREQUENCIES = 400
 # Poses at which the inertia is looked up for the way of encoder noise into the residuals.
 POSES = 12
@@ -95,12 +97,32 @@ def completed(motion: Motion, model: Model) -> WholeMotion:
     K, D = drive_constants(model)
     link, motor = (motion.q, motion.dq, motion.ddq), (motion.theta, motion.dtheta, motion.ddtheta)
     q, dq, ddq = (own if own is not None else other for own, other in zip(link, motor, strict=True))
+    if motion.q is None and model.robot.elastic and q is not None and dq is not None and ddq is not None:
+        wound = _deflection(model, motion.t, q, dq, ddq)
+        q, dq, ddq = q - wound[0], dq - wound[1], ddq - wound[2]
     theta, dtheta, ddtheta = (own if own is not None else other for own, other in zip(motor, link, strict=True))
     if q is None or dq is None or ddq is None or theta is None or dtheta is None or ddtheta is None:
         raise DiagnosisError("the recording holds no positions", "Record /motor_states or /joint_states with positions")
     tau_J = motion.tau_J if motion.tau_J is not None else K * (theta - q) + D * (dtheta - dq)
     tau_m = motion.tau_m if motion.tau_m is not None else np.zeros_like(tau_J)
     return WholeMotion(motion.t, q, dq, ddq, theta, dtheta, ddtheta, tau_J, tau_m)
+
+
+def _deflection(model: Model, t: Array, q: Array, dq: Array, ddq: Array) -> tuple[Array, Array, Array]:
+    """Deflection of the drives (N, n), and two derivatives, under the load that the arm would be if it were stiff.
+
+    It stands in for the link encoder at low frequencies, where the load hardly depends on the deflection.
+    """
+    n = model.n
+    K, D = drive_constants(model)
+    load = model.inverse_dynamics(*(np.hstack([v, v]) for v in (q, dq, ddq)))[:, :n]
+    padded = np.pad(load, ((PADDING, PADDING), (0, 0)), mode="reflect")
+    f = np.fft.rfftfreq(len(padded), t[1] - t[0])[:, None]
+    s = 2j * np.pi * f
+    wound = np.fft.rfft(padded, axis=0) * np.exp(-0.5 * (f / STIFF) ** 2) / (K + s * D)
+    kept = slice(PADDING, PADDING + len(load))
+    found = [np.fft.irfft(wound * s**k, len(padded), axis=0)[kept] for k in range(3)]
+    return found[0], found[1], found[2]
 
 
 def drive_constants(model: Model) -> tuple[Array, Array]:

@@ -56,7 +56,7 @@ def _title(cause: Cause) -> str:
 def _verdict(found: Diagnosis) -> list[Block]:
     blocks: list[Block] = [Text(f"{found.verdict}: {meaning(found)}", TONES[found.verdict])]
     if found.causes:
-        rows = [
+        named: list[list[object]] = [
             [
                 c.effect,
                 c.joint or "whole arm",
@@ -68,8 +68,8 @@ def _verdict(found: Diagnosis) -> list[Block]:
             for c in found.causes
         ]
         header = ["cause", "joint", "sides", "parameters", "shrinks the gap alone by", "confidence"]
-        blocks.append(Table(header, rows))
-    others = [
+        blocks.append(Table(header, named))
+    others: list[list[object]] = [
         [
             f"{c.effect} on {c.joint or 'whole arm'}",
             f"{a.effect} on {a.joint or 'whole arm'}",
