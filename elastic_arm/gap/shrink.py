@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import chi2
 
+from elastic_arm.errors import DiagnosisError
 from elastic_arm.gap.band import LowPass
 from elastic_arm.gap.bank import Entry
 from elastic_arm.gap.evidence import BLOCK, Evidence
@@ -105,7 +106,12 @@ def telling(candidates: Sequence[Figures]) -> Figures | None:
 
 def in_all_bands(evidence: Evidence, values: Sequence[Array]) -> list[Figures]:
     """Measure residuals in every band that is tried, widest first."""
-    return [figures(evidence, values, evidence.band.cutoff * share, len(NARROWER)) for share in NARROWER]
+    rate, longest = evidence.band.kept_rate, max(len(v) for v in values)
+    cutoffs = [evidence.band.cutoff * share for share in NARROWER]
+    usable = [c for c in cutoffs if 2 * LowPass(c, rate).margin < longest / 2]
+    if not usable:
+        raise DiagnosisError("too little motion is left to judge after filtering", "Record longer without gaps")
+    return [figures(evidence, values, c, len(usable)) for c in usable]
 
 
 def improved(before: Figures, after: Figures) -> NDArray[np.bool_]:
