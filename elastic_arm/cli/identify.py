@@ -126,10 +126,10 @@ def _print(result: Identification, out_dir: Path) -> None:
         out.print(f"[bold yellow]the excitation is poor[/] (known from the motion alone): {escape(reasons)}")
     table = Table(box=None, header_style="bold")
     table.add_column("parameter", no_wrap=True, overflow="ellipsis", max_width=34)
-    for heading in ("identified", "± std", "nominal", "unit", "determined"):
-        table.add_column(
-            heading, no_wrap=True, justify="right" if heading in ("identified", "± std", "nominal") else "left"
-        )
+    for heading, width in (("identified", 11), ("± std", 7), ("nominal", 11)):
+        table.add_column(heading, min_width=width, no_wrap=True, justify="right")
+    for heading, width in (("unit", 8), ("determined", 10)):
+        table.add_column(heading, min_width=width, no_wrap=True)
     for e in result.estimates:
         verdict = f"[{COLOURS[e.verdict]}]{e.verdict}[/]"
         numbers = (f"{e.value:.6g}", f"{e.std:.2g}", f"{e.nominal:.6g}")
