@@ -5,7 +5,6 @@ from __future__ import annotations
 import sys
 import time
 from array import array
-from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
@@ -59,7 +58,7 @@ class TrajectoryGenerator(ArmNode):
         self._offset = ""
         self._born = time.monotonic()
         self._position = np.zeros(0)
-        self._form = lru_cache(maxsize=4)(self._make_form)
+        self._form: Form | None = None
         self._health = Health(self, "stream")
         self.create_timer(PERIOD, self._report)
 
@@ -106,6 +105,7 @@ class TrajectoryGenerator(ArmNode):
             )
         position = self._position[[self._names.index(name) for name in names]]
         self._names = list(names)
+        self._form = self._make_form()
         self._plan = Plan(self._trajectory, position, self._repeat, self._speed)
         # On the grid of the clock, so that an arm stepping on the same grid needs no interpolation.
         self._start_ns = -(-(now + self._lead_ns) // self._step_ns) * self._step_ns
@@ -123,24 +123,20 @@ class TrajectoryGenerator(ArmNode):
 
     def _send(self) -> None:
         assert self._plan is not None
-        count = self._points
-        if np.isfinite(self._plan.duration):
-            last = int(np.ceil(self._plan.duration * NANOSECONDS / self._step_ns))
-            count = min(count, last + 1 - self._sent)
-        t = (self._sent + np.arange(count)) * self._step_ns / NANOSECONDS
-        rows: Row = self._plan.evaluate(t)
-        form = self._form(count)
-        for i in range(count):
-            form.fields[f"points.{i}.positions"][:] = rows.position[i]
-            form.fields[f"points.{i}.velocities"][:] = rows.velocity[i]
-            form.fields[f"points.{i}.accelerations"][:] = rows.acceleration[i]
-        self._publisher.publish(form.filled(self._time(self._sent)))
-        self._sent += count
+        assert self._form is not None
+        # Messages are all alike; the last one goes on at rest behind the end of the motion.
+        rows: Row = self._plan.evaluate((self._sent + np.arange(self._points)) * self._step_ns / NANOSECONDS)
+        for i in range(self._points):
+            self._form.fields[f"points.{i}.positions"][:] = rows.position[i]
+            self._form.fields[f"points.{i}.velocities"][:] = rows.velocity[i]
+            self._form.fields[f"points.{i}.accelerations"][:] = rows.acceleration[i]
+        self._publisher.publish(self._form.filled(self._time(self._sent)))
+        self._sent += self._points
 
-    def _make_form(self, count: int) -> Form:
+    def _make_form(self) -> Form:
         message = JointTrajectory(joint_names=self._names)
         zeros = array("d", bytes(8 * len(self._names)))
-        for i in range(count):
+        for i in range(self._points):
             seconds, rest = divmod(i * self._step_ns, NANOSECONDS)
             point = JointTrajectoryPoint(positions=zeros, velocities=zeros, accelerations=zeros)
             point.time_from_start = Duration(sec=seconds, nanosec=rest)
