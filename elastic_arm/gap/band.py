@@ -12,6 +12,7 @@ Array = NDArray[np.float64]
 
 STOP_ATTENUATION = 70.0  # dB; what lies above the band would fold into it
 OVERSAMPLING = 2.5  # kept samples per second over the band
+SLOWEST_KEPT = 40.0  # kept samples per second at least: fewer would make the filters of narrow bands long
 
 
 @dataclass(frozen=True)
@@ -32,9 +33,9 @@ class Band:
     taps: Array = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
-        step = max(1, int(self.rate / (OVERSAMPLING * self.cutoff)))
+        step = max(1, int(self.rate / max(OVERSAMPLING * self.cutoff, SLOWEST_KEPT)))
         # What folds back lands between the band's edge and the new Nyquist frequency, where nobody looks.
-        stop = self.rate / step - self.cutoff
+        stop = min(self.rate / step - self.cutoff, 2.0 * self.cutoff)
         nyquist = self.rate / 2
         count, beta = kaiserord(STOP_ATTENUATION, (min(stop, nyquist) - self.cutoff) / nyquist)
         taps = firwin(count | 1, (self.cutoff + min(stop, 0.98 * nyquist)) / 2, window=("kaiser", beta), fs=self.rate)

@@ -215,7 +215,8 @@ class Search:
             trial = [*entries[:k], better, *entries[k + 1 :]]
             # A column that was scaled while its size was searched has one freedom more than the law.
             allowance = ENOUGH if better.fixed and not entry.fixed else 0.0
-            if better is not entry and self.bank.both(trial) > self.bank.both(entries) - allowance:
+            only_spanned = entry.searched is None
+            if only_spanned or (better is not entry and self.bank.both(trial) > self.bank.both(entries) - allowance):
                 entries = trial
         return entries
 
