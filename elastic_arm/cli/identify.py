@@ -13,7 +13,10 @@ from rich.progress import BarColumn, Progress, TextColumn
 from rich.table import Table
 
 from elastic_arm.cli.console import err, out, print_json, reports_errors
+from elastic_arm.errors import IdentificationError
 from elastic_arm.identification import Identification, identify_with, parse_laws
+from elastic_arm.identification.derivatives import Motion
+from elastic_arm.identification.equations import Equations
 from elastic_arm.recording import ChannelMap, Recording, load_channels, read_recording
 from elastic_arm.robot import Robot, load_robot
 
@@ -93,21 +96,29 @@ def identify(
             says=says,
         )
         says("report", 1.0)
-        out_dir.mkdir(parents=True, exist_ok=True)
-        result.to_json(out_dir / "identification.json")
-        if result.identified is not None:
-            result.save_robot(out_dir / "robot.yaml")
-        # Matplotlib is slow to import, and only reports need it.
-        from elastic_arm.report.html import write_report
-        from elastic_arm.report.identification import sections
-
-        names = ", ".join(result.recordings)
-        parts = sections(result, identifier.equations, motion)
-        write_report(out_dir / "report.html", f"Identification of {robot.name}", parts, subtitle=f"{model}, {names}")
+        _write(result, sections_of=(identifier.equations, motion), out_dir=out_dir)
     if json:
         print_json(result.to_dict())
     else:
         _print(result, out_dir)
+
+
+def _write(result: Identification, sections_of: tuple[Equations, Motion], out_dir: Path) -> None:
+    # Matplotlib is slow to import, and only reports need it.
+    from elastic_arm.report.html import write_report
+    from elastic_arm.report.identification import sections
+
+    try:
+        out_dir.mkdir(parents=True, exist_ok=True)
+        result.to_json(out_dir / "identification.json")
+        if result.identified is not None:
+            result.save_robot(out_dir / "robot.yaml")
+    except OSError as error:
+        problem = f"{out_dir} cannot be written: {error.strerror}"
+        raise IdentificationError(problem, "Choose another folder with --out.") from None
+    subtitle = f"{result.model}, {', '.join(result.recordings)}"
+    parts = sections(result, *sections_of)
+    write_report(out_dir / "report.html", f"Identification of {result.robot}", parts, subtitle=subtitle)
 
 
 def _read(
@@ -125,7 +136,7 @@ def _print(result: Identification, out_dir: Path) -> None:
         reasons = "; ".join(result.excitation["reasons"])
         out.print(f"[bold yellow]the excitation is poor[/] (known from the motion alone): {escape(reasons)}")
     table = Table(box=None, header_style="bold")
-    table.add_column("parameter", no_wrap=True, overflow="ellipsis", max_width=34)
+    table.add_column("parameter", no_wrap=True, overflow="ellipsis", max_width=29)
     for heading, width in (("identified", 11), ("± std", 7), ("nominal", 11)):
         table.add_column(heading, min_width=width, no_wrap=True, justify="right")
     for heading, width in (("unit", 8), ("determined", 10)):
