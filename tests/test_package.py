@@ -47,7 +47,7 @@ def test_only_the_package_itself_is_installed(wheel: zipfile.ZipFile) -> None:
 
 
 def test_all_that_the_code_reads_is_installed(wheel: zipfile.ZipFile) -> None:
-    """The arm, message texts, templates and C sources travel with the code: every file of the package that is no Python."""
+    """The arm, message texts, templates and C sources travel with the code: all of the package that is no Python."""
     package = ROOT / "elastic_arm"
     folders = [package, package / "recording" / "msg"]  # a link, which rglob does not follow
     files = {path for folder in folders for path in folder.rglob("*") if path.is_file()}
