@@ -119,7 +119,8 @@ def _live(folder: Path, duration: float, seed: int, speed: float) -> Course:
         nodes.start("identifier", {"print": True, "save_at_exit": True, "save_to": str(folder / "online")})
         simulator = {"robot": str(folder / "true_arm.yaml"), "seed": seed, "real_time_factor": speed}
         nodes.start("simulator", simulator)
-        nodes.start("trajectory_generator", {"trajectory": str(folder / "trajectory.yaml")})
+        trajectory = {"trajectory": str(folder / "trajectory.yaml"), "use_sim_time": speed != 1.0}
+        nodes.start("trajectory_generator", trajectory)
         waited = 0.0
         while nodes.running("trajectory_generator"):
             heard = [json.loads(line) for line in nodes.told(0.5)]

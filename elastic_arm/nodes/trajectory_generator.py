@@ -23,6 +23,8 @@ from elastic_arm.nodes.running import LONGEST_REST, ArmNode, run
 from elastic_arm.nodes.wire import NANOSECONDS, Form
 from elastic_arm.recording import topics
 
+# The first points go out so long before their time: a beginning that comes late is a jump.
+HEAD_START_NS = NANOSECONDS
 # Clocks further apart than this, seconds, are two clocks.
 LARGEST_OFFSET = 5.0
 # With two clocks there is nothing to wait for but a mistake to mend, or /clock that has not been heard yet: seconds.
@@ -70,9 +72,10 @@ class TrajectoryGenerator(ArmNode):
             return 0.01
         if not self._publisher.get_subscription_count() and not self.done():
             raise GraphError(f"the arm has gone: nobody reads {topics.REFERENCE} any more", "Start it again.")
-        while not self._all_sent() and self._time(self._sent) < now + self._lead_ns:
+        horizon = max(now, self._start_ns) + self._lead_ns
+        while not self._all_sent() and self._time(self._sent) < horizon:
             self._send()
-        ahead = self._time(self._sent) - now - self._lead_ns
+        ahead = self._time(self._sent) - horizon
         return LONGEST_REST if self._all_sent() else ahead / NANOSECONDS
 
     def done(self) -> bool:
@@ -108,7 +111,7 @@ class TrajectoryGenerator(ArmNode):
         self._form = self._make_form()
         self._plan = Plan(self._trajectory, position, self._repeat, self._speed)
         # On the grid of the clock, so that an arm stepping on the same grid needs no interpolation.
-        self._start_ns = -(-(now + self._lead_ns) // self._step_ns) * self._step_ns
+        self._start_ns = -(-(now + HEAD_START_NS) // self._step_ns) * self._step_ns
         self.get_logger().info(
             f"streaming {self._plan.duration:.1f} s, {self._plan.approach:.1f} s of it the way there"
         )
