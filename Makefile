@@ -20,7 +20,7 @@ paper: $(DONE)/tests ## reproduce the paper's study into one report
 setup: $(DONE)/packages $(DONE)/tests ## set up only
 
 lint: $(DONE)/tests
-	@$(RUN) ruff check --quiet . && ruff format --quiet --check .
+	@$(RUN) ruff check --quiet . && ruff format --check .
 
 types: $(DONE)/tests
 	@$(RUN) mypy --no-error-summary
