@@ -181,6 +181,17 @@ def test_inverted_command_fulfils_the_equations_of_motion() -> None:
     np.testing.assert_allclose(forces[:, robot.n :], command.tau_m, atol=1e-6)
 
 
+def test_feedforward_does_not_depend_on_a_step_that_divides_nothing() -> None:
+    """A step of 0.28 ms, of which no whole number makes a sample, gives what 0.25 ms gives."""
+    robot = load_robot(None).with_ratio(363)
+    law = feedforward.Law("true", 363.0, "mod3", build_model(robot, "mod3").Psi)
+    reference = feedforward.reference(robot.n, 1.0, 0.3, np.random.default_rng(2))
+    odd, even = (
+        feedforward.assess(robot, law, reference, frequency=10.0, settle=0.0, step=step) for step in (2.8e-4, 2.5e-4)
+    )
+    assert odd == even
+
+
 def test_arm_without_several_ratios_is_refused() -> None:
     """The study compares ratios; the error says what to write."""
     with pytest.raises(RobotError, match="total_ratios_studied"):

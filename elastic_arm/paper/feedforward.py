@@ -15,7 +15,7 @@ import numpy as np
 
 from elastic_arm.dynamics import Model, build_model
 from elastic_arm.excitation import FourierTrajectory
-from elastic_arm.paper.prototype import Prototype
+from elastic_arm.paper.prototype import Prototype, dividing_step
 from elastic_arm.robot.description import Robot
 
 ROUNDS = 6
@@ -112,7 +112,7 @@ def assess(
     step
         Of the prototype's integration, s.
     """
-    period = reference.period
+    period, step = reference.period, dividing_step(step)
     steps = round(period / step)
     grid = np.linspace(0.0, period, 2 * steps, endpoint=False)
     command = _command(robot, law, reference.evaluate(grid), period)
@@ -125,7 +125,7 @@ def assess(
 
     prototype = Prototype(robot)
     start = command.theta[0], command.dtheta[0]
-    run = prototype.actuate(torque, start, reference.duration - period, step=period / steps)
+    run = prototype.actuate(torque, start, reference.duration - period, step=step)
     kept = run.t >= settle
     wanted = reference.evaluate(run.t[kept])[0]
     place, rigid = prototype.tool(wanted), prototype.tool(run.q[kept])

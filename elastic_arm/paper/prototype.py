@@ -216,7 +216,8 @@ class Prototype:
         Parameters
         ----------
         torque
-            Called with the number of half steps since the start, theta and dtheta (n,); returns tau_m (n,), Nm.
+            Called with the number of half steps (of :func:`dividing_step`) since the start, theta and dtheta (n,);
+            returns tau_m (n,), Nm.
         start
             theta and dtheta at t = 0; the bushings begin in static equilibrium, turning along.
         """
@@ -311,8 +312,13 @@ def _solve(mass: np.ndarray, force: np.ndarray) -> np.ndarray:
     return solution
 
 
+def dividing_step(step: float, rate: float = RECORD_RATE) -> float:
+    """Return the largest step, at most `step`, of which a whole number makes one sample, s."""
+    return 1.0 / (rate * max(1, int(np.ceil(1.0 / (rate * step) - 1e-9))))
+
+
 def _division(duration: float, step: float, rate: float) -> tuple[int, int, float]:
     """Return the number of steps, steps a sample, and the step, no larger than asked and dividing the samples."""
-    stride = max(1, int(np.ceil(1.0 / (rate * step) - 1e-9)))
+    stride = round(1.0 / (rate * dividing_step(step, rate)))
     steps = stride * round(duration * rate)
     return steps, stride, duration / steps

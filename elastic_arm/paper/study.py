@@ -87,17 +87,17 @@ FULL = Settings(
 )
 QUICK = Settings(
     step=2e-4,
-    excitation_step=2.8e-4,
+    excitation_step=2.5e-4,
     poses=1,
     identified=(-1,),
     seeds=(20, 3),
     guesses=3,
     evaluations=150,
     random_trajectories=10,
-    bushing_scales=(1.0, 4.0),
+    bushing_scales=(1.0,),
     coupler_frequencies=(500.0, 2000.0),
     step_sizes=(2e-4, 1e-4),
-    tracking=2.0,
+    tracking=1.0,
     motions=1,
 )
 COUPLER_STEP = 1e-4
@@ -270,7 +270,7 @@ def _ramps(
 
 
 def _convergence(robot: Robot, settings: Settings, crew: Crew, stage: Stage) -> dict[str, list[convergence.Check]]:
-    ramp = StepRamp(np.zeros(robot.n), hold=0.2)
+    ramp = StepRamp(np.zeros(robot.n), hold=0.05)
     tasks = [
         partial(convergence.over_steps, robot, settings.step_sizes, ramp),
         partial(convergence.over_couplers, robot, settings.coupler_frequencies, ramp, COUPLER_STEP),
