@@ -133,7 +133,7 @@ class SimulatorNode(ArmNode):
         self._step_ns = round(NANOSECONDS / self._arm.rate)
         # Stamps lie on the grid of the time of day; a clock of its own begins at zero.
         self._origin_ns = time.time_ns() // self._step_ns * self._step_ns if real_time else 0
-        self._step = 1
+        self._step = 0 if real_time else 1  # a stamp of zero means no time at all
         self._skipped = self._told = 0
         self._reference = ReferenceQueue(self._start, self._origin_ns, self._step_ns)
         self._pace = Pace(self._arm.rate, self._factor)
