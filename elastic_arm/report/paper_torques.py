@@ -100,8 +100,14 @@ def _rms(error: np.ndarray) -> list[float]:
 
 
 def _metric_table(metrics: list[Metric]) -> Table:
-    rows = [(m.side, m.joint, m.r_tot, m.model, m.e_max, m.e_rmse) for m in metrics]
-    return Table(("side", "joint", "r_tot", "model", "e_max [Nm]", "e_rmse [Nm]"), rows)
+    """A row a torque and model, a pair of columns a ratio."""
+    ratios = sorted({m.r_tot for m in metrics})
+    rows: dict[tuple[str, int, str], list[str | int | float]] = {}
+    for m in sorted(metrics, key=lambda m: (SIDES.index(m.side), m.joint, m.model, m.r_tot)):
+        row = rows.setdefault((m.side, m.joint, m.model), [f"tau_{m.joint}^{draw.SYMBOLS[m.side]}", m.model])
+        row += [m.e_max, m.e_rmse]
+    header = ["torque", "model", *(f"{what}, {r_tot:g}" for r_tot in ratios for what in ("e_max", "e_rmse"))]
+    return Table(header, list(rows.values()), caption="Nm, by r_tot", digits=3)
 
 
 def coupling(result: Result) -> Section:
