@@ -232,8 +232,8 @@ class _Inquiry:
             shares = {}
             for k in range(explanation.given, len(entries)):
                 without = entries[:k] + entries[k + 1 :]
-                share, low = shrinking.contribution(before, self._figures(without, before.band), after)
-                if not self._worthy(entries, without, k, share, low):
+                share = shrinking.contribution(before, self._figures(without, before.band), after)
+                if not self._worthy(entries, without, k, share):
                     shares[k] = share
             if not shares:
                 estimated = estimates(self.bank, polish(self.bank, entries))
@@ -247,11 +247,12 @@ class _Inquiry:
             rivals = {k - (k > worst): v for k, v in rivals.items() if k != worst}
         return Explanation(entries, explanation.given, rivals)
 
-    def _worthy(self, entries: Sequence[Entry], without: Sequence[Entry], k: int, share: float, low: float) -> bool:
+    def _worthy(self, entries: Sequence[Entry], without: Sequence[Entry], k: int, share: float) -> bool:
         if not entries[k].feature.effect.parameters:
             gain = self.bank.held_out(entries) - self.bank.held_out(without)
             return gain > ENOUGH * misfit(self.bank, entries)
-        return share >= WORTH and low > 0.0
+        left = [self.bank.remainder(1, some, self.bank.fit(0, some)) for some in (without, entries)]
+        return share >= WORTH and shrinking.lowest(left[0] ** 2 - left[1] ** 2, self.judge.blocks) > 0.0
 
     def _figures(self, entries: Sequence[Entry], band: float) -> shrinking.Figures:
         return shrinking.figures(self.judge, self._left(entries), band)

@@ -58,7 +58,7 @@ class Evidence:
             standstill = _standstill(observation, noise.f, model.n)
             for stretch in residuals(model, observation, layout, band):
                 self.parts.append(
-                    Part(stretch, Signals.of(stretch.motion, standstill, elastic=model.robot.elastic), noise)
+                    Part(stretch, Signals.of(stretch.quiet, standstill, elastic=model.robot.elastic), noise)
                 )
                 self.pure.append(pure)
         self.y = [part.stretch.values for part in self.parts]

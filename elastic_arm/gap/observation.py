@@ -7,7 +7,7 @@ here, because the gap's own band (:mod:`.band`) follows it and takes the same sh
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -57,6 +57,8 @@ class Observation:
     ----------
     pieces
         Smoothed motion of each stretch without holes; within `margin` of its ends only roughly right.
+    quiet
+        The same, smoothed as far as the encoders' noise asks: what columns are made of.
     rate
         Samples per second.
     smoother
@@ -68,6 +70,7 @@ class Observation:
     """
 
     pieces: tuple[Motion, ...]
+    quiet: tuple[Motion, ...]
     rate: float
     smoother: Smoother
     noise: ChannelNoise
@@ -160,7 +163,11 @@ def observe(recording: Recording, band: float | None = None) -> Observation:
         torque_noise(grids, "tau_m"),
     )
     pieces = tuple(smoother(_extended(grid, smoother.lag)) for grid in grids)
-    return Observation(pieces, clock.rate, smoother, noise, recording.source, (*recording.notes, *samples.notes))
+    # Above the frequency where noise outweighs motion, accelerations are noise, and the same that the residuals hold:
+    # a column made of it would be correlated with them.
+    calm = replace(smoother, cutoff=min(smoother.cutoff, designed.cutoff))
+    quiet = pieces if calm == smoother else tuple(calm(_extended(grid, calm.lag)) for grid in grids)
+    return Observation(pieces, quiet, clock.rate, smoother, noise, recording.source, (*recording.notes, *samples.notes))
 
 
 def _extended(grid: Grid, count: int) -> Grid:

@@ -30,7 +30,7 @@ def refitted(model: Model, observations: Sequence[Observation], layout: Layout, 
     evidence = Evidence(model, observations, layout, band)
     columns = []
     for part in evidence.parts:
-        full = _columns(model, part.stretch.motion)
+        full = _columns(model, part.stretch.quiet)
         rows = np.tensordot(full, layout.transform, axes=(1, 1)).transpose(0, 2, 1)
         flat = band.apply(rows.reshape(len(rows), -1))[part.stretch.kept]
         columns.append(flat.reshape(len(flat), layout.rows, -1))

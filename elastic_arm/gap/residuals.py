@@ -247,6 +247,8 @@ class Stretch:
         (N', R) Nm.
     motion
         The completed motion at the recording's rate that they were made of.
+    quiet
+        The same motion, smoothed further, for the columns of effects.
     kept
         Which of the rows that the band gives for the motion they are.
     """
@@ -254,19 +256,20 @@ class Stretch:
     t: Array
     values: Array
     motion: WholeMotion
+    quiet: WholeMotion
     kept: slice
 
 
 def residuals(model: Model, observation: Observation, layout: Layout, band: Band) -> list[Stretch]:
     """Return the residuals of every stretch of a recording."""
     stretches = []
-    for piece in observation.pieces:
-        motion = completed(piece, model)
+    for piece, calm in zip(observation.pieces, observation.quiet, strict=True):
+        motion, quiet = completed(piece, model), completed(calm, model)
         full = raw_residuals(model, motion) @ layout.transform.T
         t = band.times(motion.t)
         first, last = np.searchsorted(t, [motion.t[0] + observation.margin, motion.t[-1] - observation.margin])
         kept = slice(int(first), int(last))
-        stretches.append(Stretch(t[kept], band.apply(full)[kept], motion, kept))
+        stretches.append(Stretch(t[kept], band.apply(full)[kept], motion, quiet, kept))
     return [s for s in stretches if len(s.t) > band.kept_rate]
 
 

@@ -115,10 +115,8 @@ def in_all_bands(evidence: Evidence, values: Sequence[Array]) -> list[Figures]:
 
 
 def improved(before: Figures, after: Figures) -> NDArray[np.bool_]:
-    """Which residuals (R,) the causes make smaller in all but one of a thousand resamplings of whole blocks."""
-    saved = before.blocks - after.blocks
-    weights = _weights(len(saved), np.random.default_rng(3))
-    return ((weights @ saved <= 0.0).mean(axis=0) < ALPHA) & (before.excess > 0.0)
+    """Which residuals (R,) hold an excess that the causes make smaller."""
+    return (before.excess > 0.0) & (after.rmse < before.rmse)
 
 
 def shrink(before: Figures, after: Figures) -> tuple[float, tuple[float, float]]:
@@ -136,19 +134,25 @@ def shrink(before: Figures, after: Figures) -> tuple[float, tuple[float, float]]
     return float(whole), (float(min(low, whole)), float(max(high, whole)))
 
 
-def contribution(before: Figures, without: Figures, after: Figures) -> tuple[float, float]:
-    """What one cause takes off the excess beside the others, as a share of the whole gap.
-
-    Returns
-    -------
-    share, lowest
-        On all validation data, and the lowest of 97.5 % of resamplings of whole blocks.
-    """
+def contribution(before: Figures, without: Figures, after: Figures) -> float:
+    """Return what one cause takes off the excess beside the others, as a share of the whole gap."""
     chosen = before.significant
-    gap = before.excess[chosen].sum()
     saved = (without.blocks - after.blocks)[:, chosen].sum(axis=1)
-    sample = _weights(len(saved), np.random.default_rng(2)) @ saved
-    return float(saved.mean() / gap), float(np.percentile(sample, 2.5) / gap)
+    return float(saved.mean() / before.excess[chosen].sum())
+
+
+def lowest(saved: Array, blocks: NDArray[np.intp]) -> float:
+    """Return the lowest of 97.5 % of resamplings of whole blocks of a sum over rows.
+
+    Parameters
+    ----------
+    saved
+        (rows,) what each row contributes.
+    blocks
+        (rows,) the block it belongs to.
+    """
+    sums = np.bincount(blocks, saved)
+    return float(np.percentile(_weights(len(sums), np.random.default_rng(2)) @ sums, 2.5))
 
 
 def remaining(evidence: Evidence, entries: Sequence[Entry], beta: Array) -> list[Array]:

@@ -24,6 +24,7 @@ from elastic_arm.gap.evidence import Evidence
 from elastic_arm.gap.features import Whole
 from elastic_arm.gap.observation import observe, widest_band
 from elastic_arm.gap.residuals import Layout
+from elastic_arm.gap.tilting import Tilting
 from elastic_arm.robot import Robot
 
 # Of each effect: the parameter that is its size, and what is drawn of the others.
@@ -102,7 +103,7 @@ class Bounds:
         self._robot = robot
         self._course = HiddenArm(robot).run(random_motion(rng, robot.n, seconds))
         self._rng = rng
-        self._evidence: dict[bool, Evidence] = {}
+        self._evidence: dict[int, Evidence] = {}
         self._equations = ArmEquations(robot, "mod3")
 
     def of(self, fault: Fault, instruments: Instruments) -> float:
@@ -123,11 +124,18 @@ class Bounds:
             columns.append(evidence.whiten(evidence.plain(feature, tuple(np.concatenate(numbers)))))
         return float(abs(sizes[1] - sizes[0]) / max(np.linalg.norm(columns[1] - columns[0]), 1e-300))
 
+    def of_bearings(self, scale: float, instruments: Instruments) -> float:
+        """Return how many standard deviations the tilts of bearings so stiff stand out of the noise."""
+        evidence = self._clean(instruments)
+        feature = Tilting(EFFECTS["bearing_compliance"], None, {}, self._equations)
+        return float(np.linalg.norm(evidence.whiten(evidence.plain(feature, (scale,)))))
+
     def _clean(self, instruments: Instruments) -> Evidence:
-        noisy = instruments.encoder_noise > 0 or instruments.encoder_step > 0
-        if noisy not in self._evidence:
-            self._evidence[noisy] = self._measured(self._course, instruments)
-        return self._evidence[noisy]
+        # Encoders within a factor of two of each other are as good as equal here.
+        kind = round(np.log2(instruments.encoder_noise)) if instruments.encoder_noise > 0 else 0
+        if kind not in self._evidence:
+            self._evidence[kind] = self._measured(self._course, instruments)
+        return self._evidence[kind]
 
     def _measured(self, course: Course, instruments: Instruments) -> Evidence:
         recording = measure(course, self._robot.joint_names, (), instruments, self._rng)
@@ -162,6 +170,8 @@ def draw_item(
 ) -> Item:
     """Draw one hidden arm with these effects, on joints and of sizes that the generator decides."""
     instruments = draw_instruments(rng)
+    # Several effects on one arm are of like size, so that none is less than a hundredth of the gap.
+    level = 10 ** rng.uniform(np.log10(LOWEST), np.log10(HIGHEST))
     faults: list[Fault] = []
     multiples: list[float | None] = []
     model = "mod3"
@@ -172,7 +182,8 @@ def draw_item(
             faults.append(Fault(effect, None))
             multiples.append(None)
             continue
-        fault, multiple = _draw_fault(effect, robot, instruments, bounds, rng)
+        own = level * (10 ** rng.uniform(-0.3, 0.3) if len(effects) > 1 else 1.0)
+        fault, multiple = _draw_fault(effect, robot, instruments, bounds, own, rng)
         faults.append(fault)
         multiples.append(multiple)
     seed = int(rng.integers(2**31))
@@ -191,21 +202,27 @@ def draw_instruments(rng: np.random.Generator) -> Instruments:
 
 
 def _draw_fault(
-    effect: str, robot: Robot, instruments: Instruments, bounds: Bounds, rng: np.random.Generator
+    effect: str,
+    robot: Robot,
+    instruments: Instruments,
+    bounds: Bounds,
+    level: float,
+    rng: np.random.Generator,
 ) -> tuple[Fault, float | None]:
     joint = None if effect in WHOLE_ARM else int(rng.integers(robot.n))
     side = str(rng.choice(["motor", "link"])) if effect in SIDED else "motor"
     channels = (str(rng.choice(CHANNELS)),) if effect == "time_delay" else ()
     size = SIZE[effect]
     if effect == "bearing_compliance":
-        return Fault(effect, None, {size: float(10 ** rng.uniform(-1.3, 0.0))}), None
+        fault = Fault(effect, None, {size: float(10 ** rng.uniform(-1.3, 0.0))})
+        return fault, bounds.of_bearings(fault.parameters[size], instruments)
     parameter = EFFECTS[effect].parameter(size)
     neutral = parameter.neutral or 0.0
     others = _others(effect, rng)
     sample = neutral + (0.1 if neutral else np.sqrt(abs(parameter.low * parameter.high)) or 0.01)
     probe = Fault(effect, joint, {size: float(sample), **others}, side, channels)
     bound = bounds.of(probe, instruments)
-    amount = bound * 10 ** rng.uniform(np.log10(LOWEST), np.log10(HIGHEST))
+    amount = bound * level
     low, high = _plausible(effect, parameter.low, parameter.high, neutral)
     amount = float(np.clip(amount, low, high))
     sign = rng.choice([-1.0, 1.0]) if size in SIGNED and effect != "payload" else 1.0
