@@ -286,6 +286,19 @@ def test_the_stream_writer_flushes_by_the_clock(tmp_path: Path) -> None:
     writer.close()
 
 
+def test_a_recording_can_be_closed_at_any_time(tmp_path: Path) -> None:
+    """Closing just when the disk is due to be synced writes the rest and finishes the bag."""
+    now = [0.0]
+    writer = StreamWriter(tmp_path / "bag", sync_every=5.0, clock=lambda: now[0])
+    writer.add_topic("/motor_states", JOINT_STATE)
+    for topic, _, log_ns, data in states("/motor_states", stamps(10)):
+        writer.write(topic, data, log_ns)
+    now[0] = 100.0
+    writer.close()
+    assert len(read_recording(tmp_path / "bag").motor) == 10
+    assert check_bag(tmp_path / "bag").ok
+
+
 FULL_DISK = """
 import resource, sys
 from elastic_arm.errors import RecordingError

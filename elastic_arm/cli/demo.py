@@ -21,7 +21,7 @@ from elastic_arm.cli.describe import base_of
 from elastic_arm.cli.processes import Nodes
 from elastic_arm.dynamics import build_model
 from elastic_arm.errors import ElasticArmError, GraphError
-from elastic_arm.excitation import ExcitationResult, MotionLimits, Shape, Workspace, optimise
+from elastic_arm.excitation import ExcitationResult, FourierTrajectory, MotionLimits, Shape, Workspace, optimise
 from elastic_arm.identification import Identification, identify
 from elastic_arm.recording import Recording, read_recording
 from elastic_arm.robot import Robot, load_robot, varied
@@ -62,7 +62,7 @@ def demo(
     out.rule("1  a motion that excites the parameters")
     search = _excite(nominal, folder / "trajectory.yaml", seed)
     out.rule("2  the live graph: simulator, trajectory generator, identifier, recorder")
-    course = _live(folder, search.trajectory.duration, seed, speed)
+    course = _live(folder, search.trajectory, seed, speed)
     out.rule("3  the same arm, identified from the bag")
     recording = read_recording(folder / "bag")
     offline = identify(recording, nominal)
@@ -110,15 +110,15 @@ def _excite(nominal: Robot, file: Path, seed: int) -> ExcitationResult:
     return result
 
 
-def _live(folder: Path, duration: float, seed: int, speed: float) -> Course:
+def _live(folder: Path, motion: FourierTrajectory, seed: int, speed: float) -> Course:
     """Run the graph until the trajectory has been streamed; return what the identifier said."""
     domain = int(os.environ.get("ROS_DOMAIN_ID", 1 + os.getpid() % 100))
     lines: list[dict[str, Any]] = []
     with Nodes(folder / "nodes", domain) as nodes, Live(console=out, refresh_per_second=4) as live:
         nodes.start("recorder", {"bag": str(folder / "bag")})
         nodes.start("identifier", {"print": True, "save_at_exit": True, "save_to": str(folder / "online")})
-        simulator = {"robot": str(folder / "true_arm.yaml"), "seed": seed, "real_time_factor": speed}
-        nodes.start("simulator", simulator)
+        arm = {"robot": str(folder / "true_arm.yaml"), "initial_position": motion.q0.tolist()}
+        nodes.start("simulator", {**arm, "seed": seed, "real_time_factor": speed})
         trajectory = {"trajectory": str(folder / "trajectory.yaml"), "use_sim_time": speed != 1.0}
         nodes.start("trajectory_generator", trajectory)
         waited = 0.0
@@ -126,20 +126,20 @@ def _live(folder: Path, duration: float, seed: int, speed: float) -> Course:
             heard = [json.loads(line) for line in nodes.told(0.5)]
             lines += heard
             waited += 0.0 if lines else 0.5
-            if waited > duration / speed + START:
+            if waited > motion.duration / speed + START:
                 raise GraphError("no estimate arrived", f"The nodes' words are in {folder / 'nodes'}.")
-            live.update(_progress(lines, duration))
+            live.update(_progress(lines, motion.duration))
         for name in ("simulator", "identifier", "recorder"):
             nodes.stop(name)
         lines += [json.loads(line) for line in nodes.told(0.5)]
-        live.update(_progress(lines, duration))
+        live.update(_progress(lines, motion.duration))
     if not lines:
         raise GraphError("the identifier made no estimate", f"Its words are in {nodes.log('identifier')}.")
     return Course(tuple(lines))
 
 
 def _progress(lines: list[dict[str, Any]], duration: float) -> Table:
-    table = Table(box=None, header_style="bold")
+    table = Table(box=None, header_style="bold", title=f"{duration:.0f} s of motion at 1 kHz", title_justify="left")
     for heading in ("samples", "residual RMS [Nm]", "condition number", "std of the worst parameter"):
         table.add_column(heading, justify="right")
     for line in lines[-8:]:

@@ -84,7 +84,7 @@ class IdentifierNode(ArmNode):
         """Compile the equations before samples arrive: that takes seconds, the first time."""
         channels = dict.fromkeys(("q", "dq", "ddq", "theta", "dtheta", "ddtheta", "tau_J", "tau_m"), np.zeros((2, n)))
         motion = Motion(t=np.arange(2.0), **channels)
-        self._identifier.expect(motion).rows(motion)
+        self._identifier.expect(motion).information(motion)
         self._identifier.reset()
 
     def _take(self, everything: bool = False) -> None:

@@ -139,15 +139,7 @@ class StreamWriter:
 
     def flush(self) -> None:
         """Write the chunk gathered so far, and tell the system to carry it to the disk if that is due."""
-        self._flushed = self._clock()
-        if self._size:
-            index = {
-                channel: (np.array(times, np.int64), np.array(offsets, np.int64))
-                for channel, (times, offsets) in self._index.items()
-            }
-            plain = b"".join(self._parts)
-            self._begin_chunk()
-            self._sink.write(pack(plain, index, self._sink.compression))
+        self._write_chunk()
         idle = self._syncing is None or self._syncing.done()
         if idle and self._flushed - self._synced >= self._sync_every:
             if self._syncing is not None:
@@ -159,7 +151,7 @@ class StreamWriter:
         """Write the rest, the summary and metadata.yaml."""
         self._syncer.shutdown()
         try:
-            self.flush()
+            self._write_chunk()
             finish_bag(self._sink)
         finally:
             self._sink.close()
@@ -173,6 +165,18 @@ class StreamWriter:
     ) -> None:
         """Close the bag; also after an error, as what was recorded is worth keeping."""
         self.close()
+
+    def _write_chunk(self) -> None:
+        self._flushed = self._clock()
+        if not self._size:
+            return
+        index = {
+            channel: (np.array(times, np.int64), np.array(offsets, np.int64))
+            for channel, (times, offsets) in self._index.items()
+        }
+        plain = b"".join(self._parts)
+        self._begin_chunk()
+        self._sink.write(pack(plain, index, self._sink.compression))
 
     def _begin_chunk(self) -> None:
         self._parts: list[bytes] = []
