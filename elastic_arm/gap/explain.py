@@ -182,7 +182,8 @@ class Search:
 
     def _refine(self, others: Sequence[Entry], entry: Entry) -> Entry:
         key = (entry, frozenset(others))
-        if key not in self._refined and self._patience <= 0 and entry.searched is not None:
+        makeshift = entry.searched is None or (entry.feature.fixed and not entry.fixed)
+        if key not in self._refined and self._patience <= 0 and not makeshift:
             return entry
         if key not in self._refined:
             self._patience -= 1
@@ -213,10 +214,9 @@ class Search:
         for k, entry in enumerate(entries):
             better = self._refine([*entries[:k], *entries[k + 1 :]], entry)
             trial = [*entries[:k], better, *entries[k + 1 :]]
-            # A column that was scaled while its size was searched has one freedom more than the law.
-            allowance = ENOUGH if better.fixed and not entry.fixed else 0.0
-            only_spanned = entry.searched is None
-            if only_spanned or (better is not entry and self.bank.both(trial) > self.bank.both(entries) - allowance):
+            # Columns that span a neighbourhood, or were scaled while their size was searched, are no law.
+            makeshift = entry.searched is None or (entry.feature.fixed and not entry.fixed)
+            if makeshift or (better is not entry and self.bank.both(trial) > self.bank.both(entries)):
                 entries = trial
         return entries
 
