@@ -13,7 +13,15 @@ from elastic_arm.gap.tilting import Tilting
 def features(equations: ArmEquations, effects: Sequence[Effect]) -> list[Feature]:
     """Return every effect at every place where it adds something to this model's residuals."""
     found = [feature_of(active, equations) for effect in effects for active in effect.candidates(equations.robot)]
-    return [feature for feature in found if feature.acts]
+    return [feature for feature in found if _possible(feature) and feature.acts]
+
+
+def _possible(feature: Feature) -> bool:
+    """Whether the arm has what the effect acts in: without transmissions there is no drive."""
+    if feature.equations.robot.elastic:
+        return True
+    sides = set(feature.sides)
+    return ("link" in sides or sides == {"motor"}) and "link_encoder" not in feature.choices.get("channels", ())
 
 
 def feature_of(active: Active, equations: ArmEquations) -> Feature:

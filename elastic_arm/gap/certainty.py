@@ -10,11 +10,13 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
+from elastic_arm.effects.base import Parameter
 from elastic_arm.gap.bank import Bank, Entry
 
 Array = NDArray[np.float64]
 
 STEP = 1e-3  # of the derivatives by parameters, in units of their scales
+CLEARANCE = 0.01  # of a parameter's distance from no effect to its physical bound
 UNDETERMINED = 1e-9  # relative eigenvalue below which a combination of parameters does not act
 
 
@@ -42,7 +44,9 @@ def polish(bank: Bank, entries: Sequence[Entry]) -> list[Entry]:
     problem = _Problem(bank, wholes)
     if not problem.scales.size:
         return wholes
-    found = least_squares(problem.left, problem.start, diff_step=STEP, max_nfev=8, xtol=1e-7, ftol=1e-10)
+    bounds = (problem.lowest, np.inf)
+    start = np.maximum(problem.start, problem.lowest + STEP)
+    found = least_squares(problem.left, start, diff_step=STEP, max_nfev=8, xtol=1e-7, ftol=1e-10, bounds=bounds)
     if found.cost >= 0.5 * float(np.sum(problem.left(problem.start) ** 2)):
         return wholes
     polished = [
@@ -99,7 +103,8 @@ def _whole(bank: Bank, entry: Entry, beta: Array) -> Entry:
     if whole is feature and entry.fixed:
         return entry
     values = feature.parameters([] if feature.fixed else [float(b) for b in beta], entry.searched or ())
-    flat = np.concatenate([np.atleast_1d(values[p.name]) for p in feature.effect.parameters] or [np.zeros(0)])
+    parts = [np.maximum(np.atleast_1d(values[p.name]), _lowest(p)) for p in feature.effect.parameters]
+    flat = np.concatenate(parts or [np.zeros(0)])
     return bank.add(whole, tuple(float(v) for v in flat), fixed=True)
 
 
@@ -114,6 +119,9 @@ class _Problem:
         self._free = [(k, j) for k, entry in enumerate(entries) for j in _free_components(entry)]
         self.scales = np.array([_scale(entries[k], j) for k, j in self._free])
         self.start = np.ones(len(self._free))
+        least = [_lowest(_component(entries[k], j)) for k, j in self._free]
+        now = [(entries[k].searched or ())[j] for k, j in self._free]
+        self.lowest = np.array([1.0 + (a - b) / s for a, b, s in zip(least, now, self.scales, strict=True)])
 
     def values(self, z: Array) -> list[tuple[float, ...]]:
         """Return the parameters of all causes."""
@@ -164,6 +172,14 @@ class _Problem:
         return self._cache[key]
 
 
+def _lowest(parameter: Parameter) -> float:
+    """Smallest value that an estimate may take: physics allows no less."""
+    neutral = parameter.neutral or 0.0
+    if np.isfinite(parameter.above):
+        return parameter.above + CLEARANCE * abs(neutral - parameter.above)
+    return 0.0 if parameter.low > 0.0 and neutral == 0.0 else -np.inf
+
+
 def _free_components(entry: Entry) -> list[int]:
     names = [p.name for p in entry.feature.searched for _ in range(p.size)]
     return [j for j, name in enumerate(names) if name != "order"]
@@ -171,9 +187,13 @@ def _free_components(entry: Entry) -> list[int]:
 
 def _scale(entry: Entry, j: int) -> float:
     """Size of a parameter: its own, or a hundredth of its plausible range where it is nearly nothing."""
-    parameters = [p for p in entry.feature.searched for _ in range(p.size)]
-    value = (entry.searched or ())[j]
-    neutral = parameters[j].neutral or 0.0
-    if parameters[j].low > 0 and neutral == 0.0:
-        return max(abs(value), 1e-3 * parameters[j].low)
-    return max(abs(value - neutral), 1e-4 * (parameters[j].high - parameters[j].low))
+    parameter, value = _component(entry, j), (entry.searched or ())[j]
+    neutral = parameter.neutral or 0.0
+    if parameter.low > 0 and neutral == 0.0:
+        return max(abs(value), 1e-3 * parameter.low)
+    return max(abs(value - neutral), 1e-4 * (parameter.high - parameter.low))
+
+
+def _component(entry: Entry, j: int) -> Parameter:
+    """Return the parameter to which component j of a cause's numbers belongs."""
+    return [p for p in entry.feature.searched for _ in range(p.size)][j]
