@@ -21,6 +21,7 @@ Array = NDArray[np.float64]
 Key = tuple[str, str | None, tuple[object, ...]]
 
 RESAMPLES = 2000
+BEYOND = 1.2  # how far outside its plausible range a ratio may be found
 PATIENCE = 30  # optimisations that one search may spend
 ENOUGH = 12.0  # log-likelihood, over the misfit that is left, that another cause must gain
 SHARE = 0.005  # of all the log-likelihood that there is to gain
@@ -87,6 +88,8 @@ def _possible(entry: Entry, beta: Array) -> bool:
     value = first.value_of(float(beta[0]))
     if first.neutral == 0.0 and first.low > 0.0:
         return value > 0.0
+    if first.neutral:
+        return first.low / BEYOND < value < first.high * BEYOND
     return value > first.above
 
 

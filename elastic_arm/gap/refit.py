@@ -19,8 +19,8 @@ from elastic_arm.gap.residuals import Layout, WholeMotion
 
 Array = NDArray[np.float64]
 
-# Combinations of parameters that the recording determines worse than this, relative to the best, stay nominal.
-DETERMINED = 1e-8
+USUAL = 0.3  # relative error of a nominal parameter: what the recording does not determine stays near nominal
+COLOURED = 50.0  # most that coloured residuals are discounted
 # Effects that are errors of the model's own parameters: after a refit they have nothing left to say.
 OWN = ("link_inertia_mismatch", "rotor_inertia_mismatch", "stiffness_mismatch", "damping_mismatch", "payload")
 
@@ -38,8 +38,12 @@ def refitted(model: Model, observations: Sequence[Observation], layout: Layout, 
     # Relative changes of parameters of a kind count alike.
     scale = np.maximum(np.abs(model.Psi), 1e-3 * np.abs(model.Psi).max())
     u, s, vt = np.linalg.svd(white * scale, full_matrices=False)
-    kept = s > np.sqrt(DETERMINED) * s[0]
-    change = scale * (vt[kept].T @ ((u[:, kept].T @ evidence.white) / s[kept]))
+    projected = u.T @ evidence.white
+    left = float(evidence.white @ evidence.white - projected @ projected)
+    misfit = max(1.0, left / max(1.0, evidence.freedom - len(s)))
+    # What is left beyond noise is coloured: fewer rows are independent than there are.
+    weight = misfit * min(misfit, COLOURED) / USUAL**2
+    change = scale * (vt.T @ (s * projected / (s**2 + weight)))
     fitted = build_model(model.robot, model.name)
     fitted.Psi = model.Psi + change
     return fitted

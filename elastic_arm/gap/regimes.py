@@ -70,10 +70,12 @@ def regime(found: dict[str, float]) -> str:
 
 def _bases(signals: Signals, side: str, i: int, n: int, ratios: tuple[float, float]) -> dict[str, Array]:
     v = signals.values
-    offset = 0 if side == "link" else n
+    # Without transmissions the motor turns with the link.
+    motor = n if v["x"].shape[1] > n else 0
+    offset = 0 if side == "link" else motor
     w, a = v["dx"][:, offset + i], v["ddx"][:, offset + i]
     sign = v["sign_link" if side == "link" else "sign_motor"][:, i]
-    theta, q, load = v["x"][:, n + i], v["x"][:, i], v["tau_J"][:, i]
+    theta, q, load = v["x"][:, motor + i], v["x"][:, i], v["tau_J"][:, i]
     typical = float(np.sqrt(np.mean(w**2))) or 1.0
     waves = [f(k * ratios[0] * theta) for k in ORDERS for f in (np.sin, np.cos)]
     turns = [f(k * ratios[1] * theta) for k in ORDERS for f in (np.sin, np.cos)]
