@@ -40,7 +40,7 @@ class TrajectoryGenerator(ArmNode):
         self._repeat = declare(self, "repeat", 1, "How often it is run; 0: until stopped", between=(0, 1_000_000))
         rate = declare(self, "rate", 1000.0, "Points per second", between=(10.0, 10_000.0))
         self._points = declare(self, "points_per_message", 20, "Points in a message", between=(1, 1000))
-        lead = declare(self, "lead", 0.2, "How far ahead of the clock to stream, s", between=(0.02, 10.0))
+        lead = declare(self, "lead", 1.0, "How far ahead of the clock to stream, s", between=(0.02, 10.0))
         self._speed = declare(
             self, "approach_speed", 1.0, "Joint speed on the way to the start, rad/s", between=(0.01, 3.0)
         )
