@@ -156,9 +156,9 @@ def _cut(matrix: np.ndarray) -> list[np.ndarray]:
 def _sum_compiled(
     engine: CEngine, arrays: Sequence[np.ndarray], y: np.ndarray, entries: int
 ) -> list[tuple[np.ndarray, np.ndarray]]:
-    """Sums of each thread's part, lanes added up."""
+    """Sums of each thread's part, lanes added up, in the order of the samples: whichever thread ends first."""
     prepared = engine.prepare(arrays)
-    sums: list[tuple[np.ndarray, np.ndarray]] = []
+    sums: dict[int, tuple[np.ndarray, np.ndarray]] = {}
 
     def chunk(start: int, stop: int) -> None:
         hi, lo = (engine.allocate(entries, LANES) for _ in range(2))
@@ -175,10 +175,10 @@ def _sum_compiled(
         total = hi[:, 0], lo[:, 0]
         for lane in range(1, LANES):
             total = _add(*total, hi[:, lane], lo[:, lane])
-        sums.append(total)
+        sums[start] = total
 
     in_chunks(len(y), chunk)
-    return sums
+    return [sums[start] for start in sorted(sums)]
 
 
 @functools.cache
