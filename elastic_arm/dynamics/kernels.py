@@ -104,6 +104,11 @@ def compile(function: casadi.Function, engine: str | None = None, shared: Sequen
         ``"c"``, ``"numpy"``, or None for the fastest that this machine has.
     shared
         Names of inputs that are the same for all samples.
+
+    Raises
+    ------
+    KernelError
+        If there is no engine of that name, or "c" is asked for and cannot be had.
     """
     return make(from_casadi(function), engine, shared)
 
@@ -114,6 +119,8 @@ def make(program: Program, engine: str | None = None, shared: Sequence[str] = ()
 
 
 def _choose(program: Program, engine: str | None, shared: Sequence[str]) -> Engine:
+    if engine not in (None, "c", "numpy"):
+        raise KernelError(f"there is no engine {engine!r}", "Choose c or numpy, or None for the faster one")
     if engine == "numpy":
         return NumpyEngine(program, shared)
     try:

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from elastic_arm.dynamics.compiler import build, find_compiler
 from elastic_arm.dynamics.emit_c import emit_scalar
 from elastic_arm.dynamics.program import from_casadi
+from elastic_arm.errors import SimulationError
 from elastic_arm.simulation.assembly import System
 
 Array = NDArray[np.float64]
@@ -77,7 +78,15 @@ class Engine(Protocol):
 
 
 def make_engine(system: System, name: str | None = None) -> Engine:
-    """Return the engine "c" or "casadi"; the fastest that this machine has when None."""
+    """Return the engine "c" or "casadi"; the fastest that this machine has when None.
+
+    Raises
+    ------
+    SimulationError
+        If there is no engine of that name.
+    """
+    if name not in (None, "c", "casadi"):
+        raise SimulationError(f"there is no engine {name!r}", "Choose c or casadi, or None for the faster one.")
     if name is None:
         name = "c" if find_compiler() else "casadi"
         if name == "casadi":
