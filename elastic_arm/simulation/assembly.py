@@ -97,7 +97,7 @@ def _shape(equations: ArmEquations, actives: Sequence[Active]) -> str:
         (active.effect.id, active.joint, [str(active.parameters[c.name]) for c in active.effect.choices])
         for active in actives
     ]
-    numbers = equations.nominal.tolist() if laws else []
+    numbers = [equations.nominal.tolist(), equations.robot.base_placement.tolist()] if laws else []
     return repr((equations.bodies.fingerprint(), equations.robot.gravity.tolist(), equations.model_name, laws, numbers))
 
 
