@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import functools
 import hashlib
 import os
@@ -30,10 +31,8 @@ def stored(key: str, derive: Callable[[], list[ca.Function]]) -> list[ca.Functio
         except RuntimeError:  # CasADi's word for a file it cannot read
             path.unlink(missing_ok=True)
     functions = derive()
-    try:
+    with contextlib.suppress(OSError, RuntimeError):
         _write(path, functions)
-    except (OSError, RuntimeError):
-        return functions
     return functions
 
 
@@ -46,10 +45,13 @@ def _write(path: Path, functions: list[ca.Function]) -> None:
     path.parent.mkdir(parents=True, exist_ok=True)
     handle, passing = tempfile.mkstemp(dir=path.parent, suffix=".part")
     os.close(handle)
-    serializer = ca.FileSerializer(passing)
-    serializer.pack(functions)
-    del serializer
-    Path(passing).replace(path)
+    try:
+        serializer = ca.FileSerializer(passing)
+        serializer.pack(functions)
+        del serializer
+        Path(passing).replace(path)
+    finally:
+        Path(passing).unlink(missing_ok=True)
 
 
 @functools.cache
