@@ -109,13 +109,22 @@ def write_recording(path: str | Path, recording: Recording, compression: Compres
     streams = _streams(recording)
     if not any(len(stream.stamp_ns) for stream in streams):
         raise RecordingError("the recording holds no samples", "Nothing was written.")
+    first_ns = min(int(stream.stamp_ns[0]) for stream in streams if len(stream.stamp_ns))
+    if first_ns < 0:
+        raise RecordingError(
+            f"the recording begins at {first_ns * 1e-9:.6g} s, before time zero, and a bag has no such stamps",
+            "Add a constant to all times.",
+        )
     if folder.exists():
         raise RecordingError(f"{folder} exists already", "Choose another name; nothing is overwritten.")
     sink = McapSink(folder / f"{folder.name}_0.mcap", compression)
-    channels = [sink.add_topic(standard_topic(stream.topic)) for stream in streams]
-    for chunk in _chunks(streams, channels, compression):
-        sink.write(chunk)
-    finish_bag(sink)
+    try:
+        channels = [sink.add_topic(standard_topic(stream.topic)) for stream in streams]
+        for chunk in _chunks(streams, channels, compression):
+            sink.write(chunk)
+        finish_bag(sink)
+    finally:
+        sink.close()
     return folder
 
 
