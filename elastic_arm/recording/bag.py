@@ -51,6 +51,14 @@ def open_bag(path: str | Path) -> Bag:
         If there is nothing there that can be read.
     """
     path = Path(path)
+    try:
+        return _opened(path)
+    except OSError as error:
+        where = error.filename or path
+        raise RecordingError(f"{where} cannot be read: {error.strerror}", "Check its permissions.") from None
+
+
+def _opened(path: Path) -> Bag:
     if not path.exists():
         raise RecordingError(f"{path} does not exist", "Give a rosbag2 folder or an .mcap file.")
     if path.is_file():
@@ -67,11 +75,11 @@ def open_bag(path: str | Path) -> Bag:
         raise RecordingError(f"{path} holds no .mcap file", "Give a rosbag2 folder or an .mcap file.")
     if metadata is None:
         return Bag(path, [open_mcap(file) for file in present], None, damage)
-    if metadata.get("compression_mode", "").lower() == "message":
+    if str(metadata.get("compression_mode")).lower() == "message":
         raise RecordingError(
             f"{path} compresses each message by itself", "Convert it with ros2 bag convert to storage compression."
         )
-    listed = [path / name for name in metadata.get("relative_file_paths", [])]
+    listed = [path / str(name) for name in metadata.get("relative_file_paths") or []]
     damage += [f"{file} is named in {METADATA} and missing" for file in listed if not file.exists()]
     damage += [f"{file} is not named in {METADATA}" for file in present if file not in listed]
     files = [file for file in listed if file.exists()] + [file for file in present if file not in listed]
@@ -87,8 +95,8 @@ def _read_metadata(folder: Path) -> tuple[dict[str, Any] | None, list[str]]:
         information = content[METADATA_KEY]
     except (yaml.YAMLError, UnicodeDecodeError, KeyError, TypeError) as error:
         return None, [f"{file} cannot be read ({type(error).__name__})"]
-    except OSError as error:
-        raise RecordingError(f"{file} cannot be read: {error.strerror}", "Check its permissions.") from None
+    if not isinstance(information, dict):
+        return None, [f"{file} cannot be read (no fields under {METADATA_KEY})"]
     return information, []
 
 

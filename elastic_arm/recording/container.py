@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import struct
 import zlib
 from collections import deque
 from collections.abc import Iterator
@@ -42,6 +43,8 @@ _PARSED: dict[int, Any] = {
     Opcode.STATISTICS: records.Statistics,
     Opcode.FOOTER: records.Footer,
 }
+# What reading a record raises whose bytes are not what its kind promises.
+_BAD_RECORD = (McapError, ValueError, KeyError, IndexError, struct.error)
 
 
 class Chunk(NamedTuple):
@@ -147,12 +150,13 @@ class McapFile:
         if len(self.loose):
             yield self._block(self.buffer, Scan(self.loose, [], len(self.buffer)))
         for chunk, plain in zip(self.chunks, self._plain_chunks(), strict=True):
-            if isinstance(plain, RecordingError):
-                if strict:
-                    raise plain
-                self.damage.append(plain.problem)
+            block = plain if isinstance(plain, RecordingError) else self._chunk_block(chunk, plain)
+            if not isinstance(block, RecordingError):
+                yield block
+            elif strict:
+                raise block
             else:
-                yield self._chunk_block(chunk, plain)
+                self.damage.append(block.problem)
 
     def _plain_chunks(self) -> Iterator[Bytes | RecordingError]:
         """Yield the plain bytes of each chunk, or why there are none."""
@@ -179,12 +183,15 @@ class McapFile:
             return self._chunk_error(chunk, "its checksum does not match")
         return plain
 
-    def _chunk_block(self, chunk: Chunk, plain: Bytes) -> Block:
+    def _chunk_block(self, chunk: Chunk, plain: Bytes) -> Block | RecordingError:
         indexed = _indexed(self.buffer, chunk.indexes, plain)
         if indexed is not None:
             return Block(plain, indexed)
         found = scan(plain, 0, len(plain))
-        self._parse(found.others, plain)
+        try:
+            self._parse(found.others, plain)
+        except _BAD_RECORD as error:
+            return self._chunk_error(chunk, f"a bad record in it: {error}")
         return self._block(plain, found)
 
     def _chunk_error(self, chunk: Chunk, reason: str) -> RecordingError:
@@ -249,7 +256,7 @@ def open_mcap(path: Path) -> McapFile:
     file.loose = found.messages
     try:
         file._parse(found.others, buffer)
-    except (McapError, ValueError, KeyError) as error:
+    except _BAD_RECORD as error:
         raise RecordingError(f"{path} has a damaged record ({error})", "Record again.") from None
     if not whole:
         torn = len(buffer) - found.end

@@ -23,10 +23,10 @@ def join(link: Side | None, motor: Side | None) -> Samples:
     RecordingError
         If neither side was recorded, or the two do not overlap in time.
     """
-    if link is not None and motor is not None:
+    if link is not None and motor is not None and (len(link) or len(motor)):
         link, motor, notes = pair(link, motor, "the motor side", "the link side")
         return _samples(link.stamp_ns, link, motor, notes)
-    only = link if link is not None else motor
+    only = motor if link is None else link
     if only is None or not len(only):
         raise RecordingError("no samples of the arm", "Record /joint_states or /motor_states, or both.")
     return _samples(only.stamp_ns, link, motor, ())
