@@ -96,6 +96,11 @@ def test_arrays_without_header_and_names_are_read_by_index(tmp_path: Path) -> No
     recording = read_recording(write_foreign(tmp_path / "bag", messages), channels)
     np.testing.assert_allclose(recording.motor.effort, np.arange(200)[:, None] * 5.0 + [0, 50])
     np.testing.assert_allclose(recording.motor.position[:, 1], -np.arange(200))
+    for joint in joints.values():
+        del joint["motor"]["effort"]["index"]
+    guess = write_yaml(tmp_path / "guess.yaml", {"time": "arrival", "joints": joints})
+    with pytest.raises(RecordingError, match=r"several numbers in field 'data'.*its index"):
+        read_recording(tmp_path / "bag", guess)
 
 
 def test_the_joint_torque_sensor_is_believed_when_a_map_says_so(tmp_path: Path) -> None:
@@ -220,6 +225,18 @@ def test_wrong_mappings_are_refused(tmp_path: Path, change: dict[str, object], w
     assert words in str(caught.value)
 
 
+def test_a_table_may_be_parted_by_blanks_or_have_one_column(tmp_path: Path) -> None:
+    """What numpy's savetxt writes, names behind a comment mark, is read; so is a single column."""
+    table = np.column_stack([np.arange(20) * 0.01, np.sin(np.arange(20))])
+    np.savetxt(tmp_path / "blanks.csv", table, header="t   q")
+    np.savetxt(tmp_path / "one.csv", table[:, 1], header="q", comments="")
+    joint = {"joints": ["a"], "link": {"position": {"key": "q"}}}
+    for name, times in (("blanks", {"key": "t"}), ("one", {"rate": 100})):
+        mapping = write_yaml(tmp_path / f"{name}.yaml", {"times": times, **joint})
+        recording = import_arrays(tmp_path / f"{name}.csv", mapping)
+        np.testing.assert_allclose(recording.link.position, table[:, 1:])
+
+
 def test_bad_arrays_are_refused(tmp_path: Path) -> None:
     """NaN, times that go back, pickles and unknown formats are refused by name."""
     mapping = write_yaml(tmp_path / "map.yaml", MAPPING)
@@ -232,6 +249,14 @@ def test_bad_arrays_are_refused(tmp_path: Path) -> None:
     np.savez(tmp_path / "pickle.npz", **{**make_arrays(), "q": np.array([{}], dtype=object)})
     with pytest.raises(RecordingError, match="cannot be read"):
         import_arrays(tmp_path / "pickle.npz", mapping)
+    for suffix in ("npz", "csv", "mat"):
+        for content in (b"", b"\x00no arrays"):
+            (tmp_path / f"other.{suffix}").write_bytes(content)
+            with pytest.raises(RecordingError, match=f"other.{suffix}"):
+                import_arrays(tmp_path / f"other.{suffix}", mapping)
+    np.savez(tmp_path / "words.npz", **{**make_arrays(), "q": np.array([["a", "b"]] * 50)})
+    with pytest.raises(RecordingError, match="no table of numbers"):
+        import_arrays(tmp_path / "words.npz", mapping)
     (tmp_path / "a.xlsx").write_bytes(b"")
     with pytest.raises(RecordingError, match=r"none of \.npz, \.csv, \.mat"):
         import_arrays(tmp_path / "a.xlsx", mapping)

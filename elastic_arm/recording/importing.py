@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import zipfile
+import zlib
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
@@ -11,6 +12,7 @@ from typing import Annotated, Any, Literal, Self
 import numpy as np
 import scipy
 from pydantic import Field, model_validator
+from scipy.io.matlab import MatReadError
 
 from elastic_arm.errors import RecordingError
 from elastic_arm.recording.channels import CHANNEL_NAMES, ChannelName, Scale, Strict, Unit, load_yaml, validated
@@ -19,6 +21,8 @@ from elastic_arm.recording.recording import Recording
 from elastic_arm.recording.sides import Array, Side, Stamps
 
 _NS = {"s": 1e9, "ms": 1e6, "us": 1e3, "ns": 1.0}
+# What numpy, scipy and csv raise for a file that is not what its name says.
+_UNREADABLE = (OSError, ValueError, TypeError, IndexError, EOFError, zlib.error, zipfile.BadZipFile, MatReadError)
 _MATLAB_OWN = ("__header__", "__version__", "__globals__")
 
 
@@ -181,8 +185,8 @@ def import_arrays(path: str | Path, mapping: str | Path) -> Recording:
         file = Path(mapping).parent / rules.robot_description
         try:
             urdf = file.read_text(encoding="utf-8")
-        except OSError as error:
-            raise RecordingError(f"{mapping}: robot_description {file} cannot be read: {error.strerror}") from None
+        except (OSError, UnicodeDecodeError) as error:
+            raise RecordingError(f"{mapping}: robot_description {file} cannot be read: {error}") from None
     return Recording(tuple(rules.joints), link, motor, robot_description=urdf, source=str(path))
 
 
@@ -199,7 +203,7 @@ def _load(path: Path) -> Mapping[str, np.ndarray]:
                 return {name: values for name, values in content.items() if name not in _MATLAB_OWN}
     except NotImplementedError:
         raise RecordingError(f"{path} is a MATLAB 7.3 file", "Save it with -v7.") from None
-    except (OSError, ValueError, zipfile.BadZipFile) as error:
+    except _UNREADABLE as error:
         raise RecordingError(f"{path} cannot be read: {error}", "Check the path and the format.") from None
     raise RecordingError(f"{path} is none of .npz, .csv, .mat", "Convert it to one of them.")
 
@@ -207,9 +211,14 @@ def _load(path: Path) -> Mapping[str, np.ndarray]:
 def _load_csv(path: Path) -> dict[str, np.ndarray]:
     with open(path, encoding="utf-8", newline="") as file:
         head = file.readline()
-        delimiter = csv.Sniffer().sniff(head, ",;\t ").delimiter if len(head.split()) or "," in head else ","
-        names = [name.strip().lstrip("#").strip() for name in next(csv.reader([head], delimiter=delimiter))]
-        table = np.loadtxt(file, delimiter=delimiter, ndmin=2)
+        delimiter = next((mark for mark in (",", ";", "\t") if mark in head), None)
+        # Blanks may come several at a time, and stand behind the comment mark that numpy writes.
+        words = head.lstrip("#").split() if delimiter is None else next(csv.reader([head], delimiter=delimiter))
+        names = [name.strip().lstrip("#").strip() for name in words]
+        rows = file.read().splitlines()
+        if not any(row.strip() for row in rows):
+            raise ValueError("there are no numbers below the first line")
+        table = np.loadtxt(rows, delimiter=delimiter, ndmin=2)
     if table.shape[1] != len(names):
         raise ValueError(f"{len(names)} names in the first line, {table.shape[1]} columns of numbers")
     return {name: table[:, column] for column, name in enumerate(names)}
@@ -233,9 +242,11 @@ def _stamps(arrays: Mapping[str, np.ndarray], rules: ArrayMap) -> Stamps:
     if times.key is None:
         side = rules.link if rules.link.present() else rules.motor
         first = next(iter(side.present().values())).arrays()[0]
-        count = max(arrays[first].shape)
+        count = max(arrays[first].shape, default=1)
         return round(times.start * 1e9) + np.rint(np.arange(count) * (1e9 / float(times.rate or 1))).astype(np.int64)
     values = np.asarray(arrays[times.key]).ravel()
+    if values.dtype.kind not in "iuf":
+        raise RecordingError(f"{times.key} holds no numbers", "Name the array of times in the mapping.")
     if values.dtype.kind in "iu":
         return values.astype(np.int64) * int(_NS[times.unit])
     if not np.isfinite(values).all():
@@ -263,8 +274,11 @@ def _side(
 def _table(arrays: Mapping[str, np.ndarray], source: ArrayChannel, count: int, n: int) -> Array:
     """(count, n) numbers of a channel; an array with samples along its second axis is turned."""
     keys = source.arrays()
-    parts = [np.asarray(arrays[key], dtype=np.float64) for key in keys]
-    table = parts[0] if len(parts) == 1 else np.column_stack([part.ravel() for part in parts])
+    try:
+        parts = [np.asarray(arrays[key], dtype=np.float64) for key in keys]
+        table = parts[0] if len(parts) == 1 else np.column_stack([part.ravel() for part in parts])
+    except (TypeError, ValueError) as error:
+        raise RecordingError(f"{', '.join(keys)} is no table of numbers ({error})", "Map arrays of numbers.") from None
     table = table[:, None] if table.ndim == 1 else table
     if table.ndim == 2 and table.shape[0] != count and table.shape[1] == count:
         table = table.T

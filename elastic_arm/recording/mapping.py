@@ -83,6 +83,11 @@ def _one(messages: Series, source: Channel, name: ChannelName) -> Array:
     if source.index is not None:
         return messages.column(source.field, source.index) * source.scale(name)
     if not messages.names():
+        if messages.width(source.field) > 1:
+            raise RecordingError(
+                f"{messages.topic} has several numbers in field {source.field!r} and names none of them",
+                f"Give {source.name} its index in the channel map.",
+            )
         return messages.column(source.field, 0) * source.scale(name)
     part = messages.keep(lambda piece: source.name in piece.names)
     if part.count < messages.count:

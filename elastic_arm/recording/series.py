@@ -111,6 +111,10 @@ class Series:
         """Say whether any message carries numbers in field `path`."""
         return any(piece.has(path) for piece in self.pieces)
 
+    def width(self, path: str) -> int:
+        """Return the largest number of columns that a message has in field `path`."""
+        return max((piece.values[path].shape[1] for piece in self.pieces if piece.has(path)), default=0)
+
     def columns(self, path: str, names: Sequence[str]) -> Array | None:
         """Return field `path` for the columns named, (N, len(names)); None if no message carries it.
 
