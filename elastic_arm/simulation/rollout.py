@@ -75,6 +75,8 @@ def simulate(
     seconds = trajectory.duration if duration is None else duration
     if not (np.isfinite(seconds) and seconds > 0):
         raise SimulationError(f"the duration is {seconds!r} s", "Give a positive number of seconds.")
+    if not (np.isfinite(rate) and rate > 0):
+        raise SimulationError(f"the sample rate is {rate!r} Hz", "Give a positive number.")
     t = np.arange(round(seconds * rate) + 1) / rate
     q, dq, ddq = trajectory.evaluate(t)
     settings: dict[str, Any] = {"model": model, "bearings": bearings, "effects": effects, "sensors": sensors}
@@ -95,7 +97,8 @@ def record(
 ) -> Recording:
     """Put channels (N, n) measured at times t (N,) into a recording, with the stamps that the sensors give them."""
     true_ns = np.round(t * 1e9).astype(np.int64)
-    stamp_ns = true_ns + np.round(simulator.sensors.jitter(len(t)) * 1e9).astype(np.int64)
+    jittered_ns = true_ns + np.round(simulator.sensors.jitter(len(t)) * 1e9).astype(np.int64)
+    stamp_ns = np.maximum(jittered_ns, 0)  # a bag has no stamps before zero
     q, dq, tau_J, theta, dtheta, tau_m = measured.values()
     robot = simulator.nominal
     return Recording(
