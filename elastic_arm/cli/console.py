@@ -8,7 +8,8 @@ from __future__ import annotations
 import functools
 import json
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from pathlib import Path
 from typing import Any, ParamSpec, TypeVar
 
 from rich.console import Console
@@ -35,6 +36,21 @@ def reports_errors(command: Callable[P, R]) -> Callable[P, R]:
             raise SystemExit(2) from None
 
     return wrapper
+
+
+def refuse_repeated(bags: Sequence[Path]) -> None:
+    """Raise if a recording is given twice: it would count double, or judge a fit that has seen it.
+
+    Raises
+    ------
+    ElasticArmError
+        Naming the recording.
+    """
+    seen: set[Path] = set()
+    for bag in bags:
+        if bag.resolve() in seen:
+            raise ElasticArmError(f"{bag} is given twice", "Give every recording once, and validate on another.")
+        seen.add(bag.resolve())
 
 
 def print_json(data: Any) -> None:

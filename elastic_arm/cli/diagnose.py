@@ -9,7 +9,7 @@ import typer
 from rich.markup import escape
 from rich.table import Table
 
-from elastic_arm.cli.console import err, out, print_json, reports_errors
+from elastic_arm.cli.console import err, out, print_json, refuse_repeated, reports_errors
 from elastic_arm.gap.diagnosis import Question, diagnose
 from elastic_arm.gap.known import known_effects
 from elastic_arm.gap.repair import repaired_robot
@@ -53,6 +53,7 @@ def diagnose_command(
 
         elastic-arm diagnose bag --refit --with coulomb_friction --with viscous_friction
     """
+    refuse_repeated([*bags, *(validate or [])])
     robot = load_robot(robot_file)
     mapping = None if channels is None else load_channels(channels)
 

@@ -12,8 +12,7 @@ from rich.markup import escape
 from rich.progress import BarColumn, Progress, TextColumn
 from rich.table import Table
 
-from elastic_arm.cli.console import err, out, print_json, reports_errors
-from elastic_arm.errors import IdentificationError
+from elastic_arm.cli.console import err, out, print_json, refuse_repeated, reports_errors
 from elastic_arm.identification import Identification, identify_with, parse_laws
 from elastic_arm.identification.derivatives import Motion
 from elastic_arm.identification.equations import Equations
@@ -73,6 +72,7 @@ def identify(
 
         elastic-arm identify lwr_1 lwr_3 --robot lwr.urdf --with coulomb_friction:side=link --validate lwr_2
     """
+    refuse_repeated([*bags, *(validate or [])])
     robot = load_robot(robot_file)
     laws = parse_laws(with_ or (), robot)
     mapping = None if channels is None else load_channels(channels)
@@ -108,14 +108,9 @@ def _write(result: Identification, sections_of: tuple[Equations, Motion], out_di
     from elastic_arm.report.html import write_report
     from elastic_arm.report.identification import sections
 
-    try:
-        out_dir.mkdir(parents=True, exist_ok=True)
-        result.to_json(out_dir / "identification.json")
-        if result.identified is not None:
-            result.save_robot(out_dir / "robot.yaml")
-    except OSError as error:
-        problem = f"{out_dir} cannot be written: {error.strerror}"
-        raise IdentificationError(problem, "Choose another folder with --out.") from None
+    result.to_json(out_dir / "identification.json")
+    if result.identified is not None:
+        result.save_robot(out_dir / "robot.yaml")
     subtitle = f"{result.model}, {', '.join(result.recordings)}"
     parts = sections(result, *sections_of)
     write_report(out_dir / "report.html", f"Identification of {result.robot}", parts, subtitle=subtitle)
@@ -136,10 +131,10 @@ def _print(result: Identification, out_dir: Path) -> None:
         reasons = "; ".join(result.excitation["reasons"])
         out.print(f"[bold yellow]the excitation is poor[/] (known from the motion alone): {escape(reasons)}")
     table = Table(box=None, header_style="bold")
-    table.add_column("parameter", no_wrap=True, overflow="ellipsis", max_width=29)
+    table.add_column("parameter", no_wrap=True, overflow="ellipsis", max_width=25)
     for heading, width in (("identified", 11), ("± std", 7), ("nominal", 11)):
         table.add_column(heading, min_width=width, no_wrap=True, justify="right")
-    for heading, width in (("unit", 8), ("determined", 10)):
+    for heading, width in (("unit", 8), ("verdict", 7)):
         table.add_column(heading, min_width=width, no_wrap=True)
     for e in result.estimates:
         verdict = f"[{COLOURS[e.verdict]}]{e.verdict}[/]"

@@ -81,6 +81,8 @@ def differentiate(
     IdentificationError
         If the recording is too short, or a series was asked for and the motion is none.
     """
+    if period is not None and not period > 0:
+        raise IdentificationError(f"the period is {period:g} s", "Give a time above zero, or none.")
     clock = Clock.of(samples)
     grids = clock.place(samples)
     if not grids:
@@ -187,7 +189,9 @@ def identify_with(
         derived = []
         for j, (recording, samples) in enumerate(zip(chosen, prepared, strict=True)):
             tell(f"equations of {recording.source}", (k * len(chosen) + j) / (len(speeds) * len(chosen)))
-            derived.append(differentiate(samples, derivatives, period=period, equations=identifier.expect(samples)))
+            equations = identifier.expect(samples)
+            _require_traces(equations)
+            derived.append(differentiate(samples, derivatives, period=period, equations=equations))
             for motion in derived[-1].motions:
                 identifier.add_motion(motion)
         tries.append((float(np.sum(np.log(identifier.fit().noise))), speed, identifier, derived))
@@ -204,6 +208,16 @@ def identify_with(
     if validate:
         result = _validated(result, identifier, robot, validate, tell)
     return result, identifier, next(derived[0].motions)
+
+
+def _require_traces(equations: Equations) -> None:
+    own = len(equations.names) - len(equations.columns)
+    unseen = [c.name for k, c in enumerate(equations.columns, own) if not equations.base.T[:, k].any()]
+    if unseen:
+        raise IdentificationError(
+            f"{', '.join(unseen)}: no trace in the torques that were recorded",
+            "Leave the law out, or let it act on the recorded side, as in coulomb_friction:side=link.",
+        )
 
 
 def _covariance(identifier: Identifier, derived: Sequence[Derived]) -> Array | None:
@@ -272,7 +286,8 @@ def _by_series(grids: list[Grid], period: float | None) -> Derived:
         for x, dx in ((grid.q, grid.dq), (grid.theta, grid.dtheta))
     ]
     motion, link, motor = fourier_motion(grid, noise[0], noise[1], period)
-    return Derived((lambda: motion,), "Fourier series", (link, motor))
+    what = "Fourier series" if len(grids) == 1 else f"Fourier series of the longest of {len(grids)} pieces"
+    return Derived((lambda: motion,), what, (link, motor))
 
 
 def _width(samples: Samples) -> int:
