@@ -77,9 +77,11 @@ def demo(
 
 def _make_room(folder: Path) -> None:
     """Clear what an earlier demo left in its folder, and nothing else."""
-    for name in ("bag", "nodes", "online"):
-        if (folder / name).is_dir():
-            shutil.rmtree(folder / name)
+    left = [folder / name for name in ("bag", "nodes", "online") if (folder / name).is_dir()]
+    if left and not (folder / "true_arm.yaml").is_file():
+        raise ElasticArmError(f"{left[0]} exists and is no demo's", "Choose another folder with --out")
+    for path in left:
+        shutil.rmtree(path)
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
