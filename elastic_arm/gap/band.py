@@ -11,6 +11,7 @@ from scipy.signal import firwin, kaiserord, oaconvolve, upfirdn
 Array = NDArray[np.float64]
 
 STOP_ATTENUATION = 70.0  # dB; what lies above the band would fold into it
+NARROW_ATTENUATION = 60.0  # dB; noise above the narrow band is stronger, but nothing folds into it
 OVERSAMPLING = 2.5  # kept samples per second over the band
 SLOWEST_KEPT = 40.0  # kept samples per second at least: fewer would make the filters of narrow bands long
 
@@ -80,7 +81,7 @@ class LowPass:
     Parameters
     ----------
     cutoff
-        Upper edge, Hz; beyond half as much again nothing is left.
+        Upper edge, Hz; beyond twice as much nothing is left.
     rate
         Samples per second.
     """
@@ -91,8 +92,8 @@ class LowPass:
 
     def __post_init__(self) -> None:
         nyquist = self.rate / 2
-        stop = min(1.5 * self.cutoff, 0.999 * nyquist)
-        count, beta = kaiserord(STOP_ATTENUATION, (stop - self.cutoff) / nyquist)
+        stop = min(2.0 * self.cutoff, 0.999 * nyquist)
+        count, beta = kaiserord(NARROW_ATTENUATION, (stop - self.cutoff) / nyquist)
         taps = firwin(count | 1, (self.cutoff + stop) / 2, window=("kaiser", beta), fs=self.rate)
         object.__setattr__(self, "taps", taps)
 

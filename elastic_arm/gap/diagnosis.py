@@ -150,7 +150,9 @@ class _Inquiry:
             baseline = explanation.entries[: explanation.given]
             before_values = self._left(baseline)
             tried = shrinking.in_all_bands(self.judge, before_values)
-            before = shrinking.telling(tried) or self._faint(tried, explanation)
+            before = shrinking.telling(tried)
+            if before is None or before.clarity < shrinking.CLEAR:
+                before = self._faint(tried, explanation) or before
         if before is not None:
             explanation = self._polished(self._judged(explanation, before))
         else:
@@ -193,7 +195,7 @@ class _Inquiry:
         if len(entries) == explanation.given or self.bank.held_out(entries) < DETECTED:
             return None
         after = shrinking.in_all_bands(self.judge, self._left(entries))
-        marked = [b.of(shrinking.improved(b, a)) for b, a in zip(tried, after, strict=True)]
+        marked = [b.of(b.significant | shrinking.improved(b, a)) for b, a in zip(tried, after, strict=True)]
         return shrinking.telling(marked)
 
     def _polished(self, explanation: Explanation) -> Explanation:
