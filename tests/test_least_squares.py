@@ -141,6 +141,14 @@ def test_what_the_data_leave_open_is_named_and_the_rest_is_found() -> None:
     assert found.undetermined.shape == (1, P)
     assert set(np.flatnonzero(np.abs(found.undetermined[0]) > 0.1)) == {0, 2}
     assert np.isfinite(found.Psi).all()
+    assert set(np.flatnonzero(np.isinf(found.std))) == {0, 2}
+
+
+def test_a_column_without_data_is_not_called_certain() -> None:
+    """A parameter that no sample speaks of has an infinite standard deviation, not none."""
+    rows, _ = problem(np.random.default_rng(2), 4096)
+    rows[..., 1] = 0.0
+    assert np.flatnonzero(np.isinf(fit(accumulate(rows)).std)).tolist() == [1]
 
 
 def test_too_few_samples_are_refused() -> None:

@@ -26,6 +26,8 @@ MOST_BLOCKS = 64
 FEWEST_BLOCKS = 8
 # Below this share of the largest singular value of the equilibrated columns a direction is not determined.
 RANK_FLOOR = 1e-9
+# What has no more than this share in such a direction is determined: the direction itself is only known so well.
+OPEN_SHARE = 1e-3
 # A group's noise is not believed to be smaller than this share of its largest term: rounding, not data.
 NOISE_FLOOR = 1e-6
 # An equation is not believed to close better than this share of its largest term, in a way that no number of samples
@@ -158,8 +160,9 @@ class Fit:
 
     @property
     def std(self) -> Array:
-        """Standard deviations (P,)."""
-        return np.sqrt(np.diag(self.covariance))
+        """Standard deviations (P,); infinite for what takes part in a direction that the data leave open."""
+        left_open = np.any(np.abs(self.undetermined) > OPEN_SHARE, axis=0)
+        return np.where(left_open, np.inf, np.sqrt(np.diag(self.covariance)))
 
 
 def fit(blocks: Blocks, weighted: bool = True, rounds: int = 4) -> Fit:
