@@ -10,8 +10,10 @@ import pytest
 
 from elastic_arm.dynamics import Model, build_model
 from elastic_arm.errors import IdentificationError
-from elastic_arm.identification import Identification, Identifier, compare, identify, parse_laws
-from elastic_arm.identification.grid import part
+from elastic_arm.identification import Identification, Identifier, compare, identifier_of, identify, parse_laws
+from elastic_arm.identification.derivatives import design_smoother
+from elastic_arm.identification.grid import Clock, part
+from elastic_arm.identification.stream import smoothed
 from elastic_arm.identification.verdict import relative_std
 from elastic_arm.recording import Recording, Samples, Side
 from elastic_arm.robot import load_robot
@@ -172,6 +174,17 @@ def test_a_law_beside_the_model_is_identified(model: Model, samples: Samples) ->
         assert abs(e.value) < 4 * e.std
 
 
+def test_laws_too_long_for_the_recording_and_unreadable_ones_are_refused(model: Model, samples: Samples) -> None:
+    """A run that outlasts the smoother once, but not the laws' second pass, is refused; so is a law said twice."""
+    identifier = identifier_of(model.robot, "mod3", parse_laws(["viscous_friction"], model.robot))
+    grid = Clock.of(samples).place(samples)[0]
+    smoother = design_smoother([grid], model.n)
+    with pytest.raises(IdentificationError, match="too short for the smoother"):
+        smoothed(smoother, grid[: 3 * smoother.lag], identifier.expect(samples))
+    with pytest.raises(IdentificationError, match="cannot read the law"):
+        parse_laws(["viscous_friction:joint_1:coefficient=1:side=link"], model.robot)
+
+
 def test_a_poor_excitation_is_known_before_any_fit(model: Model) -> None:
     """A slow motion of two harmonics is called poor without a look at the torques, a rich one is not."""
     verdicts = []
@@ -199,3 +212,6 @@ def test_a_file_that_is_no_identification_is_refused(tmp_path: Path) -> None:
     (tmp_path / "other.json").write_text("{}")
     with pytest.raises(IdentificationError, match="is no identification"):
         Identification.load(tmp_path / "other.json")
+    (tmp_path / "part.json").write_text('{"schema": "elastic_arm/identification/1", "estimates": []}')
+    with pytest.raises(IdentificationError, match="no whole identification"):
+        Identification.load(tmp_path / "part.json")

@@ -107,12 +107,7 @@ class Smoother:
     def __call__(self, grid: Grid) -> Motion:
         """Smooth a regular piece; `lag` samples are lost at each end."""
         lag = self.lag
-        if len(grid) <= 2 * lag:
-            raise IdentificationError(
-                f"a piece of {len(grid) / grid.rate:.2f} s is too short for the smoother, which needs more than "
-                f"{2 * lag / grid.rate:.2f} s",
-                "Record longer without gaps.",
-            )
+        self._require(len(grid))
         q = self._side(grid.q, grid.dq, self.link_crossover)
         theta = self._side(grid.theta, grid.dtheta, self.motor_crossover)
         return Motion(
@@ -129,11 +124,20 @@ class Smoother:
 
     def filter(self, values: Array) -> Array:
         """Pass columns (N, m) through H; `lag` samples are lost at each end."""
+        self._require(len(values))
         response = _even_taps(self.cutoff / self.rate, self.lag)[None, None]
         out = np.zeros((len(values) - 2 * self.lag, values.shape[1]))
         for k in np.flatnonzero(values.any(axis=0)):
             out[:, k] = convolve([values[:, k]], response)[0]
         return out
+
+    def _require(self, samples: int) -> None:
+        if samples <= 2 * self.lag:
+            raise IdentificationError(
+                f"a piece of {samples / self.rate:.2f} s is too short for the smoother, which needs more than "
+                f"{2 * self.lag / self.rate:.2f} s",
+                "Record longer without gaps.",
+            )
 
     def _side(self, position: Array | None, velocity: Array | None, crossover: Array) -> list[Array | None]:
         if position is None:

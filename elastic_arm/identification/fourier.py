@@ -132,12 +132,17 @@ def fourier_motion(
     Raises
     ------
     IdentificationError
-        If the motion does not repeat, or repeats but holds more than a series can.
+        If the motion does not repeat, or repeats but holds more than a series can, or `period` is none of it.
     """
     position = grid.q if grid.q is not None else grid.theta
     if position is None:
         raise IdentificationError("no positions were recorded", "Record /joint_states or /motor_states.")
-    period = period or find_period(position, grid.rate)
+    period = find_period(position, grid.rate) if period is None else period
+    if not 2.0 / grid.rate <= period <= len(grid) / grid.rate:
+        raise IdentificationError(
+            f"a period of {period:g} s does not fit into {len(grid) / grid.rate:.3g} s at {grid.rate:.4g} Hz",
+            "Give the period of the motion, which must have been recorded once at least.",
+        )
     start = _settled(position, round(period * grid.rate))
     t = grid.t[start:] - grid.t[start]
     omega = _refined(t, position[start:], 2 * np.pi / period)
@@ -146,7 +151,7 @@ def fourier_motion(
     for name, x, dx, std in (("q", grid.q, grid.dq, link_std), ("theta", grid.theta, grid.dtheta, motor_std)):
         if x is None:
             continue
-        fit = FourierFit.of(t, x[start:], None if dx is None else dx[start:], omega, _weight(t, x[start:], dx, start))
+        fit = FourierFit.of(t, x[start:], None if dx is None else dx[start:], omega, _weight(x[start:], dx, start))
         if std is not None and np.any(fit.residual_std > ACCEPTED * std + 1e-9 * np.std(x, axis=0)):
             raise IdentificationError(
                 f"the motion of {name} holds more than a series of period {2 * np.pi / omega:.3f} s",
@@ -220,7 +225,7 @@ def _project(t: Array, omega: float, harmonics: int, x: Array) -> tuple[Array, A
     return x - basis @ coefficients, rate
 
 
-def _weight(t: Array, position: Array, velocity: Array | None, start: int) -> float:
+def _weight(position: Array, velocity: Array | None, start: int) -> float:
     """Return the ratio of the channels' noises from their highest frequencies, where motion is absent."""
     if velocity is None:
         return 0.0

@@ -17,11 +17,10 @@ from elastic_arm.effects.catalogue import find
 from elastic_arm.effects.equations import ArmEquations
 from elastic_arm.errors import IdentificationError
 from elastic_arm.identification.derivatives import Motion
-from elastic_arm.identification.equations import Column
+from elastic_arm.identification.equations import RESIDUALS, Column
 from elastic_arm.robot import Robot
 
 Array = NDArray[np.float64]
-SIDES = ("link", "drive", "motor")
 # Dry friction turns over gradually below some speed, rad/s: presliding. A batch tries these and takes the likeliest.
 SIGN_SPEEDS = (1e-4, 1e-3, 5e-3, 2e-2)
 DEFAULT_SIGN_SPEED = 1e-3
@@ -41,17 +40,20 @@ def parse_laws(texts: Sequence[str], robot: Robot) -> list[Active]:
     for text in texts:
         name, *rest = text.split(":")
         effect = find(name)
-        joint = next((part for part in rest if part and "=" not in part), None)
-        given = next((part for part in rest if "=" in part), "")
+        joints = [part for part in rest if part and "=" not in part]
+        values = [part for part in rest if "=" in part]
+        if len(joints) > 1 or len(values) > 1:
+            raise IdentificationError(f"cannot read the law {text!r}", "Write EFFECT[:JOINT][:NAME=VALUE,NAME=VALUE].")
+        named = {part.partition("=")[0].strip() for part in ",".join(values).split(",")}
         linear = [p for p in effect.parameters if p.role is Role.LINEAR]
         if not linear or effect.states:
             raise IdentificationError(
                 f"{name} is not linear in its parameters", "Leave it to `elastic-arm diagnose`, which searches them."
             )
-        neutral = [f"{p.name}={'/'.join([str(p.neutral or 0.0)] * p.size)}" for p in linear if p.name not in given]
-        values = ",".join(part for part in (given, *neutral) if part)
-        joints = [joint] if joint or effect.scope is not Scope.EACH else list(robot.joint_names)
-        actives += [parse(":".join(part for part in (name, j, values) if part), robot) for j in joints]
+        neutral = [f"{p.name}={'/'.join([str(p.neutral or 0.0)] * p.size)}" for p in linear if p.name not in named]
+        wanted = ",".join([*values, *neutral])
+        places = joints or (list(robot.joint_names) if effect.scope is Scope.EACH else [""])
+        actives += [parse(":".join(part for part in (name, place, wanted) if part), robot) for place in places]
     return actives
 
 
@@ -99,7 +101,7 @@ class _Evaluator:
         """Return column k by residual."""
         if self.last is None or self.last[0] is not motion:
             self.last = motion, self.columns(motion)
-        return dict(zip(SIDES, np.split(self.last[1][:, :, k], 3, axis=1), strict=True))
+        return dict(zip(RESIDUALS, np.split(self.last[1][:, :, k], 3, axis=1), strict=True))
 
     def columns(self, motion: Motion) -> Array:
         """Return all columns (N, 3 n, k)."""

@@ -131,10 +131,22 @@ class Identification:
         return {"schema": SCHEMA, **{name: _plain(value) for name, value in plain.items()}}
 
     def to_json(self, path: str | Path | None = None) -> str:
-        """Return it as JSON text, and write it to `path` when given."""
+        """Return it as JSON text, and write it to `path` when given.
+
+        Raises
+        ------
+        IdentificationError
+            If the file cannot be written.
+        """
         text = json.dumps(self.to_dict(), indent=1, allow_nan=False)
         if path is not None:
-            Path(path).write_text(text + "\n", encoding="utf-8")
+            try:
+                Path(path).parent.mkdir(parents=True, exist_ok=True)
+                Path(path).write_text(text + "\n", encoding="utf-8")
+            except OSError as error:
+                raise IdentificationError(
+                    f"{path} cannot be written: {error.strerror}", "Choose another folder."
+                ) from None
         return text
 
     @staticmethod
@@ -152,13 +164,11 @@ class Identification:
             raise IdentificationError(f"{path} cannot be read: {error}", "Give an identification.json.") from None
         if not isinstance(data, dict) or data.pop("schema", None) != SCHEMA:
             raise IdentificationError(f"{path} is no identification", f"Its schema must be {SCHEMA}.")
-        data["estimates"] = tuple(Estimate(**_numbers(e)) for e in data["estimates"])
-        for name in ("recordings", "joints", "undetermined", "derivatives", "parameter_names", "notes"):
-            data[name] = tuple(data[name])
-        for name in ("T", "covariance", "Psi"):
-            data[name] = None if data[name] is None else np.array(data[name], dtype=float)
-        data["condition"] = np.inf if data["condition"] is None else data["condition"]
-        return Identification(**data)
+        try:
+            return _from_dict(data)
+        except (KeyError, TypeError, ValueError, AttributeError) as error:
+            what = f"{path} is no whole identification ({type(error).__name__}: {error})"
+            raise IdentificationError(what, "Identify again, or give another file.") from None
 
     def save_robot(self, path: str | Path) -> None:
         """Write the identified arm as an arm file, which `load_robot` and the simulator take.
@@ -253,6 +263,16 @@ def result_of(
         T=base.T,
         covariance=fit.covariance,
     )
+
+
+def _from_dict(data: dict[str, Any]) -> Identification:
+    data["estimates"] = tuple(Estimate(**_numbers(e)) for e in data["estimates"])
+    for name in ("recordings", "joints", "undetermined", "derivatives", "parameter_names", "notes"):
+        data[name] = tuple(data[name])
+    for name in ("T", "covariance", "Psi"):
+        data[name] = None if data[name] is None else np.array(data[name], dtype=float)
+    data["condition"] = np.inf if data["condition"] is None else data["condition"]
+    return Identification(**data)
 
 
 def _plain(value: Any) -> Any:
