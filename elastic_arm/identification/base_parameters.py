@@ -21,8 +21,9 @@ Array = NDArray[np.float64]
 INDEPENDENT = 1e-8
 # A placement with cos(pi/2) = 6e-17 makes columns of this size out of nothing.
 ABSOLUTE_FLOOR = 1e-10
-# Coefficients smaller than this are rounding.
+# Coefficients smaller than this are rounding: beside the largest column, and as they stand.
 COEFFICIENT_FLOOR = 1e-9
+ROUNDING = 5e-13
 # What comes first is kept, what comes last is expressed by it.
 PREFERENCE = ("K", "D", "K_b", "D_b", "Izz", "Ixx", "Ixy", "Ixz", "Iyz", "mx", "my", "mz", "Iyy", "m")
 
@@ -116,11 +117,8 @@ def _independent(Phi: Array, order: list[int]) -> tuple[NDArray[np.intp], dict[i
 
 
 def _snapped(beta: Array) -> Array:
-    """Take rounding off coefficients: they are products of the lengths and ratios of the description."""
-    rounded = np.round(beta, 12)
-    return np.where(
-        np.abs(rounded - beta) < 1e-9 * np.maximum(np.abs(beta), 1.0), np.where(rounded == 0, 0, beta), beta
-    )
+    """Take what is but rounding for zero: coefficients are products of the lengths and ratios of the description."""
+    return np.where(np.abs(beta) <= ROUNDING, 0.0, beta)
 
 
 def _name(row: Array, column: int, names: Sequence[str]) -> str:
