@@ -264,7 +264,11 @@ def _clock_rate(log_ns: Stamps, stamp_ns: Stamps) -> float:
 
 
 def _step(stamp_ns: Stamps) -> float:
-    """Mean sample interval without the gaps, ns."""
+    """Mean sample interval without the gaps, ns; where a single sample is missing there are two."""
     step = np.diff(stamp_ns)
     forward = step[step > 0]
-    return float(np.mean(forward[forward <= _GAP * np.median(forward)])) if len(forward) else float("nan")
+    if not len(forward):
+        return float("nan")
+    usual = np.median(forward)
+    even = forward[forward <= _GAP * usual]
+    return float(np.sum(even) / np.sum(np.maximum(np.rint(even / usual), 1.0)))
