@@ -113,6 +113,12 @@ class Robot:
         check_number(self.base_mass, "base.mass")
         check_number(self.torque_noise_std, "torque_noise_std")
         check_number(self.sample_rate, "sample_rate", positive=True)
+        for r_tot, (belt, harmonic) in self.total_ratios_studied.items():
+            require(
+                belt != 0 and harmonic != 0 and abs(belt * harmonic - r_tot) <= 1e-9 * abs(r_tot),
+                f"total_ratios_studied[{r_tot:g}] is split into {belt:g} x {harmonic:g}",
+                "Give [belt, harmonic drive], neither zero, whose product is the total ratio",
+            )
         require(len(self.joints) > 0, f"robot {self.name} has no joints", "Give it at least one")
         _check_unique(self.joint_names, "joint")
         _check_unique(("base", *self.link_names), "link")

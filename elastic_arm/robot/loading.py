@@ -137,12 +137,6 @@ def _robot(entry: ArmEntry) -> Robot:
             joints.append(_joint(joint, link_names[i]))
     with located("base."):
         base_dh, base_placement = _base(entry.base)
-    for r_tot, (belt, harmonic) in entry.total_ratios_studied.items():
-        if belt == 0 or harmonic == 0 or abs(belt * harmonic - r_tot) > 1e-9 * abs(r_tot):
-            raise RobotError(
-                f"total_ratios_studied[{r_tot:g}] is split into {belt:g} x {harmonic:g}",
-                "Give [belt, harmonic drive], neither zero, whose product is the total ratio",
-            )
     return Robot(
         name=entry.name,
         joints=tuple(joints),
