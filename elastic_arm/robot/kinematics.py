@@ -57,11 +57,6 @@ def link_points(robot: Robot, q: Array) -> Array:
     return np.concatenate([ground, joints[..., :3, 3], links[:, -1:, :3, 3]], axis=1)
 
 
-def tip_positions(robot: Robot, q: Array) -> Array:
-    """Return the origin of the last link's frame (N, 3) in the ground frame, m."""
-    return link_points(robot, q)[:, -1]
-
-
 def link_radius(robot: Robot) -> float:
     """Radius of the cylinders or capsules that stand for links, m."""
     ends = link_points(robot, np.zeros((1, robot.n)))[0]
