@@ -16,7 +16,7 @@ from rich.table import Table
 from elastic_arm.cli.console import err, out, print_json, reports_errors
 from elastic_arm.dynamics import build_model
 from elastic_arm.effects import EFFECTS, Active, parse
-from elastic_arm.errors import EffectError, SimulationError
+from elastic_arm.errors import SensorError, SimulationError
 from elastic_arm.excitation import FourierTrajectory, MotionLimits, load_trajectory, random_trajectories
 from elastic_arm.recording import Recording, write_recording
 from elastic_arm.robot import Robot, load_robot
@@ -64,7 +64,7 @@ def simulate(
     model: Annotated[str, typer.Option(help="mod1, mod2 or mod3.")] = "mod3",
     bearings: Annotated[bool, typer.Option("--bearings", help="Let the bearings tilt.")] = False,
     duration: Annotated[float | None, typer.Option(help="s; that of the trajectory by default.")] = None,
-    rate: Annotated[float, typer.Option(help="Samples a second.")] = 1000.0,
+    rate: Annotated[float | None, typer.Option(help="Samples a second; the arm file's by default.")] = None,
     substeps: Annotated[int, typer.Option(help="Integration steps a sample; even.")] = 10,
     sensors: Annotated[str, typer.Option(help="nominal, exact, or real (encoder noise, jitter).")] = "nominal",
     noise: Annotated[float | None, typer.Option(help="Standard deviation of the torque noise, Nm.")] = None,
@@ -91,7 +91,8 @@ def simulate(
     read = _sensors(sensors, robot, noise, encoder_noise)
     if out_bag.exists():
         raise SimulationError(f"{out_bag} exists already", "Choose another name; nothing is overwritten.")
-    settings = {"model": model, "bearings": bearings, "duration": duration, "rate": rate, "substeps": substeps}
+    settings = {"model": model, "bearings": bearings, "duration": duration, "substeps": substeps}
+    settings["rate"] = robot.sample_rate if rate is None else rate
     begin = time.perf_counter()
     with Progress(TextColumn("simulating"), BarColumn(), TimeRemainingColumn(), console=err, transient=True) as bar:
         task = bar.add_task("", total=None)
@@ -128,7 +129,7 @@ def _motion(trajectory: str, robot: Robot, model: str, seed: int) -> FourierTraj
 
 def _sensors(name: str, robot: Robot, noise: float | None, encoder_noise: float | None) -> Sensors:
     if name not in SENSORS:
-        raise EffectError(f"there are no sensors {name!r}", f"Choose one of {', '.join(SENSORS)}.")
+        raise SensorError(f"there are no sensors {name!r}", f"Choose one of {', '.join(SENSORS)}.")
     sensors = SENSORS[name]()
     torque = robot.torque_noise_std if noise is None and name != "exact" else noise
     if torque is not None:
