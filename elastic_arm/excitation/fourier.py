@@ -67,20 +67,20 @@ class FourierTrajectory:
         for name in ("omega", "duration", "ramp"):
             object.__setattr__(self, name, float(_numbers(getattr(self, name), 0, name)))
         object.__setattr__(self, "joints", tuple(str(name) for name in self.joints))
-        _require(self.a.shape[1] >= 1, "the series has no harmonics", "Give it at least one")
-        _require(
+        require(self.a.shape[1] >= 1, "the series has no harmonics", "Give it at least one")
+        require(
             self.a.shape == self.b.shape and len(self.a) == len(self.q0) > 0,
             f"a is {self.a.shape}, b is {self.b.shape} and q0 is {self.q0.shape}",
             "Give a and b one row a joint and one column a harmonic, and q0 one number a joint",
         )
-        _require(self.omega > 0.0, f"omega is {self.omega:g} rad/s", "Give a base frequency above zero")
-        _require(self.ramp >= 0.0, f"ramp is {self.ramp:g} s", "Give zero or a positive time")
-        _require(
+        require(self.omega > 0.0, f"omega is {self.omega:g} rad/s", "Give a base frequency above zero")
+        require(self.ramp >= 0.0, f"ramp is {self.ramp:g} s", "Give zero or a positive time")
+        require(
             self.duration > 2.0 * self.ramp,
             f"duration {self.duration:g} s leaves no time between two ramps of {self.ramp:g} s",
             "Give a longer duration or a shorter ramp",
         )
-        _require(
+        require(
             len(self.joints) in (0, len(self.q0)),
             f"{len(self.joints)} joint names for {len(self.q0)} joints",
             "Name every joint once",
@@ -91,8 +91,8 @@ class FourierTrajectory:
         cls, period: float, a: Array, b: Array, q0: Array, *, periods: float = 1.0, ramp: float, joints: Any = ()
     ) -> FourierTrajectory:
         """Make a trajectory that holds `periods` whole periods of `period` seconds between its ramps."""
-        _require(period > 0.0, f"period is {period:g} s", "Give a time above zero")
-        _require(periods > 0.0, f"{periods:g} periods are asked for", "Ask for at least one")
+        require(period > 0.0, f"period is {period:g} s", "Give a time above zero")
+        require(periods > 0.0, f"{periods:g} periods are asked for", "Ask for at least one")
         return cls(2.0 * np.pi / period, a, b, q0, periods * period + 2.0 * ramp, ramp, tuple(joints))
 
     @property
@@ -162,11 +162,6 @@ class FourierTrajectory:
                 f"{path}: cannot be written ({error.strerror})", "Give a file in a folder you may write to"
             ) from error
 
-    @classmethod
-    def load(cls, path: str | Path) -> FourierTrajectory:
-        """Read what :meth:`save` wrote; see :func:`load_trajectory`."""
-        return load_trajectory(path)
-
     def _with(self, **changes: Any) -> FourierTrajectory:
         return FourierTrajectory(**{**vars(self), **changes})
 
@@ -218,7 +213,8 @@ def load_trajectory(path: str | Path) -> FourierTrajectory:
         raise ExcitationError(f"{path}: {error.problem}", error.remedy) from error
 
 
-def _require(condition: bool, problem: str, remedy: str) -> None:
+def require(condition: bool, problem: str, remedy: str) -> None:
+    """Raise an ExcitationError unless the condition holds."""
     if not condition:
         raise ExcitationError(problem, remedy)
 
@@ -229,7 +225,7 @@ def _numbers(values: Any, dimensions: int, what: str) -> Array:
         array = np.array(values, dtype=float)
     except (TypeError, ValueError) as error:
         raise ExcitationError(f"{what} is not made of numbers: {values!r}", "Give numbers") from error
-    _require(array.ndim == dimensions, f"{what} has {array.ndim} dimensions, not {dimensions}", "Mend its shape")
-    _require(bool(np.isfinite(array).all()), f"{what} holds a number that is not finite", "Give finite numbers")
+    require(array.ndim == dimensions, f"{what} has {array.ndim} dimensions, not {dimensions}", "Mend its shape")
+    require(bool(np.isfinite(array).all()), f"{what} holds a number that is not finite", "Give finite numbers")
     array.setflags(write=False)
     return array

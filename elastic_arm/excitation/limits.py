@@ -9,8 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elastic_arm.dynamics import Model
-from elastic_arm.errors import ExcitationError
-from elastic_arm.excitation.fourier import FourierTrajectory
+from elastic_arm.excitation.fourier import FourierTrajectory, require
 from elastic_arm.excitation.workspace import Workspace
 from elastic_arm.robot.description import Robot
 
@@ -55,6 +54,12 @@ class MotionLimits:
     workspace: Workspace | None = None
     assumed: tuple[str, ...] = ()
 
+    def __post_init__(self) -> None:
+        for joint, low, high in zip(self.joints, self.position_min, self.position_max, strict=True):
+            require(
+                low < high, f"{joint} may go from {low:g} to {high:g} rad", "State both position limits of that joint"
+            )
+
     @classmethod
     def of(
         cls,
@@ -76,7 +81,8 @@ class MotionLimits:
                 assumed.append(f"{name.replace('_', ' ')} of {', '.join(unknown)}: {_words(default, name)} assumed")
         for name, given in (("velocity", velocity), ("acceleration", acceleration), ("torque", torque)):
             if given is not None:
-                _require_positive(given, name)
+                positive = bool(np.isfinite(given)) and given > 0.0
+                require(positive, f"the {name} limit is {given:g}", "Give a number above zero")
                 values[name] = np.minimum(values[name], given)
         return cls(robot.joint_names, **values, workspace=workspace or Workspace.of(robot), assumed=tuple(assumed))
 
@@ -209,8 +215,7 @@ def check_limits(limits: MotionLimits, model: Model, trajectory: FourierTrajecto
         If the trajectory breaks one; says which, where and how far.
     """
     use = limits.use(trajectory, model)
-    if not use.kept:
-        raise ExcitationError(f"the trajectory breaks a limit: {use.worst()}", "Make a gentler one, or raise the limit")
+    require(use.kept, f"the trajectory breaks a limit: {use.worst()}", "Make a gentler one, or raise the limit")
     return use
 
 
@@ -223,8 +228,3 @@ def _words(default: float, name: str) -> str:
     if np.isinf(default):
         return "no limit"
     return f"{default:.3g} {UNITS[name.partition('_')[0]]}"
-
-
-def _require_positive(value: float, name: str) -> None:
-    if not (np.isfinite(value) and value > 0.0):
-        raise ExcitationError(f"the {name} limit is {value:g}", "Give a number above zero")

@@ -9,9 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elastic_arm.dynamics import Model
-from elastic_arm.errors import ExcitationError
 from elastic_arm.excitation.criteria import BaseRegressor, condition, distinct_columns
-from elastic_arm.excitation.fourier import FourierTrajectory
+from elastic_arm.excitation.fourier import FourierTrajectory, require
 from elastic_arm.excitation.limits import MotionLimits
 
 Array = NDArray[np.float64]
@@ -35,13 +34,13 @@ class Shape:
     periods: int = 1
 
     def __post_init__(self) -> None:
-        _require(self.harmonics >= 1, f"{self.harmonics} harmonics are asked for", "Ask for at least one")
-        _require(
+        require(self.harmonics >= 1, f"{self.harmonics} harmonics are asked for", "Ask for at least one")
+        require(
             np.isfinite(self.period) and self.period > 0.0, f"the period is {self.period:g} s", "Give a time above 0"
         )
-        _require(self.periods >= 1, f"{self.periods} periods are asked for", "Ask for at least one")
+        require(self.periods >= 1, f"{self.periods} periods are asked for", "Ask for at least one")
         ramp = self.period / 4.0 if self.ramp is None else self.ramp
-        _require(np.isfinite(ramp) and ramp >= 0.0, f"the ramp is {ramp:g} s", "Give zero or a positive time")
+        require(np.isfinite(ramp) and ramp >= 0.0, f"the ramp is {ramp:g} s", "Give zero or a positive time")
         object.__setattr__(self, "ramp", float(ramp))
 
 
@@ -59,7 +58,7 @@ def random_trajectories(
     found = [problem.trajectory(problem.random(rng)) for _ in range(count)]
     for trajectory in found:
         use = limits.use(trajectory, model)
-        _require(use.kept, f"a random motion breaks the limits everywhere: {use.worst()}", "Raise that limit")
+        require(use.kept, f"a random motion breaks the limits everywhere: {use.worst()}", "Raise that limit")
     return found
 
 
@@ -144,8 +143,3 @@ class Problem:
         centres = (motion.q0 - self._limits.centre) / (SHARE * self._limits.half_range)
         waves = np.array([motion.a, motion.b]) / self._limits.velocity[:, None]
         return np.clip(np.concatenate([centres, waves.ravel()]), -1.0, 1.0)
-
-
-def _require(condition: bool, problem: str, remedy: str) -> None:
-    if not condition:
-        raise ExcitationError(problem, remedy)

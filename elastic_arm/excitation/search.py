@@ -17,9 +17,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elastic_arm.dynamics import Model
-from elastic_arm.errors import ExcitationError
 from elastic_arm.excitation.criteria import BaseRegressor, find_criterion
-from elastic_arm.excitation.fourier import FourierTrajectory
+from elastic_arm.excitation.fourier import FourierTrajectory, require
 from elastic_arm.excitation.limits import LimitUse, MotionLimits
 from elastic_arm.excitation.problem import Problem, Shape
 
@@ -135,9 +134,9 @@ def optimise(
     ExcitationError
         If the criterion or the numbers make no sense, or no motion found keeps the limits (says which is broken).
     """
-    _require(evaluations >= 1, f"{evaluations} evaluations are asked for", "Ask for at least one")
-    _require(random >= 1, f"{random} random motions are asked for", "Ask for at least one, to start from")
-    _require(len(columns) > 0, "the model has no base parameters", "Give the base columns of its regressor")
+    require(evaluations >= 1, f"{evaluations} evaluations are asked for", "Ask for at least one")
+    require(random >= 1, f"{random} random motions are asked for", "Ask for at least one, to start from")
+    require(len(columns) > 0, "the model has no base parameters", "Give the base columns of its regressor")
     regressor = BaseRegressor(model, columns, noise)
     problem = Problem(model, limits, regressor, shape or Shape(), find_criterion(criterion))
     drawn = [problem.random(rng) for _ in range(random)]
@@ -166,7 +165,7 @@ def optimise(
 
 def _kept_use(model: Model, limits: MotionLimits, trajectory: FourierTrajectory, evaluations: int) -> LimitUse:
     use = limits.use(trajectory, model)
-    _require(
+    require(
         use.kept,
         f"no motion within the limits was found in {evaluations} evaluations; at best {use.worst()}",
         "Raise that limit, give the arm more time (a longer period or ramp), or search longer",
@@ -225,8 +224,3 @@ def _run_nomad(course: _Course, start: Array, evaluations: int, seed: int) -> No
     PyNomad.optimize(course, start.tolist(), [-1.0] * size, [1.0] * size, parameters)
     if course.error is not None:
         raise course.error
-
-
-def _require(condition: bool, problem: str, remedy: str) -> None:
-    if not condition:
-        raise ExcitationError(problem, remedy)
