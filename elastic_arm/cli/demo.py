@@ -1,4 +1,4 @@
-"""`elastic-arm demo`: the whole suite at work in a live ROS 2 graph, from excitation to a compared estimate."""
+"""`elastic-arm demo`: the whole suite at work in a live ROS 2 graph, from excitation to estimate and diagnosis."""
 
 from __future__ import annotations
 
@@ -19,6 +19,7 @@ from rich.table import Table
 from elastic_arm.cli.console import err, out, reports_errors
 from elastic_arm.cli.describe import base_of
 from elastic_arm.cli.processes import Nodes
+from elastic_arm.cli.withheld import diagnose_withheld
 from elastic_arm.dynamics import build_model
 from elastic_arm.errors import ElasticArmError, GraphError
 from elastic_arm.excitation import ExcitationResult, FourierTrajectory, MotionLimits, Shape, Workspace, optimise
@@ -71,13 +72,15 @@ def demo(
     truth = _truth(offline, true_arm)
     _compare(offline, course, truth)
     report = _report(folder / "report.html", search, course, offline, truth, recording)
+    out.rule("5  another arm has an effect that the diagnosis is not told")
+    diagnose_withheld(folder / "withheld", nominal, search.trajectory, np.random.default_rng(seed))
     out.print(f"\nbag:     {escape(str(folder / 'bag'))}   (ros2 bag info, Foxglove, PlotJuggler)")
     out.print(f"report:  {escape(str(report))}")
 
 
 def _make_room(folder: Path) -> None:
     """Clear what an earlier demo left in its folder, and nothing else."""
-    left = [folder / name for name in ("bag", "nodes", "online") if (folder / name).is_dir()]
+    left = [folder / name for name in ("bag", "nodes", "online", "withheld") if (folder / name).is_dir()]
     if left and not (folder / "true_arm.yaml").is_file():
         raise ElasticArmError(f"{left[0]} exists and is no demo's", "Choose another folder with --out")
     for path in left:

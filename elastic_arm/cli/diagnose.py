@@ -16,7 +16,7 @@ from elastic_arm.gap.repair import repaired_robot
 from elastic_arm.gap.result import Diagnosis
 from elastic_arm.gap.words import meaning
 from elastic_arm.recording import Recording, load_channels, read_recording
-from elastic_arm.robot import load_robot
+from elastic_arm.robot import Robot, load_robot
 
 COLOURS = {"none": "green", "explained": "cyan", "unknown": "yellow"}
 
@@ -65,20 +65,26 @@ def diagnose_command(
     question = Question(robot, model, refit=refit, given=known_effects(with_ or (), robot))
     with err.status("diagnosing"):
         found = diagnose(recordings, question, judges)
-        found.save(out_dir / "diagnosis.json")
-        # Matplotlib is slow to import, and only reports need it.
-        from elastic_arm.report.gap import write_gap_report
-
-        write_gap_report(out_dir / "report.html", found)
-        if found.causes:
-            repaired_robot(robot, found).save(out_dir / "robot.yaml")
+        write_diagnosis(found, robot, out_dir)
     if json:
         print_json(found.to_dict())
     else:
-        _print(found, out_dir)
+        print_diagnosis(found, out_dir)
 
 
-def _print(found: Diagnosis, folder: Path) -> None:
+def write_diagnosis(found: Diagnosis, robot: Robot, folder: Path) -> None:
+    """Write diagnosis.json, report.html and, where causes were found, the arm that has them."""
+    # Matplotlib is slow to import, and only reports need it.
+    from elastic_arm.report.gap import write_gap_report
+
+    found.save(folder / "diagnosis.json")
+    write_gap_report(folder / "report.html", found)
+    if found.causes:
+        repaired_robot(robot, found).save(folder / "robot.yaml")
+
+
+def print_diagnosis(found: Diagnosis, folder: Path) -> None:
+    """Print verdict, causes and what is left."""
     out.print(f"[bold {COLOURS[found.verdict]}]{found.verdict}[/]: {escape(meaning(found))}")
     if found.causes:
         table = Table(box=None, header_style="bold")

@@ -1,0 +1,60 @@
+"""The demonstration's last act: an arm with an effect that the diagnosis is not told."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+from rich.markup import escape
+
+from elastic_arm.cli.console import err, out
+from elastic_arm.cli.diagnose import print_diagnosis, write_diagnosis
+from elastic_arm.dynamics import build_model
+from elastic_arm.effects import EFFECTS, Active
+from elastic_arm.excitation import FourierTrajectory, MotionLimits, random_trajectories
+from elastic_arm.gap.diagnosis import Question, diagnose
+from elastic_arm.recording import read_recording, write_recording
+from elastic_arm.robot import Robot
+from elastic_arm.simulation import simulate
+
+# What may be drawn: effect, and the range of each of its parameters.
+DRAWN: dict[str, dict[str, tuple[float, float]]] = {
+    "coulomb_friction": {"torque": (5.0, 20.0)},
+    "viscous_friction": {"coefficient": (5.0, 30.0)},
+    "hysteresis": {"torque": (5.0, 20.0), "width": (2e-4, 1e-3)},
+    "transmission_error": {"amplitude": (2e-5, 1e-4), "phase": (-3.0, 3.0)},
+    "stiffness_mismatch": {"stiffness": (0.75, 0.9)},
+    "joint_torque_offset": {"offset": (2.0, 6.0)},
+}
+
+
+def diagnose_withheld(folder: Path, nominal: Robot, motion: FourierTrajectory, rng: np.random.Generator) -> None:
+    """Record an arm with a drawn effect on two motions, diagnose the bags, and only then say what was drawn.
+
+    Parameters
+    ----------
+    folder
+        Of the bags and the diagnosis; must not exist.
+    nominal, motion
+        The arm as described, and the motion that causes are fitted on; another judges them.
+    rng
+        Draws effect, joint, sizes, the other motion and the noise.
+    """
+    drawn = _draw(nominal, rng)
+    other = random_trajectories(build_model(nominal), MotionLimits.of(nominal), 1, rng=rng)[0]
+    with err.status("recording the arm on two motions"):
+        for name, trajectory in (("identify", motion), ("validate", other)):
+            write_recording(folder / name, simulate(nominal, trajectory, effects=[drawn], rng=rng))
+    with err.status("diagnosing"):
+        fitted, judged = (read_recording(folder / name) for name in ("identify", "validate"))
+        found = diagnose([fitted], Question(nominal), [judged])
+        write_diagnosis(found, nominal, folder)
+    print_diagnosis(found, folder)
+    sizes = ", ".join(f"{name} = {drawn.parameters[name]:.4g}" for name in DRAWN[drawn.effect.id])
+    out.print(f"what had been drawn: {drawn.effect.id} on {drawn.joint}, {escape(sizes)}")
+
+
+def _draw(robot: Robot, rng: np.random.Generator) -> Active:
+    name = str(rng.choice(sorted(DRAWN)))
+    sizes = {parameter: float(rng.uniform(*span)) for parameter, span in DRAWN[name].items()}
+    return Active(EFFECTS[name], str(rng.choice(robot.joint_names)), sizes)
