@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
+from elastic_arm.dynamics.doubled import cholesky
 from elastic_arm.dynamics.information import gram
 from elastic_arm.errors import IdentificationError
-from elastic_arm.identification.doubled import cholesky
 from elastic_arm.identification.least_squares import Blocks, Fit, fit
 
 GROUPS, P = 3, 12

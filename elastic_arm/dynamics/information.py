@@ -16,6 +16,7 @@ import numpy as np
 
 from elastic_arm.dynamics.c_engine import CEngine
 from elastic_arm.dynamics.compiler import build
+from elastic_arm.dynamics.doubled import Pair, add
 from elastic_arm.dynamics.emit_block import LANES, gram_source
 from elastic_arm.dynamics.kernels import Kernel
 from elastic_arm.dynamics.parallel import in_chunks
@@ -79,14 +80,14 @@ class Information:
         else:
             parts = self._sum_numpy(arrays, measured)
         for hi, lo in parts:
-            self._hi, self._lo = _add(self._hi, self._lo, hi, lo)
+            self._hi, self._lo = add((self._hi, self._lo), (hi, lo))
         self.samples += samples
 
     def merge(self, other: Information) -> None:
         """Add what another accumulation of the same regressor has summed."""
         if other._support != self._support:
             raise ValueError("the two accumulations are of different regressors")
-        self._hi, self._lo = _add(self._hi, self._lo, other._hi, other._lo)
+        self._hi, self._lo = add((self._hi, self._lo), (other._hi, other._lo))
         self.samples += other.samples
 
     def reset(self) -> None:
@@ -94,7 +95,7 @@ class Information:
         self._hi, self._lo = np.zeros_like(self._hi), np.zeros_like(self._lo)
         self.samples = 0
 
-    def grams(self) -> tuple[np.ndarray, np.ndarray]:
+    def grams(self) -> Pair:
         """Return hi, lo (rows, P + 1, P + 1): the matrices are hi + lo, |lo| below a unit of hi; y comes last."""
         shape = (self.rows, self.columns + 1, self.columns + 1)
         hi, lo = np.zeros(shape), np.zeros(shape)
@@ -107,7 +108,7 @@ class Information:
             start += len(i)
         return hi, lo
 
-    def _sum_numpy(self, arrays: Sequence[np.ndarray], y: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
+    def _sum_numpy(self, arrays: Sequence[np.ndarray], y: np.ndarray) -> list[Pair]:
         shared = [name in self._kernel.shared for name, _ in self._kernel.program.inputs]
         sums = []
         for start in range(0, len(y), _STORED):
@@ -125,7 +126,7 @@ class Information:
         return sums
 
 
-def gram(matrix: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def gram(matrix: np.ndarray) -> Pair:
     """Return hi, lo with hi + lo = AT A of `matrix` A (N, k), to more than 80 bits of the columns' norms.
 
     Every column is cut into slices whose products sum without rounding, which ordinary matrix products then do
@@ -137,7 +138,7 @@ def gram(matrix: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         slices = _cut(matrix[start : start + _CHUNK])
         for i in reversed(range(_SLICES)):
             for j in range(min(_SLICES, _SLICES + 1 - i)):
-                hi, lo = _add(hi, lo, slices[i].T @ slices[j], np.zeros((k, k)))
+                hi, lo = add((hi, lo), (slices[i].T @ slices[j], np.zeros((k, k))))
     return hi, lo
 
 
@@ -153,12 +154,10 @@ def _cut(matrix: np.ndarray) -> list[np.ndarray]:
     return slices
 
 
-def _sum_compiled(
-    engine: CEngine, arrays: Sequence[np.ndarray], y: np.ndarray, entries: int
-) -> list[tuple[np.ndarray, np.ndarray]]:
+def _sum_compiled(engine: CEngine, arrays: Sequence[np.ndarray], y: np.ndarray, entries: int) -> list[Pair]:
     """Sums of each thread's part, lanes added up, in the order of the samples: whichever thread ends first."""
     prepared = engine.prepare(arrays)
-    sums: dict[int, tuple[np.ndarray, np.ndarray]] = {}
+    sums: dict[int, Pair] = {}
 
     def chunk(start: int, stop: int) -> None:
         hi, lo = (engine.allocate(entries, LANES) for _ in range(2))
@@ -174,7 +173,7 @@ def _sum_compiled(
             raise MemoryError("no memory for a tile of samples")
         total = hi[:, 0], lo[:, 0]
         for lane in range(1, LANES):
-            total = _add(*total, hi[:, lane], lo[:, lane])
+            total = add(total, (hi[:, lane], lo[:, lane]))
         sums[start] = total
 
     in_chunks(len(y), chunk)
@@ -184,12 +183,3 @@ def _sum_compiled(
 @functools.cache
 def _add_rows() -> Any:
     return build(gram_source(), flags=("-ffp-contract=off",)).add_rows
-
-
-def _add(hi: np.ndarray, lo: np.ndarray, other_hi: np.ndarray, other_lo: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Sum of two numbers of doubled precision (D. E. Knuth's two-sum, renormalised)."""
-    total = hi + other_hi
-    part = total - hi
-    error = (hi - (total - part)) + (other_hi - part) + (lo + other_lo)
-    result = total + error
-    return result, error - (result - total)

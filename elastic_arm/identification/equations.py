@@ -25,11 +25,11 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from elastic_arm.dynamics.doubled import Pair
 from elastic_arm.dynamics.information import gram
 from elastic_arm.errors import IdentificationError
 from elastic_arm.identification.base_parameters import BaseParameters, find_base
 from elastic_arm.identification.derivatives import Motion
-from elastic_arm.identification.doubled import Pair
 
 Array = NDArray[np.float64]
 

@@ -16,8 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import solve_triangular
 
+from elastic_arm.dynamics.doubled import Pair, add, cholesky
 from elastic_arm.errors import IdentificationError
-from elastic_arm.identification.doubled import Pair, add, cholesky
 
 Array = NDArray[np.float64]
 

@@ -1,4 +1,4 @@
-"""Triangular factors from Gram matrices in twice the working precision.
+"""Numbers in twice the working precision: sums of them, and triangular factors of Gram matrices made of them.
 
 A Gram matrix squares the condition number; carried to 106 bits, its Cholesky factor is as good as that of an orthogonal
 triangularisation of the rows themselves. Numbers are pairs hi + lo (T. Dekker, Numerische Mathematik 18 (1971) 224).
