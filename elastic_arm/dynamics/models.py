@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
 from elastic_arm.dynamics import kernels
 from elastic_arm.dynamics.bodies import Bodies, Parameter
@@ -17,6 +18,7 @@ from elastic_arm.robot.description import Robot
 if TYPE_CHECKING:
     import casadi
 
+Columns = Sequence[int] | NDArray[np.intp]
 TERMS = ("M", "S", "B", "c", "c1", "c2", "g")
 
 
@@ -86,9 +88,7 @@ class Model:
         """Left side of (1) with K and D: (N, dof), [0; tau_m] for a true motion."""
         return self._run("inverse_dynamics", x, dx, ddx, self._psi(Psi))[0]
 
-    def regressor(
-        self, x: np.ndarray, dx: np.ndarray, ddx: np.ndarray, columns: Sequence[int] | None = None
-    ) -> np.ndarray:
+    def regressor(self, x: np.ndarray, dx: np.ndarray, ddx: np.ndarray, columns: Columns | None = None) -> np.ndarray:
         """Phi of (10), (N, dof, P), or only its `columns`."""
         kernel = self.kernel("regressor", columns)
         return np.asarray(kernel(x, dx, ddx)).reshape(len(x), self.dof, -1)
@@ -121,12 +121,12 @@ class Model:
         kinetic, potential = self._run("energy", x, dx, self._psi(Psi))
         return kinetic[:, 0], potential[:, 0]
 
-    def accumulator(self, columns: Sequence[int] | None = None) -> Information:
+    def accumulator(self, columns: Columns | None = None) -> Information:
         """Empty sum of information matrices of Phi (or of its `columns`); feed it by ``add(x, dx, ddx, y=y)``."""
         return Information(self.kernel("regressor", columns))
 
     def information(
-        self, x: np.ndarray, dx: np.ndarray, ddx: np.ndarray, y: np.ndarray, columns: Sequence[int] | None = None
+        self, x: np.ndarray, dx: np.ndarray, ddx: np.ndarray, y: np.ndarray, columns: Columns | None = None
     ) -> tuple[np.ndarray, np.ndarray]:
         """Sum over samples of [Phi_r, y_r]T [Phi_r, y_r] of every equation r; Phi is never stored.
 
@@ -147,7 +147,7 @@ class Model:
             self._functions[name] = DERIVATIONS[name](self.bodies)
         return self._functions[name]
 
-    def kernel(self, name: str, columns: Sequence[int] | None = None) -> kernels.Kernel:
+    def kernel(self, name: str, columns: Columns | None = None) -> kernels.Kernel:
         """Compiled function of that name; of the regressor, only `columns`."""
         key = (name, None if columns is None else tuple(int(c) for c in columns))
         if key not in self._kernels:

@@ -94,7 +94,7 @@ class BaseRegressor:
     def __call__(self, trajectory: FourierTrajectory) -> Array:
         """Return W, (samples * dof, B)."""
         x, dx, ddx = elastic_motion(self.model, trajectory, self.samples)
-        Phi = self.model.regressor(x, dx, ddx, columns=tuple(int(c) for c in self.columns))
+        Phi = self.model.regressor(x, dx, ddx, columns=self.columns)
         if self.noise is not None:
             Phi = Phi / np.asarray(self.noise)[:, None]
         W = Phi.reshape(-1, Phi.shape[-1])

@@ -147,7 +147,8 @@ def _with_values(active: Active, robot: Robot, value: dict[str, float]) -> dict[
 
 def _link_alone(robot: Robot, equations: Equations, joint: str, value: dict[str, float]) -> Array:
     """Return the ten parameters of a joint's link, without the spline where the model folds that into it."""
-    body = next(b for b in _bodies(equations) if b.name == robot.joints[robot.joint_names.index(joint)].link_name)
+    link_name = robot.joints[robot.joint_names.index(joint)].link_name
+    body = next(b for b in equations.model.bodies.bodies if b.name == link_name)
     total = np.array([value[equations.names[k]] for k in body.parameters])
     return total - _folded(robot, equations, body)
 
@@ -157,11 +158,6 @@ def _folded(robot: Robot, equations: Equations, body: Body) -> Array:
     link = next(j.link for j in robot.joints if j.link_name == body.name)
     own = inertial_parameters(link.mass, link.com, link.inertia)
     return equations.nominal[list(body.parameters)] - own
-
-
-def _bodies(equations: Equations) -> tuple[Body, ...]:
-    bodies: tuple[Body, ...] = equations.model.bodies.bodies  # type: ignore[attr-defined]
-    return bodies
 
 
 def pseudo_inertia(ten: Array) -> Array:
@@ -177,7 +173,7 @@ _PAIRS = ((0, 0), (0, 1), (0, 2), (0, 3), (1, 1), (1, 2), (1, 3), (2, 2), (2, 3)
 def _chart(equations: Equations) -> _Chart:
     """Put parameters into coordinates in which the nominal is x0 and every step of size one is as bold."""
     names = equations.names
-    robot: Robot = equations.model.robot  # type: ignore[attr-defined]
+    robot = equations.model.robot
     links = {joint.link_name for joint in robot.joints}
     columns: list[Array] = []
     x0: list[float] = []
@@ -185,7 +181,7 @@ def _chart(equations: Equations) -> _Chart:
     positive: list[tuple[int, float]] = []
     free: list[int] = []
     seen: set[int] = set()
-    for body in _bodies(equations):
+    for body in equations.model.bodies.bodies:
         index = list(body.parameters)
         if seen & set(index):
             continue

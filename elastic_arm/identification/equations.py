@@ -20,11 +20,11 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
+from elastic_arm.dynamics import Model
 from elastic_arm.dynamics.doubled import Pair
 from elastic_arm.dynamics.information import gram
 from elastic_arm.errors import IdentificationError
@@ -45,14 +45,6 @@ _EXTRA_LINES = {
 }
 _MEASURED = {"link": None, "motor": "tau_m", "drive": "tau_J", "joint": "tau_J", "whole": "tau_m"}
 RANDOM_STATES = 200
-
-
-class Parameters(Protocol):
-    """A parameter of a model: entry of Psi."""
-
-    name: str
-    unit: str
-    nominal: float
 
 
 @dataclass(frozen=True)
@@ -82,7 +74,7 @@ class Equations:
     Parameters
     ----------
     model
-        The model, bearings locked: `n`, `dof`, `parameters`, `regressor(x, dx, ddx)`.
+        Bearings locked.
     recorded
         Names of the recorded channels among q, theta, tau_J, tau_m.
     columns
@@ -97,16 +89,16 @@ class Equations:
     """
 
     def __init__(
-        self, model: object, recorded: Sequence[str], columns: Sequence[Column] = (), joints: Sequence[str] = ()
+        self, model: Model, recorded: Sequence[str], columns: Sequence[Column] = (), joints: Sequence[str] = ()
     ) -> None:
         self.model = model
-        self.n: int = model.n  # type: ignore[attr-defined]
-        self.elastic: bool = model.dof >= 2 * self.n  # type: ignore[attr-defined]
+        self.n = model.n
+        self.elastic = model.robot.elastic
         self.columns = tuple(columns)
         self.sides = _sides(frozenset(recorded), self.elastic)
         self.joints = tuple(joints) or tuple(f"joint_{i + 1}" for i in range(self.n))
         self.groups = tuple((side, joint) for side in self.sides for joint in self.joints)
-        own: Sequence[Parameters] = model.parameters  # type: ignore[attr-defined]
+        own = model.parameters
         self.names = tuple(p.name for p in own) + tuple(c.name for c in columns)
         self.units = tuple(p.unit for p in own) + tuple(c.unit for c in columns)
         self.nominal: Array = np.array([p.nominal for p in own] + [c.nominal for c in columns])
@@ -131,9 +123,9 @@ class Equations:
         both = self._both_sides(motion)
         x, dx, ddx = (self._coordinates(both, name) for name in ("", "d", "dd"))
         measured = [self._measured(motion, side).T for side in self.sides if side != "drive"]
-        y = np.zeros((len(motion), self.model.dof))  # type: ignore[attr-defined]
+        y = np.zeros((len(motion), self.model.dof))
         y[:, : self.n * len(measured)] = np.hstack(measured)[:, : y.shape[1]]
-        total = self.model.accumulator(self.base.columns)  # type: ignore[attr-defined]
+        total = self.model.accumulator(self.base.columns)
         total.add(x, dx, ddx, y=y)
         hi, lo = total.grams()
         own = self.n * len(measured)
@@ -156,7 +148,7 @@ class Equations:
     def _drive_columns(self) -> list[tuple[int, int]]:
         """Return the places of K and D of each joint among the base columns."""
         place = {self.names[c]: k for k, c in enumerate(self.base.columns.tolist())}
-        joints = self.model.robot.joint_names  # type: ignore[attr-defined]
+        joints = self.model.robot.joint_names
         return [(place[f"{joint}.K"], place[f"{joint}.D"]) for joint in joints]
 
     def predict(self, motion: Motion, Psi_base: Array) -> dict[str, Array]:
@@ -190,7 +182,7 @@ class Equations:
         laws = motion.laws if motion.laws is not None else self.laws(motion)
         motion = self._both_sides(motion)
         x, dx, ddx = (self._coordinates(motion, name) for name in ("", "d", "dd"))
-        phi: Array = self.model.regressor(x, dx, ddx, columns=own)  # type: ignore[attr-defined]
+        phi = self.model.regressor(x, dx, ddx, columns=own)
         by_residual = laws[:, :, extra].transpose(1, 0, 2).reshape(3, self.n, len(motion), len(extra))
         blocks = []
         for side in self.sides:

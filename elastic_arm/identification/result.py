@@ -225,11 +225,11 @@ def result_of(
     base = equations.base
     relative = relative_std(equations, fit.Psi, fit.std)
     nominal = base.T @ equations.nominal
-    robot = equations.model.robot  # type: ignore[attr-defined]
+    robot = equations.model.robot
     noise = fit.noise.reshape(len(equations.sides), equations.n)
     return Identification(
         robot=robot.name,
-        model=equations.model.name,  # type: ignore[attr-defined]
+        model=equations.model.name,
         recordings=recordings,
         joints=equations.joints,
         estimates=tuple(

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from elastic_arm.dynamics import Model
 from elastic_arm.errors import IdentificationError
 from elastic_arm.identification.derivatives import Motion, Smoother, design_smoother
 from elastic_arm.identification.equations import Column, Equations
@@ -126,7 +127,7 @@ class Identifier:
 
     def __init__(
         self,
-        model: object,
+        model: Model,
         columns: Sequence[Column] = (),
         *,
         smoother: Smoother | None = None,

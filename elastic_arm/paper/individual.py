@@ -48,7 +48,7 @@ def recover(fit: Fit, equations: Equations, guesses: int, seed: int) -> Recovere
     rng = np.random.default_rng(seed)
     found, before = [], []
     for _ in range(guesses):
-        guess = build_model(perturbed(model.robot, rng), model.name)  # type: ignore[attr-defined]
+        guess = build_model(perturbed(model.robot, rng), model.name)
         wrong = Equations(guess, ("q", "theta", "tau_m"), joints=equations.joints)
         with warnings.catch_warnings():
             # "Solution may be inaccurate": however accurate, it is scored against the truth.
