@@ -23,7 +23,7 @@ from elastic_arm.cli.withheld import diagnose_withheld
 from elastic_arm.dynamics import build_model
 from elastic_arm.errors import ElasticArmError, GraphError
 from elastic_arm.excitation import ExcitationResult, FourierTrajectory, MotionLimits, Shape, Workspace, optimise
-from elastic_arm.identification import Identification, identify
+from elastic_arm.identification import Identification, compare, identify
 from elastic_arm.recording import Recording, read_recording
 from elastic_arm.robot import Robot, load_robot, varied
 
@@ -163,7 +163,7 @@ def _progress(lines: list[dict[str, Any]], duration: float) -> Table:
 
 def _truth(identified: Identification, true_arm: Robot) -> np.ndarray:
     """Return the true base parameters (B,): scoring, the one place of the demo that knows the arm."""
-    return identified.T @ build_model(true_arm, identified.model).Psi
+    return np.array([parameter.true for parameter in compare(identified, true_arm)])
 
 
 def _compare(offline: Identification, course: Course, truth: np.ndarray) -> None:
