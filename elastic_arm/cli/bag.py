@@ -104,7 +104,7 @@ def import_(
 @reports_errors
 def replay(
     bag: BagPath,
-    rate: Annotated[float, typer.Option(help="Times the speed of the recording.")] = 1.0,
+    rate: Annotated[float, typer.Option(min=0.01, help="Times the speed of the recording.")] = 1.0,
     loop: Annotated[bool, typer.Option("--loop", help="Begin again at the end, until Ctrl-C.")] = False,
 ) -> None:
     """Publish a bag into the ROS 2 graph, with /clock; the same as `ros2 run elastic_arm replayer`.

@@ -154,7 +154,8 @@ def _print(result: Identification, out_dir: Path) -> None:
         for name, values in rows:
             shown.add_row(escape(name), *(f"{value:.3g}" for value in values))
         out.print(shown)
-    out.print(f"results in {escape(str(out_dir))}: {', '.join(sorted(p.name for p in out_dir.iterdir()))}")
+    written = ["identification.json", "report.html", *(["robot.yaml"] if result.identified is not None else [])]
+    out.print(f"results in {escape(str(out_dir))}: {', '.join(written)}")
 
 
 def _residual_rows(result: Identification) -> list[tuple[str, list[tuple[str, list[float]]]]]:

@@ -218,6 +218,21 @@ def compare(identification: Identification, true_robot: Robot) -> list[Compariso
     ]
 
 
+def chi_square(identification: Identification, true: Array) -> float:
+    """Return the size of all errors together, their correlations included; chi-squared with B degrees of freedom.
+
+    Parameters
+    ----------
+    identification
+        With B base parameters.
+    true : (B,)
+        Their true values; only code that scores may know them.
+    """
+    std = identification.std
+    error = (identification.Psi_base - true) / std
+    return float(error @ np.linalg.solve(identification.covariance / np.outer(std, std), error))
+
+
 def result_of(
     fit: Fit, equations: Equations, judged: Excitation, *, recordings: tuple[str, ...], methods: tuple[str, ...]
 ) -> Identification:

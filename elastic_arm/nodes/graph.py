@@ -13,9 +13,7 @@ from rclpy.qos import DurabilityPolicy, QoSProfile
 from elastic_arm.errors import GraphError
 from elastic_arm.recording import topics
 
-# Seconds of samples may pile up: after the machine was busy a simulator catches up on half a second at once, and a
-# subscriber may be writing to a disk, or making an estimate.
-STREAM = QoSProfile(depth=5000)
+STREAM = QoSProfile(depth=topics.STREAM_DEPTH)
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 # Peers on the same machine find each other within this time, seconds.
 DISCOVERY = 1.0

@@ -123,10 +123,10 @@ class IdentifierNode(ArmNode):
         line = {
             "samples": message.samples,
             "residual_rms": message.residual_rms,
-            "condition_number": message.condition_number,
+            "condition_number": finite(message.condition_number),
             "name": list(message.name),
-            "value": list(message.value),
-            "std": list(message.std),
+            "value": [finite(value) for value in message.value],
+            "std": [finite(value) for value in message.std],
             "unit": list(message.unit),
         }
         sys.stdout.write(json.dumps(line) + "\n")
@@ -189,6 +189,11 @@ class IdentifierNode(ArmNode):
 def rms(noise: NDArray[np.float64]) -> float:
     """Return the RMS over all equations of their residuals' standard deviations."""
     return float(np.sqrt(np.mean(noise**2)))
+
+
+def finite(value: float) -> float | None:
+    """Return None for what JSON has no number for."""
+    return value if np.isfinite(value) else None
 
 
 def main() -> None:

@@ -8,7 +8,7 @@ from typing import Any
 
 import yaml
 
-from elastic_arm.recording.topics import LATCHED
+from elastic_arm.recording.topics import LATCHED, STREAM_DEPTH
 
 METADATA_KEY = "rosbag2_bagfile_information"
 VERSION = 9  # of Jazzy's rosbag2
@@ -46,7 +46,7 @@ def offered_qos(topic: str) -> str:
     latched = topic in LATCHED
     profile = {
         "history": "keep_last",
-        "depth": 1 if latched else 100,
+        "depth": 1 if latched else STREAM_DEPTH,
         "reliability": "reliable",
         "durability": "transient_local" if latched else "volatile",
         "deadline": dict(_FOREVER),
