@@ -215,3 +215,10 @@ def test_a_file_that_is_no_identification_is_refused(tmp_path: Path) -> None:
     (tmp_path / "part.json").write_text('{"schema": "elastic_arm/identification/1", "estimates": []}')
     with pytest.raises(IdentificationError, match="no whole identification"):
         Identification.load(tmp_path / "part.json")
+
+
+def test_an_arm_at_rest_is_refused(samples: Samples) -> None:
+    """A recording in which nothing moves identifies nothing, and says so before it fits noise."""
+    still = replace(samples, q=0.0 * samples.q, theta=0.0 * samples.theta)
+    with pytest.raises(IdentificationError, match="holds no motion"):
+        identify(recorded(still), load_robot(None))

@@ -140,7 +140,7 @@ def observe(recording: Recording, band: float | None = None) -> Observation:
             f"{where} is too short: it has no {SHORTEST:g} s without a hole", "Record at least 10 s of motion"
         )
     longest = max(grids, key=len)
-    _check_motion(longest, recording.joints, where)
+    _check_motion(longest, where)
     band = band or widest_band(clock.rate)
     link = None if longest.q is None else estimate_noise(longest.q, longest.dq, longest.rate)
     motor = None if longest.theta is None else estimate_noise(longest.theta, longest.dtheta, longest.rate)
@@ -211,10 +211,8 @@ def torque_noise(grids: Sequence[Grid], channel: str) -> Array | None:
     return np.sqrt(np.average(levels, axis=0, weights=weights))
 
 
-def _check_motion(grid: Grid, joints: Sequence[str], where: str) -> None:
-    position = grid.theta if grid.theta is not None else grid.q
-    if position is None:
+def _check_motion(grid: Grid, where: str) -> None:
+    if grid.theta is None and grid.q is None:
         raise DiagnosisError(f"{where} holds no positions", "Record /motor_states or /joint_states with positions")
-    travel = np.ptp(position, axis=0)
-    if np.all(travel < 1e-3):
+    if not grid.moves():
         raise DiagnosisError(f"{where} holds no motion", "Record an excitation: `elastic-arm excite` makes one")

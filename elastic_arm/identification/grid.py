@@ -26,6 +26,8 @@ MISSING = 1.6
 # Deviations of the stamps below this share of an interval change nothing.
 NO_JITTER = 1e-3
 POINTS = 6
+# An arm whose joints all travel less than this, rad, stands still.
+STILL = 1e-3
 Mode = Literal["regular", "stamps"]
 
 
@@ -61,6 +63,11 @@ class Grid:
     def channels(self) -> dict[str, Array]:
         """Return the channels that are there, by name."""
         return {name: values for name in CHANNELS if (values := getattr(self, name)) is not None}
+
+    def moves(self) -> bool:
+        """Say whether any joint does, by the motor's angles where there are some."""
+        position = self.theta if self.theta is not None else self.q
+        return position is not None and bool(np.any(np.ptp(position, axis=0) >= STILL))
 
 
 @dataclass(frozen=True)

@@ -87,6 +87,8 @@ def differentiate(
     grids = clock.place(samples)
     if not grids:
         raise IdentificationError("the recording has no run of samples without gaps", "Record some seconds of motion.")
+    if not any(grid.moves() for grid in grids):
+        raise IdentificationError("the recording holds no motion", "Record one that `elastic-arm excite` makes.")
     if method != "smoother":
         try:
             return _by_series(grids, period)
