@@ -85,6 +85,7 @@ def test_a_run_ends_cleanly(run: Run) -> None:
     assert "Traceback" not in run.outputs
 
 
+@pytest.mark.quiet
 def test_the_estimate_converges_to_the_truth(run: Run) -> None:
     """Nine in ten well determined parameters lie within three of their stated standard deviations, and these shrink.
 
@@ -169,6 +170,7 @@ def test_samples_carry_the_time_of_day(graph: Graph) -> None:
     assert abs(time.time_ns() - newest) < 2 * 10**9
 
 
+@pytest.mark.quiet
 def test_an_arm_faster_than_real_time_is_moved_on_its_own_clock(graph: Graph) -> None:
     """With /clock the reference keeps to the arm's time, and the whole motion is run without a break."""
     clock = graph.listen(Clock, "/clock")
