@@ -15,7 +15,7 @@ demo: $(DONE)/packages ## set up, run the live arm, identify it, and open the do
 test: lint types unit ## set up, then lint, type check and run all tests
 
 paper: $(DONE)/tests ## reproduce the paper's study into one report
-	@$(RUN) elastic-arm paper
+	@$(RUN) elastic-arm paper --out runs/paper --force
 
 setup: $(DONE)/packages $(DONE)/tests ## set up only
 

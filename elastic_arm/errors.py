@@ -21,7 +21,12 @@ class ElasticArmError(Exception):
     def __init__(self, problem: str, remedy: str = "") -> None:
         self.problem = problem
         self.remedy = remedy
-        super().__init__(f"{problem}. {remedy}" if remedy else problem)
+        super().__init__(" ".join(_sentence(part) for part in (problem, remedy) if part))
+
+
+def _sentence(text: str) -> str:
+    """Return `text` with a full stop, unless it ends a sentence already."""
+    return text if text.endswith((".", "?", "!")) else f"{text}."
 
 
 class RobotError(ElasticArmError, ValueError):
@@ -58,6 +63,10 @@ class EffectError(ElasticArmError, ValueError):
 
 class DiagnosisError(ElasticArmError, ValueError):
     """Data or options from which no diagnosis can be made."""
+
+
+class OutputError(ElasticArmError, OSError):
+    """A result that cannot be written, or would overwrite an earlier one."""
 
 
 class GraphError(ElasticArmError, RuntimeError):

@@ -7,7 +7,7 @@ import re
 import numpy as np
 import pytest
 
-from elastic_arm.errors import ElasticArmError
+from elastic_arm.errors import OutputError
 from elastic_arm.report.html import Figure, Section, Table, Text, write_report
 from elastic_arm.report.style import draw_signal, envelope_indices, new_figure, style
 from tests.browser import rendered_page
@@ -51,7 +51,7 @@ def test_ids_of_two_equal_figures_differ(tmp_path):
 def test_unwritable_folder_is_named(tmp_path):
     """A report that cannot be written says which file and what to do."""
     (tmp_path / "file").write_text("")
-    with pytest.raises(ElasticArmError, match=r"report\.html cannot be written.*--out"):
+    with pytest.raises(OutputError, match=r"report\.html cannot be written.*--out"):
         write_report(tmp_path / "file" / "report.html", "A report", [])
 
 

@@ -12,6 +12,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from elastic_arm.cli.console import out, print_json, reports_errors
+from elastic_arm.cli.outputs import claim_bag
 from elastic_arm.cli.processes import require_ros
 from elastic_arm.recording.channels import ChannelMap, load_channels
 from elastic_arm.recording.check import Report, check_bag
@@ -92,6 +93,7 @@ def import_(
     chosen: Compression = next((name for name in COMPRESSIONS if name == compression), "zstd")
     if chosen != compression:
         raise typer.BadParameter(f"one of {', '.join(COMPRESSIONS)}", param_hint="--compression")
+    claim_bag(out_folder)
     folder = write_recording(out_folder, import_arrays(arrays, mapping), chosen)
     told = bag_info(folder)
     if json:

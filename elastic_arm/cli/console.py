@@ -15,7 +15,7 @@ from typing import Any, ParamSpec, TypeVar
 from rich.console import Console
 from rich.markup import escape
 
-from elastic_arm.errors import ElasticArmError
+from elastic_arm.errors import ElasticArmError, RecordingError
 
 P = ParamSpec("P")
 R = TypeVar("R")
@@ -43,13 +43,13 @@ def refuse_repeated(bags: Sequence[Path]) -> None:
 
     Raises
     ------
-    ElasticArmError
+    RecordingError
         Naming the recording.
     """
     seen: set[Path] = set()
     for bag in bags:
         if bag.resolve() in seen:
-            raise ElasticArmError(f"{bag} is given twice", "Give every recording once, and validate on another.")
+            raise RecordingError(f"{bag} is given twice", "Give every recording once, and validate on another.")
         seen.add(bag.resolve())
 
 

@@ -22,7 +22,7 @@ from elastic_arm.cli.describe import base_of
 from elastic_arm.cli.processes import Nodes
 from elastic_arm.cli.withheld import diagnose_withheld
 from elastic_arm.dynamics import build_model
-from elastic_arm.errors import ElasticArmError, GraphError
+from elastic_arm.errors import GraphError, OutputError
 from elastic_arm.excitation import ExcitationResult, FourierTrajectory, MotionLimits, Shape, Workspace, optimise
 from elastic_arm.identification import Identification, chi_square, compare, identify
 from elastic_arm.recording import Recording, read_recording
@@ -85,15 +85,13 @@ def _make_room(folder: Path) -> None:
     """Clear what an earlier demo left in its folder, and nothing else."""
     left = [folder / name for name in ("bag", "nodes", "online", "withheld") if (folder / name).is_dir()]
     if left and not (folder / "true_arm.yaml").is_file():
-        raise ElasticArmError(f"{left[0]} exists and is no demo's", "Choose another folder with --out")
+        raise OutputError(f"{left[0]} exists and is no demo's", "Choose another folder with --out.")
     for path in left:
         shutil.rmtree(path)
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        raise ElasticArmError(
-            f"{folder} cannot be made: {error.strerror}", "Choose another folder with --out"
-        ) from error
+        raise OutputError(f"{folder} cannot be made: {error.strerror}", "Choose another folder with --out.") from error
 
 
 def _excite(nominal: Robot, file: Path, seed: int) -> ExcitationResult:

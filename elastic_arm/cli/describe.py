@@ -11,8 +11,9 @@ from rich.markup import escape
 from rich.table import Table
 
 from elastic_arm.cli.console import out, print_json, reports_errors
+from elastic_arm.cli.outputs import Force, claim_file
 from elastic_arm.dynamics import build_model
-from elastic_arm.errors import RobotError
+from elastic_arm.errors import OutputError
 from elastic_arm.identification.base_parameters import BaseParameters
 from elastic_arm.identification.equations import Equations
 from elastic_arm.robot import Robot, load_robot
@@ -27,6 +28,7 @@ def describe(
     base: Annotated[bool, typer.Option("--base", help="List the base parameters.")] = False,
     urdf: Annotated[Path | None, typer.Option(help="Write the arm as URDF to this file.")] = None,
     json: Annotated[bool, typer.Option("--json", help="Print JSON, for scripts.")] = False,
+    force: Force = False,
 ) -> None:
     """Show an arm: joints, limits, masses, transmissions, and what a model of it has to identify.
 
@@ -36,6 +38,8 @@ def describe(
 
         elastic-arm describe --robot my_arm.urdf --json
     """
+    if urdf is not None:
+        claim_file(urdf, force=force, option="--urdf")
     robot = load_robot(robot_file)
     told = build_model(robot, model)
     parameters = base_of(told)
@@ -101,6 +105,7 @@ def _short(value: float | None) -> str:
 
 def _write(path: Path, text: str) -> None:
     try:
+        path.parent.mkdir(parents=True, exist_ok=True)
         path.write_text(text, encoding="utf-8")
     except OSError as error:
-        raise RobotError(f"{path}: cannot be written ({error.strerror})", "Give a file you may write") from error
+        raise OutputError(f"{path} cannot be written: {error.strerror}", "Name another file with --urdf.") from error

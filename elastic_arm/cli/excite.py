@@ -13,8 +13,9 @@ from rich.table import Table
 
 from elastic_arm.cli.console import err, out, print_json, reports_errors
 from elastic_arm.cli.describe import RobotFile, base_of
+from elastic_arm.cli.outputs import Force, claim_file, claim_folder
 from elastic_arm.dynamics import Model, build_model
-from elastic_arm.excitation import ExcitationResult, MotionLimits, Shape, Workspace, find_criterion, optimise
+from elastic_arm.excitation import MARGIN, ExcitationResult, MotionLimits, Shape, Workspace, find_criterion, optimise
 from elastic_arm.identification.base_parameters import BaseParameters
 from elastic_arm.robot import Robot, load_robot
 
@@ -37,8 +38,10 @@ def excite(
     acceleration: Limit = None,
     torque: Limit = None,
     floor: Annotated[float, typer.Option(help="Height of the floor above the ground frame, m.")] = 0.0,
+    margin: Annotated[float, typer.Option(help="Gap that links keep to the floor and to each other, m.")] = MARGIN,
     json: Annotated[bool, typer.Option("--json", help="Print JSON, for scripts.")] = False,
     report: Annotated[Path | None, typer.Option(help="Write report.html with figures into this folder.")] = None,
+    force: Force = False,
 ) -> None:
     """Find a Fourier trajectory whose motion tells the arm's parameters apart best, within all limits.
 
@@ -48,13 +51,21 @@ def excite(
 
         elastic-arm excite --robot my_arm.urdf --criterion d_optimal --velocity 1.0
     """
+    claim_file(file, force=force)
+    if report is not None:
+        claim_folder(report, ["report.html"], force=force, option="--report")
     find_criterion(criterion)
     shape = Shape(harmonics, period, ramp, periods)
     robot = load_robot(robot_file)
     told = build_model(robot, model)
     base = base_of(told)
     limits = MotionLimits.of(
-        robot, velocity=velocity, acceleration=acceleration, torque=torque, workspace=Workspace.of(robot, floor=floor)
+        robot,
+        velocity=velocity,
+        acceleration=acceleration,
+        torque=torque,
+        workspace=Workspace.of(robot, floor=floor),
+        margin=margin,
     )
     result = _search(told, limits, base, shape, criterion, evaluations, seed)
     result.trajectory.save(file)
@@ -107,7 +118,7 @@ def _print_result(
     out.print(_limit_table(result))
     for name, gap in (("floor", result.use.floor), ("another link", result.use.links)):
         if np.isfinite(gap):
-            out.print(f"smallest gap to {name}: {1e3 * gap:.0f} mm")
+            out.print(f"smallest gap to {name}: {1e3 * gap:.0f} mm (margin {1e3 * limits.margin:g} mm)")
     for sentence in limits.assumed:
         out.print(f"[cyan]note:[/] {escape(sentence)}", soft_wrap=True)
     trajectory = result.trajectory

@@ -13,12 +13,14 @@ from rich.progress import BarColumn, Progress, TextColumn
 from rich.table import Table
 
 from elastic_arm.cli.console import err, out, print_json, refuse_repeated, reports_errors
+from elastic_arm.cli.outputs import Force, claim_folder
 from elastic_arm.identification import Identification, identify_with, parse_laws
 from elastic_arm.identification.derivatives import Motion
 from elastic_arm.identification.equations import Equations
 from elastic_arm.recording import ChannelMap, Recording, load_channels, read_recording
 from elastic_arm.robot import Robot, load_robot
 
+RESULTS = ("identification.json", "report.html", "robot.yaml")
 COLOURS = {"well": "green", "poorly": "yellow", "not": "red"}
 
 
@@ -58,6 +60,7 @@ def identify(
     consistent: Annotated[bool, typer.Option(help="Also find all parameters, physically consistent.")] = True,
     out_dir: Annotated[Path, typer.Option("--out", help="Folder for the results.")] = Path("identified"),
     json: Annotated[bool, typer.Option("--json", help="Print the result as JSON, for scripts.")] = False,
+    force: Force = False,
 ) -> None:
     """Identify an arm's parameters from recordings.
 
@@ -72,6 +75,7 @@ def identify(
 
         elastic-arm identify lwr_1 lwr_3 --robot lwr.urdf --with coulomb_friction:side=link --validate lwr_2
     """
+    claim_folder(out_dir, RESULTS, force=force)
     refuse_repeated([*bags, *(validate or [])])
     robot = load_robot(robot_file)
     laws = parse_laws(with_ or (), robot)
@@ -109,6 +113,8 @@ def _write(result: Identification, sections_of: tuple[Equations, Motion], out_di
     from elastic_arm.report.identification import sections
 
     result.to_json(out_dir / "identification.json")
+    # Without it, the arm of an earlier run would stand beside results that it does not belong to.
+    (out_dir / "robot.yaml").unlink(missing_ok=True)
     if result.identified is not None:
         result.save_robot(out_dir / "robot.yaml")
     subtitle = f"{result.model}, {', '.join(result.recordings)}"

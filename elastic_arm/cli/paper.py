@@ -14,12 +14,14 @@ from rich.table import Table
 
 from elastic_arm.cli.console import err, out, print_json, reports_errors
 from elastic_arm.cli.describe import RobotFile
+from elastic_arm.cli.outputs import Force, claim_folder
 from elastic_arm.errors import MissingExtraError
 from elastic_arm.robot import load_robot
 
 if TYPE_CHECKING:
     from elastic_arm.paper.claims import Claim
 
+RESULTS = ("report.html", "paper.json", "claims.csv")
 COLOURS = {"holds": "green", "holds in part": "yellow", "does not hold": "red"}
 
 
@@ -31,6 +33,7 @@ def paper(
     workers: Annotated[int, typer.Option(min=1, help="Processes for the prototype's runs.")] = os.cpu_count() or 1,
     seed: Annotated[int, typer.Option(min=0, help="Of noise, poses and searches.")] = 1,
     json: Annotated[bool, typer.Option("--json", help="Print the claims as JSON, for scripts.")] = False,
+    force: Force = False,
 ) -> None:
     """Reproduce the paper: mod1, mod2, mod3 against a virtual prototype, over the ratios, down to the parameters.
 
@@ -42,6 +45,7 @@ def paper(
 
         elastic-arm paper --quick --json
     """
+    claim_folder(folder, RESULTS, force=force)
     _require_extras()
     from dataclasses import asdict
 

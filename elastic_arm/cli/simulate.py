@@ -14,6 +14,7 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.table import Table
 
 from elastic_arm.cli.console import err, out, print_json, reports_errors
+from elastic_arm.cli.outputs import claim_bag
 from elastic_arm.dynamics import build_model
 from elastic_arm.effects import EFFECTS, Active, parse
 from elastic_arm.errors import SensorError, SimulationError
@@ -84,13 +85,12 @@ def simulate(
 
         elastic-arm simulate --list-effects
     """
+    claim_bag(out_bag)
     robot = load_robot(robot_file)
     nominal = robot.with_(effects=()) if nominal_file is None else load_robot(nominal_file)
     effects = [parse(text, robot) for text in effect or ()]
     motion = _motion(trajectory, nominal, model, seed)
     read = _sensors(sensors, robot, noise, encoder_noise)
-    if out_bag.exists():
-        raise SimulationError(f"{out_bag} exists already", "Choose another name; nothing is overwritten.")
     settings = {"model": model, "bearings": bearings, "duration": duration, "substeps": substeps}
     settings["rate"] = robot.sample_rate if rate is None else rate
     begin = time.perf_counter()

@@ -2,13 +2,14 @@
 
 from elastic_arm.excitation.criteria import CRITERIA, BaseRegressor, find_criterion
 from elastic_arm.excitation.fourier import FourierTrajectory, load_trajectory
-from elastic_arm.excitation.limits import LimitUse, MotionLimits, check_limits
+from elastic_arm.excitation.limits import MARGIN, LimitUse, MotionLimits, check_limits
 from elastic_arm.excitation.problem import Shape, random_trajectories
 from elastic_arm.excitation.search import ExcitationResult, optimise
 from elastic_arm.excitation.workspace import Workspace
 
 __all__ = [
     "CRITERIA",
+    "MARGIN",
     "BaseRegressor",
     "ExcitationResult",
     "FourierTrajectory",

@@ -24,6 +24,9 @@ DEFAULTS: dict[str, float] = {
     "torque": np.inf,
 }
 UNITS = {"position": "rad", "velocity": "rad/s", "acceleration": "rad/s²", "torque": "Nm", "floor": "m", "links": "m"}
+# Clearance to the floor and between links that a motion keeps, m: what a tracking error of some mrad at a metre's reach
+# and capsules that are only roughly the links take away.
+MARGIN = 0.02
 # Samples of a period of the highest harmonic: a peak between two samples exceeds them by less than 1 %.
 SAMPLES_PER_WAVE = 24
 FEWEST_SAMPLES = 200
@@ -41,6 +44,8 @@ class MotionLimits:
         rad, rad/s, rad/s^2, Nm; torque at the harmonic-drive output, infinite where unlimited.
     workspace
         None where the arm may go everywhere.
+    margin
+        Smallest gap to the floor and between links, m; :data:`MARGIN` by default.
     assumed
         Sentences on limits that the description does not state.
     """
@@ -52,9 +57,12 @@ class MotionLimits:
     acceleration: Array
     torque: Array
     workspace: Workspace | None = None
+    margin: float = MARGIN
     assumed: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
+        sane = bool(np.isfinite(self.margin)) and self.margin >= 0.0
+        require(sane, f"the margin of safety is {self.margin:g} m", "Give zero or a length above it")
         for joint, low, high in zip(self.joints, self.position_min, self.position_max, strict=True):
             require(
                 low < high, f"{joint} may go from {low:g} to {high:g} rad", "State both position limits of that joint"
@@ -69,6 +77,7 @@ class MotionLimits:
         acceleration: float | None = None,
         torque: float | None = None,
         workspace: Workspace | None = None,
+        margin: float = MARGIN,
     ) -> MotionLimits:
         """Take the limits of `robot`, defaults where it states none, lowered to the given ones (all joints alike)."""
         values: dict[str, Array] = {}
@@ -84,7 +93,8 @@ class MotionLimits:
                 positive = bool(np.isfinite(given)) and given > 0.0
                 require(positive, f"the {name} limit is {given:g}", "Give a number above zero")
                 values[name] = np.minimum(values[name], given)
-        return cls(robot.joint_names, **values, workspace=workspace or Workspace.of(robot), assumed=tuple(assumed))
+        workspace = workspace or Workspace.of(robot)
+        return cls(robot.joint_names, **values, workspace=workspace, margin=margin, assumed=tuple(assumed))
 
     @property
     def centre(self) -> Array:
@@ -129,6 +139,7 @@ class MotionLimits:
             peak_torque=np.abs(tau).max(axis=0),
             floor=floor,
             links=links,
+            margin=self.margin,
         )
 
 
@@ -137,7 +148,7 @@ class LimitUse:
     """Peaks of a motion as shares of the limits, (n,) each: 1 is at the limit.
 
     `peak_torque` is in Nm; `floor` and `links` are the smallest gaps, m, negative where a link goes through something,
-    infinite where there is nothing.
+    infinite where there is nothing; `margin` is how large they must be.
     """
 
     joints: tuple[str, ...]
@@ -148,13 +159,14 @@ class LimitUse:
     peak_torque: Array
     floor: float
     links: float
+    margin: float
     kinds: tuple[str, ...] = field(default=("position", "velocity", "acceleration", "torque"), init=False)
 
     @property
     def excess(self) -> Array:
-        """How far each limit is broken, not above 0 where it is kept: four shares and two gaps in m, (6,)."""
+        """How far each limit is broken, not above 0 where it is kept: four shares and two lacks of room in m, (6,)."""
         shares = [float(getattr(self, kind).max()) - 1.0 for kind in self.kinds]
-        gaps = [-1.0 if np.isinf(gap) else -gap for gap in (self.floor, self.links)]
+        gaps = [-1.0 if np.isinf(gap) else self.margin - gap for gap in (self.floor, self.links)]
         return np.array(shares + gaps)
 
     @property
@@ -169,13 +181,16 @@ class LimitUse:
             shares = getattr(self, self.kinds[index])
             joint = int(np.argmax(shares))
             return f"the {self.kinds[index]} of {self.joints[joint]} reaches {100 * shares[joint]:.0f} % of its limit"
-        what = ("the floor", "another link")[index - len(self.kinds)]
-        return f"a link goes {1e3 * self.excess[index]:.0f} mm into {what}"
+        what, gap = (("the floor", self.floor), ("another link", self.links))[index - len(self.kinds)]
+        if gap < 0.0:
+            return f"a link goes {-1e3 * gap:.0f} mm into {what}"
+        return f"a link comes within {1e3 * gap:.1f} mm of {what}, the margin is {1e3 * self.margin:g} mm"
 
     def to_dict(self) -> dict[str, Any]:
         """Return plain data, null where there is no limit."""
         shares = {kind: dict(zip(self.joints, getattr(self, kind).tolist(), strict=True)) for kind in self.kinds}
         gaps = {f"{name}_gap_m": None if np.isinf(gap) else gap for name, gap in self._gaps()}
+        gaps["margin_m"] = self.margin
         peaks = dict(zip(self.joints, self.peak_torque.tolist(), strict=True))
         return {"share_of_limit": shares, "peak_torque_Nm": peaks, **gaps}
 

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from elastic_arm.errors import ElasticArmError
+from elastic_arm.errors import OutputError
 from elastic_arm.paper.claims import Claim
 from elastic_arm.paper.identification_study import shares
 from elastic_arm.paper.study import Result
@@ -30,7 +30,7 @@ def export(result: Result, claims: list[Claim], folder: Path) -> list[Path]:
 
     Raises
     ------
-    ElasticArmError
+    OutputError
         When the folder cannot be written.
     """
     content = as_dict(result, claims)
@@ -48,8 +48,8 @@ def export(result: Result, claims: list[Claim], folder: Path) -> list[Path]:
         whole = folder / "paper.json"
         whole.write_text(json.dumps(content, indent=1, allow_nan=False), encoding="utf-8")
     except OSError as error:
-        raise ElasticArmError(
-            f"the study's numbers cannot be written to {folder}: {error.strerror}", "Choose another folder with --out"
+        raise OutputError(
+            f"the study's numbers cannot be written to {folder}: {error.strerror}", "Choose another folder with --out."
         ) from error
     return [whole, *files]
 

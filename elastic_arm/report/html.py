@@ -17,7 +17,7 @@ import matplotlib as mpl
 from matplotlib.figure import Figure as MplFigure
 
 from elastic_arm import __version__
-from elastic_arm.errors import ElasticArmError
+from elastic_arm.errors import OutputError
 from elastic_arm.report.style import style
 
 _counter = itertools.count()
@@ -103,7 +103,7 @@ def write_report(path: str | Path, title: str, sections: Sequence[Section], *, s
 
     Raises
     ------
-    ElasticArmError
+    OutputError
         When the file cannot be written.
     """
     path = Path(path)
@@ -123,7 +123,7 @@ def write_report(path: str | Path, title: str, sections: Sequence[Section], *, s
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_text(page, encoding="utf-8")
     except OSError as error:
-        raise ElasticArmError(
-            f"the report {path} cannot be written: {error.strerror}", "Choose another folder with --out"
+        raise OutputError(
+            f"the report {path} cannot be written: {error.strerror}", "Choose another folder with --out."
         ) from error
     return path

@@ -22,7 +22,7 @@ def write_paper_report(result: Result, claims: list[Claim], path: Path) -> Path:
 
     Raises
     ------
-    ElasticArmError
+    OutputError
         When the file cannot be written.
     """
     sections = [

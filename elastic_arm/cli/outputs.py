@@ -1,0 +1,76 @@
+"""Where results go: looked at before the work, so that no minutes are lost and no earlier result is.
+
+Results are overwritten with --force alone, recordings never: they cannot be made again.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from elastic_arm.errors import OutputError
+
+Force = Annotated[bool, typer.Option("--force", help="Overwrite the results of an earlier run.")]
+
+
+def claim_folder(folder: Path, names: Sequence[str], *, force: bool, option: str = "--out") -> None:
+    """Check that the files `names` may be written into `folder`, which need not exist.
+
+    Raises
+    ------
+    OutputError
+        If one of them exists and `force` is not given, or the folder cannot be written.
+    """
+    left = [name for name in names if (folder / name).exists()]
+    if left and not force:
+        raise OutputError(
+            f"{folder} holds results of an earlier run: {', '.join(left)}",
+            f"Name another folder with {option}, or overwrite them with --force.",
+        )
+    _check_folder(folder, option)
+
+
+def claim_file(path: Path, *, force: bool, option: str = "--out") -> None:
+    """Check that `path` may be written; its folder need not exist.
+
+    Raises
+    ------
+    OutputError
+        If it exists and `force` is not given, is a folder, or cannot be written.
+    """
+    if path.is_dir():
+        raise OutputError(f"{path} is a folder", f"Name a file with {option}.")
+    if path.exists():
+        if not force:
+            raise OutputError(
+                f"{path} exists already", f"Name another file with {option}, or overwrite it with --force."
+            )
+        if not os.access(path, os.W_OK):
+            raise OutputError(f"{path} may not be written", f"Name another file with {option}.")
+    _check_folder(path.parent, option)
+
+
+def claim_bag(path: Path, option: str = "--out") -> None:
+    """Check that a bag may be made at `path`.
+
+    Raises
+    ------
+    OutputError
+        If something is there, or its folder cannot be written.
+    """
+    if path.exists():
+        raise OutputError(f"{path} exists already", f"Choose another name with {option}: no recording is overwritten.")
+    _check_folder(path.parent, option)
+
+
+def _check_folder(folder: Path, option: str) -> None:
+    """Refuse a folder that cannot be made or written, by its nearest part that exists."""
+    present = next(path for path in (folder.absolute(), *folder.absolute().parents) if path.exists())
+    if not present.is_dir():
+        raise OutputError(f"{present} is a file, not a folder", f"Name another place with {option}.")
+    if not os.access(present, os.W_OK | os.X_OK):
+        raise OutputError(f"the folder {present} may not be written", f"Name another place with {option}.")
