@@ -31,6 +31,7 @@ from elastic_arm.recording import Recording
 from elastic_arm.robot import Robot
 
 Array = NDArray[np.float64]
+Seen = tuple[tuple[Observation, ...], tuple[Observation, ...]]
 
 DETECTED = 25.0  # held-out log-likelihood from which a cause shows although no residual stands out of the noise
 WORTH = 0.01  # of the whole gap: less is no cause
@@ -97,7 +98,7 @@ def diagnose(recordings: Sequence[Recording], question: Question, validate: Sequ
     equations = ArmEquations(question.robot, question.model)
     bank = build_bank(identify, judge, features(equations, effects))
     given = [_given(bank, equations, active) for active in question.given]
-    inquiry = _Inquiry(model, bank, judge, given, max(o.rate for o in seen[0]))
+    inquiry = _Inquiry(model, bank, given, (tuple(seen[0]), tuple(seen[1])))
     notes = list(dict.fromkeys(note for part in seen for o in part for note in o.notes))
     return inquiry.answer(
         identify=tuple(r.source for r in fitted),
@@ -132,8 +133,9 @@ def _given(bank: Bank, equations: ArmEquations, active: Active) -> Entry:
 class _Inquiry:
     """Search, judgement and wording for one bank of columns."""
 
-    def __init__(self, model: Model, bank: Bank, judge: Evidence, given: list[Entry], rate: float) -> None:
-        self.model, self.bank, self.judge, self.given, self.rate = model, bank, judge, given, rate
+    def __init__(self, model: Model, bank: Bank, given: list[Entry], seen: Seen) -> None:
+        self.model, self.bank, self.judge, self.given, self.seen = model, bank, bank.sets[1], given, seen
+        self.rate = max(o.rate for o in seen[0])
         self.notes: list[str] = []
 
     def answer(
@@ -160,7 +162,8 @@ class _Inquiry:
         entries = explanation.entries
         after_values = self._left(entries)
         after = shrinking.figures(self.judge, after_values, before.band)
-        causes, alone = self._causes(explanation, before, baseline)
+        causes, found_as = self._causes(explanation, before, baseline)
+        alone = [values for _, _, values in found_as]
         found = shrinking.shrink(before, after) if before.significant.any() else None
         verdict = self._verdict(found[0] if found else None, causes)
         regimes = tuple(shares(self.judge, before_values, row, self._ratios(row)) for row in range(len(before.rmse)))
@@ -183,11 +186,22 @@ class _Inquiry:
             causes=tuple(causes),
             unexplained=tuple(self._unexplained(before, after, after_values)) if verdict == "unknown" else (),
             notes=(*notes, *self.notes),
+            ladder=self._ladder(before, before_values, alone),
             material=Material(
-                self.model, self.judge, before_values, after_values, tuple(c for _, c in alone),
-                tuple(values for values, _ in alone), regimes,
+                model=self.model,
+                validate=self.judge,
+                before=before_values,
+                after=after_values,
+                entries=tuple(entry for entry, _, _ in found_as),
+                alone=tuple(alone),
+                regimes=regimes,
+                bank=self.bank,
+                seen=self.seen,
+                given=tuple(baseline),
+                known=self._actives(baseline),
+                rivals=tuple(tuple(r.entry for r in rivals) for _, rivals, _ in found_as),
             ),
-        )  # fmt: skip
+        )
 
     def _faint(self, tried: Sequence[shrinking.Figures], explanation: Explanation) -> shrinking.Figures | None:
         """Return a band in which the causes make residuals smaller that do not stand out of the noise by size alone."""
@@ -261,23 +275,35 @@ class _Inquiry:
 
     def _causes(
         self, explanation: Explanation, before: shrinking.Figures, baseline: Sequence[Entry]
-    ) -> tuple[list[Cause], list[tuple[list[Array], Entry]]]:
+    ) -> tuple[list[Cause], list[tuple[Entry, list[Rival], list[Array]]]]:
+        """Return the causes, most important first, and each as an entry, with its rivals and what it leaves alone."""
         entries = explanation.entries
-        estimated, beta = estimates(self.bank, entries), self.bank.fit(0, entries)
+        estimated, coefficients = estimates(self.bank, entries), self._coefficients(entries)
         found = []
-        first = 0
-        for k, entry in enumerate(entries):
-            size = entry.columns.stop - entry.columns.start
-            coefficients = [float(v) for v in beta[first : first + size]]
-            first += size
-            if k < explanation.given:
-                continue
+        for k in range(explanation.given, len(entries)):
+            entry, rivals = entries[k], explanation.rivals.get(k, [])
             alone = self._left([*baseline, entry])
             share = shrinking.shrink(before, shrinking.figures(self.judge, alone, before.band))[0]
-            cause = self._cause(entry, estimated[k], share, explanation.rivals.get(k, []), coefficients)
-            found.append((cause, alone, entry))
+            found.append((self._cause(entry, estimated[k], share, rivals, coefficients[k]), (entry, rivals, alone)))
         found.sort(key=lambda item: -item[0].shrink)
-        return [c for c, _, _ in found], [(values, entry) for _, values, entry in found]
+        return [cause for cause, _ in found], [as_entry for _, as_entry in found]
+
+    def _coefficients(self, entries: Sequence[Entry]) -> list[list[float]]:
+        """Return the coefficients of each entry's columns."""
+        beta, found, first = self.bank.fit(0, entries), [], 0
+        for entry in entries:
+            size = entry.columns.stop - entry.columns.start
+            found.append([float(v) for v in beta[first : first + size]])
+            first += size
+        return found
+
+    def _ladder(self, before: shrinking.Figures, start: list[Array], alone: Sequence[list[Array]]) -> tuple[float, ...]:
+        """Return how far the gap shrinks with the first cause, the first two, and so on."""
+        left, rungs = start, []
+        for one in alone:
+            left = [now - (was - then) for now, was, then in zip(left, start, one, strict=True)]
+            rungs.append(shrinking.shrink(before, shrinking.figures(self.judge, left, before.band))[0])
+        return tuple(rungs)
 
     def _cause(
         self, entry: Entry, estimate: dict[str, Estimate], share: float, rivals: list[Rival], coefficients: list[float]
@@ -305,6 +331,11 @@ class _Inquiry:
             alternatives,
             feature.active(coefficients, entry.searched or ()),
         )
+
+    def _actives(self, entries: Sequence[Entry]) -> tuple[Active, ...]:
+        """Return the entries as the simulator takes them."""
+        coefficients = self._coefficients(entries)
+        return tuple(e.feature.active(c, e.searched or ()) for e, c in zip(entries, coefficients, strict=True))
 
     def _verdict(self, shrink: float | None, causes: Sequence[Cause]) -> str:
         if shrink is None:

@@ -8,8 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elastic_arm.dynamics import Model
-from elastic_arm.gap.bank import Entry
+from elastic_arm.effects import Active
+from elastic_arm.gap.bank import Bank, Entry
 from elastic_arm.gap.evidence import Evidence
+from elastic_arm.gap.observation import Observation
 
 Array = NDArray[np.float64]
 
@@ -32,12 +34,25 @@ class Material:
         Residuals of each stretch with one cause alone added, by position in the causes.
     regimes
         (R,) share of each residual's power that follows each regime, before.
+    bank
+        The columns of all effects on both data sets.
+    seen
+        The observed recordings that causes were fitted on, and those that judged.
+    given, known
+        What counted as part of the model, as entries and as the simulator takes it.
+    rivals
+        What competes with each cause, by position in the causes, most probable first.
     """
 
     model: Model
     validate: Evidence
     before: list[Array]
     after: list[Array]
-    entries: tuple[Entry, ...] = ()
-    alone: tuple[list[Array], ...] = ()
-    regimes: tuple[dict[str, float], ...] = ()
+    entries: tuple[Entry, ...]
+    alone: tuple[list[Array], ...]
+    regimes: tuple[dict[str, float], ...]
+    bank: Bank
+    seen: tuple[tuple[Observation, ...], tuple[Observation, ...]]
+    given: tuple[Entry, ...]
+    known: tuple[Active, ...]
+    rivals: tuple[tuple[Entry, ...], ...]

@@ -136,6 +136,8 @@ class Diagnosis:
         What was found, most important first, and where something is left.
     notes
         What the reader should know besides.
+    ladder
+        Share of the gap that is gone with the first cause, the first two, and so on.
     material
         What figures are drawn from; not written.
     """
@@ -156,6 +158,7 @@ class Diagnosis:
     causes: tuple[Cause, ...]
     unexplained: tuple[Place, ...]
     notes: tuple[str, ...] = ()
+    ladder: tuple[float, ...] = ()
     material: Material | None = field(default=None, repr=False, compare=False)
 
     def to_dict(self) -> dict[str, Any]:
