@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -181,7 +182,11 @@ class NoiseModel:
     def whitener(self, f: NDArray[Any]) -> NDArray[np.complex128]:
         """Return W (F', R, R) with W covariance W^H = 1 at f (F',) Hz within the band."""
         index = np.clip(np.rint(f / (self.f[1] - self.f[0])).astype(int), 0, len(self.f) - 1)
-        return np.linalg.inv(np.linalg.cholesky(self.covariance))[index]
+        return self._whitener[index]
+
+    @cached_property
+    def _whitener(self) -> NDArray[np.complex128]:
+        return np.linalg.inv(np.linalg.cholesky(self.covariance))
 
 
 def noise_model(
