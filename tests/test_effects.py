@@ -106,6 +106,33 @@ def test_candidates_cover_every_place_and_choice(arm):
 @pytest.mark.parametrize(
     ("text", "words"),
     [
+        ("payload:mass=-5", ["payload: mass is -5 kg", "less than 0 kg"]),
+        ("coulomb_friction:joint_1:torque=-3", ["torque is -3 Nm"]),
+        ("stribeck_friction:joint_1:torque=-3,speed=0.1", ["torque is -3 Nm"]),
+        ("viscous_friction:joint_1:coefficient=-1", ["coefficient is -1 Nm s/rad"]),
+        ("load_dependent_friction:joint_1:coefficient=-0.1", ["coefficient is -0.1"]),
+        ("hysteresis:joint_1:torque=-1,width=1e-4", ["torque is -1 Nm"]),
+        ("backlash:joint_1:half_gap=-1e-4", ["half_gap is -0.0001 rad"]),
+        ("damping_mismatch:joint_1:damping=-0.5", ["damping is -0.5"]),
+    ],
+)
+def test_stated_effects_that_no_arm_has_are_refused(arm, text, words):
+    """Friction that drives, negative masses and gaps are refused by name where somebody states them."""
+    with pytest.raises(EffectError) as caught:
+        parse(text, arm)
+    for word in words:
+        assert word in str(caught.value)
+
+
+def test_a_fit_may_find_less_than_a_real_arm_has(arm):
+    """A negative payload, which says that the nominal arm is too heavy, can be made, saved and loaded."""
+    lighter = Active(EFFECTS["payload"], None, {"mass": -2.0})
+    assert from_dict(lighter.to_dict(), arm).parameters["mass"] == -2.0
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
         ("columb_friction:joint_1:torque=1", ["Did you mean coulomb_friction", "payload"]),
         ("coulomb_friction:joint_9:torque=1", ["joint_9", "joint_1, joint_2, joint_3"]),
         ("coulomb_friction:torque=1", ["needs a joint", "joint_2"]),

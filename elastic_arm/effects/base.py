@@ -69,6 +69,9 @@ class Parameter:
         Number of components: 3 for a vector.
     above
         Physical bound: values must be larger.
+    least
+        What a real arm has at least: who states the effect may not go below it. A fit may, and so shows that the
+        nominal arm has too much of it.
     from_coefficient
         Exact value for the coefficient of its column; None for `neutral + coefficient`.
     """
@@ -83,6 +86,7 @@ class Parameter:
     meaning: str = ""
     size: int = 1
     above: float = -math.inf
+    least: float = -math.inf
     from_coefficient: Callable[[float], float] | None = None
 
     def value_of(self, coefficient: float) -> float:
@@ -329,6 +333,22 @@ class Active:
     def numbers(self) -> dict[str, Any]:
         """The parameters that are numbers."""
         return {p.name: self.parameters[p.name] for p in self.effect.parameters}
+
+    def refuse_impossible(self) -> None:
+        """Refuse what no real arm has, such as friction that drives; meant for effects that are stated, not fitted.
+
+        Raises
+        ------
+        EffectError
+            Naming the parameter, its value and the least one.
+        """
+        for p in self.effect.parameters:
+            value: Any = self.parameters[p.name]
+            if min(value if isinstance(value, tuple) else (value,)) < p.least:
+                unit = f" {p.unit}" if p.unit != "1" else ""
+                raise EffectError(
+                    f"{self.effect.id}: {p.name} is {value:g}{unit}", f"No arm has less than {p.least:g}{unit} of it."
+                )
 
     def joint_indices(self, robot: Robot) -> tuple[int, ...]:
         """Return the joints it sits on: one, or all for an effect of the whole arm.

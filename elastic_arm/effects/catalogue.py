@@ -57,7 +57,7 @@ def parse(text: str, robot: Robot | None = None) -> Active:
     Raises
     ------
     EffectError
-        If it cannot be read; the message lists what would be valid.
+        If it cannot be read, or no real arm has such an effect; the message lists what would be valid.
     """
     effect_id, *rest = text.strip().split(":")
     effect = find(effect_id.strip())
@@ -73,7 +73,9 @@ def parse(text: str, robot: Robot | None = None) -> Active:
                 f"Write NAME=VALUE with NAME one of {', '.join(effect.names) or '(it has no parameters)'}.",
             )
         values[name] = _value(effect, name, value)
-    return _placed(Active(effect, joint or None, values), robot)
+    active = Active(effect, joint or None, values)
+    active.refuse_impossible()
+    return _placed(active, robot)
 
 
 def from_dict(entry: Mapping[str, Any], robot: Robot | None = None) -> Active:

@@ -9,7 +9,7 @@ EFFECT = Effect(
     description="Dry friction: a constant torque against the motion of its side.",
     signature="The residual jumps by twice the torque at every reversal of velocity and is flat in between.",
     law=resisting(lambda w, sign, p: p["torque"] * sign),
-    parameters=(Parameter("torque", "Nm", 0.1, 100.0, neutral=0.0, meaning="F_c"),),
+    parameters=(Parameter("torque", "Nm", 0.1, 100.0, neutral=0.0, least=0.0, meaning="F_c"),),
     choices=(SIDE,),
     sides=("motor", "link"),
     sides_of=chosen_side,

@@ -19,7 +19,7 @@ EFFECT = Effect(
     description="The drive's damping differs from the nominal one.",
     signature="The drive residual follows the rate of deflection: small on slow motion, largest where the arm rings.",
     law=law,
-    parameters=(Parameter("damping", "1", 0.1, 10.0, neutral=1.0, meaning="true / nominal D"),),
+    parameters=(Parameter("damping", "1", 0.1, 10.0, neutral=1.0, least=0.0, meaning="true / nominal D"),),
     sides=("drive",),
     regime="frequency",
     confusions=(

@@ -24,7 +24,7 @@ EFFECT = Effect(
     "the direction of winding and changes over a deflection of about the width.",
     law=law,
     parameters=(
-        Parameter("torque", "Nm", 0.1, 50.0, neutral=0.0, meaning="H, half the loop's height"),
+        Parameter("torque", "Nm", 0.1, 50.0, neutral=0.0, least=0.0, meaning="H, half the loop's height"),
         Parameter("width", "rad", 2e-6, 2e-3, role=Role.SEARCHED, above=0.0, meaning="w_h"),
     ),
     sides=("drive",),

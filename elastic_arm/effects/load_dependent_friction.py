@@ -20,7 +20,7 @@ EFFECT = Effect(
     description="Dry friction in proportion to the torque that the drive transmits: teeth and wave bearing under load.",
     signature="The jump at a velocity reversal grows with the joint torque there; unloaded reversals show none.",
     law=law,
-    parameters=(Parameter("coefficient", "1", 0.002, 0.2, neutral=0.0, meaning="mu"),),
+    parameters=(Parameter("coefficient", "1", 0.002, 0.2, neutral=0.0, least=0.0, meaning="mu"),),
     sides=("motor",),
     regime="load",
     confusions=(

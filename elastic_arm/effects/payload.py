@@ -23,7 +23,7 @@ EFFECT = Effect(
     signature="Extra weight and inertia on the last link, felt by the link side of every joint before it.",
     law=law,
     parameters=(
-        Parameter("mass", "kg", 0.05, 50.0, neutral=0.0, meaning="m"),
+        Parameter("mass", "kg", 0.05, 50.0, neutral=0.0, least=0.0, meaning="m"),
         Parameter("position", "m", -0.5, 0.5, role=Role.SEARCHED, default=(0.0, 0.0, 0.0), size=3, meaning="p, in O_n"),
     ),
     scope=Scope.LAST,

@@ -12,7 +12,7 @@ EFFECT = Effect(
     signature="The residual peaks on both sides of each velocity reversal and dies out above the Stribeck speed.",
     law=resisting(lambda w, sign, p: p["torque"] * ca.exp(-((w / p["speed"]) ** 2)) * sign),
     parameters=(
-        Parameter("torque", "Nm", 0.1, 50.0, neutral=0.0, meaning="F_s - F_c, the excess at standstill"),
+        Parameter("torque", "Nm", 0.1, 50.0, neutral=0.0, least=0.0, meaning="F_s - F_c, the excess at standstill"),
         Parameter("speed", "rad/s", 0.005, 0.5, role=Role.SEARCHED, above=0.0, meaning="v_s"),
     ),
     choices=(SIDE,),

@@ -9,7 +9,7 @@ EFFECT = Effect(
     description="Friction that grows in proportion to the velocity of its side: grease, oil, seals.",
     signature="The residual is a straight line through zero over velocity, largest where the joint is fastest.",
     law=resisting(lambda w, sign, p: p["coefficient"] * w),
-    parameters=(Parameter("coefficient", "Nm s/rad", 0.1, 200.0, neutral=0.0, meaning="F_v"),),
+    parameters=(Parameter("coefficient", "Nm s/rad", 0.1, 200.0, neutral=0.0, least=0.0, meaning="F_v"),),
     choices=(SIDE,),
     sides=("motor", "link"),
     sides_of=chosen_side,
