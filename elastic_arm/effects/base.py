@@ -334,22 +334,6 @@ class Active:
         """The parameters that are numbers."""
         return {p.name: self.parameters[p.name] for p in self.effect.parameters}
 
-    def refuse_impossible(self) -> None:
-        """Refuse what no real arm has, such as friction that drives; meant for effects that are stated, not fitted.
-
-        Raises
-        ------
-        EffectError
-            Naming the parameter, its value and the least one.
-        """
-        for p in self.effect.parameters:
-            value: Any = self.parameters[p.name]
-            if min(value if isinstance(value, tuple) else (value,)) < p.least:
-                unit = f" {p.unit}" if p.unit != "1" else ""
-                raise EffectError(
-                    f"{self.effect.id}: {p.name} is {value:g}{unit}", f"No arm has less than {p.least:g}{unit} of it."
-                )
-
     def joint_indices(self, robot: Robot) -> tuple[int, ...]:
         """Return the joints it sits on: one, or all for an effect of the whole arm.
 

@@ -74,7 +74,7 @@ def parse(text: str, robot: Robot | None = None) -> Active:
             )
         values[name] = _value(effect, name, value)
     active = Active(effect, joint or None, values)
-    active.refuse_impossible()
+    _refuse_impossible(active)
     return _placed(active, robot)
 
 
@@ -89,6 +89,17 @@ def from_dict(entry: Mapping[str, Any], robot: Robot | None = None) -> Active:
 def robot_effects(robot: Robot) -> tuple[Active, ...]:
     """Return the effects that the robot's own description carries."""
     return tuple(from_dict(entry, robot) for entry in robot.effects)
+
+
+def _refuse_impossible(active: Active) -> None:
+    """Refuse what no real arm has, such as friction that drives. Arm files may hold it: a fit wrote it there."""
+    for p in active.effect.parameters:
+        value: Any = active.parameters[p.name]
+        if min(value if isinstance(value, tuple) else (value,)) < p.least:
+            unit = f" {p.unit}" if p.unit != "1" else ""
+            raise EffectError(
+                f"{active.effect.id}: {p.name} is {value:g}{unit}", f"No arm has less than {p.least:g}{unit} of it."
+            )
 
 
 def _placed(active: Active, robot: Robot | None) -> Active:

@@ -3,19 +3,14 @@
 from collections.abc import Mapping
 from typing import Any
 
-from elastic_arm.effects.base import Confusion, Effect, Parameter, SensorEffect
+from elastic_arm.effects.base import Confusion, Effect, SensorEffect
+from elastic_arm.effects.gain import GAIN, excess, scaling
 from elastic_arm.effects.motion import Contribution, Motion
-from elastic_arm.sensors import Sensors
 
 
 def law(motion: Motion, i: int, p: Mapping[str, Any]) -> Contribution:
     """In recorded torque: (1 - 1/gain) tau_m."""
-    return motion.at(i, motor=(1.0 - 1.0 / p["gain"]) * motion.tau_m[i])
-
-
-def change(sensors: Sensors, i: int, n: int, p: Mapping[str, Any]) -> Sensors:
-    """Scale the channel."""
-    return sensors.changed("motor_torque", i, n, gain=p["gain"])
+    return motion.at(i, motor=excess(motion.tau_m[i], p))
 
 
 EFFECT: Effect = SensorEffect(
@@ -24,21 +19,10 @@ EFFECT: Effect = SensorEffect(
     description="The motor's torque constant is not what the drive believes.",
     signature="The motor residual follows the motor torque itself, through rest and motion alike.",
     law=law,
-    parameters=(
-        Parameter(
-            "gain",
-            "1",
-            0.5,
-            2.0,
-            neutral=1.0,
-            above=0.0,
-            meaning="recorded / true",
-            from_coefficient=lambda c: 1.0 / (1.0 - c),
-        ),
-    ),
+    parameters=(GAIN,),
     sides=("motor",),
     regime="load",
-    change=change,
+    change=scaling("motor_torque"),
     confusions=(
         Confusion(
             "rotor_inertia_mismatch",
