@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 
 from elastic_arm.dynamics import build_model, kernels
-from elastic_arm.dynamics.compiler import CACHE_VARIABLE
+from elastic_arm.dynamics.cache import CACHE_VARIABLE
 from elastic_arm.dynamics.information import gram
 from elastic_arm.errors import KernelError
 from elastic_arm.robot import load_robot

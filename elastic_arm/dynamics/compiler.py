@@ -14,22 +14,14 @@ import tempfile
 from collections.abc import Callable
 from pathlib import Path
 
-import platformdirs
-
+from elastic_arm.dynamics.cache import CACHE_VARIABLE, cache_folder
 from elastic_arm.errors import KernelError
 
-CACHE_VARIABLE = "ELASTIC_ARM_CACHE"
 _TIMEOUT_S = 300.0
 _FLAGS = ("-std=gnu11", "-shared", "-fPIC", "-w", "-O2", "-fno-math-errno", "-fno-trapping-math")
 # Tried in turn: with the vector mathematics of the GNU C library, for this processor only, and plain.
 _VARIANTS = (("-march=native", "-DVECTOR_MATH"), ("-march=native",), ())
 _LIBRARIES = {"-DVECTOR_MATH": ("-lmvec",)}
-
-
-def cache_folder() -> Path:
-    """Folder of compiled kernels and saved derivations: $ELASTIC_ARM_CACHE, or the user's cache."""
-    chosen = os.environ.get(CACHE_VARIABLE)
-    return Path(chosen) if chosen else Path(platformdirs.user_cache_dir("elastic_arm"))
 
 
 def find_compiler() -> tuple[str, ...] | None:

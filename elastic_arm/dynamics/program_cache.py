@@ -5,14 +5,12 @@ from __future__ import annotations
 import contextlib
 import functools
 import hashlib
-import os
-import tempfile
 import zipfile
 from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from elastic_arm.dynamics.compiler import cache_folder
+from elastic_arm.dynamics.cache import cache_folder, whole
 from elastic_arm.dynamics.program import Program, from_casadi
 
 if TYPE_CHECKING:
@@ -38,21 +36,9 @@ def cached_program(key: str, derive: Callable[[], casadi.Function]) -> Program:
     with contextlib.suppress(OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile):
         return Program.load(path)
     program = from_casadi(derive())
-    with contextlib.suppress(OSError):
-        _save(program, path)
+    with contextlib.suppress(OSError), whole(path) as passing:
+        program.save(passing)
     return program
-
-
-def _save(program: Program, path: Path) -> None:
-    """Write under a passing name first: another process must never read half a file."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    handle, passing = tempfile.mkstemp(dir=path.parent, prefix="program-")
-    os.close(handle)
-    try:
-        program.save(Path(passing))
-        Path(passing).replace(path)
-    finally:
-        Path(passing).unlink(missing_ok=True)
 
 
 @functools.cache

@@ -5,14 +5,12 @@ from __future__ import annotations
 import contextlib
 import functools
 import hashlib
-import os
-import tempfile
 from collections.abc import Callable
 from pathlib import Path
 
 import casadi as ca
 
-from elastic_arm.dynamics.compiler import cache_folder
+from elastic_arm.dynamics.cache import cache_folder, whole
 
 # Whose text shapes the functions: a changed law or recursion must not find what the old one derived.
 _SOURCES = ("dynamics", "effects", "simulation")
@@ -31,8 +29,8 @@ def stored(key: str, derive: Callable[[], list[ca.Function]]) -> list[ca.Functio
         except RuntimeError:  # CasADi's word for a file it cannot read
             path.unlink(missing_ok=True)
     functions = derive()
-    with contextlib.suppress(OSError, RuntimeError):
-        _write(path, functions)
+    with contextlib.suppress(OSError, RuntimeError), whole(path) as passing:
+        _write(passing, functions)
     return functions
 
 
@@ -41,17 +39,8 @@ def _read(path: Path) -> list[ca.Function]:
 
 
 def _write(path: Path, functions: list[ca.Function]) -> None:
-    """Write beside, then rename: another process sees all or nothing."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    handle, passing = tempfile.mkstemp(dir=path.parent, suffix=".part")
-    os.close(handle)
-    try:
-        serializer = ca.FileSerializer(passing)
-        serializer.pack(functions)
-        del serializer
-        Path(passing).replace(path)
-    finally:
-        Path(passing).unlink(missing_ok=True)
+    serializer = ca.FileSerializer(str(path))
+    serializer.pack(functions)  # on disk when the serializer goes
 
 
 @functools.cache
