@@ -98,7 +98,7 @@ def diagnose(recordings: Sequence[Recording], question: Question, validate: Sequ
     equations = ArmEquations(question.robot, question.model)
     bank = build_bank(identify, judge, features(equations, effects))
     given = [_given(bank, equations, active) for active in question.given]
-    inquiry = _Inquiry(model, bank, given, (tuple(seen[0]), tuple(seen[1])))
+    inquiry = _Inquiry(model, bank, given, (tuple(seen[0]), tuple(seen[1])), held_back=not validate)
     notes = list(dict.fromkeys(note for part in seen for o in part for note in o.notes))
     return inquiry.answer(
         identify=tuple(r.source for r in fitted),
@@ -133,9 +133,10 @@ def _given(bank: Bank, equations: ArmEquations, active: Active) -> Entry:
 class _Inquiry:
     """Search, judgement and wording for one bank of columns."""
 
-    def __init__(self, model: Model, bank: Bank, given: list[Entry], seen: Seen) -> None:
+    def __init__(self, model: Model, bank: Bank, given: list[Entry], seen: Seen, *, held_back: bool) -> None:
         self.model, self.bank, self.judge, self.given, self.seen = model, bank, bank.sets[1], given, seen
         self.rate = max(o.rate for o in seen[0])
+        self.held_back = held_back
         self.notes: list[str] = []
 
     def answer(
@@ -197,7 +198,8 @@ class _Inquiry:
                 regimes=regimes,
                 bank=self.bank,
                 seen=self.seen,
-                given=tuple(baseline),
+                held_back=self.held_back,
+                given=tuple(entries[: explanation.given]),
                 known=self._actives(baseline),
                 rivals=tuple(tuple(r.entry for r in rivals) for _, rivals, _ in found_as),
             ),

@@ -37,7 +37,9 @@ class Material:
     bank
         The columns of all effects on both data sets.
     seen
-        The observed recordings that causes were fitted on, and those that judged.
+        The observed recordings that causes were fitted on, and those that judged, or the last third of each.
+    held_back
+        Whether the last third of each recording judged.
     given, known
         What counted as part of the model, as entries and as the simulator takes it.
     rivals
@@ -53,6 +55,7 @@ class Material:
     regimes: tuple[dict[str, float], ...]
     bank: Bank
     seen: tuple[tuple[Observation, ...], tuple[Observation, ...]]
+    held_back: bool
     given: tuple[Entry, ...]
     known: tuple[Active, ...]
     rivals: tuple[tuple[Entry, ...], ...]

@@ -159,26 +159,14 @@ class Simulator:
                 )
         x, hold = equilibrium(self.system, q0, np.full(2 * n, SIGN_SPEED))
         z = np.zeros(self.system.states)
-        self.sign_speed = self._sign_speed(x, z, hold)
+        step = 1.0 / (self.rate * self._substeps)
+        self.sign_speed = sign_speed(self.system, self.system.equations.nominal, x, z, hold, step)
         constants = self.system.evaluate_constants(self.sign_speed)
         limits = [np.inf if j.limits.torque is None else j.limits.torque for j in self.robot.joints]
         gains = np.array([self.controller.kp, self.controller.kd, limits])
         self._loop = Loop(constants, gains, 1.0 / self.rate, self._substeps // 2)
         self.place(x[:n], x[n : 2 * n], dq0, dq0, command=hold, z=z)
         self.carry.y[2 * n : len(x)] = x[2 * n :]
-
-    def _sign_speed(self, x: Array, z: Array, hold: Array) -> Array:
-        """Return the speed (2n,) below which friction of each side is regularised, rad/s.
-
-        :data:`SIGN_SPEED`, or more where friction would outrun the integrator: `friction step / inertia`.
-        """
-        n, rest = self.robot.n, np.zeros_like(x)
-        speed = np.full(2 * n, SIGN_SPEED)
-        given = (self.system.equations.nominal, self.system.acting.numbers(), speed)
-        slope, mass = (np.array(m) for m in self.system.friction(x, rest, z, hold, *given))
-        mobility = np.abs(np.einsum("ik,ij,jk->k", slope, np.linalg.inv(mass), np.where(slope != 0, 1.0, 0.0)))
-        step = 1.0 / (self.rate * self._substeps)
-        return np.maximum(speed, mobility * step / STEEPEST)
 
     @property
     def t(self) -> float:
@@ -274,6 +262,17 @@ class Simulator:
             + (", ".join(str(a) for a in self.effects) or "there are none")
             + ".",
         )
+
+
+def sign_speed(system: System, Psi: Array, x: Array, z: Array, hold: Array, step: float) -> Array:
+    """Return the speed (2n,) below which friction of each side is regularised, rad/s.
+
+    :data:`SIGN_SPEED`, or more where friction would outrun an integrator of this step (s): `friction step / inertia`.
+    """
+    rest, speed = np.zeros_like(x), np.full(2 * system.n, SIGN_SPEED)
+    slope, mass = (np.array(m) for m in system.friction(x, rest, z, hold, Psi, system.acting.numbers(), speed))
+    mobility = np.abs(np.einsum("ik,ij,jk->k", slope, np.linalg.inv(mass), np.where(slope != 0, 1.0, 0.0)))
+    return np.maximum(speed, mobility * step / STEEPEST)
 
 
 def _check_steps(rate: float, substeps: int) -> None:
