@@ -1,7 +1,7 @@
 """Numbers in twice the working precision: sums of them, and triangular factors of Gram matrices made of them.
 
-A Gram matrix squares the condition number; carried to 106 bits, its Cholesky factor is as good as that of an orthogonal
-triangularisation of the rows themselves. Numbers are pairs hi + lo (T. Dekker, Numerische Mathematik 18 (1971) 224).
+A Gram matrix squares the condition number; carried beyond the working precision, its Cholesky factor is as good as that
+of an orthogonal triangularisation of the rows themselves. Numbers are pairs hi + lo (T. Dekker, Numerische Mathematik 18 (1971) 224).
 """
 
 from __future__ import annotations
@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 Pair = tuple[Array, Array]
 
-# A pivot below this share of its column's square is nothing but rounding.
-NOTHING = 1e-29
+# A pivot below this share of its column's square is nothing but the rounding of its products (2^-76).
+NOTHING = 1e-22
 _SPLITTER = 2.0**27 + 1.0
 
 

@@ -34,7 +34,7 @@ def block_identity(program: Program, shared: Sequence[str]) -> str:
 
 
 def gram_source() -> str:
-    """C source of the accumulation of information matrices in twice the working precision."""
+    """C source of the accumulation of information matrices in more than the working precision."""
     return _source("lanes") + "\n" + _source("gram")
 
 
@@ -154,7 +154,7 @@ def _lane_expression(program: Program, k: int, uniform: np.ndarray, names: dict[
 
 
 def _tables(program: Program, shared: Sequence[str]) -> list[str]:
-    """Sizes, and which values of the first output make up each of its rows."""
+    """Sizes, and where the values of each row of the first output begin."""
     sizes = [size for _, size in program.inputs]
     head = program.outputs[0]
     row_first = np.searchsorted(head.places // head.shape[1], np.arange(head.shape[0] + 1))
@@ -165,13 +165,13 @@ def _tables(program: Program, shared: Sequence[str]) -> list[str]:
         "N_SHARED": len(_handed_over(program, program.uniform(shared))),
         "MAX_SIZE": max(sizes, default=1),
         "ROWS": head.shape[0],
+        "LONGEST_ROW": int(np.diff(row_first).max(initial=0)),
     }
     tables = {
         "input_size": sizes,
         "input_shared": [int(name in set(shared)) for name, _ in program.inputs],
         "output_size": [out.size for out in program.outputs],
         "row_first": row_first.tolist(),
-        "row_value": list(range(len(head.values))),
     }
     lines = [f"enum {{ {', '.join(f'{name} = {value}' for name, value in constants.items())} }};"]
     for name, values in tables.items():

@@ -133,7 +133,7 @@ class Model:
         Returns
         -------
         hi, lo : (dof, P + 1, P + 1)
-            The sums are hi + lo, in twice the working precision; `y` (N, dof) comes last.
+            The sums are hi + lo, to some 77 bits of the columns' norms; `y` (N, dof) comes last.
         """
         total = self.accumulator(columns)
         total.add(x, dx, ddx, y=y)

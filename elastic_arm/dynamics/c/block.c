@@ -1,7 +1,7 @@
 /* Runs compute() over blocks of samples. What stands above this text is generated:
    N_INPUTS, N_OUTPUTS, N_VALUES, N_SHARED, MAX_SIZE, input_size[], input_shared[], output_size[], prepare(), compute(),
    spread[], which put an output's values to their places; of the first output, for the information matrices: ROWS,
-   row_first[], row_value[]. */
+   LONGEST_ROW, row_first[], after which a row's values follow one another. */
 
 /* Past the caches, without reading the lines first; `to` is 64-byte aligned. */
 static inline void stream(double *to, const double *from, long count) {
@@ -64,37 +64,35 @@ int dense(long n, const double *const *in, const double *shared, double *const *
   return failed;
 }
 
-#define TILE 8 /* blocks of eight samples that are summed while a sum stays in a register */
-typedef void (*accumulator)(int, const int *, const int *, const v8 *, const v8 *, double *, double *);
+#define TILE 8 /* blocks of eight samples whose products are summed at a time; as in gram.c */
+typedef void (*accumulator)(int, const int *, const v8 *, const v8 *, v8 *, v8 *, v8 *);
 
-/* Information of the first output's rows with the measured y (n, ROWS), summed by `add` into hi and lo. */
-int information(long n, const double *const *in, const double *shared, const double *y, accumulator add, double *hi,
-                double *lo) {
+/* Values and measured y (n, ROWS) of eight samples from `start`, every TILE-th; zeros where there are none. */
+static void fill(long start, long n, const double *const *in, const double *shared, const double *y, double *pad,
+                 v8 *values, v8 *measured) {
   const double *rows[N_INPUTS + 1];
+  long valid = start < n ? point(start, n, in, rows, pad) : 0;
+  if (valid) compute(rows, shared, values, TILE);
+  for (int r = 0; valid == LANES && r < ROWS; r++)
+    for (int l = 0; l < LANES; l++) measured[r * TILE][l] = y[(start + l) * ROWS + r];
+  for (int r = 0; valid < LANES && r < ROWS; r++)
+    for (int l = 0; l < LANES; l++) measured[r * TILE][l] = l < valid ? y[(start + l) * ROWS + r] : 0.0;
+  for (int k = 0; valid < LANES && k < N_VALUES; k++)
+    for (int l = valid; l < LANES; l++) values[k * TILE][l] = 0.0;
+}
+
+/* Information of the first output's rows with the measured y, summed by `add` into hi and lo. */
+int information(long n, const double *const *in, const double *shared, const double *y, accumulator add, v8 *hi,
+                v8 *lo) {
   double *pad = malloc(sizeof(double) * (N_INPUTS + 1) * LANES * MAX_SIZE);
-  v8 *values = aligned_alloc(64, sizeof(v8) * TILE * (N_VALUES + ROWS + 1));
-  if (pad == NULL || values == NULL) {
-    free(pad);
-    free(values);
-    return 1;
-  }
-  v8 *measured = values + (long)TILE * N_VALUES;
-  for (long tile = 0; tile < n; tile += TILE * LANES) {
-    for (int t = 0; t < TILE; t++) {
-      long start = tile + t * LANES, valid = 0;
-      if (start < n) {
-        valid = point(start, n, in, rows, pad);
-        compute(rows, shared, values + t, TILE);
-      }
-      for (int r = 0; r < ROWS; r++)
-        for (int l = 0; l < LANES; l++) measured[r * TILE + t][l] = l < valid ? y[(start + l) * ROWS + r] : 0.0;
-      if (valid < LANES)
-        for (int k = 0; k < N_VALUES; k++)
-          for (int l = valid; l < LANES; l++) values[k * TILE + t][l] = 0.0;
-    }
-    add(ROWS, row_first, row_value, values, measured, hi, lo);
+  v8 *values = aligned_alloc(64, sizeof(v8) * TILE * (N_VALUES + ROWS + 2 * (LONGEST_ROW + 1)));
+  int failed = pad == NULL || values == NULL;
+  v8 *measured = values + (long)TILE * N_VALUES, *work = measured + (long)TILE * ROWS;
+  for (long tile = 0; !failed && tile < n; tile += TILE * LANES) {
+    for (int t = 0; t < TILE; t++) fill(tile + t * LANES, n, in, shared, y, pad, values + t, measured + t);
+    add(ROWS, row_first, values, measured, work, hi, lo);
   }
   free(pad);
   free(values);
-  return 0;
+  return failed;
 }
