@@ -119,18 +119,18 @@ CHANNEL = {"topic": "/x"}
 @pytest.mark.parametrize(
     ("content", "words"),
     [
-        ({"joints": {}}, "joints: Dictionary should have at least 1 item"),
-        ({"joint": {}}, "joint: Extra inputs are not permitted"),
+        ({"joints": {}}, "joints: has 0 entries, needs 1 or more"),
+        ({"joint": {}}, "joint: unknown key"),
         ({"joints": {"a": {"link": {"position": {**CHANNEL, "unit": "degrees"}}}}}, "joints.a.link.position.unit"),
         ({"joints": {"a": {"link": {"position": {**CHANNEL, "unit": "Nm"}}}}}, "position cannot have unit Nm"),
         ({"joints": {"a": {"motor": {"effort": {**CHANNEL, "unit": "A"}}}}}, "unit A needs torque_constant"),
         ({"joints": {"a": {"motor": {"effort": {**CHANNEL, "unit": "Nm_motor"}}}}}, "needs ratio"),
         ({"joints": {"a": {"motor": {"effort": {**CHANNEL, "sign": 2}}}}}, "joints.a.motor.effort.sign"),
         ({"joints": {"a": {"motor": {"effort": {**CHANNEL, "factor": 0}}}}}, "factor must be a finite number"),
-        ({"joints": {"a": {"motor": {"effort": {"field": "effort"}}}}}, "joints.a.motor.effort.topic: Field required"),
+        ({"joints": {"a": {"motor": {"effort": {"field": "effort"}}}}}, "joints.a.motor.effort.topic: missing field"),
         ({"joints": {"a": {"link": {"position": CHANNEL}}, "b": {}}}, "every joint needs the same ones"),
         ({"joints": {"a": {"link": [1]}}}, "joints.a.link"),
-        (["a"], "no mapping of keys"),
+        (["a"], "holds no fields"),
     ],
 )
 def test_wrong_channel_maps_are_refused_by_field(tmp_path: Path, content: object, words: str) -> None:
@@ -214,7 +214,7 @@ def test_a_constant_rate_stands_in_for_times(tmp_path: Path) -> None:
         ({"link": {"position": {"key": "q", "columns": [0]}}}, "q has shape (50, 1); 50 samples of 2 joints"),
         ({"link": {"position": {"key": "junk"}}, "ignore": ["q"]}, "junk has shape"),
         ({"times": {}}, "give either key or rate"),
-        ({"robot_description": "no.urdf"}, "no.urdf cannot be read"),
+        ({"robot_description": "no.urdf"}, "no.urdf: no such file"),
     ],
 )
 def test_wrong_mappings_are_refused(tmp_path: Path, change: dict[str, object], words: str) -> None:

@@ -19,6 +19,7 @@ import yaml
 from numpy.typing import NDArray
 
 from elastic_arm.errors import ExcitationError
+from elastic_arm.input_files import read_fields
 
 Array = NDArray[np.float64]
 
@@ -191,14 +192,9 @@ def load_trajectory(path: str | Path) -> FourierTrajectory:
     ExcitationError
         If it cannot be read or holds no trajectory; names the field.
     """
-    remedy = "Write trajectory files with `elastic-arm excite`"
-    try:
-        content = yaml.safe_load(Path(path).read_text(encoding="utf-8"))
-    except FileNotFoundError as error:
-        raise ExcitationError(f"{path}: no such file", remedy) from error
-    except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
-        raise ExcitationError(f"{path}: cannot be read as YAML ({error})", remedy) from error
-    if not isinstance(content, dict) or content.get("schema") != SCHEMA:
+    remedy = "Write trajectory files with `elastic-arm excite`."
+    content = read_fields(path, ExcitationError, remedy)
+    if content.get("schema") != SCHEMA:
         raise ExcitationError(f"{path}: is no trajectory file (no 'schema: {SCHEMA}')", remedy)
     fields = {name: value for name, value in content.items() if name != "schema"}
     wanted = ("omega", "a", "b", "q0", "duration", "ramp")

@@ -7,14 +7,16 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self, TypeVar
 
-import yaml
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
 from elastic_arm.errors import RecordingError
+from elastic_arm.input_files import explain, read_fields
 
 SideName = Literal["link", "motor"]
 ChannelName = Literal["position", "velocity", "effort"]
 Unit = Literal["rad", "deg", "turns", "rad/s", "deg/s", "turns/s", "rpm", "Nm", "Nm_motor", "A"]
+REMEDY = "See docs/channel_maps.md."
+REFERENCE = "docs/channel_maps.md shows every key"
 CHANNEL_NAMES: tuple[ChannelName, ...] = ("position", "velocity", "effort")
 
 # An angle's unit on a velocity means that unit per second.
@@ -198,14 +200,9 @@ def load_yaml(path: str | Path, what: str) -> dict[str, Any]:
         If it cannot be read or is no mapping.
     """
     try:
-        data = yaml.safe_load(Path(path).read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError) as error:
-        raise RecordingError(f"{what} {path} cannot be read: {error}", "Check the path.") from None
-    except yaml.YAMLError as error:
-        raise RecordingError(f"{what} {path} is no valid YAML: {error}") from None
-    if not isinstance(data, dict):
-        raise RecordingError(f"{what} {path} is no mapping of keys to values", "See docs/channel_maps.md.")
-    return data
+        return read_fields(path, RecordingError, REMEDY)
+    except RecordingError as error:
+        raise RecordingError(f"{what} {error.problem}", error.remedy) from None
 
 
 M = TypeVar("M", bound=BaseModel)
@@ -222,12 +219,8 @@ def validated(model: type[M], data: dict[str, Any], path: str | Path) -> M:
     try:
         return model.model_validate(data)
     except ValidationError as error:
-        faults = [
-            f"{'.'.join(str(part) for part in fault['loc']) or 'the whole'}: "
-            f"{fault['msg'].removeprefix('Value error, ')}"
-            for fault in error.errors()
-        ]
-        raise RecordingError(f"{path}: {'; '.join(faults)}", "See docs/channel_maps.md.") from None
+        problem, remedy = explain(error, REFERENCE)
+        raise RecordingError(f"{path}: {problem}", remedy) from None
 
 
 def _merged(defaults: Any, own: Any) -> Any:

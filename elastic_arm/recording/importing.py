@@ -15,6 +15,7 @@ from pydantic import Field, model_validator
 from scipy.io.matlab import MatReadError
 
 from elastic_arm.errors import RecordingError
+from elastic_arm.input_files import read_text
 from elastic_arm.recording.channels import CHANNEL_NAMES, ChannelName, Scale, Strict, Unit, load_yaml, validated
 from elastic_arm.recording.quality import checked
 from elastic_arm.recording.recording import Recording
@@ -183,10 +184,7 @@ def import_arrays(path: str | Path, mapping: str | Path) -> Recording:
     urdf = None
     if rules.robot_description is not None:
         file = Path(mapping).parent / rules.robot_description
-        try:
-            urdf = file.read_text(encoding="utf-8")
-        except (OSError, UnicodeDecodeError) as error:
-            raise RecordingError(f"{mapping}: robot_description {file} cannot be read: {error}") from None
+        urdf = read_text(file, RecordingError, f"Mend robot_description in {mapping}: a path beside that file.")
     return Recording(tuple(rules.joints), link, motor, robot_description=urdf, source=str(path))
 
 
@@ -204,7 +202,8 @@ def _load(path: Path) -> Mapping[str, np.ndarray]:
     except NotImplementedError:
         raise RecordingError(f"{path} is a MATLAB 7.3 file", "Save it with -v7.") from None
     except _UNREADABLE as error:
-        raise RecordingError(f"{path} cannot be read: {error}", "Check the path and the format.") from None
+        reason = getattr(error, "strerror", None) or error
+        raise RecordingError(f"{path} cannot be read: {reason}", "Check the path and the format.") from None
     raise RecordingError(f"{path} is none of .npz, .csv, .mat", "Convert it to one of them.")
 
 

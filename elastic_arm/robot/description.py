@@ -162,7 +162,8 @@ class Robot:
 
     def with_joint(self, name: str, **changes: Any) -> Robot:
         """Return a copy in which these fields of joint `name` are changed."""
-        require(name in self.joint_names, f"robot {self.name} has no joint {name!r}", f"Use one of {self.joint_names}")
+        names = ", ".join(self.joint_names)
+        require(name in self.joint_names, f"robot {self.name} has no joint {name!r}", f"Use one of {names}.")
         joints = tuple(replace(j, **changes) if j.name == name else j for j in self.joints)
         return self.with_(joints=joints)
 

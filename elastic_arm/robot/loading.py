@@ -7,10 +7,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import yaml
 from pydantic import ValidationError
 
 from elastic_arm.errors import RobotError
+from elastic_arm.input_files import explain, read_fields
 from elastic_arm.robot.arm_file import (
     ArmEntry,
     BaseEntry,
@@ -34,7 +34,8 @@ _TRANSMISSION_FIELDS = (
     "belt_ratio",
     "harmonic_drive_ratio",
 )
-_SHOWN_ERRORS = 5
+REMEDY = "Give an arm file, which starts with name, gravity, base and joints, or a URDF."
+REFERENCE = "the nominal arm.yaml shows every field"
 
 
 def load_robot(path: str | Path | None = None) -> Robot:
@@ -56,77 +57,14 @@ def load_robot(path: str | Path | None = None) -> Robot:
         from elastic_arm.robot.urdf import read_urdf
 
         return read_urdf(path)
-    content = _read_yaml(path)
+    content = read_fields(path, RobotError, REMEDY)
     try:
         entry = (OverlayEntry if "urdf" in content else ArmEntry).model_validate(content)
     except ValidationError as error:
-        raise _explain(path, error) from error
+        problem, remedy = explain(error, REFERENCE)
+        raise RobotError(f"{path}: {problem}", remedy) from error
     with located(f"{path}: "):
         return _overlaid(entry, path.parent) if isinstance(entry, OverlayEntry) else _robot(entry)
-
-
-def _read_yaml(path: Path) -> dict[str, Any]:
-    try:
-        content = yaml.safe_load(path.read_text(encoding="utf-8"))
-    except FileNotFoundError as error:
-        raise RobotError(f"{path}: no such file", "Give the path of an arm file or a URDF") from error
-    except (OSError, UnicodeDecodeError) as error:
-        raise RobotError(
-            f"{path}: cannot be read as text ({error})", "Give the path of an arm file or a URDF"
-        ) from error
-    except yaml.YAMLError as error:
-        mark = getattr(error, "problem_mark", None)
-        line = f" line {mark.line + 1}:" if mark else ""
-        reason = getattr(error, "problem", None) or "no YAML"
-        raise RobotError(f"{path}:{line} {reason}", "Mend the YAML; indentation and colons matter") from error
-    if not isinstance(content, dict):
-        raise RobotError(f"{path}: holds no fields", "An arm file starts with name, gravity, base and joints")
-    return content
-
-
-def _explain(path: Path, error: ValidationError) -> RobotError:
-    """Turn pydantic's list into one error: each field's path and reason, and the remedy of the first."""
-    details = error.errors(include_url=False)
-    lines = [f"{_field_path(d['loc'])}: {_reason(d)}" for d in details[:_SHOWN_ERRORS]]
-    if len(details) > _SHOWN_ERRORS:
-        lines.append(f"and {len(details) - _SHOWN_ERRORS} more")
-    return RobotError(f"{path}: " + "; ".join(lines), _remedy(details[0]))
-
-
-def _field_path(location: tuple[int | str, ...]) -> str:
-    path = ""
-    for step in location:
-        path += f"[{step}]" if isinstance(step, int) else f".{step}"
-    return path.lstrip(".")
-
-
-def _reason(detail: Any) -> str:
-    kind, value = detail["type"], detail.get("input")
-    if kind == "missing":
-        return "missing field"
-    if kind == "extra_forbidden":
-        return "unknown key"
-    if kind == "finite_number":
-        return f"{value} is not a finite number"
-    if kind == "too_short":
-        return f"has {detail['ctx']['actual_length']} entries, needs {detail['ctx']['min_length']} or more"
-    message = detail["msg"].removeprefix("Value error, ")
-    shown = repr(value)
-    return message if shown in message or kind == "value_error" else f"{message}, but is {shown[:60]}"
-
-
-def _remedy(detail: Any) -> str:
-    name = str(detail["loc"][-1]) if detail["loc"] else ""
-    match detail["type"]:
-        case "missing":
-            return f"Add {name} there; the nominal arm.yaml shows every field"
-        case "extra_forbidden":
-            return f"Remove {name}, or correct its spelling; the nominal arm.yaml shows every field"
-        case "finite_number":
-            return "Give a finite number"
-        case "literal_error":
-            return f"Choose one of {detail['ctx']['expected']}"
-    return "Give a value of the type the nominal arm.yaml shows"
 
 
 def _robot(entry: ArmEntry) -> Robot:
@@ -158,7 +96,8 @@ def _overlaid(entry: OverlayEntry, folder: Path) -> Robot:
     robot = read_urdf(folder / entry.urdf)
     for name in entry.transmissions:
         if name not in robot.joint_names:
-            raise RobotError(f"transmissions.{name}: the URDF has no such joint", f"Use one of {robot.joint_names}")
+            known = ", ".join(robot.joint_names)
+            raise RobotError(f"transmissions.{name}: the URDF has no such joint", f"Use one of {known}.")
     joints = []
     for joint in robot.joints:
         with located(f"transmissions.{joint.name}."):

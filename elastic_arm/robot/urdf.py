@@ -42,7 +42,7 @@ def read_urdf(path: str | Path) -> Robot:
     try:
         text = Path(path).read_bytes()
     except FileNotFoundError as error:
-        raise RobotError(f"{path}: no such file", "Give the path of an arm file or a URDF") from error
+        raise RobotError(f"{path}: no such file", "Give the path of a URDF.") from error
     except OSError as error:
         raise RobotError(f"{path}: cannot be read ({error.strerror})", "Give the path of a URDF") from error
     with located(f"{path}: "):
