@@ -146,8 +146,8 @@ def sine(stamps: np.ndarray) -> Row:
 def test_the_reference_between_points_follows_the_motion() -> None:
     """Points off the grid, in messages cut anywhere, are brought onto it to within the cubic's error."""
     queue = ReferenceQueue(np.zeros(2), origin_ns=0, step_ns=MS)
-    stamps = np.arange(700) * MS + 370_000
-    for begin in range(0, 700, 21):
+    stamps = np.arange(1000) * MS + 370_000
+    for begin in range(0, 1000, 21):
         part = stamps[begin : begin + 21]
         queue.add(part, sine(part))
     got = [queue.at(step) for step in range(1, 700)]
@@ -156,28 +156,89 @@ def test_the_reference_between_points_follows_the_motion() -> None:
     np.testing.assert_allclose([row.position for row in got], expected.position, rtol=0, atol=bound + 1e-15)
     np.testing.assert_allclose([row.velocity for row in got], expected.velocity, atol=1e-8)
     np.testing.assert_allclose([row.acceleration for row in got], expected.acceleration, atol=1e-4)
-    assert queue.late == queue.starved == 0
+    assert queue.late == queue.starved == queue.delay == 0
 
 
-def test_a_stream_that_ends_leaves_the_arm_where_it_is() -> None:
-    """Behind the last point the position is held at rest, and the starvation is counted once."""
+def gone_through(queue: ReferenceQueue, steps: range) -> Row:
+    """Return the rows of consecutive steps, (N, n) each."""
+    rows = [queue.at(step) for step in steps]
+    return Row(*(np.array(values) for values in zip(*rows, strict=True)))
+
+
+def assert_smooth(motion: Row, acceleration: float) -> None:
+    """Positions, velocities and accelerations belong together, and the last keep within a bound."""
+    np.testing.assert_allclose(np.diff(motion.position, axis=0) * 1e3, motion.velocity[1:], atol=0.01)
+    assert np.abs(np.diff(motion.velocity, axis=0)).max() * 1e3 < acceleration
+    assert np.abs(motion.acceleration).max() < acceleration
+
+
+def test_a_stream_that_breaks_off_leaves_the_arm_standing_on_its_path() -> None:
+    """The arm slows down before the last point and stands there; that the stream fell behind is counted once."""
     queue = ReferenceQueue(np.zeros(2), origin_ns=0, step_ns=MS)
-    stamps = np.arange(1, 11) * MS
+    stamps = np.arange(1, 701) * MS
     queue.add(stamps, sine(stamps))
-    last = [queue.at(step) for step in range(1, 20)][-1]
-    np.testing.assert_allclose(last.position, sine(stamps[-1:]).position[0])
-    assert not last.velocity.any()
-    assert not last.acceleration.any()
+    motion = gone_through(queue, range(1, 2500))
+    np.testing.assert_allclose(motion.position[:499], sine(stamps[:499]).position, atol=1e-12)
+    assert_smooth(motion, 30.0)  # of the sine 9 rad/s²; its speed, 3 rad/s, is lost within BRAKING
+    np.testing.assert_allclose(motion.position[-1], sine(stamps[-1:]).position[0], atol=0.01)
+    assert not motion.velocity[-1].any()
+    assert not motion.acceleration[-1].any()
     assert queue.starved == 1
 
 
-def test_points_of_the_past_are_not_followed() -> None:
-    """Points older than the step asked for are skipped and counted, the later ones of the message serve."""
+def test_a_stream_that_falls_behind_is_picked_up_where_it_was_left() -> None:
+    """After a pause of a second the arm goes on from where it stood: later, and without a jump or a part left out."""
     queue = ReferenceQueue(np.zeros(2), origin_ns=0, step_ns=MS)
+    stamps = np.arange(1, 3001) * MS
+    queue.add(stamps[:600], sine(stamps[:600]))
+    before = gone_through(queue, range(1, 1600))
+    queue.add(stamps[600:], sine(stamps[600:]))
+    after = gone_through(queue, range(1600, 3500))
+    motion = Row(*(np.concatenate(both) for both in zip(before, after, strict=True)))
+    assert_smooth(motion, 30.0)
+    np.testing.assert_allclose(after.position[-1], sine(np.array([(3499 - queue.delay) * MS])).position[0], atol=1e-9)
+    assert 600 < queue.delay < 1600
+    assert queue.starved == 1
+
+
+def test_a_motion_that_begins_late_is_followed_from_its_beginning() -> None:
+    """Points that lie in the past when they arrive are followed all the same, so many steps later."""
+    queue = ReferenceQueue(np.zeros(2), origin_ns=0, step_ns=MS)
+    gone_through(queue, range(1, 6))
+    stamps = np.arange(1, 701) * MS
+    queue.add(stamps, sine(stamps))
+    motion = gone_through(queue, range(6, 400))
+    np.testing.assert_allclose(motion.position, sine(stamps[:394]).position, atol=1e-12)
+    assert queue.delay == 5
+    assert queue.late == queue.starved == 0
+
+
+def test_a_motion_in_time_takes_the_delay_away() -> None:
+    """Behind a motion that ended at rest, the next one is followed on its stamps."""
+    queue = ReferenceQueue(np.zeros(1), origin_ns=0, step_ns=MS)
+
+    def pulse(count: int) -> Row:
+        s = np.linspace(0.0, 1.0, count)[:, None]
+        return Row(s**2 * (3 - 2 * s), 6 * s * (1 - s), 6 - 12 * s)
+
+    gone_through(queue, range(1, 101))
+    queue.add(np.arange(1, 1001) * MS, pulse(1000))
+    gone_through(queue, range(101, 1200))
+    queue.add(np.arange(2001, 3001) * MS, pulse(1000))
+    motion = gone_through(queue, range(1200, 2501))
+    assert motion.position[800] == 1.0
+    np.testing.assert_allclose(motion.position[801:], pulse(1000).position[:500], atol=1e-12)
+    assert queue.delay == 0
+
+
+def test_points_of_another_clock_are_not_followed() -> None:
+    """Points that are older than any delay are left out and counted."""
+    queue = ReferenceQueue(np.zeros(2), origin_ns=0, step_ns=MS)
+    queue.at(20_000)
     stamps = np.arange(1, 11) * MS
     queue.add(stamps, sine(stamps))
-    np.testing.assert_allclose(queue.at(6).position, sine(np.array([6 * MS])).position[0], atol=1e-12)
-    assert queue.late == 5
+    assert not queue.at(20_001).position.any()
+    assert queue.late == 10
 
 
 def test_a_new_trajectory_replaces_what_lies_behind_its_start() -> None:

@@ -10,8 +10,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
+NANOSECONDS = 1_000_000_000
 # A pause between streamed points longer than this is the start of another motion, not a hole to bridge.
-LONGEST_HOLE_NS = 50_000_000
+LONGEST_HOLE_NS = NANOSECONDS // 2
+# With less than this of the stream left, seconds, the arm slows down, so that it stands where the stream breaks off;
+# it takes as long to pick up again.
+BRAKING = 0.2
+# At a smaller share of its speed the arm stops.
+SLOWEST = 0.01
+# Points older than this, seconds, are of another run, or another clock.
+OLDEST = 10.0
 # Slower than this, rad/s, is standing still: rounding leaves less.
 STILL = 1e-6
 
@@ -31,67 +39,154 @@ class ReferenceQueue:
     spacing), and the acceleration is linear. A message replaces whatever of the stream lies behind its first point, as
     a trajectory does in ROS. Where the stream ends, the last position is held.
 
+    Nothing of a motion is left out because it comes late. A motion that begins late is followed from its first point
+    on, late. Where the stream falls behind, the arm slows down along its path, stands, and picks up again, as a machine
+    tool does under feed hold. It is :attr:`delay` behind the stamps then, until another motion begins.
+
     Parameters
     ----------
     start
         (n,) position held until the first point.
-    step_ns
-        Spacing of the grid; step k is at `origin_ns + k * step_ns`.
+    origin_ns, step_ns
+        Step k of the grid is at `origin_ns + k * step_ns`.
+
+    Attributes
+    ----------
+    delay
+        Steps that the arm is behind the stamps.
+    starved
+        How often the stream fell behind, so that the arm had to slow down.
+    late
+        Points left out, as they are older than any delay.
     """
 
     def __init__(self, start: Array, origin_ns: int, step_ns: int) -> None:
         self._origin, self._step = origin_ns, step_ns
         rest = np.zeros_like(start)
         self._last = Row(np.array(start, dtype=float), rest, rest)
-        self._rows: deque[tuple[int, Row]] = deque()
+        # Rows without a hole between them are one motion. What the arm has gone through is gone.
+        self._motions: deque[deque[tuple[int, Row]]] = deque()
         self._tail: tuple[int, Row] | None = None
-        self.late = 0
+        self._head = 0.0
+        self._speed = 0.0
+        self._following = False
+        self._braking = round(BRAKING * NANOSECONDS / step_ns)
+        self.delay = 0.0
         self.starved = 0
-
-    @property
-    def horizon_ns(self) -> int | None:
-        """Time of the last point streamed; None before the first."""
-        return self._tail[0] if self._tail else None
+        self.late = 0
 
     def add(self, stamps: Sequence[int] | NDArray[np.int64], points: Row) -> None:
         """Take points at `stamps` (N,) ns, increasing; `points` holds (N, n) each."""
         stamps = np.asarray(stamps, dtype=np.int64)
-        while self._rows and self._time(self._rows[-1][0]) >= stamps[0]:
-            self._rows.pop()
+        self._cut(int(stamps[0]))
         if self._tail and 0 < stamps[0] - self._tail[0] <= LONGEST_HOLE_NS:
             stamps = np.concatenate(([self._tail[0]], stamps))
             points = Row(*(np.vstack((before, now)) for before, now in zip(self._tail[1], points, strict=True)))
         first = -(-(int(stamps[0]) - self._origin) // self._step)
         last = (int(stamps[-1]) - self._origin) // self._step
-        if self._rows:
-            first = max(first, self._rows[-1][0] + 1)
+        end = self._motions[-1][-1][0] if self._motions else None
+        if end is not None:
+            first = max(first, end + 1)
         steps = np.arange(first, last + 1)
         rows = _between(stamps, points, self._origin + steps * self._step)
-        self._rows.extend((int(k), Row(*row)) for k, *row in zip(steps, *rows, strict=True))
+        if len(steps):
+            if end is None or steps[0] > end + 1:
+                self._motions.append(deque())
+            self._motions[-1].extend((int(k), Row(*row)) for k, *row in zip(steps, *rows, strict=True))
         self._tail = (int(stamps[-1]), Row(*(values[-1] for values in points)))
 
     def at(self, step: int) -> Row:
         """Return the reference of a step; steps are asked for in order."""
-        while self._rows and self._rows[0][0] < step:
-            self._rows.popleft()
-            self.late += 1
-        if self._rows and self._rows[0][0] == step:
-            self._last = self._rows.popleft()[1]
-        elif self._moving():
-            self.starved += 1
-            rest = np.zeros_like(self._last.position)
-            self._last = Row(self._last.position, rest, rest)
+        if self._following:
+            self._advance()
+        if not self._following:
+            self._begin(step)
+        self.delay = step - self._head if self._following else 0.0
         return self._last
 
-    def starving(self, step: int) -> bool:
-        """Say whether the arm is in motion and the stream does not reach this step."""
-        return self._moving() and not (self._rows and self._rows[-1][0] >= step)
+    def starving(self) -> bool:
+        """Say whether the arm is in motion and the stream is about to break off."""
+        return self._following and self._feed() < 1.0
 
-    def _moving(self) -> bool:
-        return bool(np.max(np.abs(self._last.velocity)) > STILL)
+    def _cut(self, stamp: int) -> None:
+        """Forget what lies behind a stamp."""
+        first = -(-(stamp - self._origin) // self._step)
+        while self._motions:
+            motion = self._motions[-1]
+            while motion and motion[-1][0] >= first:
+                motion.pop()
+            if motion:
+                return
+            self._motions.pop()
+            self._following = self._following and bool(self._motions)
 
-    def _time(self, step: int) -> int:
-        return self._origin + step * self._step
+    def _begin(self, step: int) -> None:
+        """Start on the next motion if it is due, late if it has to be."""
+        while self._motions:
+            motion = self._motions[0]
+            while motion and motion[0][0] < step - OLDEST * NANOSECONDS / self._step:
+                motion.popleft()
+                self.late += 1
+            if motion:
+                break
+            self._motions.popleft()
+        if not self._motions:
+            return
+        # A rest that has passed need not be waited through.
+        while len(motion) > 1 and motion[0][0] < step and _still(motion[0][1]) and _still(motion[1][1]):
+            motion.popleft()
+        if motion[0][0] <= step:
+            self._following, self._speed = True, 1.0
+            self._head, self._last = float(motion[0][0]), motion[0][1]
+
+    def _advance(self) -> None:
+        """Go on along the present motion, at full speed or slower."""
+        motion = self._motions[0]
+        before, feed = self._speed, self._feed()
+        self.starved += feed < 1.0 <= before
+        over = self._head >= motion[-1][0] and _still(motion[-1][1])
+        # What is left of a motion that broke off is given up for the next.
+        if over or (feed < SLOWEST and len(self._motions) > 1):
+            self._motions.popleft()
+            self._following, self._last = False, _resting(self._last)
+            return
+        self._speed = min(feed, before + 1.0 / self._braking) if feed >= SLOWEST else 0.0
+        self._head = min(self._head + self._speed, float(motion[-1][0]))
+        while motion[0][0] < int(self._head):
+            motion.popleft()
+        self._last = self._row((self._speed - before) * NANOSECONDS / self._step)
+
+    def _feed(self) -> float:
+        """Return the speed at which to go, 1 or less where the stream is about to break off."""
+        end, row = self._motions[0][-1]
+        left = (end - self._head - 1.0) / self._braking
+        if left >= 1.0 or _still(row):
+            return 1.0
+        left = max(left, 0.0)
+        return left * (2.0 - left)  # meets full speed without a kink
+
+    def _row(self, rise: float) -> Row:
+        """Return the motion at the head, gone through at the present speed, which rises by `rise` a second."""
+        motion = self._motions[0]
+        rest = self._head - motion[0][0]
+        row = motion[0][1]
+        if rest > 0.0:
+            stamps = np.array([0, self._step])
+            ends = Row(*(np.array(values) for values in zip(motion[0][1], motion[1][1], strict=True)))
+            row = Row(*(values[0] for values in _between(stamps, ends, np.array([rest * self._step]))))
+        if self._speed == 0.0:
+            return _resting(row)
+        if self._speed == 1.0 and rise == 0.0:
+            return row
+        return Row(row.position, self._speed * row.velocity, self._speed**2 * row.acceleration + rise * row.velocity)
+
+
+def _still(row: Row) -> bool:
+    return bool(np.max(np.abs(row.velocity)) <= STILL)
+
+
+def _resting(row: Row) -> Row:
+    return Row(row.position, np.zeros_like(row.position), np.zeros_like(row.position))
 
 
 def _between(stamps: NDArray[np.int64], points: Row, wanted: NDArray[np.int64]) -> Row:

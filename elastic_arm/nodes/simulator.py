@@ -34,8 +34,10 @@ from elastic_arm.simulation import Simulator
 
 # Simulated seconds between two messages on /clock.
 CLOCK_PERIOD = 0.01
-# Without real time, how long the arm waits for a stream that is behind, real seconds.
-STREAM_PATIENCE = 1.0
+# With a clock of its own, how long the arm waits for a stream that is behind, real seconds.
+STREAM_PATIENCE = 5.0
+# The clock that waits says its time again after so long, real seconds: whoever missed it would wait as well.
+REMINDER = 0.05
 # Nobody notices a pace that is off by less.
 PACE_TOLERANCE = 0.02
 # A simulator this young, seconds, gives up when another turns up: it is the newcomer, or neither is.
@@ -56,7 +58,7 @@ class SimulatorNode(ArmNode):
         names = list(self._arm.robot.joint_names)
         self._columns = {name: column for column, name in enumerate(names)}
         real_time = self._factor == 1.0
-        self._waited = 0.0
+        self._waited = self._reminded = 0.0
         self._publish_setup(names, real_time)
         self._start_clock(real_time)
         self.create_subscription(JointTrajectory, topics.REFERENCE, self._follow, graph.qos(topics.REFERENCE))
@@ -134,7 +136,7 @@ class SimulatorNode(ArmNode):
         # Stamps lie on the grid of the time of day; a clock of its own begins at zero.
         self._origin_ns = time.time_ns() // self._step_ns * self._step_ns if real_time else 0
         self._step = 0 if real_time else 1  # a stamp of zero means no time at all
-        self._skipped = self._told = 0
+        self._skipped = self._told = self._starved = 0
         self._reference = ReferenceQueue(self._start, self._origin_ns, self._step_ns)
         self._pace = Pace(self._arm.rate, self._factor)
         self._pace.wait(time.monotonic())
@@ -177,18 +179,25 @@ class SimulatorNode(ArmNode):
             (topics.JOINT_TORQUES, torques),
         ):
             self._outputs[topic].publish(self._forms[topic].filled(stamp, **values))
-        if self._clock_output is not None and self._step % self._clock_every == 0:
-            self._clock_output.publish(self._clock_form.filled(stamp))
+        if self._step % self._clock_every == 0:
+            self._tell_time(stamp)
 
     def _stream_is_behind(self, now: float) -> bool:
         """Say whether the clock has to stand still until more of the reference arrives; never in real time."""
-        if self._clock_output is None or not self._reference.starving(self._step):
+        if self._clock_output is None or not self._reference.starving():
             self._waited = now
             return False
         if now - self._waited > STREAM_PATIENCE:
             return False
         self._pace.hold(now)
+        if now - self._reminded > REMINDER:
+            self._reminded = now
+            self._tell_time(self._origin_ns + (self._step - 1) * self._step_ns)
         return True
+
+    def _tell_time(self, stamp: int) -> None:
+        if self._clock_output is not None:
+            self._clock_output.publish(self._clock_form.filled(stamp))
 
     def _follow(self, message: JointTrajectory) -> None:
         """Take streamed points."""
@@ -246,16 +255,21 @@ class SimulatorNode(ArmNode):
         if self._skipped > self._told:
             problems.append(f"{self._skipped - self._told} samples skipped, as the process was held up")
             self._told = self._skipped
-        if self._reference.starved:
-            problems.append(f"the stream on {topics.REFERENCE} broke off in motion")
+        reference = self._reference
+        delay = reference.delay / self._arm.rate
+        if reference.starved > self._starved:
+            problems.append(f"the stream on {topics.REFERENCE} broke off in motion: the arm slowed down")
+            self._starved = reference.starved
+        elif delay > 0:
+            problems.append(f"the reference came late: it is followed {delay:.3g} s behind its stamps")
         figures = {
             "rate, Hz": pace * self._arm.rate * self._factor,
             "samples skipped": self._skipped,
-            "reference points too late": self._reference.late,
-            "streams broken off": self._reference.starved,
+            "behind the reference, s": delay,
+            "reference points too late": reference.late,
+            "streams broken off": reference.starved,
         }
         self._health.report(problems, "pace held", figures)
-        self._reference.starved = 0
 
 
 def _column(message: JointTrajectory, field: str, order: list[int]) -> NDArray[np.float64]:

@@ -23,12 +23,12 @@ from elastic_arm.nodes.running import LONGEST_REST, ArmNode, run
 from elastic_arm.nodes.wire import NANOSECONDS, Form
 from elastic_arm.recording import topics
 
-# The first points go out so long before their time: a beginning that comes late is a jump.
+# The first points go out so long before their time: what arrives late is followed late.
 HEAD_START_NS = NANOSECONDS
 # Clocks further apart than this, seconds, are two clocks.
 LARGEST_OFFSET = 5.0
 # With two clocks there is nothing to wait for but a mistake to mend, or /clock that has not been heard yet: seconds.
-CLOCK_PATIENCE = 5.0
+CLOCK_PATIENCE = 10.0
 
 
 class TrajectoryGenerator(ArmNode):
@@ -68,8 +68,8 @@ class TrajectoryGenerator(ArmNode):
         """Stream what is due."""
         now = self.get_clock().now().nanoseconds
         if self._plan is None:
-            self._begin(now)
-            return 0.01
+            self._begin()
+            return 0.0 if self._plan else 0.01
         if not self._publisher.get_subscription_count() and not self.done():
             raise GraphError(f"the arm has gone: nobody reads {topics.REFERENCE} any more", "Start it again.")
         horizon = max(now, self._start_ns) + self._lead_ns
@@ -88,12 +88,15 @@ class TrajectoryGenerator(ArmNode):
             return
         stamp = message.header.stamp.sec + message.header.stamp.nanosec / NANOSECONDS
         now = self.get_clock().now().nanoseconds / NANOSECONDS
+        if not now:  # as a clock of the arm's own reads until it is heard; a start reckoned from there would be over
+            self._offset = f"use_sim_time is set, and nobody publishes {topics.CLOCK}"
+            return
         if abs(now - stamp) > LARGEST_OFFSET:
             self._offset = f"the arm's clock is {stamp - now:+.0f} s off: give both use_sim_time, or neither"
             return
         self._names, self._position, self._offset = list(message.name), np.array(message.position), ""
 
-    def _begin(self, now: int) -> None:
+    def _begin(self) -> None:
         if self._offset and time.monotonic() - self._born > CLOCK_PATIENCE:
             raise GraphError(self._offset, "A simulator that is not in real time publishes /clock.")
         if not (self._names and self._publisher.get_subscription_count()):
@@ -110,8 +113,10 @@ class TrajectoryGenerator(ArmNode):
         self._names = list(names)
         self._form = self._make_form()
         self._plan = Plan(self._trajectory, position, self._repeat, self._speed)
-        # On the grid of the clock, so that an arm stepping on the same grid needs no interpolation.
-        self._start_ns = -(-(now + HEAD_START_NS) // self._step_ns) * self._step_ns
+        # On the grid of the clock, so that an arm stepping on the same grid needs no interpolation; and by the clock
+        # as it is now that all is ready.
+        start = self.get_clock().now().nanoseconds + HEAD_START_NS
+        self._start_ns = -(-start // self._step_ns) * self._step_ns
         self.get_logger().info(
             f"streaming {self._plan.duration:.1f} s, {self._plan.approach:.1f} s of it the way there"
         )
