@@ -13,7 +13,8 @@ from rich.table import Table
 from elastic_arm.cli.console import out, print_json, reports_errors
 from elastic_arm.cli.outputs import Force, claim_file
 from elastic_arm.dynamics import build_model
-from elastic_arm.errors import OutputError
+from elastic_arm.effects import robot_effects
+from elastic_arm.errors import EffectError, OutputError
 from elastic_arm.identification.base_parameters import BaseParameters
 from elastic_arm.identification.equations import Equations
 from elastic_arm.robot import Robot, load_robot
@@ -40,7 +41,7 @@ def describe(
     """
     if urdf is not None:
         claim_file(urdf, force=force, option="--urdf")
-    robot = load_robot(robot_file)
+    robot = load_arm(robot_file)
     told = build_model(robot, model)
     parameters = base_of(told)
     if urdf is not None:
@@ -55,6 +56,22 @@ def describe(
             out.print(f"  {escape(name)} [dim]{escape(f'[{unit}]')}[/]")
     if urdf is not None:
         out.print(f"URDF written to {escape(str(urdf))}")
+
+
+def load_arm(path: Path | None) -> Robot:
+    """Read a robot description, and make sure that the effects it lists exist.
+
+    Raises
+    ------
+    RobotError, EffectError
+        Naming the file.
+    """
+    robot = load_robot(path)
+    try:
+        robot_effects(robot)
+    except EffectError as error:
+        raise EffectError(f"{path}: {error.problem}", error.remedy) from None
+    return robot
 
 
 def base_of(model: Any) -> BaseParameters:

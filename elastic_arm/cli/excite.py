@@ -12,12 +12,12 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from rich.table import Table
 
 from elastic_arm.cli.console import err, out, print_json, reports_errors
-from elastic_arm.cli.describe import RobotFile, base_of
+from elastic_arm.cli.describe import RobotFile, base_of, load_arm
 from elastic_arm.cli.outputs import Force, claim_file, claim_folder
 from elastic_arm.dynamics import Model, build_model
 from elastic_arm.excitation import MARGIN, ExcitationResult, MotionLimits, Shape, Workspace, find_criterion, optimise
 from elastic_arm.identification.base_parameters import BaseParameters
-from elastic_arm.robot import Robot, load_robot
+from elastic_arm.robot import Robot
 
 Limit = Annotated[float | None, typer.Option(help="Lower the limit of all joints to this.", show_default=False)]
 
@@ -56,7 +56,7 @@ def excite(
         claim_folder(report, ["report.html"], force=force, option="--report")
     find_criterion(criterion)
     shape = Shape(harmonics, period, ramp, periods)
-    robot = load_robot(robot_file)
+    robot = load_arm(robot_file)
     told = build_model(robot, model)
     base = base_of(told)
     limits = MotionLimits.of(

@@ -13,12 +13,13 @@ from rich.progress import BarColumn, Progress, TextColumn
 from rich.table import Table
 
 from elastic_arm.cli.console import err, out, print_json, refuse_repeated, reports_errors
+from elastic_arm.cli.describe import RobotFile, load_arm
 from elastic_arm.cli.outputs import Force, claim_folder
 from elastic_arm.identification import Identification, identify_with, parse_laws
 from elastic_arm.identification.derivatives import Motion
 from elastic_arm.identification.equations import Equations
 from elastic_arm.recording import ChannelMap, Recording, load_channels, read_recording
-from elastic_arm.robot import Robot, load_robot
+from elastic_arm.robot import Robot
 
 RESULTS = ("identification.json", "report.html", "robot.yaml")
 COLOURS = {"well": "green", "poorly": "yellow", "not": "red"}
@@ -45,9 +46,7 @@ def identify(
     validate: Annotated[
         list[Path] | None, typer.Option(help="Recording that no fit may see; may be given again.")
     ] = None,
-    robot_file: Annotated[
-        Path | None, typer.Option("--robot", help="Nominal arm: arm file or URDF; that of the package by default.")
-    ] = None,
+    robot_file: RobotFile = None,
     model: Annotated[str, typer.Option(help="mod1, mod2 or mod3.")] = "mod3",
     with_: Annotated[
         list[str] | None,
@@ -77,7 +76,7 @@ def identify(
     """
     claim_folder(out_dir, RESULTS, force=force)
     refuse_repeated([*bags, *(validate or [])])
-    robot = load_robot(robot_file)
+    robot = load_arm(robot_file)
     laws = parse_laws(with_ or (), robot)
     mapping = None if channels is None else load_channels(channels)
     with Progress(TextColumn("{task.description}"), BarColumn(), console=err, transient=True) as bar:

@@ -14,14 +14,16 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.table import Table
 
 from elastic_arm.cli.console import err, out, print_json, reports_errors
+from elastic_arm.cli.describe import load_arm
 from elastic_arm.cli.outputs import claim_bag
 from elastic_arm.dynamics import build_model
 from elastic_arm.effects import EFFECTS, Active, parse
 from elastic_arm.errors import SensorError, SimulationError
 from elastic_arm.excitation import FourierTrajectory, MotionLimits, load_trajectory, random_trajectories
 from elastic_arm.recording import Recording, write_recording
-from elastic_arm.robot import Robot, load_robot
+from elastic_arm.robot import Robot
 from elastic_arm.sensors import Encoder, Sensors, TorqueSensor
+from elastic_arm.simulation import check_same_joints
 from elastic_arm.simulation import simulate as run_simulation
 
 DEFAULT_TRAJECTORY = "default"
@@ -86,8 +88,9 @@ def simulate(
         elastic-arm simulate --list-effects
     """
     claim_bag(out_bag)
-    robot = load_robot(robot_file)
-    nominal = robot.with_(effects=()) if nominal_file is None else load_robot(nominal_file)
+    robot = load_arm(robot_file)
+    nominal = robot.with_(effects=()) if nominal_file is None else load_arm(nominal_file)
+    check_same_joints(robot, nominal)
     effects = [parse(text, robot) for text in effect or ()]
     motion = _motion(trajectory, nominal, model, seed)
     read = _sensors(sensors, robot, noise, encoder_noise)

@@ -97,9 +97,7 @@ def _refuse_impossible(active: Active) -> None:
         value: Any = active.parameters[p.name]
         if min(value if isinstance(value, tuple) else (value,)) < p.least:
             unit = f" {p.unit}" if p.unit != "1" else ""
-            raise EffectError(
-                f"{active.effect.id}: {p.name} is {value:g}{unit}", f"No arm has less than {p.least:g}{unit} of it."
-            )
+            raise EffectError(f"{active.effect.id}: {p.name} is {value:g}{unit}", f"Give {p.least:g}{unit} or more.")
 
 
 def _placed(active: Active, robot: Robot | None) -> Active:

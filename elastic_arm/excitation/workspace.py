@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import qmc
 
+from elastic_arm.excitation.fourier import require
 from elastic_arm.robot.description import Robot
 from elastic_arm.robot.kinematics import link_points, link_radius
 
@@ -46,7 +47,14 @@ class Workspace:
 
         Neighbours are left out, and so are links that touch in every pose (a wrist whose axes meet) and link ends
         whose height no joint changes.
+
+        Raises
+        ------
+        ExcitationError
+            If radius or floor is no number.
         """
+        for name, value in (("radius of the links", radius), ("height of the floor", floor)):
+            require(value is None or bool(np.isfinite(value)), f"the {name} is {value} m", "Give a finite number.")
         radius = link_radius(robot) if radius is None else radius
         poses = np.pi * (2.0 * qmc.Halton(robot.n, scramble=False).random(PROBES) - 1.0)
         points = link_points(robot, poses)

@@ -2,6 +2,6 @@
 
 from elastic_arm.simulation.controller import Controller, tuned
 from elastic_arm.simulation.rollout import record, simulate
-from elastic_arm.simulation.simulator import Simulator, Truth
+from elastic_arm.simulation.simulator import Simulator, Truth, check_same_joints
 
-__all__ = ["Controller", "Simulator", "Truth", "record", "simulate", "tuned"]
+__all__ = ["Controller", "Simulator", "Truth", "check_same_joints", "record", "simulate", "tuned"]

@@ -127,6 +127,7 @@ class Simulator:
     ) -> None:
         _check_steps(rate, substeps)
         self.nominal = robot if nominal is None else nominal
+        check_same_joints(robot, self.nominal)
         self.robot, self.rate, self._substeps = robot, float(rate), substeps
         self._model, self._bearings, self._engine_name = model, bearings, engine
         self._given_sensors = Sensors() if sensors is None else sensors
@@ -273,6 +274,21 @@ def sign_speed(system: System, Psi: Array, x: Array, z: Array, hold: Array, step
     slope, mass = (np.array(m) for m in system.friction(x, rest, z, hold, Psi, system.acting.numbers(), speed))
     mobility = np.abs(np.einsum("ik,ij,jk->k", slope, np.linalg.inv(mass), np.where(slope != 0, 1.0, 0.0)))
     return np.maximum(speed, mobility * step / STEEPEST)
+
+
+def check_same_joints(robot: Robot, nominal: Robot) -> None:
+    """Refuse a nominal arm that is no description of `robot`.
+
+    Raises
+    ------
+    SimulationError
+        If their numbers of joints differ.
+    """
+    if nominal.n != robot.n:
+        raise SimulationError(
+            f"the true arm {robot.name} has {robot.n} joints, the nominal arm {nominal.name} has {nominal.n}",
+            "Describe the same joints twice: the true arm, and what the controller believes of it.",
+        )
 
 
 def _check_steps(rate: float, substeps: int) -> None:
