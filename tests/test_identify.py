@@ -17,6 +17,7 @@ from elastic_arm.identification.stream import smoothed
 from elastic_arm.identification.verdict import relative_std
 from elastic_arm.recording import Recording, Samples, Side
 from elastic_arm.robot import load_robot
+from elastic_arm.robot.urdf import parse_urdf
 from tests.periodic_arm import record
 
 REAL = {"encoder_noise": 1e-6, "velocity_noise": 1e-4}
@@ -56,6 +57,16 @@ def test_stream_and_batch_agree_to_rounding_however_samples_are_cut(model: Model
     assert np.abs((cut.Psi - whole.Psi) / whole.std).max() < 1e-6
     assert cut.Psi == pytest.approx(whole.Psi, rel=1e-9)
     assert cut.std == pytest.approx(whole.std, rel=1e-6)
+
+
+def test_both_torques_identify_an_arm_described_as_rigid(samples: Samples) -> None:
+    """A description without transmissions has one equation a joint, measured by both torque sensors: both are used."""
+    rigid = parse_urdf(load_robot(None).to_urdf())
+    found = identify(recorded(samples), rigid, consistent=False)
+    assert set(found.noise) == {"joint", "whole"}
+    weight = next(e for e in found.estimates if e.name.startswith("link_2.mx"))
+    # Gravity acts on both torques alike; inertias of the motors do not, and go astray in a rigid description.
+    assert weight.value == pytest.approx(weight.nominal, rel=0.02)
 
 
 def test_intervals_cover_the_truth_over_seeds(model: Model) -> None:

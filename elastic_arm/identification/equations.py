@@ -116,7 +116,8 @@ class Equations:
 
     def information(self, motion: Motion) -> Pair:
         """Return [Phi y]'[Phi y] of all groups, hi and lo (groups, B + 1, B + 1), in twice the working precision."""
-        if self.columns or (self.elastic and "whole" in self.sides):
+        # Equations that no line of the model stands for alone: sums of both, or one line measured twice.
+        if self.columns or ("whole" in self.sides and (self.elastic or "joint" in self.sides)):
             rows = self.rows(motion)
             parts = [gram(group) for group in rows]
             return np.stack([hi for hi, _ in parts]), np.stack([lo for _, lo in parts])
