@@ -29,6 +29,10 @@ HEAD_START_NS = NANOSECONDS
 LARGEST_OFFSET = 5.0
 # With two clocks there is nothing to wait for but a mistake to mend, or /clock that has not been heard yet: seconds.
 CLOCK_PATIENCE = 10.0
+# The arm has this long, seconds, to find the generator that has found it; and this long where the arm's states and the
+# reader of the reference are two nodes, one of which may be a recorder.
+SETTLING = 0.3
+READER_PATIENCE = 3.0
 
 
 class TrajectoryGenerator(ArmNode):
@@ -40,7 +44,7 @@ class TrajectoryGenerator(ArmNode):
         self._repeat = declare(self, "repeat", 1, "How often it is run; 0: until stopped", between=(0, 1_000_000))
         rate = declare(self, "rate", 1000.0, "Points per second", between=(10.0, 10_000.0))
         self._points = declare(self, "points_per_message", 20, "Points in a message", between=(1, 1000))
-        lead = declare(self, "lead", 1.0, "How far ahead of the clock to stream, s", between=(0.02, 10.0))
+        lead = declare(self, "lead", 1.0, "How far ahead of the clock to stream, s", between=(0.3, 10.0))
         self._speed = declare(
             self, "approach_speed", 1.0, "Joint speed on the way to the start, rad/s", between=(0.01, 3.0)
         )
@@ -50,7 +54,8 @@ class TrajectoryGenerator(ArmNode):
         self._step_ns = round(NANOSECONDS / rate)
         self._lead_ns = round(lead * NANOSECONDS)
         self._plan: Plan | None = None
-        self._start_ns = 0
+        self._prepared_ns = self._start_ns = 0
+        self._matched: float | None = None
         self._sent = 0
         self._publisher = self.create_publisher(JointTrajectory, topics.REFERENCE, graph.qos(topics.REFERENCE))
         self._states = self.create_subscription(
@@ -66,12 +71,15 @@ class TrajectoryGenerator(ArmNode):
 
     def tick(self) -> float:
         """Stream what is due."""
-        now = self.get_clock().now().nanoseconds
         if self._plan is None:
-            self._begin()
-            return 0.0 if self._plan else 0.01
+            self._prepare()
+            return 0.01
+        if not self._start_ns:
+            self._start()
+            return 0.01
         if not self._publisher.get_subscription_count() and not self.done():
             raise GraphError(f"the arm has gone: nobody reads {topics.REFERENCE} any more", "Start it again.")
+        now = self.get_clock().now().nanoseconds
         horizon = max(now, self._start_ns) + self._lead_ns
         while not self._all_sent() and self._time(self._sent) < horizon:
             self._send()
@@ -96,10 +104,11 @@ class TrajectoryGenerator(ArmNode):
             return
         self._names, self._position, self._offset = list(message.name), np.array(message.position), ""
 
-    def _begin(self) -> None:
+    def _prepare(self) -> None:
+        """Plan the motion as soon as it is known where the arm stands."""
         if self._offset and time.monotonic() - self._born > CLOCK_PATIENCE:
             raise GraphError(self._offset, "A simulator that is not in real time publishes /clock.")
-        if not (self._names and self._publisher.get_subscription_count()):
+        if not self._names:
             return
         self.destroy_subscription(self._states)
         names = self._trajectory.joints or tuple(self._names)
@@ -113,13 +122,33 @@ class TrajectoryGenerator(ArmNode):
         self._names = list(names)
         self._form = self._make_form()
         self._plan = Plan(self._trajectory, position, self._repeat, self._speed)
-        # On the grid of the clock, so that an arm stepping on the same grid needs no interpolation; and by the clock
-        # as it is now that all is ready.
-        start = self.get_clock().now().nanoseconds + HEAD_START_NS
-        self._start_ns = -(-start // self._step_ns) * self._step_ns
+        self._prepared_ns = self.get_clock().now().nanoseconds
+
+    def _start(self) -> None:
+        """Fix the time of the first point, once the arm listens and the clock is a fresh one."""
+        assert self._plan is not None
+        now = self.get_clock().now().nanoseconds
+        if not self._settled() or now == self._prepared_ns:
+            return
+        # On the grid of the clock, so that an arm stepping on the same grid needs no interpolation.
+        self._start_ns = -(-(now + HEAD_START_NS) // self._step_ns) * self._step_ns
         self.get_logger().info(
             f"streaming {self._plan.duration:.1f} s, {self._plan.approach:.1f} s of it the way there"
         )
+
+    def _settled(self) -> bool:
+        """Say whether the arm reads the reference: its own node, or whoever has done so for a while."""
+        readers = self.get_subscriptions_info_by_topic(topics.REFERENCE)
+        if not readers or not self._publisher.get_subscription_count():
+            self._matched = None
+            return False
+        now = time.monotonic()
+        self._matched = self._matched or now
+        arms = {
+            (info.node_namespace, info.node_name) for info in self.get_publishers_info_by_topic(topics.MOTOR_STATES)
+        }
+        own = any((info.node_namespace, info.node_name) in arms for info in readers)
+        return now - self._matched >= (SETTLING if own else READER_PATIENCE)
 
     def _time(self, index: int) -> int:
         return self._start_ns + index * self._step_ns
