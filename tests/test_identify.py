@@ -11,7 +11,8 @@ import pytest
 from elastic_arm.dynamics import Model, build_model
 from elastic_arm.errors import IdentificationError
 from elastic_arm.identification import Identification, Identifier, compare, identifier_of, identify, parse_laws
-from elastic_arm.identification.derivatives import design_smoother
+from elastic_arm.identification.derivatives import Motion, design_smoother
+from elastic_arm.identification.equations import Equations
 from elastic_arm.identification.grid import Clock, part
 from elastic_arm.identification.stream import smoothed
 from elastic_arm.identification.verdict import relative_std
@@ -64,9 +65,12 @@ def test_both_torques_identify_an_arm_described_as_rigid(samples: Samples) -> No
     rigid = parse_urdf(load_robot(None).to_urdf())
     found = identify(recorded(samples), rigid, consistent=False)
     assert set(found.noise) == {"joint", "whole"}
-    weight = next(e for e in found.estimates if e.name.startswith("link_2.mx"))
-    # Gravity acts on both torques alike; inertias of the motors do not, and go astray in a rigid description.
-    assert weight.value == pytest.approx(weight.nominal, rel=0.02)
+    equations = Equations(build_model(rigid), ("q", "theta", "tau_J", "tau_m"), joints=rigid.joint_names)
+    q, dq, ddq, tau_J, tau_m = np.random.default_rng(3).standard_normal((5, 50, rigid.n))
+    motion = Motion(np.arange(50.0), q, dq, ddq, tau_J=tau_J, tau_m=tau_m)
+    rows = equations.rows(motion)
+    hi, lo = equations.information(motion)
+    np.testing.assert_allclose(hi + lo, np.swapaxes(rows, 1, 2) @ rows, rtol=1e-9, atol=1e-6)
 
 
 def test_intervals_cover_the_truth_over_seeds(model: Model) -> None:
