@@ -1,97 +1,154 @@
-"""Making and diagnosing many hidden arms, in parallel on Dask; what is there already is not done again."""
+"""Making and diagnosing many hidden arms, in parallel; what is there already is not done again."""
 
 from __future__ import annotations
 
+import hashlib
 import json
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+import shutil
+import time
+from collections.abc import Callable
+from dataclasses import asdict, dataclass
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+import elastic_arm
 from elastic_arm.effects import EFFECTS
-from elastic_arm.errors import DiagnosisError, ElasticArmError, MissingExtraError
-from elastic_arm.gap.challenge.draw import Bounds, Item, draw_item
+from elastic_arm.errors import DiagnosisError, ElasticArmError
+from elastic_arm.gap.challenge.draw import HIGHEST, LOWEST, Order, draw_item
 from elastic_arm.gap.challenge.hidden_arm import HiddenArm
-from elastic_arm.gap.challenge.motion import random_motion
-from elastic_arm.gap.challenge.seal import NAME, seal
+from elastic_arm.gap.challenge.seal import NAME, open_sealed, pieces, seal, seal_piece
+from elastic_arm.gap.challenge.workers import Failure, mapped
 from elastic_arm.gap.diagnosis import Question, diagnose
 from elastic_arm.recording import read_recording, write_recording
-from elastic_arm.robot import load_robot
+from elastic_arm.robot import Robot, load_robot
 
 MANIFEST = "challenge.json"
-IN_PAIRS = tuple(e for e in EFFECTS if e not in ("spline_inertia", "inertia_coupling", "bearing_compliance"))
+SEVERAL = tuple(e for e in EFFECTS if e not in ("spline_inertia", "inertia_coupling", "bearing_compliance"))
+STATE_OF = ("effects", "gap", "identification", "dynamics")  # rooms whose code gives the answers
 Report = Callable[[int, int], None]
 
 
+@dataclass(frozen=True)
+class Settings:
+    """What a challenge consists of.
+
+    Parameters
+    ----------
+    seed
+        The same seed draws the same arms.
+    per_effect, clean, pairs, triples
+        Recordings of each effect alone, of the plain arm, and of two and three effects.
+    seconds, validate_seconds
+        Durations of the two recordings of each arm.
+    ratio
+        Range of sizes over the smallest that theory allows to be detected.
+    effects
+        Ids; all where none is given.
+    """
+
+    seed: int = 0
+    per_effect: int = 1
+    clean: int = 4
+    pairs: int = 4
+    triples: int = 0
+    seconds: float = 12.0
+    validate_seconds: float = 8.0
+    ratio: tuple[float, float] = (LOWEST, HIGHEST)
+    effects: tuple[str, ...] = ()
+
+    def orders(self) -> list[Order]:
+        """Return what is to be drawn, in an order that tells nothing."""
+        alone = self.effects or tuple(EFFECTS)
+        together = [e for e in SEVERAL if e in alone]
+        rng = np.random.default_rng(self.seed)
+        kinds: list[tuple[str, ...]] = [()] * self.clean + [(e,) for e in alone for _ in range(self.per_effect)]
+        for count, times in ((2, self.pairs), (3, self.triples)):
+            if times and len(together) < count:
+                raise DiagnosisError(f"{len(together)} effects make no set of {count}", "Name more with --effect")
+            kinds += [tuple(str(e) for e in rng.choice(together, count, replace=False)) for _ in range(times)]
+        durations = (self.seconds, self.validate_seconds)
+        return [
+            Order(f"arm_{k:04d}", kinds[i], (self.seed, int(i)), durations, self.ratio)
+            for k, i in enumerate(rng.permutation(len(kinds)))
+        ]
+
+
 def create(
-    folder: Path,
-    *,
-    seed: int,
-    per_effect: int = 1,
-    clean: int = 4,
-    pairs: int = 4,
-    withheld: int = 0,
-    seconds: float = 12.0,
-    validate_seconds: float = 8.0,
-    effects: Sequence[str] | None = None,
-    workers: int = 0,
-    scheduler: str | None = None,
-    report: Report | None = None,
+    folder: Path, settings: Settings, *, workers: int = 0, scheduler: str | None = None, report: Report | None = None
 ) -> str:
     """Draw hidden arms and record them; return the SHA-256 of the sealed truth.
 
     Parameters
     ----------
-    per_effect, clean, pairs, withheld
-        Recordings of each effect alone, of the plain arm, of two effects, and of effects to be diagnosed without.
-    seconds, validate_seconds
-        Duration of the two recordings of each arm.
     workers, scheduler
-        See :func:`mapped`.
+        See :func:`~elastic_arm.gap.challenge.workers.mapped`.
 
     Raises
     ------
     DiagnosisError
         If the folder holds another challenge.
     """
-    settings = {
-        "seed": seed, "per_effect": per_effect, "clean": clean, "pairs": pairs, "withheld": withheld,
-        "seconds": seconds, "validate_seconds": validate_seconds, "effects": list(effects or EFFECTS),
-    }  # fmt: skip
+    plain = json.loads(json.dumps(asdict(settings)))
     manifest_path = folder / MANIFEST
     if manifest_path.is_file():
         known = json.loads(manifest_path.read_text())
-        if known["settings"] != settings:
+        if known["settings"] != plain:
             raise DiagnosisError(f"{folder} holds another challenge", "Choose another folder")
-    items = _draw(settings)
+        if "truth_sha256" in known:
+            return str(known["truth_sha256"])
+    orders = settings.orders()
     folder.mkdir(parents=True, exist_ok=True)
-    digest = seal(folder, [item.truth() for item in items])
-    manifest = {
-        "settings": settings,
-        "truth_sha256": digest,
-        "items": [{"name": i.name, "model": i.model, "withheld": list(i.withheld)} for i in items],
-    }
-    manifest_path.write_text(json.dumps(manifest, indent=1) + "\n")
-    jobs = [(str(folder), item, seconds, validate_seconds) for item in items if not _made(folder, item.name)]
-    for done, _ in enumerate(mapped(_record, jobs, workers, scheduler), 1):
+    manifest = {"settings": plain, "items": [{"name": o.name, "model": o.model} for o in orders]}
+    _write(manifest_path, manifest)
+    made = pieces(folder)
+    jobs = [(str(folder), order) for order in orders if order.name not in made]
+    for done, outcome in enumerate(mapped(_record, jobs, workers, scheduler), 1):
+        if isinstance(outcome, Failure):
+            raise DiagnosisError(f"{outcome.job[1].name} was not recorded: {outcome.problem}", "Report this")
         if report:
             report(done, len(jobs))
+    digest = seal(folder, [o.name for o in orders])
+    _write(manifest_path, manifest | {"truth_sha256": digest})
     return digest
 
 
 def solve(
-    folder: Path, *, workers: int = 0, scheduler: str | None = None, report: Report | None = None
+    folder: Path,
+    *,
+    withheld: bool = False,
+    stale: bool = False,
+    workers: int = 0,
+    scheduler: str | None = None,
+    report: Report | None = None,
 ) -> dict[str, str]:
-    """Diagnose every recording that has no answer yet; return what went wrong, by name."""
+    """Diagnose every recording that has no answer yet; return what went wrong, by name.
+
+    Parameters
+    ----------
+    withheld
+        Diagnose the arms with one effect again, that effect taken out of the catalogue. The truth is opened to know
+        which; the diagnosis learns nothing of it.
+    stale
+        Answer again what another state of the code has answered.
+    """
     manifest = load_manifest(folder)
-    open_items = [item for item in manifest["items"] if not answer_path(folder, item["name"]).is_file()]
-    jobs = [(str(folder), item["name"], item["model"], tuple(item["withheld"])) for item in open_items]
+    without = _own_effects(folder, manifest) if withheld else {}
+    jobs = []
+    for item in manifest["items"]:
+        path = answer_path(folder, item["name"], withheld=withheld)
+        if withheld and item["name"] not in without:
+            continue
+        if not path.is_file() or (stale and json.loads(path.read_text()).get("code") != code_state()):
+            jobs.append((str(folder), item["name"], item["model"], without.get(item["name"], "")))
     wrong = {}
-    for done, (name, problem) in enumerate(mapped(_diagnose, jobs, workers, scheduler), 1):
-        if problem:
-            wrong[name] = problem
+    for done, outcome in enumerate(mapped(_diagnose, jobs, workers, scheduler), 1):
+        if isinstance(outcome, Failure):
+            wrong[outcome.job[1]] = outcome.problem
+        elif outcome[1]:
+            wrong[outcome[0]] = outcome[1]
         if report:
             report(done, len(jobs))
     return wrong
@@ -103,102 +160,77 @@ def load_manifest(folder: Path) -> dict[str, Any]:
     Raises
     ------
     DiagnosisError
-        If there is none.
+        If there is none, or it is not complete.
     """
     path = folder / MANIFEST
-    if not path.is_file() or not (folder / NAME).is_file():
+    if not path.is_file():
         raise DiagnosisError(f"{folder} holds no challenge", "Make one: elastic-arm challenge create DIR")
     manifest: dict[str, Any] = json.loads(path.read_text())
+    if "truth_sha256" not in manifest or not (folder / NAME).is_file():
+        raise DiagnosisError(f"{folder} holds a challenge that is not complete", "Go on with challenge create")
     return manifest
 
 
-def answer_path(folder: Path, name: str) -> Path:
+def answer_path(folder: Path, name: str, *, withheld: bool = False) -> Path:
     """Where the diagnosis of an item stands."""
-    return folder / "answers" / f"{name}.json"
+    return folder / ("withheld" if withheld else "answers") / f"{name}.json"
 
 
-def mapped(
-    function: Callable[[Any], Any], jobs: Sequence[Any], workers: int = 0, scheduler: str | None = None
-) -> Iterator[Any]:
-    """Apply a function to jobs, in any order.
-
-    Parameters
-    ----------
-    workers
-        Processes on this machine; 0 does the work here, one after another.
-    scheduler
-        Address of a Dask cluster, instead.
-    """
-    if not workers and scheduler is None:
-        yield from map(function, jobs)
-        return
-    with _client(workers, scheduler) as (client, as_completed):
-        for future in as_completed(client.map(function, jobs, pure=False)):
-            yield future.result()
+@lru_cache(maxsize=1)
+def code_state() -> str:
+    """Return a name for the state of the code that gives the answers."""
+    root = Path(elastic_arm.__file__).parent
+    files = sorted(f for room in STATE_OF for f in (root / room).rglob("*.py") if "challenge" not in f.parts)
+    return hashlib.sha256(b"\0".join(f.read_bytes() for f in files)).hexdigest()[:12]
 
 
-@contextmanager
-def _client(workers: int, scheduler: str | None) -> Iterator[Any]:
-    try:
-        from distributed import Client, LocalCluster, as_completed
-    except ImportError as error:
-        raise MissingExtraError(
-            "campaigns run in parallel on Dask, which is not installed",
-            "Install it: pip install 'elastic-arm[challenge]', or run with --workers 0",
-        ) from error
-    if scheduler is not None:
-        with Client(scheduler) as client:
-            yield client, as_completed
-        return
-    cluster = LocalCluster(n_workers=workers, threads_per_worker=1, dashboard_address=None)
-    with cluster, Client(cluster) as client:
-        yield client, as_completed
+@lru_cache(maxsize=1)
+def _robot() -> Robot:
+    return load_robot(None)
 
 
-def _draw(settings: dict[str, Any]) -> list[Item]:
-    rng = np.random.default_rng(settings["seed"])
-    robot = load_robot(None)
-    bounds = Bounds(robot, rng, settings["seconds"])
-    kinds: list[tuple[tuple[str, ...], bool]] = [((), False)] * settings["clean"]
-    kinds += [((e,), False) for e in settings["effects"] for _ in range(settings["per_effect"])]
-    known = [e for e in IN_PAIRS if e in settings["effects"]]
-    for _ in range(settings["pairs"]):
-        two = rng.choice(known, 2, replace=False)
-        kinds.append((tuple(str(e) for e in two), False))
-    kinds += [((e,), True) for e in settings["effects"] for _ in range(settings["withheld"])]
-    order = rng.permutation(len(kinds))
-    return [
-        draw_item(f"arm_{k:04d}", kinds[i][0], robot, bounds, rng, withheld=kinds[i][1]) for k, i in enumerate(order)
-    ]
+def _own_effects(folder: Path, manifest: dict[str, Any]) -> dict[str, str]:
+    truth = open_sealed(folder, manifest["truth_sha256"])
+    return {item["name"]: item["faults"][0]["effect"] for item in truth if len(item["faults"]) == 1}
 
 
 def _bags(folder: Path, name: str) -> tuple[Path, Path]:
     return folder / "bags" / f"{name}_identify", folder / "bags" / f"{name}_validate"
 
 
-def _made(folder: Path, name: str) -> bool:
-    return all((bag / "metadata.yaml").is_file() for bag in _bags(folder, name))
-
-
-def _record(job: tuple[str, Item, float, float]) -> str:
-    folder, item, *durations = job
-    rng = np.random.default_rng(item.seed)
-    arm = HiddenArm(load_robot(None), item.faults)
-    for bag, seconds in zip(_bags(Path(folder), item.name), durations, strict=True):
-        recording = arm.record(random_motion(rng, arm.n, seconds), item.instruments, rng)
+def _record(job: tuple[str, Order]) -> str:
+    folder, order = Path(job[0]), job[1]
+    rng = np.random.default_rng(order.seed)
+    item, motions = draw_item(order, _robot(), rng)
+    arm = HiddenArm(_robot(), item.faults)
+    for bag, motion in zip(_bags(folder, item.name), motions, strict=True):
+        recording = arm.record(motion, item.instruments, rng)
         if not (bag / "metadata.yaml").is_file():
+            shutil.rmtree(bag, ignore_errors=True)  # what a run that was broken off has left
             bag.parent.mkdir(parents=True, exist_ok=True)
             write_recording(bag, recording)
+    seal_piece(folder, item.name, item.truth())
     return item.name
 
 
-def _diagnose(job: tuple[str, str, str, tuple[str, ...]]) -> tuple[str, str]:
-    folder, name, model, withheld = job
-    identify, validate = (read_recording(bag) for bag in _bags(Path(folder), name))
-    effects = tuple(e for e in EFFECTS.values() if e.id not in withheld)
+def _diagnose(job: tuple[str, str, str, str]) -> tuple[str, str]:
+    folder, name, model, without = Path(job[0]), *job[1:]
+    identify, validate = (read_recording(bag) for bag in _bags(folder, name))
+    effects = tuple(e for e in EFFECTS.values() if e.id != without)
+    wall, cpu = time.perf_counter(), time.process_time()
     try:
-        found = diagnose([identify], Question(load_robot(None), model, effects=effects), [validate])
+        found = diagnose([identify], Question(_robot(), model, effects=effects), [validate])
     except ElasticArmError as error:
         return name, str(error)
-    found.save(answer_path(Path(folder), name))
+    spent = {"seconds": time.perf_counter() - wall, "cpu_seconds": time.process_time() - cpu}
+    path = answer_path(folder, name, withheld=bool(without))
+    path.parent.mkdir(parents=True, exist_ok=True)
+    _write(path, found.to_dict() | spent | {"code": code_state()})
     return name, ""
+
+
+def _write(path: Path, content: dict[str, Any]) -> None:
+    """Write JSON so that a run that is broken off leaves no half of a file."""
+    part = path.with_suffix(".part")
+    part.write_text(json.dumps(content, indent=1, allow_nan=False) + "\n", encoding="utf-8")
+    part.replace(path)

@@ -1,14 +1,16 @@
 """The effects of the contract as the hidden arm has them, written here apart from the catalogue.
 
 Effects that change a number of the arm (a mass, a stiffness) act on its description; those that add a torque are
-gathered in :class:`JointLaws`; those of the sensors act on what was simulated (:mod:`.instruments`).
+written here, for all joints at once; those of the sensors act on what was simulated (:mod:`.instruments`).
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from typing import Any
 
+import casadi as ca
 import numpy as np
 
 SENSOR_EFFECTS = frozenset(
@@ -22,6 +24,14 @@ SENSOR_EFFECTS = frozenset(
         "time_delay",
     }
 )
+FRICTION = ("viscous", "coulomb", "stribeck", "stribeck_speed", "load")
+# Numbers of a joint, in the order in which the laws take them; what is not there has its value of no effect.
+NUMBERS = (
+    *(f"{kind}_{side}" for side in ("link", "motor") for kind in FRICTION),
+    *("stiffness", "damping", "standstill", "cubic", "half_gap", "hysteresis", "width"),
+    *("error", "error_rate", "error_phase", "ripple", "ripple_rate", "ripple_phase", "armature"),
+)
+_NEUTRAL = {"stribeck_speed_link": 1.0, "stribeck_speed_motor": 1.0, "width": 1.0}
 
 
 @dataclass(frozen=True)
@@ -49,93 +59,73 @@ class Fault:
     channels: tuple[str, ...] = ()
 
 
-def sign(w: np.ndarray, speed: np.ndarray | float) -> np.ndarray:
-    """Sign of a velocity, smoothed below `speed` (rad/s), far below any motion of a recording."""
-    return np.tanh(w / speed)
+def joint_numbers(faults: Sequence[Fault], n: int, r_hd: np.ndarray, r_tot: np.ndarray) -> dict[str, np.ndarray]:
+    """Return the :data:`NUMBERS` (n,) of joints with these effects.
 
-
-class JointLaws:
-    """Torques of the active effects at all joints at once.
+    Stiffness, damping, standstill and armature are left 0.
 
     Parameters
     ----------
-    faults
-        The active effects; those of sensors and of the arm's numbers are passed over.
-    stiffness, damping
-        K (Nm/rad) and D (Nm s/rad), (n,).
     r_hd, r_tot
         Ratios (n,).
-    standstill
-        Speed (rad/s) below which a joint counts as standing, (n,).
     """
+    found = {name: np.full(n, _NEUTRAL.get(name, 0.0)) for name in NUMBERS}
+    for fault in faults:
+        i, p, side = fault.joint, fault.parameters, fault.side
+        own: dict[str, float] = {}
+        if fault.effect == "viscous_friction":
+            own = {f"viscous_{side}": p["coefficient"]}
+        elif fault.effect == "coulomb_friction":
+            own = {f"coulomb_{side}": p["torque"]}
+        elif fault.effect == "stribeck_friction":
+            own = {f"stribeck_{side}": p["torque"], f"stribeck_speed_{side}": p["speed"]}
+        elif fault.effect == "load_dependent_friction":
+            own = {f"load_{side}": p["coefficient"]}
+        elif fault.effect == "nonlinear_stiffness":
+            own = {"cubic": p["cubic"]}
+        elif fault.effect == "backlash":
+            own = {"half_gap": p["half_gap"]}
+        elif fault.effect == "hysteresis":
+            own = {"hysteresis": p["torque"], "width": p["width"]}
+        elif fault.effect == "transmission_error" and i is not None:
+            own = {"error": p["amplitude"], "error_rate": p["order"] * r_hd[i], "error_phase": p["phase"]}
+        elif fault.effect == "torque_ripple" and i is not None:
+            own = {"ripple": p["amplitude"], "ripple_rate": p["order"] * r_tot[i], "ripple_phase": p["phase"]}
+        for name, value in own.items():
+            found[name][i] = value
+    return found
 
-    def __init__(
-        self,
-        faults: Sequence[Fault],
-        stiffness: np.ndarray,
-        damping: np.ndarray,
-        r_hd: np.ndarray,
-        r_tot: np.ndarray,
-        standstill: np.ndarray,
-    ) -> None:
-        self.K, self.D, self.standstill = stiffness, damping, standstill
-        n = len(stiffness)
-        self._friction: dict[str, list[tuple[str, int, Mapping[str, float]]]] = {"motor": [], "link": []}
-        self._cubic = np.zeros(n)
-        self._half_gap = np.zeros(n)
-        self._hysteresis, self._width = np.zeros(n), np.ones(n)
-        self._error, self._error_rate, self._error_phase = np.zeros(n), np.ones(n), np.zeros(n)
-        self._ripple, self._ripple_rate, self._ripple_phase = np.zeros(n), np.ones(n), np.zeros(n)
-        for fault in faults:
-            i, p = fault.joint, fault.parameters
-            if fault.effect.endswith("_friction") and i is not None:
-                self._friction[fault.side].append((fault.effect, i, p))
-            elif fault.effect == "nonlinear_stiffness":
-                self._cubic[i] += p["cubic"]
-            elif fault.effect == "backlash":
-                self._half_gap[i] = p["half_gap"]
-            elif fault.effect == "hysteresis":
-                self._hysteresis[i], self._width[i] = p["torque"], p["width"]
-            elif fault.effect == "transmission_error":
-                self._error[i], self._error_phase[i] = p["amplitude"], p["phase"]
-                self._error_rate[i] = p["order"] * r_hd[i]
-            elif fault.effect == "torque_ripple":
-                self._ripple[i], self._ripple_phase[i] = p["amplitude"], p["phase"]
-                self._ripple_rate[i] = p["order"] * r_tot[i]
-        self.has_state = bool(self._hysteresis.any())
-        self._plain_spring = not (self._cubic.any() or self._half_gap.any() or self.has_state or self._error.any())
-        self._has_ripple = bool(self._ripple.any())
 
-    def joint_torque(
-        self, q: np.ndarray, theta: np.ndarray, dq: np.ndarray, dtheta: np.ndarray, z: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray | float, np.ndarray]:
-        """Return tau_J, its lever on the motor (1 + de/dtheta), and the rate of the hysteresis state, each (n,)."""
-        if self._plain_spring:
-            return self.K * (theta - q) + self.D * (dtheta - dq), 1.0, z
-        angle = self._error_rate * theta + self._error_phase
-        slope = self._error * self._error_rate * np.cos(angle)
-        d = theta + self._error * np.sin(angle) - q
-        rate = dtheta * (1.0 + slope) - dq
-        spring = self.K * np.sign(d) * np.maximum(np.abs(d) - self._half_gap, 0.0)
-        tau_J = spring + self._cubic * d**3 + self._hysteresis * z + self.D * rate
-        dz = (rate - 0.5 * np.abs(rate) * z - 0.5 * rate * np.abs(z)) / self._width
-        return tau_J, 1.0 + slope, dz
+def joint_torque(s: Mapping[str, Any], q: Any, theta: Any, dq: Any, dtheta: Any, z: Any) -> tuple[Any, Any, Any]:
+    """Return tau_J, its lever on the motor (1 + de/dtheta), and the rate of the hysteresis state, each (n,).
 
-    def friction(self, side: str, w: np.ndarray, tau_J: np.ndarray) -> np.ndarray:
-        """Return the torque (n,) that resists the motion w of the motor or the link side."""
-        torque = np.zeros(len(w))
-        for effect, i, p in self._friction[side]:
-            direction = sign(w[i], self.standstill[i])
-            if effect == "viscous_friction":
-                torque[i] += p["coefficient"] * w[i]
-            elif effect == "coulomb_friction":
-                torque[i] += p["torque"] * direction
-            elif effect == "stribeck_friction":
-                torque[i] += p["torque"] * np.exp(-((w[i] / p["speed"]) ** 2)) * direction
-            else:
-                torque[i] += p["coefficient"] * abs(tau_J[i]) * direction
-        return torque
+    Parameters
+    ----------
+    s
+        The :data:`NUMBERS` as symbols.
+    z
+        State of the hysteresis.
+    """
+    angle = s["error_rate"] * theta + s["error_phase"]
+    slope = s["error"] * s["error_rate"] * ca.cos(angle)
+    d = theta + s["error"] * ca.sin(angle) - q
+    rate = dtheta * (1.0 + slope) - dq
+    spring = s["stiffness"] * ca.sign(d) * ca.fmax(ca.fabs(d) - s["half_gap"], 0.0)
+    tau_J = spring + s["cubic"] * d**3 + s["hysteresis"] * z + s["damping"] * rate
+    dz = (rate - 0.5 * ca.fabs(rate) * z - 0.5 * rate * ca.fabs(z)) / s["width"]
+    return tau_J, 1.0 + slope, dz
 
-    def ripple(self, theta: np.ndarray) -> np.ndarray | float:
-        """Return the torque (n,) that the motors add beside tau_m."""
-        return self._ripple * np.sin(self._ripple_rate * theta + self._ripple_phase) if self._has_ripple else 0.0
+
+def friction(s: Mapping[str, Any], side: str, w: Any, tau_J: Any) -> Any:
+    """Return the torque (n,) that resists the motion w of the motor or the link side.
+
+    The sign of a velocity is smoothed below `standstill`, far below any motion of a recording.
+    """
+    dry = s[f"coulomb_{side}"] + s[f"load_{side}"] * ca.fabs(tau_J)
+    dry += s[f"stribeck_{side}"] * ca.exp(-((w / s[f"stribeck_speed_{side}"]) ** 2))
+    return s[f"viscous_{side}"] * w + dry * ca.tanh(w / s["standstill"])
+
+
+def ripple(s: Mapping[str, Any], theta: Any) -> Any:
+    """Return the torque (n,) that the motors add beside tau_m."""
+    return s["ripple"] * ca.sin(s["ripple_rate"] * theta + s["ripple_phase"])

@@ -44,14 +44,21 @@ class Tree:
         Give every joint the tilts q_y, q_x of its bearing. Coordinates are then [q, theta, q_x, q_y], else [q, theta].
     base_tilt
         Angles a, b (rad): the base is rotated by Rx(a) Ry(b) in the ground frame.
+
+    Attributes
+    ----------
+    model
+        Pinocchio's, every body a joint of its own.
+    gears
+        (bodies, dof): velocities of the joints for those of the generalized coordinates.
     """
 
     def __init__(self, robot: Robot, *, bearings: bool = False, base_tilt: tuple[float, float] = (0.0, 0.0)) -> None:
         self._pin = pin = pinocchio()
         self.n = n = robot.n
         self.dof = 4 * n if bearings else 2 * n
-        self._model = pin.Model()
-        self._model.gravity = pin.Motion(np.asarray(robot.gravity, dtype=float), np.zeros(3))
+        self.model = pin.Model()
+        self.model.gravity = pin.Motion(np.asarray(robot.gravity, dtype=float), np.zeros(3))
         self._rows: list[tuple[int, float]] = []
         tilt = pin.utils.rotate("x", base_tilt[0]) @ pin.utils.rotate("y", base_tilt[1])
         placement = pin.SE3(tilt, np.zeros(3)) * _se3(pin, robot.base_placement)
@@ -73,39 +80,39 @@ class Tree:
             parent = self._add(parent, pin.JointModelRZ(), placement, i, 1.0)
             placement = _se3(pin, joint.after)
             link = joint.link
-            self._model.appendBodyToJoint(
+            self.model.appendBodyToJoint(
                 parent, pin.Inertia(link.mass, np.asarray(link.com), np.asarray(link.inertia)), placement
             )
             for part, ratio in parts:
                 if part.carrier == joint.link_name:
                     self._add_component(i, part, ratio, parent, pin.SE3.Identity())
-        self._data = self._model.createData()
-        self._G = np.zeros((len(self._rows), self.dof))
+        self._data = self.model.createData()
+        self.gears = np.zeros((len(self._rows), self.dof))
         for row, (column, ratio) in enumerate(self._rows):
-            self._G[row, column] = ratio
+            self.gears[row, column] = ratio
 
     def _add(self, parent: int, kind: Any, placement: Any, coordinate: int, ratio: float) -> int:
         self._rows.append((coordinate, ratio))
-        return int(self._model.addJoint(parent, kind, placement, f"body_{len(self._rows)}"))
+        return int(self.model.addJoint(parent, kind, placement, f"body_{len(self._rows)}"))
 
     def _add_component(self, i: int, part: Component, ratio: float, carrier: int, placement: Any) -> None:
         pin = self._pin
         centre = placement * pin.SE3(np.eye(3), np.asarray(part.position, dtype=float))
         body = self._add(carrier, pin.JointModelRZ(), centre, self.n + i, ratio)
         inertia = pin.Inertia(part.mass, np.zeros(3), np.diag([part.ixx, part.ixx, part.izz]))
-        self._model.appendBodyToJoint(body, inertia, pin.SE3.Identity())
+        self.model.appendBodyToJoint(body, inertia, pin.SE3.Identity())
 
     def terms(self, x: np.ndarray, dx: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return the mass matrix (dof, dof) and the bias (dof,): Coriolis, centrifugal, gyroscopic and gravity."""
-        q, v = self._G @ x, self._G @ dx
-        full = self._pin.crba(self._model, self._data, q)
-        bias = self._pin.nonLinearEffects(self._model, self._data, q, v)
-        return self._G.T @ full @ self._G, self._G.T @ bias
+        q, v = self.gears @ x, self.gears @ dx
+        full = self._pin.crba(self.model, self._data, q)
+        bias = self._pin.nonLinearEffects(self.model, self._data, q, v)
+        return self.gears.T @ full @ self.gears, self.gears.T @ bias
 
     def torque(self, x: np.ndarray, dx: np.ndarray, ddx: np.ndarray) -> np.ndarray:
         """Return M ddx + h (dof,), without stiffness and damping."""
-        G = self._G
-        return G.T @ self._pin.rnea(self._model, self._data, G @ x, G @ dx, G @ ddx)
+        G = self.gears
+        return G.T @ self._pin.rnea(self.model, self._data, G @ x, G @ dx, G @ ddx)
 
 
 def _se3(pin: Any, placement: np.ndarray) -> Any:

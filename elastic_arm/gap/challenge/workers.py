@@ -1,0 +1,66 @@
+"""Jobs on several processes: Dask on this machine, or a Dask cluster."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from typing import Any
+
+from elastic_arm.errors import MissingExtraError
+
+# Each worker is one core's work; the libraries under it must not take more.
+ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
+
+
+@dataclass(frozen=True)
+class Failure:
+    """A job that ended in an error of the program."""
+
+    job: Any
+    problem: str
+
+
+def mapped(
+    function: Callable[[Any], Any], jobs: Sequence[Any], workers: int = 0, scheduler: str | None = None
+) -> Iterator[Any]:
+    """Apply a function to jobs and yield what it returns, in any order.
+
+    Where a worker meets an error, a :class:`Failure` stands in its place and the others go on; without workers, the
+    error is raised.
+
+    Parameters
+    ----------
+    workers
+        Processes on this machine; 0 does the work here, one after another.
+    scheduler
+        Address of a Dask cluster, instead; its workers must see the same folders.
+    """
+    if not jobs:
+        return
+    if not workers and scheduler is None:
+        yield from map(function, jobs)
+        return
+    with _client(min(workers, len(jobs)), scheduler) as (client, as_completed):
+        waiting = dict(zip(client.map(function, jobs, pure=False), jobs, strict=True))
+        for future in as_completed(list(waiting)):
+            job = waiting.pop(future)
+            yield future.result() if future.status == "finished" else Failure(job, repr(future.exception()))
+
+
+@contextmanager
+def _client(workers: int, scheduler: str | None) -> Iterator[Any]:
+    try:
+        from distributed import Client, LocalCluster, as_completed
+    except ImportError as error:
+        raise MissingExtraError(
+            "campaigns run in parallel on Dask, which is not installed",
+            "Install it: pip install 'elastic-arm[challenge]', or run with --workers 0",
+        ) from error
+    if scheduler is not None:
+        with Client(scheduler) as client:
+            yield client, as_completed
+        return
+    cluster = LocalCluster(n_workers=workers, threads_per_worker=1, dashboard_address=None, env=ONE_THREAD)
+    with cluster, Client(cluster) as client:
+        yield client, as_completed
