@@ -222,6 +222,34 @@ def exact_entry(a: np.ndarray, b: np.ndarray) -> Fraction:
 
 
 @pytest.mark.parametrize("engine", ENGINES)
+def test_a_branch_that_is_not_taken_leaves_zero(engine: str) -> None:
+    """Where the condition is false its value does not count, be it infinite or no number at all."""
+    a = ca.SX.sym("a")
+    kernel = kernels.compile(
+        ca.Function("f", [a], [ca.if_else(a > 0, ca.log(a), 0), ca.if_else(a > 0, 1 / a, 0)]), engine
+    )
+    found = np.hstack(kernel(np.array([[-1.0], [0.0], [1.0], [np.e]])))
+    np.testing.assert_allclose(found, [[0, 0], [0, 0], [0, 1], [1, np.exp(-1)]], rtol=1e-15)
+
+
+@pytest.mark.parametrize("engine", ENGINES)
+@pytest.mark.parametrize("samples", [3, 1000, 30_000])
+def test_results_written_to_given_memory_are_those_returned(engine: str, samples: int) -> None:
+    """`out` holds the same numbers, whatever it held before, aligned or not; what does not fit is refused."""
+    model = build_model(load_robot(), engine=engine)
+    states = np.random.default_rng(1).normal(size=(3, samples, 6))
+    expected = model.regressor(*states)
+    for skip in (0, 1):
+        out = np.full(expected.size + skip, np.nan)[skip:].reshape(expected.shape)
+        found = model.regressor(*states, out=out)
+        assert np.shares_memory(found, out)
+        np.testing.assert_array_equal(out, expected)
+    for wrong in (out[:-1], out.astype(np.float32), np.asfortranarray(out)):
+        with pytest.raises(ValueError, match="contiguous, writable"):
+            model.regressor(*states, out=wrong)
+
+
+@pytest.mark.parametrize("engine", ENGINES)
 def test_information_is_exact_to_seventy_six_bits(engine: str, states: tuple[np.ndarray, ...]) -> None:
     """Every entry of a row's matrix equals the exact sum of products, relative to the columns' norms."""
     model = build_model(load_robot(), engine=engine)

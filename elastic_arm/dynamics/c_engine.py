@@ -14,6 +14,11 @@ from elastic_arm.dynamics.program import Program
 
 # Outputs larger than the caches are written past them.
 _PAST_CACHES_BYTES = 1 << 21
+# The C library takes memory this large from the system, which clears it: of zeros, only the others need writing.
+_CLEARED_BYTES = 1 << 25
+_LINE_BYTES = 64
+# How outputs are written, as block.c names it.
+_COPY, _PAST_CACHES, _ONTO_ZEROS = range(3)
 _ARRAY = ctypes.c_void_p
 
 
@@ -36,27 +41,24 @@ class CEngine:
         self.library.prepared_size.restype = ctypes.c_long
         self._is_shared = [name in set(shared) for name, _ in program.inputs]
 
-    def run(self, arrays: Sequence[np.ndarray], outputs: Sequence[np.ndarray]) -> None:
-        """Fill `outputs` (N, size), whose memory is 64-byte aligned, from `arrays`: (N, k), or (k,) where shared."""
+    def run(self, arrays: Sequence[np.ndarray], outputs: Sequence[np.ndarray], *, fresh: bool) -> None:
+        """Fill `outputs` (N, size) from `arrays`: (N, k), or (k,) where shared; `fresh` ones are just allocated."""
         prepared = self.prepare(arrays)
-        samples = len(outputs[0])
+        way = _way(outputs, fresh)
 
         def chunk(start: int, stop: int) -> None:
             into = pointers([out[start:stop] for out in outputs])
-            past_caches = sum(out.nbytes for out in outputs) > _PAST_CACHES_BYTES
-            short = self.library.dense(
-                stop - start, self.inputs(arrays, start), prepared.ctypes.data, into, int(past_caches)
-            )
-            if short:
+            if self.library.dense(stop - start, self.inputs(arrays, start), prepared.ctypes.data, into, way):
                 raise MemoryError("no memory for a block of samples")
 
-        in_chunks(samples, chunk)
+        in_chunks(len(outputs[0]), chunk)
 
     @staticmethod
     def allocate(samples: int, size: int) -> np.ndarray:
-        """Uninitialised memory (samples, size) that starts on a cache line."""
-        memory = np.empty(samples * size + 8)
-        skip = (-memory.ctypes.data % 64) // 8
+        """Memory (samples, size) from a cache line on: zeros where it is cleared anyhow, or else uninitialised."""
+        make = np.zeros if samples * size * 8 >= _CLEARED_BYTES else np.empty
+        memory = make(samples * size + 8)
+        skip = (-memory.ctypes.data % _LINE_BYTES) // 8
         return memory[skip : skip + samples * size].reshape(samples, size)
 
     def prepare(self, arrays: Sequence[np.ndarray]) -> np.ndarray:
@@ -70,6 +72,13 @@ class CEngine:
         return pointers(
             [array if shared else array[start:] for array, shared in zip(arrays, self._is_shared, strict=True)]
         )
+
+
+def _way(outputs: Sequence[np.ndarray], fresh: bool) -> int:
+    if fresh and all(out.nbytes >= _CLEARED_BYTES for out in outputs):
+        return _ONTO_ZEROS
+    aligned = all(out.ctypes.data % _LINE_BYTES == 0 for out in outputs)
+    return _PAST_CACHES if aligned and sum(out.nbytes for out in outputs) > _PAST_CACHES_BYTES else _COPY
 
 
 def pointers(arrays: Sequence[np.ndarray]) -> ctypes.Array[ctypes.c_void_p]:

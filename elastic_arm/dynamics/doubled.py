@@ -1,7 +1,8 @@
 """Numbers in twice the working precision: sums of them, and triangular factors of Gram matrices made of them.
 
 A Gram matrix squares the condition number; carried beyond the working precision, its Cholesky factor is as good as that
-of an orthogonal triangularisation of the rows themselves. Numbers are pairs hi + lo (T. Dekker, Numerische Mathematik 18 (1971) 224).
+of an orthogonal triangularisation of the rows themselves. Numbers are pairs hi + lo (T. Dekker, Numerische Mathematik
+18 (1971) 224).
 """
 
 from __future__ import annotations

@@ -37,8 +37,8 @@ class Engine(Protocol):
     def allocate(self, samples: int, size: int) -> np.ndarray:
         """Memory (samples, size) for an output."""
 
-    def run(self, arrays: Sequence[np.ndarray], outputs: Sequence[np.ndarray]) -> None:
-        """Fill `outputs` from `arrays`."""
+    def run(self, arrays: Sequence[np.ndarray], outputs: Sequence[np.ndarray], *, fresh: bool) -> None:
+        """Fill `outputs` from `arrays`; `fresh` ones come from :meth:`allocate`, others hold anything."""
 
 
 class Kernel:
@@ -53,22 +53,42 @@ class Kernel:
         self.engine = engine
         self.shared = frozenset(shared)
 
-    def __call__(self, *arrays: np.ndarray) -> np.ndarray | tuple[np.ndarray, ...]:
+    def __call__(
+        self, *arrays: np.ndarray, out: Sequence[np.ndarray] | None = None
+    ) -> np.ndarray | tuple[np.ndarray, ...]:
         """Evaluate at all samples.
+
+        Parameters
+        ----------
+        *arrays
+            The inputs.
+        out
+            Arrays to write to, one an output, of the shapes returned: spares the system's clearing of new memory, which
+            for large arrays costs more than the evaluation.
 
         Raises
         ------
         ValueError
-            If an array's shape is not the input's, or the numbers of samples differ.
+            If an array's shape is not the input's, or the numbers of samples differ, or `out` does not fit.
         """
         ready, samples = self.check(arrays)
-        flat = [self.engine.allocate(samples, out.size) for out in self.program.outputs]
-        self.engine.run(ready, flat)
-        shaped = tuple(
-            array if out.shape[1] == 1 else array.reshape(samples, *out.shape)
-            for array, out in zip(flat, self.program.outputs, strict=True)
-        )
+        if out is None:
+            flat = [self.engine.allocate(samples, o.size) for o in self.program.outputs]
+        else:
+            flat = self._flat(out, samples)
+        self.engine.run(ready, flat, fresh=out is None)
+        shapes = self._shapes(samples)
+        shaped = tuple(array.reshape(shape) for array, shape in zip(flat, shapes, strict=True))
         return shaped if len(shaped) > 1 else shaped[0]
+
+    def _shapes(self, samples: int) -> list[tuple[int, ...]]:
+        return [(samples, out.size) if out.shape[1] == 1 else (samples, *out.shape) for out in self.program.outputs]
+
+    def _flat(self, given: Sequence[np.ndarray], samples: int) -> list[np.ndarray]:
+        shapes = self._shapes(samples)
+        if [(a.shape, a.dtype, a.flags.carray) for a in given] != [(s, np.dtype(float), True) for s in shapes]:
+            raise ValueError(f"out must be contiguous, writable arrays of floats of shapes {shapes}")
+        return [array.reshape(samples, -1) for array in given]
 
     def check(self, arrays: Sequence[np.ndarray]) -> tuple[list[np.ndarray], int]:
         """Return contiguous arrays of the inputs' shapes, and the number of samples.

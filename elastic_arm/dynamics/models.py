@@ -88,10 +88,17 @@ class Model:
         """Left side of (1) with K and D: (N, dof), [0; tau_m] for a true motion."""
         return self._run("inverse_dynamics", x, dx, ddx, self._psi(Psi))[0]
 
-    def regressor(self, x: np.ndarray, dx: np.ndarray, ddx: np.ndarray, columns: Columns | None = None) -> np.ndarray:
-        """Phi of (10), (N, dof, P), or only its `columns`."""
+    def regressor(
+        self,
+        x: np.ndarray,
+        dx: np.ndarray,
+        ddx: np.ndarray,
+        columns: Columns | None = None,
+        out: np.ndarray | None = None,
+    ) -> np.ndarray:
+        """Phi of (10), (N, dof, P), or only its `columns`; written to `out`, if given, of that shape."""
         kernel = self.kernel("regressor", columns)
-        return np.asarray(kernel(x, dx, ddx)).reshape(len(x), self.dof, -1)
+        return np.asarray(kernel(x, dx, ddx, out=None if out is None else [out])).reshape(len(x), self.dof, -1)
 
     def mass_matrix(self, x: np.ndarray, Psi: np.ndarray | None = None) -> np.ndarray:
         """Whole matrix of (1), (N, dof, dof), in the order of x."""

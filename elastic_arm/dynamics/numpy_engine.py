@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from typing import NamedTuple
 
 import numpy as np
 
@@ -12,12 +13,35 @@ from elastic_arm.dynamics.program import NAMES, OPERATIONS, Program
 # Long enough to hide the cost of a call, short enough for the registers to stay in the caches.
 CHUNK = 4096
 
-_Load = tuple[np.ndarray, np.ndarray]
-_Step = tuple[Callable[..., np.ndarray], tuple[np.ndarray, ...], np.ndarray]
+
+_Places = list[tuple[int, int]]  # number of the output, column in it
+
+
+class _Step(NamedTuple):
+    """An operation on registers, and where in the outputs its result goes."""
+
+    ufunc: Callable[..., np.ndarray]
+    taken: tuple[np.ndarray, ...]
+    target: np.ndarray
+    places: _Places
+
+
+class _Load(NamedTuple):
+    """An element of an input, the register or constant that holds it, and where in the outputs it goes."""
+
+    input: int
+    element: int
+    target: np.ndarray
+    places: _Places
 
 
 def _if_else_zero(condition: np.ndarray, value: np.ndarray, out: np.ndarray | None = None) -> np.ndarray:
-    return np.multiply(np.not_equal(condition, 0.0), value, out=out) if out is not None else condition * value
+    # A product would make NaN of zero times what must not count.
+    chosen = np.where(np.not_equal(condition, 0.0), value, 0.0)
+    if out is None:
+        return chosen
+    out[...] = chosen
+    return out
 
 
 def _erf(value: np.ndarray, out: np.ndarray | None = None) -> np.ndarray:
@@ -53,91 +77,99 @@ class NumpyEngine:
 
     def __init__(self, program: Program, shared: Sequence[str]) -> None:
         self._program = program
-        self._shared = set(shared)
         self._uniform = program.uniform(shared)
         self._registers, self._count = _allocate(program, self._uniform)
+        self._idle: dict[int, list[_Workspace]] = {}
 
-    def run(self, arrays: Sequence[np.ndarray], outputs: Sequence[np.ndarray]) -> None:
-        """Fill `outputs` (N, size) from `arrays`: (N, k), or (k,) where shared."""
-        constants = self._uniform_values(arrays)
+    def run(self, arrays: Sequence[np.ndarray], outputs: Sequence[np.ndarray], *, fresh: bool) -> None:
+        """Fill `outputs` (N, size) from `arrays`: (N, k), or (k,) where shared; `fresh` ones hold zeros."""
+        for out in () if fresh else outputs:
+            out.fill(0.0)
+
+        def part(start: int, stop: int) -> None:
+            # Widths are powers of two, so that few workspaces serve all.
+            width = min(CHUNK, 1 << (stop - start - 1).bit_length()) if stop > start else 1
+            idle = self._idle.setdefault(width, [])
+            try:
+                workspace = idle.pop()
+            except IndexError:
+                workspace = _Workspace(self._program, self._uniform, self._registers, self._count, width)
+            workspace.run(arrays, outputs, start, stop)
+            idle.append(workspace)
+
         # numpy lets go of the interpreter while it works on an array this long: threads do help.
-        in_chunks(len(outputs[0]), lambda start, stop: self._run_part(arrays, outputs, constants, start, stop))
-
-    def _run_part(
-        self,
-        arrays: Sequence[np.ndarray],
-        outputs: Sequence[np.ndarray],
-        constants: dict[int, np.ndarray],
-        start: int,
-        stop: int,
-    ) -> None:
-        width = min(CHUNK, stop - start)
-        registers = np.empty((self._count, width))
-        operands, loads, steps = self._bind(arrays, constants, registers)
-        for first in range(start, stop, CHUNK):
-            size = min(width, stop - first)
-            for register, column in loads:
-                register[:size] = column[first : first + size]
-                register[size:] = register[0]
-            for ufunc, taken, target in steps:
-                ufunc(*taken, out=target)
-            for out, array in zip(self._program.outputs, outputs, strict=True):
-                for value, place in zip(out.values.tolist(), out.places.tolist(), strict=True):
-                    source = operands[value]
-                    array[first : first + size, place] = source[:size] if source.ndim else source
-
-    def _bind(
-        self, arrays: Sequence[np.ndarray], constants: dict[int, np.ndarray], registers: np.ndarray
-    ) -> tuple[list[np.ndarray], list[_Load], list[_Step]]:
-        """Give every value its memory: what is loaded for each chunk, and what is called on what."""
-        program = self._program
-        operands: list[np.ndarray] = [np.empty(0)] * len(program)
-        loads: list[_Load] = []
-        steps: list[_Step] = []
-        for k in range(len(program)):
-            if self._uniform[k]:
-                operands[k] = constants[k]
-                continue
-            name = NAMES[program.op[k]]
-            operands[k] = registers[self._registers[k]]
-            if name == "input":
-                loads.append((operands[k], arrays[program.a[k]][:, program.b[k]]))
-            else:
-                taken = (program.a[k], program.b[k])[: OPERATIONS[name]]
-                steps.append((_UFUNCS[name], tuple(operands[t] for t in taken), operands[k]))
-        return operands, loads, steps
+        in_chunks(len(outputs[0]), part)
 
     @staticmethod
     def allocate(samples: int, size: int) -> np.ndarray:
         """Zeros (samples, size): a run writes only the structural non-zeros."""
         return np.zeros((samples, size))
 
-    def _uniform_values(self, arrays: Sequence[np.ndarray]) -> dict[int, np.ndarray]:
-        """Values that no sample changes, as arrays without dimensions: numpy converts those fastest."""
-        program = self._program
-        values: dict[int, np.ndarray] = {}
-        for k in np.flatnonzero(self._uniform).tolist():
-            name = NAMES[program.op[k]]
-            if name == "const":
-                value = program.constant[k]
-            elif name == "input":
-                value = arrays[program.a[k]][program.b[k]]
+
+class _Workspace:
+    """Memory for the values of `width` samples, with a program's operations bound to it; for one thread at a time."""
+
+    def __init__(self, program: Program, uniform: np.ndarray, registers: np.ndarray, count: int, width: int) -> None:
+        self._width = width
+        memory = np.empty((count, width))
+        places: dict[int, _Places] = {}
+        for number, out in enumerate(program.outputs):
+            for value, place in zip(out.values.tolist(), out.places.tolist(), strict=True):
+                places.setdefault(value, []).append((number, place))
+        self._once: list[_Load | _Step] = []
+        self._loads: list[_Load] = []
+        self._steps: list[_Step] = []
+        # Values that no sample changes are arrays without dimensions: numpy converts those fastest.
+        operands: list[np.ndarray] = []
+        rows = zip(*(v.tolist() for v in (program.op, program.a, program.b, uniform, registers)), strict=True)
+        for k, (op, a, b, once, register) in enumerate(rows):
+            name, mine = NAMES[op], places.get(k, [])
+            target = np.array(program.constant[k]) if once else memory[register]
+            operands.append(target)
+            if name == "input":
+                (self._once if once else self._loads).append(_Load(a, b, target, mine))
+            elif name != "const":
+                taken = tuple(operands[t] for t in (a, b)[: OPERATIONS[name]])
+                (self._once if once else self._steps).append(_Step(_UFUNCS[name], taken, target, [] if once else mine))
+        # What is the same for all samples is not computed before each chunk, but stored.
+        self._constants = [(operands[k], places[k]) for k in places if uniform[k]]
+
+    def run(self, arrays: Sequence[np.ndarray], outputs: Sequence[np.ndarray], start: int, stop: int) -> None:
+        """Fill samples `start` to `stop` of `outputs`."""
+        for task in self._once:
+            if isinstance(task, _Load):
+                task.target[...] = arrays[task.input][task.element]
             else:
-                taken = (int(program.a[k]), int(program.b[k]))[: OPERATIONS[name]]
-                value = _UFUNCS[name](*(values[t] for t in taken))
-            values[k] = np.array(value, dtype=float)
-        return values
+                task.target[...] = task.ufunc(*task.taken)
+        for value, places in self._constants:
+            for number, place in places:
+                outputs[number][start:stop, place] = value
+        # Both sides of a branch are computed: what is wrong on the one not taken is nobody's business.
+        with np.errstate(all="ignore"):
+            for first in range(start, stop, self._width):
+                self._run_chunk(arrays, outputs, slice(first, min(first + self._width, stop)))
+
+    def _run_chunk(self, arrays: Sequence[np.ndarray], outputs: Sequence[np.ndarray], part: slice) -> None:
+        size = part.stop - part.start
+        for number, element, target, places in self._loads:
+            target[:size] = arrays[number][part, element]
+            target[size:] = target[0]
+            for output, place in places:
+                outputs[output][part, place] = target[:size]
+        for ufunc, taken, target, places in self._steps:
+            ufunc(*taken, out=target)
+            # At once, while the caches hold it.
+            for output, place in places:
+                outputs[output][part, place] = target[:size]
 
 
 def _allocate(program: Program, uniform: np.ndarray) -> tuple[np.ndarray, int]:
-    """Give every value a register: inputs and outputs one of their own, others share after their last use."""
+    """Give every value a register: inputs one of their own, others share after their last use."""
     is_input = np.array([NAMES[code] == "input" for code in program.op]) & ~uniform
     last = np.arange(len(program))
     for k in range(len(program)):
         for operand in (program.a[k], program.b[k])[: OPERATIONS[NAMES[program.op[k]]]]:
             last[operand] = k
-    for out in program.outputs:
-        last[out.values] = len(program)
     last[is_input] = len(program)
     ends: dict[int, list[int]] = {}
     for k in np.flatnonzero(~uniform).tolist():
