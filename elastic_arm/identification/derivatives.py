@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import functools
 from dataclasses import dataclass, fields, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,12 +19,14 @@ from numpy.typing import NDArray
 from elastic_arm.errors import IdentificationError
 from elastic_arm.identification.convolution import convolve
 from elastic_arm.identification.grid import Grid
-from elastic_arm.identification.noise import ORDER, SideNoise, estimate_noise
+from elastic_arm.identification.noise import ORDER, SideNoise, StateNoise, estimate_noise
 
 Array = NDArray[np.float64]
 
 # The taps are cut where they have fallen to this share.
 TAIL = 1e-11
+# Noise of an acceleration that no arm's motion notices, rad/s²: positions alone serve then.
+NEGLIGIBLE = 1e-3
 
 
 @dataclass(frozen=True)
@@ -41,6 +44,8 @@ class Motion:
     laws
         (N, 3 n, k) columns of laws beyond the model, for link, drive and motor residuals, passed through the same
         filter too (a law may jump where the motion does not); None where they are to be evaluated as they stand.
+    noise
+        Of positions and their derivatives; None where they are taken for exact.
     """
 
     t: Array
@@ -53,21 +58,29 @@ class Motion:
     tau_J: Array | None = None
     tau_m: Array | None = None
     laws: Array | None = None
+    noise: StateNoise | None = None
 
     def __len__(self) -> int:
         return len(self.t)
 
-    def __getitem__(self, part: slice) -> Motion:
-        kept = {f.name: getattr(self, f.name) for f in fields(self)}
-        return replace(self, **{name: values[part] for name, values in kept.items() if values is not None})
+    def __getitem__(self, part: slice | NDArray[np.intp]) -> Motion:
+        kept: dict[str, Any] = {name: values[part] for name, values in self.channels().items()}
+        return replace(self, **kept)
+
+    def channels(self) -> dict[str, Array]:
+        """Return what is there for every sample, by name."""
+        kept = {f.name: getattr(self, f.name) for f in fields(self) if f.name != "noise"}
+        return {name: values for name, values in kept.items() if values is not None}
 
     @staticmethod
     def joined(parts: list[Motion]) -> Motion:
-        """Put parts with the same channels one after another."""
+        """Put parts with the same channels and the same noise one after another."""
         if len(parts) == 1:
             return parts[0]
-        names = [f.name for f in fields(Motion) if getattr(parts[0], f.name) is not None]
-        return Motion(**{name: np.concatenate([getattr(p, name) for p in parts]) for name in names})
+        whole: dict[str, Any] = {
+            name: np.concatenate([getattr(part, name) for part in parts]) for name in parts[0].channels()
+        }
+        return Motion(**whole, noise=parts[0].noise)
 
 
 @dataclass(frozen=True)
@@ -82,12 +95,16 @@ class Smoother:
         w_c, rad/s, common to all channels.
     link_crossover, motor_crossover
         (n,) w_x of each joint, rad/s; infinite where the positions alone serve.
+    link_noise, motor_noise
+        Of the encoders; None where it is not known or there is no such side.
     """
 
     rate: float
     cutoff: float
     link_crossover: Array
     motor_crossover: Array
+    link_noise: SideNoise | None = None
+    motor_noise: SideNoise | None = None
 
     @staticmethod
     def from_noise(rate: float, link: SideNoise | None, motor: SideNoise | None, n: int) -> Smoother:
@@ -96,7 +113,15 @@ class Smoother:
         if not sides:
             raise IdentificationError("no positions were recorded", "Record /joint_states or /motor_states.")
         cutoff = max(side.cutoff for side in sides)
-        return Smoother(rate, cutoff, _crossover(link, cutoff, n), _crossover(motor, cutoff, n))
+        of_link, of_motor = (_crossover(side, cutoff, rate, n) for side in (link, motor))
+        return Smoother(rate, cutoff, of_link, of_motor, link, motor)
+
+    @functools.cached_property
+    def noise(self) -> StateNoise | None:
+        """What the encoders' noise leaves in the smoothed motion; None where it is not known."""
+        link = self._covariances(self.link_noise, self.link_crossover)
+        motor = self._covariances(self.motor_noise, self.motor_crossover)
+        return None if link is None and motor is None else StateNoise(link, motor)
 
     @property
     def lag(self) -> int:
@@ -120,6 +145,7 @@ class Smoother:
             theta[2],
             None if grid.tau_J is None else self.filter(instantaneous(grid.tau_J)),
             None if grid.tau_m is None else self.filter(instantaneous(grid.tau_m)),
+            noise=self.noise,
         )
 
     def filter(self, values: Array) -> Array:
@@ -153,6 +179,19 @@ class Smoother:
             out[0, :, i] += middle
         return [out[0], out[1] * self.rate, out[2] * self.rate**2]
 
+    def _covariances(self, noise: SideNoise | None, crossover: Array) -> Array | None:
+        """Return covariances (n, 3, 3) of position, velocity and acceleration from a side's white noise."""
+        if noise is None:
+            return None
+        unit = self.rate ** np.arange(3.0)
+        found = np.empty((len(crossover), 3, 3))
+        for i, w in enumerate(crossover):
+            position, velocity = self._taps(w)
+            found[i] = noise.white_position[i] ** 2 * (position @ position.T)
+            if noise.white_velocity is not None and np.isfinite(w):
+                found[i] += (noise.white_velocity[i] / self.rate) ** 2 * (velocity @ velocity.T)
+        return found * np.outer(unit, unit)
+
     def _taps(self, crossover: float) -> tuple[Array, Array]:
         """Return taps on position and on velocity (rad per sample), (3, 2 lag + 1) each, for derivatives 0, 1, 2."""
         return _taps(self.cutoff / self.rate, crossover / self.rate, self.lag)
@@ -175,14 +214,17 @@ def design_smoother(grids: list[Grid], n: int) -> Smoother:
     return Smoother.from_noise(grid.rate, link, motor, n)
 
 
-def _crossover(side: SideNoise | None, cutoff: float, n: int) -> Array:
+def _crossover(side: SideNoise | None, cutoff: float, rate: float, n: int) -> Array:
     if side is None or side.velocity_std is None:
         return np.full(n, np.inf)
     # A slower crossover would lengthen the lag for frequencies at which the positions are good enough.
     slowest = cutoff * np.sin(np.pi / (2 * ORDER))
     ratio = np.maximum(side.velocity_std / np.maximum(side.position_std, 1e-300), slowest)
-    # Far beyond the band the velocities would have no say.
-    return np.where(ratio > 100 * cutoff, np.inf, ratio)
+    # Far beyond the band the velocities would have no say. And where positions are good enough, they had better have
+    # none: under a torque held from sample to sample a velocity at the samples is not quite that of the motion in the
+    # band, which biases what hangs on the difference of two accelerations.
+    acceleration_noise = side.position_std * cutoff**2.5 / np.sqrt(5 * np.pi * rate)
+    return np.where((ratio > 100 * cutoff) | (acceleration_noise < NEGLIGIBLE), np.inf, ratio)
 
 
 def _poles(cutoff: float) -> NDArray[np.complex128]:

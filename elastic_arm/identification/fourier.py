@@ -8,6 +8,7 @@ the motion but not from the torques, so a series is only taken where nothing sta
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -146,7 +147,7 @@ def fourier_motion(
     start = _settled(position, round(period * grid.rate))
     t = grid.t[start:] - grid.t[start]
     omega = _refined(t, position[start:], 2 * np.pi / period)
-    sides: dict[str, Array] = {}
+    sides: dict[str, Any] = {}
     series: dict[str, FourierFit] = {}
     for name, x, dx, std in (("q", grid.q, grid.dq, link_std), ("theta", grid.theta, grid.dtheta, motor_std)):
         if x is None:
@@ -159,7 +160,9 @@ def fourier_motion(
             )
         series[name] = fit
         sides[name], sides["d" + name], sides["dd" + name] = fit(t)
-    torques = {name: instantaneous(v)[start:] for name in ("tau_J", "tau_m") if (v := getattr(grid, name)) is not None}
+    torques: dict[str, Any] = {
+        name: instantaneous(v)[start:] for name in ("tau_J", "tau_m") if (v := getattr(grid, name)) is not None
+    }
     return Motion(grid.t[start:], **sides, **torques), series.get("q"), series.get("theta")
 
 

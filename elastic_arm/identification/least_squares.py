@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import solve_triangular
 
-from elastic_arm.dynamics.doubled import Pair, add, cholesky
+from elastic_arm.dynamics.doubled import Pair, add, cholesky, multiply
 from elastic_arm.errors import IdentificationError
 
 Array = NDArray[np.float64]
@@ -31,8 +31,9 @@ OPEN_SHARE = 1e-3
 # A group's noise is not believed to be smaller than this share of its largest term: rounding, not data.
 NOISE_FLOOR = 1e-6
 # An equation is not believed to close better than this share of its largest term, in a way that no number of samples
-# averages out: an emulated arm with exact sensors, sampled at 1 kHz, closes its own to 2e-10.
-CLOSURE = 1e-9
+# averages out: an arm with exact sensors, sampled at 1 kHz, closes its own to 2e-10 where its torques are smooth and
+# to 3e-9 where its drives hold their commands for a sample, which leaves faster motion than the samples can show.
+CLOSURE = 3e-9
 
 
 def triangular(rows: Array) -> Array:
@@ -60,6 +61,8 @@ class Blocks:
         hi, lo (groups, width, width) of each block: [Phi y]'[Phi y] in twice the working precision.
     counts
         Samples of each block.
+    known_noise
+        (groups, width, width) of each block: what noise in Phi is known to add to its sums, on the average.
     """
 
     groups: int
@@ -68,6 +71,7 @@ class Blocks:
     span: int = 1
     grams: list[Pair] = field(default_factory=list)
     counts: list[int] = field(default_factory=list)
+    known_noise: list[Array] = field(default_factory=list)
     _units: int = 0
 
     @property
@@ -75,14 +79,17 @@ class Blocks:
         """Units that the last block still takes."""
         return self.span - self._units
 
-    def add(self, gram: Pair, count: int, units: int = 1) -> None:
+    def add(self, gram: Pair, count: int, units: int = 1, known_noise: Array | None = None) -> None:
         """Add the sums of the next `count` samples, which are `units` units, at most :attr:`room`."""
+        noise = np.zeros_like(gram[0]) if known_noise is None else known_noise
         if self._units:
             self.grams[-1] = add(self.grams[-1], gram)
             self.counts[-1] += count
+            self.known_noise[-1] = self.known_noise[-1] + noise
         else:
             self.grams.append(gram)
             self.counts.append(count)
+            self.known_noise.append(noise)
         self._units = (self._units + units) % self.span
         if len(self.grams) == self.most and not self._units:
             self._halve()
@@ -104,13 +111,35 @@ class Blocks:
             return np.zeros((self.groups, self.width, self.width))
         return cholesky(functools.reduce(add, self.grams))
 
+    def corrected(self, weights: Array) -> Array:
+        """Return the triangular factor (width, width) of all weighted rows, known noise in Phi taken off.
+
+        Parameters
+        ----------
+        weights
+            (groups,).
+        """
+        if not any(noise.any() for noise in self.known_noise):
+            return triangular((weights[:, None, None] * self.total()).reshape(-1, self.width))
+        hi, lo = functools.reduce(add, self.grams)
+        noise = functools.reduce(np.add, self.known_noise)
+        rest = add((hi, lo), (-noise, np.zeros_like(noise)))
+        square = np.broadcast_to((weights**2)[:, None, None], hi.shape)
+        weighted = multiply((square, np.zeros_like(square)), rest)
+        return cholesky(functools.reduce(add, zip(*weighted, strict=True)))
+
     def copy(self) -> Blocks:
         """Return blocks that go their own way from here."""
-        return replace(self, grams=list(self.grams), counts=list(self.counts))
+        return replace(self, grams=list(self.grams), counts=list(self.counts), known_noise=list(self.known_noise))
 
     def merged(self, other: Blocks) -> Blocks:
         """Return the blocks of both, as of two recordings."""
-        both = replace(self, grams=self.grams + other.grams, counts=self.counts + other.counts)
+        both = replace(
+            self,
+            grams=self.grams + other.grams,
+            counts=self.counts + other.counts,
+            known_noise=self.known_noise + other.known_noise,
+        )
         both.span = max(self.span, other.span)
         both.close()
         return both
@@ -119,6 +148,7 @@ class Blocks:
         pairs = [slice(k, k + 2) for k in range(0, len(self.grams), 2)]
         self.grams = [functools.reduce(add, self.grams[pair]) for pair in pairs]
         self.counts = [sum(self.counts[pair]) for pair in pairs]
+        self.known_noise = [sum(self.known_noise[pair][1:], self.known_noise[pair][0]) for pair in pairs]
         self.span *= 2
 
 
@@ -188,13 +218,13 @@ def fit(blocks: Blocks, weighted: bool = True, rounds: int = 4) -> Fit:
     r = blocks.total()
     weights = np.ones(blocks.groups)
     for _ in range(rounds if weighted else 1):
-        whole = triangular((weights[:, None, None] * r).reshape(-1, P + 1))
+        whole = blocks.corrected(weights)
         Psi, condition, undetermined = _solve(whole)
         noise = _noise(r, Psi, blocks.samples)
         if weighted:
             weights = 1.0 / noise
     if weighted:
-        whole = triangular((weights[:, None, None] * r).reshape(-1, P + 1))
+        whole = blocks.corrected(weights)
         Psi, condition, undetermined = _solve(whole)
         noise = _noise(r, Psi, blocks.samples)
     robust, white = _covariances(blocks, Psi, weights, noise, whole, r)
@@ -246,9 +276,10 @@ def _covariances(
 ) -> tuple[Array, Array]:
     """Return the covariance from the blocks' scores, and that of white errors.
 
-    The scores are mended for the share of each block in the fit (bias-reduced linearization, R. Bell and
-    D. McCaffrey, Survey Methodology 28 (2002) 169), without which few blocks look too quiet. Both include what
-    :data:`CLOSURE` leaves open, where parameters differ by the last digits of an equation alone.
+    The scores are mended for the share of each block in the fit (the jackknife that leaves out one block at a time, R.
+    Bell and D. McCaffrey, Survey Methodology 28 (2002) 169), without which few blocks look too quiet, and a parameter
+    that a single lively moment determines looks too sure. Both include what :data:`CLOSURE` leaves open, where
+    parameters differ by the last digits of an equation alone.
     """
     columns, scale = _equilibrated(whole)
     _, s, vt = np.linalg.svd(columns, full_matrices=False)
@@ -260,12 +291,12 @@ def _covariances(
         return white, white
     solution = np.append(-Psi, 1.0)
     meat = np.zeros((back.shape[1],) * 2)
-    for hi, lo in blocks.grams:
-        gram = np.tensordot(weights**2, hi, 1)
+    for (hi, lo), noise_in_phi in zip(blocks.grams, blocks.known_noise, strict=True):
+        gram = np.tensordot(weights**2, hi - noise_in_phi, 1)
         score = back.T @ (gram @ solution + np.tensordot(weights**2, lo, 1) @ solution)[:-1]
         leverage = back.T @ gram[:-1, :-1] @ back
         values, vectors = np.linalg.eigh(leverage)
-        mended = vectors @ ((vectors.T @ score) / np.sqrt(np.maximum(1.0 - values, 1e-3)))
+        mended = vectors @ ((vectors.T @ score) / np.maximum(1.0 - values, 1e-3))
         meat += np.outer(mended, mended)
     return back @ meat @ back.T + systematic, white
 

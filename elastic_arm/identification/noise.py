@@ -37,6 +37,8 @@ QUIET = 1e-5
 # Spectra are taken over windows of this many seconds; their side lobes lie 1e-15 below the motion.
 SPECTRUM_SECONDS = 4.0
 KAISER_BETA = 26.0
+# Where no motion is, as shares of the sample rate.
+WHITE = (0.35, 0.49)
 
 
 @dataclass(frozen=True)
@@ -51,11 +53,31 @@ class SideNoise:
         (n,) rad.
     velocity_std
         (n,) rad/s, or None where no velocity was recorded.
+    white_position, white_velocity
+        (n,) rad, rad/s: as much of the two as is white, up to the highest frequencies. What else stands in the two is
+        motion that the model of it cannot follow, no noise.
     """
 
     cutoff: float
     position_std: Array
     velocity_std: Array | None
+    white_position: Array
+    white_velocity: Array | None
+
+
+@dataclass(frozen=True)
+class StateNoise:
+    """What the encoders' noise leaves in a smoothed motion.
+
+    Parameters
+    ----------
+    link, motor
+        (n, 3, 3) covariance of position, velocity and acceleration of each joint, rad, rad/s, rad/s²; None for a side
+        that was not recorded.
+    """
+
+    link: Array | None
+    motor: Array | None
 
 
 def estimate_noise(position: Array, velocity: Array | None, rate: float) -> SideNoise:
@@ -101,12 +123,16 @@ def estimate_noise(position: Array, velocity: Array | None, rate: float) -> Side
     std = np.sqrt(variance)
     wide = _liveliest(position, LONGEST_SPECTRUM)
     position, velocity = position[wide], None if velocity is None else velocity[wide]
-    band = 2 * np.pi * CUTOFF_OVER_BAND * _band(position, std, rate)
+    spectrum = _spectrum(position, rate)
+    band, white = spectrum.band(std), np.minimum(std, spectrum.white_std())
+    velocity_std = white_velocity = None
     if ratio is not None and velocity is not None:
-        band = max(band, 2 * np.pi * CUTOFF_OVER_BAND * _band(velocity, std * ratio * rate, rate))
+        velocity_std, spectrum = std * ratio * rate, _spectrum(velocity, rate)
+        band = max(band, spectrum.band(velocity_std))
+        white_velocity = np.minimum(velocity_std, spectrum.white_std())
     slowest = max(2 * np.pi * LOWEST_CUTOFF_HZ, _quiet(position, std, rate))
-    cutoff = min(max(band, slowest), _crossing(cutoff, ratio) * rate)
-    return SideNoise(cutoff, std, None if ratio is None else std * ratio * rate)
+    cutoff = min(max(2 * np.pi * CUTOFF_OVER_BAND * band, slowest), _crossing(cutoff, ratio) * rate)
+    return SideNoise(cutoff, std, velocity_std, white, white_velocity)
 
 
 def _quiet(position: Array, std: Array, rate: float) -> float:
@@ -123,16 +149,33 @@ def _quiet(position: Array, std: Array, rate: float) -> float:
     return float(min(np.min(cutoff), HIGHEST_CUTOFF * rate))
 
 
-def _band(values: Array, std: Array, rate: float) -> float:
-    """Return the highest frequency, Hz, at which a channel of some joint stands out of its white noise."""
+@dataclass(frozen=True)
+class _Spectrum:
+    """Power densities (F, n) of a channel's joints at frequencies (F,), Hz, averaged over some windows."""
+
+    rate: float
+    frequency: Array
+    power: Array
+    windows: int
+
+    def band(self, std: Array) -> float:
+        """Return the highest frequency, Hz, at which some joint stands out of white noise of `std` (n,)."""
+        # Overlapping windows are not independent: count two of three.
+        freedom = 2 * max(1, round(self.windows / 1.5))
+        threshold = chi2.ppf(1.0 - 1e-3 / self.power.size, freedom) / freedom
+        out = np.any(self.power > threshold * 2.0 * std**2 / self.rate, axis=1)
+        return float(self.frequency[np.max(np.flatnonzero(out), initial=0)])
+
+    def white_std(self) -> Array:
+        """Return the std (n,) of white noise that is as strong as the highest frequencies are."""
+        inside = (self.frequency > WHITE[0] * self.rate) & (self.frequency < WHITE[1] * self.rate)
+        return np.sqrt(np.mean(self.power[inside], axis=0) * self.rate / 2.0)
+
+
+def _spectrum(values: Array, rate: float) -> _Spectrum:
     length = min(len(values), round(SPECTRUM_SECONDS * rate))
     frequency, power = welch(values, rate, ("kaiser", KAISER_BETA), length, axis=0)
-    averages = max(1, 2 * (len(values) // length) - 1)
-    # Overlapping windows are not independent: count two of three.
-    freedom = 2 * max(1, round(averages / 1.5))
-    threshold = chi2.ppf(1.0 - 1e-3 / power.size, freedom) / freedom
-    out = np.any(power > threshold * 2.0 * std**2 / rate, axis=1)
-    return float(frequency[np.max(np.flatnonzero(out), initial=0)])
+    return _Spectrum(rate, frequency, power, max(1, 2 * (len(values) // length) - 1))
 
 
 def _ratio(z: Array, v: Array | None) -> float | None:

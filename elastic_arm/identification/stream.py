@@ -13,6 +13,7 @@ from elastic_arm.dynamics import Model
 from elastic_arm.errors import IdentificationError
 from elastic_arm.identification.derivatives import Motion, Smoother, design_smoother
 from elastic_arm.identification.equations import Column, Equations
+from elastic_arm.identification.errors_in_variables import noise_sums
 from elastic_arm.identification.grid import CHANNELS, Clock, Grid, joined, part
 from elastic_arm.identification.least_squares import Blocks, Fit, fit
 from elastic_arm.identification.result import Identification, result_of
@@ -40,6 +41,8 @@ class Accumulator:
     def add(self, motion: Motion) -> None:
         """Add a run of motion; runs need not meet."""
         self.liveliness.add(motion)
+        if self._waiting and self._waiting[-1].noise is not motion.noise:
+            self._add_waiting()
         waiting = sum(map(len, self._waiting))
         if waiting + len(motion) < BLOCK:
             self._waiting.append(motion)
@@ -57,8 +60,7 @@ class Accumulator:
         """Return the blocks with the samples that wait in them."""
         blocks = self.blocks.copy()
         if self._waiting:
-            motion = Motion.joined(self._waiting)
-            blocks.add(self.equations.information(motion), len(motion))
+            self._add_to(blocks, Motion.joined(self._waiting), 1)
         return blocks
 
     def _add_blocks(self, motion: Motion) -> None:
@@ -66,8 +68,15 @@ class Accumulator:
         while start < len(motion):
             units = min((len(motion) - start) // BLOCK, self.blocks.room)
             stop = start + units * BLOCK
-            self.blocks.add(self.equations.information(motion[start:stop]), stop - start, units)
+            self._add_to(self.blocks, motion[start:stop], units)
             start = stop
+
+    def _add_waiting(self) -> None:
+        self._add_to(self.blocks, Motion.joined(self._waiting), 1)
+        self._waiting = []
+
+    def _add_to(self, blocks: Blocks, motion: Motion, units: int) -> None:
+        blocks.add(self.equations.information(motion), len(motion), units, noise_sums(self.equations, motion))
 
 
 def smoothed(smoother: Smoother, grid: Grid, equations: Equations) -> Motion:
