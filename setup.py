@@ -9,7 +9,7 @@ NAME = "elastic_arm"
 VERSION = next(
     line.split('"')[1] for line in Path(NAME, "__init__.py").read_text().splitlines() if line.startswith("__version__")
 )
-NODES = ("simulator", "trajectory_generator", "identifier", "recorder", "replayer")
+NODES = ("simulator", "trajectory_generator", "identifier", "gap_monitor", "recorder", "replayer")
 
 
 # What the library needs at run time. Names only: the pins of requirements.txt belong to the project's own environment.

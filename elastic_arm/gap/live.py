@@ -7,7 +7,7 @@ in a process of its own; there is no physics in the node.
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -181,3 +181,19 @@ class LiveDiagnosis:
         if self.question.refit and found.material is not None:
             self._model = found.material.model
         return found
+
+
+def answering(
+    robot: str | None, model: str, known: Sequence[str], refit: bool
+) -> Callable[[tuple[str, Recording]], Any]:
+    """Return what answers ("where", recording) and ("diagnosis", recording) in a process of its own.
+
+    The one answer is a :class:`Where`, the other the content of `diagnosis.json`.
+    """
+    live = LiveDiagnosis.of(robot, model, known, refit)
+
+    def answer(question: tuple[str, Recording]) -> Any:
+        what, recording = question
+        return live.where(recording) if what == "where" else live.diagnose(recording).to_dict()
+
+    return answer

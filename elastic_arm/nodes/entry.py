@@ -32,6 +32,11 @@ def identifier() -> None:
     _start("identifier")
 
 
+def gap_monitor() -> None:
+    """Start the gap monitor."""
+    _start("gap_monitor")
+
+
 def recorder() -> None:
     """Start the recorder."""
     _start("recorder")

@@ -6,6 +6,7 @@ import json
 import sys
 import time
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from elastic_arm_msgs.msg import ParameterEstimate
@@ -82,7 +83,9 @@ class IdentifierNode(ArmNode):
 
     def _warm_up(self, n: int) -> None:
         """Compile the equations before samples arrive: that takes seconds, the first time."""
-        channels = dict.fromkeys(("q", "dq", "ddq", "theta", "dtheta", "ddtheta", "tau_J", "tau_m"), np.zeros((2, n)))
+        channels: dict[str, Any] = dict.fromkeys(
+            ("q", "dq", "ddq", "theta", "dtheta", "ddtheta", "tau_J", "tau_m"), np.zeros((2, n))
+        )
         motion = Motion(t=np.arange(2.0), **channels)
         self._identifier.expect(motion).information(motion)
         self._identifier.reset()

@@ -1,0 +1,173 @@
+"""`ros2 run elastic_arm gap_monitor`: where model and arm part, and why, while the arm moves."""
+
+from __future__ import annotations
+
+import re
+import sys
+import time
+from typing import Any
+
+from elastic_arm_msgs.msg import GapDiagnosis, GapResidual
+from rclpy.publisher import Publisher
+from sensor_msgs.msg import JointState
+from std_srvs.srv import SetBool, Trigger
+
+from elastic_arm.gap.known import known_effects
+from elastic_arm.gap.live import Where, Window, answering
+from elastic_arm.nodes import graph
+from elastic_arm.nodes.aside import Answer, Aside
+from elastic_arm.nodes.collecting import Collector
+from elastic_arm.nodes.gap_messages import diagnosis_message, in_words, residual_messages
+from elastic_arm.nodes.health import PERIOD, Health
+from elastic_arm.nodes.parameters import declare, declare_texts
+from elastic_arm.nodes.running import ArmNode, run
+from elastic_arm.nodes.wire import NANOSECONDS
+from elastic_arm.recording import topics
+from elastic_arm.robot import load_robot
+
+# Samples are taken in batches of this length, seconds.
+BATCH = 0.1
+# Residuals are measured over the last so many seconds: shorter, and filtering would leave too little.
+STRETCH = 3.0
+
+
+class GapMonitorNode(ArmNode):
+    """Keeps the last seconds of samples, and has them diagnosed in a process beside it."""
+
+    def __init__(self) -> None:
+        super().__init__("gap_monitor")
+        file = declare(self, "robot", "", "Nominal arm: file (YAML) or URDF; empty: the arm of the package")
+        model = declare(self, "model", "mod3", "What the arm is taken to be", choices=("mod1", "mod2", "mod3"))
+        known = declare_texts(self, "known", "Effects that count as part of the model: EFFECT[:JOINT][:NAME=VALUE,…]")
+        refit = declare(self, "refit", False, "Identify the model's own parameters before each diagnosis")
+        sides = declare(self, "sides", "both", "What the arm measures", choices=("both", "link", "motor"))
+        window = declare(
+            self, "window", 15.0, "Samples diagnosed, s; the last third of them judges", between=(8.0, 120.0)
+        )
+        self._every = declare(
+            self, "period", 20.0, "From one diagnosis to the next, s; each takes some seconds", between=(1.0, 3600.0)
+        )
+        self._residuals_every = declare(
+            self, "residual_period", 1.0, "Between two measurements of the residuals, s", between=(0.2, 3600.0)
+        )
+        robot = load_robot(file or None)
+        known_effects(known, robot)  # a mistake is to be heard of here
+        self._aside = Aside(answering, file or None, model, known, refit)
+        self._collector = Collector(robot.joint_names, sides)
+        self._window = Window(robot.joint_names, window, source=" ".join(self._collector.inboxes))
+        self._output = self.create_publisher(GapDiagnosis, topics.GAP, graph.qos(topics.GAP))
+        self._residual_outputs: dict[tuple[str, str], Publisher] = {}
+        for topic, inbox in self._collector.inboxes.items():
+            self.create_subscription(JointState, topic, inbox.put, graph.STREAM, raw=True)
+        self.create_service(Trigger, "~/reset", self._reset)
+        self.create_service(SetBool, "~/pause", self._pause)
+        self._health = Health(self, "diagnosis")
+        self.create_timer(PERIOD, self._report)
+        self._paused = False
+        self._due = self._diagnosis_due = self._residuals_due = time.monotonic()
+        # The question under way: what was asked, the stamp of its last sample, when; None when it no longer matters.
+        self._asked: tuple[str, int, float] | None = None
+        self._problem = ""
+        self._said = ""
+        self._count = 0
+        self._took = 0.0
+
+    def tick(self) -> float:
+        """Take what has arrived, publish what was found, and ask for more."""
+        now = time.monotonic()
+        if now >= self._due:
+            self._due = now + BATCH
+            samples = self._collector.take()
+            if samples is not None and not self._paused:
+                self._window.add(samples)
+            if (answer := self._aside.answer()) is not None:
+                self._publish(answer)
+            if not self._aside.busy and not self._paused:
+                self._ask(now)
+        return self._due - time.monotonic()
+
+    def close(self) -> None:
+        """End the process beside the node."""
+        self._aside.close()
+
+    def _ask(self, now: float) -> None:
+        """Ask what is due."""
+        if self._window.full and now >= self._diagnosis_due:
+            self._diagnosis_due = now + self._every
+            question = ("diagnosis", self._window.recording())
+        elif self._window.seconds >= STRETCH and now >= self._residuals_due:
+            question = ("where", self._window.recording(STRETCH))
+        else:
+            return
+        self._residuals_due = now + self._residuals_every
+        self._asked = (question[0], self._collector.last_ns, now)
+        self._aside.ask(question)
+
+    def _publish(self, answer: Answer) -> None:
+        if self._asked is None:
+            return
+        what, stamp_ns, began = self._asked
+        if answer.problem:
+            self._problem = answer.problem
+        elif what == "diagnosis":
+            self._problem = ""
+            self._took = time.monotonic() - began
+            self._publish_diagnosis(answer.value, stamp_ns)
+        else:
+            self._publish_residuals(answer.value)
+
+    def _publish_diagnosis(self, found: dict[str, Any], stamp_ns: int) -> None:
+        message = diagnosis_message(found)
+        message.header.stamp.sec, message.header.stamp.nanosec = divmod(stamp_ns, NANOSECONDS)
+        self._output.publish(message)
+        self._count += 1
+        if (said := in_words(found)) != self._said:
+            self.get_logger().info(said)
+            self._said = said
+
+    def _publish_residuals(self, where: Where) -> None:
+        """Publish each residual on a topic of its own: what a plot takes without knowing joints by number."""
+        for place, message in residual_messages(where).items():
+            if place not in self._residual_outputs:
+                name = "/".join(re.sub(r"\W", "_", part) for part in place)
+                self._residual_outputs[place] = self.create_publisher(GapResidual, f"~/residuals/{name}", graph.STREAM)
+            self._residual_outputs[place].publish(message)
+
+    def _reset(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        """Service: forget all samples, and what is being made of them."""
+        self._collector.reset()
+        self._window.clear()
+        self._asked, self._problem, self._said = None, "", ""
+        self._diagnosis_due = time.monotonic()
+        response.success, response.message = True, "all samples forgotten"
+        return response
+
+    def _pause(self, request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:
+        """Service: ignore samples while `data` is true."""
+        self._paused = request.data
+        response.success, response.message = True, "paused" if request.data else "running"
+        return response
+
+    def _report(self) -> None:
+        problems = self._collector.problems()
+        if self._paused:
+            problems.append("paused")
+        if self._problem:
+            problems.append(self._problem)
+        figures = {
+            "seconds kept": self._window.seconds,
+            "diagnoses": self._count,
+            "last verdict": self._said,
+            "last diagnosis took, s": self._took,
+            **{f"samples {name}": count for name, count in vars(self._collector.losses).items()},
+        }
+        self._health.report(problems, "diagnosing", figures)
+
+
+def main() -> None:
+    """Entry point."""
+    sys.exit(run(GapMonitorNode))
+
+
+if __name__ == "__main__":
+    main()
