@@ -241,7 +241,7 @@ def test_figures_are_drawn(found: ExcitationResult, limits: MotionLimits, arm: R
         "course": figures.search_course(found),
         "random": figures.condition_against_random(found),
         "motion": figures.joint_motion(found.trajectory, limits),
-        "path": figures.tip_path(found.trajectory, arm),
+        "path": figures.tip_path(found.trajectory, arm, limits.workspace),
     }.items():
         figure.savefig(tmp_path / f"{name}.svg")
         assert (tmp_path / f"{name}.svg").stat().st_size > 5000

@@ -55,6 +55,31 @@ def test_unwritable_folder_is_named(tmp_path):
         write_report(tmp_path / "file" / "report.html", "A report", [])
 
 
+@pytest.mark.parametrize(("count", "peak"), [(14_661, 14_600), (1_000_003, 1_000_001)])
+def test_thinning_keeps_extremes_near_the_end(count, peak):
+    """Where bins do not divide the samples evenly, the last ones are drawn as densely as the others."""
+    y = np.zeros(count)
+    y[peak] = 1.0
+    keep = envelope_indices(y, 1500)
+    assert peak in keep
+    assert np.diff(keep).max() <= 2 * -(-count // 750)
+    assert len(keep) <= 1502
+
+
+def test_tables_write_numbers_for_reading():
+    """No powers of ten where a plain number will do; own digits a column; a missing number stands where numbers do."""
+    table = Table(
+        ["name", "value", "std"],
+        [["K", 150_000.0, 1.2345], ["a long name that breaks", 3.2e-7, None]],
+        digits=(1, 3, 2),
+    )
+    assert table.heads() == [("name", ""), ("value", "number"), ("std", "number")]
+    assert table.cells() == [
+        [("K", "short"), ("150000", "number"), ("1.2", "number")],
+        [("a long name that breaks", ""), ("3.2e-07", "number"), ("–", "number")],
+    ]
+
+
 def test_thinning_keeps_the_extremes():
     """However long a signal is, its largest and smallest sample are drawn."""
     y = np.random.default_rng(0).normal(size=100_000)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import numpy as np
 import typer
@@ -15,7 +15,15 @@ from elastic_arm.cli.console import err, out, print_json, reports_errors
 from elastic_arm.cli.describe import RobotFile, base_of, load_arm
 from elastic_arm.cli.outputs import Force, claim_file, claim_folder
 from elastic_arm.dynamics import Model, build_model
-from elastic_arm.excitation import MARGIN, ExcitationResult, MotionLimits, Shape, Workspace, find_criterion, optimise
+from elastic_arm.excitation import (
+    MARGIN,
+    ExcitationResult,
+    MotionLimits,
+    Shape,
+    Workspace,
+    find_criterion,
+    optimise,
+)
 from elastic_arm.identification.base_parameters import BaseParameters
 from elastic_arm.robot import Robot
 
@@ -70,7 +78,7 @@ def excite(
     result = _search(told, limits, base, shape, criterion, evaluations, seed)
     result.trajectory.save(file)
     if report is not None:
-        _write_report(report, robot, limits, base, result)
+        _write_report(report, robot, limits, result, indistinct_words(result, base, told))
     if json:
         print_json({"robot": robot.name, "model": model, "trajectory": str(file), **result.to_dict()})
     else:
@@ -116,9 +124,8 @@ def _print_result(
     for sentence in indistinct_words(result, base, model):
         out.print(f"[yellow]not told apart by any such motion:[/] {escape(sentence)}", soft_wrap=True)
     out.print(_limit_table(result))
-    for name, gap in (("floor", result.use.floor), ("another link", result.use.links)):
-        if np.isfinite(gap):
-            out.print(f"smallest gap to {name}: {1e3 * gap:.0f} mm (margin {1e3 * limits.margin:g} mm)")
+    for name, gap in result.use.gaps():
+        out.print(f"smallest gap to {name}: {1e3 * gap:.0f} mm (margin {1e3 * limits.margin:g} mm)")
     for sentence in limits.assumed:
         out.print(f"[cyan]note:[/] {escape(sentence)}", soft_wrap=True)
     trajectory = result.trajectory
@@ -138,64 +145,18 @@ def _limit_table(result: ExcitationResult) -> Table:
     for heading in (*use.kinds, "peak torque"):
         table.add_column(heading, justify="right")
     for i, joint in enumerate(use.joints):
-        shares = [f"{100 * getattr(use, kind)[i]:.0f} %" if np.isfinite(_limit(use, kind, i)) else "–"
-                  for kind in use.kinds]  # fmt: skip
-        table.add_row(escape(joint), *shares, f"{use.peak_torque[i]:.4g} Nm")
+        shares = [use.share(kind, i) for kind in use.kinds]
+        cells = ["–" if share is None else f"{100 * share:.0f} %" for share in shares]
+        table.add_row(escape(joint), *cells, f"{use.peak_torque[i]:.4g} Nm")
     return table
 
 
-def _limit(use: Any, kind: str, joint: int) -> float:
-    """Return infinity for a torque that is not limited: its share is 0 whatever the peak."""
-    unlimited = kind == "torque" and use.torque[joint] == 0.0 and use.peak_torque[joint] > 0.0
-    return float("inf") if unlimited else 1.0
-
-
 def _write_report(
-    folder: Path, robot: Robot, limits: MotionLimits, base: BaseParameters, result: ExcitationResult
+    folder: Path, robot: Robot, limits: MotionLimits, result: ExcitationResult, left_out: list[str]
 ) -> None:
-    from elastic_arm.report import excitation as figures
-    from elastic_arm.report.html import Figure, Section, Table, Text, write_report
+    # Matplotlib is slow to import, and only reports need it.
+    from elastic_arm.report.excitation import sections
+    from elastic_arm.report.html import write_report
 
-    median = float(np.median(result.random)) if len(result.random) else float("nan")
-    verdict = (
-        f"Condition number of the base regressor: {result.condition_after:.3g} optimised, {median:.3g} the median of "
-        f"{len(result.random)} random motions within the same limits."
-    )
-    use = result.use
-    rows = [
-        [joint, *(float(getattr(use, kind)[i]) for kind in use.kinds), float(use.peak_torque[i])]
-        for i, joint in enumerate(use.joints)
-    ]
-    left_out = [name for c, name in zip(base.columns, base.names, strict=True) if c in result.indistinct]
-    sections = [
-        Section(
-            "Result",
-            [
-                Text(verdict, "good"),
-                *(Text(f"No such motion tells this parameter from the others: {name}", "warn") for name in left_out),
-                Figure(figures.condition_against_random(result), "Random motions and the optimised one."),
-                Figure(figures.search_course(result), "Course of the pattern search."),
-            ],
-        ),
-        Section(
-            "Motion",
-            [
-                Figure(
-                    figures.joint_motion(result.trajectory, limits),
-                    "Blue: the motion; dashed: limits; shaded: the periodic section between start and stop.",
-                ),
-                Figure(
-                    figures.tip_path(result.trajectory, robot),
-                    "Path of the last link's frame, with the arm in some poses; dot: start; dashed: floor.",
-                ),
-            ],
-        ),
-        Section(
-            "Limits",
-            [
-                Table(["joint", *use.kinds, "peak torque [Nm]"], rows, "Share of the limits used.", digits=3),
-                *(Text(sentence) for sentence in limits.assumed),
-            ],
-        ),
-    ]
-    write_report(folder / "report.html", f"Excitation of {robot.name}", sections, subtitle=f"by {result.criterion}")
+    parts = sections(result, limits, robot, left_out)
+    write_report(folder / "report.html", f"Excitation of {robot.name}", parts, subtitle=f"by {result.criterion}")

@@ -189,13 +189,20 @@ class LimitUse:
     def to_dict(self) -> dict[str, Any]:
         """Return plain data, null where there is no limit."""
         shares = {kind: dict(zip(self.joints, getattr(self, kind).tolist(), strict=True)) for kind in self.kinds}
-        gaps = {f"{name}_gap_m": None if np.isinf(gap) else gap for name, gap in self._gaps()}
+        both = (("floor", self.floor), ("links", self.links))
+        gaps = {f"{name}_gap_m": None if np.isinf(gap) else gap for name, gap in both}
         gaps["margin_m"] = self.margin
         peaks = dict(zip(self.joints, self.peak_torque.tolist(), strict=True))
         return {"share_of_limit": shares, "peak_torque_Nm": peaks, **gaps}
 
-    def _gaps(self) -> tuple[tuple[str, float], ...]:
-        return (("floor", self.floor), ("links", self.links))
+    def share(self, kind: str, joint: int) -> float | None:
+        """Return the used share of a joint's limit; None for a torque that is not limited."""
+        unlimited = kind == "torque" and self.torque[joint] == 0.0 and self.peak_torque[joint] > 0.0
+        return None if unlimited else float(getattr(self, kind)[joint])
+
+    def gaps(self) -> list[tuple[str, float]]:
+        """Return the smallest gaps, m, by what is met there; nothing where there is nothing to meet."""
+        return [(name, gap) for name, gap in (("the floor", self.floor), ("another link", self.links)) if gap < np.inf]
 
 
 def limit_times(trajectory: FourierTrajectory) -> Array:

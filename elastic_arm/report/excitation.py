@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.figure import Figure
+from matplotlib.figure import Figure as MplFigure
 from numpy.typing import NDArray
 
-from elastic_arm.excitation import ExcitationResult, FourierTrajectory, MotionLimits
+from elastic_arm.excitation import ExcitationResult, FourierTrajectory, LimitUse, MotionLimits, Workspace
+from elastic_arm.report.html import Figure, Section, Table, Text
 from elastic_arm.report.style import BLUE, GREEN, GREY, VERMILION, new_figure, style
 from elastic_arm.robot.description import Robot
 from elastic_arm.robot.kinematics import link_points
@@ -23,7 +26,53 @@ LABELS = {
 }
 
 
-def search_course(result: ExcitationResult) -> Figure:
+def sections(result: ExcitationResult, limits: MotionLimits, robot: Robot, left_out: Sequence[str]) -> list[Section]:
+    """Return the report: what was reached, the motion, and what it uses of the limits.
+
+    Parameters
+    ----------
+    left_out
+        Names of base parameters that no such motion tells apart.
+    """
+    median = float(np.median(result.random)) if len(result.random) else float("nan")
+    verdict = (
+        f"Condition number of the base regressor: {result.condition_after:.3g} optimised, {median:.3g} the median of "
+        f"{len(result.random)} random motions within the same limits."
+    )
+    reached = [
+        Text(verdict, "good"),
+        *(Text(f"No such motion tells this parameter from the others: {name}", "warn") for name in left_out),
+        Figure(condition_against_random(result), "Random motions and the optimised one."),
+        Figure(search_course(result), "Course of the pattern search."),
+    ]
+    motion = [
+        Figure(
+            joint_motion(result.trajectory, limits),
+            "Line: the motion; dashed: limits; shaded: the periodic section between start and stop.",
+        ),
+        Figure(
+            tip_path(result.trajectory, robot, limits.workspace),
+            "Path of the last link's frame, with the arm in some poses; dot: start; dashed: floor.",
+        ),
+    ]
+    return [Section("Result", reached), Section("Motion", motion), Section("Limits", _limits(result.use, limits))]
+
+
+def _limits(use: LimitUse, limits: MotionLimits) -> list[Table | Text]:
+    rows = [
+        [joint, *(use.share(kind, i) for kind in use.kinds), float(use.peak_torque[i])]
+        for i, joint in enumerate(use.joints)
+    ]
+    header = ["joint", *use.kinds, "peak torque [Nm]"]
+    gaps = [
+        Text(f"Smallest gap to {name}: {1e3 * gap:.0f} mm; the margin is {1e3 * use.margin:g} mm.")
+        for name, gap in use.gaps()
+    ]
+    assumed = [Text(f"{sentence[:1].upper()}{sentence[1:]}.") for sentence in limits.assumed]
+    return [Table(header, rows, "Share of the limits used.", digits=3), *gaps, *assumed]
+
+
+def search_course(result: ExcitationResult) -> MplFigure:
     """Draw the best value over the evaluations of the search."""
     count, value = np.array(result.history).T
     with style():
@@ -48,7 +97,7 @@ def search_course(result: ExcitationResult) -> Figure:
     return figure
 
 
-def condition_against_random(result: ExcitationResult) -> Figure:
+def condition_against_random(result: ExcitationResult) -> MplFigure:
     """Draw the condition numbers of the random motions and of the optimised one."""
     random = np.sort(result.random)
     with style():
@@ -68,7 +117,7 @@ def condition_against_random(result: ExcitationResult) -> Figure:
     return figure
 
 
-def joint_motion(trajectory: FourierTrajectory, limits: MotionLimits) -> Figure:
+def joint_motion(trajectory: FourierTrajectory, limits: MotionLimits) -> MplFigure:
     """Draw position, velocity and acceleration of every joint with their limits."""
     t = np.linspace(0.0, trajectory.duration, POINTS)
     bounds = (
@@ -94,8 +143,8 @@ def joint_motion(trajectory: FourierTrajectory, limits: MotionLimits) -> Figure:
     return figure
 
 
-def tip_path(trajectory: FourierTrajectory, robot: Robot) -> Figure:
-    """Draw the path of the last link's frame from the side and from above, with the arm in some poses."""
+def tip_path(trajectory: FourierTrajectory, robot: Robot, workspace: Workspace | None = None) -> MplFigure:
+    """Draw the path of the last link's frame from the side and from above, with the arm in some poses and the floor."""
     q, _, _ = trajectory.evaluate(np.linspace(0.0, trajectory.duration, POINTS))
     points = link_points(robot, q)
     poses = points[np.linspace(0, POINTS - 1, POSES, dtype=int)]
@@ -111,8 +160,8 @@ def tip_path(trajectory: FourierTrajectory, robot: Robot) -> Figure:
                 ax.plot(pose[:, right], pose[:, up], "-", color=GREY, lw=2.5, alpha=0.45, solid_capstyle="round")
             ax.plot(points[:, -1, right], points[:, -1, up], color=BLUE, lw=1.0)
             ax.plot(*points[0, -1, [right, up]], "o", color=GREEN, ms=5)
-            if up == 2:
-                ax.axhline(0.0, color=VERMILION, lw=1.0, ls="--")
+            if up == 2 and workspace is not None and workspace.floor is not None:
+                ax.axhline(workspace.floor, color=VERMILION, lw=1.0, ls="--")
             ax.set_aspect("equal", adjustable="datalim")
             ax.set_xlabel(x)
             ax.set_ylabel(y)

@@ -21,6 +21,9 @@ from elastic_arm.errors import OutputError
 from elastic_arm.report.style import style
 
 _counter = itertools.count()
+# Text of up to so many characters is never broken into lines; numbers below are written without a power of ten.
+SHORT = 16
+LARGEST_PLAIN = 1e7
 
 
 @dataclass(frozen=True)
@@ -33,27 +36,53 @@ class Text:
 
 @dataclass(frozen=True)
 class Table:
-    """A table; numbers are right-aligned and written with `digits` significant digits."""
+    """A table; numbers are right-aligned and written with `digits` significant digits, one count or one a column."""
 
     header: Sequence[str]
     rows: Sequence[Sequence[Any]]
     caption: str = ""
-    digits: int = 4
+    digits: int | Sequence[int] = 4
 
-    def cells(self) -> list[list[tuple[str, bool]]]:
-        """Return each cell as (text, is_number)."""
-        return [[self._cell(value) for value in row] for row in self.rows]
+    def heads(self) -> list[tuple[str, str]]:
+        """Return each heading as (text, CSS class): columns of numbers are headed where their numbers stand."""
+        numeric = self._numeric()
+        return [(text, "number" if numeric[k] else "") for k, text in enumerate(self.header)]
 
-    def _cell(self, value: Any) -> tuple[str, bool]:
-        if value is None:
-            return "–", False
-        if isinstance(value, bool):
-            return ("yes" if value else "no"), False
-        if isinstance(value, int):
-            return f"{value:,}".replace(",", "\u202f"), True
-        if isinstance(value, float):
-            return (f"{value:.{self.digits}g}" if math.isfinite(value) else "–"), True
-        return str(value), False
+    def cells(self) -> list[list[tuple[str, str]]]:
+        """Return each cell as (text, CSS class)."""
+        numeric = self._numeric()
+        digits = [self.digits] * len(self.header) if isinstance(self.digits, int) else list(self.digits)
+        return [
+            [(text := written(value, digits[k]), _class(text, value, numeric[k])) for k, value in enumerate(row)]
+            for row in self.rows
+        ]
+
+    def _numeric(self) -> list[bool]:
+        return [any(_is_number(row[k]) for row in self.rows) for k in range(len(self.header))]
+
+
+def written(value: Any, digits: int) -> str:
+    """Return a table's value as text: numbers with `digits` significant digits, thousands apart, no needless powers."""
+    if value is None or (isinstance(value, float) and not math.isfinite(value)):
+        return "–"
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    if isinstance(value, int):
+        return f"{value:,}".replace(",", "\u202f")
+    if isinstance(value, float):
+        text = f"{value:.{digits}g}"
+        return f"{float(text):.0f}" if "e+" in text and abs(value) < LARGEST_PLAIN else text
+    return str(value)
+
+
+def _is_number(value: Any) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool)
+
+
+def _class(text: str, value: Any, numeric: bool) -> str:
+    if _is_number(value) or (value is None and numeric):
+        return "number"
+    return "short" if len(text) <= SHORT else ""
 
 
 @dataclass(frozen=True)

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 from matplotlib.figure import Figure as MplFigure
+from matplotlib.patches import Patch
 
 from elastic_arm.identification import Identification
 from elastic_arm.identification.derivatives import Motion
@@ -15,6 +16,11 @@ from elastic_arm.report.html import Block, Figure, Section, Table, Text
 from elastic_arm.report.style import BLUE, GREEN, GREY, ORANGE, VERMILION, draw_signal, new_figure, style
 
 COLOURS = {"well": GREEN, "poorly": ORANGE, "not": VERMILION}
+VERDICTS = {
+    "well": f"well determined, up to {WELL:.0%}",
+    "poorly": f"poorly, up to {POORLY:.0%}",
+    "not": "not at all",
+}
 SIDES = {
     "link": "link side",
     "motor": "motor side",
@@ -40,6 +46,8 @@ def identifiability(result: Identification) -> MplFigure:
             ax.axvline(limit, color=GREY, lw=1.0, ls="--")
         ax.set_xlabel("standard deviation over the natural size of the parameter")
         ax.set_ylim(-0.8, len(chosen) - 0.2)
+        keys = [Patch(color=colour, label=VERDICTS[verdict]) for verdict, colour in COLOURS.items()]
+        figure.legend(handles=keys, loc="outside upper center", ncols=len(keys))
     return figure
 
 
@@ -59,7 +67,7 @@ def torques(equations: Equations, motion: Motion, result: Identification) -> Mpl
                 draw_signal(ax, motion.t, found[side][:, i], color=BLUE, lw=0.9, label="identified")
                 ax.set_title(f"{joint}, {SIDES[side]} [Nm]", loc="left")
             axes[-1, column].set_xlabel("time [s]")
-        axes[0, 0].legend(loc="upper right", ncols=3)
+        figure.legend(*axes[0, 0].get_legend_handles_labels(), loc="outside upper center", ncols=3)
     return figure
 
 
@@ -74,7 +82,7 @@ def residuals(equations: Equations, motion: Motion, result: Identification) -> M
                 draw_signal(axes[i, 0], motion.t, left, color=colour, lw=0.7, label=SIDES[side])
             axes[i, 0].set_title(f"{joint}, residual [Nm]", loc="left")
         axes[-1, 0].set_xlabel("time [s]")
-        axes[0, 0].legend(loc="upper right", ncols=3)
+        figure.legend(*axes[0, 0].get_legend_handles_labels(), loc="outside upper center", ncols=3)
     return figure
 
 
@@ -119,7 +127,7 @@ up to {WELL:.0%}), {words.count('poorly')} poorly (up to {POORLY:.0%}), {words.c
         reasons = "; ".join(result.excitation["reasons"])
         blocks.append(Text(f"Known before any fit, from the motion alone: the excitation is poor. {reasons}.", "bad"))
     blocks += [Text(f"Left open by the data: {direction}", "warn") for direction in result.undetermined]
-    blocks += [Text(note) for note in result.notes]
+    blocks += [Text(f"{note[:1].upper()}{note[1:]}.".replace("..", ".")) for note in result.notes]
     if result.consistency is not None:
         blocks.append(
             Text(
@@ -127,13 +135,14 @@ up to {WELL:.0%}), {words.count('poorly')} poorly (up to {POORLY:.0%}), {words.c
                 f"{result.consistency['trust']:.0%} (the value under which the recording is most probable)."
             )
         )
-    caption = "Green: well determined, orange: poorly, red: not at all. Dashed: the limits between them."
+    caption = "How well the recording determines each base parameter. Dashed: the limits of the verdicts."
     return [*blocks, Figure(identifiability(result), caption)]
 
 
 def _parameters(result: Identification) -> Table:
     header = ("parameter", "unit", "identified", "standard deviation", "nominal", "determined")
-    return Table(header, result.table(), "Base parameters: all that the equations can see.", digits=6)
+    rows = [[name, unit.replace("^2", "²"), *rest] for name, unit, *rest in result.table()]
+    return Table(header, rows, "Base parameters: all that the equations can see.", digits=(6, 6, 6, 2, 6, 6))
 
 
 def _noise(result: Identification) -> Table:

@@ -76,7 +76,6 @@ def stacked_metrics(metrics: list[Metric], models: tuple[str, ...], ratios: tupl
                     ax.bar(place, top, 0.92 * width, bottom=low, color=COLOURS[model], alpha=0.45)
                 ax.set_title(torque_name(side, joint) + " [Nm]", loc="left")
                 _keep_zero_flat(ax)
-                ax.set_axisbelow(True)
                 ax.set_xticks(range(len(ratios)), [f"{r_tot:g}" for r_tot in ratios])
         for ax in axes[-1]:
             ax.set_xlabel("r$_{tot}$")
@@ -168,7 +167,6 @@ def shares_of(estimates: list[Estimate]) -> Figure:
             ax.bar_label(bars, fmt="%.1f", fontsize=7)
         ax.set_xticks(range(3), [label for _, label, _ in _CATEGORIES])
         ax.set_ylabel("coefficients [%]")
-        ax.set_axisbelow(True)
         ax.set_ylim(0, 110)
         ax.legend()
     return figure
@@ -207,7 +205,6 @@ def _share_bars(ax: Axes, means: list[Shares], spreads: list[Shares] | None = No
             np.arange(len(means)), values, 0.7, bottom=bottom, color=colour, yerr=spread, ecolor="#333333", capsize=2
         )
         bottom += values
-    ax.set_axisbelow(True)
     ax.set_ylim(0, 115)
 
 
@@ -265,7 +262,6 @@ def tracking(result: Result) -> Figure:
                 ax.bar_label(ax.bar(place + shift, values, 0.38, color=colours, alpha=alpha), fmt="%.4f", fontsize=7)
             ax.set_xticks(place, [t.feedforward.replace(" ", "\n") for t in picked])
             ax.set_title(f"tool error, rms [mm], r$_{{tot}}$ = {r_tot:g}", loc="left")
-            ax.set_axisbelow(True)
             ax.margins(y=0.15)
         handles = [
             Patch(color=GREY, label="whole"),

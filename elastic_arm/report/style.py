@@ -27,6 +27,7 @@ CYCLE = (BLUE, VERMILION, GREEN, ORANGE, PURPLE, SKY, GREY)
 
 _RC: Any = {
     "axes.prop_cycle": cycler(color=CYCLE),
+    "axes.axisbelow": True,
     "axes.grid": True,
     "axes.spines.top": False,
     "axes.spines.right": False,
@@ -76,15 +77,16 @@ def draw_signal(ax: Axes, t: np.ndarray, y: np.ndarray, *, points: int = 1500, *
 
 
 def envelope_indices(y: np.ndarray, points: int) -> np.ndarray:
-    """Return sorted indices of the minimum and maximum of each of `points` / 2 equal bins of `y` (N,)."""
+    """Return sorted indices of the minimum and maximum of each of `points` / 2 or fewer bins of `y` (N,)."""
     if len(y) <= points:
         return np.arange(len(y))
-    bins = points // 2
-    width = len(y) // bins
-    folded = np.nan_to_num(y[: bins * width]).reshape(bins, width)
+    width = -(-len(y) // (points // 2))
+    bins = -(-len(y) // width)
+    # Repeating the last sample fills the last bin without adding an extreme.
+    folded = np.pad(np.nan_to_num(y), (0, bins * width - len(y)), mode="edge").reshape(bins, width)
     start = np.arange(bins) * width
     picks = np.concatenate([start + folded.argmin(1), start + folded.argmax(1), [0, len(y) - 1]])
-    return np.unique(picks)
+    return np.unique(np.minimum(picks, len(y) - 1))
 
 
 def label_joints(axes: Sequence[Axes], names: Sequence[str]) -> None:
