@@ -7,8 +7,10 @@ taken regularly; the smoothness of the motion tells which.
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, fields
-from typing import Any, Literal
+from itertools import pairwise
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,6 +28,10 @@ MISSING = 1.6
 # Deviations of the stamps below this share of an interval change nothing.
 NO_JITTER = 1e-3
 POINTS = 6
+# Samples beyond a point that it takes to interpolate there, and one for rounding.
+AROUND = POINTS // 2 + 1
+# A piece of fewer samples is left out.
+SHORTEST = 2 * POINTS
 # An arm whose joints all travel less than this, rad, stands still.
 STILL = 1e-3
 Mode = Literal["regular", "stamps"]
@@ -59,6 +65,15 @@ class Grid:
 
     def __getitem__(self, part: slice) -> Grid:
         return Grid(self.t[part], self.rate, **{name: values[part] for name, values in self.channels().items()})
+
+    @staticmethod
+    def joined(parts: Sequence[Grid]) -> Grid:
+        """Put parts with the same channels, each the continuation of the one before, together."""
+        if len(parts) == 1:
+            return parts[0]
+        names = parts[0].channels()
+        together = {name: np.concatenate([getattr(part, name) for part in parts]) for name in names}
+        return Grid(np.concatenate([part.t for part in parts]), parts[0].rate, **together)
 
     def channels(self) -> dict[str, Array]:
         """Return the channels that are there, by name."""
@@ -108,34 +123,94 @@ class Clock:
 
     def place(self, samples: Samples) -> list[Grid]:
         """Return the regular pieces of the samples."""
-        channels = {name: values for name in CHANNELS if (values := getattr(samples, name)) is not None}
-        steps = _increments(np.diff(samples.t) * self.rate)
-        cuts = np.flatnonzero(steps > LONGEST_HOLE + 1) + 1
-        pieces = []
-        for part in np.split(np.arange(len(samples)), cuts):
-            if len(part) >= 2 * POINTS:
-                piece = slice(part[0], part[-1] + 1)
-                cut = {name: values[piece] for name, values in channels.items()}
-                pieces.append(self._piece(samples.t[piece], cut))
-        return pieces
+        return [segment.grid for segment in Placing(self).add(samples, last=True) if segment.grid is not None]
 
-    def _piece(self, t: Array, channels: dict[str, Array]) -> Grid:
-        if self.mode == "stamps":
-            k = np.arange(int(np.floor((t[-1] - t[0]) * self.rate)) + 1)
-            wanted = t[0] + k / self.rate
-            return Grid(wanted, self.rate, **{name: interpolate(t, v, wanted) for name, v in channels.items()})
-        k = np.concatenate([[0], np.cumsum(_increments(np.diff(t) * self.rate))])
-        if k[-1] == len(t) - 1:
-            return Grid(t, self.rate, **channels)
-        every = np.arange(k[-1] + 1)
-        missing = np.setdiff1d(every, k)
+
+class Segment(NamedTuple):
+    """The next points of a piece, None where there are none; whether the piece ends with them."""
+
+    grid: Grid | None
+    ends: bool
+
+
+class Placing:
+    """Places samples as they come: the points do not depend on how the samples are cut.
+
+    A point is made once the samples on both sides of it are there, from samples as they were recorded, on a grid that
+    begins with the first sample of its piece.
+
+    Parameters
+    ----------
+    clock
+        Rate, and what stamps mean.
+    """
+
+    def __init__(self, clock: Clock) -> None:
+        self.clock = clock
+        self._kept: Samples | None = None
+        self._begin()
+
+    def add(self, samples: Samples | None, last: bool = False) -> Iterator[Segment]:
+        """Take later samples; yield the points that they complete, all of them when there will be no others."""
+        held = [each for each in (self._kept, samples) if each is not None]
+        if not held:
+            return
+        whole = held[0] if len(held) == 1 else joined(*held)
+        gaps = np.flatnonzero(_increments(np.diff(whole.t) * self.clock.rate) > LONGEST_HOLE + 1) + 1
+        edges = [0, *gaps.tolist(), len(whole)]
+        for first, stop in pairwise(edges):
+            ends = last or stop < len(whole)
+            piece = whole if stop - first == len(whole) else part(whole, slice(first, stop))
+            yield Segment(self._points(piece, ends), ends)
+            if ends:
+                self._begin()
+
+    def _begin(self) -> None:
+        """Begin a new piece."""
+        self._kept = None
+        self._origin: float | None = None
+        self._first = 0  # grid index of the first sample kept, where samples are regular
+        self._next = 0  # grid index of the next point
+
+    def _points(self, piece: Samples, ends: bool) -> Grid | None:
+        if self._origin is None:
+            if len(piece) < SHORTEST:
+                self._kept = piece
+                return None
+            self._origin = float(piece.t[0])
+        if self.clock.mode == "stamps":
+            position = (piece.t - self._origin) * self.clock.rate
+        else:
+            position = self._first + np.concatenate([[0], np.cumsum(_increments(np.diff(piece.t) * self.clock.rate))])
+        last = int(np.floor(position[-1 if ends else -AROUND]))
+        grid = self._grid(piece, position, np.arange(self._next, last + 1)) if last >= self._next else None
+        self._next = max(self._next, last + 1)
+        # As many samples stay as the next point needs before it.
+        kept = max(int(np.searchsorted(position, self._next)) - AROUND, 0)
+        self._first = int(position[kept])
+        self._kept = part(piece, slice(kept, None))
+        return grid
+
+    def _grid(self, piece: Samples, position: Array, points: NDArray[np.int64]) -> Grid:
+        channels = {name: values for name in CHANNELS if (values := getattr(piece, name)) is not None}
+        rate = self.clock.rate
+        if self.clock.mode == "stamps":
+            t = (self._origin or 0.0) + points / rate
+            return Grid(t, rate, **{name: interpolate(piece.t, values, t) for name, values in channels.items()})
+        begin, end = np.searchsorted(position, points[[0, -1]])
+        # The last point is a sample.
+        inside = slice(int(begin), int(end) + 1)
+        k = position[inside]
+        if len(k) == len(points):
+            return Grid(piece.t[inside], rate, **{name: values[inside] for name, values in channels.items()})
+        missing = np.setdiff1d(points, k)
         filled = {}
         for name, values in channels.items():
-            whole = np.empty((len(every), values.shape[1]))
-            whole[k] = values
-            whole[missing] = interpolate(k.astype(float), values, missing.astype(float))
-            filled[name] = whole
-        return Grid(np.interp(every, k, t), self.rate, **filled)
+            column = np.empty((len(points), values.shape[1]))
+            column[k - points[0]] = values[inside]
+            column[missing - points[0]] = interpolate(position.astype(float), values, missing.astype(float))
+            filled[name] = column
+        return Grid(np.interp(points, position, piece.t), rate, **filled)
 
 
 def interpolate(known: Array, values: Array, wanted: Array) -> Array:

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from typing import Any
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,7 +13,7 @@ from elastic_arm.errors import IdentificationError
 from elastic_arm.identification.derivatives import Motion, Smoother, design_smoother
 from elastic_arm.identification.equations import Column, Equations
 from elastic_arm.identification.errors_in_variables import noise_sums
-from elastic_arm.identification.grid import CHANNELS, Clock, Grid, joined, part
+from elastic_arm.identification.grid import Clock, Grid, Placing, joined, part
 from elastic_arm.identification.least_squares import Blocks, Fit, fit
 from elastic_arm.identification.result import Identification, result_of
 from elastic_arm.identification.verdict import Excitation, Liveliness, excitation
@@ -112,6 +111,29 @@ class Progress:
     pieces: int = 0
 
 
+@dataclass
+class _Piece:
+    """The run of samples that is coming in.
+
+    Parameters
+    ----------
+    buffer
+        Samples that are not on the grid yet.
+    placing
+        Puts them there.
+    run
+        Points of the grid that wait for the smoother, or are part of its next window.
+    since, last
+        Time of the first sample that is held, and of the last one that came.
+    """
+
+    buffer: Samples | None = None
+    placing: Placing | None = None
+    run: list[Grid] = field(default_factory=list)
+    since: float = np.inf
+    last: float = -np.inf
+
+
 class Identifier:
     """Identify an arm from a stream of samples.
 
@@ -157,7 +179,7 @@ class Identifier:
         self.smoother, self.clock = self._given
         self.accumulator: Accumulator | None = None
         self.progress = Progress()
-        self._buffer: Samples | None = None
+        self._piece = _Piece()
         self._recorded: frozenset[str] = frozenset()
 
     def pause(self) -> None:
@@ -215,12 +237,14 @@ class Identifier:
         if self.paused or not len(samples):
             return
         self.progress.received += len(samples)
-        if self._buffer is not None and samples.t[-1] < self._buffer.t[0]:
+        if samples.t[-1] < self._piece.since:
             self._end_piece()
         samples = self._advancing(samples)
         if not len(samples):
             return
-        self._buffer = samples if self._buffer is None else joined(self._buffer, samples)
+        self._piece.since = min(self._piece.since, float(samples.t[0]))
+        self._piece.last = float(samples.t[-1])
+        self._piece.buffer = samples if self._piece.buffer is None else joined(self._piece.buffer, samples)
         self.expect(samples)
         if self._calibrated(wait=True):
             self._process()
@@ -245,7 +269,7 @@ class Identifier:
         """
         blocks = self._ready().snapshot()
         if not blocks.grams:
-            waiting = 0 if self._buffer is None else len(self._buffer)
+            waiting = sum(map(len, self._piece.run)) + (0 if self._piece.buffer is None else len(self._piece.buffer))
             raise IdentificationError(
                 f"{waiting} samples are not yet enough for an estimate", "Wait some seconds, or record longer."
             )
@@ -278,8 +302,7 @@ class Identifier:
 
     def _advancing(self, samples: Samples) -> Samples:
         """Leave out samples that are not later than those before."""
-        last = -np.inf if self._buffer is None else self._buffer.t[-1]
-        newest = np.maximum.accumulate(np.concatenate([[last], samples.t]))[:-1]
+        newest = np.maximum.accumulate(np.concatenate([[self._piece.last], samples.t]))[:-1]
         good = samples.t > newest
         self.progress.refused += int(np.count_nonzero(~good))
         return samples if good.all() else part(samples, np.flatnonzero(good))
@@ -288,7 +311,7 @@ class Identifier:
         """Choose clock and smoother once enough is heard."""
         if self.smoother is not None and self.clock is not None:
             return True
-        buffer = self._buffer
+        buffer = self._piece.buffer
         if buffer is None or (wait and buffer.t[-1] - buffer.t[0] < CALIBRATION_SECONDS):
             return False
         first = part(buffer, buffer.t <= buffer.t[0] + CALIBRATION_SECONDS)
@@ -296,24 +319,30 @@ class Identifier:
         self.smoother = self.smoother or design_smoother(self.clock.place(first), self.equations.n)
         return True
 
-    def _process(self) -> None:
-        """Smooth what has a whole window around it, and keep the window of the next."""
-        if self._buffer is None or self.smoother is None or len(self._buffer) < self._window + BLOCK:
+    def _process(self, last: bool = False) -> None:
+        """Place what has come, smooth what has a whole window around it, and keep the window of the next."""
+        piece = self._piece
+        if self.clock is None:
             return
-        grids = self._smooth(self._buffer)
-        self.progress.pieces += max(len(grids) - 1, 0)
-        self._buffer = self._tail(grids[-1], self._window) if grids else None
+        piece.placing = piece.placing or Placing(self.clock)
+        for grid, ends in piece.placing.add(piece.buffer, last):
+            if grid is not None:
+                piece.run.append(grid)
+            if piece.run and (ends or sum(map(len, piece.run)) >= self._window + BLOCK):
+                run = Grid.joined(piece.run)
+                self._smooth(run)
+                piece.run = [run[max(len(run) - self._window, 0) :]]
+                piece.since = float(piece.run[0].t[0])
+            if ends:
+                self.progress.pieces += 1
+                piece.run = []
+        piece.buffer = None
 
-    def _smooth(self, samples: Samples) -> list[Grid]:
-        if self.clock is None or self.smoother is None:
-            return []
-        grids = self.clock.place(samples)
-        for grid in grids:
-            if len(grid) > self._window:
-                motion = smoothed(self.smoother, grid, self.equations)
-                self._ready().add(motion)
-                self.progress.samples += len(motion)
-        return grids
+    def _smooth(self, run: Grid) -> None:
+        if self.smoother is not None and len(run) > self._window:
+            motion = smoothed(self.smoother, run, self.equations)
+            self._ready().add(motion)
+            self.progress.samples += len(motion)
 
     @property
     def _window(self) -> int:
@@ -321,16 +350,7 @@ class Identifier:
         lag = 0 if self.smoother is None else self.smoother.lag
         return 2 * lag * (2 if self.columns else 1)
 
-    def _tail(self, grid: Grid, window: int) -> Samples:
-        """Return the last samples as raw samples again, already on the grid."""
-        t = grid.t[-window:]
-        kept: dict[str, Any] = {
-            name: None if (values := getattr(grid, name)) is None else values[-window:] for name in CHANNELS
-        }
-        return Samples(t=t, stamp_ns=np.rint(t * 1e9).astype(np.int64), **kept)
-
     def _end_piece(self) -> None:
-        if self._buffer is not None and self._calibrated(wait=False):
-            self._smooth(self._buffer)
-            self.progress.pieces += 1
-        self._buffer = None
+        if self._calibrated(wait=False):
+            self._process(last=True)
+        self._piece = _Piece()

@@ -75,7 +75,7 @@ class Liveliness:
         if dq is None or ddq is None or not len(motion):
             return
         self.samples += len(motion)
-        self.seconds += float(motion.t[-1] - motion.t[0])
+        self.seconds += float(motion.t[-1] - motion.t[0]) * len(motion) / max(len(motion) - 1, 1)
         self.speed = self.speed + np.sum(dq**2, axis=0)
         self.acceleration = self.acceleration + np.sum(ddq**2, axis=0)
 
