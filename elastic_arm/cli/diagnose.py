@@ -5,19 +5,23 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated
 
+import numpy as np
 import typer
 from rich.markup import escape
 from rich.table import Table
 
 from elastic_arm.cli.console import err, out, print_json, refuse_repeated, reports_errors
 from elastic_arm.gap.diagnosis import Question, diagnose
+from elastic_arm.gap.followup import followed_up
 from elastic_arm.gap.known import known_effects
 from elastic_arm.gap.repair import repaired_robot
-from elastic_arm.gap.result import Diagnosis
-from elastic_arm.gap.words import meaning
+from elastic_arm.gap.result import SEPARATING, Diagnosis
+from elastic_arm.gap.separate import Proposal
+from elastic_arm.gap.words import ahead, likelihood, meaning, sizes
 from elastic_arm.recording import Recording, load_channels, read_recording
 from elastic_arm.robot import Robot, load_robot
 
+ROBOT = "robot.yaml"
 COLOURS = {"none": "green", "explained": "cyan", "unknown": "yellow"}
 
 
@@ -37,13 +41,20 @@ def diagnose_command(
         typer.Option("--with", help="Effect that is known and fitted first: EFFECT[:JOINT]; may be given again."),
     ] = None,
     refit: Annotated[bool, typer.Option("--refit", help="Fit the model's own parameters first.")] = False,
+    propose: Annotated[
+        bool,
+        typer.Option(help="Look for the motion that tells causes from their alternatives, where there are any."),
+    ] = True,
     out_dir: Annotated[Path, typer.Option("--out", help="Folder for the results.")] = Path("diagnosis"),
     json: Annotated[bool, typer.Option("--json", help="Print diagnosis.json.")] = False,
 ) -> None:
     """Say where a recording and a model part, which effect the model lacks, and how far the gap shrinks with it.
 
     Writes diagnosis.json, report.html and, where causes were found, robot.yaml: the arm with the causes in it, which
-    `elastic-arm simulate --robot` takes.
+    `elastic-arm simulate --robot` takes. Where the recording cannot tell causes apart it also writes
+    separating_trajectory.yaml: the motion to record next, which `elastic-arm simulate --trajectory` and the trajectory
+    node take. Of several recordings it says which causes agree. Exit status 0 whatever the verdict, 2 for unusable
+    input.
 
     Examples:
 
@@ -65,6 +76,8 @@ def diagnose_command(
     question = Question(robot, model, refit=refit, given=known_effects(with_ or (), robot))
     with err.status("diagnosing"):
         found = diagnose(recordings, question, judges)
+    with err.status("predicting, comparing, proposing"):
+        found = followed_up(found, rng=np.random.default_rng(0) if propose else None)
         write_diagnosis(found, robot, out_dir)
     if json:
         print_json(found.to_dict())
@@ -73,14 +86,27 @@ def diagnose_command(
 
 
 def write_diagnosis(found: Diagnosis, robot: Robot, folder: Path) -> None:
-    """Write diagnosis.json, report.html and, where causes were found, the arm that has them."""
+    """Write diagnosis.json, report.html and, where there are any, the arm with its causes and the motion proposed.
+
+    What an earlier diagnosis left in the folder is replaced.
+    """
     # Matplotlib is slow to import, and only reports need it.
     from elastic_arm.report.gap import write_gap_report
 
     found.save(folder / "diagnosis.json")
     write_gap_report(folder / "report.html", found)
-    if found.causes:
-        repaired_robot(robot, found).save(folder / "robot.yaml")
+    for name in (ROBOT, SEPARATING):
+        (folder / name).unlink(missing_ok=True)
+    if ROBOT in _further(found):
+        repaired_robot(robot, found).save(folder / ROBOT)
+    if found.proposal is not None and found.proposal.trajectory is not None and SEPARATING in _further(found):
+        found.proposal.trajectory.save(folder / SEPARATING)
+
+
+def _further(found: Diagnosis) -> list[str]:
+    """Return the files besides diagnosis.json and report.html that a diagnosis leads to."""
+    robot = [ROBOT] if found.causes else []
+    return [*robot, SEPARATING] if found.proposal is not None and found.proposal.worthwhile else robot
 
 
 def print_diagnosis(found: Diagnosis, folder: Path) -> None:
@@ -88,35 +114,51 @@ def print_diagnosis(found: Diagnosis, folder: Path) -> None:
     out.print(f"[bold {COLOURS[found.verdict]}]{found.verdict}[/]: {escape(meaning(found))}")
     if found.causes:
         table = Table(box=None, header_style="bold")
-        for heading in ("cause", "joint", "parameters", "shrinks the gap by", "confidence"):
-            table.add_column(heading)
+        for heading in ("cause", "joint", "size", "shrinks the gap by", "confidence"):
+            table.add_column(heading, no_wrap=heading in ("cause", "joint"), overflow="fold")
         for cause in found.causes:
-            values = ", ".join(
-                f"{n} = {_number(e.value)} ± {_number(e.std)} {e.unit}" for n, e in cause.parameters.items()
-            )
+            sizes_ = escape(sizes(cause.parameters))
             table.add_row(
-                cause.effect,
-                cause.joint or "whole arm",
-                escape(values),
-                f"{100 * cause.shrink:.1f} %",
-                f"{cause.confidence:.2f}",
+                cause.effect, _place(cause.joint), sizes_, f"{100 * cause.shrink:.1f} %", f"{cause.confidence:.2f}"
             )
-            for other in cause.alternatives:
-                table.add_row(
-                    f"  or {other.effect}", other.joint or "whole arm", escape(other.separated_by), "",
-                    f"{other.confidence:.2f}",
-                )  # fmt: skip
         out.print(table)
+    for cause in found.causes:
+        for other in cause.alternatives:
+            told = other.file or other.separated_by
+            out.print(
+                f"instead of {cause.effect} on {_place(cause.joint)} it may be {other.effect} on {_place(other.joint)} "
+                f"({other.confidence:.2f}); told apart by: {escape(told)}"
+            )
     for place in found.unexplained:
         out.print(f"unexplained: {place.joint}, {place.side} side, {place.rmse:.3g} Nm, follows {place.regime}")
+    _print_followed_up(found)
     for note in found.notes:
         out.print(f"note: {escape(note)}")
-    out.print(f"written: {folder}/diagnosis.json, report.html" + (", robot.yaml" if found.causes else ""))
+    out.print(f"written: {folder}/{', '.join(['diagnosis.json', 'report.html', *_further(found)])}")
 
 
-def _number(value: object) -> str:
-    if value is None:
-        return "?"
-    if isinstance(value, list | tuple):
-        return "(" + ", ".join(_number(v) for v in value) + ")"
-    return f"{float(value):.4g}"  # type: ignore[arg-type]
+def _place(joint: str | None) -> str:
+    return joint or "the whole arm"
+
+
+def _print_followed_up(found: Diagnosis) -> None:
+    """Print how far ahead the model sees, what to move next, and which causes agree over the recordings."""
+    if found.prediction is not None and found.prediction.reason:
+        out.print(f"prediction: not measured, {escape(found.prediction.reason)}")
+    elif found.prediction is not None and found.causes:
+        out.print(f"prediction: {escape(ahead(found.prediction))}")
+    if found.proposal is not None:
+        _print_proposal(found.proposal)
+    for agreement in found.agreements:
+        word = "agrees" if agreement.agrees else "[yellow]does not agree[/]"
+        out.print(f"{agreement.effect} on {_place(agreement.joint)}: {word} over the recordings")
+
+
+def _print_proposal(proposal: Proposal) -> None:
+    for pair in proposal.pairs:
+        names = " or ".join(f"{effect} on {_place(joint)}" for effect, joint in (pair.cause, pair.alternative))
+        outlook = f"in the {proposal.seconds:g} s of {SEPARATING}" if pair.decides else "of the best motion found"
+        out.print(
+            f"next: {names}: log-likelihood {likelihood(pair.here)} in this recording, {likelihood(pair.expected)} "
+            f"expected {outlook}"
+        )

@@ -13,6 +13,7 @@ from elastic_arm.dynamics import build_model
 from elastic_arm.effects import EFFECTS, Active
 from elastic_arm.excitation import FourierTrajectory, MotionLimits, random_trajectories
 from elastic_arm.gap.diagnosis import Question, diagnose
+from elastic_arm.gap.followup import followed_up
 from elastic_arm.recording import read_recording, write_recording
 from elastic_arm.robot import Robot
 from elastic_arm.simulation import simulate
@@ -47,7 +48,7 @@ def diagnose_withheld(folder: Path, nominal: Robot, motion: FourierTrajectory, r
             write_recording(folder / name, simulate(nominal, trajectory, effects=[drawn], rng=rng))
     with err.status("diagnosing"):
         fitted, judged = (read_recording(folder / name) for name in ("identify", "validate"))
-        found = diagnose([fitted], Question(nominal), [judged])
+        found = followed_up(diagnose([fitted], Question(nominal), [judged]), rng=rng)
         write_diagnosis(found, nominal, folder)
     print_diagnosis(found, folder)
     sizes = ", ".join(f"{name} = {drawn.parameters[name]:.4g}" for name in DRAWN[drawn.effect.id])

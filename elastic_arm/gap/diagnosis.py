@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elastic_arm.dynamics import Model, build_model
-from elastic_arm.effects import EFFECTS, Active, Effect
+from elastic_arm.effects import EFFECTS, Active, Effect, robot_effects
 from elastic_arm.effects.equations import ArmEquations
 from elastic_arm.errors import DiagnosisError
 from elastic_arm.gap import shrink as shrinking
@@ -53,7 +53,7 @@ class Question:
     refit
         Fit the model's own parameters first.
     given
-        Effects that the user knows: they count as part of the model, their sizes are fitted.
+        Effects that the user knows: like those of the arm file they count as part of the model, their sizes are fitted.
     effects
         The catalogue that may explain the gap.
     """
@@ -97,7 +97,8 @@ def diagnose(recordings: Sequence[Recording], question: Question, validate: Sequ
             raise DiagnosisError(f"too little motion is left to {part} after filtering", "Record longer without gaps")
     equations = ArmEquations(question.robot, question.model)
     bank = build_bank(identify, judge, features(equations, effects))
-    given = [_given(bank, equations, active) for active in question.given]
+    known = (*robot_effects(question.robot), *question.given)
+    given = [_given(bank, equations, active) for active in known if feature_of(active, equations).acts]
     inquiry = _Inquiry(model, bank, given, (tuple(seen[0]), tuple(seen[1])), held_back=not validate)
     notes = list(dict.fromkeys(note for part in seen for o in part for note in o.notes))
     return inquiry.answer(

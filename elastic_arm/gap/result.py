@@ -17,18 +17,33 @@ from elastic_arm.gap.residuals import SIDES
 if TYPE_CHECKING:
     from elastic_arm.effects.base import Active
     from elastic_arm.gap.material import Material
+    from elastic_arm.gap.prediction import Prediction
+    from elastic_arm.gap.separate import Proposal
+    from elastic_arm.gap.several import Agreement
 
 SCHEMA = "elastic_arm/diagnosis/1"
+SEPARATING = "separating_trajectory.yaml"  # the proposed motion, beside diagnosis.json
 
 
 @dataclass(frozen=True)
 class Alternative:
-    """Another effect that could stand in a cause's place."""
+    """Another effect that could stand in a cause's place.
+
+    Parameters
+    ----------
+    effect, joint, confidence
+        What it is, and the probability that it is right.
+    separated_by
+        The motion that would tell the two apart, in a sentence.
+    file
+        The same as a trajectory file, where one was proposed that is expected to decide.
+    """
 
     effect: str
     joint: str | None
     confidence: float
     separated_by: str
+    file: str | None = None
 
 
 @dataclass(frozen=True)
@@ -85,7 +100,7 @@ class Cause:
                     "effect": a.effect,
                     "joint": a.joint,
                     "confidence": _plain(a.confidence),
-                    "separated_by": a.separated_by,
+                    "separated_by": a.file or a.separated_by,
                 }
                 for a in self.alternatives
             ],
@@ -138,6 +153,12 @@ class Diagnosis:
         What the reader should know besides.
     ladder
         Share of the gap that is gone with the first cause, the first two, and so on.
+    prediction
+        How far ahead the model sees, without and with the causes.
+    agreements
+        The causes recording by recording, where there are several.
+    proposal
+        The motion that would tell causes from their alternatives.
     material
         What figures are drawn from; not written.
     """
@@ -159,6 +180,9 @@ class Diagnosis:
     unexplained: tuple[Place, ...]
     notes: tuple[str, ...] = ()
     ladder: tuple[float, ...] = ()
+    prediction: Prediction | None = None
+    agreements: tuple[Agreement, ...] = ()
+    proposal: Proposal | None = None
     material: Material | None = field(default=None, repr=False, compare=False)
 
     def to_dict(self) -> dict[str, Any]:
@@ -183,6 +207,10 @@ class Diagnosis:
                 {"joint": p.joint, "side": p.side, "regime": p.regime, "rmse": _plain(p.rmse)} for p in self.unexplained
             ],
             "notes": list(self.notes),
+            "ladder": [_plain(rung) for rung in self.ladder],
+            "prediction": None if self.prediction is None else self.prediction.to_dict(),
+            "agreement": [agreement.to_dict() for agreement in self.agreements],
+            "next_motion": None if self.proposal is None else self.proposal.to_dict(SEPARATING),
         }
 
     def save(self, path: str | Path) -> Path:

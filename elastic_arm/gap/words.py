@@ -7,8 +7,13 @@ from typing import TYPE_CHECKING
 from elastic_arm.effects import Effect
 
 if TYPE_CHECKING:
-    from elastic_arm.gap.result import Diagnosis
+    from collections.abc import Mapping
 
+    from elastic_arm.gap.certainty import Estimate
+    from elastic_arm.gap.prediction import Prediction
+    from elastic_arm.gap.result import Cause, Diagnosis
+
+DOUBTFUL = 0.9  # confidence below which the strongest alternative is named beside a cause
 _SAME_EFFECT = "motion in which these joints move one at a time"
 _OTHERWISE = "motion that covers more of the joint's range, speeds and loads, slowly and fast"
 
@@ -29,11 +34,68 @@ def meaning(found: Diagnosis) -> str:
     if not found.causes:
         places = ", ".join(f"{p.joint} ({p.side})" for p in found.unexplained[:3])
         return f"there is a gap, but no effect of the catalogue explains it; it is largest at {places}."
-    named = ", ".join(f"{c.effect} on {c.joint or 'the whole arm'}" for c in found.causes)
+    named = _listed([_with_rival(cause) for cause in found.causes])
+    verb = "explains" if len(found.causes) == 1 else "explain"
     if found.verdict == "explained":
-        return f"{named} explains {_percent(found.shrink)} of the gap on motion that no fit has seen."
-    return f"{named} explains {_percent(found.shrink)} of the gap; what is left has another cause."
+        return f"{named} {verb} {_percent(found.shrink)} of the gap on motion that no fit has seen."
+    return f"{named} {verb} {_percent(found.shrink)} of the gap; what is left has another cause."
+
+
+def _with_rival(cause: Cause) -> str:
+    """Return a cause by name, with the strongest alternative where the recording leaves it in doubt."""
+    name = f"{cause.effect} on {cause.joint or 'the whole arm'}"
+    if cause.confidence >= DOUBTFUL or not cause.alternatives:
+        return name
+    other = max(cause.alternatives, key=lambda a: a.confidence)
+    return f"{name} (or {other.effect} on {other.joint or 'the whole arm'}: this recording cannot tell)"
+
+
+def _listed(names: list[str]) -> str:
+    return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}"
+
+
+def sizes(parameters: Mapping[str, Estimate]) -> str:
+    """Return parameters with standard deviations and units as text; what is whole or given has no deviation."""
+    return ", ".join(
+        f"{name} {_number(e.value)}" + ("" if _is_exact(e.std) else f" ± {_number(e.std)}") + _unit(e.unit)
+        for name, e in parameters.items()
+    )
+
+
+def _is_exact(std: object) -> bool:
+    return isinstance(std, float) and std == 0.0
+
+
+def _number(value: object) -> str:
+    if value is None:
+        return "?"
+    if isinstance(value, list | tuple):
+        return "(" + ", ".join(_number(v) for v in value) + ")"
+    return f"{float(value):.4g}"  # type: ignore[arg-type]
+
+
+def _unit(unit: str) -> str:
+    return "" if unit == "1" else f" {unit}"
 
 
 def _percent(share: float | None) -> str:
     return f"{100 * (share or 0.0):.1f} %"
+
+
+def ahead(prediction: Prediction) -> str:
+    """Return in a sentence how far the prediction error of the worst angle falls at the longest horizon."""
+    before, after = prediction.before or {}, prediction.after or {}
+    joint, side = max(before, key=lambda place: before[place][-1])
+    sizes = [f"{1e6 * size[joint, side][-1]:.3g}" for size in (before, after)]
+    horizon = f"{1e3 * prediction.horizons[-1]:g} ms"
+    return (
+        f"Driven by the measured motor torque, the model errs by {sizes[0]} µrad after {horizon} at the worst angle "
+        f"({joint}, {side}); with the causes added, by {sizes[1]} µrad."
+    )
+
+
+def likelihood(value: float) -> str:
+    """Return a log-likelihood with two digits; differences below a tenth are none."""
+    if value < 0.1:
+        return "0"
+    return f"{value:.2g}" if value < 100 else f"{float(f'{value:.2g}'):,.0f}".replace(",", "\u202f")

@@ -1,188 +1,155 @@
-"""The report of a gap diagnosis: verdict first, then where, which, how far."""
+"""The report of a gap diagnosis: verdict first, then where, which, how far, what next."""
 
 from __future__ import annotations
 
 from pathlib import Path
 
 import numpy as np
-from matplotlib.figure import Figure as MplFigure
-from numpy.typing import NDArray
-from scipy.signal import welch
 
 from elastic_arm.effects import EFFECTS
 from elastic_arm.gap.material import Material
 from elastic_arm.gap.residuals import SIDES
-from elastic_arm.gap.result import Cause, Diagnosis
-from elastic_arm.gap.words import meaning
+from elastic_arm.gap.result import SEPARATING, Cause, Diagnosis
+from elastic_arm.gap.several import Agreement
+from elastic_arm.gap.words import ahead, likelihood, meaning, sizes
+from elastic_arm.report import gap_figures as figures
 from elastic_arm.report.html import Block, Figure, Section, Table, Text, write_report
-from elastic_arm.report.style import BLUE, GREY, ORANGE, VERMILION, draw_signal, new_figure, style
-
-Array = NDArray[np.float64]
 
 TONES = {"none": "good", "explained": "good", "unknown": "warn"}
+STANDS_OUT = 2.0  # times the noise
 SHOWN = 4  # causes that get figures of their own
 EQUATION = {
-    "link": "tau_J − [M q″ + S theta″ + c + c1 + g]",
-    "drive": "tau_J − [K (theta − q) + D (theta′ − q′)]",
-    "motor": "tau_m − [Sᵀ q″ + B theta″ + c2] − tau_J",
+    "link": ("joint torque sensor against what moves and carries the link", "tau_J − [M q″ + S theta″ + c + c1 + g]"),
+    "drive": ("joint torque sensor against the twist of the drive", "tau_J − [K (theta − q) + D (theta′ − q′)]"),
+    "motor": (
+        "motor torque against the motor's inertia and the joint torque",
+        "tau_m − [Sᵀ q″ + B theta″ + c2] − tau_J",
+    ),
 }
 
 
 def write_gap_report(path: str | Path, found: Diagnosis) -> Path:
     """Write the report of a diagnosis as one HTML file."""
-    subtitle = f"{found.robot} against {found.model}: {', '.join(found.identify) or 'a recording'}"
+    subtitle = f"{', '.join(found.identify) or 'a recording'} against {found.robot} ({found.model})"
     return write_report(path, "Gap diagnosis", sections(found), subtitle=subtitle)
 
 
 def sections(found: Diagnosis) -> list[Section]:
     """Return what the report says, most important first."""
-    told = [Section("Verdict", _verdict(found)), Section("Where the gap lies", _where(found))]
     material = found.material
-    if material is not None:
-        told += [Section(_title(c), _cause(found, c, k, material)) for k, c in enumerate(found.causes[:SHOWN])]
+    told = [Section("Verdict", _verdict(found)), Section("Where the gap lies", _where(found))]
     if found.causes:
-        told.append(Section("How far it shrinks", [Figure(ladder(found), "Share of the excess that is left.")]))
-    told.append(Section("Before and after", [_sizes(found)]))
+        told.append(Section("How far it shrinks", _how_far(found)))
+    if material is not None:
+        told += [Section(figures.title(c), _cause(found, c, k, material)) for k, c in enumerate(found.causes[:SHOWN])]
+        if found.unexplained:
+            told.append(Section("What is not explained", _unexplained(found, material)))
+    told.append(Section("Before and after", _sizes(found, material)))
+    if found.prediction is not None:
+        told.append(Section("How far ahead the model sees", _prediction(found)))
+    if found.proposal is not None:
+        told.append(Section("What to move next", _next(found)))
+    if found.agreements:
+        told.append(Section("Recording by recording", _agreement(found)))
     if material is not None:
         told.append(Section("What the residuals follow", [_regimes(found, material)]))
     told.append(Section("What this rests on", _grounds(found)))
     return told
 
 
-def _title(cause: Cause) -> str:
-    return f"{cause.effect.replace('_', ' ')}, {cause.joint or 'whole arm'}"
-
-
 def _verdict(found: Diagnosis) -> list[Block]:
     blocks: list[Block] = [Text(f"{found.verdict}: {meaning(found)}", TONES[found.verdict])]
     if found.causes:
-        named: list[list[object]] = [
+        rows: list[list[object]] = [
             [
-                c.effect,
+                c.effect.replace("_", " "),
                 c.joint or "whole arm",
                 ", ".join(c.sides),
-                ", ".join(f"{n} = {_text(e.value)} ± {_text(e.std)} {e.unit}" for n, e in c.parameters.items()) or "–",
+                _values(c),
                 f"{100 * c.shrink:.1f} %",
-                f"{c.confidence:.2f}",
+                f"{100 * c.confidence:.0f} %",
             ]
             for c in found.causes
         ]
-        header = ["cause", "joint", "sides", "parameters", "shrinks the gap alone by", "confidence"]
-        blocks.append(Table(header, named))
-    others: list[list[object]] = [
-        [
-            f"{c.effect} on {c.joint or 'whole arm'}",
-            f"{a.effect} on {a.joint or 'whole arm'}",
-            a.confidence,
-            a.separated_by,
+        header = [
+            "what the arm has and the model lacks",
+            "where",
+            "shows on",
+            "size",
+            "shrinks the gap alone by",
+            "confidence",
         ]
+        blocks.append(Table(header, rows))
+    if found.prediction is not None and found.prediction.before and found.causes:
+        blocks.append(Text(ahead(found.prediction)))
+    blocks += [Text(line, "warn") for line in (*_leftover(found), *_disagreements(found))]
+    others: list[list[object]] = [
+        [f"{c.effect} on {c.joint or 'whole arm'}", f"{a.effect} on {a.joint or 'whole arm'}",
+         f"{100 * a.confidence:.0f} %", a.separated_by, a.file or "–"]
         for c in found.causes
         for a in c.alternatives
-    ]
+    ]  # fmt: skip
     if others:
-        blocks.append(Table(["instead of", "it may be", "probability", "told apart by"], others, "Alternatives", 2))
-    if found.unexplained:
-        rows = [[p.joint, p.side, p.regime.replace("_", " "), p.rmse] for p in found.unexplained]
-        blocks.append(Table(["joint", "side", "follows", "rmse, Nm"], rows, "Not explained", 3))
+        header = ["instead of", "it may be", "probability", "told apart by", "as a file"]
+        blocks.append(Table(header, others, "This recording cannot tell these apart for certain"))
     return blocks
+
+
+def _values(cause: Cause) -> str:
+    chosen = [cause.active.parameters[c.name] for c in cause.active.effect.choices if c.several]
+    named = [" and ".join(str(v) for v in choice) for choice in chosen if isinstance(choice, tuple)]
+    return ", ".join([sizes(cause.parameters), *named]) or "no free size"
 
 
 def _where(found: Diagnosis) -> list[Block]:
     text = (
-        "Each joint has three equations. Colours: residual on the validation data over its noise, "
-        f"between 0 and {found.band:g} Hz. One is noise alone."
+        "Each joint has three equations, and a residual each: what was measured minus what the model says. The map "
+        f"shows it over the noise of the sensors, on validation data between 0 and {found.band:g} Hz: 1× is noise "
+        "alone, red is a gap."
     )
-    rows = [[side, EQUATION[side]] for side in SIDES]
-    return [Text(text), Figure(gap_map(found)), Table(["side", "residual"], rows)]
+    rows = [[side, *EQUATION[side]] for side in SIDES]
+    return [Text(text), Figure(figures.gap_map(found)), Table(["side", "compares", "residual, Nm"], rows)]
 
 
-def gap_map(found: Diagnosis) -> MplFigure:
-    """Draw joints by sides, before and after."""
-    with style():
-        figure, axes = new_figure(1, 2, size=(8.6, 0.9 + 0.55 * len(found.joints)))
-        for ax, size, title in zip(
-            axes[0], (found.before, found.after), ("nominal model", "causes added"), strict=True
-        ):
-            ratio = np.array(
-                [[_ratio(size.rmse.get((j, s)), found.noise.get((j, s))) for s in SIDES] for j in found.joints]
-            )
-            ax.imshow(np.log10(np.maximum(ratio, 1.0)), vmin=0.0, vmax=2.0, cmap="YlOrRd", aspect="auto")
-            for (row, column), value in np.ndenumerate(ratio):
-                place = (found.joints[row], SIDES[column])
-                label = "–" if np.isnan(value) else f"{value:.1f}×\n{size.rmse[place]:.3g} Nm"
-                colour = "white" if value > 30 else "black"
-                ax.text(column, row, label, ha="center", va="center", fontsize=8, color=colour)
-            ax.set_xticks(range(len(SIDES)), SIDES)
-            ax.set_yticks(range(len(found.joints)), found.joints)
-            ax.set_title(title, loc="left")
-            ax.grid(False)
-    return figure
+def _how_far(found: Diagnosis) -> list[Block]:
+    low, high = found.shrink_interval or (np.nan, np.nan)
+    text = (
+        f"All causes together take {100 * (found.shrink or 0.0):.1f} % off the gap (95 % interval {100 * low:.1f} to "
+        f"{100 * high:.1f} %), measured as what residuals have more than noise, on motion that no fit has seen."
+    )
+    return [Text(text), Figure(figures.ladder(found), "From top to bottom the causes are added one by one.")]
 
 
 def _cause(found: Diagnosis, cause: Cause, k: int, material: Material) -> list[Block]:
     effect = EFFECTS[cause.effect]
-    row = _loudest(found, cause, material)
+    row = _loudest(material, k)
     side, joint = material.validate.layout.sides[row // len(found.joints)], found.joints[row % len(found.joints)]
-    blocks: list[Block] = [Text(f"{effect.description} Law: {effect.formula}."), Text(f"Signature: {effect.signature}")]
-    caption = f"{joint}, {side} side: residual of the nominal model, and what this cause alone makes of it."
-    return [*blocks, Figure(portrait(material, k, row, len(found.joints)), caption)]
+    caption = (
+        f"{joint}, {side} side, on validation data. Grey: residual of the model as it is. Red: what this cause says. "
+        "Blue: what is left with this cause alone added."
+    )
+    return [
+        Text(f"{effect.description} Law: {effect.formula}."),
+        Text(f"How it shows: {effect.signature}"),
+        Figure(figures.portrait(found, material, row, material.alone[k], cause.effect), caption),
+    ]
 
 
-def portrait(material: Material, k: int, row: int, n: int) -> MplFigure:
-    """Draw a residual against time, velocity, position and frequency, with a cause laid over."""
-    part = max(range(len(material.before)), key=lambda i: len(material.before[i]))
-    stretch = material.validate.parts[part].stretch
-    before, left = material.before[part][:, row], material.alone[k][part][:, row]
-    motion, i = stretch.motion, row % n
-    linkwise = material.validate.layout.sides[row // n] == "link"
-    w = np.interp(stretch.t, motion.t, (motion.dq if linkwise else motion.dtheta)[:, i])
-    q = np.interp(stretch.t, motion.t, (motion.q if linkwise else motion.theta)[:, i])
-    rate = material.validate.band.kept_rate
-    with style():
-        figure, axes = new_figure(2, 2, size=(9.4, 5.2))
-        ax = axes[0, 0]
-        draw_signal(ax, stretch.t, before, color=GREY, lw=2.2, alpha=0.6, label="residual")
-        draw_signal(ax, stretch.t, before - left, color=VERMILION, lw=1.0, label="this cause")
-        draw_signal(ax, stretch.t, left, color=BLUE, lw=0.8, label="left")
-        ax.set_xlabel("time [s]")
-        ax.legend()
-        for ax, x, name in ((axes[0, 1], w, "velocity [rad/s]"), (axes[1, 0], q, "angle [rad]")):
-            ax.plot(x[::2], before[::2], ".", color=GREY, ms=2.5, alpha=0.5, rasterized=True)
-            ax.plot(x[::2], (before - left)[::2], ".", color=VERMILION, ms=1.5, alpha=0.6, rasterized=True)
-            ax.set_xlabel(name)
-        ax = axes[1, 1]
-        for values, colour in ((before, GREY), (left, BLUE)):
-            f, spectrum = welch(values, rate, nperseg=min(len(values), int(4 * rate)))
-            ax.semilogy(f, np.sqrt(spectrum), color=colour)
-        ax.set_xlabel("frequency [Hz]")
-        ax.set_ylabel("Nm/√Hz")
-        for ax in axes.flat[:3]:
-            ax.set_ylabel("Nm")
-    return figure
+def _unexplained(found: Diagnosis, material: Material) -> list[Block]:
+    rows = [[p.joint, p.side, p.regime.replace("_", " "), p.rmse] for p in found.unexplained]
+    first = found.unexplained[0]
+    sides, n = material.validate.layout.sides, len(found.joints)
+    row = sides.index(first.side) * n + found.joints.index(first.joint)
+    added = "all causes together" if found.causes else None
+    caption = f"{first.joint}, {first.side} side: where most is left."
+    return [
+        Text("No effect of the catalogue explains what is left here.", "warn"),
+        Table(["joint", "side", "follows", "left, Nm"], rows, digits=3),
+        Figure(figures.portrait(found, material, row, material.after, added), caption),
+    ]
 
 
-def ladder(found: Diagnosis) -> MplFigure:
-    """Draw what is left of the gap with each cause alone and with all."""
-    names = ["nominal model", *(_title(c) for c in found.causes), "all causes together"]
-    left = [1.0, *(1.0 - c.shrink for c in found.causes), 1.0 - (found.shrink or 0.0)]
-    with style():
-        figure, axes = new_figure(size=(8.0, 0.9 + 0.36 * len(names)))
-        ax = axes[0, 0]
-        colours = [GREY, *[ORANGE] * len(found.causes), BLUE]
-        ax.barh(range(len(names)), [max(100 * v, 0.0) for v in left], color=colours)
-        for y, value in enumerate(left):
-            ax.text(max(100 * value, 0.0) + 1, y, f"{100 * value:.1f} %", va="center", fontsize=8)
-        if found.shrink_interval is not None:
-            low, high = (100 * (1 - v) for v in reversed(found.shrink_interval))
-            ax.plot([low, high], [len(names) - 1] * 2, color="black", lw=2)
-        ax.set_yticks(range(len(names)), names)
-        ax.set_xlim(0, 115)
-        ax.invert_yaxis()
-        ax.set_xlabel("excess left [%]")
-    return figure
-
-
-def _sizes(found: Diagnosis) -> Table:
+def _sizes(found: Diagnosis, material: Material | None) -> list[Block]:
     rows = [
         [j, s, found.noise[j, s], found.before.rmse[j, s], found.after.rmse[j, s], found.before.peak[j, s],
          found.after.peak[j, s]]
@@ -191,7 +158,94 @@ def _sizes(found: Diagnosis) -> Table:
         if (j, s) in found.before.rmse
     ]  # fmt: skip
     header = ["joint", "side", "noise", "rmse before", "rmse after", "max before", "max after"]
-    return Table(header, rows, f"Nm, validation data, 0 to {found.band:g} Hz", 3)
+    table = Table(header, rows, f"Nm, validation data, 0 to {found.band:g} Hz", 3)
+    if material is None:
+        return [table]
+    caption = "Residuals on the longest stretch of validation data; the band is two standard deviations of the noise."
+    return [Figure(figures.before_and_after(found, material), caption), table]
+
+
+def _prediction(found: Diagnosis) -> list[Block]:
+    prediction = found.prediction
+    if prediction is None or prediction.before is None or prediction.after is None:
+        return [Text(f"Not measured: {prediction.reason if prediction else ''}.", "warn")]
+    text = (
+        f"From {prediction.starts} instants of the validation data the arm is put into its measured state and driven "
+        "by the measured motor torque in simulation. The root mean square of predicted minus measured angle tells how "
+        "far ahead the model can be trusted."
+    )
+    header = ["joint", "angle", *(f"{1e3 * h:g} ms, {w}" for h in prediction.horizons for w in ("before", "after"))]
+    rows = [
+        [joint, side, *(1e6 * v for pair in zip(values, prediction.after[joint, side], strict=True) for v in pair)]
+        for (joint, side), values in prediction.before.items()
+    ]
+    shown = Figure(figures.horizons(prediction, found.joints))
+    return [Text(text), shown, Table(header, rows, "Prediction error, µrad", 2)]
+
+
+def _next(found: Diagnosis) -> list[Block]:
+    proposal = found.proposal
+    assert proposal is not None
+    rows = [
+        [*(f"{effect} on {joint or 'whole arm'}" for effect, joint in (p.cause, p.alternative)),
+         likelihood(p.here), likelihood(p.expected), "yes" if p.decides else "no"]
+        for p in proposal.pairs
+    ]  # fmt: skip
+    header = ["explanation", "alternative", "this recording", "proposed motion", "expected to decide"]
+    caption = "Log-likelihood by which a recording tells the two apart; from 12 on it decides"
+    table = Table(header, rows, caption)
+    notes: list[Block] = [Text(f"Limits: {'; '.join(proposal.notes)}.")] if proposal.notes else []
+    if proposal.trajectory is None or not proposal.worthwhile:
+        text = "No motion within the limits was found that is expected to tell these apart: another sensor is needed."
+        return [Text(text, "warn"), table, *notes]
+    text = (
+        f"Record this motion of {proposal.trajectory.duration:g} s, the best of {proposal.candidates} judged, and "
+        f"diagnose it: {SEPARATING}, for `elastic-arm simulate --trajectory` and the trajectory node."
+    )
+    return [Text(text), table, Figure(figures.motion(proposal.trajectory, found.joints)), *notes]
+
+
+def _agreement(found: Diagnosis) -> list[Block]:
+    blocks: list[Block] = [
+        Text("Each cause refitted on every recording alone. What belongs to the arm has one size everywhere.")
+    ]
+    for agreement in found.agreements:
+        place = f"{agreement.effect.replace('_', ' ')}, {agreement.joint or 'whole arm'}"
+        rows = [
+            [f.source or "a recording", sizes(f.parameters) or "no free size", likelihood(f.gain)]
+            for f in agreement.findings
+        ]
+        verdict = "agrees over the recordings" if agreement.agrees else "does not agree over the recordings"
+        blocks.append(Text(f"{place}: {verdict}{_why(agreement)}.", "good" if agreement.agrees else "warn"))
+        blocks.append(Table(["recording", "size", "log-likelihood gained"], rows, digits=3))
+    return blocks
+
+
+def _why(agreement: Agreement) -> str:
+    if agreement.chi_square is None or agreement.spread is None:
+        return ""
+    freedom = f"{agreement.freedom} degree{'s' if agreement.freedom > 1 else ''} of freedom"
+    spread = f"values within {100 * agreement.spread:.2g} % of their mean"
+    return f" (chi-square {agreement.chi_square:.3g} for {freedom}, {spread})"
+
+
+def _leftover(found: Diagnosis) -> list[str]:
+    """Say where residuals stand out of the noise although the causes explain most of the gap."""
+    if found.verdict != "explained":
+        return []
+    ratios = {place: rmse / found.noise[place] for place, rmse in found.after.rmse.items() if found.noise[place]}
+    places = sorted((p for p in ratios if ratios[p] > STANDS_OUT), key=lambda p: -ratios[p])
+    named = ", ".join(f"{joint} {side} side ({ratios[joint, side]:.3g}× noise)" for joint, side in places[:4])
+    return [f"Less than a fifth of the gap is left, but it stands out of the noise: {named}."] if places else []
+
+
+def _disagreements(found: Diagnosis) -> list[str]:
+    return [
+        f"{a.effect.replace('_', ' ')} on {a.joint or 'the whole arm'} is not of one size in all recordings: it may "
+        "stand in for something else, or the arm has changed between them."
+        for a in found.agreements
+        if not a.agrees
+    ]
 
 
 def _regimes(found: Diagnosis, material: Material) -> Table:
@@ -202,34 +256,25 @@ def _regimes(found: Diagnosis, material: Material) -> Table:
         for (s, j), shares in zip(places, material.regimes, strict=True)
     ]
     header = ["joint", "side", *(name.replace("_", " ") for name in names)]
-    return Table(header, rows, "Share of a residual's power that follows each; shares overlap.")
+    return Table(header, rows, "Share of a residual's power, before, that follows each; shares overlap")
 
 
 def _grounds(found: Diagnosis) -> list[Block]:
-    blocks: list[Block] = [
-        Text(f"Causes are fitted on {', '.join(found.identify) or 'the first two thirds'}; every figure of the gap is "
-             f"measured on {', '.join(found.validate) or 'the last third'}, which no fit has seen."),
-    ]  # fmt: skip
-    blocks += [Text(note, "warn" if "not an independent" in note else "plain") for note in found.notes]
-    return blocks
+    fitted = ", ".join(found.identify) or "the first two thirds"
+    judged = ", ".join(found.validate) or "the last third"
+    if found.material is not None and found.material.held_back:
+        text = f"Causes are fitted on the first two thirds of {fitted}; the last third, which no fit has seen, judges."
+    else:
+        text = f"Causes are fitted on {fitted}; every figure of the gap is measured on {judged}, which no fit has seen."
+    return [
+        Text(text),
+        *(Text(note, "warn" if "not an independent" in note else "plain") for note in found.notes),
+    ]
 
 
-def _loudest(found: Diagnosis, cause: Cause, material: Material) -> int:
-    """Return the row in which the cause takes off most."""
-    k = found.causes.index(cause)
+def _loudest(material: Material, k: int) -> int:
+    """Return the row in which a cause takes off most."""
     saved = sum(
         ((b**2).sum(axis=0) - (a**2).sum(axis=0)) for b, a in zip(material.before, material.alone[k], strict=True)
     )
     return int(np.argmax(saved))
-
-
-def _ratio(rmse: float | None, noise: float | None) -> float:
-    return np.nan if rmse is None or not noise else rmse / noise
-
-
-def _text(value: object) -> str:
-    if value is None:
-        return "?"
-    if isinstance(value, list | tuple):
-        return "(" + ", ".join(_text(v) for v in value) + ")"
-    return f"{float(value):.4g}"  # type: ignore[arg-type]
