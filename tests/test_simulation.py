@@ -311,6 +311,23 @@ def test_effects_change_while_the_arm_moves(arm):
     assert np.abs(truth.theta - q[300:]).max() < 1e-3
 
 
+def test_effects_that_cannot_be_taken_leave_the_arm_as_it_was(arm):
+    """A payload that no drive can hold is refused, and the arm goes on, to the bit, as if nobody had asked."""
+    still = (np.zeros((50, 3)),) * 3
+
+    def run(ask: bool):
+        simulator = Simulator(arm, effects=[parse("viscous_friction:joint_1:coefficient=30")])
+        simulator.follow(*still)
+        if ask:
+            with pytest.raises(SimulationError, match="no static equilibrium"):
+                simulator.change_effects([parse("payload:mass=1e6")])
+        return simulator.effects, simulator.follow(*still)[0]
+
+    (asked, one), (alone, two) = run(True), run(False)
+    assert asked == alone
+    assert np.array_equal(one.x, two.x)
+
+
 def test_a_prediction_starts_from_any_motion(arm):
     """Placed into a motion of another run and given its torques, the arm goes on as that run did."""
     effects = [parse("hysteresis:joint_2:torque=5,width=1e-4")]

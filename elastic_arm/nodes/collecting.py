@@ -17,8 +17,10 @@ Array = NDArray[np.float64]
 FIELDS = ("position", "velocity", "effort")
 CHANNELS = {topics.JOINT_STATES: ("q", "dq", "tau_J"), topics.MOTOR_STATES: ("theta", "dtheta", "tau_m")}
 SIDES = {"both": tuple(CHANNELS), "link": (topics.JOINT_STATES,), "motor": (topics.MOTOR_STATES,)}
-# A topic that says nothing for so long, seconds, has gone silent.
+# A topic that says nothing for so long, seconds, has gone silent; but only when somebody has looked so often: after a
+# stall of this process its messages are still on their way in.
 SILENCE = 1.0
+LOOKS = 5
 
 
 @dataclass
@@ -55,6 +57,7 @@ class Collector:
         self.joints = joints
         self.inboxes = {topic: Inbox(topics.TYPES[topic]) for topic in SIDES[sides]}
         self._heard = dict.fromkeys(self.inboxes, time.monotonic())
+        self._empty = dict.fromkeys(self.inboxes, 0)
         self.reset()
 
     def reset(self) -> None:
@@ -92,8 +95,9 @@ class Collector:
         """
         add = dict(zip(CHANNELS, (self.pairing.add_link, self.pairing.add_motor), strict=True))
         for topic, inbox in self.inboxes.items():
+            self._empty[topic] += 1
             if len(inbox):
-                self._heard[topic] = time.monotonic()
+                self._heard[topic], self._empty[topic] = time.monotonic(), 0
             for names, stamps, numbers in inbox.take():
                 stamps, rows = self._rows(topic, names, stamps, numbers)
                 add[topic](stamps, rows)
@@ -121,7 +125,7 @@ class Collector:
         said = [
             f"nothing on {topic} for {now - heard:.0f} s"
             for topic, heard in self._heard.items()
-            if now - heard > SILENCE
+            if now - heard > SILENCE and self._empty[topic] >= LOOKS
         ]
         faults, losses = self.faults, self.losses
         counts = {

@@ -79,11 +79,6 @@ class Pairing:
         """Take samples of the motor side, in order of arrival."""
         self._add(1, stamps, rows)
 
-    @property
-    def newest_ns(self) -> tuple[int | None, int | None]:
-        """Latest stamp of the link and the motor side."""
-        return self._newest[0], self._newest[1]
-
     def take(self, everything: bool = False) -> Pairs | None:
         """Return the pairs that are old enough (or all of them), None when there are none."""
         link, motor = self._sides

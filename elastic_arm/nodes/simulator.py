@@ -19,7 +19,7 @@ from trajectory_msgs.msg import JointTrajectory
 
 from elastic_arm.effects import parse
 from elastic_arm.effects.base import Active
-from elastic_arm.errors import EffectError, GraphError
+from elastic_arm.errors import ElasticArmError, GraphError
 from elastic_arm.nodes import graph
 from elastic_arm.nodes.health import PERIOD, Health
 from elastic_arm.nodes.pacing import Pace
@@ -233,7 +233,7 @@ class SimulatorNode(ArmNode):
             if parameter.name == "effects":
                 try:
                     self._take(texts(parameter.value))
-                except EffectError as error:
+                except ElasticArmError as error:
                     return SetParametersResult(successful=False, reason=str(error))
         return SetParametersResult(successful=True)
 

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from elastic_arm.effects import Active, robot_effects
 from elastic_arm.effects.base import Stage
 from elastic_arm.effects.equations import ArmEquations
-from elastic_arm.errors import SimulationError
+from elastic_arm.errors import ElasticArmError, SimulationError
 from elastic_arm.robot import Robot
 from elastic_arm.sensors import SensorBank, Sensors
 from elastic_arm.simulation.assembly import System, assemble
@@ -228,7 +228,20 @@ class Simulator:
         """Go on from the present motion with other effects; internal states of effects start anew.
 
         Equations of a shape not met before are compiled, which takes a second or two.
+
+        Raises
+        ------
+        EffectError, SimulationError
+            If an effect cannot act on this arm, or leaves it no equilibrium; the arm goes on with those it had.
         """
+        before = vars(self).copy()
+        try:
+            self._change_effects(effects)
+        except ElasticArmError:
+            vars(self).update(before)
+            raise
+
+    def _change_effects(self, effects: Sequence[Active]) -> None:
         x, dx = (self.carry.y[k * self.system.dof : (k + 1) * self.system.dof] for k in (0, 1))
         command, half = self.carry.command, self.carry.half
         self._build(effects)
