@@ -13,6 +13,8 @@ from elastic_arm.recording.container import McapFile, open_mcap
 from elastic_arm.recording.metadata import METADATA_KEY
 
 METADATA = "metadata.yaml"
+# Written in C where the library has it: in Python, reading this file takes as long as a hundred thousand messages.
+_LOADER = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
 _SUFFIXES = (".mcap", ".mcap.zstd", ".mcap.zst")
 
 
@@ -91,7 +93,7 @@ def _read_metadata(folder: Path) -> tuple[dict[str, Any] | None, list[str]]:
     if not file.exists():
         return None, [f"{file} is missing"]
     try:
-        content = yaml.safe_load(file.read_text(encoding="utf-8"))
+        content = yaml.load(file.read_text(encoding="utf-8"), Loader=_LOADER)
         information = content[METADATA_KEY]
     except (yaml.YAMLError, UnicodeDecodeError, KeyError, TypeError) as error:
         return None, [f"{file} cannot be read ({type(error).__name__})"]

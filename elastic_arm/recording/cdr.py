@@ -17,7 +17,7 @@ from rosbags.interfaces import Nodetype
 from rosbags.typesys.store import Typestore
 
 from elastic_arm.errors import RecordingError
-from elastic_arm.recording.scan import MESSAGE_HEAD, RECORD_HEAD, Bytes, Offsets, column, progression
+from elastic_arm.recording.scan import MESSAGE_HEAD, RECORD_HEAD, Bytes, Offsets, column, offsets_of
 
 _RECORD_SIZE = 1 - MESSAGE_HEAD  # where a message's record says its length, seen from the message
 _ORIGIN = 4  # alignment counts from behind the encapsulation header
@@ -83,15 +83,14 @@ class Layout:
                 self.words.append((begin, f"<u{width}", value))
                 begin += width
 
-    def matches(self, buffer: Bytes, offsets: Offsets) -> NDArray[np.bool_]:
-        """Say which of the messages at `offsets` have this layout and these names."""
-        where = progression(offsets)
+    def matches(self, buffer: Bytes, where: Offsets | slice) -> NDArray[np.bool_]:
+        """Say which of the messages at `where` have this layout and these names."""
         # The length stands in the head of the message's record; only messages of this one reach as far as the words.
         same = column(buffer, "<u8", where, _RECORD_SIZE) == self.size + MESSAGE_HEAD - RECORD_HEAD
         if same.all():
             return self._alike(buffer, where)
         long = np.flatnonzero(same)
-        same[long] = self._alike(buffer, offsets[long])
+        same[long] = self._alike(buffer, offsets_of(where)[long])
         return same
 
     def _alike(self, buffer: Bytes, where: Offsets | slice) -> NDArray[np.bool_]:
@@ -156,9 +155,10 @@ class Layouts:
     def __init__(self, type_name: str, store: Typestore) -> None:
         self.type_name, self.store = type_name, store
         self.known: dict[int, list[Layout]] = {}
+        self._latest: Layout | None = None
 
-    def groups(self, buffer: Bytes, offsets: Offsets) -> Iterator[tuple[Layout, Offsets | None]]:
-        """Yield the layouts that occur among the messages at `offsets`, each with the indices of its messages.
+    def groups(self, buffer: Bytes, where: Offsets | slice) -> Iterator[tuple[Layout, Offsets | None]]:
+        """Yield the layouts that occur among the messages at `where`, each with the indices of its messages.
 
         None stands for all of them. The messages must stand in records, as in an MCAP file.
 
@@ -167,18 +167,16 @@ class Layouts:
         RecordingError
             If a message does not fit its type.
         """
-        # Nearly always all messages of a block are alike: then nothing has to be picked out.
-        layout = self._of(buffer, int(offsets[0]))
-        match = layout.matches(buffer, offsets)
-        if match.all():
-            yield layout, None
+        # Nearly always all messages of a block are like those before: then nothing has to be picked out.
+        if self._latest is not None and self._latest.matches(buffer, where).all():
+            yield self._latest, None
             return
-        yield layout, np.flatnonzero(match)
-        left = np.flatnonzero(~match)
+        offsets = offsets_of(where)
+        left = np.arange(len(offsets))
         while len(left):
-            layout = self._of(buffer, int(offsets[left[0]]))
-            match = layout.matches(buffer, offsets[left])
-            yield layout, left[match]
+            self._latest = self._of(buffer, int(offsets[left[0]]))
+            match = self._latest.matches(buffer, offsets[left])
+            yield self._latest, None if len(left) == len(offsets) and match.all() else left[match]
             left = left[~match]
 
     def _of(self, buffer: Bytes, begin: int) -> Layout:

@@ -43,6 +43,7 @@ _PARSED: dict[int, Any] = {
     Opcode.STATISTICS: records.Statistics,
     Opcode.FOOTER: records.Footer,
 }
+_MOST_WORKERS = 4
 # What reading a record raises whose bytes are not what its kind promises.
 _BAD_RECORD = (McapError, ValueError, KeyError, IndexError, struct.error)
 
@@ -66,14 +67,21 @@ class Block:
 
     buffer: Bytes
     messages: dict[int, Offsets]
+    _where: dict[int, Offsets | slice] = field(default_factory=dict)
+
+    def where(self, channel: int) -> Offsets | slice:
+        """The messages of a channel; a slice where they are equally spaced."""
+        if channel not in self._where:
+            self._where[channel] = progression(self.messages[channel])
+        return self._where[channel]
 
     def log_ns(self, channel: int) -> Offsets:
         """(N,) log times of the messages of a channel."""
-        return column(self.buffer, "<u8", self.messages[channel], 15).astype(np.int64)
+        return column(self.buffer, "<u8", self.where(channel), 15).astype(np.int64)
 
     def sizes(self, channel: int) -> Offsets:
         """(N,) lengths of the messages of a channel."""
-        return column(self.buffer, "<u8", self.messages[channel], 1).astype(np.int64) - (MESSAGE_HEAD - 9)
+        return column(self.buffer, "<u8", self.where(channel), 1).astype(np.int64) - (MESSAGE_HEAD - 9)
 
     def data(self, channel: int, index: int) -> memoryview:
         """Bytes of one message."""
@@ -149,8 +157,8 @@ class McapFile:
         """
         if len(self.loose):
             yield self._block(self.buffer, Scan(self.loose, [], len(self.buffer)))
-        for chunk, plain in zip(self.chunks, self._plain_chunks(), strict=True):
-            block = plain if isinstance(plain, RecordingError) else self._chunk_block(chunk, plain)
+        for chunk, unpacked in zip(self.chunks, self._unpacked_chunks(), strict=True):
+            block = self._scanned(chunk, unpacked) if isinstance(unpacked, np.ndarray) else unpacked
             if not isinstance(block, RecordingError):
                 yield block
             elif strict:
@@ -158,12 +166,13 @@ class McapFile:
             else:
                 self.damage.append(block.problem)
 
-    def _plain_chunks(self) -> Iterator[Bytes | RecordingError]:
-        """Yield the plain bytes of each chunk, or why there are none."""
-        # Only zstd takes long enough to be worth handing over to another thread and back; what is unpacked here is
-        # still in the cache when it is decoded.
-        workers = min((os.cpu_count() or 1) - 1, 4)
-        if workers < 1 or not any(chunk.compression == "zstd" for chunk in self.chunks):
+    def _unpacked_chunks(self) -> Iterator[Block | Bytes | RecordingError]:
+        """Yield each chunk unpacked, in threads, some chunks ahead of what is asked for.
+
+        That is its messages where its indexes tell them, or its bytes, or why it cannot be unpacked.
+        """
+        workers = min(os.cpu_count() or 1, _MOST_WORKERS)
+        if workers == 1 or len(self.chunks) < 2:
             yield from map(self._unpack, self.chunks)
             return
         with ThreadPoolExecutor(workers) as pool:
@@ -174,19 +183,16 @@ class McapFile:
                 ahead.extend(pool.submit(self._unpack, chunk) for chunk in islice(todo, 1))
                 yield unpacked
 
-    def _unpack(self, chunk: Chunk) -> Bytes | RecordingError:
+    def _unpack(self, chunk: Chunk) -> Block | Bytes | RecordingError:
         try:
             plain = _decompress(self.buffer[chunk.begin : chunk.end], chunk)
         except (RuntimeError, ValueError, zstandard.ZstdError) as error:
             return self._chunk_error(chunk, str(error))
         if len(plain) != chunk.size or (chunk.crc and zlib.crc32(plain.data) != chunk.crc):
             return self._chunk_error(chunk, "its checksum does not match")
-        return plain
+        return _indexed(self.buffer, chunk.indexes, plain) or plain
 
-    def _chunk_block(self, chunk: Chunk, plain: Bytes) -> Block | RecordingError:
-        indexed = _indexed(self.buffer, chunk.indexes, plain)
-        if indexed is not None:
-            return Block(plain, indexed)
+    def _scanned(self, chunk: Chunk, plain: Bytes) -> Block | RecordingError:
         found = scan(plain, 0, len(plain))
         try:
             self._parse(found.others, plain)
@@ -276,28 +282,28 @@ def _chunk(buffer: Bytes, begin: int) -> Chunk:
     return Chunk(at + 8, at + 8 + packed, size, crc, compression, start_ns, end_ns, [])
 
 
-def _indexed(file: Bytes, indexes: list[Record], plain: Bytes) -> dict[int, Offsets] | None:
+def _indexed(file: Bytes, indexes: list[Record], plain: Bytes) -> Block | None:
     """Return the messages of a chunk by its indexes; None unless these account for every byte of it.
 
     Where topics come in no regular turn this spares the walk from record to record.
     """
-    messages: dict[int, Offsets] = {}
+    block = Block(plain, {})
     covered = 0
     for _, begin, end in indexes:
         channel = int.from_bytes(file[begin : begin + 2], "little")
-        offsets = np.frombuffer(file[begin + 6 : end].tobytes(), "<u8").astype(np.int64)[1::2]
+        offsets = np.frombuffer(file[begin + 6 : end].tobytes(), "<u8")[1::2].astype(np.int64)
         if not len(offsets):
             continue
         offsets = offsets if (offsets[1:] > offsets[:-1]).all() else np.unique(offsets)
-        if offsets[0] < 0 or offsets[-1] + MESSAGE_HEAD > len(plain):
+        if channel in block.messages or offsets[0] < 0 or offsets[-1] + MESSAGE_HEAD > len(plain):
             return None
-        where = progression(offsets)
+        block.messages[channel] = offsets
+        where = block.where(channel)
         heads = (column(plain, "u1", where) == Opcode.MESSAGE) & (column(plain, "<u2", where, 9) == channel)
-        if channel in messages or not heads.all():
+        if not heads.all():
             return None
         covered += int(column(plain, "<u8", where, 1).sum()) + RECORD_HEAD * len(offsets)
-        messages[channel] = offsets
-    return messages if covered == len(plain) else None
+    return block if covered == len(plain) else None
 
 
 def _decompress(packed: Bytes, chunk: Chunk) -> Bytes:

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from elastic_arm.errors import RecordingError
 from elastic_arm.recording import cdr, message_types
 from elastic_arm.recording.container import Block, McapFile
-from elastic_arm.recording.scan import MESSAGE_HEAD, Bytes, Offsets, column, progression
+from elastic_arm.recording.scan import MESSAGE_HEAD, Bytes, Offsets, column, offsets_of, shifted
 from elastic_arm.recording.series import Piece, Series
 from elastic_arm.recording.sides import Stamps
 
@@ -40,21 +40,21 @@ class Decoder:
             If a message does not fit its type.
         """
         block = _evened(block, channel)
-        offsets, log_ns = block.messages[channel] + MESSAGE_HEAD, block.log_ns(channel)
-        rows = np.arange(self._count, self._count + len(offsets))
+        where, log_ns = shifted(block.where(channel), MESSAGE_HEAD), block.log_ns(channel)
+        rows = np.arange(self._count, self._count + len(log_ns))
         expected = file.expected(channel)
         try:
-            for layout, index in self._types(file, channel).groups(block.buffer, offsets):
+            for layout, index in self._types(file, channel).groups(block.buffer, where):
                 if id(layout) not in self._tables:
                     self._tables[id(layout)] = _Table(layout, max(expected, _FIRST) if index is None else _FIRST)
                 table = self._tables[id(layout)]
                 if index is None:
-                    table.append(block.buffer, progression(offsets), rows, log_ns)
+                    table.append(block.buffer, where, rows, log_ns)
                 else:
-                    table.append(block.buffer, offsets[index], rows[index], log_ns[index])
+                    table.append(block.buffer, offsets_of(where)[index], rows[index], log_ns[index])
         except RecordingError as error:
             raise RecordingError(f"{file.path}, {self.topic}: {error.problem}", error.remedy) from None
-        self._count += len(offsets)
+        self._count += len(rows)
 
     def series(self) -> Series:
         """Return all messages decoded so far."""
@@ -72,7 +72,7 @@ class Decoder:
 def _evened(block: Block, channel: int) -> Block:
     """Put messages of one size that stand at irregular places in a row: one copy spares gathering each field."""
     offsets = block.messages[channel]
-    if len(offsets) < 2 or isinstance(progression(offsets), slice):
+    if len(offsets) < 2 or isinstance(block.where(channel), slice):
         return block
     sizes = block.sizes(channel)
     if not (sizes == sizes[0]).all():
