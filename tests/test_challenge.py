@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from typer.testing import CliRunner
 
+from elastic_arm.cli.challenge import challenge_app
 from elastic_arm.dynamics import build_model
 from elastic_arm.effects import EFFECTS
 from elastic_arm.errors import DiagnosisError
@@ -165,7 +168,13 @@ def test_small_campaign_is_made_resumed_answered_and_scored(tmp_path: Path) -> N
     assert found["answered"] == 6 and found["open"] == 0
     assert found["shares"]["clean called none"]["hits"] == 2
     assert found["shares"]["effect right"]["hits"] == 3
-    assert "viscous_friction" in markdown(found)
+    document = tmp_path / "results.md"
+    said = CliRunner().invoke(challenge_app, ["score", str(tmp_path), "--markdown", str(document)])
+    assert said.exit_code == 0, said.output
+    assert document.read_text() == markdown(found)
+    assert json.loads((tmp_path / "score.json").read_text())["shares"] == json.loads(json.dumps(found["shares"]))
+    page = (tmp_path / "report.html").read_text()
+    assert "What was named for what" in page and page.count("<svg") >= 4
     with pytest.raises(DiagnosisError, match="another challenge"):
         campaign.create(tmp_path, campaign.Settings(seed=4))
 

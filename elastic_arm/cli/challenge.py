@@ -117,7 +117,8 @@ def score(
         print_json(found)
         return
     _print("", ("question", "right", "of", "share", "95 % interval", "to reach"), question_rows(found))
-    _print("single effects", *effect_rows(found))
+    headings, rows = effect_rows(found)
+    _print("single effects", headings[:8], [row[:8] for row in rows])
     if found["open"]:
         out.print(f"{found['open']} recordings have no answer yet: elastic-arm challenge diagnose {folders[0]}")
     if len(found["code"]) > 1:

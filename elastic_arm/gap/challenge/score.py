@@ -142,7 +142,7 @@ def _effect(lines: Sequence[Line]) -> dict[str, Any]:
             "multiple": curve.smallest, "interval": [curve.low, curve.high],
             "size": None if typical is None else curve.smallest * typical,
             "middle": curve.middle, "slope": curve.slope,
-            "smallest tried": min(x["multiple"] for x in lines),
+            "misses": sum(not x["effect_right"] for x in lines),
         },
     }  # fmt: skip
 

@@ -16,7 +16,7 @@ Array = NDArray[np.float64]
 DETECTED = 0.9  # share of cases
 # Where a detection curve may have its middle (multiples of the bound) and how steep it may be (a factor e in size).
 MIDDLES = np.linspace(np.log(0.3), np.log(1000.0), 240)
-SLOPES = np.geomspace(0.5, 20.0, 60)
+SLOPES = np.geomspace(1.0, 30.0, 60)
 BINS = (0.0, 0.5, 0.8, 0.9, 0.95, 0.99, 1.0)
 
 

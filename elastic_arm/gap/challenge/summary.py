@@ -24,7 +24,8 @@ Written by `elastic-arm challenge score`; how it is run again: [challenge.md](ch
 ## Single effects
 
 Of at least ten times the bound. *Missed at*: the largest multiple of the bound that was missed.
-*90 % detected at*: multiple of the bound with its 95 % interval, and the size that this is at the typical bound.
+*90 % detected at*: multiple of the bound with its 95 % interval, and the size that this is at the typical bound; where
+nothing was missed, what the number of cases allows to say.
 
 {effects}
 
@@ -164,6 +165,8 @@ def _detected(detected: dict[str, Any] | None, unit: str | None) -> str:
         return "–"
     low, high = detected["interval"]
     size = "" if detected["size"] is None else f" = {quantity(detected['size'], unit)}"
+    if not detected["misses"]:
+        return f"below {high:.2g}"
     return f"{detected['multiple']:.2g} ({low:.2g} to {high:.2g}){size}"
 
 
