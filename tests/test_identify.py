@@ -97,6 +97,17 @@ def test_intervals_from_fourier_series_cover_the_truth_too(model: Model) -> None
     assert 0.88 <= np.mean(hits) <= 0.99
 
 
+def test_all_pieces_in_which_a_motion_repeats_are_used(model: Model) -> None:
+    """Series are fitted to every piece between gaps that is long enough, and the result says to how many of them."""
+    whole = record(model, np.random.default_rng(0), period=4.0, periods=6, harmonics=6, **REAL)
+    kept = part(whole, np.setdiff1d(np.arange(len(whole)), np.r_[3000:3100, 12000:12500]))
+    result = identify(recorded(kept), model.robot, consistent=False)
+    assert result.derivatives == ("Fourier series of 2 of 3 pieces",)
+    assert result.samples == pytest.approx(len(kept) - 3000, rel=0.02)
+    errors = np.array([c.z for c in compare(result, model.robot)])
+    assert np.sqrt(np.mean(errors**2)) < 1.5
+
+
 def test_exact_encoders_give_parameters_to_a_few_parts_in_ten_thousand(model: Model) -> None:
     """With exact encoders and 0.26 Nm torque noise every base parameter comes out to 0.1 % of its natural size."""
     identifier = fed(model, record(model, np.random.default_rng(3)), [])

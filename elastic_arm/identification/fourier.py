@@ -28,6 +28,8 @@ ENOUGH_SAMPLES = 4000
 ABOVE_FLOOR = 12.0
 # A series is accepted when it leaves no more than this times the noise of the encoders.
 ACCEPTED = 1.3
+# A motion is seen to repeat when its period is no longer than this share of the recording.
+LONGEST_PERIOD = 0.7
 
 
 @dataclass(frozen=True)
@@ -135,9 +137,7 @@ def fourier_motion(
     IdentificationError
         If the motion does not repeat, or repeats but holds more than a series can, or `period` is none of it.
     """
-    position = grid.q if grid.q is not None else grid.theta
-    if position is None:
-        raise IdentificationError("no positions were recorded", "Record /joint_states or /motor_states.")
+    position = _positions(grid)
     period = find_period(position, grid.rate) if period is None else period
     if not 2.0 / grid.rate <= period <= len(grid) / grid.rate:
         raise IdentificationError(
@@ -166,6 +166,16 @@ def fourier_motion(
     return Motion(grid.t[start:], **sides, **torques), series.get("q"), series.get("theta")
 
 
+def period_of(grid: Grid) -> float:
+    """Find the period of a piece's motion, s; see :func:`find_period` for errors."""
+    return find_period(_positions(grid), grid.rate)
+
+
+def repeats(grid: Grid, period: float) -> bool:
+    """Say whether a piece is long enough to show a motion of `period`, s, again."""
+    return period <= LONGEST_PERIOD * len(grid) / grid.rate
+
+
 def find_period(position: Array, rate: float) -> float:
     """Find the period of a motion from its autocorrelation.
 
@@ -177,9 +187,11 @@ def find_period(position: Array, rate: float) -> float:
     n_samples = len(position)
     x = (position - position.mean(axis=0)) / np.maximum(position.std(axis=0), 1e-12)
     spectrum = np.abs(np.fft.rfft(x, 2 * n_samples, axis=0)) ** 2
-    overlap = n_samples - np.arange(n_samples)
-    together = np.fft.irfft(spectrum.sum(axis=1))[:n_samples] / overlap / x.shape[1]
-    late = together[: int(0.7 * n_samples)]
+    # Over the powers of what overlaps: where the motion repeats, this is one, whatever part of a period the ends cut.
+    power = np.concatenate([[0.0], np.cumsum(np.sum(x**2, axis=1))])
+    overlap = power[-1] - power[:n_samples] + power[n_samples:0:-1]
+    together = 2.0 * np.fft.irfft(spectrum.sum(axis=1))[:n_samples] / np.maximum(overlap, 1e-300)
+    late = together[: int(LONGEST_PERIOD * n_samples)]
     below = np.flatnonzero(late < 0.5)
     if len(below):
         after = int(below[0])
@@ -188,6 +200,13 @@ def find_period(position: Array, rate: float) -> float:
         if late[best] > 0.8 and first:
             return first[0] / rate
     raise IdentificationError("the motion does not repeat", "Use the smoother, or record two periods.")
+
+
+def _positions(grid: Grid) -> Array:
+    position = grid.q if grid.q is not None else grid.theta
+    if position is None:
+        raise IdentificationError("no positions were recorded", "Record /joint_states or /motor_states.")
+    return position
 
 
 def _settled(position: Array, shift: int) -> int:

@@ -17,7 +17,7 @@ from elastic_arm.identification.consistency import consistent as find_consistent
 from elastic_arm.identification.consistency import identified_robot
 from elastic_arm.identification.derivatives import Motion, Smoother, design_smoother
 from elastic_arm.identification.equations import Equations
-from elastic_arm.identification.fourier import FourierFit, fourier_motion
+from elastic_arm.identification.fourier import FourierFit, fourier_motion, period_of, repeats
 from elastic_arm.identification.grid import Clock, Grid
 from elastic_arm.identification.laws import DEFAULT_SIGN_SPEED, SIGN_SPEEDS, is_dry, law_columns
 from elastic_arm.identification.noise import estimate_noise
@@ -46,12 +46,12 @@ class Derived:
     method
         In words.
     series
-        Of link and motor side, where the derivatives come from them.
+        Of link and motor side for each of `pieces`, where the derivatives come from them.
     """
 
     pieces: tuple[Callable[[], Motion], ...]
     method: str
-    series: tuple[FourierFit | None, FourierFit | None] | None = None
+    series: tuple[tuple[FourierFit | None, FourierFit | None], ...] = ()
 
     @property
     def motions(self) -> Iterator[Motion]:
@@ -224,11 +224,11 @@ def _require_traces(equations: Equations) -> None:
 
 def _covariance(identifier: Identifier, derived: Sequence[Derived]) -> Array | None:
     """Return the covariance where derivatives come from series; None where the blocks tell all of it."""
-    series = [(next(d.motions), *d.series) for d in derived if d.series is not None]
+    series = [(motion, *pair) for d in derived if d.series for motion, pair in zip(d.motions, d.series, strict=True)]
     if not series:
         return None
     fit, equations = identifier.fit(), identifier.equations
-    known = fit.white_covariance if len(series) == len(derived) else fit.covariance
+    known = fit.white_covariance if all(d.series for d in derived) else fit.covariance
     return known + sum(series_covariance(equations, fit, *each) for each in series)
 
 
@@ -282,14 +282,22 @@ def identifier_of(robot: Robot, model: str = "mod3", effects: Sequence[Active] =
 
 
 def _by_series(grids: list[Grid], period: float | None) -> Derived:
-    grid = max(grids, key=len)
-    noise = [
-        None if x is None else estimate_noise(x, dx, grid.rate).position_std
-        for x, dx in ((grid.q, grid.dq), (grid.theta, grid.dtheta))
-    ]
-    motion, link, motor = fourier_motion(grid, noise[0], noise[1], period)
-    what = "Fourier series" if len(grids) == 1 else f"Fourier series of the longest of {len(grids)} pieces"
-    return Derived((lambda: motion,), what, (link, motor))
+    """Fit series to every piece in which the motion repeats, each its own: a motion may begin anew after a gap."""
+    longest = max(grids, key=len)
+    link_std, motor_std = (
+        None if x is None else estimate_noise(x, dx, longest.rate).position_std
+        for x, dx in ((longest.q, longest.dq), (longest.theta, longest.dtheta))
+    )
+    period = period_of(longest) if period is None else period
+    used = [grid for grid in grids if grid is longest or repeats(grid, period)]
+    fitted = [fourier_motion(grid, link_std, motor_std, period) for grid in used]
+    what = "Fourier series" if len(used) == len(grids) else f"Fourier series of {len(used)} of {len(grids)} pieces"
+    pieces = tuple(partial(_same, motion) for motion, _, _ in fitted)
+    return Derived(pieces, what, tuple((link, motor) for _, link, motor in fitted))
+
+
+def _same(motion: Motion) -> Motion:
+    return motion
 
 
 def _width(samples: Samples) -> int:
