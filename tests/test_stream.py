@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from functools import cache
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -12,7 +13,8 @@ from hypothesis import strategies as st
 from scipy.interpolate import CubicSpline
 
 from elastic_arm.dynamics import Model, build_model
-from elastic_arm.identification import Identifier
+from elastic_arm.errors import IdentificationError
+from elastic_arm.identification import Identifier, identifier_of, parse_laws
 from elastic_arm.identification.derivatives import Smoother
 from elastic_arm.identification.grid import part
 from elastic_arm.identification.least_squares import Fit
@@ -71,3 +73,38 @@ def test_any_cut_of_the_samples_gives_the_result_of_the_batch(kind: str, mode: s
     assert np.abs((found.Psi - expected.Psi) / expected.std).max() < 1e-6
     assert found.std == pytest.approx(expected.std, rel=1e-5)
     assert stream.liveliness.seconds == pytest.approx(whole.liveliness.seconds)
+
+
+def test_saved_sums_are_taken_up_where_they_were_left(tmp_path: Path) -> None:
+    """A stream that is saved at a gap and loaded elsewhere ends with the estimate of one that went on."""
+    taken = samples("regular")
+    halves = [part(taken, np.flatnonzero(chosen)) for chosen in (taken.t < 4.2, taken.t >= 4.2)]
+    begun, resumed, whole = identifier(), identifier(), identifier()
+    for each in (begun, whole):
+        each.add(halves[0])
+        each.finish()
+    begun.save(tmp_path / "sums.npz")
+    resumed.load(tmp_path / "sums.npz")
+    for each in (resumed, whole):
+        each.add(halves[1])
+        each.finish()
+    assert resumed.progress == whole.progress
+    expected, found = whole.fit(), resumed.fit()
+    assert found.samples == expected.samples
+    assert found.Psi == pytest.approx(expected.Psi, rel=1e-9)
+    assert resumed.smoother.cutoff == begun.smoother.cutoff
+    assert resumed.excitation().reasons == whole.excitation().reasons
+
+
+def test_sums_of_another_model_are_refused_by_name(tmp_path: Path) -> None:
+    """The error names the two models, the laws, or the file that holds no sums at all."""
+    batch("regular")[0].save(tmp_path / "sums.npz")
+    with pytest.raises(IdentificationError, match="sums of model mod3, not mod1"):
+        identifier_of(model().robot, "mod1").load(tmp_path / "sums.npz")
+    with pytest.raises(IdentificationError, match="viscous_friction"):
+        identifier_of(model().robot, "mod3", parse_laws(["viscous_friction"], model().robot)).load(
+            tmp_path / "sums.npz"
+        )
+    (tmp_path / "other.npz").write_text("no sums")
+    with pytest.raises(IdentificationError, match="holds no sums"):
+        identifier().load(tmp_path / "other.npz")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +17,7 @@ from elastic_arm.identification.errors_in_variables import noise_sums
 from elastic_arm.identification.grid import Clock, Grid, Placing, joined, part
 from elastic_arm.identification.least_squares import Blocks, Fit, fit
 from elastic_arm.identification.result import Identification, result_of
+from elastic_arm.identification.saved import Sums, read_sums, recorded_in, write_sums
 from elastic_arm.identification.verdict import Excitation, Liveliness, excitation
 from elastic_arm.recording import Samples
 
@@ -294,6 +296,37 @@ class Identifier:
         """Return what the motion so far can determine; the torques are not looked at."""
         ready = self._ready()
         return excitation(ready.snapshot(), ready.equations, ready.liveliness)
+
+    def save(self, path: str | Path) -> None:
+        """Write the sums of all samples so far to an npz file, from which :meth:`load` goes on.
+
+        Samples that still wait for the smoother's window are not part of them, as at a gap.
+
+        Raises
+        ------
+        IdentificationError
+            Before the first samples, or if the file cannot be written.
+        """
+        ready = self._ready()
+        known = Sums(self._recorded, ready.snapshot(), ready.liveliness, vars(self.progress), self.smoother, self.clock)
+        write_sums(path, ready.equations, known)
+
+    def load(self, path: str | Path) -> None:
+        """Go on from sums that :meth:`save` wrote, in place of all samples so far; later samples start a new piece.
+
+        Raises
+        ------
+        IdentificationError
+            If the file holds no sums, or those of another arm or model.
+        """
+        recorded = recorded_in(path)
+        accumulator = Accumulator(Equations(self.model, sorted(recorded), self.columns, self.joints))
+        known = read_sums(path, accumulator.equations)
+        self.reset()
+        accumulator.blocks, accumulator.liveliness = known.blocks, known.liveliness
+        self.accumulator, self._recorded = accumulator, recorded
+        self.smoother, self.clock = known.smoother, known.clock
+        self.progress = Progress(**known.progress)
 
     def _ready(self) -> Accumulator:
         if self.accumulator is None:

@@ -1,0 +1,154 @@
+"""The sums of a stream on disk: an npz file of plain arrays, and a header in JSON that says whose they are."""
+
+from __future__ import annotations
+
+import json
+import zipfile
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from elastic_arm.errors import IdentificationError
+from elastic_arm.identification.derivatives import Smoother
+from elastic_arm.identification.equations import Equations
+from elastic_arm.identification.grid import Clock
+from elastic_arm.identification.least_squares import Blocks
+from elastic_arm.identification.noise import SideNoise
+from elastic_arm.identification.verdict import Liveliness
+
+Array = NDArray[np.float64]
+SCHEMA = "elastic_arm/identifier/1"
+
+
+class Sums(NamedTuple):
+    """What a stream knows.
+
+    Parameters
+    ----------
+    recorded
+        Names of the channels.
+    blocks, liveliness
+        The sums.
+    progress
+        Counts of samples, by name.
+    smoother, clock
+        What the samples went through; None where motion was handed in.
+    """
+
+    recorded: frozenset[str]
+    blocks: Blocks
+    liveliness: Liveliness
+    progress: dict[str, int]
+    smoother: Smoother | None
+    clock: Clock | None
+
+
+def write_sums(path: str | Path, equations: Equations, sums: Sums) -> None:
+    """Write sums to an npz file.
+
+    Raises
+    ------
+    IdentificationError
+        If the file cannot be written.
+    """
+    blocks = sums.blocks
+    head = {
+        "schema": SCHEMA,
+        **_identity(equations),
+        "recorded": sorted(sums.recorded),
+        "span": blocks.span,
+        "counts": blocks.counts,
+        "progress": sums.progress,
+        "liveliness": _plain(asdict(sums.liveliness)),
+        "smoother": None if sums.smoother is None else _plain(asdict(sums.smoother)),
+        "clock": None if sums.clock is None else asdict(sums.clock),
+    }
+    hi, lo = (np.array([gram[k] for gram in blocks.grams]) for k in (0, 1))
+    try:
+        with Path(path).open("wb") as file:
+            np.savez(file, head=np.array(json.dumps(head)), hi=hi, lo=lo, known_noise=np.array(blocks.known_noise))
+    except OSError as error:
+        raise IdentificationError(f"{path} cannot be written: {error.strerror}", "Choose another folder.") from None
+
+
+def recorded_in(path: str | Path) -> frozenset[str]:
+    """Return the channels of the samples whose sums were saved; see :func:`read_sums` for errors."""
+    return frozenset(_read(path)[0]["recorded"])
+
+
+def read_sums(path: str | Path, equations: Equations) -> Sums:
+    """Read sums of the same equations.
+
+    Raises
+    ------
+    IdentificationError
+        If the file holds no sums, or those of other equations: another arm, model, or laws.
+    """
+    head, arrays = _read(path)
+    for what, own in _identity(equations).items():
+        if head[what] != own:
+            saved, wanted = (v if isinstance(v, str) else ", ".join(v) or "none" for v in (head[what], own))
+            raise IdentificationError(
+                f"{path} holds sums of {what.replace('_', ' ')} {saved}, not {wanted}",
+                "Load them into an identifier of the same arm, model and laws.",
+            )
+    blocks = Blocks(len(equations.groups), len(equations.base) + 1, span=head["span"])
+    blocks.grams = list(zip(arrays["hi"], arrays["lo"], strict=True))
+    blocks.known_noise = list(arrays["known_noise"])
+    blocks.counts = head["counts"]
+    blocks.close()
+    smoother, clock, lively = head["smoother"], head["clock"], head["liveliness"]
+    return Sums(
+        frozenset(head["recorded"]),
+        blocks,
+        Liveliness(**{name: _array(value) for name, value in lively.items()}),
+        head["progress"],
+        None if smoother is None else _smoother(smoother),
+        None if clock is None else Clock(**clock),
+    )
+
+
+def _identity(equations: Equations) -> dict[str, Any]:
+    """Return what must agree: then the base parameters do, too, up to the numbers of the description."""
+    return {
+        "robot": equations.model.robot.name,
+        "model": equations.model.name,
+        "joints": list(equations.joints),
+        "laws": [column.name for column in equations.columns],
+        "equations": list(equations.sides),
+        "base_parameters": list(equations.base.names),
+    }
+
+
+def _read(path: str | Path) -> tuple[dict[str, Any], dict[str, Array]]:
+    try:
+        with np.load(path, allow_pickle=False) as file:
+            head = json.loads(str(file["head"]))
+            arrays = {name: file[name] for name in ("hi", "lo", "known_noise")}
+    except (OSError, ValueError, KeyError, zipfile.BadZipFile) as error:
+        raise IdentificationError(f"{path} holds no sums of an identifier: {error}", "Give a file it saved.") from None
+    if head.get("schema") != SCHEMA:
+        raise IdentificationError(f"{path} holds no sums of an identifier", f"Its schema must be {SCHEMA}.")
+    return head, arrays
+
+
+def _smoother(saved: dict[str, Any]) -> Smoother:
+    kept: dict[str, Any] = {name: _array(value) for name, value in saved.items()}
+    for side in ("link_noise", "motor_noise"):
+        if kept[side] is not None:
+            kept[side] = SideNoise(**{name: _array(value) for name, value in kept[side].items()})
+    return Smoother(**kept)
+
+
+def _plain(value: Any) -> Any:
+    """Return it for JSON, which keeps every digit; Python writes and reads infinity."""
+    if isinstance(value, dict):
+        return {name: _plain(entry) for name, entry in value.items()}
+    return value.tolist() if isinstance(value, np.ndarray) else value
+
+
+def _array(value: Any) -> Any:
+    return np.array(value, dtype=float) if isinstance(value, list) else value
