@@ -13,7 +13,7 @@ from typing import Any
 from elastic_arm.errors import ElasticArmError, GraphError
 
 # How much lower the priority is: what a busy machine lacks is taken from here first.
-NICE = 10
+NICE = 5
 # How long a process that is asked to end may take, seconds.
 PATIENCE = 1.0
 

@@ -169,7 +169,8 @@ class IdentifierNode(ArmNode):
             result.to_json(file)
         except OSError as error:
             raise IdentificationError(f"{file} cannot be written: {error.strerror}", "Choose another folder.") from None
-        return f"estimate of {result.samples} samples written to {file}"
+        received = self._identifier.progress.received  # the smoother keeps some at both ends of every piece
+        return f"estimate of {result.samples} samples, of {received} received, written to {file}"
 
     def _report(self) -> None:
         progress, losses = self._identifier.progress, self._collector.losses

@@ -19,7 +19,7 @@ class Pace:
         Longest delay to catch up on, real seconds.
     """
 
-    def __init__(self, rate: float, factor: float = 1.0, patience: float = 2.0) -> None:
+    def __init__(self, rate: float, factor: float = 1.0, patience: float = 0.5) -> None:
         self.rate, self.patience = rate, patience
         self.slipped = 0.0
         self._interval = 1.0 / (rate * factor)

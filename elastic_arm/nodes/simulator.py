@@ -38,6 +38,12 @@ CLOCK_PERIOD = 0.01
 STREAM_PATIENCE = 5.0
 # The clock that waits says its time again after so long, real seconds: whoever missed it would wait as well.
 REMINDER = 0.05
+# In real time, how much of what was missed is caught up on, seconds: a busy machine should leave no holes.
+CATCH_UP = 10.0
+# With a clock of its own there is nothing to catch up with: a short delay is made good, or the pace would suffer.
+MAKE_GOOD = 0.5
+# Behind the time of day by more, seconds, is worth a word.
+BEHIND = 0.2
 # Nobody notices a pace that is off by less.
 PACE_TOLERANCE = 0.02
 # A simulator this young, seconds, gives up when another turns up: it is the newcomer, or neither is.
@@ -138,7 +144,7 @@ class SimulatorNode(ArmNode):
         self._step = 0 if real_time else 1  # a stamp of zero means no time at all
         self._skipped = self._told = self._starved = 0
         self._reference = ReferenceQueue(self._start, self._origin_ns, self._step_ns)
-        self._pace = Pace(self._arm.rate, self._factor)
+        self._pace = Pace(self._arm.rate, self._factor, CATCH_UP if real_time else MAKE_GOOD)
         self._pace.wait(time.monotonic())
 
     def tick(self) -> float:
@@ -252,6 +258,9 @@ class SimulatorNode(ArmNode):
         problems = [f"{name} publishes {topics.MOTOR_STATES} too: stop one of the two" for name in others]
         if pace < 1.0 - PACE_TOLERANCE:
             problems.append(f"holds {100 * pace:.0f} % of the rate asked for")
+        behind = max(-self._pace.wait(now), 0.0)
+        if behind > BEHIND:
+            problems.append(f"samples come {behind:.3g} s after their time, as the machine is busy")
         if self._skipped > self._told:
             problems.append(f"{self._skipped - self._told} samples skipped, as the process was held up")
             self._told = self._skipped
@@ -264,6 +273,7 @@ class SimulatorNode(ArmNode):
             problems.append(f"the reference came late: it is followed {delay:.3g} s behind its stamps")
         figures = {
             "rate, Hz": pace * self._arm.rate * self._factor,
+            "behind the clock, s": behind,
             "samples skipped": self._skipped,
             "behind the reference, s": delay,
             "reference points too late": reference.late,

@@ -25,8 +25,8 @@ from elastic_arm.recording import topics
 
 # The first points go out so long before their time: what arrives late is followed late.
 HEAD_START_NS = NANOSECONDS
-# Clocks further apart than this, seconds, are two clocks.
-LARGEST_OFFSET = 5.0
+# Clocks further apart than this, seconds, are two clocks; an arm may be late with its samples, but not that late.
+LARGEST_OFFSET = 15.0
 # With two clocks there is nothing to wait for but a mistake to mend, or /clock that has not been heard yet: seconds.
 CLOCK_PATIENCE = 10.0
 # The arm has this long, seconds, to find the generator that has found it; and this long where the arm's states and the

@@ -26,6 +26,6 @@ TYPES = {
 
 # A late subscriber still gets the last message of these.
 LATCHED = frozenset({ROBOT_DESCRIPTION})
-# Messages that may pile up on the others: after the machine was busy a simulator catches up on two seconds at once,
+# Messages that may pile up on the others: after the machine was busy a simulator catches up,
 # and a subscriber may be writing to a disk, or making an estimate.
 STREAM_DEPTH = 5000
