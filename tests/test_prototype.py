@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -134,11 +135,15 @@ def test_link_angles_are_converted_exactly_with_their_rates() -> None:
         np.testing.assert_allclose(ours, theirs, atol=1e-12)
 
 
-def test_too_large_a_step_is_refused_and_a_stable_one_is_known(robot: Robot) -> None:
-    """A step beyond the bushing's reach is a clear error; the step that the prototype proposes works."""
+def test_too_large_a_step_is_refused_and_a_stable_one_is_known(
+    robot: Robot, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A step beyond the bushing's reach is a clear error and leaves no file; the step that is proposed works."""
+    monkeypatch.chdir(tmp_path)
     prototype = Prototype(robot)
     with pytest.raises(SimulationError, match="smaller step"), np.errstate(all="ignore"):
         prototype.follow(short_ramp(POSE), step=1e-3)
+    assert not list(tmp_path.iterdir())
     run = prototype.follow(short_ramp(POSE), step=prototype.stable_step())
     assert np.isfinite(run.tau_m).all()
 

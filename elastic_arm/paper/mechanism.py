@@ -35,6 +35,9 @@ def engine() -> ModuleType:
             "the virtual prototype needs the physics engine MuJoCo, which is not installed",
             "Install it with: pip install 'elastic_arm[paper]'",
         ) from error
+    # Its own habit is to append warnings to a file MUJOCO_LOG.TXT wherever the user works; a motion that blows up is
+    # found by what calls it, and said in an error.
+    mujoco.set_mju_user_warning(lambda words: None)
     return mujoco
 
 
