@@ -26,6 +26,7 @@ from elastic_arm.gap.regimes import regime, shares
 from elastic_arm.gap.residuals import Layout
 from elastic_arm.gap.result import Alternative, Cause, Diagnosis, Place, Size
 from elastic_arm.gap.split import independent, split
+from elastic_arm.gap.usable import needs_motion, standing, usable
 from elastic_arm.gap.words import separated_by
 from elastic_arm.recording import Recording
 from elastic_arm.robot import Robot
@@ -83,7 +84,7 @@ def diagnose(recordings: Sequence[Recording], question: Question, validate: Sequ
         If a recording lacks a joint.
     """
     names = question.robot.joint_names
-    fitted, judging = split([r.select(names) for r in recordings], [r.select(names) for r in validate])
+    fitted, judging = split(*([usable(r.select(names)) for r in part] for part in (recordings, validate)))
     model = build_model(question.robot, question.model)
     seen = [[observe(r) for r in part] for part in (fitted, judging)]
     layout, band = _common(seen[0] + seen[1], model.n, elastic=model.robot.elastic)
@@ -96,11 +97,14 @@ def diagnose(recordings: Sequence[Recording], question: Question, validate: Sequ
         if not evidence.parts:
             raise DiagnosisError(f"too little motion is left to {part} after filtering", "Record longer without gaps")
     equations = ArmEquations(question.robot, question.model)
-    bank = build_bank(identify, judge, features(equations, effects))
+    still = [joint for joint in names if all(joint in standing(r) for r in fitted)]
+    able = [f for f in features(equations, effects) if f.joint not in still or not needs_motion(f)]
+    bank = build_bank(identify, judge, able)
     known = (*robot_effects(question.robot), *question.given)
     given = [_given(bank, equations, active) for active in known if feature_of(active, equations).acts]
     inquiry = _Inquiry(model, bank, given, (tuple(seen[0]), tuple(seen[1])), held_back=not validate)
     notes = list(dict.fromkeys(note for part in seen for o in part for note in o.notes))
+    notes += [f"{joint} stands still: nothing can be said of what its motion would show." for joint in still]
     return inquiry.answer(
         identify=tuple(r.source for r in fitted),
         validate=tuple(r.source for r in judging),

@@ -99,18 +99,21 @@ def predict(material: Material, causes: Sequence[Active], starts: int = STARTS) 
     sides = [s for s, recorded in (("link", first.q), ("motor", first.theta)) if recorded is not None]
     if not material.model.robot.elastic:
         sides = sides[:1]
-    motions = [part.stretch.quiet for part in material.validate.parts]
-    errors = []
-    for acting in (material.known, (*material.known, *causes)):
-        arm = _Arm(material.model, acting, 1.0 / max(o.rate for o in material.seen[1]))
-        found = [arm.errors(motion, b) for motion, b in zip(motions, begins, strict=True) if len(b)]
-        errors.append({side: _rms([f[side] for f in found]) for side in sides})
-    names = material.model.robot.joint_names
-    before, after = (
-        {(joint, side): tuple(size[side][:, i].tolist()) for i, joint in enumerate(names) for side in sides}
-        for size in errors
-    )
+    before = _sizes(material, material.known, begins, sides)
+    after = _sizes(material, (*material.known, *causes), begins, sides) if causes else before
     return Prediction(HORIZONS, sum(len(b) for b in begins), before, after)
+
+
+def _sizes(
+    material: Material, acting: Sequence[Active], begins: Sequence[NDArray[np.intp]], sides: Sequence[str]
+) -> dict[Place, tuple[float, ...]]:
+    """Return the errors with these effects acting."""
+    motions = [part.stretch.quiet for part in material.validate.parts]
+    arm = _Arm(material.model, acting, 1.0 / max(o.rate for o in material.seen[1]))
+    found = [arm.errors(motion, b) for motion, b in zip(motions, begins, strict=True) if len(b)]
+    names = material.model.robot.joint_names
+    rms = {side: _rms([f[side] for f in found]) for side in sides}
+    return {(joint, side): tuple(rms[side][:, i].tolist()) for i, joint in enumerate(names) for side in sides}
 
 
 def _begins(material: Material, starts: int) -> list[NDArray[np.intp]]:

@@ -44,7 +44,7 @@ def sections(found: Diagnosis) -> list[Section]:
         told += [Section(figures.title(c), _cause(found, c, k, material)) for k, c in enumerate(found.causes[:SHOWN])]
         if found.unexplained:
             told.append(Section("What is not explained", _unexplained(found, material)))
-    told.append(Section("Before and after", _sizes(found, material)))
+    told.append(Section("Before and after" if found.causes else "The residuals", _sizes(found, material)))
     if found.prediction is not None:
         told.append(Section("How far ahead the model sees", _prediction(found)))
     if found.proposal is not None:
@@ -150,14 +150,15 @@ def _unexplained(found: Diagnosis, material: Material) -> list[Block]:
 
 
 def _sizes(found: Diagnosis, material: Material | None) -> list[Block]:
+    shown = {" before": found.before, " after": found.after} if found.causes else {"": found.before}
     rows = [
-        [j, s, found.noise[j, s], found.before.rmse[j, s], found.after.rmse[j, s], found.before.peak[j, s],
-         found.after.peak[j, s]]
+        [j, s, found.noise[j, s], *(size.rmse[j, s] for size in shown.values()),
+         *(size.peak[j, s] for size in shown.values())]
         for j in found.joints
         for s in SIDES
         if (j, s) in found.before.rmse
     ]  # fmt: skip
-    header = ["joint", "side", "noise", "rmse before", "rmse after", "max before", "max after"]
+    header = ["joint", "side", "noise", *(f"rmse{when}" for when in shown), *(f"max{when}" for when in shown)]
     table = Table(header, rows, f"Nm, validation data, 0 to {found.band:g} Hz", 3)
     if material is None:
         return [table]
@@ -174,10 +175,11 @@ def _prediction(found: Diagnosis) -> list[Block]:
         "by the measured motor torque in simulation. The root mean square of predicted minus measured angle tells how "
         "far ahead the model can be trusted."
     )
-    header = ["joint", "angle", *(f"{1e3 * h:g} ms, {w}" for h in prediction.horizons for w in ("before", "after"))]
+    shown = {", before": prediction.before, ", after": prediction.after} if found.causes else {"": prediction.before}
+    header = ["joint", "angle", *(f"{1e3 * h:g} ms{when}" for h in prediction.horizons for when in shown)]
     rows = [
-        [joint, side, *(1e6 * v for pair in zip(values, prediction.after[joint, side], strict=True) for v in pair)]
-        for (joint, side), values in prediction.before.items()
+        [joint, side, *(1e6 * size[joint, side][k] for k in range(len(prediction.horizons)) for size in shown.values())]
+        for joint, side in prediction.before
     ]
     shown = Figure(figures.horizons(prediction, found.joints))
     return [Text(text), shown, Table(header, rows, "Prediction error, µrad", 2)]

@@ -44,8 +44,12 @@ def title(cause: Cause) -> str:
 def gap_map(found: Diagnosis) -> MplFigure:
     """Draw joints by sides, before and after: residual over its noise."""
     with style():
-        figure, axes = new_figure(1, 2, size=(9.0, 1.3 + 0.5 * len(found.joints)))
-        for ax, size, name in zip(axes[0], (found.before, found.after), ("before", "after"), strict=True):
+        shown = {"the model as it is": found.before}
+        if found.causes:
+            shown["with the causes added"] = found.after
+        size_of_map = (0.6 + 4.2 * len(shown), 1.3 + 0.5 * len(found.joints))
+        figure, axes = new_figure(1, len(shown), size=size_of_map)
+        for ax, (name, size) in zip(axes[0], shown.items(), strict=True):
             ratio = np.array(
                 [[_ratio(size.rmse.get((j, s)), found.noise.get((j, s))) for s in SIDES] for j in found.joints]
             )
@@ -58,8 +62,7 @@ def gap_map(found: Diagnosis) -> MplFigure:
                 ax.text(column, row, label, ha="center", va="center", fontsize=8, color=colour)
             ax.set_xticks(range(len(SIDES)), [f"{s} side" for s in SIDES])
             ax.set_yticks(range(len(found.joints)), found.joints)
-            words = {"before": "the model as it is", "after": "with the causes added"}
-            ax.set_title(words[name], loc="left")
+            ax.set_title(name, loc="left")
             ax.grid(False)
             ax.tick_params(length=0)
     return figure
@@ -192,12 +195,13 @@ def horizons(prediction: Prediction, joints: Sequence[str]) -> MplFigure:
     """Draw prediction errors over the horizon, a joint a panel."""
     before, after = prediction.before or {}, prediction.after or {}
     ms = 1e3 * np.array(prediction.horizons)
+    drawn = [(before, BEFORE, 2.6, "before"), (after, AFTER, 1.0, "after")][: 1 if after == before else 2]
     with style():
         figure, axes = new_figure(1, len(joints), size=(max(4.5, min(3.2 * len(joints), 12.0)), 2.9), sharey=True)
         label_joints(axes[0], joints)
         for ax, joint in zip(axes[0], joints, strict=True):
             for side, dash in (("motor", "-"), ("link", "--")):
-                for size, colour, width, word in ((before, BEFORE, 2.6, "before"), (after, AFTER, 1.0, "after")):
+                for size, colour, width, word in drawn:
                     if (joint, side) in size:
                         values = 1e6 * np.array(size[joint, side])
                         style_of = {"marker": "o", "ms": 2.5 * width**0.5, "color": colour, "lw": width}
