@@ -293,6 +293,19 @@ def test_an_overlay_makes_a_urdf_arm_elastic(tmp_path: Path) -> None:
     assert load_robot(tmp_path / "saved.yaml").to_dict() == robot.to_dict()
 
 
+def test_the_documented_overlay_loads(tmp_path: Path) -> None:
+    """The example of docs/robots.md is an overlay that loads, on a URDF with joints of its names."""
+    text = (Path(__file__).parents[1] / "docs" / "robots.md").read_text()
+    (tmp_path / "overlay.yaml").write_text(text.split("```yaml\n")[1].split("```")[0])
+    urdf = two_joints().replace('"one"', '"shoulder"').replace('"two"', '"elbow"').replace('"a"', '"upper_arm"')
+    (tmp_path / "arm.urdf").write_text(urdf)
+    robot = load_robot(tmp_path / "overlay.yaml")
+    assert robot.joint_names == ("shoulder", "elbow")
+    assert [joint.transmission.r_tot for joint in robot.joints] == [100.0, 100.0]
+    assert robot.joints[1].limits.torque == 60.0
+    assert robot.torque_noise_std == 0.1
+
+
 @pytest.mark.parametrize(
     ("content", "problem"),
     [
