@@ -108,16 +108,17 @@ def replay(
     bag: BagPath,
     rate: Annotated[float, typer.Option(min=0.01, help="Times the speed of the recording.")] = 1.0,
     loop: Annotated[bool, typer.Option("--loop", help="Begin again at the end, until Ctrl-C.")] = False,
+    wait: Annotated[bool, typer.Option("--wait/--no-wait", help="Begin when somebody listens, or at once.")] = True,
 ) -> None:
     """Publish a bag into the ROS 2 graph, with /clock; the same as `ros2 run elastic_arm replayer`.
 
     Example: elastic-arm bag replay bags/excitation --rate 2
     """
     require_ros()
-    parameters = [f"bag:={bag}", f"rate:={rate}", f"loop:={str(loop).lower()}"]
+    parameters = [f"bag:={bag}", f"rate:={rate}", f"loop:={str(loop).lower()}", f"wait:={str(wait).lower()}"]
     arguments = [word for parameter in parameters for word in ("-p", parameter)]
     # The process becomes the node: Ctrl-C and exit code are the node's own.
-    os.execv(sys.executable, [sys.executable, "-m", "elastic_arm.nodes.replayer", "--ros-args", *arguments])
+    os.execv(sys.executable, [sys.executable, "-m", "elastic_arm.nodes.entry", "replayer", "--ros-args", *arguments])
 
 
 def _repaired(mended: Repair | None, after: Report | None) -> dict[str, Any] | None:

@@ -1,4 +1,4 @@
-"""The console scripts of the nodes: `ros2 run elastic_arm simulator` and its like.
+"""The console scripts of the nodes: `ros2 run elastic_arm simulator`, or `python -m` this module and a name.
 
 A module apart, without imports of weight: a node's own libraries take a second or two to load, and a Ctrl-C in that
 time should end the process as quietly as one later on.
@@ -9,6 +9,7 @@ from __future__ import annotations
 import importlib
 import os
 import signal
+import sys
 
 
 def _start(node: str) -> None:
@@ -45,3 +46,7 @@ def recorder() -> None:
 def replayer() -> None:
     """Start the replayer."""
     _start("replayer")
+
+
+if __name__ == "__main__":
+    _start(sys.argv.pop(1))

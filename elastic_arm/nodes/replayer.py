@@ -142,6 +142,8 @@ class Replayer(ArmNode):
 
     def _report(self) -> None:
         problems = [] if self._listened() else ["nobody listens"]
+        if problems and self._began is None:
+            problems = ["nobody listens: waiting for a subscriber (with wait:=false, the bag is played to nobody)"]
         self._health.report(problems, "playing", {"messages": self._sent, "rate": self._rate, "rounds": self._rounds})
 
 
