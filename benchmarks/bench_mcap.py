@@ -127,8 +127,7 @@ def main() -> None:
     cases = [(options.messages, 3, compression) for compression in COMPRESSIONS]
     cases += [
         (options.messages // 10, 3, "zstd"),
-        (options.messages // 4, 7, "zstd"),
-        (options.messages // 4, 12, "zstd"),
+        *((options.messages // 4, n, "zstd") for n in (6, 7, 12)),
     ]
     rows = []
     with tempfile.TemporaryDirectory() as root:

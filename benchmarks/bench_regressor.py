@@ -1,7 +1,9 @@
 """Regressor over arrays of samples: ratios against peers, in one run. ``python -m benchmarks.bench_regressor``.
 
 Peers: Pinocchio's ``computeJointTorqueRegressor`` on the full tree, projected by G onto the same base columns, in a
-Python loop; filling the same bytes; the numpy fallback. Then first and later use of a cache, and growth with N and n.
+Python loop; filling the same bytes, in memory fresh from the system and in memory used before; the numpy fallback.
+Results go to fresh memory, or to an array given (`out`). Then first and later use of a cache. It grows with N from line
+to line, with n from table to table.
 """
 
 from __future__ import annotations
@@ -87,7 +89,9 @@ def compare(title: str, robot: Robot, bearings: bool, counts: tuple[int, ...], r
     kernel = compiled.kernel("regressor", columns)
     nonzero, operations = len(kernel.program.outputs[0].values), len(kernel.program)
     print(f"\n{title}: dof {compiled.dof}, base columns {len(columns)}, not null {nonzero}, operations {operations}")
-    print("        N  samples/s  x Pinocchio  x fill (fresh, warm)  numpy x Pinocchio  fused x Pinocchio")
+    print(f"{'':20} times the Pinocchio loop's rate {'':17} times the time to fill")
+    heads = ("fresh", "reused", "numpy", "reused", "fused", "fresh", "reused")
+    print("        N  samples/s", *(f"{head:>9}" for head in heads))
     for count in counts:
         measure(compiled, fallback, loop, columns, samples(compiled, count, rng))
 
@@ -105,17 +109,16 @@ def measure(
             "fresh": lambda: np.empty_like(memory).fill(1.0),
             "warm": lambda: memory.fill(1.0),
             "ours": lambda: compiled.regressor(x, dx, ddx, columns),
+            "ours, reused": lambda: compiled.regressor(x, dx, ddx, columns, out=memory),
             "numpy": lambda: fallback.regressor(x, dx, ddx, columns),
+            "numpy, reused": lambda: fallback.regressor(x, dx, ddx, columns, out=memory),
             "fused": lambda: compiled.information(x, dx, ddx, x, columns),
         }
     )
     peer = times["loop"] * count / min(count, LOOP_SAMPLES)
-    faster = {name: float(np.median(peer / times[name])) for name in ("ours", "numpy", "fused")}
-    fresh, warm = (float(np.median(times["ours"] / times[name])) for name in ("fresh", "warm"))
-    print(
-        f"{count:9d} {count / np.median(times['ours']):10.3g} {faster['ours']:12.0f} {fresh:15.2f} {warm:5.2f}"
-        f" {faster['numpy']:18.1f} {faster['fused']:18.0f}"
-    )
+    faster = [np.median(peer / times[name]) for name in ("ours", "ours, reused", "numpy", "numpy, reused", "fused")]
+    fills = [np.median(times[a] / times[b]) for a, b in (("ours", "fresh"), ("ours, reused", "warm"))]
+    print(f"{count:9d} {count / np.median(times['ours']):10.3g}", *(f"{value:9.4g}" for value in [*faster, *fills]))
 
 
 def first_and_later_use() -> None:
@@ -155,7 +158,7 @@ def main() -> None:
     nominal = load_robot()
     compare("nominal arm, bearings locked", nominal, False, (100, 1000, 10_000, 100_000), rng)
     compare("nominal arm with bearings", nominal, True, (1000, 10_000, 40_000), rng)
-    for n in (6, 7, 12):
+    for n in (3, 6, 7, 12):
         compare(f"random arm, n = {n}", random_arm(n, np.random.default_rng(n)), False, (10_000,), rng)
     first_and_later_use()
 

@@ -152,10 +152,18 @@ def main() -> None:
     print()
     for name, rate in zip(jobs, rates(*jobs.values()), strict=True):
         print(f"{name:27} {rate:10.3g} steps/s")
+    print("\ngrowth with N: steps/s of " + ", ".join(f"{rate:.3g} ({count} steps)" for count, rate in by_length(arm)))
     print(f"\n{'n':>3} {'steps/s':>10} {'first use, s':>13} {'new process, s':>15} {'same process, s':>16}")
     for n in (3, 6, 7, 12):
         (rate,) = rates(ours(random_arm(n, np.random.default_rng(n)), samples=500))
         print(f"{n:3d} {rate:10.3g} {{:13.2f}} {{:15.3f}} {{:16.3f}}".format(*uses(n)))
+
+
+def by_length(robot: Robot) -> list[tuple[int, float]]:
+    """Steps/s of calls of a hundred to twenty thousand samples, ten steps each."""
+    lengths = (100, 2000, 20_000)
+    found = rates(*(ours(robot, samples=samples) for samples in lengths))
+    return [(10 * samples, rate) for samples, rate in zip(lengths, found, strict=True)]
 
 
 def uses(n: int) -> tuple[float, float, float]:

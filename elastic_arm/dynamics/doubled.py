@@ -39,13 +39,6 @@ def divide(a: Pair, b: Pair) -> Pair:
     return _renormalised(first, rest / b[0])
 
 
-def square_root(a: Pair) -> Pair:
-    """Return the root of positive numbers."""
-    root = np.sqrt(a[0])
-    product, error = _exact_product(root, root)
-    return _renormalised(root, ((a[0] - product) - error + a[1]) / (2.0 * root))
-
-
 def cholesky(gram: Pair) -> Array:
     """Return the triangular factor R with R'R = hi + lo, rounded to working precision.
 
@@ -63,17 +56,12 @@ def cholesky(gram: Pair) -> Array:
     size = np.einsum("...ii->...i", hi).copy()
     R = np.zeros_like(hi)
     for i in range(k):
-        pivot = hi[..., i, i], lo[..., i, i]
-        real = pivot[0] > NOTHING * size[..., i]
-        safe = np.where(real, pivot[0], 1.0), np.where(real, pivot[1], 0.0)
-        root = square_root(safe)
-        row = divide((hi[..., i, i:], lo[..., i, i:]), (root[0][..., None], root[1][..., None]))
-        row = tuple(np.where(real[..., None], part, 0.0) for part in row)  # type: ignore[assignment]
-        R[..., i, i:] = row[0]
-        tail = row[0][..., 1:], row[1][..., 1:]
-        products = multiply(
-            (tail[0][..., :, None], tail[1][..., :, None]), (tail[0][..., None, :], tail[1][..., None, :])
-        )
+        real = hi[..., i, i] > NOTHING * size[..., i]
+        pivot = np.where(real, hi[..., i, i], 1.0)[..., None], np.where(real, lo[..., i, i], 0.0)[..., None]
+        R[..., i, i:] = hi[..., i, i:] * (real[..., None] / np.sqrt(pivot[0]))
+        row = hi[..., i, i + 1 :] * real[..., None], lo[..., i, i + 1 :] * real[..., None]
+        share = divide(row, pivot)
+        products = multiply((share[0][..., None], share[1][..., None]), (row[0][..., None, :], row[1][..., None, :]))
         rest = add((hi[..., i + 1 :, i + 1 :], lo[..., i + 1 :, i + 1 :]), (-products[0], -products[1]))
         hi[..., i + 1 :, i + 1 :], lo[..., i + 1 :, i + 1 :] = rest
     return R

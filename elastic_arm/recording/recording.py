@@ -107,6 +107,8 @@ class Recording:
                 f"{self.source or 'the recording'} has no joint {', '.join(unknown)}; it has {', '.join(self.joints)}",
                 "Use a robot description with these joint names, or give the names in a channel map (--channels).",
             )
+        if tuple(joints) == self.joints:
+            return self
         columns = [self.joints.index(name) for name in joints]
         cut: dict[str, Any] = {
             side_name: Side(side.stamp_ns, **{name: values[:, columns] for name, values in side.channels().items()})
