@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from distributed import LocalCluster
 from typer.testing import CliRunner
 
 from elastic_arm.cli.challenge import challenge_app
@@ -28,6 +29,7 @@ from elastic_arm.gap.challenge.shares import Share, calibration, detection
 from elastic_arm.gap.challenge.sizes import Yardstick, sized
 from elastic_arm.gap.challenge.summary import markdown
 from elastic_arm.gap.challenge.tree import Tree
+from elastic_arm.gap.challenge.workers import Failure, mapped
 from elastic_arm.robot import load_robot
 
 ROBOT = load_robot(None)
@@ -190,6 +192,21 @@ def test_an_effect_out_of_the_catalogue_is_not_named(tmp_path: Path) -> None:
     assert found["items"][0]["named"] == ["torque_ripple"]
     assert "torque_ripple" not in found["withheld_items"][0]["named"]
     assert found["withheld"]["torque_ripple"]["unknown where due"]["trials"] == 1
+
+
+def _half(number: int) -> int:
+    if number % 2:
+        raise ValueError(f"{number} is odd")
+    return number // 2
+
+
+def test_one_failing_job_on_a_cluster_does_not_stop_the_others() -> None:
+    """On a Dask cluster given by its address, every job is answered, the failing one by what went wrong."""
+    with LocalCluster(n_workers=1, threads_per_worker=1, processes=False, dashboard_address=":0") as cluster:
+        outcomes = list(mapped(_half, [2, 3, 8], scheduler=cluster.scheduler_address))
+    failures = [o for o in outcomes if isinstance(o, Failure)]
+    assert sorted(o for o in outcomes if not isinstance(o, Failure)) == [1, 4]
+    assert [f.job for f in failures] == [3] and "3 is odd" in failures[0].problem
 
 
 def test_a_challenge_that_is_not_complete_is_not_diagnosed(tmp_path: Path) -> None:
