@@ -111,6 +111,16 @@ def test_where_shows_the_side_that_friction_acts_on(moved: Recording) -> None:
             assert rmse < 1.3 * where.noise[place]
 
 
+def test_where_makes_do_with_the_motor_side(moved: Recording) -> None:
+    """Of an arm with motor encoders and currents alone, the friction shows in the one equation that is left."""
+    window = Window(ROBOT.joint_names)
+    for batch in batches(replace(moved, link=None).samples()):
+        window.add(batch)
+    where = LiveDiagnosis(Question(ROBOT)).where(window.recording(4.0))
+    assert {side for _, side in where.size.rmse} == {"motor"}
+    assert where.size.rmse["joint_2", "motor"] == pytest.approx(6.0, rel=0.2)
+
+
 def test_where_needs_some_motion(moved: Recording) -> None:
     """Too short a stretch, or an arm at rest, is refused in words."""
     live = LiveDiagnosis(Question(ROBOT))

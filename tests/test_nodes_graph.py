@@ -189,6 +189,63 @@ def test_an_arm_faster_than_real_time_is_moved_on_its_own_clock(graph: Graph) ->
     assert not any("broke off" in message.status[0].message for message in status)
 
 
+def held_up(graph: Graph, node: NodeProcess, seconds: float) -> None:
+    """Stop a process, and let it go on after some seconds, as a machine does that is busy with other things."""
+    node.process.send_signal(signal.SIGSTOP)
+    end = time.monotonic() + seconds
+    graph.until(lambda: time.monotonic() > end, "the pause is over")
+    node.process.send_signal(signal.SIGCONT)
+
+
+def reference_and_motion(graph: Graph) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return the recorded reference, and the motor angles at its stamps; and all stamps of the motors."""
+    recording = read_recording(graph.folder / "bag")
+    assert recording.motor is not None
+    assert recording.reference is not None
+    stamp_ns = recording.motor.stamp_ns
+    angles = [np.interp(recording.reference.stamp_ns, stamp_ns, column) for column in recording.motor.position.T]
+    return recording.reference.position, np.stack(angles, axis=1), stamp_ns
+
+
+def test_the_clock_of_the_arm_waits_for_a_generator_that_is_held_up(graph: Graph) -> None:
+    """With /clock a pause of the stream costs real time alone: in the arm's time the motion is run as it was meant."""
+    clock = graph.listen(Clock, "/clock")
+    recorder = graph.start("recorder", bag=graph.folder / "bag")
+    graph.start("simulator", real_time_factor=1.5)
+    generator = graph.start("trajectory_generator", trajectory=excitation(graph.folder, 4.0), use_sim_time=True)
+    graph.until(lambda: "streaming 4.0 s" in generator.output, "the motion is announced")
+    begun = clock[-1].clock.sec
+    graph.until(lambda: clock[-1].clock.sec > begun + 2, "the motion is under way")
+    held_up(graph, generator, 3.0)
+    graph.until(lambda: generator.process.poll() is not None, "the motion ends")
+    assert recorder.stop() == 0
+    reference, followed, stamp_ns = reference_and_motion(graph)
+    assert set(np.diff(stamp_ns)) == {STEP_NS}
+    np.testing.assert_allclose(followed, reference, atol=0.01)
+
+
+def test_an_arm_that_is_held_up_in_real_time_loses_no_sample(graph: Graph) -> None:
+    """After two seconds of standstill the simulator catches up: a sample every millisecond, on the reference."""
+    recorder = graph.start("recorder", bag=graph.folder / "bag")
+    simulator = graph.start("simulator")
+    generator = graph.start("trajectory_generator", trajectory=excitation(graph.folder, 5.0))
+    graph.until(lambda: "streaming 5.0 s" in generator.output, "the motion is announced")
+    end = time.monotonic() + 2.0
+    graph.until(lambda: time.monotonic() > end, "the motion is under way")
+    held_up(graph, simulator, 2.0)
+    graph.until(lambda: generator.process.poll() is not None, "the motion ends")
+    status: list[DiagnosticArray] = graph.listen(DiagnosticArray, "/diagnostics")
+
+    def caught_up() -> bool:
+        return any("simulator" in s.name and s.message == "pace held" for m in status for s in m.status)
+
+    graph.until(caught_up, "the arm has caught up")
+    assert recorder.stop() == 0
+    reference, followed, stamp_ns = reference_and_motion(graph)
+    assert set(np.diff(stamp_ns)) == {STEP_NS}
+    np.testing.assert_allclose(followed, reference, atol=0.01)
+
+
 def test_two_clocks_are_a_mistake(graph: Graph) -> None:
     """A generator on the time of day refuses an arm on a clock of its own, and says what to set."""
     graph.start("simulator", real_time_factor=0.5)

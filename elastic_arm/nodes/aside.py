@@ -6,6 +6,7 @@ import multiprocessing
 import os
 import signal
 from collections.abc import Callable
+from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass
 from multiprocessing.connection import Connection
 from typing import Any
@@ -44,26 +45,19 @@ class Aside:
         self._process = context.Process(target=_serve, args=(theirs, make, args), daemon=True)
         self._process.start()
         theirs.close()
-        self._asked = 0
+        # A process of low priority takes its time to fetch a question, too.
+        self._courier = ThreadPoolExecutor(1)
+        self._answer: Future[Answer] | None = None
 
     @property
     def busy(self) -> bool:
         """Whether an answer is still to come."""
-        return self._asked > 0
+        return self._answer is not None
 
     def ask(self, question: Any) -> None:
-        """Put a question; the answer is there later.
-
-        Raises
-        ------
-        GraphError
-            If the process has died.
-        """
-        try:
-            self._pipe.send(question)
-        except OSError:
-            raise self._death() from None
-        self._asked += 1
+        """Put a question, when none is open; the answer is there later."""
+        assert not self.busy, "one question at a time"
+        self._answer = self._courier.submit(self._exchange, question)
 
     def answer(self) -> Answer | None:
         """Return the answer if it is there; None if it is not.
@@ -73,27 +67,28 @@ class Aside:
         GraphError
             If the process has died.
         """
-        if not self._asked or not self._pipe.poll():
+        if self._answer is None or not self._answer.done():
             return None
+        answered, self._answer = self._answer, None
         try:
-            answer: Answer = self._pipe.recv()
+            return answered.result()
         except (EOFError, OSError):
-            raise self._death() from None
-        self._asked -= 1
-        return answer
+            self._process.join(PATIENCE)
+            raise GraphError(
+                f"the process beside the node ended with code {self._process.exitcode}",
+                "Start the node again; what the process wrote stands above.",
+            ) from None
 
     def close(self) -> None:
         """End the process, whatever it is at."""
-        self._pipe.close()
         self._process.terminate()
         self._process.join(PATIENCE)
+        self._courier.shutdown(wait=False, cancel_futures=True)
 
-    def _death(self) -> GraphError:
-        self._process.join(PATIENCE)
-        return GraphError(
-            f"the process beside the node ended with code {self._process.exitcode}",
-            "Start the node again; what the process wrote stands above.",
-        )
+    def _exchange(self, question: Any) -> Answer:
+        self._pipe.send(question)
+        answer: Answer = self._pipe.recv()
+        return answer
 
 
 def _serve(pipe: Connection, make: Callable[..., Callable[[Any], Any]], args: tuple[Any, ...]) -> None:

@@ -34,7 +34,7 @@ from elastic_arm.simulation import Simulator
 
 # Simulated seconds between two messages on /clock.
 CLOCK_PERIOD = 0.01
-# With a clock of its own, how long the arm waits for a stream that is behind, real seconds.
+# How long the arm waits for a stream that is behind, where it can, real seconds.
 STREAM_PATIENCE = 5.0
 # The clock that waits says its time again after so long, real seconds: whoever missed it would wait as well.
 REMINDER = 0.05
@@ -42,7 +42,7 @@ REMINDER = 0.05
 CATCH_UP = 10.0
 # With a clock of its own there is nothing to catch up with: a short delay is made good, or the pace would suffer.
 MAKE_GOOD = 0.5
-# Behind the time of day by more, seconds, is worth a word.
+# Behind the time of day by more, seconds, is worth a word; and what of the stream is missing is still on its way in.
 BEHIND = 0.2
 # Nobody notices a pace that is off by less.
 PACE_TOLERANCE = 0.02
@@ -189,16 +189,19 @@ class SimulatorNode(ArmNode):
             self._tell_time(stamp)
 
     def _stream_is_behind(self, now: float) -> bool:
-        """Say whether the clock has to stand still until more of the reference arrives; never in real time."""
-        if self._clock_output is None or not self._reference.starving():
+        """Say whether to wait until more of the reference arrives: in real time only while catching up."""
+        if not self._reference.starving():
             self._waited = now
             return False
-        if now - self._waited > STREAM_PATIENCE:
+        own_clock = self._clock_output is not None
+        behind = -self._pace.wait(now)
+        if now - self._waited > STREAM_PATIENCE or not (own_clock or behind > BEHIND):
             return False
-        self._pace.hold(now)
-        if now - self._reminded > REMINDER:
-            self._reminded = now
-            self._tell_time(self._origin_ns + (self._step - 1) * self._step_ns)
+        if own_clock:
+            self._pace.hold(now)
+            if now - self._reminded > REMINDER:
+                self._reminded = now
+                self._tell_time(self._origin_ns + (self._step - 1) * self._step_ns)
         return True
 
     def _tell_time(self, stamp: int) -> None:
