@@ -17,6 +17,8 @@ _PAST_CACHES_BYTES = 1 << 21
 # The C library takes memory this large from the system, which clears it: of zeros, only the others need writing.
 _CLEARED_BYTES = 1 << 25
 _LINE_BYTES = 64
+# What is written past them in one go at least.
+_STREAMED_BYTES = 16
 # How outputs are written, as block.c names it.
 _COPY, _PAST_CACHES, _ONTO_ZEROS = range(3)
 _ARRAY = ctypes.c_void_p
@@ -77,7 +79,7 @@ class CEngine:
 def _way(outputs: Sequence[np.ndarray], fresh: bool) -> int:
     if fresh and all(out.nbytes >= _CLEARED_BYTES for out in outputs):
         return _ONTO_ZEROS
-    aligned = all(out.ctypes.data % _LINE_BYTES == 0 for out in outputs)
+    aligned = all(out.ctypes.data % _STREAMED_BYTES == 0 for out in outputs)
     return _PAST_CACHES if aligned and sum(out.nbytes for out in outputs) > _PAST_CACHES_BYTES else _COPY
 
 

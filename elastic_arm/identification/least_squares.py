@@ -302,5 +302,5 @@ def _covariances(
 
 
 def _white_meat(r: Array, weights: Array, noise: Array, back: Array) -> Array:
-    phi = r[..., :-1] @ back
-    return np.einsum("g,gik,gil->kl", (weights**2 * noise) ** 2, phi, phi)
+    phi = ((weights**2 * noise)[:, None, None] * (r[..., :-1] @ back)).reshape(-1, back.shape[1])
+    return phi.T @ phi

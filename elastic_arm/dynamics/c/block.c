@@ -3,11 +3,13 @@
    spread[], which put an output's values to their places; of the first output, for the information matrices: ROWS,
    LONGEST_ROW, row_first[], after which a row's values follow one another. */
 
-/* Past the caches, without reading the lines first; `to` is 64-byte aligned. */
+/* Past the caches, without reading the lines first; `to` is 16-byte aligned, as all memory of the C library is. */
 static inline void stream(double *to, const double *from, long count) {
 #if defined(__AVX512F__)
-  for (long k = 0; k < count; k += 8) _mm512_stream_pd(to + k, _mm512_load_pd(from + k));
-#elif defined(__x86_64__)
+  for (; (size_t)to % 64 == 0 && count >= 8; count -= 8, to += 8, from += 8)
+    _mm512_stream_pd(to, _mm512_load_pd(from));
+#endif
+#if defined(__x86_64__)
   for (long k = 0; k < count; k += 2) _mm_stream_pd(to + k, _mm_load_pd(from + k));
 #else
   memcpy(to, from, count * sizeof(double));
