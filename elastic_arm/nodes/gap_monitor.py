@@ -67,6 +67,8 @@ class GapMonitorNode(ArmNode):
         self._due = self._diagnosis_due = self._residuals_due = time.monotonic()
         # The question under way: what was asked, the stamp of its last sample, when; None when it no longer matters.
         self._asked: tuple[str, int, float] | None = None
+        self._latest_ns = 0
+        self._last = ""
         self._problem = ""
         self._said = ""
         self._count = 0
@@ -91,26 +93,35 @@ class GapMonitorNode(ArmNode):
         self._aside.close()
 
     def _ask(self, now: float) -> None:
-        """Ask what is due."""
-        if self._window.full and now >= self._diagnosis_due:
-            self._diagnosis_due = now + self._every
-            question = ("diagnosis", self._window.recording())
-        elif self._window.seconds >= STRETCH and now >= self._residuals_due:
-            question = ("where", self._window.recording(STRETCH))
-        else:
+        """Ask what is due, of samples that nobody was asked about yet."""
+        if self._collector.last_ns == self._latest_ns:
             return
-        self._residuals_due = now + self._residuals_every
-        self._asked = (question[0], self._collector.last_ns, now)
+        due = {
+            "diagnosis": self._window.full and now >= self._diagnosis_due,
+            "where": self._window.seconds >= STRETCH and now >= self._residuals_due,
+        }
+        # In turns where both are due: on a busy machine either takes longer than its period.
+        what = next((w for w in sorted(due, key=lambda w: w == self._last) if due[w]), None)
+        if what is None:
+            return
+        if what == "diagnosis":
+            self._diagnosis_due = now + self._every
+        else:
+            self._residuals_due = now + self._residuals_every
+        self._last = what
+        question = (what, self._window.recording(STRETCH if what == "where" else None))
+        self._latest_ns = self._collector.last_ns
+        self._asked = (what, self._latest_ns, now)
         self._aside.ask(question)
 
     def _publish(self, answer: Answer) -> None:
         if self._asked is None:
             return
         what, stamp_ns, began = self._asked
+        self._problem = answer.problem
         if answer.problem:
-            self._problem = answer.problem
-        elif what == "diagnosis":
-            self._problem = ""
+            return
+        if what == "diagnosis":
             self._took = time.monotonic() - began
             self._publish_diagnosis(answer.value, stamp_ns)
         else:
