@@ -181,8 +181,8 @@ def _prediction(found: Diagnosis) -> list[Block]:
         [joint, side, *(1e6 * size[joint, side][k] for k in range(len(prediction.horizons)) for size in shown.values())]
         for joint, side in prediction.before
     ]
-    shown = Figure(figures.horizons(prediction, found.joints))
-    return [Text(text), shown, Table(header, rows, "Prediction error, µrad", 2)]
+    drawing = Figure(figures.horizons(prediction, found.joints))
+    return [Text(text), drawing, Table(header, rows, "Prediction error, µrad", 2)]
 
 
 def _next(found: Diagnosis) -> list[Block]:
