@@ -14,7 +14,7 @@ demo: $(DONE)/packages ## set up, run the live arm, identify it, and open the do
 
 test: lint types unit ## set up, then lint, type check and run all tests
 
-paper: $(DONE)/tests ## reproduce the paper's study into one report
+paper: $(DONE)/packages $(DONE)/tests ## reproduce the paper in one report, runs/paper/report.html
 	@$(RUN) elastic-arm paper --out runs/paper --force
 
 setup: $(DONE)/packages $(DONE)/tests ## set up only
