@@ -89,15 +89,15 @@ _SINGLE = {
 
 def _shares(lines: Sequence[Line], large: Sequence[Line], withheld: Sequence[Line]) -> dict[str, Share]:
     several = {n: [x for x in lines if len(x["truth"]) == n] for n in (2, 3)}
-    clear = {n: [x["effect_right"] for x in several[n] if x["share"] >= CAUSE] for n in several}
-    faint = [x["effect_right"] for n in several for x in several[n] if x["share"] < CAUSE]
+    clear = {n: [x["effect_right"] for x in several[n] if not _faint(x)] for n in several}
+    faint = [x["effect_right"] for n in several for x in several[n] if _faint(x)]
     due = [x["unknown"] for x in withheld if _due(x)]
     return {
         **{question: Share.of([x[key] for x in large]) for question, key in _SINGLE.items()},
         "clean called none": Share.of([x["none"] for x in lines if not x["truth"]]),
         "both right when two act": Share.of(clear[2]),
         "all right when three act": Share.of(clear[3]),
-        "all right, one below 1 % of the gap": Share.of(faint),
+        "all right, one of several faint": Share.of(faint),
         "unknown where due": Share.of(due),
         "intervals cover": Share(sum(x["covered"] for x in large), sum(x["intervals"] for x in large)),
     }
@@ -115,6 +115,11 @@ def _lines(folder: Path, truth: Sequence[dict[str, Any]], *, withheld: bool) -> 
 
 def _of(lines: Sequence[Line], effect: str) -> bool:
     return any(x["truth"] == [effect] for x in lines)
+
+
+def _faint(line: Line) -> bool:
+    """Whether one of several effects is less than a cause, or less than ten bounds."""
+    return line["share"] < CAUSE or line["multiple"] < LOWEST
 
 
 def _due(line: Line) -> bool:
