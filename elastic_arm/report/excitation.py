@@ -10,7 +10,7 @@ from matplotlib.figure import Figure as MplFigure
 from numpy.typing import NDArray
 
 from elastic_arm.excitation import ExcitationResult, FourierTrajectory, LimitUse, MotionLimits, Workspace
-from elastic_arm.report.html import Figure, Section, Table, Text
+from elastic_arm.report.html import Block, Figure, Section, Table, Text
 from elastic_arm.report.style import BLUE, GREEN, GREY, VERMILION, new_figure, style
 from elastic_arm.robot.description import Robot
 from elastic_arm.robot.kinematics import link_points
@@ -39,13 +39,13 @@ def sections(result: ExcitationResult, limits: MotionLimits, robot: Robot, left_
         f"Condition number of the base regressor: {result.condition_after:.3g} optimised, {median:.3g} the median of "
         f"{len(result.random)} random motions within the same limits."
     )
-    reached = [
+    reached: list[Block] = [
         Text(verdict, "good"),
         *(Text(f"No such motion tells this parameter from the others: {name}", "warn") for name in left_out),
         Figure(condition_against_random(result), "Random motions and the optimised one."),
         Figure(search_course(result), "Course of the pattern search."),
     ]
-    motion = [
+    motion: list[Block] = [
         Figure(
             joint_motion(result.trajectory, limits),
             "Line: the motion; dashed: limits; shaded: the periodic section between start and stop.",
@@ -58,7 +58,7 @@ def sections(result: ExcitationResult, limits: MotionLimits, robot: Robot, left_
     return [Section("Result", reached), Section("Motion", motion), Section("Limits", _limits(result.use, limits))]
 
 
-def _limits(use: LimitUse, limits: MotionLimits) -> list[Table | Text]:
+def _limits(use: LimitUse, limits: MotionLimits) -> list[Block]:
     rows = [
         [joint, *(use.share(kind, i) for kind in use.kinds), float(use.peak_torque[i])]
         for i, joint in enumerate(use.joints)
