@@ -27,6 +27,9 @@ Array = NDArray[np.float64]
 TAIL = 1e-11
 # Noise of an acceleration that no arm's motion notices, rad/s²: positions alone serve then.
 NEGLIGIBLE = 1e-3
+# So many samples in a period of the cutoff show what the smoother lets through, all but 1e-4 of its noise.
+SAMPLES_A_PERIOD = 6.0
+MOST_THINNING = 64
 
 
 @dataclass(frozen=True)
@@ -46,6 +49,8 @@ class Motion:
         filter too (a law may jump where the motion does not); None where they are to be evaluated as they stand.
     noise
         Of positions and their derivatives; None where they are taken for exact.
+    every
+        How many samples of the recording each of these stands for.
     """
 
     t: Array
@@ -59,6 +64,7 @@ class Motion:
     tau_m: Array | None = None
     laws: Array | None = None
     noise: StateNoise | None = None
+    every: int = 1
 
     def __len__(self) -> int:
         return len(self.t)
@@ -69,18 +75,18 @@ class Motion:
 
     def channels(self) -> dict[str, Array]:
         """Return what is there for every sample, by name."""
-        kept = {f.name: getattr(self, f.name) for f in fields(self) if f.name != "noise"}
+        kept = {f.name: getattr(self, f.name) for f in fields(self) if f.name not in ("noise", "every")}
         return {name: values for name, values in kept.items() if values is not None}
 
     @staticmethod
     def joined(parts: list[Motion]) -> Motion:
-        """Put parts with the same channels and the same noise one after another."""
+        """Put parts with the same channels, noise and spacing one after another."""
         if len(parts) == 1:
             return parts[0]
         whole: dict[str, Any] = {
             name: np.concatenate([getattr(part, name) for part in parts]) for name in parts[0].channels()
         }
-        return Motion(**whole, noise=parts[0].noise)
+        return Motion(**whole, noise=parts[0].noise, every=parts[0].every)
 
 
 @dataclass(frozen=True)
@@ -129,32 +135,39 @@ class Smoother:
         decay = np.sin(np.pi / (2 * ORDER)) * self.cutoff / self.rate
         return int(np.ceil(-np.log(TAIL) / decay))
 
-    def __call__(self, grid: Grid) -> Motion:
-        """Smooth a regular piece; `lag` samples are lost at each end."""
+    @property
+    def thinning(self) -> int:
+        """Of how many smoothed samples one tells all that they say: a power of two."""
+        share = min(2 * np.pi * self.rate / (SAMPLES_A_PERIOD * self.cutoff), MOST_THINNING)
+        return 2 ** max(0, int(np.log2(share)))
+
+    def __call__(self, grid: Grid, every: int = 1) -> Motion:
+        """Smooth a regular piece, and keep one of `every` samples; `lag` samples are lost at each end."""
         lag = self.lag
         self._require(len(grid))
-        q = self._side(grid.q, grid.dq, self.link_crossover)
-        theta = self._side(grid.theta, grid.dtheta, self.motor_crossover)
+        q = self._side(grid.q, grid.dq, self.link_crossover, every)
+        theta = self._side(grid.theta, grid.dtheta, self.motor_crossover, every)
         return Motion(
-            grid.t[lag:-lag],
+            grid.t[lag:-lag:every],
             q[0],
             q[1],
             q[2],
             theta[0],
             theta[1],
             theta[2],
-            None if grid.tau_J is None else self.filter(instantaneous(grid.tau_J)),
-            None if grid.tau_m is None else self.filter(instantaneous(grid.tau_m)),
+            None if grid.tau_J is None else self.filter(instantaneous(grid.tau_J), every),
+            None if grid.tau_m is None else self.filter(instantaneous(grid.tau_m), every),
             noise=self.noise,
+            every=every,
         )
 
-    def filter(self, values: Array) -> Array:
-        """Pass columns (N, m) through H; `lag` samples are lost at each end."""
+    def filter(self, values: Array, every: int = 1) -> Array:
+        """Pass columns (N, m) through H, and keep one of `every` samples; `lag` samples are lost at each end."""
         self._require(len(values))
         response = _even_taps(self.cutoff / self.rate, self.lag)[None, None]
-        out = np.zeros((len(values) - 2 * self.lag, values.shape[1]))
+        out = np.zeros((-(-(len(values) - 2 * self.lag) // every), values.shape[1]))
         for k in np.flatnonzero(values.any(axis=0)):
-            out[:, k] = convolve([values[:, k]], response)[0]
+            out[:, k] = convolve([values[:, k]], response, every)[0]
         return out
 
     def _require(self, samples: int) -> None:
@@ -165,17 +178,17 @@ class Smoother:
                 "Record longer without gaps.",
             )
 
-    def _side(self, position: Array | None, velocity: Array | None, crossover: Array) -> list[Array | None]:
+    def _side(self, position: Array | None, velocity: Array | None, crossover: Array, every: int) -> list[Array | None]:
         if position is None:
             return [None, None, None]
-        out = np.empty((3, len(position) - 2 * self.lag, position.shape[1]))
+        out = np.empty((3, -(-(len(position) - 2 * self.lag) // every), position.shape[1]))
         for i, w in enumerate(crossover if velocity is not None else np.full_like(crossover, np.inf)):
             middle = position[:, i].mean()
             signals = [position[:, i] - middle]
             taps = self._taps(w)
             if velocity is not None and np.isfinite(w):
                 signals.append(velocity[:, i] / self.rate)
-            out[:, :, i] = convolve(signals, np.stack(taps[: len(signals)], axis=1))
+            out[:, :, i] = convolve(signals, np.stack(taps[: len(signals)], axis=1), every)
             out[0, :, i] += middle
         return [out[0], out[1] * self.rate, out[2] * self.rate**2]
 

@@ -7,24 +7,42 @@ adds to Phi'Phi and draws weak parameters toward zero (errors in variables; W. A
 
 from __future__ import annotations
 
-from dataclasses import replace
+import functools
+from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from elastic_arm.identification.derivatives import Motion
 from elastic_arm.identification.equations import Equations
+from elastic_arm.identification.noise import StateNoise
 
 Array = NDArray[np.float64]
 
-# Motion changes little from one sample to the next: one sample speaks for so many.
-EVERY = 256
-# Steps of the differences, relative to the size of the channel; never below the noise itself.
-STEP = 1e-3
+# Over steps of this size in position, velocity and acceleration (rad, rad/s, rad/s²) a regressor is next to straight,
+# and rounding has no say. Steps are never below the noise itself.
+STEPS = np.array([1e-4, 1e-3, 1e-2])
 _RATES = ("", "d", "dd")
 
 
-def noise_sums(equations: Equations, motion: Motion) -> Array | None:
+@dataclass(frozen=True)
+class _Directions:
+    """Directions that make up the covariance of the states, at most three a joint and side.
+
+    Parameters
+    ----------
+    steps
+        (V,) how many standard deviations the differences reach.
+    offsets
+        Channel -> (1 + 2 V, n): nothing, then a step ahead and one back in each direction.
+    """
+
+    steps: Array
+    offsets: dict[str, Array]
+
+
+def noise_sums(equations: Equations, motion: Motion, every: int) -> Array | None:
     """Return what the noise of `motion` adds on the average to [Phi y]'[Phi y] of all groups.
 
     Parameters
@@ -33,6 +51,8 @@ def noise_sums(equations: Equations, motion: Motion) -> Array | None:
         Whose rows are meant. Laws that were filtered with the motion are taken for exact.
     motion
         A run of samples.
+    every
+        The motion changes little from one sample to the next: one speaks for so many.
 
     Returns
     -------
@@ -43,50 +63,55 @@ def noise_sums(equations: Equations, motion: Motion) -> Array | None:
     To second order E[G(x + e)] - G(x) = 1/2 sum_jk C_jk d²G / dx_j dx_k, G = [Phi y]'[Phi y]; with directions v that
     make up C, 1/2 sum_v d²G/dv².
     """
-    directions = _directions(motion)
-    if not directions:
+    if motion.noise is None:
         return None
-    count = -(-len(motion) // EVERY)
-    middles = np.minimum(np.arange(count) * EVERY + EVERY // 2, len(motion) - 1)
-    share = np.full(count, float(EVERY))
-    share[-1] = len(motion) - (count - 1) * EVERY
-    thin = motion[middles]
-    moved = [thin]
-    for step, changes in directions:
-        moved += [_moved(thin, changes, step), _moved(thin, changes, -step)]
-    rows = equations.rows(Motion.joined(moved))
-    rows = rows.reshape(rows.shape[0], len(moved), count, rows.shape[-1])
+    directions = _directions(motion.noise)
+    if not len(directions.steps):
+        return None
+    count = -(-len(motion) // every)
+    middles = np.minimum(np.arange(count) * every + every // 2, len(motion) - 1)
+    share = np.full(count, float(every))
+    share[-1] = len(motion) - (count - 1) * every
+    rows = equations.rows(_moved(motion[middles], directions))
+    rows = rows.reshape(rows.shape[0], -1, count, rows.shape[-1]) * np.sqrt(share)[:, None]
     middle, ahead, behind = rows[:, :1], rows[:, 1::2], rows[:, 2::2]
-    steps = np.array([step for step, _ in directions])[:, None, None]
-    slope = ((ahead - behind) / (2.0 * steps) * np.sqrt(share)[:, None]).reshape(len(rows), -1, rows.shape[-1])
-    bend = np.sum((ahead + behind - 2.0 * middle) / steps**2, axis=1) * share[:, None]
+    steps = directions.steps[:, None, None]
+    slope = ((ahead - behind) / (2.0 * steps)).reshape(len(rows), -1, rows.shape[-1])
+    bend = np.sum((ahead + behind - 2.0 * middle) / steps**2, axis=1)
     curved = 0.5 * middle[:, 0].transpose(0, 2, 1) @ bend
     return np.asarray(slope.transpose(0, 2, 1) @ slope + curved + curved.transpose(0, 2, 1))
 
 
-def _directions(motion: Motion) -> list[tuple[float, dict[tuple[str, int], float]]]:
-    """Return step lengths and directions, (channel, joint) -> part, that make up the covariance of the states."""
-    if motion.noise is None:
-        return []
-    found = []
-    for side, covariances in (("q", motion.noise.link), ("theta", motion.noise.motor)):
-        if covariances is None:
-            continue
-        sizes = np.stack([np.std(getattr(motion, rate + side), axis=0) for rate in _RATES], axis=1)
-        for joint, covariance in enumerate(covariances):
+@functools.lru_cache(maxsize=8)
+def _directions(noise: StateNoise) -> _Directions:
+    found: list[tuple[str, int, Array, float]] = []
+    for side, covariances in (("q", noise.link), ("theta", noise.motor)):
+        for joint, covariance in enumerate(() if covariances is None else covariances):
             std = np.sqrt(np.diag(covariance))
             if not std.all():
                 continue
             values, vectors = np.linalg.eigh(covariance / np.outer(std, std))
             for direction in (vectors * np.sqrt(np.maximum(values, 0.0))).T * std:
-                share = np.max(np.abs(direction) / np.maximum(sizes[joint], std))
-                parts = {(rate + side, joint): float(part) for rate, part in zip(_RATES, direction, strict=True)}
-                found.append((max(1.0, STEP / share), parts))
-    return found
+                found.append((side, joint, direction, max(1.0, float(1.0 / np.max(np.abs(direction) / STEPS)))))
+    offsets = {
+        rate + side: np.zeros((1 + 2 * len(found), len(covariances)))
+        for side, covariances in (("q", noise.link), ("theta", noise.motor))
+        if covariances is not None
+        for rate in _RATES
+    }
+    for k, (side, joint, direction, step) in enumerate(found):
+        for rate, part in zip(_RATES, direction, strict=True):
+            offsets[rate + side][[1 + 2 * k, 2 + 2 * k], joint] = step * part, -step * part
+    return _Directions(np.array([step for *_, step in found]), offsets)
 
 
-def _moved(motion: Motion, changes: dict[tuple[str, int], float], step: float) -> Motion:
-    values = {channel: getattr(motion, channel).copy() for channel, _ in changes}
-    for (channel, joint), part in changes.items():
-        values[channel][:, joint] += step * part
-    return replace(motion, **values)
+def _moved(thin: Motion, directions: _Directions) -> Motion:
+    """Return the samples as they are, and once for each step."""
+    times = 1 + 2 * len(directions.steps)
+    moved: dict[str, Any] = {}
+    for name, values in thin.channels().items():
+        copies = np.broadcast_to(values, (times, *values.shape))
+        if name in directions.offsets:
+            copies = copies + directions.offsets[name][:, None]
+        moved[name] = copies.reshape(-1, *values.shape[1:])
+    return Motion(**moved)

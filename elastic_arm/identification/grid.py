@@ -258,7 +258,8 @@ def _mode(samples: Samples, k: NDArray[np.int64], rate: float) -> Mode:
     position = samples.q if samples.q is not None else samples.theta
     if position is None:
         raise IdentificationError("no positions were recorded", "Record /joint_states or /motor_states.")
-    deviation = samples.t - np.polyval(np.polyfit(k, samples.t, 1), k)
+    steps = k - k.mean()
+    deviation = samples.t - (steps @ samples.t / (steps @ steps)) * steps
     if np.std(np.diff(deviation)) * rate < NO_JITTER:
         return "regular"
     piece = slice(0, min(len(k), 20000))

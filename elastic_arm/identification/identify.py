@@ -196,7 +196,8 @@ def identify_with(
             derived.append(differentiate(samples, derivatives, period=period, equations=equations))
             for motion in derived[-1].motions:
                 identifier.add_motion(motion)
-        tries.append((float(np.sum(np.log(identifier.fit().noise))), speed, identifier, derived))
+        misfit = float(np.sum(np.log(identifier.fit().noise))) if len(speeds) > 1 else 0.0
+        tries.append((misfit, speed, identifier, derived))
     _, speed, identifier, derived = min(tries, key=lambda each: each[0])
     tell("estimate", 1.0)
     names, methods = tuple(r.source for r in chosen), tuple(d.method for d in derived)

@@ -8,6 +8,7 @@ innovations of the steady-state Kalman filter; the smoother that belongs to the 
 
 from __future__ import annotations
 
+import functools
 from dataclasses import dataclass
 from math import factorial
 
@@ -65,7 +66,7 @@ class SideNoise:
     white_velocity: Array | None
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class StateNoise:
     """What the encoders' noise leaves in a smoothed motion.
 
@@ -223,6 +224,7 @@ def _observation(cutoff: float, ratio: float | None) -> Array:
     return c
 
 
+@functools.lru_cache(maxsize=256)
 def _steady_state(cutoff: float, ratio: float | None) -> tuple[Array, Array, Array]:
     """Return gain K, transition F and innovation covariance for unit position noise.
 

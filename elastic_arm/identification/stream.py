@@ -11,11 +11,11 @@ from numpy.typing import NDArray
 
 from elastic_arm.dynamics import Model
 from elastic_arm.errors import IdentificationError
+from elastic_arm.identification.accumulator import BLOCK, Accumulator
 from elastic_arm.identification.derivatives import Motion, Smoother, design_smoother
 from elastic_arm.identification.equations import Column, Equations
-from elastic_arm.identification.errors_in_variables import noise_sums
 from elastic_arm.identification.grid import Clock, Grid, Placing, joined, part
-from elastic_arm.identification.least_squares import Blocks, Fit, fit
+from elastic_arm.identification.least_squares import Fit, fit
 from elastic_arm.identification.result import Identification, result_of
 from elastic_arm.identification.saved import Sums, read_sums, recorded_in, write_sums
 from elastic_arm.identification.verdict import Excitation, Liveliness, excitation
@@ -23,72 +23,21 @@ from elastic_arm.recording import Samples
 
 Array = NDArray[np.float64]
 
-# Samples of a unit: the shortest block.
-BLOCK = 256
 # The stream listens this long before it chooses its smoother.
 CALIBRATION_SECONDS = 4.0
 SENSED = ("q", "theta", "tau_J", "tau_m")
 
 
-class Accumulator:
-    """Rows of the equations, block by block; the last samples wait until their block is full."""
-
-    def __init__(self, equations: Equations) -> None:
-        self.equations = equations
-        self.blocks = Blocks(len(equations.groups), len(equations.base) + 1)
-        self.liveliness = Liveliness()
-        self._waiting: list[Motion] = []
-
-    def add(self, motion: Motion) -> None:
-        """Add a run of motion; runs need not meet."""
-        self.liveliness.add(motion)
-        if self._waiting and self._waiting[-1].noise is not motion.noise:
-            self._add_waiting()
-        waiting = sum(map(len, self._waiting))
-        if waiting + len(motion) < BLOCK:
-            self._waiting.append(motion)
-            return
-        if waiting:
-            # Only the unit that was begun is put together; the rest is used where it lies.
-            begun = BLOCK - waiting
-            self._add_blocks(Motion.joined([*self._waiting, motion[:begun]]))
-            motion = motion[begun:]
-        whole = len(motion) // BLOCK * BLOCK
-        self._add_blocks(motion[:whole])
-        self._waiting = [motion[whole:]] if whole < len(motion) else []
-
-    def snapshot(self) -> Blocks:
-        """Return the blocks with the samples that wait in them."""
-        blocks = self.blocks.copy()
-        if self._waiting:
-            self._add_to(blocks, Motion.joined(self._waiting), 1)
-        return blocks
-
-    def _add_blocks(self, motion: Motion) -> None:
-        start = 0
-        while start < len(motion):
-            units = min((len(motion) - start) // BLOCK, self.blocks.room)
-            stop = start + units * BLOCK
-            self._add_to(self.blocks, motion[start:stop], units)
-            start = stop
-
-    def _add_waiting(self) -> None:
-        self._add_to(self.blocks, Motion.joined(self._waiting), 1)
-        self._waiting = []
-
-    def _add_to(self, blocks: Blocks, motion: Motion, units: int) -> None:
-        blocks.add(self.equations.information(motion), len(motion), units, noise_sums(self.equations, motion))
-
-
 def smoothed(smoother: Smoother, grid: Grid, equations: Equations) -> Motion:
     """Smooth a regular piece, with the laws beyond the model passed through the same filter."""
-    motion = smoother(grid)
+    every = smoother.thinning
     if not equations.columns:
-        return motion
+        return smoother(grid, every)
+    motion = smoother(grid)
     laws = equations.laws(motion)
     filtered = smoother.filter(laws.reshape(len(laws), -1))
-    inner = motion[smoother.lag : -smoother.lag]
-    return replace(inner, laws=filtered.reshape(len(filtered), *laws.shape[1:]))
+    inner = replace(motion[smoother.lag : -smoother.lag], laws=filtered.reshape(len(filtered), *laws.shape[1:]))
+    return replace(inner[::every], every=every)
 
 
 @dataclass
@@ -255,7 +204,7 @@ class Identifier:
         """Take motion whose derivatives are known already."""
         self.expect(motion)
         self._ready().add(motion)
-        self.progress.samples += len(motion)
+        self.progress.samples += motion.every * len(motion)
 
     def finish(self) -> None:
         """Work off what still waits, short of the smoother's lag; later samples start a new piece."""
@@ -323,7 +272,7 @@ class Identifier:
         accumulator = Accumulator(Equations(self.model, sorted(recorded), self.columns, self.joints))
         known = read_sums(path, accumulator.equations)
         self.reset()
-        accumulator.blocks, accumulator.liveliness = known.blocks, known.liveliness
+        accumulator.blocks, accumulator.lively = known.blocks, known.liveliness
         self.accumulator, self._recorded = accumulator, recorded
         self.smoother, self.clock = known.smoother, known.clock
         self.progress = Progress(**known.progress)
@@ -363,19 +312,22 @@ class Identifier:
                 piece.run.append(grid)
             if piece.run and (ends or sum(map(len, piece.run)) >= self._window + BLOCK):
                 run = Grid.joined(piece.run)
-                self._smooth(run)
-                piece.run = [run[max(len(run) - self._window, 0) :]]
+                piece.run = [self._smooth(run, ends)]
                 piece.since = float(piece.run[0].t[0])
             if ends:
                 self.progress.pieces += 1
                 piece.run = []
         piece.buffer = None
 
-    def _smooth(self, run: Grid) -> None:
-        if self.smoother is not None and len(run) > self._window:
-            motion = smoothed(self.smoother, run, self.equations)
-            self._ready().add(motion)
-            self.progress.samples += len(motion)
+    def _smooth(self, run: Grid, ends: bool) -> Grid:
+        """Smooth what has a whole window around it; return what the next samples need."""
+        ready = len(run) - self._window
+        if self.smoother is None or ready <= 0:
+            return run
+        if not ends:
+            ready -= ready % self.smoother.thinning
+        self.add_motion(smoothed(self.smoother, run[: ready + self._window], self.equations))
+        return run[ready:]
 
     @property
     def _window(self) -> int:

@@ -74,10 +74,10 @@ class Liveliness:
         dq, ddq = (motion.dq, motion.ddq) if motion.dq is not None else (motion.dtheta, motion.ddtheta)
         if dq is None or ddq is None or not len(motion):
             return
-        self.samples += len(motion)
+        self.samples += motion.every * len(motion)
         self.seconds += float(motion.t[-1] - motion.t[0]) * len(motion) / max(len(motion) - 1, 1)
-        self.speed = self.speed + np.sum(dq**2, axis=0)
-        self.acceleration = self.acceleration + np.sum(ddq**2, axis=0)
+        self.speed = self.speed + motion.every * np.sum(dq**2, axis=0)
+        self.acceleration = self.acceleration + motion.every * np.sum(ddq**2, axis=0)
 
     @property
     def frequency(self) -> float:

@@ -1,0 +1,78 @@
+"""From motion to sums: rows of the equations, block by block."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from elastic_arm.identification.derivatives import Motion
+from elastic_arm.identification.equations import Equations
+from elastic_arm.identification.errors_in_variables import noise_sums
+from elastic_arm.identification.least_squares import Blocks
+from elastic_arm.identification.verdict import Liveliness
+
+# Samples of a unit: the shortest block.
+BLOCK = 256
+
+
+class Accumulator:
+    """Rows of the equations, block by block; the last samples wait until their block is full."""
+
+    def __init__(self, equations: Equations) -> None:
+        self.equations = equations
+        self.blocks = Blocks(len(equations.groups), len(equations.base) + 1)
+        self.lively = Liveliness()
+        self._waiting: list[Motion] = []
+
+    def add(self, motion: Motion) -> None:
+        """Add a run of motion; runs need not meet."""
+        if self._waiting and self._waiting[-1].noise is not motion.noise:
+            self._add_blocks(Motion.joined(self._waiting))
+            self._waiting = []
+        waiting, unit = sum(map(len, self._waiting)), _unit(motion)
+        if waiting + len(motion) < unit:
+            self._waiting.append(motion)
+            return
+        if waiting:
+            # Only the unit that was begun is put together; the rest is used where it lies.
+            begun = unit - waiting
+            self._add_blocks(Motion.joined([*self._waiting, motion[:begun]]))
+            motion = motion[begun:]
+        whole = len(motion) // unit * unit
+        self._add_blocks(motion[:whole])
+        self._waiting = [motion[whole:]] if whole < len(motion) else []
+
+    def snapshot(self) -> Blocks:
+        """Return the blocks with the samples that wait in them."""
+        blocks = self.blocks.copy()
+        if self._waiting:
+            self._add_to(blocks, Motion.joined(self._waiting), 1)
+        return blocks
+
+    @property
+    def liveliness(self) -> Liveliness:
+        """How much the motion moves, with the samples that wait."""
+        lively = replace(self.lively)
+        if self._waiting:
+            lively.add(Motion.joined(self._waiting))
+        return lively
+
+    def _add_blocks(self, motion: Motion) -> None:
+        start, unit = 0, _unit(motion)
+        while start < len(motion):
+            units = max(1, min((len(motion) - start) // unit, self.blocks.room))
+            stop = start + units * unit
+            self.lively.add(motion[start:stop])
+            self._add_to(self.blocks, motion[start:stop], units)
+            start = stop
+
+    def _add_to(self, blocks: Blocks, motion: Motion, units: int) -> None:
+        """Add samples, each as often as it stands for others."""
+        hi, lo = self.equations.information(motion)
+        noise = noise_sums(self.equations, motion, _unit(motion))
+        gram = motion.every * hi, motion.every * lo
+        blocks.add(gram, motion.every * len(motion), units, None if noise is None else motion.every * noise)
+
+
+def _unit(motion: Motion) -> int:
+    """Return the samples of a unit."""
+    return max(1, BLOCK // motion.every)
