@@ -158,7 +158,7 @@ class McapFile:
         if len(self.loose):
             yield self._block(self.buffer, Scan(self.loose, [], len(self.buffer)))
         for chunk, unpacked in zip(self.chunks, self._unpacked_chunks(), strict=True):
-            block = self._scanned(chunk, unpacked) if isinstance(unpacked, np.ndarray) else unpacked
+            block = unpacked if isinstance(unpacked, RecordingError) else self._chunk_block(chunk, unpacked)
             if not isinstance(block, RecordingError):
                 yield block
             elif strict:
@@ -166,13 +166,12 @@ class McapFile:
             else:
                 self.damage.append(block.problem)
 
-    def _unpacked_chunks(self) -> Iterator[Block | Bytes | RecordingError]:
-        """Yield each chunk unpacked, in threads, some chunks ahead of what is asked for.
-
-        That is its messages where its indexes tell them, or its bytes, or why it cannot be unpacked.
-        """
-        workers = min(os.cpu_count() or 1, _MOST_WORKERS)
-        if workers == 1 or len(self.chunks) < 2:
+    def _unpacked_chunks(self) -> Iterator[Bytes | RecordingError]:
+        """Yield the plain bytes of each chunk, or why there are none."""
+        # Unpacking and the checksum are all that is handed over: they do without the interpreter, which many small
+        # steps in two threads would keep taking from each other. A checksum alone is not worth it.
+        workers = min((os.cpu_count() or 1) - 1, _MOST_WORKERS)
+        if workers < 1 or not any(chunk.compression for chunk in self.chunks):
             yield from map(self._unpack, self.chunks)
             return
         with ThreadPoolExecutor(workers) as pool:
@@ -183,16 +182,19 @@ class McapFile:
                 ahead.extend(pool.submit(self._unpack, chunk) for chunk in islice(todo, 1))
                 yield unpacked
 
-    def _unpack(self, chunk: Chunk) -> Block | Bytes | RecordingError:
+    def _unpack(self, chunk: Chunk) -> Bytes | RecordingError:
         try:
             plain = _decompress(self.buffer[chunk.begin : chunk.end], chunk)
         except (RuntimeError, ValueError, zstandard.ZstdError) as error:
             return self._chunk_error(chunk, str(error))
         if len(plain) != chunk.size or (chunk.crc and zlib.crc32(plain.data) != chunk.crc):
             return self._chunk_error(chunk, "its checksum does not match")
-        return _indexed(self.buffer, chunk.indexes, plain) or plain
+        return plain
 
-    def _scanned(self, chunk: Chunk, plain: Bytes) -> Block | RecordingError:
+    def _chunk_block(self, chunk: Chunk, plain: Bytes) -> Block | RecordingError:
+        indexed = _indexed(self.buffer, chunk.indexes, plain)
+        if indexed is not None:
+            return indexed
         found = scan(plain, 0, len(plain))
         try:
             self._parse(found.others, plain)
