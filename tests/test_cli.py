@@ -13,6 +13,7 @@ import yaml
 from typer.testing import CliRunner, Result
 
 from elastic_arm.cli.bag import bag_app
+from elastic_arm.cli.challenge import challenge_app
 from elastic_arm.cli.describe import describe
 from elastic_arm.cli.excite import excite
 from elastic_arm.cli.identify import identify
@@ -25,7 +26,6 @@ from elastic_arm.robot.loading import NOMINAL_ARM
 from tests.bags import two_sided
 from tests.motions import trajectory
 
-# Put together here: elastic_arm.cli.main also loads what the other commands need.
 APP = typer.Typer()
 for command in (describe, excite, simulate, identify, paper):
     APP.command()(command)
@@ -149,6 +149,14 @@ def test_a_place_that_cannot_be_written_is_found_before_the_work(tmp_path: Path,
     said = refusal(*arguments, tmp_path / "file" / "sub" / "result")
     assert f"{tmp_path / 'file'} is a file, not a folder" in said
     assert sorted(tmp_path.rglob("*")) == there
+
+
+def test_a_challenge_needs_a_folder_not_a_file(tmp_path: Path) -> None:
+    """`challenge create FILE` is refused in words before anything is drawn."""
+    (tmp_path / "file").write_text("mine")
+    result = CliRunner().invoke(challenge_app, ["create", str(tmp_path / "file")])
+    assert result.exit_code == 2
+    assert f"{tmp_path / 'file'} is a file, not a folder. Name another place for FOLDER." in result.stderr
 
 
 # --- words for what makes no sense

@@ -14,6 +14,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from rich.table import Table
 
 from elastic_arm.cli.console import err, out, print_json, reports_errors
+from elastic_arm.cli.outputs import claim_folder
 from elastic_arm.effects.catalogue import find
 from elastic_arm.gap.challenge import campaign
 from elastic_arm.gap.challenge.score import score as score_answers
@@ -51,6 +52,7 @@ def create(
 
     Example: elastic-arm challenge create blind --seed 7 --per-effect 2
     """
+    claim_folder(folder, (), force=True, option="FOLDER")
     settings = campaign.Settings(
         seed=seed,
         per_effect=per_effect,

@@ -71,6 +71,6 @@ def _check_folder(folder: Path, option: str) -> None:
     """Refuse a folder that cannot be made or written, by its nearest part that exists."""
     present = next(path for path in (folder.absolute(), *folder.absolute().parents) if path.exists())
     if not present.is_dir():
-        raise OutputError(f"{present} is a file, not a folder", f"Name another place with {option}.")
+        raise OutputError(f"{present} is a file, not a folder", f"Name another place for {option}.")
     if not os.access(present, os.W_OK | os.X_OK):
-        raise OutputError(f"the folder {present} may not be written", f"Name another place with {option}.")
+        raise OutputError(f"the folder {present} may not be written", f"Name another place for {option}.")
