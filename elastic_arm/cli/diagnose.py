@@ -11,6 +11,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from elastic_arm.cli.console import err, out, print_json, refuse_repeated, reports_errors
+from elastic_arm.cli.outputs import claim_folder
 from elastic_arm.gap.diagnosis import Question, diagnose
 from elastic_arm.gap.followup import followed_up
 from elastic_arm.gap.known import known_effects
@@ -65,6 +66,8 @@ def diagnose_command(
         elastic-arm diagnose bag --refit --with coulomb_friction --with viscous_friction
     """
     refuse_repeated([*bags, *(validate or [])])
+    # Before the work; a diagnosis can be made again, so an earlier one is replaced.
+    claim_folder(out_dir, (), force=True)
     robot = load_robot(robot_file)
     mapping = None if channels is None else load_channels(channels)
 

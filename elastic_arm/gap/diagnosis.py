@@ -285,6 +285,8 @@ class _Inquiry:
     ) -> tuple[list[Cause], list[tuple[Entry, list[Rival], list[Array]]]]:
         """Return the causes, most important first, and each as an entry, with its rivals and what it leaves alone."""
         entries = explanation.entries
+        if len(entries) == explanation.given:
+            return [], []
         estimated, coefficients = estimates(self.bank, entries), self._coefficients(entries)
         found = []
         for k in range(explanation.given, len(entries)):
