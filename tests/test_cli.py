@@ -8,17 +8,10 @@ from typing import Any
 
 import numpy as np
 import pytest
-import typer
 import yaml
 from typer.testing import CliRunner, Result
 
-from elastic_arm.cli.bag import bag_app
-from elastic_arm.cli.challenge import challenge_app
-from elastic_arm.cli.describe import describe
-from elastic_arm.cli.excite import excite
-from elastic_arm.cli.identify import identify
-from elastic_arm.cli.paper import paper
-from elastic_arm.cli.simulate import simulate
+from elastic_arm.cli.main import app
 from elastic_arm.excitation import load_trajectory
 from elastic_arm.recording import write_recording
 from elastic_arm.robot import load_robot
@@ -26,15 +19,10 @@ from elastic_arm.robot.loading import NOMINAL_ARM
 from tests.bags import two_sided
 from tests.motions import trajectory
 
-APP = typer.Typer()
-for command in (describe, excite, simulate, identify, paper):
-    APP.command()(command)
-APP.add_typer(bag_app)
-
 
 def run(*arguments: object) -> Result:
     """Run `elastic-arm …`."""
-    return CliRunner().invoke(APP, [str(argument) for argument in arguments])
+    return CliRunner().invoke(app, [str(argument) for argument in arguments])
 
 
 def refusal(*arguments: object) -> str:
@@ -154,9 +142,8 @@ def test_a_place_that_cannot_be_written_is_found_before_the_work(tmp_path: Path,
 def test_a_challenge_needs_a_folder_not_a_file(tmp_path: Path) -> None:
     """`challenge create FILE` is refused in words before anything is drawn."""
     (tmp_path / "file").write_text("mine")
-    result = CliRunner().invoke(challenge_app, ["create", str(tmp_path / "file")])
-    assert result.exit_code == 2
-    assert f"{tmp_path / 'file'} is a file, not a folder. Name another place for FOLDER." in result.stderr
+    said = refusal("challenge", "create", tmp_path / "file")
+    assert f"{tmp_path / 'file'} is a file, not a folder. Name another place for FOLDER." in said
 
 
 # --- words for what makes no sense
