@@ -18,10 +18,10 @@ _Places = list[tuple[int, int]]  # number of the output, column in it
 
 
 class _Step(NamedTuple):
-    """An operation on registers, and where in the outputs its result goes."""
+    """An operation, the registers it takes and that of its result, and where in the outputs this goes."""
 
     ufunc: Callable[..., np.ndarray]
-    taken: tuple[np.ndarray, ...]
+    arguments: tuple[np.ndarray, ...]
     target: np.ndarray
     places: _Places
 
@@ -35,16 +35,13 @@ class _Load(NamedTuple):
     places: _Places
 
 
-def _if_else_zero(condition: np.ndarray, value: np.ndarray, out: np.ndarray | None = None) -> np.ndarray:
+def _if_else_zero(condition: np.ndarray, value: np.ndarray, out: np.ndarray) -> np.ndarray:
     # A product would make NaN of zero times what must not count.
-    chosen = np.where(np.not_equal(condition, 0.0), value, 0.0)
-    if out is None:
-        return chosen
-    out[...] = chosen
+    out[...] = np.where(np.not_equal(condition, 0.0), value, 0.0)
     return out
 
 
-def _erf(value: np.ndarray, out: np.ndarray | None = None) -> np.ndarray:
+def _erf(value: np.ndarray, out: np.ndarray) -> np.ndarray:
     from scipy.special import erf
 
     return np.asarray(erf(value, out=out))
@@ -129,8 +126,8 @@ class _Workspace:
             if name == "input":
                 (self._once if once else self._loads).append(_Load(a, b, target, mine))
             elif name != "const":
-                taken = tuple(operands[t] for t in (a, b)[: OPERATIONS[name]])
-                (self._once if once else self._steps).append(_Step(_UFUNCS[name], taken, target, [] if once else mine))
+                arguments = (*(operands[t] for t in (a, b)[: OPERATIONS[name]]), target)
+                (self._once if once else self._steps).append(_Step(_UFUNCS[name], arguments, target, mine))
         # What is the same for all samples is not computed before each chunk, but stored.
         self._constants = [(operands[k], places[k]) for k in places if uniform[k]]
 
@@ -140,7 +137,7 @@ class _Workspace:
             if isinstance(task, _Load):
                 task.target[...] = arrays[task.input][task.element]
             else:
-                task.target[...] = task.ufunc(*task.taken)
+                task.ufunc(*task.arguments)
         for value, places in self._constants:
             for number, place in places:
                 outputs[number][start:stop, place] = value
@@ -156,8 +153,8 @@ class _Workspace:
             target[size:] = target[0]
             for output, place in places:
                 outputs[output][part, place] = target[:size]
-        for ufunc, taken, target, places in self._steps:
-            ufunc(*taken, out=target)
+        for ufunc, arguments, target, places in self._steps:
+            ufunc(*arguments)
             # At once, while the caches hold it.
             for output, place in places:
                 outputs[output][part, place] = target[:size]
