@@ -146,14 +146,10 @@ def observe(recording: Recording, band: float | None = None) -> Observation:
     motor = None if longest.theta is None else estimate_noise(longest.theta, longest.dtheta, longest.rate)
     cutoff = min(2 * np.pi * SMOOTHER_WIDTH * band, HIGHEST_CUTOFF * clock.rate)
     designed = Smoother.from_noise(clock.rate, link, motor, recording.n)
-    # A crossover slower than the cutoff's own decay would lengthen the lag for nothing.
-    slowest = cutoff * np.sin(np.pi / (2 * ORDER))
-    smoother = Smoother(
-        clock.rate,
-        cutoff,
-        np.maximum(designed.link_crossover, slowest),
-        np.maximum(designed.motor_crossover, slowest),
-    )
+    # The crossovers are those of the wide band: what is negligible in a narrow one is not in this one.
+    wide_link, wide_motor = (None if side is None else replace(side, cutoff=cutoff) for side in (link, motor))
+    crossing = Smoother.from_noise(clock.rate, wide_link, wide_motor, recording.n)
+    smoother = Smoother(clock.rate, cutoff, crossing.link_crossover, crossing.motor_crossover)
     noise = ChannelNoise(
         link.position_std if link else None,
         link.velocity_std if link else None,

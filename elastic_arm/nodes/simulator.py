@@ -81,6 +81,9 @@ class SimulatorNode(ArmNode):
         )
         self._torque_noise = declare(self, "torque_noise", 0.26, "Standard deviation, Nm", between=(0.0, 1000.0))
         self._encoder_noise = declare(self, "encoder_noise", 0.0, "Standard deviation, rad", between=(0.0, 0.1))
+        self._velocity_noise = declare(
+            self, "velocity_noise", 0.0, "Of the encoders' velocities, standard deviation, rad/s", between=(0.0, 10.0)
+        )
         self._seed = declare(self, "seed", 1, "Of the noise", between=(0, 2**31 - 1))
         self._rate = declare(self, "rate", 1000.0, "Samples per second", between=(10.0, 10_000.0))
         self._factor = declare(
@@ -102,7 +105,10 @@ class SimulatorNode(ArmNode):
                 f"initial_position has {len(self._position)} values for {robot.n} joints", "Give one a joint, or one."
             )
         self._start = np.broadcast_to(self._position, (robot.n,)).astype(float)
-        torque, encoder = TorqueSensor(noise=self._torque_noise), Encoder(noise=self._encoder_noise)
+        torque, encoder = (
+            TorqueSensor(noise=self._torque_noise),
+            Encoder(noise=self._encoder_noise, velocity_noise=self._velocity_noise),
+        )
         return Simulator(
             robot,
             model=self._model,
