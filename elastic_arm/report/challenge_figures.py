@@ -55,7 +55,7 @@ def confusion(found: dict[str, Any]) -> Figure:
                 ax.text(c, r, f"{count:.0f}", ha="center", va="center", fontsize=7, color=colour)
         ax.set_xticks(range(len(columns)), [_words(c) for c in columns], rotation=60, ha="right", fontsize=7)
         ax.set_yticks(range(len(rows)), [_words(r) for r in rows], fontsize=7)
-        ax.set_xlabel("named (itself also where it was a declared alternative)")
+        ax.set_xlabel("named, or declared as an alternative")
         ax.set_ylabel("what the arm had")
         return figure
 

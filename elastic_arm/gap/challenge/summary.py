@@ -166,8 +166,12 @@ def _detected(detected: dict[str, Any] | None, unit: str | None) -> str:
     low, high = detected["interval"]
     size = "" if detected["size"] is None else f" = {quantity(detected['size'], unit)}"
     if not detected["misses"]:
-        return f"below {high:.2g}"
-    return f"{detected['multiple']:.2g} ({low:.2g} to {high:.2g}){size}"
+        return f"below {_multiple(high)}"
+    return f"{_multiple(detected['multiple'])} ({_multiple(low)} to {_multiple(high)}){size}"
+
+
+def _multiple(value: float) -> str:
+    return f"{value:.0f}" if value >= 10.0 else f"{value:.1f}"
 
 
 def _table(headings: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
