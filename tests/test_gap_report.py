@@ -12,6 +12,7 @@ import typer
 from typer.testing import CliRunner, Result
 
 from elastic_arm.cli.diagnose import diagnose_command, write_diagnosis
+from elastic_arm.cli.several_values import SeveralValues, spelled_out
 from elastic_arm.cli.simulate import simulate
 from elastic_arm.effects import EFFECTS
 from elastic_arm.gap.diagnosis import Question, diagnose
@@ -24,7 +25,7 @@ from tests.browser import rendered_page
 from tests.gap_recordings import ROBOT, gentle, motions, record
 
 APP = typer.Typer()
-APP.command("diagnose")(diagnose_command)
+APP.command("diagnose", cls=SeveralValues)(diagnose_command)
 APP.command("simulate")(simulate)
 FRICTION, ERROR = "coulomb_friction:joint_2:torque=6", "transmission_error:joint_1:amplitude=2e-5,phase=0.7"
 PLAY = "backlash:joint_2:half_gap=1e-5"
@@ -139,3 +140,18 @@ def test_help_says_what_is_written_and_how_it_ends() -> None:
     for word in ("diagnosis.json", "report.html", "robot.yaml", SEPARATING, "Exit status 0", "--validate", "--model",
                  "--robot", "--channels", "--with", "--refit", "--out", "--no-propose"):  # fmt: skip
         assert word in words
+
+
+@pytest.mark.parametrize(
+    ("given", "meant"),
+    [
+        ("a --validate b c", "a --validate b --validate c"),
+        ("a b --validate c --out d e", "a b --validate c --out d e"),
+        ("a --refit --with x y --validate b c", "a --refit --with x --with y --validate b --validate c"),
+        ("--validate b a", "--validate b a"),
+    ],
+)
+def test_repeatable_options_take_several_values(given: str, meant: str) -> None:
+    """`--validate A B` judges on both, as the usage line says; what stands before any argument is an argument."""
+    command = typer.main.get_command(APP).commands["diagnose"]  # type: ignore[attr-defined]
+    assert spelled_out(given.split(), command.params) == meant.split()

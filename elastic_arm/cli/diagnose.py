@@ -30,7 +30,7 @@ COLOURS = {"none": "green", "explained": "cyan", "unknown": "yellow"}
 def diagnose_command(
     bags: Annotated[list[Path], typer.Argument(metavar="BAG…", help="Recordings that causes are fitted on.")],
     validate: Annotated[
-        list[Path] | None, typer.Option(help="Recording that judges; may be given again. The last third otherwise.")
+        list[Path] | None, typer.Option(metavar="BAG…", help="Recordings that judge; the last third otherwise.")
     ] = None,
     model: Annotated[str, typer.Option(help="mod1, mod2 or mod3.")] = "mod3",
     robot_file: Annotated[
@@ -39,7 +39,9 @@ def diagnose_command(
     channels: Annotated[Path | None, typer.Option(help="Channel map of foreign bags.")] = None,
     with_: Annotated[
         list[str] | None,
-        typer.Option("--with", help="Effect that is known and fitted first: EFFECT[:JOINT]; may be given again."),
+        typer.Option(
+            "--with", metavar="EFFECT[:JOINT]…", help="Effects that are known: fitted first, part of the model."
+        ),
     ] = None,
     refit: Annotated[bool, typer.Option("--refit", help="Fit the model's own parameters first.")] = False,
     propose: Annotated[
@@ -51,11 +53,13 @@ def diagnose_command(
 ) -> None:
     """Say where a recording and a model part, which effect the model lacks, and how far the gap shrinks with it.
 
-    Writes diagnosis.json, report.html and, where causes were found, robot.yaml: the arm with the causes in it, which
-    `elastic-arm simulate --robot` takes. Where the recording cannot tell causes apart it also writes
-    separating_trajectory.yaml: the motion to record next, which `elastic-arm simulate --trajectory` and the trajectory
-    node take. Of several recordings it says which causes agree. Exit status 0 whatever the verdict, 2 for unusable
-    input.
+    Writes diagnosis.json and report.html. Where causes were found, robot.yaml:
+    the arm with the causes in it, for `elastic-arm simulate --robot`. Where the
+    recording cannot tell causes apart, separating_trajectory.yaml: the motion to
+    record next, for `elastic-arm simulate --trajectory` and the trajectory node.
+    Of several recordings it says which causes agree over them.
+
+    Exit status 0 whatever the verdict, 2 for unusable input.
 
     Examples:
 

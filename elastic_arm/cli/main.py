@@ -13,6 +13,7 @@ from elastic_arm.cli.diagnose import diagnose_command
 from elastic_arm.cli.excite import excite
 from elastic_arm.cli.identify import identify
 from elastic_arm.cli.paper import paper
+from elastic_arm.cli.several_values import SeveralValues
 from elastic_arm.cli.simulate import simulate
 
 app = typer.Typer(
@@ -27,7 +28,7 @@ app.command()(excite)
 app.command()(simulate)
 app.add_typer(bag_app)
 app.command()(identify)
-app.command("diagnose")(diagnose_command)
+app.command("diagnose", cls=SeveralValues)(diagnose_command)
 app.add_typer(challenge_app)
 app.command()(paper)
 app.command()(demo)
