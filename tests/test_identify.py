@@ -10,7 +10,7 @@ import pytest
 
 from elastic_arm.dynamics import Model, build_model
 from elastic_arm.errors import IdentificationError
-from elastic_arm.identification import Identification, Identifier, compare, identifier_of, identify, parse_laws
+from elastic_arm.identification import Identification, Identifier, compare, gain, identifier_of, identify, parse_laws
 from elastic_arm.identification.derivatives import Motion, design_smoother
 from elastic_arm.identification.equations import Equations
 from elastic_arm.identification.grid import Clock, part
@@ -221,6 +221,24 @@ def test_a_poor_excitation_is_known_before_any_fit(model: Model) -> None:
     assert verdicts[0].poor
     assert verdicts[0].reasons
     assert not verdicts[1].poor
+
+
+def test_a_second_of_motion_is_called_too_short(model: Model) -> None:
+    """What a second determines to all appearance is known to be judged too well, and said so."""
+    second = part(record(model, np.random.default_rng(0)), slice(0, 1000))
+    judged = fed(model, second, []).excitation()
+    assert judged.poor
+    assert "too short to judge the errors by" in judged.reasons[0]
+
+
+def test_what_offline_gains_over_a_stream_is_said(model: Model, samples: Samples) -> None:
+    """The same recording's standard deviations are compared, parameter by parameter, and the greatest gain is named."""
+    online = fed(model, samples, []).fit()
+    offline = identify(recorded(samples), model.robot, derivatives="fourier", consistent=False)
+    found = gain(online.std, offline)
+    assert found.ratios == pytest.approx(online.std / offline.std)
+    assert found.median <= found.largest == found.ratios.max()
+    assert offline.estimates[int(np.argmax(found.ratios))].name in found.words()
 
 
 def test_result_survives_its_json_file(model: Model, samples: Samples, tmp_path: Path) -> None:

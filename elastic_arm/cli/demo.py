@@ -24,7 +24,7 @@ from elastic_arm.cli.withheld import diagnose_withheld
 from elastic_arm.dynamics import build_model
 from elastic_arm.errors import GraphError, OutputError
 from elastic_arm.excitation import ExcitationResult, FourierTrajectory, MotionLimits, Shape, Workspace, optimise
-from elastic_arm.identification import Identification, chi_square, compare, identify
+from elastic_arm.identification import Identification, chi_square, compare, gain, identify
 from elastic_arm.recording import Recording, read_recording
 from elastic_arm.robot import Robot, load_robot, varied
 
@@ -190,6 +190,7 @@ def _compare(offline: Identification, course: Course, truth: np.ndarray) -> None
     )
     apart = np.abs(values - offline.Psi_base) / np.hypot(stds, offline.std)
     out.print(f"online and offline apart: at most {apart.max():.2f} standard deviations")
+    out.print(escape(gain(stds, offline).words()))
 
 
 def _short(value: float) -> str:

@@ -122,7 +122,10 @@ def _print_result(
     if result.criterion != "condition":
         out.print(f"{result.criterion}: {result.value_before:.4g} before, [bold]{result.value_after:.4g}[/] after")
     for sentence in indistinct_words(result, base, model):
-        out.print(f"[yellow]not told apart by any such motion:[/] {escape(sentence)}", soft_wrap=True)
+        out.print(
+            f"[yellow]left out of the search, as only encoders that are next to exact see it:[/] {escape(sentence)}",
+            soft_wrap=True,
+        )
     out.print(_limit_table(result))
     for name, gap in result.use.gaps():
         out.print(f"smallest gap to {name}: {1e3 * gap:.0f} mm (margin {1e3 * limits.margin:g} mm)")

@@ -2,17 +2,19 @@
 
 from elastic_arm.identification.identify import differentiate, identifier_of, identify, identify_with
 from elastic_arm.identification.laws import law_columns, parse_laws
-from elastic_arm.identification.result import Comparison, Estimate, Identification, chi_square, compare
+from elastic_arm.identification.result import Comparison, Estimate, Gain, Identification, chi_square, compare, gain
 from elastic_arm.identification.stream import Identifier
 
 __all__ = [
     "Comparison",
     "Estimate",
+    "Gain",
     "Identification",
     "Identifier",
     "chi_square",
     "compare",
     "differentiate",
+    "gain",
     "identifier_of",
     "identify",
     "identify_with",

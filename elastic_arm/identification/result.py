@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -231,6 +231,37 @@ def chi_square(identification: Identification, true: Array) -> float:
     std = identification.std
     error = (identification.Psi_base - true) / std
     return float(error @ np.linalg.solve(identification.covariance / np.outer(std, std), error))
+
+
+class Gain(NamedTuple):
+    """By how much one estimate of the same recording is surer than another: ratios of standard deviations.
+
+    Parameters
+    ----------
+    median, largest
+        Over the base parameters; above one where the second is surer.
+    name
+        Of the base parameter that gains most.
+    ratios
+        (B,) of each.
+    """
+
+    median: float
+    largest: float
+    name: str
+    ratios: Array
+
+    def words(self) -> str:
+        """Say it, as of a stream and an estimate made offline."""
+        return f"online over offline standard deviations: {self.median:.3g} (median), {self.largest:.3g} ({self.name})"
+
+
+def gain(std: Array, surer: Identification) -> Gain:
+    """Compare the standard deviations (B,) of an estimate with those of another one of the same recording."""
+    finite = np.isfinite(std) & np.isfinite(surer.std)
+    ratios = np.where(finite, std / surer.std, 1.0)
+    best = int(np.argmax(ratios))
+    return Gain(float(np.median(ratios)), float(ratios[best]), surer.estimates[best].name, ratios)
 
 
 def result_of(

@@ -23,6 +23,9 @@ ROWS_PER_PARAMETER = 1.0
 POOR_SHARE = 0.25
 # Torque noise taken for granted before a fit, Nm (torque sensors of this class; a fit estimates its own).
 TORQUE_NOISE = 0.26
+# Errors that filters and the motion colour are judged by no less than so many seconds and so many swings of the motion.
+SHORTEST_SECONDS = 2.0
+SHORTEST_PERIODS = 2.0
 # A parameter takes part in an undetermined direction from this share on.
 TAKES_PART = 0.3
 
@@ -139,6 +142,11 @@ def excitation(
 def _reasons(liveliness: Liveliness, groups: int, relative: Array, parameters: int) -> tuple[str, ...]:
     """Say why the excitation is poor, if it is."""
     said = []
+    if liveliness.seconds < max(SHORTEST_SECONDS, SHORTEST_PERIODS / max(liveliness.frequency, 1e-9)):
+        said.append(
+            f"{liveliness.seconds:.2g} s of motion are too short to judge the errors by: standard deviations may be "
+            "several times too small"
+        )
     rows = liveliness.independent_samples * groups
     if rows < ROWS_PER_PARAMETER * parameters:
         said.append(

@@ -32,7 +32,7 @@ def sections(result: ExcitationResult, limits: MotionLimits, robot: Robot, left_
     Parameters
     ----------
     left_out
-        Names of base parameters that no such motion tells apart.
+        Names of base parameters that such motions tell apart for encoders next to exact alone.
     """
     median = float(np.median(result.random)) if len(result.random) else float("nan")
     verdict = (
@@ -41,7 +41,10 @@ def sections(result: ExcitationResult, limits: MotionLimits, robot: Robot, left_
     )
     reached: list[Block] = [
         Text(verdict, "good"),
-        *(Text(f"No such motion tells this parameter from the others: {name}", "warn") for name in left_out),
+        *(
+            Text(f"In such motions only encoders next to exact tell this parameter from the others: {name}", "warn")
+            for name in left_out
+        ),
         Figure(condition_against_random(result), "Random motions and the optimised one."),
         Figure(search_course(result), "Course of the pattern search."),
     ]
