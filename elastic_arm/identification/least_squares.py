@@ -111,16 +111,18 @@ class Blocks:
             return np.zeros((self.groups, self.width, self.width))
         return cholesky(functools.reduce(add, self.grams))
 
-    def corrected(self, weights: Array) -> Array:
+    def corrected(self, weights: Array, factors: Array) -> Array:
         """Return the triangular factor (width, width) of all weighted rows, known noise in Phi taken off.
 
         Parameters
         ----------
         weights
             (groups,).
+        factors
+            What :meth:`total` returned: without known noise, the factor is that of them all.
         """
         if not any(noise.any() for noise in self.known_noise):
-            return triangular((weights[:, None, None] * self.total()).reshape(-1, self.width))
+            return triangular((weights[:, None, None] * factors).reshape(-1, self.width))
         hi, lo = functools.reduce(add, self.grams)
         noise = functools.reduce(np.add, self.known_noise)
         rest = add((hi, lo), (-noise, np.zeros_like(noise)))
@@ -218,13 +220,13 @@ def fit(blocks: Blocks, weighted: bool = True, rounds: int = 4) -> Fit:
     r = blocks.total()
     weights = np.ones(blocks.groups)
     for _ in range(rounds if weighted else 1):
-        whole = blocks.corrected(weights)
+        whole = blocks.corrected(weights, r)
         Psi, condition, undetermined = _solve(whole)
         noise = _noise(r, Psi, blocks.samples)
         if weighted:
             weights = 1.0 / noise
     if weighted:
-        whole = blocks.corrected(weights)
+        whole = blocks.corrected(weights, r)
         Psi, condition, undetermined = _solve(whole)
         noise = _noise(r, Psi, blocks.samples)
     robust, white = _covariances(blocks, Psi, weights, noise, whole, r)
