@@ -93,6 +93,15 @@ def test_a_missing_partner_is_counted_once_the_window_has_passed() -> None:
     assert pairing.losses.unmatched == 1
 
 
+def test_what_came_before_the_other_topic_was_found_is_no_loss() -> None:
+    """Samples older than the other side's first are counted apart from those whose partner got lost."""
+    pairing = Pairing(window_ns=5)
+    feed(pairing, [1, 2, 3, 4, 5], [3, 5])
+    feed(pairing, [11], [11])
+    assert pairing.take() is not None
+    assert (pairing.losses.early, pairing.losses.unmatched) == (2, 1)
+
+
 def test_a_clock_set_back_starts_again() -> None:
     """After a restart of the arm its samples are paired again, instead of being late for ever."""
     pairing = Pairing(window_ns=0)
@@ -131,7 +140,7 @@ def test_handed_out_stamps_strictly_increase(arrivals: list[tuple[bool, int]], w
     assert handed == sorted(set(handed))
     losses = pairing.losses
     both = {side for side, _ in arrivals} == {True, False}
-    counted = 2 * len(handed) + losses.repeated + losses.late + losses.unmatched
+    counted = 2 * len(handed) + losses.repeated + losses.late + losses.early + losses.unmatched
     assert counted == len(arrivals) or not both
 
 

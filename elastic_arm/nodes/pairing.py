@@ -37,6 +37,8 @@ class Losses:
         Arrived behind a younger stamp, and was put in its place.
     late
         Older than what was handed out already.
+    early
+        Came before the first sample of the other side: its topic was found later.
     unmatched
         The other side's sample never came.
     restarts
@@ -46,6 +48,7 @@ class Losses:
     repeated: int = 0
     reordered: int = 0
     late: int = 0
+    early: int = 0
     unmatched: int = 0
     restarts: int = 0
 
@@ -69,6 +72,7 @@ class Pairing:
         self.losses = Losses()
         self._sides: list[tuple[Stamps, Array] | None] = [None, None]
         self._newest: list[int | None] = [None, None]
+        self._first: list[int | None] = [None, None]
         self._handed: int | None = None
 
     def add_link(self, stamps: Stamps, rows: Array) -> None:
@@ -89,7 +93,7 @@ class Pairing:
         common, of_link, of_motor = np.intersect1d(link[0], motor[0], assume_unique=True, return_indices=True)
         ready = common <= limit
         pairs = Pairs(common[ready], link[1][of_link[ready]], motor[1][of_motor[ready]])
-        self.losses.unmatched += self._drop_until(limit, len(pairs))
+        self._drop_until(limit, len(pairs))
         return pairs if len(pairs) else None
 
     def _add(self, side: int, stamps: Stamps, rows: Array) -> None:
@@ -102,6 +106,8 @@ class Pairing:
         before = np.concatenate(([stamps[0] - 1 if newest is None else newest], arrived[:-1]))
         self.losses.reordered += int(np.sum(stamps < before))
         self._newest[side] = int(max(arrived[-1], before[0]))
+        earliest = self._first[side]
+        self._first[side] = int(stamps.min() if earliest is None else min(earliest, stamps.min()))
         if self._handed is not None:
             in_time = stamps > self._handed
             self.losses.late += int(np.sum(~in_time))
@@ -118,15 +124,16 @@ class Pairing:
     def _restart(self) -> None:
         self.losses.restarts += 1
         self.losses.unmatched += sum(len(held[0]) for held in self._sides if held is not None)
-        self._sides, self._newest, self._handed = [None, None], [None, None], None
+        self._sides, self._newest, self._first, self._handed = [None, None], [None, None], [None, None], None
 
-    def _drop_until(self, limit: int, handed_out: int) -> int:
-        """Forget what is not younger than `limit`; return how many of those had no partner."""
-        dropped = 0
+    def _drop_until(self, limit: int, handed_out: int) -> None:
+        """Forget what is not younger than `limit`, and count what of it had no partner."""
         for side, held in enumerate(self._sides):
             if held is not None:
                 keep = int(np.searchsorted(held[0], limit, side="right"))
-                dropped += keep - handed_out
+                others = self._first[1 - side]
+                early = 0 if others is None else int(np.searchsorted(held[0][:keep], others))
+                self.losses.early += early
+                self.losses.unmatched += keep - handed_out - early
                 self._sides[side] = (held[0][keep:], held[1][keep:])
         self._handed = limit if self._handed is None else max(self._handed, limit)
-        return dropped
