@@ -119,7 +119,7 @@ def test_command_writes_the_motion_that_the_simulator_takes(tmp_path: Path) -> N
     assert told.exit_code == 0, told.output
     assert {p.name for p in folder.iterdir()} == {"diagnosis.json", "report.html", "robot.yaml", SEPARATING}
     words = " ".join(told.stdout.split())
-    assert f"told apart by: {SEPARATING}" in words and "prediction: Driven by the measured motor torque" in words
+    assert f"told apart by: {SEPARATING}" in words and "prediction: Driven by the measured torque" in words
     told = run("simulate", "--out", tmp_path / "next", "--trajectory", folder / SEPARATING, "--duration", 1.0)
     assert told.exit_code == 0, told.output
     assert read_recording(tmp_path / "next").duration == pytest.approx(1.0, abs=0.01)

@@ -158,7 +158,8 @@ def _print_followed_up(found: Diagnosis) -> None:
         _print_proposal(found.proposal)
     for agreement in found.agreements:
         word = "agrees" if agreement.agrees else "[yellow]does not agree[/]"
-        out.print(f"{agreement.effect} on {_place(agreement.joint)}: {word} over the recordings")
+        apart = "" if agreement.spread is None else f": sizes within {100 * agreement.spread:.2g} % of their mean"
+        out.print(f"{agreement.effect} on {_place(agreement.joint)}: {word} over the recordings{apart}")
 
 
 def _print_proposal(proposal: Proposal) -> None:

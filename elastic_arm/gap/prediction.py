@@ -90,7 +90,7 @@ def predict(material: Material, causes: Sequence[Active], starts: int = STARTS) 
     starts
         Instants from which is predicted, spread evenly over the validation data.
     """
-    if "motor" not in material.validate.layout.sides:
+    if material.model.robot.elastic and "motor" not in material.validate.layout.sides:
         return Prediction(reason="motor torque and motor angle are not both recorded: there is nothing to drive with")
     begins = _begins(material, starts)
     if not any(len(b) for b in begins):
@@ -109,7 +109,8 @@ def _sizes(
 ) -> dict[Place, tuple[float, ...]]:
     """Return the errors with these effects acting."""
     motions = [part.stretch.quiet for part in material.validate.parts]
-    arm = _Arm(material.model, acting, 1.0 / max(o.rate for o in material.seen[1]))
+    motored = "motor" in material.validate.layout.sides
+    arm = _Arm(material.model, acting, 1.0 / max(o.rate for o in material.seen[1]), motored=motored)
     found = [arm.errors(motion, b) for motion, b in zip(motions, begins, strict=True) if len(b)]
     names = material.model.robot.joint_names
     rms = {side: _rms([f[side] for f in found]) for side in sides}
@@ -145,14 +146,16 @@ class _Arm:
         The effects, those of sensors among them: their channels are corrected before use.
     period
         s between the samples of the recording.
+    motored
+        Whether motor torque was recorded.
     """
 
-    def __init__(self, model: Model, acting: Sequence[Active], period: float) -> None:
+    def __init__(self, model: Model, acting: Sequence[Active], period: float, *, motored: bool) -> None:
         stage = Stage(model.robot, Sensors.exact())
         for active in acting:
             stage = active.effect.enter(stage, active)
         self._equations = ArmEquations(stage.robot, model.name, bearings=stage.bearings)
-        self._sensors, self._period = stage.sensors, period
+        self._sensors, self._period, self._motored = stage.sensors, period, motored
         self._substeps = 1
         self._system: System = assemble(self._equations, stage.laws)
         fitted = dict(zip((p.name for p in model.parameters), model.Psi - _nominal(model), strict=True))
@@ -163,7 +166,7 @@ class _Arm:
 
     def errors(self, recorded: WholeMotion, begins: NDArray[np.intp]) -> dict[str, Array]:
         """Return predicted minus measured angles (starts, H, n) of "link" and "motor"."""
-        motion = corrected(recorded, self._sensors)
+        motion = self._driven(corrected(recorded, self._sensors))
         n, steps = self._system.n, [round(h / self._period) for h in HORIZONS]
         y = self._start(motion, begins)
         torque = 0.5 * (motion.tau_m[:-1] + motion.tau_m[1:])
@@ -175,6 +178,10 @@ class _Arm:
                 found["link"].append(y[:, :n] - motion.q[begins + k])
                 found["motor"].append(theta - motion.theta[begins + k])
         return {side: np.stack(values, axis=1) for side, values in found.items()}
+
+    def _driven(self, motion: WholeMotion) -> WholeMotion:
+        """Return the motion with what drives it; without transmissions a joint torque sensor reads it as well."""
+        return motion if self._motored else replace(motion, tau_m=motion.tau_J)
 
     def _start(self, motion: WholeMotion, begins: NDArray[np.intp]) -> Array:
         """Return states (starts, 2 dof + states): measured motors, links behind them as far as the torque says."""

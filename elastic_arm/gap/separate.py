@@ -1,8 +1,9 @@
 """What next: the motion within the arm's limits that tells explanations apart which this recording does not.
 
 If one of two explanations is true, the other, refitted to the same motion, leaves something unexplained. Half the
-square of what it leaves, in units of the noise, is the log-likelihood by which a recording of that motion is expected
-to decide. Motions are drawn, judged by it, and the best is improved by small random steps.
+square of what it leaves, in units of the noise (and of what neither explains), is the log-likelihood by which a
+recording of that motion is expected to decide. Motions are drawn, judged by it, and the best is improved by small
+random steps.
 """
 
 from __future__ import annotations
@@ -21,6 +22,7 @@ from elastic_arm.errors import ExcitationError
 from elastic_arm.excitation import FourierTrajectory, MotionLimits, Shape, random_trajectories
 from elastic_arm.gap.bank import Entry
 from elastic_arm.gap.evidence import Evidence
+from elastic_arm.gap.explain import misfit
 from elastic_arm.gap.features import Feature, Whole
 from elastic_arm.gap.material import Material
 from elastic_arm.gap.rehearsal import Rehearsal, Surroundings
@@ -161,13 +163,15 @@ def propose(material: Material, causes: Sequence[Cause], *, rng: np.random.Gener
     if not doubts:
         return None
     whites = [_recorded(evidence) for evidence in material.bank.sets]
-    here = np.sum([_separations(doubts, columns) for columns in whites], axis=0).tolist()
+    # What no explanation reaches stays beside both, and makes either less sure.
+    scale = misfit(material.bank, [*material.given, *material.entries])
+    here = (np.sum([_separations(doubts, columns) for columns in whites], axis=0) / scale).tolist()
     named = [((d[0].effect, d[0].joint), (d[1].effect, d[1].joint)) for d in doubts]
     limits = MotionLimits.of(material.model.robot)
     around = Surroundings.of(material.model, material.bank.sets[0])
 
     def judge(trajectory: FourierTrajectory) -> list[float]:
-        return _separations(doubts, Rehearsal(around, trajectory).white)
+        return [value / scale for value in _separations(doubts, Rehearsal(around, trajectory).white)]
 
     try:
         best, values, count = _search(material.model, limits, judge, rng)

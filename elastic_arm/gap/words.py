@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from elastic_arm.gap.result import Cause, Diagnosis
 
 DOUBTFUL = 0.9  # confidence below which the strongest alternative is named beside a cause
+NAMED = 4  # causes that the verdict names
 _SAME_EFFECT = "motion in which these joints move one at a time"
 _OTHERWISE = "motion that covers more of the joint's range, speeds and loads, slowly and fast"
 
@@ -34,7 +35,7 @@ def meaning(found: Diagnosis) -> str:
     if not found.causes:
         places = ", ".join(f"{p.joint} ({p.side})" for p in found.unexplained[:3])
         return f"there is a gap, but no effect of the catalogue explains it; it is largest at {places}."
-    named = _listed([_with_rival(cause) for cause in found.causes])
+    named = _listed([_with_rival(cause) for cause in found.causes[:NAMED]], len(found.causes) - NAMED)
     verb = "explains" if len(found.causes) == 1 else "explain"
     if found.verdict == "explained":
         return f"{named} {verb} {_percent(found.shrink)} of the gap on motion that no fit has seen."
@@ -50,7 +51,9 @@ def _with_rival(cause: Cause) -> str:
     return f"{name} (or {other.effect} on {other.joint or 'the whole arm'}: this recording cannot tell)"
 
 
-def _listed(names: list[str]) -> str:
+def _listed(names: list[str], more: int) -> str:
+    if more > 0:
+        names = [*names, f"{more} more"]
     return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}"
 
 
@@ -86,12 +89,18 @@ def ahead(prediction: Prediction) -> str:
     """Return in a sentence how far the prediction error of the worst angle falls at the longest horizon."""
     before, after = prediction.before or {}, prediction.after or {}
     joint, side = max(before, key=lambda place: before[place][-1])
-    sizes = [f"{1e6 * size[joint, side][-1]:.3g}" for size in (before, after)]
+    errors = [_angle(size[joint, side][-1]) for size in (before, after)]
     horizon = f"{1e3 * prediction.horizons[-1]:g} ms"
     return (
-        f"Driven by the measured motor torque, the model errs by {sizes[0]} µrad after {horizon} at the worst angle "
-        f"({joint}, {side}); with the causes added, by {sizes[1]} µrad."
+        f"Driven by the measured torque, the model errs by {errors[0]} after {horizon} at the worst angle "
+        f"({joint}, {side}); with the causes added, by {errors[1]}."
     )
+
+
+def _angle(value: float) -> str:
+    """Return an angle in the unit that suits it."""
+    unit, factor = next(((u, f) for u, f in (("rad", 1.0), ("mrad", 1e3)) if value * f >= 1.0), ("µrad", 1e6))
+    return f"{value * factor:.3g} {unit}"
 
 
 def likelihood(value: float) -> str:
