@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
+from scipy.stats import chi2
 
 from elastic_arm.effects.base import Parameter
 from elastic_arm.gap.bank import Bank, Entry
@@ -82,6 +83,26 @@ def estimates(bank: Bank, entries: Sequence[Entry]) -> list[dict[str, Estimate]]
     return problem.named(deviation)
 
 
+def certain(bank: Bank, entries: Sequence[Entry]) -> list[bool]:
+    """Whether each polished cause's parameters together differ from no effect (chi-square, 95 %).
+
+    Of a link's mass, centre and inertia perhaps none is determined by itself, and yet some combination of them is.
+    """
+    problem = _Problem(bank, entries)
+    left, jacobian = problem.left(problem.start), problem.jacobian()
+    spread = max(1.0, float(left @ left) / max(1.0, bank.sets[0].freedom - jacobian.shape[1]))
+    owner, away = np.array([k for k, _ in problem.free], dtype=int), problem.away()
+    found = []
+    for k in range(len(entries)):
+        own, others = jacobian[:, owner == k], jacobian[:, owner != k]
+        own = own - others @ np.linalg.lstsq(others, own, rcond=UNDETERMINED)[0]
+        u, s, _ = np.linalg.svd(own, full_matrices=False)
+        rank = int(np.sum(s**2 > UNDETERMINED * s[0] ** 2)) if len(s) else 0
+        shown = u[:, :rank].T @ (own @ away[owner == k])
+        found.append(rank > 0 and float(shown @ shown) / spread > chi2.ppf(0.95, rank))
+    return found
+
+
 def differs(estimate: dict[str, Estimate], entry: Entry) -> bool:
     """Whether the interval (95 %) of a cause's parameters excludes no effect; any of several numbers is enough."""
     checked = False
@@ -116,17 +137,25 @@ class _Problem:
         self._y = bank.matrix(0, [0])[:, 0]
         self._cache: dict[tuple[int, tuple[float, ...]], Array] = {}
         # Where each free number stands: (entry, component).
-        self._free = [(k, j) for k, entry in enumerate(entries) for j in _free_components(entry)]
-        self.scales = np.array([_scale(entries[k], j) for k, j in self._free])
-        self.start = np.ones(len(self._free))
-        least = [_lowest(_component(entries[k], j)) for k, j in self._free]
-        now = [(entries[k].searched or ())[j] for k, j in self._free]
+        self.free = [(k, j) for k, entry in enumerate(entries) for j in _free_components(entry)]
+        self.scales = np.array([_scale(entries[k], j) for k, j in self.free])
+        self.start = np.ones(len(self.free))
+        least = [_lowest(_component(entries[k], j)) for k, j in self.free]
+        now = [(entries[k].searched or ())[j] for k, j in self.free]
         self.lowest = np.array([1.0 + (a - b) / s for a, b, s in zip(least, now, self.scales, strict=True)])
+
+    def away(self) -> Array:
+        """Return how far (numbers,) each free number is from no effect, in units of its scale."""
+        found = []
+        for (k, j), scale in zip(self.free, self.scales, strict=True):
+            entry = self._entries[k]
+            found.append(((entry.searched or ())[j] - (_component(entry, j).neutral or 0.0)) / scale)
+        return np.array(found)
 
     def values(self, z: Array) -> list[tuple[float, ...]]:
         """Return the parameters of all causes."""
         moved = [list(entry.searched or ()) for entry in self._entries]
-        for (k, j), scale, value in zip(self._free, self.scales, z, strict=True):
+        for (k, j), scale, value in zip(self.free, self.scales, z, strict=True):
             moved[k][j] += scale * (value - 1.0)
         return [tuple(float(v) for v in values) for values in moved]
 
@@ -140,8 +169,8 @@ class _Problem:
     def jacobian(self) -> Array:
         """Return the derivative (rows, numbers) of what the causes explain."""
         columns = []
-        for i in range(len(self._free)):
-            step = np.zeros(len(self._free))
+        for i in range(len(self.free)):
+            step = np.zeros(len(self.free))
             step[i] = STEP
             columns.append((self.left(self.start - step) - self.left(self.start + step)) / (2 * STEP))
         return np.stack(columns, axis=1) if columns else np.zeros((len(self._y), 0))
@@ -149,7 +178,7 @@ class _Problem:
     def named(self, deviation: Array) -> list[dict[str, Estimate]]:
         """Return all parameters by name, with these standard deviations (numbers,); nan where not determined."""
         stds: dict[tuple[int, int], float | None] = {
-            place: (float(d) if np.isfinite(d) else None) for place, d in zip(self._free, deviation, strict=True)
+            place: (float(d) if np.isfinite(d) else None) for place, d in zip(self.free, deviation, strict=True)
         }
         found = []
         for k, entry in enumerate(self._entries):

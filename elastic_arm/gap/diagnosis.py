@@ -16,7 +16,7 @@ from elastic_arm.gap import shrink as shrinking
 from elastic_arm.gap.band import Band
 from elastic_arm.gap.bank import Bank, Entry, build_bank
 from elastic_arm.gap.candidates import feature_of, features
-from elastic_arm.gap.certainty import Estimate, differs, estimates, polish
+from elastic_arm.gap.certainty import Estimate, certain, differs, estimates, polish
 from elastic_arm.gap.evidence import Evidence
 from elastic_arm.gap.explain import ENOUGH, Explanation, Rival, Search, misfit
 from elastic_arm.gap.material import Material
@@ -26,6 +26,7 @@ from elastic_arm.gap.regimes import regime, shares
 from elastic_arm.gap.residuals import Layout
 from elastic_arm.gap.result import Alternative, Cause, Diagnosis, Place, Size
 from elastic_arm.gap.split import independent, split
+from elastic_arm.gap.structure import Structure, strongest
 from elastic_arm.gap.usable import needs_motion, standing, usable
 from elastic_arm.gap.words import separated_by
 from elastic_arm.recording import Recording
@@ -34,9 +35,10 @@ from elastic_arm.robot import Robot
 Array = NDArray[np.float64]
 Seen = tuple[tuple[Observation, ...], tuple[Observation, ...]]
 
-DETECTED = 25.0  # held-out log-likelihood from which a cause shows although no residual stands out of the noise
+DETECTED = 20.0  # held-out log-likelihood from which something shows although no residual stands out of the noise
 WORTH = 0.01  # of the whole gap: less is no cause
 EXPLAINED = 0.2  # of the excess may be left
+PLAINLY = 0.1  # of the excess may be left whatever it looks like; between the two it must look like noise
 ONE_ENCODER = 5.0  # Hz: above, the drives' deflection that a single encoder does not show changes the motion too much
 LISTED = 0.01  # alternatives less probable than this are not worth a line
 
@@ -161,17 +163,20 @@ class _Inquiry:
             before = shrinking.telling(tried)
             if before is None or before.clarity < shrinking.CLEAR:
                 before = self._faint(tried, explanation) or before
+        trace = None
         if before is not None:
             explanation = self._polished(self._judged(explanation, before))
         else:
-            before, explanation = tried[0], Explanation(list(baseline), len(baseline))
+            explanation = Explanation(list(baseline), len(baseline))
+            trace = self._trace(baseline)
+            before = tried[0] if trace is None else shrinking.clearest(tried, trace.row)
         entries = explanation.entries
         after_values = self._left(entries)
         after = shrinking.figures(self.judge, after_values, before.band)
         causes, found_as = self._causes(explanation, before, baseline)
         alone = [values for _, _, values in found_as]
         found = shrinking.shrink(before, after) if before.significant.any() else None
-        verdict = self._verdict(found[0] if found else None, causes)
+        verdict = "none" if found is None else self._verdict(found[0], causes, entries, after)
         regimes = tuple(shares(self.judge, before_values, row, self._ratios(row)) for row in range(len(before.rmse)))
         if not independent_motion:
             self.notes.append("The validation data repeat the motion of the fit: it is not an independent motion.")
@@ -190,7 +195,7 @@ class _Inquiry:
             shrink=found[0] if found else None,
             shrink_interval=found[1] if found else None,
             causes=tuple(causes),
-            unexplained=tuple(self._unexplained(before, after, after_values)) if verdict == "unknown" else (),
+            unexplained=tuple(self._unexplained(before, after, after_values, trace)) if verdict == "unknown" else (),
             notes=(*notes, *self.notes),
             ladder=self._ladder(before, before_values, alone),
             material=Material(
@@ -218,6 +223,11 @@ class _Inquiry:
         after = shrinking.in_all_bands(self.judge, self._left(entries))
         marked = [b.of(b.significant | shrinking.improved(b, a)) for b, a in zip(tried, after, strict=True)]
         return shrinking.telling(marked)
+
+    def _trace(self, entries: Sequence[Entry]) -> Structure | None:
+        """Return what the remainder follows where it is not noise, be it too faint to show by its size."""
+        found = strongest(self.bank, entries, [self._ratios(joint) for joint in range(self.model.n)])
+        return found if found.gain > DETECTED else None
 
     def _polished(self, explanation: Explanation) -> Explanation:
         return Explanation(polish(self.bank, explanation.entries), explanation.given, explanation.rivals)
@@ -259,10 +269,10 @@ class _Inquiry:
                 if not self._worthy(entries, without, k, share):
                     shares[k] = share
             if not shares:
-                estimated = estimates(self.bank, polish(self.bank, entries))
-                shares = {
-                    k: 0.0 for k in range(explanation.given, len(entries)) if not differs(estimated[k], entries[k])
-                }
+                polished = polish(self.bank, entries)
+                estimated, sure = estimates(self.bank, polished), certain(self.bank, polished)
+                causes = range(explanation.given, len(entries))
+                shares = {k: 0.0 for k in causes if not (sure[k] or differs(estimated[k], entries[k]))}
             if not shares:
                 break
             worst = min(shares, key=lambda k: shares[k])
@@ -274,8 +284,7 @@ class _Inquiry:
         if not entries[k].feature.effect.parameters:
             gain = self.bank.held_out(entries) - self.bank.held_out(without)
             return gain > ENOUGH * misfit(self.bank, entries)
-        left = [self.bank.remainder(1, some, self.bank.fit(0, some)) for some in (without, entries)]
-        return share >= WORTH and shrinking.lowest(left[0] ** 2 - left[1] ** 2, self.judge.blocks) > 0.0
+        return share >= WORTH and shrinking.lowest(self.bank.gain_by_blocks(without, entries)) > 0.0
 
     def _figures(self, entries: Sequence[Entry], band: float) -> shrinking.Figures:
         return shrinking.figures(self.judge, self._left(entries), band)
@@ -346,12 +355,27 @@ class _Inquiry:
         coefficients = self._coefficients(entries)
         return tuple(e.feature.active(c, e.searched or ()) for e, c in zip(entries, coefficients, strict=True))
 
-    def _verdict(self, shrink: float | None, causes: Sequence[Cause]) -> str:
-        if shrink is None:
-            return "none"
-        return "explained" if causes and shrink >= 1.0 - EXPLAINED else "unknown"
+    def _verdict(
+        self, shrink: float, causes: Sequence[Cause], entries: Sequence[Entry], after: shrinking.Figures
+    ) -> str:
+        """Say whether the causes explain the gap.
 
-    def _unexplained(self, before: shrinking.Figures, after: shrinking.Figures, values: Sequence[Array]) -> list[Place]:
+        Where the gap is faint, the excess that is left is known to a part of the gap only: then structure decides.
+        """
+        if not causes:
+            return "unknown"
+        if shrink >= 1.0 - PLAINLY:
+            return "explained"
+        structured = self._trace(entries) is not None
+        if shrink >= 1.0 - EXPLAINED:
+            return "unknown" if structured else "explained"
+        return "unknown" if structured or after.significant.any() else "explained"
+
+    def _unexplained(
+        self, before: shrinking.Figures, after: shrinking.Figures, values: Sequence[Array], trace: Structure | None
+    ) -> list[Place]:
+        if trace is not None:
+            return [Place(*self._places()[trace.row], trace.regime, trace.rmse)]
         total = before.excess[before.significant].sum()
         rows = [int(r) for r in np.argsort(-after.excess) if before.significant[r] and after.excess[r] > WORTH * total]
         places = self._places()

@@ -44,7 +44,7 @@ def shares(evidence: Evidence, values: Sequence[Array], row: int, ratios: tuple[
     n = evidence.layout.n
     side, joint = evidence.layout.sides[row // n], row % n
     r = np.concatenate([v[:, row] for v in values])
-    parts = [_bases(part.signals, side, joint, n, ratios) for part in evidence.parts]
+    parts = [bases(part.signals, side, joint, n, ratios) for part in evidence.parts]
     found: dict[str, float] = {}
     power = float(np.mean(r**2)) or 1.0
     for regime in parts[0]:
@@ -68,7 +68,8 @@ def regime(found: dict[str, float]) -> str:
     return next(name for name in REGIMES if found.get(name, 0.0) > 0.9 * best)
 
 
-def _bases(signals: Signals, side: str, i: int, n: int, ratios: tuple[float, float]) -> dict[str, Array]:
+def bases(signals: Signals, side: str, i: int, n: int, ratios: tuple[float, float]) -> dict[str, Array]:
+    """Return the columns (N, k) at the recording's rate that a residual of joint i would follow, by regime."""
     v = signals.values
     # Without transmissions the motor turns with the link.
     motor = n if v["x"].shape[1] > n else 0
@@ -85,7 +86,7 @@ def _bases(signals: Signals, side: str, i: int, n: int, ratios: tuple[float, flo
         "low_speed": np.stack([np.exp(-((w / (s * typical)) ** 2)) * sign for s in (0.1, 0.3)], axis=1),
         "high_speed": np.stack([w, w * np.abs(w)], axis=1),
         "acceleration": a[:, None],
-        "load": np.stack([load, load**3], axis=1),
+        "load": np.stack([load, load**3, v["dtau_J"][:, i]], axis=1),
         "position": np.stack([np.sin(q), np.cos(q), np.sin(2 * q), np.cos(2 * q)], axis=1),
         "rotor_angle": np.stack(turns, axis=1),
         "wave_generator_angle": np.stack(waves, axis=1),

@@ -186,7 +186,7 @@ class NoiseModel:
 
     @cached_property
     def _whitener(self) -> NDArray[np.complex128]:
-        return np.linalg.inv(np.linalg.cholesky(self.covariance))
+        return np.asarray(np.linalg.inv(np.linalg.cholesky(self.covariance)), dtype=np.complex128)
 
 
 def noise_model(

@@ -104,6 +104,12 @@ def telling(candidates: Sequence[Figures]) -> Figures | None:
     return next((f for f in able if f.clarity > CLEAR), max(able, key=lambda f: f.clarity))
 
 
+def clearest(candidates: Sequence[Figures], row: int) -> Figures:
+    """Return the band in which one residual stands highest over its noise, counted as significant there."""
+    best = max(candidates, key=lambda f: f.rmse[row] / f.noise[row])
+    return best.of(np.arange(len(best.rmse)) == row)
+
+
 def in_all_bands(evidence: Evidence, values: Sequence[Array]) -> list[Figures]:
     """Measure residuals in every band that is tried, widest first."""
     rate, longest = evidence.band.kept_rate, max(len(v) for v in values)
@@ -128,6 +134,8 @@ def shrink(before: Figures, after: Figures) -> tuple[float, tuple[float, float]]
         was, now = (np.maximum(weights @ f.blocks[:, chosen] - noise2, 0.0).sum(axis=1) for f in (before, after))
         return 1.0 - now / np.maximum(was, 1e-300)
 
+    if not before.excess[chosen].any():
+        return 0.0, (0.0, 0.0)
     whole = 1.0 - after.excess[chosen].sum() / before.excess[chosen].sum()
     sample = share(_weights(len(before.blocks), np.random.default_rng(1)))
     low, high = np.percentile(sample, [2.5, 97.5])
@@ -141,17 +149,8 @@ def contribution(before: Figures, without: Figures, after: Figures) -> float:
     return float(saved.mean() / before.excess[chosen].sum())
 
 
-def lowest(saved: Array, blocks: NDArray[np.intp]) -> float:
-    """Return the lowest of 97.5 % of resamplings of whole blocks of a sum over rows.
-
-    Parameters
-    ----------
-    saved
-        (rows,) what each row contributes.
-    blocks
-        (rows,) the block it belongs to.
-    """
-    sums = np.bincount(blocks, saved)
+def lowest(sums: Array) -> float:
+    """Return the lowest of 97.5 % of resamplings of whole blocks of the total of their sums (blocks,)."""
     return float(np.percentile(_weights(len(sums), np.random.default_rng(2)) @ sums, 2.5))
 
 

@@ -1,0 +1,120 @@
+"""Structure that no cause of the catalogue explains: what a residual follows all the same.
+
+An effect that the catalogue does not hold may be far too small to make a residual stand out of its noise by size, and
+yet follow the rotor's angle, the sign of a velocity or the load as no noise does. Every regime's general columns are
+fitted, at every place, on one data set and judged on the other.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from elastic_arm.gap.bank import Bank, Entry
+from elastic_arm.gap.evidence import Evidence
+from elastic_arm.gap.regimes import bases
+
+Array = NDArray[np.float64]
+
+RANK = 1e-6  # relative singular value below which a combination of columns says nothing
+# A torque sensor's fault shows in the three equations that share it, with these signs, and in no single one.
+SHARED = {"link": 1.0, "drive": 1.0, "motor": -1.0}
+
+
+@dataclass(frozen=True)
+class Structure:
+    """Where something is left, what it follows, and how sure that is.
+
+    Parameters
+    ----------
+    row
+        Number of the residual: side times joints plus joint.
+    regime
+        What it follows.
+    gain
+        Held-out log-likelihood of the regime's columns.
+    rmse
+        Nm, size of what follows the regime on the judging data.
+    """
+
+    row: int
+    regime: str
+    gain: float
+    rmse: float
+
+
+def strongest(bank: Bank, entries: Sequence[Entry], ratios: Sequence[tuple[float, float]]) -> Structure:
+    """Return what stands out most of what the entries leave.
+
+    Parameters
+    ----------
+    ratios
+        r_hd and r_tot of every joint.
+    """
+    n = bank.sets[0].layout.n
+    left = [bank.remainder(which, entries, bank.fit(which, entries)) for which in (0, 1)]
+    explained = [_basis(bank.matrix(which, _numbers(entries))) for which in (0, 1)]
+    found: list[Structure] = []
+    for joint in range(n):
+        for side in (*bank.sets[0].layout.sides, "sensor"):
+            plain = [_columns(evidence, side, joint, ratios[joint]) for evidence in bank.sets]
+            for regime in plain[0]:
+                white = [
+                    _without(evidence.whiten(part[regime]), known)
+                    for evidence, part, known in zip(bank.sets, plain, explained, strict=True)
+                ]
+                fits = [_least_squares(w, y) for w, y in zip(white, left, strict=True)]
+                gain = sum(_gain(white[which], left[which], fits[1 - which]) for which in (0, 1))
+                row = _row(bank.sets[0], "link" if side == "sensor" else side, joint)
+                size = np.concatenate([part[:, row] @ fits[0] for part in plain[1][regime]])
+                found.append(Structure(row, regime, gain, float(np.sqrt(np.mean(size**2)))))
+    return max(found, key=lambda structure: structure.gain)
+
+
+def _columns(evidence: Evidence, side: str, joint: int, ratios: tuple[float, float]) -> dict[str, list[Array]]:
+    """Return a regime's columns (N', R, k) in the band, by regime, one array a stretch."""
+    layout = evidence.layout
+    pattern = np.zeros(layout.rows)
+    for name in layout.sides if side == "sensor" else (side,):
+        pattern[_row(evidence, name, joint)] = SHARED.get(name, 1.0) if side == "sensor" else 1.0
+    found: dict[str, list[Array]] = {}
+    for part in evidence.parts:
+        for regime, columns in bases(
+            part.signals, "link" if side == "sensor" else side, joint, layout.n, ratios
+        ).items():
+            thin = evidence.band.apply(columns)[part.stretch.kept]
+            found.setdefault(regime, []).append(pattern[None, :, None] * thin[:, None, :])
+    return found
+
+
+def _row(evidence: Evidence, side: str, joint: int) -> int:
+    sides = evidence.layout.sides
+    return (sides.index(side) if side in sides else 0) * evidence.layout.n + joint
+
+
+def _numbers(entries: Sequence[Entry]) -> NDArray[np.intp]:
+    return np.concatenate([entry.index for entry in entries]) if entries else np.empty(0, dtype=int)
+
+
+def _basis(columns: Array) -> Array:
+    if not columns.shape[1]:
+        return columns
+    u, s, _ = np.linalg.svd(columns / np.maximum(np.linalg.norm(columns, axis=0), 1e-300), full_matrices=False)
+    return u[:, s > RANK * s[0]]
+
+
+def _without(columns: Array, known: Array) -> Array:
+    return columns - known @ (known.T @ columns)
+
+
+def _least_squares(columns: Array, y: Array) -> Array:
+    scale = np.maximum(np.linalg.norm(columns, axis=0), 1e-300)
+    return np.linalg.lstsq(columns / scale, y, rcond=RANK)[0] / scale
+
+
+def _gain(columns: Array, y: Array, beta: Array) -> float:
+    predicted = columns @ beta
+    return float(predicted @ y - 0.5 * predicted @ predicted)
