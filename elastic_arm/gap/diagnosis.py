@@ -2,45 +2,33 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
-from elastic_arm.dynamics import Model, build_model
+from elastic_arm.dynamics import build_model
 from elastic_arm.effects import EFFECTS, Active, Effect, robot_effects
 from elastic_arm.effects.equations import ArmEquations
 from elastic_arm.errors import DiagnosisError
-from elastic_arm.gap import shrink as shrinking
 from elastic_arm.gap.band import Band
 from elastic_arm.gap.bank import Bank, Entry, build_bank
 from elastic_arm.gap.candidates import feature_of, features
-from elastic_arm.gap.certainty import Estimate, certain, differs, estimates, polish
 from elastic_arm.gap.evidence import Evidence
-from elastic_arm.gap.explain import ENOUGH, Explanation, Rival, Search, misfit
-from elastic_arm.gap.material import Material
+from elastic_arm.gap.inquiry import Inquiry
 from elastic_arm.gap.observation import Observation, observe, widest_band
 from elastic_arm.gap.refit import OWN, refitted
-from elastic_arm.gap.regimes import regime, shares
 from elastic_arm.gap.residuals import Layout
-from elastic_arm.gap.result import Alternative, Cause, Diagnosis, Place, Size
+from elastic_arm.gap.result import Diagnosis
 from elastic_arm.gap.split import independent, split
-from elastic_arm.gap.structure import Structure, strongest
 from elastic_arm.gap.usable import needs_motion, standing, usable
-from elastic_arm.gap.words import separated_by
 from elastic_arm.recording import Recording
 from elastic_arm.robot import Robot
 
 Array = NDArray[np.float64]
-Seen = tuple[tuple[Observation, ...], tuple[Observation, ...]]
 
-DETECTED = 20.0  # held-out log-likelihood from which something shows although no residual stands out of the noise
-WORTH = 0.01  # of the whole gap: less is no cause
-EXPLAINED = 0.2  # of the excess may be left
-PLAINLY = 0.1  # of the excess may be left whatever it looks like; between the two it must look like noise
 ONE_ENCODER = 5.0  # Hz: above, the drives' deflection that a single encoder does not show changes the motion too much
-LISTED = 0.01  # alternatives less probable than this are not worth a line
 
 
 @dataclass(frozen=True)
@@ -104,7 +92,7 @@ def diagnose(recordings: Sequence[Recording], question: Question, validate: Sequ
     bank = build_bank(identify, judge, able)
     known = (*robot_effects(question.robot), *question.given)
     given = [_given(bank, equations, active) for active in known if feature_of(active, equations).acts]
-    inquiry = _Inquiry(model, bank, given, (tuple(seen[0]), tuple(seen[1])), held_back=not validate)
+    inquiry = Inquiry(model, bank, given, (tuple(seen[0]), tuple(seen[1])), held_back=not validate)
     notes = list(dict.fromkeys(note for part in seen for o in part for note in o.notes))
     notes += [f"{joint} stands still: nothing can be said of what its motion would show." for joint in still]
     return inquiry.answer(
@@ -135,265 +123,3 @@ def _given(bank: Bank, equations: ArmEquations, active: Active) -> Entry:
     entry = bank.add(feature, tuple(float(v) for v in searched), fixed=feature.fixed)
     bank.close()
     return entry
-
-
-class _Inquiry:
-    """Search, judgement and wording for one bank of columns."""
-
-    def __init__(self, model: Model, bank: Bank, given: list[Entry], seen: Seen, *, held_back: bool) -> None:
-        self.model, self.bank, self.judge, self.given, self.seen = model, bank, bank.sets[1], given, seen
-        self.rate = max(o.rate for o in seen[0])
-        self.held_back = held_back
-        self.notes: list[str] = []
-
-    def answer(
-        self, *, identify: tuple[str, ...], validate: tuple[str, ...], independent_motion: bool, notes: Iterable[str]
-    ) -> Diagnosis:
-        """Return the diagnosis."""
-        baseline, before_values = self.given, self._left(self.given)
-        tried = shrinking.in_all_bands(self.judge, before_values)
-        before = shrinking.telling(tried)
-        explanation = Explanation(list(baseline), len(baseline))
-        search = Search(self.bank, self.given)
-        if before is not None or search.strongest() > DETECTED:
-            explanation = self._without_lags(search.run())
-            baseline = explanation.entries[: explanation.given]
-            before_values = self._left(baseline)
-            tried = shrinking.in_all_bands(self.judge, before_values)
-            before = shrinking.telling(tried)
-            if before is None or before.clarity < shrinking.CLEAR:
-                before = self._faint(tried, explanation) or before
-        trace = None
-        if before is not None:
-            explanation = self._polished(self._judged(explanation, before))
-        else:
-            explanation = Explanation(list(baseline), len(baseline))
-            trace = self._trace(baseline)
-            before = tried[0] if trace is None else shrinking.clearest(tried, trace.row)
-        entries = explanation.entries
-        after_values = self._left(entries)
-        after = shrinking.figures(self.judge, after_values, before.band)
-        causes, found_as = self._causes(explanation, before, baseline)
-        alone = [values for _, _, values in found_as]
-        found = shrinking.shrink(before, after) if before.significant.any() else None
-        verdict = "none" if found is None else self._verdict(found[0], causes, entries, after)
-        regimes = tuple(shares(self.judge, before_values, row, self._ratios(row)) for row in range(len(before.rmse)))
-        if not independent_motion:
-            self.notes.append("The validation data repeat the motion of the fit: it is not an independent motion.")
-        return Diagnosis(
-            model=self.model.name,
-            robot=self.model.robot.name,
-            joints=self.model.robot.joint_names,
-            identify=identify,
-            validate=validate,
-            independent_motion=independent_motion,
-            band=before.band,
-            verdict=verdict,
-            noise=dict(zip(self._places(), before.noise.tolist(), strict=True)),
-            before=self._size(before),
-            after=self._size(after),
-            shrink=found[0] if found else None,
-            shrink_interval=found[1] if found else None,
-            causes=tuple(causes),
-            unexplained=tuple(self._unexplained(before, after, after_values, trace)) if verdict == "unknown" else (),
-            notes=(*notes, *self.notes),
-            ladder=self._ladder(before, before_values, alone),
-            material=Material(
-                model=self.model,
-                validate=self.judge,
-                before=before_values,
-                after=after_values,
-                entries=tuple(entry for entry, _, _ in found_as),
-                alone=tuple(alone),
-                regimes=regimes,
-                bank=self.bank,
-                seen=self.seen,
-                held_back=self.held_back,
-                given=tuple(entries[: explanation.given]),
-                known=self._actives(baseline),
-                rivals=tuple(tuple(r.entry for r in rivals) for _, rivals, _ in found_as),
-            ),
-        )
-
-    def _faint(self, tried: Sequence[shrinking.Figures], explanation: Explanation) -> shrinking.Figures | None:
-        """Return a band in which the causes make residuals smaller that do not stand out of the noise by size alone."""
-        entries = explanation.entries
-        if len(entries) == explanation.given or self.bank.held_out(entries) < DETECTED:
-            return None
-        after = shrinking.in_all_bands(self.judge, self._left(entries))
-        marked = [b.of(b.significant | shrinking.improved(b, a)) for b, a in zip(tried, after, strict=True)]
-        return shrinking.telling(marked)
-
-    def _trace(self, entries: Sequence[Entry]) -> Structure | None:
-        """Return what the remainder follows where it is not noise, be it too faint to show by its size."""
-        found = strongest(self.bank, entries, [self._ratios(joint) for joint in range(self.model.n)])
-        return found if found.gain > DETECTED else None
-
-    def _polished(self, explanation: Explanation) -> Explanation:
-        return Explanation(polish(self.bank, explanation.entries), explanation.given, explanation.rivals)
-
-    def _left(self, entries: Sequence[Entry]) -> list[Array]:
-        return shrinking.remaining(self.judge, entries, self.bank.fit(0, entries))
-
-    def _without_lags(self, explanation: Explanation) -> Explanation:
-        """Count lags of a sample or less as part of the model: they are no cause."""
-        estimated = estimates(self.bank, polish(self.bank, explanation.entries))
-        lags, causes = [], []
-        for k in range(explanation.given, len(explanation.entries)):
-            entry, values = explanation.entries[k], estimated[k]
-            delay = values.get("delay")
-            is_lag = entry.feature.effect.id == "time_delay" and delay is not None
-            if is_lag and abs(delay.value) <= 1.0 / self.rate + 2 * delay.std:  # type: ignore[union-attr]
-                channels = ", ".join(entry.feature.choices["channels"])
-                where = entry.feature.joint or "all joints"
-                self.notes.append(
-                    f"{channels} of {where} lags by {1e3 * delay.value:.2f} ms, a sample or less: "  # type: ignore[union-attr]
-                    "taken into account, no cause."
-                )
-                lags.append(k)
-            else:
-                causes.append(k)
-        order = [*range(explanation.given), *lags, *causes]
-        moved = {order.index(k): v for k, v in explanation.rivals.items() if k in causes}
-        return Explanation([explanation.entries[k] for k in order], explanation.given + len(lags), moved)
-
-    def _judged(self, explanation: Explanation, before: shrinking.Figures) -> Explanation:
-        """Leave out, worst first, causes that do not pass the contract's conditions."""
-        entries, rivals = list(explanation.entries), dict(explanation.rivals)
-        while len(entries) > explanation.given:
-            after = self._figures(entries, before.band)
-            shares = {}
-            for k in range(explanation.given, len(entries)):
-                without = entries[:k] + entries[k + 1 :]
-                share = shrinking.contribution(before, self._figures(without, before.band), after)
-                if not self._worthy(entries, without, k, share):
-                    shares[k] = share
-            if not shares:
-                polished = polish(self.bank, entries)
-                estimated, sure = estimates(self.bank, polished), certain(self.bank, polished)
-                causes = range(explanation.given, len(entries))
-                shares = {k: 0.0 for k in causes if not (sure[k] or differs(estimated[k], entries[k]))}
-            if not shares:
-                break
-            worst = min(shares, key=lambda k: shares[k])
-            entries.pop(worst)
-            rivals = {k - (k > worst): v for k, v in rivals.items() if k != worst}
-        return Explanation(entries, explanation.given, rivals)
-
-    def _worthy(self, entries: Sequence[Entry], without: Sequence[Entry], k: int, share: float) -> bool:
-        if not entries[k].feature.effect.parameters:
-            gain = self.bank.held_out(entries) - self.bank.held_out(without)
-            return gain > ENOUGH * misfit(self.bank, entries)
-        return share >= WORTH and shrinking.lowest(self.bank.gain_by_blocks(without, entries)) > 0.0
-
-    def _figures(self, entries: Sequence[Entry], band: float) -> shrinking.Figures:
-        return shrinking.figures(self.judge, self._left(entries), band)
-
-    def _causes(
-        self, explanation: Explanation, before: shrinking.Figures, baseline: Sequence[Entry]
-    ) -> tuple[list[Cause], list[tuple[Entry, list[Rival], list[Array]]]]:
-        """Return the causes, most important first, and each as an entry, with its rivals and what it leaves alone."""
-        entries = explanation.entries
-        if len(entries) == explanation.given:
-            return [], []
-        estimated, coefficients = estimates(self.bank, entries), self._coefficients(entries)
-        found = []
-        for k in range(explanation.given, len(entries)):
-            entry, rivals = entries[k], explanation.rivals.get(k, [])
-            alone = self._left([*baseline, entry])
-            share = shrinking.shrink(before, shrinking.figures(self.judge, alone, before.band))[0]
-            found.append((self._cause(entry, estimated[k], share, rivals, coefficients[k]), (entry, rivals, alone)))
-        found.sort(key=lambda item: -item[0].shrink)
-        return [cause for cause, _ in found], [as_entry for _, as_entry in found]
-
-    def _coefficients(self, entries: Sequence[Entry]) -> list[list[float]]:
-        """Return the coefficients of each entry's columns."""
-        beta, found, first = self.bank.fit(0, entries), [], 0
-        for entry in entries:
-            size = entry.columns.stop - entry.columns.start
-            found.append([float(v) for v in beta[first : first + size]])
-            first += size
-        return found
-
-    def _ladder(self, before: shrinking.Figures, start: list[Array], alone: Sequence[list[Array]]) -> tuple[float, ...]:
-        """Return how far the gap shrinks with the first cause, the first two, and so on."""
-        left, rungs = start, []
-        for one in alone:
-            left = [now - (was - then) for now, was, then in zip(left, start, one, strict=True)]
-            rungs.append(shrinking.shrink(before, shrinking.figures(self.judge, left, before.band))[0])
-        return tuple(rungs)
-
-    def _cause(
-        self, entry: Entry, estimate: dict[str, Estimate], share: float, rivals: list[Rival], coefficients: list[float]
-    ) -> Cause:
-        feature = entry.feature
-        confidence = 1.0 / (1.0 + sum(r.odds for r in rivals))
-        alternatives = tuple(
-            Alternative(
-                r.entry.feature.effect.id,
-                r.entry.feature.joint,
-                r.odds * confidence,
-                separated_by(feature.effect, r.entry.feature.effect, feature.joint, r.entry.feature.joint),
-            )
-            for r in rivals
-            if r.odds * confidence >= LISTED
-        )
-        return Cause(
-            feature.effect.id,
-            feature.joint,
-            tuple(side for side in feature.sides if side in self.bank.sets[0].layout.sides) or feature.sides,
-            feature.effect.regime,
-            estimate,
-            share,
-            confidence,
-            alternatives,
-            feature.active(coefficients, entry.searched or ()),
-        )
-
-    def _actives(self, entries: Sequence[Entry]) -> tuple[Active, ...]:
-        """Return the entries as the simulator takes them."""
-        coefficients = self._coefficients(entries)
-        return tuple(e.feature.active(c, e.searched or ()) for e, c in zip(entries, coefficients, strict=True))
-
-    def _verdict(
-        self, shrink: float, causes: Sequence[Cause], entries: Sequence[Entry], after: shrinking.Figures
-    ) -> str:
-        """Say whether the causes explain the gap.
-
-        Where the gap is faint, the excess that is left is known to a part of the gap only: then structure decides.
-        """
-        if not causes:
-            return "unknown"
-        if shrink >= 1.0 - PLAINLY:
-            return "explained"
-        structured = self._trace(entries) is not None
-        if shrink >= 1.0 - EXPLAINED:
-            return "unknown" if structured else "explained"
-        return "unknown" if structured or after.significant.any() else "explained"
-
-    def _unexplained(
-        self, before: shrinking.Figures, after: shrinking.Figures, values: Sequence[Array], trace: Structure | None
-    ) -> list[Place]:
-        if trace is not None:
-            return [Place(*self._places()[trace.row], trace.regime, trace.rmse)]
-        total = before.excess[before.significant].sum()
-        rows = [int(r) for r in np.argsort(-after.excess) if before.significant[r] and after.excess[r] > WORTH * total]
-        places = self._places()
-        return [
-            Place(joint, side, regime(shares(self.judge, values, r, self._ratios(r))), float(after.rmse[r]))
-            for r in rows
-            for joint, side in [places[r]]
-        ]
-
-    def _places(self) -> list[tuple[str, str]]:
-        return [(joint, side) for side in self.judge.layout.sides for joint in self.model.robot.joint_names]
-
-    def _size(self, figures: shrinking.Figures) -> Size:
-        places = self._places()
-        return Size(
-            dict(zip(places, figures.rmse.tolist(), strict=True)), dict(zip(places, figures.peak.tolist(), strict=True))
-        )
-
-    def _ratios(self, row: int) -> tuple[float, float]:
-        gear = self.model.robot.joints[row % self.model.n].transmission
-        return (gear.harmonic_drive_ratio, gear.r_tot) if gear else (1.0, 1.0)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -75,6 +75,14 @@ class Cause:
     confidence: float
     alternatives: tuple[Alternative, ...]
     active: Active
+
+    def less_sure(self, share: float) -> Cause:
+        """Return it with its own and its alternatives' confidence reduced to a share.
+
+        An incomplete explanation may owe its causes to what it lacks: it is worth the share of the gap that it explains.
+        """
+        alternatives = tuple(replace(a, confidence=share * a.confidence) for a in self.alternatives)
+        return replace(self, confidence=share * self.confidence, alternatives=alternatives)
 
     def to_dict(self) -> dict[str, Any]:
         """Return it as in `diagnosis.json`."""

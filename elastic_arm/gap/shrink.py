@@ -26,6 +26,8 @@ ALPHA = 1e-3
 RESAMPLES = 4000
 # The noise is estimated too, its square to a few per cent, and quantised encoders are not quite white.
 NOISE_GUARD = 1.12
+# Of the noise's power: so much is no chance, even if it comes from few blocks because the arm moves in few.
+PLAIN = 2.0
 CLEAR = 10.0  # clarity from which an excess is known to a tenth
 
 
@@ -92,8 +94,9 @@ def figures(evidence: Evidence, values: Sequence[Array], band: float, tests: int
     level = ALPHA / (tests * len(mean))
     beyond_chance = chi2.sf(freedom * mean / (NOISE_GUARD * noise**2), freedom) < level
     weights = _weights(len(blocks), np.random.default_rng(0))
+    plain = mean > PLAIN * noise**2
     resampled = (weights @ blocks <= noise**2).mean(axis=0) < ALPHA
-    return Figures(band, np.sqrt(mean), np.abs(together).max(axis=0), noise, freedom, blocks, beyond_chance & resampled)
+    return Figures(band, np.sqrt(mean), np.abs(together).max(axis=0), noise, freedom, blocks, beyond_chance & (resampled | plain))
 
 
 def telling(candidates: Sequence[Figures]) -> Figures | None:
