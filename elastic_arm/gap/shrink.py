@@ -96,7 +96,9 @@ def figures(evidence: Evidence, values: Sequence[Array], band: float, tests: int
     weights = _weights(len(blocks), np.random.default_rng(0))
     plain = mean > PLAIN * noise**2
     resampled = (weights @ blocks <= noise**2).mean(axis=0) < ALPHA
-    return Figures(band, np.sqrt(mean), np.abs(together).max(axis=0), noise, freedom, blocks, beyond_chance & (resampled | plain))
+    return Figures(
+        band, np.sqrt(mean), np.abs(together).max(axis=0), noise, freedom, blocks, beyond_chance & (resampled | plain)
+    )
 
 
 def telling(candidates: Sequence[Figures]) -> Figures | None:
