@@ -264,7 +264,7 @@ class Inquiry:
     def _verdict(self, shrink: float, explanation: Explanation, after: shrinking.Figures) -> str:
         """Say whether the causes explain the gap.
 
-        Where the gap is faint, the excess that is left is known to a part of the gap only: then it must look like noise.
+        Where the gap is faint, the excess that is left is known to a part of it only: then it must look like noise.
         """
         entries = explanation.entries
         if len(entries) == explanation.given:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -79,7 +79,7 @@ class Cause:
     def less_sure(self, share: float) -> Cause:
         """Return it with its own and its alternatives' confidence reduced to a share.
 
-        An incomplete explanation may owe its causes to what it lacks: it is worth the share of the gap that it explains.
+        An incomplete explanation may owe its causes to what it lacks: it is worth the share of the gap it explains.
         """
         alternatives = tuple(replace(a, confidence=share * a.confidence) for a in self.alternatives)
         return replace(self, confidence=share * self.confidence, alternatives=alternatives)
