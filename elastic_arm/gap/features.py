@@ -22,11 +22,10 @@ from elastic_arm.effects.equations import ArmEquations
 from elastic_arm.effects.motion import Contribution, Motion
 from elastic_arm.errors import EffectError
 from elastic_arm.gap.residuals import WholeMotion
+from elastic_arm.gap.scan import Scan
 
 Array = NDArray[np.float64]
 INPUTS = ("x", "dx", "ddx", "tau_J", "tau_m", "dtau_J", "dtau_m", "sign_link", "sign_motor")
-
-SCAN = 200  # steps of an internal state in one call
 
 
 @dataclass(frozen=True)
@@ -210,23 +209,16 @@ class _Compiled:
     kernel: kernels.Kernel
     places: NDArray[np.intp]
     searched: int
-    rates: Any = None
+    rates: Scan | None = None
 
     def states(self, signals: Signals, searched: Array) -> Array:
         """Run the internal states (N, s) over the samples, by the exponential Euler rule."""
         h = float(signals.t[1] - signals.t[0])
         stacked = np.hstack(signals.arrays())
-        N = len(stacked)
-        chunks = -(-N // SCAN)
         # Over a step the rates are those of its middle.
         stacked[:-1] = 0.5 * (stacked[:-1] + stacked[1:])
-        padded = np.vstack([stacked, np.repeat(stacked[-1:], chunks * SCAN - N, axis=0)])
-        constants = np.append(searched, h)
-        state, courses = np.zeros(self.rates.size1_in(0)), []
-        for arguments in padded.reshape(chunks, -1):
-            state, course = (np.asarray(out).ravel() for out in self.rates(state, arguments, constants))
-            courses.append(course)
-        return np.concatenate(courses).reshape(-1, len(state))[:N]
+        assert self.rates is not None
+        return self.rates.run(stacked, np.append(searched, h))
 
 
 def _compile(feature: Feature) -> _Compiled:
@@ -299,7 +291,7 @@ def _columns(feature: Feature, rows: Any, numbers: Mapping[str, Any]) -> Any:
     )
 
 
-def _scan(contribution: Contribution, states: Mapping[str, Any], symbols: Any, searched: Any, equations: Any) -> Any:
+def _scan(contribution: Contribution, states: Mapping[str, Any], symbols: Any, searched: Any, equations: Any) -> Scan:
     """One step of the internal states: exact where their rate is linear in them over the step."""
     z = ca.vertcat(*states.values())
     rate = ca.vertcat(*(contribution.rates[name] for name in states))
@@ -310,10 +302,4 @@ def _scan(contribution: Contribution, states: Mapping[str, Any], symbols: Any, s
     factor = ca.if_else(ca.fabs(stiffness) < 1e-8, 1.0, ca.expm1(stiffness) / (stiffness + (ca.fabs(stiffness) < 1e-8)))
     arguments, constants = ca.vertcat(*symbols.values()), ca.vertcat(searched, h)
     step = ca.Function("step", [z, arguments, constants], [z + h * factor * rate])
-    # Many steps at a time in one straight line: calling a function costs more than a step.
-    many = [ca.SX.sym(f"s{k}", arguments.numel()) for k in range(SCAN)]
-    course = [ca.SX.sym("z", z.numel())]
-    start = course[0]
-    for now in many:
-        course.append(step(course[-1], now, constants))
-    return ca.Function("steps", [start, ca.vertcat(*many), constants], [course[-1], ca.vertcat(*course[:-1])])
+    return Scan(step)
