@@ -12,6 +12,8 @@ from elastic_arm.identification.verdict import Liveliness
 
 # Samples of a unit: the shortest block.
 BLOCK = 256
+# In long recordings one sample speaks for so many units in the sums of noise.
+MOST_SPOKEN_FOR = 4
 
 
 class Accumulator:
@@ -68,9 +70,18 @@ class Accumulator:
     def _add_to(self, blocks: Blocks, motion: Motion, units: int) -> None:
         """Add samples, each as often as it stands for others."""
         hi, lo = self.equations.information(motion)
-        noise = noise_sums(self.equations, motion, _unit(motion))
+        noise = noise_sums(self.equations, motion, *_spoken_for(blocks, _unit(motion)))
         gram = motion.every * hi, motion.every * lo
         blocks.add(gram, motion.every * len(motion), units, None if noise is None else motion.every * noise)
+
+
+def _spoken_for(blocks: Blocks, unit: int) -> tuple[int, int]:
+    """Return for how many samples one speaks in the sums of noise, and the first that speaks.
+
+    Both depend on the place in the block alone, not on how samples come.
+    """
+    group = min(blocks.span, MOST_SPOKEN_FOR)
+    return group * unit, (blocks.begun % group and group - blocks.begun % group) * unit + unit // 2
 
 
 def _unit(motion: Motion) -> int:

@@ -20,13 +20,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
 from elastic_arm.dynamics import Model
 from elastic_arm.dynamics.doubled import Pair
-from elastic_arm.dynamics.information import gram
+from elastic_arm.dynamics.information import Information, gram
 from elastic_arm.errors import IdentificationError
 from elastic_arm.identification.base_parameters import BaseParameters, find_base
 from elastic_arm.identification.derivatives import Motion
@@ -126,7 +127,8 @@ class Equations:
         measured = [self._measured(motion, side).T for side in self.sides if side != "drive"]
         y = np.zeros((len(motion), self.model.dof))
         y[:, : self.n * len(measured)] = np.hstack(measured)[:, : y.shape[1]]
-        total = self.model.accumulator(self.base.columns)
+        total = self._sums
+        total.reset()
         total.add(x, dx, ddx, y=y)
         hi, lo = total.grams()
         own = self.n * len(measured)
@@ -134,6 +136,11 @@ class Equations:
             return hi[:own], lo[:own]
         drive = self._drive_information(x, dx, self._measured(motion, "drive"))
         return np.concatenate([hi[:own], drive[0]]), np.concatenate([lo[:own], drive[1]])
+
+    @cached_property
+    def _sums(self) -> Information:
+        """Sums of the base columns, used again and again: to set them up takes as long as a thousand samples."""
+        return self.model.accumulator(self.base.columns)
 
     def _drive_information(self, x: Array, dx: Array, tau_J: Array) -> Pair:
         """Return the sums of the drive rows: their only columns are deflections and their rates."""

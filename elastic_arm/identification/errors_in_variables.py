@@ -42,7 +42,7 @@ class _Directions:
     offsets: dict[str, Array]
 
 
-def noise_sums(equations: Equations, motion: Motion, every: int) -> Array | None:
+def noise_sums(equations: Equations, motion: Motion, every: int, first: int) -> Array | None:
     """Return what the noise of `motion` adds on the average to [Phi y]'[Phi y] of all groups.
 
     Parameters
@@ -51,8 +51,8 @@ def noise_sums(equations: Equations, motion: Motion, every: int) -> Array | None
         Whose rows are meant. Laws that were filtered with the motion are taken for exact.
     motion
         A run of samples.
-    every
-        The motion changes little from one sample to the next: one speaks for so many.
+    every, first
+        The motion changes little from one sample to the next: one speaks for so many, the first one at `first`.
 
     Returns
     -------
@@ -68,12 +68,11 @@ def noise_sums(equations: Equations, motion: Motion, every: int) -> Array | None
     directions = _directions(motion.noise)
     if not len(directions.steps):
         return None
-    count = -(-len(motion) // every)
-    middles = np.minimum(np.arange(count) * every + every // 2, len(motion) - 1)
-    share = np.full(count, float(every))
-    share[-1] = len(motion) - (count - 1) * every
-    rows = equations.rows(_moved(motion[middles], directions))
-    rows = rows.reshape(rows.shape[0], -1, count, rows.shape[-1]) * np.sqrt(share)[:, None]
+    chosen = np.arange(first, len(motion), every)
+    if not len(chosen):
+        return None
+    rows = equations.rows(_moved(motion[chosen], directions))
+    rows = rows.reshape(rows.shape[0], -1, len(chosen), rows.shape[-1]) * np.sqrt(every)
     middle, ahead, behind = rows[:, :1], rows[:, 1::2], rows[:, 2::2]
     steps = directions.steps[:, None, None]
     slope = ((ahead - behind) / (2.0 * steps)).reshape(len(rows), -1, rows.shape[-1])

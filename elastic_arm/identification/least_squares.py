@@ -75,6 +75,11 @@ class Blocks:
     _units: int = 0
 
     @property
+    def begun(self) -> int:
+        """Units in the last block, if it takes more."""
+        return self._units
+
+    @property
     def room(self) -> int:
         """Units that the last block still takes."""
         return self.span - self._units
@@ -300,6 +305,9 @@ def _covariances(
         values, vectors = np.linalg.eigh(leverage)
         mended = vectors @ ((vectors.T @ score) / np.maximum(1.0 - values, 1e-3))
         meat += np.outer(mended, mended)
+    # The spread of m scores is itself uncertain: errors over it follow Student's distribution, with this variance.
+    freedom = len(blocks.grams) - 1
+    meat *= freedom / (freedom - 2)
     return back @ meat @ back.T + systematic, white
 
 
