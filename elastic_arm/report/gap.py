@@ -237,7 +237,7 @@ def _leftover(found: Diagnosis) -> list[str]:
         return []
     ratios = {place: rmse / found.noise[place] for place, rmse in found.after.rmse.items() if found.noise[place]}
     places = sorted((p for p in ratios if ratios[p] > STANDS_OUT), key=lambda p: -ratios[p])
-    named = ", ".join(f"{joint} {side} side ({ratios[joint, side]:.3g}× noise)" for joint, side in places[:4])
+    named = ", ".join(f"{joint} {side} side ({figures.times(ratios[joint, side])})" for joint, side in places[:4])
     return [f"Less than a fifth of the gap is left, but it stands out of the noise: {named}."] if places else []
 
 

@@ -41,6 +41,11 @@ def title(cause: Cause) -> str:
     return f"{cause.effect.replace('_', ' ')}, {cause.joint or 'whole arm'}"
 
 
+def times(ratio: float) -> str:
+    """Return a residual over its noise as text."""
+    return f"{ratio:.1f}× noise" if ratio < BRIGHTEST else f"{ratio:.0f}× noise"
+
+
 def gap_map(found: Diagnosis) -> MplFigure:
     """Draw joints by sides, before and after: residual over its noise."""
     with style():
@@ -57,7 +62,7 @@ def gap_map(found: Diagnosis) -> MplFigure:
             ax.imshow(shade, vmin=0.0, vmax=1.0, cmap="YlOrRd", aspect="auto")
             for (row, column), value in np.ndenumerate(ratio):
                 place = (found.joints[row], SIDES[column])
-                label = "not recorded" if np.isnan(value) else f"{_times(value)}\n{size.rmse[place]:.3g} Nm"
+                label = "not recorded" if np.isnan(value) else f"{times(value)}\n{size.rmse[place]:.3g} Nm"
                 colour = "white" if shade[row, column] > 0.7 else "black"
                 ax.text(column, row, label, ha="center", va="center", fontsize=8, color=colour)
             ax.set_xticks(range(len(SIDES)), [f"{s} side" for s in SIDES])
@@ -231,10 +236,6 @@ def motion(trajectory: FourierTrajectory, joints: Sequence[str]) -> MplFigure:
 
 def _ratio(rmse: float | None, noise: float | None) -> float:
     return np.nan if rmse is None or not noise else rmse / noise
-
-
-def _times(value: float) -> str:
-    return f"{value:.1f}× noise" if value < BRIGHTEST else f"{value:.0f}× noise"
 
 
 def _percent(share: float) -> str:
