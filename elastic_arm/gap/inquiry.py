@@ -26,6 +26,7 @@ Seen = tuple[tuple[Observation, ...], tuple[Observation, ...]]
 DETECTED = 20.0  # held-out log-likelihood from which something shows although no residual stands out of the noise
 WORTH = 0.01  # of the whole gap: less is no cause
 EXPLAINED = 0.1  # of the excess may be left whatever it looks like
+MAINLY = 0.1  # of what a cause does: less in a residual is not what it is judged by
 LISTED = 0.01  # alternatives less probable than this are not worth a line
 
 
@@ -52,9 +53,8 @@ class Inquiry:
             baseline = explanation.entries[: explanation.given]
             before_values = self._left(baseline)
             tried = shrinking.in_all_bands(self.judge, before_values)
-            before = shrinking.telling(tried)
-            if before is None or before.clarity < shrinking.CLEAR:
-                before = self._faint(tried, explanation) or before
+            shown = self._rows(explanation)
+            before = shrinking.telling(self._marked(tried, explanation, shown), shown)
         trace = None
         if before is not None:
             explanation = self._polished(self._judged(explanation, before))
@@ -109,14 +109,25 @@ class Inquiry:
             ),
         )
 
-    def _faint(self, tried: Sequence[shrinking.Figures], explanation: Explanation) -> shrinking.Figures | None:
-        """Return a band in which the causes make residuals smaller that do not stand out of the noise by size alone."""
+    def _marked(
+        self, tried: Sequence[shrinking.Figures], explanation: Explanation, shown: Sequence[NDArray[np.bool_]]
+    ) -> list[shrinking.Figures]:
+        """Count residuals in which causes show and that they make smaller as significant, even if not by size alone."""
         entries = explanation.entries
-        if len(entries) == explanation.given or self.bank.held_out(entries) < DETECTED:
-            return None
+        if not shown or self.bank.held_out(entries) < DETECTED:
+            return list(tried)
         after = shrinking.in_all_bands(self.judge, self._left(entries))
-        marked = [b.of(b.significant | shrinking.improved(b, a)) for b, a in zip(tried, after, strict=True)]
-        return shrinking.telling(marked)
+        somewhere = np.any(shown, axis=0)
+        return [b.of(b.significant | (somewhere & shrinking.improved(b, a))) for b, a in zip(tried, after, strict=True)]
+
+    def _rows(self, explanation: Explanation) -> list[NDArray[np.bool_]]:
+        """Return the residuals (R,) in which each cause shows most."""
+        entries, found = explanation.entries, []
+        for k in range(explanation.given, len(entries)):
+            without = self._left([*entries[:k], *entries[k + 1 :]])
+            power = sum(np.sum((a - b) ** 2, axis=0) for a, b in zip(without, self._left(entries), strict=True))
+            found.append(power > MAINLY * np.sum(power))
+        return found
 
     def _trace(self, entries: Sequence[Entry]) -> Structure | None:
         """Return what the remainder follows where it is not noise, be it too faint to show by its size."""

@@ -101,12 +101,23 @@ def figures(evidence: Evidence, values: Sequence[Array], band: float, tests: int
     )
 
 
-def telling(candidates: Sequence[Figures]) -> Figures | None:
-    """Return the widest band in which the excess stands clear of the noise's uncertainty, else the clearest."""
+def telling(candidates: Sequence[Figures], causes: Sequence[NDArray[np.bool_]] = ()) -> Figures | None:
+    """Return the widest band in which the excess stands clear of the noise's uncertainty, else the clearest.
+
+    Parameters
+    ----------
+    causes
+        (R,) each, the residuals in which each of several causes shows: the band must be clear for all of them.
+    """
+
+    def of_each(f: Figures) -> list[float]:
+        return [f.of(f.significant & rows).clarity for rows in causes] or [f.clarity]
+
     able = [f for f in candidates if f.significant.any()]
     if not able:
         return None
-    return next((f for f in able if f.clarity > CLEAR), max(able, key=lambda f: f.clarity))
+    clear = (f for f in able if min(of_each(f)) > CLEAR)
+    return next(clear, max(able, key=lambda f: (sum(c > 1.0 for c in of_each(f)), f.clarity)))
 
 
 def clearest(candidates: Sequence[Figures], row: int) -> Figures:
