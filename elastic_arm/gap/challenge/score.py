@@ -57,7 +57,7 @@ def score(folders: Path | Sequence[Path]) -> dict[str, Any]:
     single = [x for x in lines if len(x["truth"]) == 1]
     large = [x for x in single if x["multiple"] >= LOWEST]
     told = [(c, r) for x in lines for c, r in zip(x["confidence"], x["cause_right"], strict=True)]
-    shrinks = [x["shrink"] for x in large if x["shrink"] is not None]
+    shrinks = [x["shrink"] or 0.0 for x in large]  # what was not found shrinks nothing
     return {
         "challenges": settings,
         "answered": len(lines),
