@@ -150,9 +150,10 @@ def shrink(before: Figures, after: Figures) -> tuple[float, tuple[float, float]]
         was, now = (np.maximum(weights @ f.blocks[:, chosen] - noise2, 0.0).sum(axis=1) for f in (before, after))
         return 1.0 - now / np.maximum(was, 1e-300)
 
-    if not before.excess[chosen].any():
+    total = _gap(before, after)
+    if not total:
         return 0.0, (0.0, 0.0)
-    whole = 1.0 - after.excess[chosen].sum() / before.excess[chosen].sum()
+    whole = 1.0 - after.excess[chosen].sum() / total
     sample = share(_weights(len(before.blocks), np.random.default_rng(1)))
     low, high = np.percentile(sample, [2.5, 97.5])
     return float(whole), (float(min(low, whole)), float(max(high, whole)))
@@ -162,7 +163,15 @@ def contribution(before: Figures, without: Figures, after: Figures) -> float:
     """Return what one cause takes off the excess beside the others, as a share of the whole gap."""
     chosen = before.significant
     saved = (without.blocks - after.blocks)[:, chosen].sum(axis=1)
-    return float(saved.mean() / before.excess[chosen].sum())
+    total = _gap(before, after)
+    return float(saved.mean() / total) if total else 0.0
+
+
+def _gap(before: Figures, after: Figures) -> float:
+    """Return the excess before, Nm²; of a gap below what its noise is known to, at least what the causes took away."""
+    chosen = before.significant
+    fall = float(np.sum(before.rmse[chosen] ** 2 - after.rmse[chosen] ** 2))
+    return max(float(before.excess[chosen].sum()), fall + float(after.excess[chosen].sum()))
 
 
 def lowest(sums: Array) -> float:
