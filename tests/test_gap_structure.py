@@ -167,11 +167,6 @@ def test_beside_a_cause_the_rest_is_still_found() -> None:
     assert found.gain > DETECTED
 
 
-@pytest.mark.xfail(
-    strict=True,
-    raises=AssertionError,
-    reason="a regime's column that the causes hold already is scaled up from rounding",
-)
 def test_what_is_left_beside_a_cause_is_no_larger_than_what_was_there() -> None:
     """The size stated for what a cause leaves is of the order of the torque that was added."""
     bank = bank_with(drag, {"motor": 1.0})
@@ -275,7 +270,6 @@ def test_noise_is_called_certain_as_seldom_as_stated() -> None:
     assert 2 <= count <= 21  # binomial, 200 of 0.05: beyond with probability 1e-3 on either side
 
 
-@pytest.mark.xfail(strict=True, raises=AssertionError, reason="a phase is taken to zero along with its amplitude")
 def test_noise_is_called_certain_as_seldom_whatever_its_phase() -> None:
     """A law with amplitude and phase is no surer of noise than others: no effect is no amplitude, at any phase."""
     angle = np.linspace(0.0, 40.0, 400)

@@ -86,7 +86,8 @@ def estimates(bank: Bank, entries: Sequence[Entry]) -> list[dict[str, Estimate]]
 def certain(bank: Bank, entries: Sequence[Entry]) -> list[bool]:
     """Whether each polished cause's parameters together differ from no effect (chi-square, 95 %).
 
-    Of a link's mass, centre and inertia perhaps none is determined by itself, and yet some combination of them is.
+    Of a link's mass, centre and inertia perhaps none is determined by itself, and yet some combination of them is. It
+    is asked only where no number has an interval of its own, which knows of coloured errors too.
     """
     problem = _Problem(bank, entries)
     left, jacobian = problem.left(problem.start), problem.jacobian()
@@ -101,6 +102,11 @@ def certain(bank: Bank, entries: Sequence[Entry]) -> list[bool]:
         shown = u[:, :rank].T @ (own @ away[owner == k])
         found.append(rank > 0 and float(shown @ shown) / spread > chi2.ppf(0.95, rank))
     return found
+
+
+def determined(estimate: dict[str, Estimate]) -> bool:
+    """Whether any number of a cause has an interval of its own."""
+    return any(s is not None for e in estimate.values() for s in np.atleast_1d(e.std))
 
 
 def differs(estimate: dict[str, Estimate], entry: Entry) -> bool:
@@ -149,7 +155,9 @@ class _Problem:
         found = []
         for (k, j), scale in zip(self.free, self.scales, strict=True):
             entry = self._entries[k]
-            found.append(((entry.searched or ())[j] - (_component(entry, j).neutral or 0.0)) / scale)
+            neutral = _component(entry, j).neutral
+            # A phase, a speed, a position: no value of it means no effect.
+            found.append(0.0 if neutral is None else ((entry.searched or ())[j] - neutral) / scale)
         return np.array(found)
 
     def values(self, z: Array) -> list[tuple[float, ...]]:

@@ -11,7 +11,7 @@ from elastic_arm.dynamics import Model
 from elastic_arm.effects import Active
 from elastic_arm.gap import shrink as shrinking
 from elastic_arm.gap.bank import Bank, Entry
-from elastic_arm.gap.certainty import Estimate, certain, differs, estimates, polish
+from elastic_arm.gap.certainty import Estimate, certain, determined, differs, estimates, polish
 from elastic_arm.gap.explain import ENOUGH, Explanation, Rival, Search, misfit
 from elastic_arm.gap.material import Material
 from elastic_arm.gap.observation import Observation
@@ -114,7 +114,8 @@ class Inquiry:
     ) -> list[shrinking.Figures]:
         """Count residuals in which causes show and that they make smaller as significant, even if not by size alone."""
         entries = explanation.entries
-        if not shown or self.bank.held_out(entries) < DETECTED:
+        given = entries[: explanation.given]
+        if not shown or self.bank.held_out(entries) - self.bank.held_out(given) < DETECTED:
             return list(tried)
         after = shrinking.in_all_bands(self.judge, self._left(entries))
         somewhere = np.any(shown, axis=0)
@@ -177,7 +178,8 @@ class Inquiry:
                 polished = polish(self.bank, entries)
                 estimated, sure = estimates(self.bank, polished), certain(self.bank, polished)
                 causes = range(explanation.given, len(entries))
-                shares = {k: 0.0 for k in causes if not (sure[k] or differs(estimated[k], entries[k]))}
+                together = [sure[k] and not determined(estimated[k]) for k in range(len(entries))]
+                shares = {k: 0.0 for k in causes if not (together[k] or differs(estimated[k], entries[k]))}
             if not shares:
                 break
             worst = min(shares, key=lambda k: shares[k])

@@ -107,7 +107,10 @@ def _basis(columns: Array) -> Array:
 
 
 def _without(columns: Array, known: Array) -> Array:
-    return columns - known @ (known.T @ columns)
+    """Return columns less what the entries' own hold of them; nothing where only rounding would be left."""
+    left = columns - known @ (known.T @ columns)
+    left[:, np.linalg.norm(left, axis=0) < RANK * np.linalg.norm(columns, axis=0)] = 0.0
+    return left
 
 
 def _least_squares(columns: Array, y: Array) -> Array:
