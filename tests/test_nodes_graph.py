@@ -184,8 +184,12 @@ def test_an_arm_faster_than_real_time_is_moved_on_its_own_clock(graph: Graph) ->
     assert recording.motor is not None
     assert recording.reference is not None
     assert set(np.diff(recording.motor.stamp_ns)) == {STEP_NS}
-    followed = np.interp(recording.reference.stamp_ns, recording.motor.stamp_ns, recording.motor.position[:, 0])
-    np.testing.assert_allclose(followed, recording.reference.position[:, 0], atol=0.01)
+    # On a busy machine the recorder finds the arm's topics some tenths of a second after the motion has begun.
+    heard = recording.reference.stamp_ns >= recording.motor.stamp_ns[0]
+    assert np.mean(heard) > 0.5
+    stamps, reference = recording.reference.stamp_ns[heard], recording.reference.position[heard, 0]
+    followed = np.interp(stamps, recording.motor.stamp_ns, recording.motor.position[:, 0])
+    np.testing.assert_allclose(followed, reference, atol=0.01)
     assert clock
     assert not any("broke off" in message.status[0].message for message in status)
 

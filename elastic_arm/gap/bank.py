@@ -148,13 +148,13 @@ class Bank:
         index, _ = _split(entries)
         return self.matrix(which, [0])[:, 0] - self.matrix(which, index) @ beta
 
-    def gain_by_blocks(self, without: Sequence[Entry], entries: Sequence[Entry]) -> Array:
-        """Return what the squares of the residual fall, block by block of both data sets, each fitted on the other."""
+    def falls(self, without: Sequence[Entry], entries: Sequence[Entry]) -> tuple[Array, Array]:
+        """Return what the squares of the residual fall, (blocks,) of each data set, fitted on the other."""
         falls = []
         for which, fitted in ((0, 1), (1, 0)):
             before, after = (self.remainder(which, some, self.fit(fitted, some)) ** 2 for some in (without, entries))
             falls.append(np.bincount(self.sets[which].blocks, before - after))
-        return np.concatenate(falls)
+        return falls[0], falls[1]
 
 
 def _split(entries: Sequence[Entry]) -> tuple[NDArray[np.intp], NDArray[np.bool_]]:

@@ -258,7 +258,7 @@ class Search:
     def _odds(self, chosen: Sequence[Entry], trial: Sequence[Entry], scale: float) -> float:
         """Odds of a trial explanation: by likelihood over the misfit, or by how often blocks prefer it, if more."""
         behind = (self.bank.held_out(chosen) - self.bank.held_out(trial)) / scale
-        blocks = self.bank.gain_by_blocks(trial, chosen)
+        blocks = np.concatenate(self.bank.falls(trial, chosen))
         weights = np.random.default_rng(0).multinomial(len(blocks), np.full(len(blocks), 1 / len(blocks)), RESAMPLES)
         share = float(np.mean(weights @ blocks <= 0.0))
         return float(max(np.exp(-np.clip(behind, 0.0, 700.0)), min(1.0, share / max(1.0 - share, 0.5))))

@@ -22,6 +22,7 @@ from elastic_arm.gap.known import known_effects
 from elastic_arm.gap.observation import observe, widest_band
 from elastic_arm.gap.residuals import Layout, noise_model, residuals
 from elastic_arm.gap.result import Diagnosis, Size
+from elastic_arm.gap.usable import usable
 from elastic_arm.recording import Recording, Samples, Side
 from elastic_arm.robot import load_robot
 
@@ -151,7 +152,7 @@ class LiveDiagnosis:
             If there is too little motion.
         """
         model = self._model
-        observation = observe(recording.select(self.question.robot.joint_names))
+        observation = observe(usable(recording.select(self.question.robot.joint_names)))
         layout = Layout.of(observation.pieces[0], model.n)
         alone = len(layout.sides) == 1 and model.robot.elastic
         widest = widest_band(observation.rate)

@@ -101,7 +101,17 @@ def predict(material: Material, causes: Sequence[Active], starts: int = STARTS) 
         sides = sides[:1]
     before = _sizes(material, material.known, begins, sides)
     after = _sizes(material, (*material.known, *causes), begins, sides) if causes else before
-    return Prediction(HORIZONS, sum(len(b) for b in begins), before, after)
+    return Prediction(_horizons(1.0 / material.seen[1][0].rate), sum(len(b) for b in begins), before, after)
+
+
+def _horizons(period: float) -> tuple[float, ...]:
+    """Return the horizons that samples so far apart can tell from one another."""
+    return tuple(h for h, step in zip(HORIZONS, _steps(period), strict=True) if step)
+
+
+def _steps(period: float) -> list[int]:
+    """Return the number of samples in each horizon; 0 where it has less than one."""
+    return [int(h / period + 1e-6) for h in HORIZONS]
 
 
 def _sizes(
@@ -167,7 +177,7 @@ class _Arm:
     def errors(self, recorded: WholeMotion, begins: NDArray[np.intp]) -> dict[str, Array]:
         """Return predicted minus measured angles (starts, H, n) of "link" and "motor"."""
         motion = self._driven(corrected(recorded, self._sensors))
-        n, steps = self._system.n, [round(h / self._period) for h in HORIZONS]
+        n, steps = self._system.n, [step for step in _steps(self._period) if step]
         y = self._start(motion, begins)
         torque = 0.5 * (motion.tau_m[:-1] + motion.tau_m[1:])
         found: dict[str, list[Array]] = {"link": [], "motor": []}

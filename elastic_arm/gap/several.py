@@ -148,10 +148,10 @@ def _compared(entry: Entry, findings: Sequence[Finding]) -> Agreement:
     tried = [numbers for p in effect.parameters for numbers in _components(p, findings)]
     if not tried:
         return Agreement(effect.id, joint, tuple(findings), None, 0, None, None)
-    worst = max(tried, key=lambda numbers: numbers[0])
-    probability = min(1.0, len(tried) * float(chi2.sf(worst[0], len(findings) - 1)))
-    spread = max(numbers[1] for numbers in tried)
-    return Agreement(effect.id, joint, tuple(findings), worst[0], len(findings) - 1, probability, spread)
+    # Of the numbers that differ by more than counts as the same, the one that differs with most certainty.
+    scatter, spread = max([numbers for numbers in tried if numbers[1] >= SAME] or tried)
+    probability = min(1.0, len(tried) * float(chi2.sf(scatter, len(findings) - 1)))
+    return Agreement(effect.id, joint, tuple(findings), scatter, len(findings) - 1, probability, spread)
 
 
 def _components(parameter: Parameter, findings: Sequence[Finding]) -> list[tuple[float, float]]:
