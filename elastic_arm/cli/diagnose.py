@@ -40,7 +40,9 @@ def diagnose_command(
     with_: Annotated[
         list[str] | None,
         typer.Option(
-            "--with", metavar="EFFECT[:JOINT]…", help="Effects that are known: fitted first, part of the model."
+            "--with",
+            metavar="EFFECT[:JOINT][:NAME=VALUE]",
+            help="Effects that are known: fitted first, part of the model. NAME=VALUE says where the fit starts.",
         ),
     ] = None,
     refit: Annotated[bool, typer.Option("--refit", help="Fit the model's own parameters first.")] = False,

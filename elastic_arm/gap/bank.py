@@ -150,10 +150,10 @@ class Bank:
 
     def falls(self, without: Sequence[Entry], entries: Sequence[Entry]) -> tuple[Array, Array]:
         """Return what the squares of the residual fall, (blocks,) of each data set, fitted on the other."""
-        falls = []
+        falls: list[Array] = []
         for which, fitted in ((0, 1), (1, 0)):
             before, after = (self.remainder(which, some, self.fit(fitted, some)) ** 2 for some in (without, entries))
-            falls.append(np.bincount(self.sets[which].blocks, before - after))
+            falls.append(np.bincount(self.sets[which].blocks, before - after).astype(float))
         return falls[0], falls[1]
 
 

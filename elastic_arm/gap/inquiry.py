@@ -63,6 +63,7 @@ class Inquiry:
             trace = self._trace(baseline)
             before = tried[0] if trace is None else shrinking.clearest(tried, trace.row)
         entries = explanation.entries
+        self._say_known(entries[: len(self.given)])
         after_values = self._left(entries)
         after = shrinking.figures(self.judge, after_values, before.band)
         causes, found_as = self._causes(explanation, before, baseline)
@@ -187,6 +188,14 @@ class Inquiry:
             entries.pop(worst)
             rivals = {k - (k > worst): v for k, v in rivals.items() if k != worst}
         return Explanation(entries, explanation.given, rivals)
+
+    def _say_known(self, given: Sequence[Entry]) -> None:
+        """Note what the effects that count as part of the model came out as: only their kind was given."""
+        for entry, values in zip(given, estimates(self.bank, polish(self.bank, given)), strict=True):
+            numbers = {name: e for name, e in values.items() if np.ndim(e.value) == 0}
+            sizes = ", ".join(f"{name} {e.value:.4g}" + f" {e.unit}" * (e.unit != "1") for name, e in numbers.items())
+            feature = entry.feature
+            self.notes.append(f"Known: {feature.effect.id} of {feature.joint or 'the whole arm'}, fitted with {sizes}.")
 
     def _mention(self, entries: Sequence[Entry], k: int, share: float) -> None:
         """Note an effect that is there without doubt and yet too small a part of the gap to be a cause."""

@@ -19,7 +19,7 @@ from elastic_arm.effects import EFFECTS
 from elastic_arm.errors import DiagnosisError, ElasticArmError
 from elastic_arm.gap.challenge.draw import HIGHEST, LOWEST, Order, draw_item
 from elastic_arm.gap.challenge.hidden_arm import HiddenArm
-from elastic_arm.gap.challenge.seal import NAME, open_sealed, pieces, seal, seal_piece
+from elastic_arm.gap.challenge.seal import NAME, drop_pieces, open_sealed, pieces, seal, seal_piece
 from elastic_arm.gap.challenge.workers import Failure, mapped
 from elastic_arm.gap.diagnosis import Question, diagnose
 from elastic_arm.recording import read_recording, write_recording
@@ -100,6 +100,8 @@ def create(
         if "truth_sha256" in known:
             return str(known["truth_sha256"])
     orders = settings.orders()
+    if not orders:
+        raise DiagnosisError("a challenge of no arms", "Ask for some: --per-effect, --clean, --pairs or --triples")
     folder.mkdir(parents=True, exist_ok=True)
     manifest = {"settings": plain, "items": [{"name": o.name, "model": o.model} for o in orders]}
     _write(manifest_path, manifest)
@@ -112,6 +114,7 @@ def create(
             report(done, len(jobs))
     digest = seal(folder, [o.name for o in orders])
     _write(manifest_path, manifest | {"truth_sha256": digest})
+    drop_pieces(folder)
     return digest
 
 

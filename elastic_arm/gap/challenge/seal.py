@@ -8,6 +8,7 @@ from __future__ import annotations
 import base64
 import hashlib
 import json
+import shutil
 import zlib
 from collections.abc import Sequence
 from pathlib import Path
@@ -38,10 +39,12 @@ def seal(folder: Path, names: Sequence[str]) -> str:
     paths = [folder / PIECES / f"{name}.sealed" for name in names]
     data = _closed([_opened(path.read_bytes()) for path in paths])
     (folder / NAME).write_bytes(data)
-    for path in paths:
-        path.unlink()
-    paths[0].parent.rmdir()
     return hashlib.sha256(data).hexdigest()
+
+
+def drop_pieces(folder: Path) -> None:
+    """Remove the pieces, once the whole is sealed and its hash is written down."""
+    shutil.rmtree(folder / PIECES, ignore_errors=True)
 
 
 def open_sealed(folder: Path, digest: str) -> list[dict[str, Any]]:
