@@ -218,7 +218,7 @@ def test_the_clock_of_the_arm_waits_for_a_generator_that_is_held_up(graph: Graph
     recorder = graph.start("recorder", bag=graph.folder / "bag")
     graph.start("simulator", real_time_factor=1.5)
     generator = graph.start("trajectory_generator", trajectory=excitation(graph.folder, 4.0), use_sim_time=True)
-    graph.until(lambda: "streaming 4.0 s" in generator.output, "the motion is announced")
+    graph.until(lambda: clock and "streaming 4.0 s" in generator.output, "the motion is announced")
     begun = clock[-1].clock.sec
     graph.until(lambda: clock[-1].clock.sec > begun + 2, "the motion is under way")
     held_up(graph, generator, 3.0)
