@@ -13,12 +13,13 @@ from elastic_arm.gap import shrink as shrinking
 from elastic_arm.gap.bank import Bank, Entry
 from elastic_arm.gap.certainty import Estimate, certain, determined, differs, estimates, polish
 from elastic_arm.gap.explain import ENOUGH, Explanation, Rival, Search, misfit
+from elastic_arm.gap.features import Feature
 from elastic_arm.gap.material import Material
 from elastic_arm.gap.observation import Observation
 from elastic_arm.gap.regimes import regime, shares
 from elastic_arm.gap.result import Alternative, Cause, Diagnosis, Place, Size
 from elastic_arm.gap.structure import Structure, strongest
-from elastic_arm.gap.words import separated_by
+from elastic_arm.gap.words import separated_by, sizes
 
 Array = NDArray[np.float64]
 Seen = tuple[tuple[Observation, ...], tuple[Observation, ...]]
@@ -125,9 +126,10 @@ class Inquiry:
     def _rows(self, explanation: Explanation) -> list[NDArray[np.bool_]]:
         """Return the residuals (R,) in which each cause shows most."""
         entries, found = explanation.entries, []
+        left = self._left(entries)
         for k in range(explanation.given, len(entries)):
             without = self._left([*entries[:k], *entries[k + 1 :]])
-            power = sum(np.sum((a - b) ** 2, axis=0) for a, b in zip(without, self._left(entries), strict=True))
+            power = sum(np.sum((a - b) ** 2, axis=0) for a, b in zip(without, left, strict=True))
             found.append(power > MAINLY * np.sum(power))
         return found
 
@@ -176,11 +178,7 @@ class Inquiry:
                 if not self._worthy(entries, without, k, share):
                     shares[k] = share
             if not shares:
-                polished = polish(self.bank, entries)
-                estimated, sure = estimates(self.bank, polished), certain(self.bank, polished)
-                causes = range(explanation.given, len(entries))
-                together = [sure[k] and not determined(estimated[k]) for k in range(len(entries))]
-                shares = {k: 0.0 for k in causes if not (together[k] or differs(estimated[k], entries[k]))}
+                shares = {k: 0.0 for k in self._doubtful(entries) if k >= explanation.given}
             if not shares:
                 break
             worst = min(shares, key=lambda k: shares[k])
@@ -189,22 +187,28 @@ class Inquiry:
             rivals = {k - (k > worst): v for k, v in rivals.items() if k != worst}
         return Explanation(entries, explanation.given, rivals)
 
+    def _doubtful(self, entries: Sequence[Entry]) -> list[int]:
+        """Return which entries' parameters may as well be no effect's."""
+        polished = polish(self.bank, entries)
+        estimated = estimates(self.bank, polished)
+        doubtful = [k for k, entry in enumerate(entries) if not differs(estimated[k], entry)]
+        if all(determined(estimated[k]) for k in doubtful):
+            return doubtful
+        together = certain(self.bank, polished)
+        return [k for k in doubtful if determined(estimated[k]) or not together[k]]
+
     def _say_known(self, given: Sequence[Entry]) -> None:
         """Note what the effects that count as part of the model came out as: only their kind was given."""
         for entry, values in zip(given, estimates(self.bank, polish(self.bank, given)), strict=True):
-            numbers = {name: e for name, e in values.items() if np.ndim(e.value) == 0}
-            sizes = ", ".join(f"{name} {e.value:.4g}" + f" {e.unit}" * (e.unit != "1") for name, e in numbers.items())
-            feature = entry.feature
-            self.notes.append(f"Known: {feature.effect.id} of {feature.joint or 'the whole arm'}, fitted with {sizes}.")
+            self.notes.append(f"Known: {_of_place(entry.feature)}, fitted with {sizes(values)}.")
 
     def _mention(self, entries: Sequence[Entry], k: int, share: float) -> None:
         """Note an effect that is there without doubt and yet too small a part of the gap to be a cause."""
         without = [*entries[:k], *entries[k + 1 :]]
         gain = self.bank.held_out(entries) - self.bank.held_out(without)
         if 0.0 < share < WORTH and gain > DETECTED * misfit(self.bank, entries):
-            feature = entries[k].feature
             self.notes.append(
-                f"{feature.effect.id} of {feature.joint or 'the whole arm'} shows as well, {share:.2%} of the gap: "
+                f"{_of_place(entries[k].feature)} shows as well, {share:.2%} of the gap: "
                 f"less than {WORTH:.0%} is no cause."
             )
 
@@ -326,3 +330,7 @@ class Inquiry:
     def _ratios(self, row: int) -> tuple[float, float]:
         gear = self.model.robot.joints[row % self.model.n].transmission
         return (gear.harmonic_drive_ratio, gear.r_tot) if gear else (1.0, 1.0)
+
+
+def _of_place(feature: Feature) -> str:
+    return f"{feature.effect.id} of {feature.joint or 'the whole arm'}"

@@ -59,35 +59,41 @@ def strongest(bank: Bank, entries: Sequence[Entry], ratios: Sequence[tuple[float
     explained = [_basis(bank.matrix(which, _numbers(entries))) for which in (0, 1)]
     found: list[Structure] = []
     for joint in range(n):
+        shapes = {
+            of: [_shapes(evidence, of, joint, ratios[joint]) for evidence in bank.sets] for of in ("link", "motor")
+        }
         for side in (*bank.sets[0].layout.sides, "sensor"):
-            plain = [_columns(evidence, side, joint, ratios[joint]) for evidence in bank.sets]
-            for regime in plain[0]:
+            row = _row(bank.sets[0], "link" if side == "sensor" else side, joint)
+            thin = shapes["link" if side in ("link", "sensor") else "motor"]
+            for regime in thin[0]:
+                plain = [_placed(e, side, joint, part[regime]) for e, part in zip(bank.sets, thin, strict=True)]
                 white = [
-                    _without(evidence.whiten(part[regime]), known)
+                    _without(evidence.whiten(part), known)
                     for evidence, part, known in zip(bank.sets, plain, explained, strict=True)
                 ]
                 fits = [_least_squares(w, y) for w, y in zip(white, left, strict=True)]
                 gain = sum(_gain(white[which], left[which], fits[1 - which]) for which in (0, 1))
-                row = _row(bank.sets[0], "link" if side == "sensor" else side, joint)
-                size = np.concatenate([part[:, row] @ fits[0] for part in plain[1][regime]])
+                size = np.concatenate([part[:, row] @ fits[0] for part in plain[1]])
                 found.append(Structure(row, regime, gain, float(np.sqrt(np.mean(size**2)))))
     return max(found, key=lambda structure: structure.gain)
 
 
-def _columns(evidence: Evidence, side: str, joint: int, ratios: tuple[float, float]) -> dict[str, list[Array]]:
-    """Return a regime's columns (N', R, k) in the band, by regime, one array a stretch."""
+def _shapes(evidence: Evidence, of: str, joint: int, ratios: tuple[float, float]) -> dict[str, list[Array]]:
+    """Return what depends on the "link" or "motor" of a joint (N', k) in the band, by regime, one array a stretch."""
+    found: dict[str, list[Array]] = {}
+    for part in evidence.parts:
+        for regime, columns in bases(part.signals, of, joint, evidence.layout.n, ratios).items():
+            found.setdefault(regime, []).append(evidence.band.apply(columns)[part.stretch.kept])
+    return found
+
+
+def _placed(evidence: Evidence, side: str, joint: int, shapes: Sequence[Array]) -> list[Array]:
+    """Return shapes as columns (N', R, k) of the residuals in which a side of a joint shows."""
     layout = evidence.layout
     pattern = np.zeros(layout.rows)
     for name in layout.sides if side == "sensor" else (side,):
         pattern[_row(evidence, name, joint)] = SHARED.get(name, 1.0) if side == "sensor" else 1.0
-    found: dict[str, list[Array]] = {}
-    for part in evidence.parts:
-        for regime, columns in bases(
-            part.signals, "link" if side == "sensor" else side, joint, layout.n, ratios
-        ).items():
-            thin = evidence.band.apply(columns)[part.stretch.kept]
-            found.setdefault(regime, []).append(pattern[None, :, None] * thin[:, None, :])
-    return found
+    return [pattern[None, :, None] * thin[:, None, :] for thin in shapes]
 
 
 def _row(evidence: Evidence, side: str, joint: int) -> int:

@@ -44,11 +44,16 @@ def meaning(found: Diagnosis) -> str:
 
 def _with_rival(cause: Cause) -> str:
     """Return a cause by name, with the strongest alternative where the recording leaves it in doubt."""
-    name = f"{cause.effect} on {cause.joint or 'the whole arm'}"
+    name = at(cause.effect, cause.joint)
     if cause.confidence >= DOUBTFUL or not cause.alternatives:
         return name
     other = max(cause.alternatives, key=lambda a: a.confidence)
-    return f"{name} (or {other.effect} on {other.joint or 'the whole arm'}: this recording cannot tell)"
+    return f"{name} (or {at(other.effect, other.joint)}: this recording cannot tell)"
+
+
+def at(effect: str, joint: str | None) -> str:
+    """Return an effect with its place."""
+    return f"{effect} on {joint or 'the whole arm'}"
 
 
 def _listed(names: list[str], more: int) -> str:

@@ -11,7 +11,7 @@ from elastic_arm.gap.material import Material
 from elastic_arm.gap.residuals import SIDES
 from elastic_arm.gap.result import SEPARATING, Cause, Diagnosis
 from elastic_arm.gap.several import Agreement
-from elastic_arm.gap.words import ahead, likelihood, meaning, sizes
+from elastic_arm.gap.words import ahead, at, likelihood, meaning, sizes
 from elastic_arm.report import gap_figures as figures
 from elastic_arm.report.html import Block, Figure, Section, Table, Text, write_report
 
@@ -243,7 +243,7 @@ def _leftover(found: Diagnosis) -> list[str]:
 
 def _disagreements(found: Diagnosis) -> list[str]:
     return [
-        f"{a.effect.replace('_', ' ')} on {a.joint or 'the whole arm'} is not of one size in all recordings: it may "
+        f"{at(a.effect.replace('_', ' '), a.joint)} is not of one size in all recordings: it may "
         "stand in for something else, or the arm has changed between them."
         for a in found.agreements
         if not a.agrees
