@@ -18,10 +18,11 @@ from elastic_arm.gap import inquiry, scan
 from elastic_arm.gap.bank import Bank, Entry
 from elastic_arm.gap.certainty import Estimate, certain, differs, estimates
 from elastic_arm.gap.features import Signals
-from elastic_arm.gap.inquiry import DETECTED, WORTH, Inquiry
+from elastic_arm.gap.inquiry import WORTH, Inquiry
+from elastic_arm.gap.measure import DETECTED
 from elastic_arm.gap.result import Alternative, Cause
 from elastic_arm.gap.shrink import CLEAR, Figures, clearest, telling
-from elastic_arm.gap.structure import strongest
+from elastic_arm.gap.structure import structures
 from elastic_arm.robot import load_robot
 
 Array = NDArray[np.float64]
@@ -119,7 +120,7 @@ def test_noise_alone_has_no_structure(seed: int) -> None:
     bank = Bank(*evidence)
     bank.add(cause_of(nothing), ())
     bank.close()
-    assert strongest(bank, [], RATIOS).gain < 0.6 * DETECTED
+    assert structures(bank, [], RATIOS)[0].gain < 0.6 * DETECTED
 
 
 @pytest.mark.parametrize(
@@ -134,7 +135,7 @@ def test_what_is_too_faint_to_stand_out_is_found_by_what_it_follows(regime: str,
     bank = bank_with(lambda s: 0.09 * shape(s), {"motor": 1.0})
     added = float(np.mean(bank.sets[1].added ** 2))  # type: ignore[attr-defined]
     assert added < 0.06 * (SENSOR**2 + MOTOR**2)
-    found = strongest(bank, [], RATIOS)
+    found = structures(bank, [], RATIOS)[0]
     assert (found.row, found.regime) == (2 * 2 + JOINT, regime)
     assert found.gain > DETECTED
     assert found.rmse == pytest.approx(np.sqrt(added), rel=0.35)
@@ -144,7 +145,7 @@ def test_an_error_of_a_torque_sensor_is_sought_in_its_three_equations_together()
     """What hides in the noise that three equations share shows by their common pattern, in no equation alone."""
     size = 0.06
     shared = {"link": 1.0, "drive": 1.0, "motor": -1.0}
-    found = strongest(bank_with(lambda s: size * s.values["sign_link"][:, JOINT], shared), [], RATIOS)
+    found = structures(bank_with(lambda s: size * s.values["sign_link"][:, JOINT], shared), [], RATIOS)[0]
     assert found.gain > DETECTED
     assert (found.row, found.regime) == (JOINT, "velocity_reversal")  # said of the link's equation
     assert found.rmse == pytest.approx(size, rel=0.35)
@@ -153,16 +154,16 @@ def test_an_error_of_a_torque_sensor_is_sought_in_its_three_equations_together()
 def test_what_the_causes_explain_is_no_structure() -> None:
     """Viscous friction stands out where nothing explains it, and leaves nothing once it is a cause."""
     bank = bank_with(lambda s: 0.3 * velocity(s), {"motor": 1.0})
-    assert strongest(bank, [], RATIOS).gain > 5 * DETECTED
+    assert structures(bank, [], RATIOS)[0].gain > 5 * DETECTED
     entry = viscous(bank)
     assert float(bank.fit(0, [entry])[0]) == pytest.approx(0.3, rel=0.1)
-    assert strongest(bank, [entry], RATIOS).gain < DETECTED
+    assert structures(bank, [entry], RATIOS)[0].gain < DETECTED
 
 
 def test_beside_a_cause_the_rest_is_still_found() -> None:
     """Drag with the square of the speed is left over, and placed, where a fit has taken its linear part."""
     bank = bank_with(drag, {"motor": 1.0})
-    found = strongest(bank, [viscous(bank)], RATIOS)
+    found = structures(bank, [viscous(bank)], RATIOS)[0]
     assert found.row == 2 * 2 + JOINT
     assert found.gain > DETECTED
 
@@ -170,7 +171,7 @@ def test_beside_a_cause_the_rest_is_still_found() -> None:
 def test_what_is_left_beside_a_cause_is_no_larger_than_what_was_there() -> None:
     """The size stated for what a cause leaves is of the order of the torque that was added."""
     bank = bank_with(drag, {"motor": 1.0})
-    found = strongest(bank, [viscous(bank)], RATIOS)
+    found = structures(bank, [viscous(bank)], RATIOS)[0]
     assert found.rmse < 2.0 * float(np.sqrt(np.mean(bank.sets[1].added ** 2)))  # type: ignore[attr-defined]
 
 

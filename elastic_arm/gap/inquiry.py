@@ -15,19 +15,20 @@ from elastic_arm.gap.certainty import Estimate, certain, determined, differs, es
 from elastic_arm.gap.explain import ENOUGH, Explanation, Rival, Search, misfit
 from elastic_arm.gap.features import Feature
 from elastic_arm.gap.material import Material
+from elastic_arm.gap.measure import DETECTED, Excess, Likelihood, Measure
 from elastic_arm.gap.observation import Observation
 from elastic_arm.gap.regimes import regime, shares
 from elastic_arm.gap.result import Alternative, Cause, Diagnosis, Place, Size
-from elastic_arm.gap.structure import Structure, strongest
+from elastic_arm.gap.structure import Structure, structures
 from elastic_arm.gap.words import separated_by, sizes
 
 Array = NDArray[np.float64]
 Seen = tuple[tuple[Observation, ...], tuple[Observation, ...]]
 
-DETECTED = 20.0  # held-out log-likelihood from which something shows although no residual stands out of the noise
 WORTH = 0.01  # of the whole gap: less is no cause
 EXPLAINED = 0.1  # of the excess may be left whatever it looks like
 MAINLY = 0.1  # of what a cause does: less in a residual is not what it is judged by
+TRACED = 0.1  # of the strongest structure's log-likelihood: fainter ones are its reflections in other residuals
 LISTED = 0.01  # alternatives less probable than this are not worth a line
 
 
@@ -44,35 +45,22 @@ class Inquiry:
         self, *, identify: tuple[str, ...], validate: tuple[str, ...], independent_motion: bool, notes: Iterable[str]
     ) -> Diagnosis:
         """Return the diagnosis."""
-        baseline, before_values = self.given, self._left(self.given)
-        tried = shrinking.in_all_bands(self.judge, before_values)
-        before = shrinking.telling(tried)
-        explanation = Explanation(list(baseline), len(baseline))
-        search = Search(self.bank, self.given)
-        if before is not None or search.strongest() > DETECTED:
-            explanation = self._without_lags(search.run())
-            baseline = explanation.entries[: explanation.given]
-            before_values = self._left(baseline)
-            tried = shrinking.in_all_bands(self.judge, before_values)
-            shown = self._rows(explanation)
-            before = shrinking.telling(self._marked(tried, explanation, shown), shown)
-        trace = None
-        if before is not None:
-            explanation = self._polished(self._judged(explanation, before))
-        else:
-            explanation = Explanation(list(baseline), len(baseline))
-            trace = self._trace(baseline)
-            before = tried[0] if trace is None else shrinking.clearest(tried, trace.row)
+        explanation = self._searched()
+        measure = self._measure(explanation)
+        explanation = self._polished(self._judged(explanation, measure))
         entries = explanation.entries
+        baseline = entries[: explanation.given]
+        if len(entries) == len(baseline):
+            measure = self._measure(explanation)
         self._say_known(entries[: len(self.given)])
-        after_values = self._left(entries)
-        after = shrinking.figures(self.judge, after_values, before.band)
-        causes, found_as = self._causes(explanation, before, baseline)
-        alone = [values for _, _, values in found_as]
-        found = shrinking.shrink(before, after) if before.significant.any() else None
-        verdict = "none" if found is None else self._verdict(found[0], explanation, after)
-        if found is not None and verdict == "unknown":
-            causes = [cause.less_sure(max(found[0], 0.0)) for cause in causes]
+        causes, found_as = self._causes(explanation, measure)
+        shrink, interval = measure.share(entries)
+        traces = [] if measure.stands_out(entries) else self._traces(entries)
+        verdict = self._verdict(shrink, explanation, unexplained=bool(traces) or measure.stands_out(entries))
+        if verdict == "unknown":
+            causes = [cause.less_sure(max(shrink, 0.0)) for cause in causes]
+        before_values, after_values = self._left(baseline), self._left(entries)
+        before, after = measure.before, shrinking.figures(self.judge, after_values, measure.before.band)
         regimes = tuple(shares(self.judge, before_values, row, self._ratios(row)) for row in range(len(before.rmse)))
         if not independent_motion:
             self.notes.append("The validation data repeat the motion of the fit: it is not an independent motion.")
@@ -88,19 +76,19 @@ class Inquiry:
             noise=dict(zip(self._places(), before.noise.tolist(), strict=True)),
             before=self._size(before),
             after=self._size(after),
-            shrink=found[0] if found else None,
-            shrink_interval=found[1] if found else None,
+            shrink=None if verdict == "none" else shrink,
+            shrink_interval=None if verdict == "none" else interval,
             causes=tuple(causes),
-            unexplained=tuple(self._unexplained(before, after, after_values, trace)) if verdict == "unknown" else (),
+            unexplained=tuple(self._unexplained(before, after, after_values, traces)) if verdict == "unknown" else (),
             notes=(*notes, *self.notes),
-            ladder=self._ladder(before, before_values, alone),
+            ladder=self._ladder(measure, baseline, [entry for entry, _, _ in found_as]),
             material=Material(
                 model=self.model,
                 validate=self.judge,
                 before=before_values,
                 after=after_values,
                 entries=tuple(entry for entry, _, _ in found_as),
-                alone=tuple(alone),
+                alone=tuple(alone for _, _, alone in found_as),
                 regimes=regimes,
                 bank=self.bank,
                 seen=self.seen,
@@ -110,6 +98,27 @@ class Inquiry:
                 rivals=tuple(tuple(r.entry for r in rivals) for _, rivals, _ in found_as),
             ),
         )
+
+    def _searched(self) -> Explanation:
+        """Return the best explanation of what stands out of the noise by size, or at least by likelihood."""
+        search = Search(self.bank, self.given)
+        by_size = shrinking.telling(shrinking.in_all_bands(self.judge, self._left(self.given)))
+        if by_size is None and search.strongest() <= DETECTED:
+            return Explanation(list(self.given), len(self.given))
+        return self._without_lags(search.run())
+
+    def _measure(self, explanation: Explanation) -> Measure:
+        """Return what the gap is measured by: residuals where any stands out by its size, else likelihood."""
+        baseline = explanation.entries[: explanation.given]
+        tried = shrinking.in_all_bands(self.judge, self._left(baseline))
+        shown = self._rows(explanation)
+        by_size = shrinking.telling(tried) and shrinking.telling(self._marked(tried, explanation, shown), shown)
+        if by_size is not None:
+            return Excess(self.bank, by_size)
+        traces = self._traces(baseline)
+        before = shrinking.clearest(tried, traces[0].row) if traces else tried[0]
+        left = max((trace.gain for trace in self._traces(explanation.entries)), default=0.0)
+        return Likelihood(self.bank, before, baseline, explanation.entries, left)
 
     def _marked(
         self, tried: Sequence[shrinking.Figures], explanation: Explanation, shown: Sequence[NDArray[np.bool_]]
@@ -133,10 +142,10 @@ class Inquiry:
             found.append(power > MAINLY * np.sum(power))
         return found
 
-    def _trace(self, entries: Sequence[Entry]) -> Structure | None:
+    def _traces(self, entries: Sequence[Entry]) -> list[Structure]:
         """Return what the remainder follows where it is not noise, be it too faint to show by its size."""
-        found = strongest(self.bank, entries, [self._ratios(joint) for joint in range(self.model.n)])
-        return found if found.gain > DETECTED else None
+        found = structures(self.bank, entries, [self._ratios(joint) for joint in range(self.model.n)])
+        return [structure for structure in found if structure.gain > max(DETECTED, TRACED * found[0].gain)]
 
     def _polished(self, explanation: Explanation) -> Explanation:
         return Explanation(polish(self.bank, explanation.entries), explanation.given, explanation.rivals)
@@ -166,15 +175,14 @@ class Inquiry:
         moved = {order.index(k): v for k, v in explanation.rivals.items() if k in causes}
         return Explanation([explanation.entries[k] for k in order], explanation.given + len(lags), moved)
 
-    def _judged(self, explanation: Explanation, before: shrinking.Figures) -> Explanation:
+    def _judged(self, explanation: Explanation, measure: Measure) -> Explanation:
         """Leave out, worst first, causes that do not pass the contract's conditions."""
         entries, rivals = list(explanation.entries), dict(explanation.rivals)
         while len(entries) > explanation.given:
-            after = self._figures(entries, before.band)
             shares = {}
             for k in range(explanation.given, len(entries)):
                 without = entries[:k] + entries[k + 1 :]
-                share = shrinking.contribution(before, self._figures(without, before.band), after)
+                share = measure.contribution(entries, k)
                 if not self._worthy(entries, without, k, share):
                     shares[k] = share
             if not shares:
@@ -223,11 +231,8 @@ class Inquiry:
         on_fit, on_validation = self.bank.falls(without, entries)
         return max(shrinking.lowest(on_validation), shrinking.lowest(np.append(on_fit, on_validation))) > 0.0
 
-    def _figures(self, entries: Sequence[Entry], band: float) -> shrinking.Figures:
-        return shrinking.figures(self.judge, self._left(entries), band)
-
     def _causes(
-        self, explanation: Explanation, before: shrinking.Figures, baseline: Sequence[Entry]
+        self, explanation: Explanation, measure: Measure
     ) -> tuple[list[Cause], list[tuple[Entry, list[Rival], list[Array]]]]:
         """Return the causes, most important first, and each as an entry, with its rivals and what it leaves alone."""
         entries = explanation.entries
@@ -237,9 +242,9 @@ class Inquiry:
         found = []
         for k in range(explanation.given, len(entries)):
             entry, rivals = entries[k], explanation.rivals.get(k, [])
-            alone = self._left([*baseline, entry])
-            share = shrinking.shrink(before, shrinking.figures(self.judge, alone, before.band))[0]
-            found.append((self._cause(entry, estimated[k], share, rivals, coefficients[k]), (entry, rivals, alone)))
+            alone = [*entries[: explanation.given], entry]
+            cause = self._cause(entry, estimated[k], measure.share(alone)[0], rivals, coefficients[k])
+            found.append((cause, (entry, rivals, self._left(alone))))
         found.sort(key=lambda item: -item[0].shrink)
         return [cause for cause, _ in found], [as_entry for _, as_entry in found]
 
@@ -252,13 +257,9 @@ class Inquiry:
             first += size
         return found
 
-    def _ladder(self, before: shrinking.Figures, start: list[Array], alone: Sequence[list[Array]]) -> tuple[float, ...]:
+    def _ladder(self, measure: Measure, baseline: list[Entry], causes: list[Entry]) -> tuple[float, ...]:
         """Return how far the gap shrinks with the first cause, the first two, and so on."""
-        left, rungs = start, []
-        for one in alone:
-            left = [now - (was - then) for now, was, then in zip(left, start, one, strict=True)]
-            rungs.append(shrinking.shrink(before, shrinking.figures(self.judge, left, before.band))[0])
-        return tuple(rungs)
+        return tuple(measure.share([*baseline, *causes[: k + 1]])[0] for k in range(len(causes)))
 
     def _cause(
         self, entry: Entry, estimate: dict[str, Estimate], share: float, rivals: list[Rival], coefficients: list[float]
@@ -292,26 +293,26 @@ class Inquiry:
         coefficients = self._coefficients(entries)
         return tuple(e.feature.active(c, e.searched or ()) for e, c in zip(entries, coefficients, strict=True))
 
-    def _verdict(self, shrink: float, explanation: Explanation, after: shrinking.Figures) -> str:
+    def _verdict(self, shrink: float, explanation: Explanation, *, unexplained: bool) -> str:
         """Say whether the causes explain the gap.
 
         Where the gap is faint, the excess that is left is known to a part of it only: then it must look like noise.
         """
-        entries = explanation.entries
-        if len(entries) == explanation.given:
-            return "unknown"
-        if shrink >= 1.0 - EXPLAINED:
+        caused = len(explanation.entries) > explanation.given
+        if caused and shrink >= 1.0 - EXPLAINED:
             return "explained"
-        return "unknown" if after.significant.any() or self._trace(entries) is not None else "explained"
+        if unexplained:
+            return "unknown"
+        return "explained" if caused else "none"
 
     def _unexplained(
-        self, before: shrinking.Figures, after: shrinking.Figures, values: Sequence[Array], trace: Structure | None
+        self, before: shrinking.Figures, after: shrinking.Figures, values: Sequence[Array], traces: Sequence[Structure]
     ) -> list[Place]:
-        if trace is not None:
-            return [Place(*self._places()[trace.row], trace.regime, trace.rmse)]
+        places = self._places()
+        if traces:
+            return [Place(*places[trace.row], trace.regime, trace.rmse) for trace in traces]
         total = before.excess[before.significant].sum()
         rows = [int(r) for r in np.argsort(-after.excess) if before.significant[r] and after.excess[r] > WORTH * total]
-        places = self._places()
         return [
             Place(joint, side, regime(shares(self.judge, values, r, self._ratios(r))), float(after.rmse[r]))
             for r in rows

@@ -46,8 +46,8 @@ class Structure:
     rmse: float
 
 
-def strongest(bank: Bank, entries: Sequence[Entry], ratios: Sequence[tuple[float, float]]) -> Structure:
-    """Return what stands out most of what the entries leave.
+def structures(bank: Bank, entries: Sequence[Entry], ratios: Sequence[tuple[float, float]]) -> list[Structure]:
+    """Return what stands out of what the entries leave, the strongest of each residual, strongest first.
 
     Parameters
     ----------
@@ -75,7 +75,10 @@ def strongest(bank: Bank, entries: Sequence[Entry], ratios: Sequence[tuple[float
                 gain = sum(_gain(white[which], left[which], fits[1 - which]) for which in (0, 1))
                 size = np.concatenate([part[:, row] @ fits[0] for part in plain[1]])
                 found.append(Structure(row, regime, gain, float(np.sqrt(np.mean(size**2)))))
-    return max(found, key=lambda structure: structure.gain)
+    strongest: dict[int, Structure] = {}
+    for structure in sorted(found, key=lambda structure: -structure.gain):
+        strongest.setdefault(structure.row, structure)
+    return list(strongest.values())
 
 
 def _shapes(evidence: Evidence, of: str, joint: int, ratios: tuple[float, float]) -> dict[str, list[Array]]:
