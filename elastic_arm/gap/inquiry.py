@@ -78,6 +78,8 @@ class Inquiry:
             after=self._size(after),
             shrink=None if verdict == "none" else shrink,
             shrink_interval=None if verdict == "none" else interval,
+            measured_by=measure.name,
+            log_likelihood=self.bank.held_out(entries) - self.bank.held_out(baseline),
             causes=tuple(causes),
             unexplained=tuple(self._unexplained(before, after, after_values, traces)) if verdict == "unknown" else (),
             notes=(*notes, *self.notes),

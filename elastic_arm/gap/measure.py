@@ -20,10 +20,13 @@ class Measure(Protocol):
 
     Parameters
     ----------
+    name
+        "excess" or "likelihood".
     before
         Sizes of the residuals that the model leaves, in the band in which they are shown.
     """
 
+    name: str
     before: shrinking.Figures
 
     def stands_out(self, entries: Sequence[Entry]) -> bool:
@@ -46,6 +49,8 @@ class Excess:
     before
         The residuals that the model leaves, and which of them are significant.
     """
+
+    name = "excess"
 
     def __init__(self, bank: Bank, before: shrinking.Figures) -> None:
         self.bank, self.before = bank, before
@@ -91,6 +96,8 @@ class Likelihood:
     left
         Held-out log-likelihood of what `best` leaves.
     """
+
+    name = "likelihood"
 
     def __init__(
         self, bank: Bank, before: shrinking.Figures, baseline: Sequence[Entry], best: Sequence[Entry], left: float

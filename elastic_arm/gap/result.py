@@ -155,6 +155,11 @@ class Diagnosis:
         Sizes on the validation data.
     shrink, shrink_interval
         None where there is no gap.
+    measured_by
+        "excess" of residuals over their noise, as the contract has it, or "likelihood" where no residual stands out of
+        its noise by itself.
+    log_likelihood
+        What the causes gain on motion that their fit has not seen, nats.
     causes, unexplained
         What was found, most important first, and where something is left.
     notes
@@ -184,6 +189,8 @@ class Diagnosis:
     after: Size
     shrink: float | None
     shrink_interval: tuple[float, float] | None
+    measured_by: str
+    log_likelihood: float
     causes: tuple[Cause, ...]
     unexplained: tuple[Place, ...]
     notes: tuple[str, ...] = ()
@@ -210,6 +217,8 @@ class Diagnosis:
             "gap": {"before": self._sizes(self.before), "after": self._sizes(self.after)},
             "shrink": _plain(self.shrink),
             "shrink_interval": None if self.shrink_interval is None else [_plain(v) for v in self.shrink_interval],
+            "measured_by": self.measured_by,
+            "log_likelihood": _plain(self.log_likelihood),
             "causes": [cause.to_dict() for cause in self.causes],
             "unexplained": [
                 {"joint": p.joint, "side": p.side, "regime": p.regime, "rmse": _plain(p.rmse)} for p in self.unexplained

@@ -18,6 +18,10 @@ from elastic_arm.report.html import Block, Figure, Section, Table, Text, write_r
 TONES = {"none": "good", "explained": "good", "unknown": "warn"}
 STANDS_OUT = 2.0  # times the noise
 SHOWN = 4  # causes that get figures of their own
+MEASURED = {
+    "excess": "as what residuals have more than noise",
+    "likelihood": "by the likelihood of all equations together, as no residual stands out of its noise by itself",
+}
 EQUATION = {
     "link": ("joint torque sensor against what moves and carries the link", "tau_J − [M q″ + S theta″ + c + c1 + g]"),
     "drive": ("joint torque sensor against the twist of the drive", "tau_J − [K (theta − q) + D (theta′ − q′)]"),
@@ -115,7 +119,7 @@ def _how_far(found: Diagnosis) -> list[Block]:
     low, high = found.shrink_interval or (np.nan, np.nan)
     text = (
         f"All causes together take {100 * (found.shrink or 0.0):.1f} % off the gap (95 % interval {100 * low:.1f} to "
-        f"{100 * high:.1f} %), measured as what residuals have more than noise, on motion that no fit has seen."
+        f"{100 * high:.1f} %), measured {MEASURED[found.measured_by]}, on motion that no fit has seen."
     )
     return [Text(text), Figure(figures.ladder(found), "From top to bottom the causes are added one by one.")]
 

@@ -32,6 +32,7 @@ Array = NDArray[np.float64]
 # The same colours mean the same throughout.
 BEFORE, CAUSE, AFTER = GREY, VERMILION, BLUE
 POINTS = 1500  # of a cloud
+UNIT = {"excess": "the excess over noise", "likelihood": "its log-likelihood"}  # of a gap, by how it is measured
 BRIGHTEST = 100.0  # residual over noise at which the map's colour ends
 WIDEST_TURN = {"torque_ripple": "rotor"}  # effects that repeat with the rotor; the others with the wave generator
 
@@ -94,7 +95,7 @@ def ladder(found: Diagnosis) -> MplFigure:
         ax.set_xlim(0, 118)
         ax.invert_yaxis()
         ax.grid(axis="y", visible=False)
-        ax.set_xlabel("left of the gap [% of the excess over noise]")
+        ax.set_xlabel(f"left of the gap [% of {UNIT[found.measured_by]}]")
         ax.legend(loc="lower right")
     return figure
 

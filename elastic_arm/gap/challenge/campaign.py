@@ -28,6 +28,10 @@ from elastic_arm.robot import Robot, load_robot
 MANIFEST = "challenge.json"
 SEVERAL = tuple(e for e in EFFECTS if e not in ("spline_inertia", "inertia_coupling", "bearing_compliance"))
 STATE_OF = ("effects", "gap", "identification", "dynamics")  # rooms whose code gives the answers
+REFUSED: dict[str, Any] = {
+    "verdict": "refused", "causes": [], "unexplained": [], "shrink": None, "measured_by": "excess",
+    "log_likelihood": 0.0,
+}  # fmt: skip
 Report = Callable[[int, int], None]
 
 
@@ -223,13 +227,14 @@ def _diagnose(job: tuple[str, str, str, str]) -> tuple[str, str]:
     wall, cpu = time.perf_counter(), time.process_time()
     try:
         found = diagnose([identify], Question(_robot(), model, effects=effects), [validate])
-    except ElasticArmError as error:
-        return name, str(error)
+        answer, problem = found.to_dict(), ""
+    except ElasticArmError as error:  # to refuse is an answer too, and counts as one
+        answer, problem = REFUSED | {"notes": [str(error)]}, str(error)
     spent = {"seconds": time.perf_counter() - wall, "cpu_seconds": time.process_time() - cpu}
     path = answer_path(folder, name, withheld=bool(without))
     path.parent.mkdir(parents=True, exist_ok=True)
-    _write(path, found.to_dict() | spent | {"code": code_state()})
-    return name, ""
+    _write(path, answer | spent | {"code": code_state()})
+    return name, problem
 
 
 def _write(path: Path, content: dict[str, Any]) -> None:

@@ -54,6 +54,8 @@ def marks(entry: dict[str, Any], answer: dict[str, Any], joints: Sequence[str]) 
         "confidence": [c["confidence"] for c in causes],
         "cause_right": [any(_is(f, c["effect"], c["joint"], joints) for f in faults) for c in causes],
         "shrink": answer["shrink"],
+        "measured_by": answer["measured_by"],
+        "log_likelihood": answer["log_likelihood"],
         "effect_right": bool(faults) and all(h is not None for h in hits),
         "effect_itself": bool(faults) and sum(itself) >= len(faults),
         "effect_first": bool(causes) and bool(faults) and causes[0]["effect"] in [f.effect for f in faults],
@@ -100,11 +102,15 @@ def _joint_right(fault: Fault, causes: Sequence[dict[str, Any]], joints: Sequenc
 
 
 def _side_right(fault: Fault, cause: dict[str, Any] | None) -> bool:
-    """Whether the cause sits on the fault's side, where it could sit on either."""
+    """Whether the cause sits on the fault's side, and a delay in its channels, where it could be another."""
     if cause is None:
         return False
-    choice = any(c.name == "side" for c in EFFECTS[fault.effect].choices)
-    return not choice or (cause["sides"] == [fault.side] if cause["effect"] == fault.effect else True)
+    choices = [c.name for c in EFFECTS[fault.effect].choices]
+    if cause["effect"] != fault.effect:
+        return True
+    if "channels" in choices:
+        return set(cause["parameters"]["channels"]["value"]) == set(fault.channels)
+    return "side" not in choices or bool(cause["sides"] == [fault.side])
 
 
 def _place_right(faults: Sequence[Fault], answer: dict[str, Any], joints: Sequence[str]) -> bool:

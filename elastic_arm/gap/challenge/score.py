@@ -22,7 +22,7 @@ from elastic_arm.robot import load_robot
 Line = dict[str, Any]
 
 CAUSE = 0.01  # of the gap: less is no cause
-NEIGHBOURS = 0.9  # a withheld effect whose excess the rest explains to this share is tabled apart
+NEIGHBOURS = 0.9  # a withheld effect whose gap the rest explains to this share is tabled apart
 # What is to be reached; the others are told for what they are.
 TARGETS = {
     "effect right": 0.95,
@@ -53,7 +53,7 @@ def score(folders: Path | Sequence[Path]) -> dict[str, Any]:
         settings.append(manifest["settings"] | {"truth_sha256": manifest["truth_sha256"]})
         total += len(truth)
         lines += _lines(folder, truth, withheld=False)
-        withheld += _lines(folder, truth, withheld=True)
+        withheld += _beside(_lines(folder, truth, withheld=True), lines)
     single = [x for x in lines if len(x["truth"]) == 1]
     large = [x for x in single if x["multiple"] >= LOWEST]
     told = [(c, r) for x in lines for c, r in zip(x["confidence"], x["cause_right"], strict=True)]
@@ -122,8 +122,24 @@ def _faint(line: Line) -> bool:
     return line["share"] < CAUSE or line["multiple"] < LOWEST
 
 
+def _beside(withheld: Sequence[Line], lines: Sequence[Line]) -> list[Line]:
+    """Add to each line without an effect how much the rest explains of the gap.
+
+    Where a residual stands out, that is the shrink that was measured. A faint gap's shrink is measured against the best
+    explanation that the rest offers; what that is worth shows beside the one with the effect itself.
+    """
+    gained = {x["name"]: x["log_likelihood"] for x in lines if x["effect_right"]}
+    found = []
+    for x in withheld:
+        by_rest = x["shrink"] or 0.0
+        if x["measured_by"] == "likelihood" and x["name"] in gained:
+            by_rest = x["log_likelihood"] / gained[x["name"]]
+        found.append(x | {"by_rest": by_rest})
+    return found
+
+
 def _due(line: Line) -> bool:
-    return line["multiple"] >= LOWEST and (line["shrink"] or 0.0) < NEIGHBOURS
+    return line["multiple"] >= LOWEST and line["by_rest"] < NEIGHBOURS
 
 
 def _effect(lines: Sequence[Line]) -> dict[str, Any]:
