@@ -233,7 +233,8 @@ def _answer(effect: str, joint: str | None, **changes: Any) -> dict[str, Any]:
     torque = {"value": 2.1, "std": 0.1, "unit": "Nm"}
     cause = {"effect": effect, "joint": joint, "sides": ["motor"], "parameters": {"torque": torque}, "confidence": 0.9}
     cause |= {"alternatives": []} | changes
-    return {"verdict": "explained", "causes": [cause], "unexplained": [], "shrink": 0.99}
+    measured = {"shrink": 0.99, "measured_by": "excess", "log_likelihood": 900.0}
+    return {"verdict": "explained", "causes": [cause], "unexplained": []} | measured
 
 
 def test_a_declared_alternative_counts_as_found_and_an_undeclared_one_does_not() -> None:

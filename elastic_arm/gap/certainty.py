@@ -86,11 +86,11 @@ def estimates(bank: Bank, entries: Sequence[Entry]) -> list[dict[str, Estimate]]
 def certain(bank: Bank, entries: Sequence[Entry]) -> list[bool]:
     """Whether each polished cause's parameters together differ from no effect (chi-square, 95 %).
 
-    Of a link's mass, centre and inertia perhaps none is determined by itself, and yet some combination of them is. It
-    is asked only where no number has an interval of its own, which knows of coloured errors too.
+    Of a link's mass, centre and inertia perhaps none is known by itself, and yet some combination of them is. Each
+    combination is as uncertain as the noise makes it, or as blocks of the recording do, whichever is more.
     """
     problem = _Problem(bank, entries)
-    left, jacobian = problem.left(problem.start), problem.jacobian()
+    left, jacobian, blocks = problem.left(problem.start), problem.jacobian(), bank.sets[0].blocks
     spread = max(1.0, float(left @ left) / max(1.0, bank.sets[0].freedom - jacobian.shape[1]))
     owner, away = np.array([k for k, _ in problem.free], dtype=int), problem.away()
     found = []
@@ -99,14 +99,13 @@ def certain(bank: Bank, entries: Sequence[Entry]) -> list[bool]:
         own = own - others @ np.linalg.lstsq(others, own, rcond=UNDETERMINED)[0]
         u, s, _ = np.linalg.svd(own, full_matrices=False)
         rank = int(np.sum(s**2 > UNDETERMINED * s[0] ** 2)) if len(s) else 0
-        shown = u[:, :rank].T @ (own @ away[owner == k])
-        found.append(rank > 0 and float(shown @ shown) / spread > chi2.ppf(0.95, rank))
+        u = u[:, :rank]
+        scores = np.zeros((int(blocks.max()) + 1, rank))
+        np.add.at(scores, blocks, u * left[:, None])
+        variance = np.maximum(spread, np.sum(scores**2, axis=0))
+        shown = u.T @ (own @ away[owner == k])
+        found.append(rank > 0 and float(np.sum(shown**2 / variance)) > chi2.ppf(0.95, rank))
     return found
-
-
-def determined(estimate: dict[str, Estimate]) -> bool:
-    """Whether any number of a cause has an interval of its own."""
-    return any(s is not None for e in estimate.values() for s in np.atleast_1d(e.std))
 
 
 def differs(estimate: dict[str, Estimate], entry: Entry) -> bool:

@@ -8,6 +8,7 @@ what the best explanation so far leaves beyond noise.
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
@@ -99,14 +100,20 @@ class Search:
     def __init__(self, bank: Bank, given: Sequence[Entry] = ()) -> None:
         self.bank, self.given = bank, list(given)
         self._candidates = [e for e in bank.entries if e not in self.given]
+        # One of several values tried fits by chance better than a single one: that many times less is each worth.
+        self._price = {key: np.log(count) for key, count in Counter(e.feature.key for e in bank.entries).items()}
         self._patience = PATIENCE
         self._refined: dict[tuple[Entry, frozenset[Entry]], Entry] = {}
         total = 0.5 * sum(float(e.white @ e.white) - e.freedom for e in bank.sets)
         self._least = SHARE * max(total, 0.0)
 
+    def _score(self, entries: Sequence[Entry]) -> float:
+        """Held-out log-likelihood less what choosing among tried values is worth."""
+        return self.bank.held_out(entries) - sum(self._price[entry.feature.key] for entry in entries)
+
     def strongest(self) -> float:
         """Held-out log-likelihood that the best single cause gains."""
-        return max((score for score, _ in self._ranked(self.given)), default=0.0) - self.bank.held_out(self.given)
+        return max((score for score, _ in self._ranked(self.given)), default=0.0) - self._score(self.given)
 
     def run(self) -> Explanation:
         """Return the best explanation found."""
@@ -114,7 +121,7 @@ class Search:
         # The best single cause may be a wrong one that does two right ones' work, so others may begin too.
         chosen = self._grown(given)
         for score, start in self._ranked(given)[1:STARTS]:
-            if misfit(self.bank, chosen) < COMPLETE or score < 0.3 * self.bank.held_out(chosen):
+            if misfit(self.bank, chosen) < COMPLETE or score < 0.3 * self._score(chosen):
                 break
             chosen = max(chosen, self._grown(start), key=self._merit)
         explanation = Explanation(chosen, len(self.given))
@@ -123,7 +130,7 @@ class Search:
         return explanation
 
     def _merit(self, entries: Sequence[Entry]) -> float:
-        return self.bank.held_out(entries) - ENOUGH * len(entries) * misfit(self.bank, entries)
+        return self._score(entries) - ENOUGH * len(entries) * misfit(self.bank, entries)
 
     def _grown(self, chosen: list[Entry]) -> list[Entry]:
         """Add causes one by one as long as each is worth it."""
@@ -133,7 +140,7 @@ class Search:
             if best is None:
                 break
             longer = self._dropped(self._optimised(self._exchanged(best)))
-            if self.bank.held_out(longer) <= self.bank.held_out(chosen) + self._worth(longer):
+            if self._score(longer) <= self._score(chosen) + self._worth(longer):
                 break
             chosen = longer
         return chosen
@@ -163,7 +170,7 @@ class Search:
             key = entry.feature.key
             for base in [list(entries), *others.get(entry.feature.joint, [])]:
                 trial = [*base, entry]
-                score = self.bank.held_out(trial)
+                score = self._score(trial)
                 if (key not in best or score > best[key][0]) and plausible(self.bank, trial):
                     best[key] = (score, trial)
         return sorted(best.values(), key=lambda pair: -pair[0])
@@ -176,11 +183,11 @@ class Search:
                 break
             better = self._optimised(trial)
             if plausible(self.bank, better):
-                scored.append((self.bank.held_out(better), better))
+                scored.append((self._score(better), better))
         if not scored:
             return None
         score, best = max(scored, key=lambda pair: pair[0])
-        gain = score - self.bank.held_out(chosen)
+        gain = score - self._score(chosen)
         return best if gain > self._worth(best) else None
 
     def _refine(self, others: Sequence[Entry], entry: Entry) -> Entry:
@@ -199,12 +206,12 @@ class Search:
             changed = False
             for k in range(len(self.given), len(entries)):
                 others = entries[:k] + entries[k + 1 :]
-                now = self.bank.held_out(entries)
+                now = self._score(entries)
                 for score, rough in self._ranked(others)[:SHORTLIST]:
                     if rough[-1].feature.key == entries[k].feature.key or score < 0.5 * now:
                         continue
                     trial = [*rough[:-1], self._refine(rough[:-1], rough[-1])]
-                    if self.bank.held_out(trial) > now + 3.0 and plausible(self.bank, trial):
+                    if self._score(trial) > now + 3.0 and plausible(self.bank, trial):
                         entries, changed = trial, True
                         break
             if not changed:
@@ -228,7 +235,7 @@ class Search:
         k = len(self.given)
         while k < len(entries):
             without = entries[:k] + entries[k + 1 :]
-            if self.bank.held_out(entries) - self.bank.held_out(without) < self._worth(entries):
+            if self._score(entries) - self._score(without) < self._worth(entries):
                 entries = without
                 k = len(self.given)
             else:
@@ -239,7 +246,7 @@ class Search:
         """Return what could stand in the place of cause k, with its odds against it."""
         others = [*chosen[:k], *chosen[k + 1 :]]
         scale = misfit(self.bank, chosen)
-        score = self.bank.held_out(chosen)
+        score = self._score(chosen)
         rivals: list[Rival] = []
         for rough, (*_, entry) in self._ranked(others):
             if entry.feature.key == chosen[k].feature.key:
@@ -257,7 +264,7 @@ class Search:
 
     def _odds(self, chosen: Sequence[Entry], trial: Sequence[Entry], scale: float) -> float:
         """Odds of a trial explanation: by likelihood over the misfit, or by how often blocks prefer it, if more."""
-        behind = (self.bank.held_out(chosen) - self.bank.held_out(trial)) / scale
+        behind = (self._score(chosen) - self._score(trial)) / scale
         blocks = np.concatenate(self.bank.falls(trial, chosen))
         weights = np.random.default_rng(0).multinomial(len(blocks), np.full(len(blocks), 1 / len(blocks)), RESAMPLES)
         share = float(np.mean(weights @ blocks <= 0.0))

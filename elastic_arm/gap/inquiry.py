@@ -11,7 +11,7 @@ from elastic_arm.dynamics import Model
 from elastic_arm.effects import Active
 from elastic_arm.gap import shrink as shrinking
 from elastic_arm.gap.bank import Bank, Entry
-from elastic_arm.gap.certainty import Estimate, certain, determined, differs, estimates, polish
+from elastic_arm.gap.certainty import Estimate, certain, differs, estimates, polish
 from elastic_arm.gap.explain import ENOUGH, Explanation, Rival, Search, misfit
 from elastic_arm.gap.features import Feature
 from elastic_arm.gap.material import Material
@@ -202,10 +202,8 @@ class Inquiry:
         polished = polish(self.bank, entries)
         estimated = estimates(self.bank, polished)
         doubtful = [k for k, entry in enumerate(entries) if not differs(estimated[k], entry)]
-        if all(determined(estimated[k]) for k in doubtful):
-            return doubtful
-        together = certain(self.bank, polished)
-        return [k for k in doubtful if determined(estimated[k]) or not together[k]]
+        together = certain(self.bank, polished) if doubtful else []
+        return [k for k in doubtful if not together[k]]
 
     def _say_known(self, given: Sequence[Entry]) -> None:
         """Note what the effects that count as part of the model came out as: only their kind was given."""

@@ -123,7 +123,8 @@ def _without(columns: Array, known: Array) -> Array:
 
 
 def _least_squares(columns: Array, y: Array) -> Array:
-    scale = np.maximum(np.linalg.norm(columns, axis=0), 1e-300)
+    length = np.linalg.norm(columns, axis=0)
+    scale = np.where(length > 0.0, length, np.inf)  # what does not act here has no coefficient
     return np.linalg.lstsq(columns / scale, y, rcond=RANK)[0] / scale
 
 
