@@ -114,9 +114,11 @@ class Inquiry:
         baseline = explanation.entries[: explanation.given]
         tried = shrinking.in_all_bands(self.judge, self._left(baseline))
         shown = self._rows(explanation)
-        by_size = shrinking.telling(tried) and shrinking.telling(self._marked(tried, explanation, shown), shown)
-        if by_size is not None:
-            return Excess(self.bank, by_size)
+        if shrinking.telling(tried) is not None:
+            marked = self._marked(tried, explanation, shown)
+            by_size = shrinking.telling(marked, shown)
+            assert by_size is not None  # marking takes nothing away
+            return Excess(self.bank, by_size, marked)
         traces = self._traces(baseline)
         before = shrinking.clearest(tried, traces[0].row) if traces else tried[0]
         left = max((trace.gain for trace in self._traces(explanation.entries)), default=0.0)

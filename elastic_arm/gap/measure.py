@@ -48,19 +48,21 @@ class Excess:
         Of all columns.
     before
         The residuals that the model leaves, and which of them are significant.
+    tried
+        The same in all bands.
     """
 
     name = "excess"
 
-    def __init__(self, bank: Bank, before: shrinking.Figures) -> None:
+    def __init__(self, bank: Bank, before: shrinking.Figures, tried: Sequence[shrinking.Figures]) -> None:
         self.bank, self.before = bank, before
+        self._clear = [before, *(f for f in tried if f is not before and f.clarity > shrinking.CLEAR)]
 
-    def after(self, entries: Sequence[Entry]) -> shrinking.Figures:
-        """Return what entries leave in the same band."""
+    def after(self, entries: Sequence[Entry], band: float | None = None) -> shrinking.Figures:
+        """Return what entries leave, in the same band if none is named."""
         judge = self.bank.sets[1]
-        return shrinking.figures(
-            judge, shrinking.remaining(judge, entries, self.bank.fit(0, entries)), self.before.band
-        )
+        left = shrinking.remaining(judge, entries, self.bank.fit(0, entries))
+        return shrinking.figures(judge, left, band or self.before.band)
 
     def stands_out(self, entries: Sequence[Entry]) -> bool:
         """Whether any residual that entries leave is more than noise by its size."""
@@ -71,9 +73,15 @@ class Excess:
         return shrinking.shrink(self.before, self.after(entries))
 
     def contribution(self, entries: Sequence[Entry], k: int) -> float:
-        """Return what entry k takes away beside the others, as a share of the whole gap."""
+        """Return what entry k takes away beside the others, as a share of the whole gap.
+
+        What is fast may be nothing in a low band, and what is slow nothing in a wide one: the band in which it is most.
+        """
         without = [*entries[:k], *entries[k + 1 :]]
-        return shrinking.contribution(self.before, self.after(without), self.after(entries))
+        return max(
+            shrinking.contribution(before, self.after(without, before.band), self.after(entries, before.band))
+            for before in self._clear
+        )
 
 
 class Likelihood:
