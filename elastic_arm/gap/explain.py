@@ -28,7 +28,7 @@ ENOUGH = 12.0  # log-likelihood, over the misfit that is left, that another caus
 SHARE = 0.005  # of all the log-likelihood that there is to gain
 MOST_CAUSES = 16
 STARTS = 2  # single causes from which the search sets out
-COMPLETE = 1.3  # mean square of the whitened remainder up to which an explanation needs no rival start
+COMPLETE = 1.3  # mean square of the whitened remainder up to which next to nothing is left
 SHORTLIST = 4  # candidates whose searched parameters are optimised before they are compared
 CLOSE = 40.0  # log-likelihood (over the misfit) within which an alternative deserves an optimised comparison
 
@@ -146,9 +146,13 @@ class Search:
         return chosen
 
     def _worth(self, entries: Sequence[Entry]) -> float:
-        """Log-likelihood that one more cause has to bring."""
+        """Log-likelihood that one more cause has to bring.
+
+        With next to nothing left it cannot serve as a fitting basis for what another effect has done: any part counts.
+        """
+        scale = misfit(self.bank, entries)
         structural = any(not e.feature.effect.parameters for e in entries)
-        return max(ENOUGH * misfit(self.bank, entries), 0.0 if structural else self._least)
+        return max(ENOUGH * scale, 0.0 if structural or scale < COMPLETE else self._least)
 
     def _open(self, entries: Sequence[Entry]) -> list[Entry]:
         taken = {e.feature.key for e in entries}
