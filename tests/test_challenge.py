@@ -23,7 +23,7 @@ from elastic_arm.gap.challenge.instruments import Instruments
 from elastic_arm.gap.challenge.laws import Fault
 from elastic_arm.gap.challenge.marks import marks
 from elastic_arm.gap.challenge.motion import random_motion
-from elastic_arm.gap.challenge.score import score
+from elastic_arm.gap.challenge.score import _beside, score
 from elastic_arm.gap.challenge.seal import NAME, open_sealed, seal, seal_piece
 from elastic_arm.gap.challenge.shares import Share, calibration, detection
 from elastic_arm.gap.challenge.sizes import Yardstick, sized
@@ -138,7 +138,7 @@ def test_every_effect_is_drawn_at_the_wanted_multiple_of_its_bound(effect: str) 
     assert item.bound[0] is not None
     low, high = draw_draft(effect, 3, rng).limits()
     amount = item.bound[0] * item.multiple[0]
-    at_an_end = amount <= 1.001 * low or amount >= 0.4 * high
+    at_an_end = amount <= 1.001 * low or amount >= 0.999 * high
     assert item.multiple[0] == pytest.approx(40.0, rel=0.05) or at_an_end
 
 
@@ -261,6 +261,60 @@ def test_joint_side_and_interval_are_judged_apart() -> None:
     assert beside["effect_right"] and not beside["side_right"]
     narrow = {"torque": {"value": 2.1, "std": 0.01, "unit": "Nm"}}
     assert marks(_entry(), _answer("coulomb_friction", "joint_2", parameters=narrow), joints)["covered"] == 0
+
+
+def test_a_delay_is_right_on_its_side_only_in_its_channels() -> None:
+    """The right effect on the right joint, said of another channel, is right but not on its side."""
+    truth = _entry(effect="time_delay", parameters={"delay": 0.003}, channels=["joint_torque"])
+    delay = {"value": 0.003, "std": 1e-4, "unit": "s"}
+    for channels, right in (
+        (["joint_torque"], True),
+        (["motor_torque"], False),
+        (["link_encoder", "motor_torque"], False),
+    ):
+        chosen = {"delay": delay, "channels": {"value": channels, "std": None, "unit": ""}}
+        found = marks(truth, _answer("time_delay", "joint_2", parameters=chosen), ROBOT.joint_names)
+        assert found["effect_right"] and found["side_right"] is right
+
+
+def test_a_model_that_lacks_two_things_may_be_told_both() -> None:
+    """mod1 has neither splines nor S: a second cause that says so is right, and on a mod3 arm it is false."""
+    spline = _entry(effect="spline_inertia", joint=None, parameters={}) | {"model": "mod1"}
+    answer = _answer("spline_inertia", None, parameters={})
+    answer["causes"].append(answer["causes"][0] | {"effect": "inertia_coupling"})
+    for model, right in (("mod1", [True, True]), ("mod3", [True, False])):
+        found = marks(spline | {"model": model}, answer, ROBOT.joint_names)
+        assert found["cause_right"] == right and found["alone"] is all(right)
+
+
+def test_a_refused_diagnosis_is_a_wrong_answer(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """What the diagnosis refuses is told, written down as an answer, and judged as one that found nothing."""
+
+    def refuse(*_: Any) -> None:
+        raise DiagnosisError("too little motion", "Record longer")
+
+    monkeypatch.setattr(campaign, "read_recording", lambda bag: None)
+    monkeypatch.setattr(campaign, "diagnose", refuse)
+    name, problem = campaign._diagnose((str(tmp_path), "a", "mod3", ""))
+    assert name == "a" and "too little motion" in problem
+    answer = json.loads(campaign.answer_path(tmp_path, "a").read_text())
+    found = marks(_entry(), answer, ROBOT.joint_names)
+    assert (found["verdict"], found["effect_right"], found["none"], found["unknown"]) == (
+        "refused",
+        False,
+        False,
+        False,
+    )
+
+
+def test_what_the_rest_explains_of_a_faint_gap_is_measured_beside_the_effect_itself() -> None:
+    """A faint gap's shrink says nothing of what is not found: then likelihoods with and without the effect count."""
+    full = {"name": "a", "effect_right": True, "log_likelihood": 200.0}
+    rest = {"name": "a", "shrink": 1.0, "log_likelihood": 120.0}
+    (faint,) = _beside([rest | {"measured_by": "likelihood"}], [full])
+    (plain,) = _beside([rest | {"measured_by": "excess"}], [full])
+    (missed,) = _beside([rest | {"measured_by": "likelihood"}], [full | {"effect_right": False}])
+    assert (faint["by_rest"], plain["by_rest"], missed["by_rest"]) == (0.6, 1.0, 1.0)
 
 
 def test_shares_carry_binomial_intervals() -> None:

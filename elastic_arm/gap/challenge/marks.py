@@ -36,6 +36,7 @@ def marks(entry: dict[str, Any], answer: dict[str, Any], joints: Sequence[str]) 
     """
     faults = [Fault(**{**f, "channels": tuple(f["channels"])}) for f in entry["faults"]]
     causes = answer["causes"]
+    lacking = ("inertia_coupling",) if entry["model"] == "mod1" else ()  # it lacks S as well as the splines
     hits = [_hit(fault, causes, joints) for fault in faults]
     covered = [_coverage(f, h) for f, h in zip(faults, hits, strict=True) if h is not None]
     itself = [_is(f, c["effect"], c["joint"], joints) for f in faults for c in causes]
@@ -52,7 +53,9 @@ def marks(entry: dict[str, Any], answer: dict[str, Any], joints: Sequence[str]) 
         "named": [c["effect"] for c in causes],
         "named_joints": [c["joint"] for c in causes],
         "confidence": [c["confidence"] for c in causes],
-        "cause_right": [any(_is(f, c["effect"], c["joint"], joints) for f in faults) for c in causes],
+        "cause_right": [
+            any(_is(f, c["effect"], c["joint"], joints) for f in faults) or c["effect"] in lacking for c in causes
+        ],
         "shrink": answer["shrink"],
         "measured_by": answer["measured_by"],
         "log_likelihood": answer["log_likelihood"],
@@ -62,8 +65,7 @@ def marks(entry: dict[str, Any], answer: dict[str, Any], joints: Sequence[str]) 
         "joint_right": bool(faults) and all(_joint_right(f, causes, joints) for f in faults),
         "side_right": bool(faults) and all(_side_right(f, h) for f, h in zip(faults, hits, strict=True)),
         "explained": answer["verdict"] == "explained",
-        # mod1 lacks S as well as the splines.
-        "alone": len(causes) <= len(faults) + (entry["model"] == "mod1"),
+        "alone": len(causes) <= len(faults) + len(lacking),
         "none": answer["verdict"] == "none" and not causes,
         "unknown": answer["verdict"] == "unknown" and _place_right(faults, answer, joints),
         "covered": sum(c for c, _ in covered),
