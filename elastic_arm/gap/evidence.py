@@ -57,9 +57,9 @@ class Evidence:
             pure = noise_model(model, observation, layout, band, floor=0.0)
             standstill = _standstill(observation, noise.f, model.n)
             for stretch in residuals(model, observation, layout, band):
-                self.parts.append(
-                    Part(stretch, Signals.of(stretch.quiet, standstill, elastic=model.robot.elastic), noise)
-                )
+                elastic, cutoff = model.robot.elastic, observation.cutoff
+                signals = Signals.of(stretch.quiet, standstill, elastic=elastic, cutoff=cutoff)
+                self.parts.append(Part(stretch, signals, noise))
                 self.pure.append(pure)
         self.y = [part.stretch.values for part in self.parts]
         self.white = self.whiten([y[:, :, None] for y in self.y])[:, 0]

@@ -30,13 +30,26 @@ INPUTS = ("x", "dx", "ddx", "tau_J", "tau_m", "dtau_J", "dtau_m", "sign_link", "
 
 @dataclass(frozen=True)
 class Signals:
-    """Arguments of the laws at the recording's rate, (N, …) each, by the names of :data:`INPUTS`."""
+    """Arguments of the laws at the recording's rate.
+
+    Parameters
+    ----------
+    t
+        (N,) s.
+    values
+        (N, …) each, by the names of :data:`INPUTS`.
+    cutoff
+        Hz up to which accelerations are motion rather than noise.
+    """
 
     t: Array
     values: Mapping[str, Array]
+    cutoff: float = np.inf
 
     @staticmethod
-    def of(motion: WholeMotion, standstill: tuple[Array, Array], *, elastic: bool = True) -> Signals:
+    def of(
+        motion: WholeMotion, standstill: tuple[Array, Array], *, elastic: bool = True, cutoff: float = np.inf
+    ) -> Signals:
         """Take the signals from motion.
 
         Parameters
@@ -45,6 +58,8 @@ class Signals:
             (n,) rad/s for link and motor side, below which a velocity has no sign.
         elastic
             Whether the arm has transmissions; x is then [q, theta], otherwise [q].
+        cutoff
+            Hz up to which accelerations are motion rather than noise.
         """
         m = motion
         values = {
@@ -58,7 +73,7 @@ class Signals:
             "sign_link": np.tanh(m.dq / standstill[0]),
             "sign_motor": np.tanh(m.dtheta / standstill[1]),
         }
-        return Signals(m.t, {name: np.ascontiguousarray(v) for name, v in values.items()})
+        return Signals(m.t, {name: np.ascontiguousarray(v) for name, v in values.items()}, cutoff)
 
     def arrays(self) -> list[Array]:
         """Return the arguments in the order of :data:`INPUTS`."""

@@ -65,6 +65,8 @@ class Observation:
         What all channels passed.
     noise
         Of the channels, before the smoother.
+    cutoff
+        Hz up to which accelerations are motion rather than noise.
     source, notes
         Where it came from, and what had to be assumed.
     """
@@ -74,6 +76,7 @@ class Observation:
     rate: float
     smoother: Smoother
     noise: ChannelNoise
+    cutoff: float
     source: str = ""
     notes: tuple[str, ...] = ()
 
@@ -163,7 +166,10 @@ def observe(recording: Recording, band: float | None = None) -> Observation:
     # a column made of it would be correlated with them.
     calm = replace(smoother, cutoff=min(smoother.cutoff, designed.cutoff))
     quiet = pieces if calm == smoother else tuple(calm(_extended(grid, calm.lag)) for grid in grids)
-    return Observation(pieces, quiet, clock.rate, smoother, noise, recording.source, (*recording.notes, *samples.notes))
+    notes = (*recording.notes, *samples.notes)
+    return Observation(
+        pieces, quiet, clock.rate, smoother, noise, designed.cutoff / (2 * np.pi), recording.source, notes
+    )
 
 
 def _extended(grid: Grid, count: int) -> Grid:
