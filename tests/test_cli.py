@@ -149,6 +149,57 @@ def test_a_challenge_needs_a_folder_not_a_file(tmp_path: Path) -> None:
 # --- words for what makes no sense
 
 
+USAGE: dict[str, tuple[str, str]] = {
+    "diagnose --nope bag": ("no such option: --nope", "diagnose"),
+    "diagnose": ("missing argument 'BAG…'", "diagnose"),
+    "simulate --out": ("option '--out' requires an argument", "simulate"),
+    "identify bag --weights beauty": ("'beauty' is not one of 'noise', 'ordinary'", "identify"),
+    "excite --seed one --out t": ("invalid value for '--seed'", "excite"),
+    "bag chek": ("no such command 'chek'. Did you mean 'check'?", "bag"),
+    "bag check": ("missing argument", "bag check"),
+    "bag import a --map m --out b --compression zip": ("one of none, lz4, zstd", "bag import"),
+    "challenge create folder --ratio 3": ("invalid value for --ratio: '3' is no range", "challenge create"),
+}
+
+
+@pytest.mark.parametrize("arguments", USAGE)
+def test_usage_errors_are_one_line_with_the_help_to_read(arguments: str) -> None:
+    """Unknown options, missing arguments and wrong values of every command end as all unusable input does."""
+    words, command = USAGE[arguments]
+    said = refusal(*arguments.split())
+    assert words in said
+    assert said.endswith(f" See elastic-arm {command} --help.")
+
+
+def test_an_unknown_command_is_one_line() -> None:
+    """`elastic-arm foo` points at the help of the application."""
+    assert refusal("foo") == "error: no such command 'foo'. See elastic-arm --help."
+
+
+@pytest.mark.parametrize("arguments", ["--help", "bag --help", "diagnose --help", "--version"])
+def test_help_and_version_end_with_0(arguments: str) -> None:
+    """What was asked for is no error, and goes to stdout."""
+    result = run(*arguments.split())
+    assert (result.exit_code, result.stderr) == (0, "")
+    assert result.stdout.strip()
+
+
+@pytest.mark.parametrize("arguments", ["", "bag"])
+def test_nothing_asked_shows_the_help(arguments: str) -> None:
+    """Without a command the help is shown, with no error line besides."""
+    result = run(*arguments.split())
+    assert result.exit_code == 2
+    assert "Usage: " in result.stdout
+    assert result.stderr == ""
+
+
+def test_the_answer_no_keeps_its_exit_status(bag: Path) -> None:
+    """`bag check` of a torn bag ends with 1, of a sound one with 0, also as a command of the application."""
+    assert run("bag", "check", bag).exit_code == 0
+    (bag / "metadata.yaml").unlink()
+    assert run("bag", "check", bag).exit_code == 1
+
+
 @pytest.mark.parametrize(
     "arguments", [["--harmonics", "0"], ["--criterion", "beauty"], ["--robot", "none.yaml"], ["--torque", "-3"],
                   ["--margin", "-1"], ["--floor", "nan"]],

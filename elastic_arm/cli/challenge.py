@@ -141,9 +141,9 @@ def _range(text: str) -> tuple[float, float]:
     try:
         low, high = (float(part) for part in text.split(":"))
     except ValueError as error:
-        raise typer.BadParameter(f"{text!r} is no range; write LOW:HIGH, such as 2:30") from error
+        raise typer.BadParameter(f"{text!r} is no range; write LOW:HIGH, such as 2:30", param_hint="--ratio") from error
     if not 0.0 < low <= high:
-        raise typer.BadParameter(f"{text!r} is no range: both ends above 0, the lower first")
+        raise typer.BadParameter(f"{text!r} is no range: both ends above 0, the lower first", param_hint="--ratio")
     return low, high
 
 

@@ -20,8 +20,29 @@ from elastic_arm.errors import ElasticArmError, RecordingError
 P = ParamSpec("P")
 R = TypeVar("R")
 
-out = Console(highlight=False)
-err = Console(stderr=True, highlight=False)
+UNLIMITED = 10_000  # columns where no screen ends the line
+LEAST = 12  # columns of a name that is cut
+
+
+def _console(*, stderr: bool) -> Console:
+    """Return a console that wraps and shortens for a screen alone: in a pipe or a file every line stays whole."""
+    console = Console(stderr=stderr, highlight=False)
+    return console if console.is_terminal else Console(stderr=stderr, highlight=False, width=UNLIMITED)
+
+
+out = _console(stderr=False)
+err = _console(stderr=True)
+
+
+def say_error(error: ElasticArmError) -> None:
+    """Write an error as one line on stderr."""
+    err.print(f"[bold red]error:[/] {escape(str(error))}", soft_wrap=True, markup=True)
+
+
+def spare(rows: Sequence[Sequence[str]]) -> int:
+    """Return how many columns of the screen a table of these cells leaves to one more; a few in any case."""
+    taken = sum(2 + max(len(cell) for cell in column) for column in zip(*rows, strict=True))
+    return max(out.width - taken, LEAST)
 
 
 def reports_errors(command: Callable[P, R]) -> Callable[P, R]:
@@ -32,7 +53,7 @@ def reports_errors(command: Callable[P, R]) -> Callable[P, R]:
         try:
             return command(*args, **kwargs)
         except ElasticArmError as error:
-            err.print(f"[bold red]error:[/] {escape(str(error))}", soft_wrap=True, markup=True)
+            say_error(error)
             raise SystemExit(2) from None
 
     return wrapper

@@ -15,9 +15,11 @@ from elastic_arm.cli.identify import identify
 from elastic_arm.cli.paper import paper
 from elastic_arm.cli.several_values import SeveralValues
 from elastic_arm.cli.simulate import simulate
+from elastic_arm.cli.usage import Application
 
 app = typer.Typer(
     name="elastic-arm",
+    cls=Application,
     help="Emulate an elastic-joint arm, identify it, and say where and why a model and a real arm differ.",
     no_args_is_help=True,
     rich_markup_mode="rich",
