@@ -2,23 +2,31 @@
 
 from __future__ import annotations
 
+import html
+import io
 import json
 import re
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 import typer
+from rich.console import Console
 from typer.testing import CliRunner, Result
 
-from elastic_arm.cli.diagnose import diagnose_command, write_diagnosis
+from elastic_arm.cli.console import UNLIMITED
+from elastic_arm.cli.diagnose import diagnose_command, print_diagnosis, write_diagnosis
 from elastic_arm.cli.several_values import SeveralValues, spelled_out
 from elastic_arm.cli.simulate import simulate
 from elastic_arm.effects import EFFECTS
+from elastic_arm.gap.certainty import Estimate
 from elastic_arm.gap.diagnosis import Question, diagnose
 from elastic_arm.gap.followup import followed_up
 from elastic_arm.gap.repair import repaired_robot
 from elastic_arm.gap.result import SEPARATING, Diagnosis
+from elastic_arm.gap.words import confidence, meaning, sizes
 from elastic_arm.recording import read_recording, write_recording
 from elastic_arm.report.gap import write_gap_report
 from tests.browser import rendered_page
@@ -123,6 +131,63 @@ def test_command_writes_the_motion_that_the_simulator_takes(tmp_path: Path) -> N
     told = run("simulate", "--out", tmp_path / "next", "--trajectory", folder / SEPARATING, "--duration", 1.0)
     assert told.exit_code == 0, told.output
     assert read_recording(tmp_path / "next").duration == pytest.approx(1.0, abs=0.01)
+
+
+def shown(found: Diagnosis, folder: Path, monkeypatch: pytest.MonkeyPatch, **screen: Any) -> list[str]:
+    """Return the lines that `elastic-arm diagnose` prints of a diagnosis."""
+    console = Console(file=io.StringIO(), highlight=False, no_color=True, **screen)
+    monkeypatch.setattr("elastic_arm.cli.diagnose.out", console)
+    print_diagnosis(found, folder)
+    return re.sub(r"\x1b\[[\d;]*m", "", console.file.getvalue()).splitlines()  # type: ignore[attr-defined]
+
+
+def test_causes_are_readable_on_a_narrow_screen(two_causes: Diagnosis, monkeypatch: pytest.MonkeyPatch) -> None:
+    """On 80 columns no line is longer, and a size as real arms have it stands on one line with deviation and unit."""
+    offset = {"offset": Estimate(-0.6656, 0.02628, "Nm")}
+    tilt = {"x": Estimate(-0.01668, 0.001152, "rad"), "y": Estimate(-0.007061, 0.001386, "rad")}
+    first, second = two_causes.causes
+    causes = (
+        replace(first, effect="joint_torque_offset", joint="lwr_0_joint", parameters=offset),
+        replace(second, effect="base_tilt", joint=None, parameters=tilt),
+    )
+    found = replace(two_causes, causes=causes)
+    lines = shown(found, Path("diagnosis"), monkeypatch, width=80, force_terminal=True)
+    assert max(map(len, lines)) <= 80
+    told = "\n".join(lines)
+    for words in ("joint_torque_offset  lwr_0_joint  offset -0.666 ± 0.026 Nm", "base_tilt            whole arm",
+                  "x -0.0167 ± 0.0012 rad", "y -0.0071 ± 0.0014 rad"):  # fmt: skip
+        assert words in told
+
+
+def test_piped_causes_are_a_line_each(two_causes: Diagnosis, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Where no screen ends the line, a cause stands on one with all its sizes, and no sentence is broken."""
+    lines = shown(two_causes, Path("diagnosis"), monkeypatch, width=UNLIMITED)
+    assert lines[0] == f"explained: {meaning(two_causes)}"
+    for cause in two_causes.causes:
+        (line,) = [line for line in lines if line.startswith(f"{cause.effect}  ")]
+        assert sizes(cause.parameters) in line
+        assert line.endswith(confidence(cause.confidence))
+
+
+def test_numbers_that_puzzle_are_explained_beside_them(
+    two_causes: Diagnosis, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A cause that alone enlarges the gap is explained on screen and in the report; none is called certain."""
+    first, *others = two_causes.causes
+    found = replace(two_causes, causes=(replace(first, shrink=-0.048, confidence=0.9998), *others))
+    page = write_gap_report(tmp_path / "report.html", found).read_text()
+    screen = "\n".join(shown(found, tmp_path, monkeypatch, width=UNLIMITED))
+    for told in (html.unescape(page), screen):
+        assert "-4.8 %" in told and "makes the gap larger" in told
+        assert "> 99.9 %" in told
+
+
+def test_report_says_how_much_is_left_where_it_stands_out(two_causes: Diagnosis, tmp_path: Path) -> None:
+    """What is left of an explained gap is told as measured, with the places where it stands out of the noise."""
+    loud = {place: 3.0 * noise for place, noise in two_causes.noise.items()}
+    found = replace(two_causes, shrink=0.93, after=replace(two_causes.after, rmse={**two_causes.after.rmse, **loud}))
+    page = write_gap_report(tmp_path / "report.html", found).read_text()
+    assert "7.0 % of the gap is left, and in places it stands out of the noise: joint_" in page
 
 
 def test_files_of_an_earlier_diagnosis_do_not_stay(two_causes: Diagnosis, tmp_path: Path) -> None:

@@ -14,10 +14,11 @@ import typer
 from rich.live import Live
 from rich.markup import escape
 from rich.progress import BarColumn, Progress, TextColumn
+from rich.rule import Rule
 from rich.table import Table
 from scipy.stats import chi2
 
-from elastic_arm.cli.console import err, out, reports_errors
+from elastic_arm.cli.console import err, out, reports_errors, spare
 from elastic_arm.cli.describe import base_of
 from elastic_arm.cli.processes import Nodes
 from elastic_arm.cli.withheld import diagnose_withheld
@@ -30,6 +31,7 @@ from elastic_arm.robot import Robot, load_robot, varied
 
 EVALUATIONS = 600
 SHAPE = Shape(harmonics=5, period=8.0, periods=2)
+HEADING = 80  # columns
 # How long nodes may take to find each other, and the first kernels to compile, seconds.
 START = 120.0
 
@@ -63,22 +65,26 @@ def demo(
     nominal = load_robot(None)
     true_arm = varied(nominal, np.random.default_rng(seed))
     true_arm.save(folder / "true_arm.yaml")
-    out.rule("1  a motion that excites the parameters")
+    _heading("1  a motion that excites the parameters")
     search = _excite(nominal, folder / "trajectory.yaml", seed)
-    out.rule("2  the live graph: simulator, trajectory generator, identifier, recorder")
+    _heading("2  the live graph: simulator, trajectory generator, identifier, recorder")
     course = _live(folder, search.trajectory, seed, speed)
-    out.rule("3  the same arm, identified from the bag")
+    _heading("3  the same arm, identified from the bag")
     recording = read_recording(folder / "bag")
     offline = identify(recording, nominal)
     out.print(f"{offline.samples} samples, derivatives by {', '.join(offline.derivatives)}")
-    out.rule("4  estimates beside the truth")
+    _heading("4  estimates beside the truth")
     truth = _truth(offline, true_arm)
     _compare(offline, course, truth)
     report = _report(folder / "report.html", search, course, offline, truth, recording)
-    out.rule("5  another arm has an effect that the diagnosis is not told")
+    _heading("5  another arm has an effect that the diagnosis is not told")
     diagnose_withheld(folder / "withheld", nominal, search.trajectory, np.random.default_rng(seed))
     out.print(f"\nbag:     {escape(str(folder / 'bag'))}   (ros2 bag info, Foxglove, PlotJuggler)")
     out.print(f"report:  {escape(str(report))}")
+
+
+def _heading(title: str) -> None:
+    out.print(Rule(escape(title)), width=HEADING)
 
 
 def _make_room(folder: Path) -> None:
@@ -171,13 +177,19 @@ def _compare(offline: Identification, course: Course, truth: np.ndarray) -> None
     online = dict(zip(course.last["name"], zip(course.last["value"], course.last["std"], strict=True), strict=True))
     values, stds = (np.array([online[e.name][k] for e in offline.estimates], dtype=float) for k in (0, 1))
     on, off = (values - truth) / stds, (offline.Psi_base - truth) / offline.std
-    table = Table(box=None, header_style="bold", title="errors in standard deviations", title_justify="left")
-    table.add_column("base parameter", no_wrap=True, overflow="ellipsis", max_width=20)
-    for heading in ("nominal", "true", "online", "error", "offline", "error"):
+    headings = ("nominal", "true", "online", "error", "offline", "error")
+    rows = [
+        (*(f"{v:.4g}" for v in (e.nominal, truth[k], values[k])), f"{on[k]:+.1f}", f"{e.value:.4g}", f"{off[k]:+.1f}")
+        for k, e in enumerate(offline.estimates)
+    ]
+    table = Table(
+        box=None, header_style="bold", pad_edge=False, title="errors in standard deviations", title_justify="left"
+    )
+    for heading in headings:
         table.add_column(heading, justify="right", no_wrap=True)
-    for k, entry in enumerate(offline.estimates):
-        near = [_short(number) for number in (entry.nominal, truth[k], values[k])]
-        table.add_row(escape(entry.name), *near, f"{on[k]:+.1f}", _short(entry.value), f"{off[k]:+.1f}")
+    table.add_column("base parameter", no_wrap=True, overflow="ellipsis", max_width=spare([headings, *rows]))
+    for e, row in zip(offline.estimates, rows, strict=True):
+        table.add_row(*row, escape(e.name))
     out.print(table)
     out.print(
         f"true value within two standard deviations: online {int((np.abs(on) < 2).sum())}, "
@@ -191,10 +203,6 @@ def _compare(offline: Identification, course: Course, truth: np.ndarray) -> None
     apart = np.abs(values - offline.Psi_base) / np.hypot(stds, offline.std)
     out.print(f"online and offline apart: at most {apart.max():.2f} standard deviations")
     out.print(escape(gain(stds, offline).words()))
-
-
-def _short(value: float) -> str:
-    return f"{value:.4g}"
 
 
 def _report(

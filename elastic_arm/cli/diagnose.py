@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated
 
@@ -16,9 +17,9 @@ from elastic_arm.gap.diagnosis import Question, diagnose
 from elastic_arm.gap.followup import followed_up
 from elastic_arm.gap.known import known_effects
 from elastic_arm.gap.repair import repaired_robot
-from elastic_arm.gap.result import SEPARATING, Diagnosis
+from elastic_arm.gap.result import SEPARATING, Cause, Diagnosis
 from elastic_arm.gap.separate import Proposal
-from elastic_arm.gap.words import ahead, likelihood, meaning, sizes
+from elastic_arm.gap.words import ahead, confidence, harmful, likelihood, meaning, percent, sizes
 from elastic_arm.recording import Recording, load_channels, read_recording
 from elastic_arm.robot import Robot, load_robot
 
@@ -122,21 +123,13 @@ def print_diagnosis(found: Diagnosis, folder: Path) -> None:
     """Print verdict, causes and what is left."""
     out.print(f"[bold {COLOURS[found.verdict]}]{found.verdict}[/]: {escape(meaning(found))}")
     if found.causes:
-        table = Table(box=None, header_style="bold")
-        for heading in ("cause", "joint", "size", "shrinks the gap by", "confidence"):
-            table.add_column(heading, no_wrap=heading in ("cause", "joint"), overflow="fold")
-        for cause in found.causes:
-            sizes_ = escape(sizes(cause.parameters))
-            table.add_row(
-                cause.effect, _place(cause.joint), sizes_, f"{100 * cause.shrink:.1f} %", f"{cause.confidence:.2f}"
-            )
-        out.print(table)
+        _print_causes(found.causes)
     for cause in found.causes:
         for other in cause.alternatives:
             told = other.file or other.separated_by
             out.print(
                 f"instead of {cause.effect} on {_place(cause.joint)} it may be {other.effect} on {_place(other.joint)} "
-                f"({other.confidence:.2f}); told apart by: {escape(told)}"
+                f"({confidence(other.confidence)}); told apart by: {escape(told)}"
             )
     for place in found.unexplained:
         out.print(f"unexplained: {place.joint}, {place.side} side, {place.rmse:.3g} Nm, follows {place.regime}")
@@ -144,6 +137,22 @@ def print_diagnosis(found: Diagnosis, folder: Path) -> None:
     for note in found.notes:
         out.print(f"note: {escape(note)}")
     out.print(f"written: {folder}/{', '.join(['diagnosis.json', 'report.html', *_further(found)])}")
+
+
+def _print_causes(causes: Sequence[Cause]) -> None:
+    table = Table(box=None, header_style="bold", pad_edge=False)
+    for heading in ("cause", "joint", "size"):
+        table.add_column(heading, no_wrap=heading != "size")
+    # On a screen a line for a parameter, in a pipe a line for a cause.
+    for heading in ("shrinks\nalone by" if out.is_terminal else "shrinks alone by", "confidence"):
+        table.add_column(heading, no_wrap=True, justify="right")
+    for cause in causes:
+        told = sizes(cause.parameters, "\n" if out.is_terminal else ", ")
+        shares = percent(cause.shrink), confidence(cause.confidence)
+        table.add_row(cause.effect, escape(cause.joint or "whole arm"), escape(told), *shares)
+    out.print(table)
+    if harmful(causes):
+        out.print(harmful(causes))
 
 
 def _place(joint: str | None) -> str:

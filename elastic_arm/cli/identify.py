@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from enum import StrEnum
 from pathlib import Path
 from typing import Annotated
@@ -12,12 +12,13 @@ from rich.markup import escape
 from rich.progress import BarColumn, Progress, TextColumn
 from rich.table import Table
 
-from elastic_arm.cli.console import err, out, print_json, refuse_repeated, reports_errors
+from elastic_arm.cli.console import err, out, print_json, refuse_repeated, reports_errors, spare
 from elastic_arm.cli.describe import RobotFile, load_arm
 from elastic_arm.cli.outputs import Force, claim_folder
-from elastic_arm.identification import Identification, identify_with, parse_laws
+from elastic_arm.identification import Estimate, Identification, identify_with, parse_laws
 from elastic_arm.identification.derivatives import Motion
 from elastic_arm.identification.equations import Equations
+from elastic_arm.identification.words import rounded
 from elastic_arm.recording import ChannelMap, Recording, load_channels, read_recording
 from elastic_arm.robot import Robot
 
@@ -135,17 +136,7 @@ def _print(result: Identification, out_dir: Path) -> None:
     if result.excitation["poor"]:
         reasons = "; ".join(result.excitation["reasons"])
         out.print(f"[bold yellow]the excitation is poor[/] (known from the motion alone): {escape(reasons)}")
-    table = Table(box=None, header_style="bold")
-    table.add_column("parameter", no_wrap=True, overflow="ellipsis", max_width=25)
-    for heading, width in (("identified", 11), ("± std", 7), ("nominal", 11)):
-        table.add_column(heading, min_width=width, no_wrap=True, justify="right")
-    for heading, width in (("unit", 8), ("verdict", 7)):
-        table.add_column(heading, min_width=width, no_wrap=True)
-    for e in result.estimates:
-        verdict = f"[{COLOURS[e.verdict]}]{e.verdict}[/]"
-        numbers = (f"{e.value:.6g}", f"{e.std:.2g}", f"{e.nominal:.6g}")
-        table.add_row(escape(e.name), *numbers, e.unit, verdict)
-    out.print(table)
+    _print_estimates(result.estimates)
     methods = ", ".join(dict.fromkeys(result.derivatives))
     out.print(f"{result.samples} samples, {methods}, condition number {result.condition:.3g}")
     for note in result.notes:
@@ -153,7 +144,8 @@ def _print(result: Identification, out_dir: Path) -> None:
     for direction in result.undetermined:
         out.print(f"[red]left open by the data:[/] {escape(direction)}")
     for title, rows in _residual_rows(result):
-        shown = Table(box=None, header_style="bold", title=title, title_justify="left")
+        out.print(f"[bold]{escape(title)}[/]")
+        shown = Table(box=None, header_style="bold")
         for heading in ("", *result.joints):
             shown.add_column(escape(heading), justify="right" if heading else "left")
         for name, values in rows:
@@ -161,6 +153,26 @@ def _print(result: Identification, out_dir: Path) -> None:
         out.print(shown)
     written = ["identification.json", "report.html", *(["robot.yaml"] if result.identified is not None else [])]
     out.print(f"results in {escape(str(out_dir))}: {', '.join(written)}")
+
+
+def _print_estimates(estimates: Sequence[Estimate]) -> None:
+    rows = [(*rounded(e.value, e.std), f"{e.nominal:.6g}", e.unit, e.verdict) for e in estimates]
+    headings = ("identified", "± std", "nominal", "unit", "verdict")
+    table = Table(box=None, header_style="bold", pad_edge=False)
+    for heading in headings:
+        table.add_column(heading, no_wrap=True, justify="left" if heading in ("unit", "verdict") else "right")
+    table.add_column("parameter", overflow="fold")
+    width = spare([headings, *rows])
+    for e, (*numbers, verdict) in zip(estimates, rows, strict=True):
+        table.add_row(*numbers, f"[{COLOURS[verdict]}]{verdict}[/]", escape(_fitted(e.name, width)))
+    out.print(table)
+
+
+def _fitted(name: str, width: int) -> str:
+    """Return a name for a column: a combination ends early, as its beginning tells it, a law's goes on below."""
+    if len(name) <= width:
+        return name
+    return f"{name[: width - 1]}…" if " " in name else name.replace(".", ".\n  ")
 
 
 def _residual_rows(result: Identification) -> list[tuple[str, list[tuple[str, list[float]]]]]:

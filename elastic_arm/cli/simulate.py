@@ -20,6 +20,7 @@ from elastic_arm.dynamics import build_model
 from elastic_arm.effects import EFFECTS, Active, parse
 from elastic_arm.errors import SensorError, SimulationError
 from elastic_arm.excitation import FourierTrajectory, MotionLimits, load_trajectory, random_trajectories
+from elastic_arm.gap.words import settings
 from elastic_arm.recording import Recording, write_recording
 from elastic_arm.robot import Robot
 from elastic_arm.sensors import Encoder, Sensors, TorqueSensor
@@ -115,7 +116,7 @@ def simulate(
     if json:
         print_json({"bag": str(out_bag), "robot": robot.name, "model": model, "seed": seed, **summary})
     else:
-        _print_summary(recording, summary, out_bag)
+        _print_summary(recording, effects, summary, out_bag)
 
 
 def _motion(trajectory: str, robot: Robot, model: str, seed: int) -> FourierTrajectory:
@@ -163,13 +164,13 @@ def _summary(recording: Recording, effects: list[Active], seconds: float) -> dic
     }
 
 
-def _print_summary(recording: Recording, summary: dict[str, Any], bag: Path) -> None:
+def _print_summary(recording: Recording, effects: list[Active], summary: dict[str, Any], bag: Path) -> None:
     out.print(
         f"{summary['duration_s']:g} s of motion, {summary['samples']} samples, simulated in {summary['wall_s']:.2f} s"
     )
-    for entry in summary["effects"]:
-        values = ", ".join(f"{name} = {value}" for name, value in entry["parameters"].items())
-        out.print(f"  [bold]{entry['effect']}[/] on {entry['joint'] or 'the arm'}: {escape(values) or 'no parameters'}")
+    for active in effects:
+        place = active.joint or "the whole arm"
+        out.print(f"  [bold]{active.effect.id}[/] on {escape(place)}: {escape(settings(active)) or 'no parameters'}")
     table = Table(box=None, header_style="bold")
     for heading in ("joint", "peak tau_m, Nm", "off the reference, mrad"):
         table.add_column(heading, justify="left" if heading == "joint" else "right")

@@ -14,6 +14,7 @@ from elastic_arm.effects import EFFECTS, Active
 from elastic_arm.excitation import FourierTrajectory, MotionLimits, random_trajectories
 from elastic_arm.gap.diagnosis import Question, diagnose
 from elastic_arm.gap.followup import followed_up
+from elastic_arm.gap.words import settings
 from elastic_arm.recording import read_recording, write_recording
 from elastic_arm.robot import Robot
 from elastic_arm.simulation import simulate
@@ -51,8 +52,7 @@ def diagnose_withheld(folder: Path, nominal: Robot, motion: FourierTrajectory, r
         found = followed_up(diagnose([fitted], Question(nominal), [judged]), rng=rng)
         write_diagnosis(found, nominal, folder)
     print_diagnosis(found, folder)
-    sizes = ", ".join(f"{name} = {drawn.parameters[name]:.4g}" for name in DRAWN[drawn.effect.id])
-    out.print(f"what had been drawn: {drawn.effect.id} on {drawn.joint}, {escape(sizes)}")
+    out.print(f"what had been drawn: {drawn.effect.id} on {drawn.joint}, {escape(settings(drawn))}")
 
 
 def _draw(robot: Robot, rng: np.random.Generator) -> Active:

@@ -1,20 +1,23 @@
-"""Sentences about effects: what tells two of them apart."""
+"""What a diagnosis says, in words and in numbers as a reader takes them."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from elastic_arm.effects import Effect
+from elastic_arm.identification.words import rounded
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Mapping, Sequence
 
+    from elastic_arm.effects import Active
     from elastic_arm.gap.certainty import Estimate
     from elastic_arm.gap.prediction import Prediction
     from elastic_arm.gap.result import Cause, Diagnosis
 
 DOUBTFUL = 0.9  # confidence below which the strongest alternative is named beside a cause
 NAMED = 4  # causes that the verdict names
+DOUBT = 0.001  # that stays with every confidence and every alternative
 _SAME_EFFECT = "motion in which these joints move one at a time"
 _OTHERWISE = "motion that covers more of the joint's range, speeds and loads, slowly and fast"
 
@@ -38,8 +41,8 @@ def meaning(found: Diagnosis) -> str:
     named = _listed([_with_rival(cause) for cause in found.causes[:NAMED]], len(found.causes) - NAMED)
     verb = "explains" if len(found.causes) == 1 else "explain"
     if found.verdict == "explained":
-        return f"{named} {verb} {_percent(found.shrink)} of the gap on motion that no fit has seen."
-    return f"{named} {verb} {_percent(found.shrink)} of the gap; what is left has another cause."
+        return f"{named} {verb} {percent(found.shrink)} of the gap on motion that no fit has seen."
+    return f"{named} {verb} {percent(found.shrink)} of the gap; what is left has another cause."
 
 
 def _with_rival(cause: Cause) -> str:
@@ -62,32 +65,57 @@ def _listed(names: list[str], more: int) -> str:
     return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}"
 
 
-def sizes(parameters: Mapping[str, Estimate]) -> str:
+def sizes(parameters: Mapping[str, Estimate], between: str = ", ") -> str:
     """Return parameters with standard deviations and units as text; what is whole or given has no deviation."""
-    return ", ".join(
-        f"{name} {_number(e.value)}" + ("" if _is_exact(e.std) else f" ± {_number(e.std)}") + _unit(e.unit)
-        for name, e in parameters.items()
-    )
+    return between.join(f"{name} {_size(e.value, e.std)}{_unit(e.unit)}" for name, e in parameters.items())
 
 
-def _is_exact(std: object) -> bool:
-    return isinstance(std, float) and std == 0.0
+def settings(active: Active) -> str:
+    """Return all that an effect was given, with units."""
+    numbers = [f"{p.name} {_size(active.parameters[p.name], 0.0)}{_unit(p.unit)}" for p in active.effect.parameters]
+    choices = [f"{c.name} {_chosen(active.parameters[c.name])}" for c in active.effect.choices]
+    return ", ".join([*numbers, *choices])
 
 
-def _number(value: object) -> str:
-    if value is None:
-        return "?"
-    if isinstance(value, list | tuple):
-        return "(" + ", ".join(_number(v) for v in value) + ")"
-    return f"{float(value):.4g}"  # type: ignore[arg-type]
+def _chosen(value: object) -> str:
+    return " and ".join(value) if isinstance(value, tuple) else str(value)
+
+
+def _size(value: Any, std: Any) -> str:
+    """Return a number, or a vector of them, with the digits that its standard deviation warrants."""
+    vector = isinstance(value, list | tuple)
+    values = list(value) if vector else [value]
+    stds = list(std) if isinstance(std, list | tuple) else [std] * len(values)
+    parts = zip(*(_pair(v, s) for v, s in zip(values, stds, strict=True)), strict=True)
+    number, deviation = (f"({', '.join(part)})" if vector else part[0] for part in parts)
+    return number if all(s == 0.0 for s in stds) else f"{number} ± {deviation}"
+
+
+def _pair(value: float, std: float | None) -> tuple[str, str]:
+    return (f"{value:.4g}", "?") if std is None else rounded(value, std)
 
 
 def _unit(unit: str) -> str:
     return "" if unit == "1" else f" {unit}"
 
 
-def _percent(share: float | None) -> str:
-    return f"{100 * (share or 0.0):.1f} %"
+def percent(share: float | None) -> str:
+    """Return a share of the gap as text; none is zero."""
+    return f"{round(100 * (share or 0.0), 1) + 0.0:.1f} %"  # + 0.0: no "-0.0"
+
+
+def confidence(probability: float) -> str:
+    """Return a probability as text that never claims certainty."""
+    if not DOUBT <= probability <= 1.0 - DOUBT:
+        return f"< {percent(DOUBT)}" if probability < DOUBT else f"> {percent(1.0 - DOUBT)}"
+    return f"{100 * probability:.{0 if 0.01 <= probability <= 0.99 else 1}f} %"
+
+
+def harmful(causes: Sequence[Cause]) -> str:
+    """Return what a share below zero means, where one of the causes has such a share alone."""
+    if all(percent(cause.shrink)[0] != "-" for cause in causes):
+        return ""
+    return "Below 0 %: alone such a cause makes the gap larger; it helps only beside the others."
 
 
 def ahead(prediction: Prediction) -> str:

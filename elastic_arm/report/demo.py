@@ -12,9 +12,10 @@ from scipy.stats import chi2
 
 from elastic_arm.excitation import ExcitationResult
 from elastic_arm.identification import Identification, chi_square
+from elastic_arm.identification.words import rounded
 from elastic_arm.recording import Samples
 from elastic_arm.report import excitation
-from elastic_arm.report.html import Figure, Section, Table, Text, write_report
+from elastic_arm.report.html import Figure, Section, Table, Text, Written, write_report
 from elastic_arm.report.style import BLUE, GREY, VERMILION, draw_signal, label_joints, new_figure, style
 
 
@@ -35,7 +36,15 @@ def write(
         f"common to all: taken together, chi² is {together:.0f}, and 95 % of fits stay below {limit:.0f}."
     )
     rows = [
-        [e.name, e.unit, e.nominal, float(true), e.value, e.std, float((e.value - true) / e.std), e.verdict]
+        [
+            e.name,
+            e.unit,
+            e.nominal,
+            float(true),
+            *map(Written, rounded(e.value, e.std)),
+            float((e.value - true) / e.std),
+            e.verdict,
+        ]
         for e, true in zip(offline.estimates, truth, strict=True)
     ]
     header = ["base parameter", "unit", "nominal", "true", "identified", "std", "error / std", "determined"]

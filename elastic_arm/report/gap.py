@@ -11,7 +11,7 @@ from elastic_arm.gap.material import Material
 from elastic_arm.gap.residuals import SIDES
 from elastic_arm.gap.result import SEPARATING, Cause, Diagnosis
 from elastic_arm.gap.several import Agreement
-from elastic_arm.gap.words import ahead, at, likelihood, meaning, sizes
+from elastic_arm.gap.words import ahead, at, confidence, harmful, likelihood, meaning, percent, sizes
 from elastic_arm.report import gap_figures as figures
 from elastic_arm.report.html import Block, Figure, Section, Table, Text, write_report
 
@@ -70,8 +70,8 @@ def _verdict(found: Diagnosis) -> list[Block]:
                 c.joint or "whole arm",
                 ", ".join(c.sides),
                 _values(c),
-                f"{100 * c.shrink:.1f} %",
-                f"{100 * c.confidence:.0f} %",
+                percent(c.shrink),
+                confidence(c.confidence),
             ]
             for c in found.causes
         ]
@@ -84,12 +84,14 @@ def _verdict(found: Diagnosis) -> list[Block]:
             "confidence",
         ]
         blocks.append(Table(header, rows))
+    if harmful(found.causes):
+        blocks.append(Text(harmful(found.causes)))
     if found.prediction is not None and found.prediction.before and found.causes:
         blocks.append(Text(ahead(found.prediction)))
     blocks += [Text(line, "warn") for line in (*_leftover(found), *_disagreements(found))]
     others: list[list[object]] = [
         [f"{c.effect} on {c.joint or 'whole arm'}", f"{a.effect} on {a.joint or 'whole arm'}",
-         f"{100 * a.confidence:.0f} %", a.separated_by, a.file or "–"]
+         confidence(a.confidence), a.separated_by, a.file or "–"]
         for c in found.causes
         for a in c.alternatives
     ]  # fmt: skip
@@ -236,13 +238,14 @@ def _why(agreement: Agreement) -> str:
 
 
 def _leftover(found: Diagnosis) -> list[str]:
-    """Say where residuals stand out of the noise although the causes explain most of the gap."""
+    """Say where residuals stand out of the noise although the causes explain the gap."""
     if found.verdict != "explained":
         return []
     ratios = {place: rmse / found.noise[place] for place, rmse in found.after.rmse.items() if found.noise[place]}
     places = sorted((p for p in ratios if ratios[p] > STANDS_OUT), key=lambda p: -ratios[p])
     named = ", ".join(f"{joint} {side} side ({figures.times(ratios[joint, side])})" for joint, side in places[:4])
-    return [f"Less than a fifth of the gap is left, but it stands out of the noise: {named}."] if places else []
+    left = percent(max(1.0 - (found.shrink or 0.0), 0.0))
+    return [f"{left} of the gap is left, and in places it stands out of the noise: {named}."] if places else []
 
 
 def _disagreements(found: Diagnosis) -> list[str]:

@@ -34,6 +34,10 @@ class Text:
     tone: str = "plain"
 
 
+class Written(str):
+    """A number that is text already, as its digits depend on more than itself; it stands where numbers stand."""
+
+
 @dataclass(frozen=True)
 class Table:
     """A table; numbers are right-aligned and written with `digits` significant digits, one count or one a column."""
@@ -76,7 +80,7 @@ def written(value: Any, digits: int) -> str:
 
 
 def _is_number(value: Any) -> bool:
-    return isinstance(value, int | float) and not isinstance(value, bool)
+    return isinstance(value, int | float | Written) and not isinstance(value, bool)
 
 
 def _class(text: str, value: Any, numeric: bool) -> str:

@@ -12,7 +12,8 @@ from elastic_arm.identification import Identification
 from elastic_arm.identification.derivatives import Motion
 from elastic_arm.identification.equations import Equations
 from elastic_arm.identification.verdict import POORLY, WELL
-from elastic_arm.report.html import Block, Figure, Section, Table, Text
+from elastic_arm.identification.words import rounded
+from elastic_arm.report.html import Block, Figure, Section, Table, Text, Written
 from elastic_arm.report.style import BLUE, GREEN, GREY, ORANGE, VERMILION, draw_signal, new_figure, style
 
 COLOURS = {"well": GREEN, "poorly": ORANGE, "not": VERMILION}
@@ -141,8 +142,11 @@ up to {WELL:.0%}), {words.count('poorly')} poorly (up to {POORLY:.0%}), {words.c
 
 def _parameters(result: Identification) -> Table:
     header = ("parameter", "unit", "identified", "standard deviation", "nominal", "determined")
-    rows = [[name, unit.replace("^2", "²"), *rest] for name, unit, *rest in result.table()]
-    return Table(header, rows, "Base parameters: all that the equations can see.", digits=(6, 6, 6, 2, 6, 6))
+    rows = [
+        [e.name, e.unit.replace("^2", "²"), *map(Written, rounded(e.value, e.std)), e.nominal, e.verdict]
+        for e in result.estimates
+    ]
+    return Table(header, rows, "Base parameters: all that the equations can see.", digits=6)
 
 
 def _noise(result: Identification) -> Table:
