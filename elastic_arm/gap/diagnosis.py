@@ -94,6 +94,10 @@ def diagnose(recordings: Sequence[Recording], question: Question, validate: Sequ
     given = [_given(bank, equations, active) for active in known if feature_of(active, equations).acts]
     inquiry = Inquiry(model, bank, given, (tuple(seen[0]), tuple(seen[1])), held_back=not validate)
     notes = list(dict.fromkeys(note for part in seen for o in part for note in o.notes))
+    if question.refit:
+        notes.append(
+            "Refitted numbers of the model are not in robot.yaml: `elastic-arm identify` writes an arm that has them."
+        )
     notes += [f"{joint} stands still: nothing can be said of what its motion would show." for joint in still]
     return inquiry.answer(
         identify=tuple(r.source for r in fitted),
