@@ -19,6 +19,7 @@ DOUBTFUL = 0.9  # confidence below which the strongest alternative is named besi
 NAMED = 4  # causes that the verdict names
 DOUBT = 0.001  # that stays with every confidence and every alternative
 _SAME_EFFECT = "motion in which these joints move one at a time"
+_FAINT = "all equations together show it, on motion that no fit has seen"
 _OTHERWISE = "motion that covers more of the joint's range, speeds and loads, slowly and fast"
 
 
@@ -40,6 +41,8 @@ def meaning(found: Diagnosis) -> str:
         return f"there is a gap, but no effect of the catalogue explains it; it is largest at {places}."
     named = _listed([_with_rival(cause) for cause in found.causes[:NAMED]], len(found.causes) - NAMED)
     verb = "explains" if len(found.causes) == 1 else "explain"
+    if found.verdict == "explained" and found.measured_by == "likelihood":
+        return f"{named} {verb} a gap that is fainter than the noise of every residual: {_FAINT}."
     if found.verdict == "explained":
         return f"{named} {verb} {percent(found.shrink)} of the gap on motion that no fit has seen."
     return f"{named} {verb} {percent(found.shrink)} of the gap; what is left has another cause."

@@ -282,8 +282,6 @@ def _grounds(found: Diagnosis) -> list[Block]:
 
 
 def _loudest(material: Material, k: int) -> int:
-    """Return the row in which a cause takes off most."""
-    saved = sum(
-        ((b**2).sum(axis=0) - (a**2).sum(axis=0)) for b, a in zip(material.before, material.alone[k], strict=True)
-    )
-    return int(np.argmax(saved))
+    """Return the row in which a cause does most."""
+    done = sum(((b - a) ** 2).sum(axis=0) for b, a in zip(material.before, material.alone[k], strict=True))
+    return int(np.argmax(done))

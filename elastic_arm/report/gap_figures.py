@@ -85,7 +85,7 @@ def ladder(found: Diagnosis) -> MplFigure:
         widths = [100 * max(v, 0.0) for v in left]
         ax.barh(range(len(names)), widths, color=[BEFORE, *[AFTER] * len(found.causes)], height=0.62)
         for y, (value, width) in enumerate(zip(left, widths, strict=True)):
-            ax.text(width + 1.5, y, _percent(value), va="center", fontsize=8)
+            ax.text(width + 1.5, y - 0.18, _percent(value), va="center", fontsize=8)
         single = [(y, 100 * max(v, 0.0)) for y, v in enumerate(alone) if v is not None]
         ax.plot([x for _, x in single], [y for y, _ in single], "d", color=ORANGE, ms=6, label="this cause alone")
         if found.shrink_interval is not None:
