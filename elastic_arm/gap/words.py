@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from elastic_arm.gap.prediction import Prediction
     from elastic_arm.gap.result import Cause, Diagnosis
 
-DOUBTFUL = 0.9  # confidence below which the strongest alternative is named beside a cause
+DOUBTFUL = 0.9  # of a cause's and its strongest alternative's confidence: with less, both are named
 NAMED = 4  # causes that the verdict names
 DOUBT = 0.001  # that stays with every confidence and every alternative
 _SAME_EFFECT = "motion in which these joints move one at a time"
@@ -51,9 +51,10 @@ def meaning(found: Diagnosis) -> str:
 def _with_rival(cause: Cause) -> str:
     """Return a cause by name, with the strongest alternative where the recording leaves it in doubt."""
     name = at(cause.effect, cause.joint)
-    if cause.confidence >= DOUBTFUL or not cause.alternatives:
+    other = max(cause.alternatives, key=lambda a: a.confidence, default=None)
+    # Of an incomplete explanation all confidences are low: what counts is one against the other.
+    if other is None or cause.confidence >= DOUBTFUL * (cause.confidence + other.confidence):
         return name
-    other = max(cause.alternatives, key=lambda a: a.confidence)
     return f"{name} (or {at(other.effect, other.joint)}: this recording cannot tell)"
 
 
