@@ -29,7 +29,7 @@ LIBRARIES = (
     "rich",
     "rosbags",
     "scipy",
-    "typer",
+    "typer>=0.29",
     "zstandard",
 )
 
