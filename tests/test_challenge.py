@@ -309,12 +309,13 @@ def test_a_refused_diagnosis_is_a_wrong_answer(tmp_path: Path, monkeypatch: pyte
 
 def test_what_the_rest_explains_of_a_faint_gap_is_measured_beside_the_effect_itself() -> None:
     """A faint gap's shrink says nothing of what is not found: then likelihoods with and without the effect count."""
-    full = {"name": "a", "effect_right": True, "log_likelihood": 200.0}
+    full = {"name": "a", "log_likelihood": 200.0}
     rest = {"name": "a", "shrink": 1.0, "log_likelihood": 120.0}
     (faint,) = _beside([rest | {"measured_by": "likelihood"}], [full])
     (plain,) = _beside([rest | {"measured_by": "excess"}], [full])
-    (missed,) = _beside([rest | {"measured_by": "likelihood"}], [full | {"effect_right": False}])
-    assert (faint["by_rest"], plain["by_rest"], missed["by_rest"]) == (0.6, 1.0, 1.0)
+    (alone,) = _beside([rest | {"measured_by": "likelihood"}], [full | {"name": "b"}])
+    (nothing,) = _beside([rest | {"measured_by": "likelihood", "log_likelihood": 0.0}], [full | {"name": "b"}])
+    assert (faint["by_rest"], plain["by_rest"], alone["by_rest"], nothing["by_rest"]) == (0.6, 1.0, 1.0, 0.0)
 
 
 def test_shares_carry_binomial_intervals() -> None:

@@ -102,10 +102,16 @@ def certain(bank: Bank, entries: Sequence[Entry]) -> list[bool]:
         u = u[:, :rank]
         scores = np.zeros((int(blocks.max()) + 1, rank))
         np.add.at(scores, blocks, u * left[:, None])
-        variance = np.maximum(spread, np.sum(scores**2, axis=0))
+        lost = len(scores) / max(1, len(scores) - jacobian.shape[1])
+        variance = np.maximum(spread, np.sum(scores**2, axis=0) * lost)
         shown = u.T @ (own @ away[owner == k])
         found.append(rank > 0 and float(np.sum(shown**2 / variance)) > chi2.ppf(0.95, rank))
     return found
+
+
+def several(estimate: dict[str, Estimate]) -> bool:
+    """Whether a cause has more than one number to estimate."""
+    return sum(np.size(e.value) for e in estimate.values() if not (np.ndim(e.std) == 0 and e.std == 0.0)) > 1
 
 
 def differs(estimate: dict[str, Estimate], entry: Entry) -> bool:

@@ -96,7 +96,8 @@ def diagnose(recordings: Sequence[Recording], question: Question, validate: Sequ
     notes = list(dict.fromkeys(note for part in seen for o in part for note in o.notes))
     if question.refit:
         notes.append(
-            "Refitted numbers of the model are not in robot.yaml: `elastic-arm identify` writes an arm that has them."
+            "The model's own numbers were refitted; an arm file with the causes keeps those of the description "
+            "(`elastic-arm identify` writes an arm that has them)."
         )
     notes += [f"{joint} stands still: nothing can be said of what its motion would show." for joint in still]
     return inquiry.answer(

@@ -112,8 +112,9 @@ class Search:
         return self.bank.held_out(entries) - sum(self._price[entry.feature.key] for entry in entries)
 
     def strongest(self) -> float:
-        """Held-out log-likelihood that the best single cause gains."""
-        return max((score for score, _ in self._ranked(self.given)), default=0.0) - self._score(self.given)
+        """Held-out log-likelihood that the best single cause gains, less what its tried values are worth."""
+        given = self._score(self.given)
+        return max((score for score, _ in self._ranked(self.given)), default=given) - given
 
     def run(self) -> Explanation:
         """Return the best explanation found."""

@@ -11,7 +11,7 @@ from elastic_arm.dynamics import Model
 from elastic_arm.effects import Active
 from elastic_arm.gap import shrink as shrinking
 from elastic_arm.gap.bank import Bank, Entry
-from elastic_arm.gap.certainty import Estimate, certain, differs, estimates, polish
+from elastic_arm.gap.certainty import Estimate, certain, differs, estimates, polish, several
 from elastic_arm.gap.explain import ENOUGH, Explanation, Rival, Search, misfit
 from elastic_arm.gap.features import Feature
 from elastic_arm.gap.material import Material
@@ -40,6 +40,7 @@ class Inquiry:
         self.rate = max(o.rate for o in seen[0])
         self.held_back = held_back
         self.notes: list[str] = []
+        self._structures: dict[tuple[Entry, ...], list[Structure]] = {}
 
     def answer(
         self, *, identify: tuple[str, ...], validate: tuple[str, ...], independent_motion: bool, notes: Iterable[str]
@@ -47,16 +48,20 @@ class Inquiry:
         """Return the diagnosis."""
         explanation = self._searched()
         measure = self._measure(explanation)
-        explanation = self._polished(self._judged(explanation, measure))
+        judged = self._judged(explanation, measure)
+        # What is measured before any cause is measured as it was while causes were sought.
+        baseline = judged.entries[: judged.given]
+        log_likelihood = self.bank.held_out(judged.entries) - self.bank.held_out(baseline)
+        explanation = self._polished(judged)
         entries = explanation.entries
-        baseline = entries[: explanation.given]
         if len(entries) == len(baseline):
-            measure = self._measure(explanation)
-        self._say_known(entries[: len(self.given)])
+            measure = self._measure(judged)
+        self._say_known(entries)
         causes, found_as = self._causes(explanation, measure)
         shrink, interval = measure.share(entries)
-        traces = [] if measure.stands_out(entries) else self._traces(entries)
-        verdict = self._verdict(shrink, explanation, unexplained=bool(traces) or measure.stands_out(entries))
+        stands_out = measure.stands_out(entries)
+        traces = [] if stands_out else self._traces(entries)
+        verdict = self._verdict(shrink, explanation, unexplained=stands_out or bool(traces))
         if verdict == "unknown":
             causes = [cause.less_sure(max(shrink, 0.0)) for cause in causes]
         before_values, after_values = self._left(baseline), self._left(entries)
@@ -79,11 +84,11 @@ class Inquiry:
             shrink=None if verdict == "none" else shrink,
             shrink_interval=None if verdict == "none" else interval,
             measured_by=measure.name,
-            log_likelihood=self.bank.held_out(entries) - self.bank.held_out(baseline),
+            log_likelihood=log_likelihood,
             causes=tuple(causes),
             unexplained=tuple(self._unexplained(before, after, after_values, traces)) if verdict == "unknown" else (),
             notes=(*notes, *self.notes),
-            ladder=self._ladder(measure, baseline, [entry for entry, _, _ in found_as]),
+            ladder=self._ladder(measure, entries[: explanation.given], [entry for entry, _, _ in found_as]),
             material=Material(
                 model=self.model,
                 validate=self.judge,
@@ -96,7 +101,7 @@ class Inquiry:
                 seen=self.seen,
                 held_back=self.held_back,
                 given=tuple(entries[: explanation.given]),
-                known=self._actives(baseline),
+                known=self._actives(entries[: explanation.given]),
                 rivals=tuple(tuple(r.entry for r in rivals) for _, rivals, _ in found_as),
             ),
         )
@@ -148,7 +153,11 @@ class Inquiry:
 
     def _traces(self, entries: Sequence[Entry]) -> list[Structure]:
         """Return what the remainder follows where it is not noise, be it too faint to show by its size."""
-        found = structures(self.bank, entries, [self._ratios(joint) for joint in range(self.model.n)])
+        key = tuple(entries)
+        if key not in self._structures:
+            ratios = [self._ratios(joint) for joint in range(self.model.n)]
+            self._structures[key] = structures(self.bank, entries, ratios)
+        found = self._structures[key]
         return [structure for structure in found if structure.gain > max(DETECTED, TRACED * found[0].gain)]
 
     def _polished(self, explanation: Explanation) -> Explanation:
@@ -200,17 +209,18 @@ class Inquiry:
         return Explanation(entries, explanation.given, rivals)
 
     def _doubtful(self, entries: Sequence[Entry]) -> list[int]:
-        """Return which entries' parameters may as well be no effect's."""
+        """Return which entries' parameters may as well be no effect's: each, and where there are several, together."""
         polished = polish(self.bank, entries)
         estimated = estimates(self.bank, polished)
         doubtful = [k for k, entry in enumerate(entries) if not differs(estimated[k], entry)]
         together = certain(self.bank, polished) if doubtful else []
-        return [k for k in doubtful if not together[k]]
+        return [k for k in doubtful if not (several(estimated[k]) and together[k])]
 
-    def _say_known(self, given: Sequence[Entry]) -> None:
+    def _say_known(self, entries: Sequence[Entry]) -> None:
         """Note what the effects that count as part of the model came out as: only their kind was given."""
-        for entry, values in zip(given, estimates(self.bank, polish(self.bank, given)), strict=True):
-            self.notes.append(f"Known: {_of_place(entry.feature)}, fitted with {sizes(values)}.")
+        for entry, values in list(zip(entries, estimates(self.bank, entries), strict=True))[: len(self.given)]:
+            fitted = f", fitted with {sizes(values)}" if values else ""
+            self.notes.append(f"Known: {_of_place(entry.feature)}{fitted}.")
 
     def _mention(self, entries: Sequence[Entry], k: int, share: float) -> None:
         """Note an effect that is there without doubt and yet too small a part of the gap to be a cause."""

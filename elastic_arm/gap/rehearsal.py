@@ -34,18 +34,21 @@ class Surroundings:
         Of the channels, carried into the equations.
     cutoff
         Hz.
+    acceleration_cutoff
+        Hz up to which accelerations are motion rather than noise.
     """
 
     model: Model
     layout: Layout
     noise: NoiseModel
     cutoff: float
+    acceleration_cutoff: float
 
     @staticmethod
     def of(model: Model, evidence: Evidence) -> Surroundings:
         """Take them from the longest stretch of a data set."""
         part = max(evidence.parts, key=lambda p: len(p.stretch.t))
-        return Surroundings(model, evidence.layout, part.noise, evidence.band.cutoff)
+        return Surroundings(model, evidence.layout, part.noise, evidence.band.cutoff, part.signals.cutoff)
 
 
 class Rehearsal:
@@ -69,7 +72,9 @@ class Rehearsal:
         # Without motor torque the motor's residual is all that a motor must give.
         motion.tau_m[:] = -raw_residuals(model, motion)[:, 2 * model.n :]
         still = np.full(model.n, SLOWEST)
-        self._signals = Signals.of(motion, (still, still), elastic=model.robot.elastic)
+        self._signals = Signals.of(
+            motion, (still, still), elastic=model.robot.elastic, cutoff=surroundings.acceleration_cutoff
+        )
 
     def white(self, feature: Feature, searched: Sequence[float]) -> Array:
         """Return a feature's columns (rows, k), white noise of variance one a row; null outside the band."""

@@ -159,7 +159,7 @@ class Diagnosis:
         "excess" of residuals over their noise, as the contract has it, or "likelihood" where no residual stands out of
         its noise by itself.
     log_likelihood
-        What the causes gain on motion that their fit has not seen, nats.
+        What the causes gain, nats: on each data set with coefficients of the other.
     causes, unexplained
         What was found, most important first, and where something is left.
     notes

@@ -23,7 +23,8 @@ Array = NDArray[np.float64]
 
 POSES = 40
 # Above, in Hz, the moments hold more of the encoders' noise, twice differentiated, than of motion; the same noise is in
-# the residuals, so they are smoothed further where accelerations are good up to a low frequency only.
+# the residuals, so they are smoothed further where accelerations are good up to a low frequency only. Each step lets
+# through a part of what the steps before have not: after four, half passes at about twice this.
 SMOOTH, SMOOTHER = 12.0, 0.6
 PADDING = 0.5  # s mirrored at both ends, in which the tilts swing in
 RATE = 250.0  # Hz, more than the motion that columns are made of holds

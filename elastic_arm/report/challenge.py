@@ -52,7 +52,7 @@ WITHHELD = "Each arm diagnosed again, its own effect taken out of the catalogue.
 
 def _reached(found: dict[str, Any]) -> list[Block]:
     missed = [n for n, t in TARGETS.items() if (s := found["shares"][n])["trials"] and s["share"] < t]
-    if (found["median_shrink"] or 1.0) < TARGET_SHRINK:
+    if found["median_shrink"] is not None and found["median_shrink"] < TARGET_SHRINK:
         missed.append("median shrink")
     if found["seconds"] and found["seconds"]["longest"] > TARGET_SECONDS:
         missed.append(f"{TARGET_SECONDS:g} s a diagnosis, at the longest")

@@ -129,7 +129,8 @@ def shrinkage(found: dict[str, Any]) -> Figure:
         ax = axes[0, 0]
         rng = np.random.default_rng(0)
         for row, effect in enumerate(effects):
-            own = [x for x in found["items"] if x["truth"] == [effect] and x["shrink"] is not None]
+            sized = (x for x in found["items"] if x["measured_by"] == "excess" and x["shrink"] is not None)
+            own = [x for x in sized if x["truth"] == [effect]]
             left = [max(1.0 - x["shrink"], 1e-6) for x in own]
             colours = [BLUE if x["effect_right"] else VERMILION for x in own]
             ax.scatter(left, row + 0.2 * rng.uniform(-1, 1, len(own)), c=colours, s=14, alpha=0.7, linewidths=0)

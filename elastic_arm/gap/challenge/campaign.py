@@ -16,7 +16,7 @@ import numpy as np
 
 import elastic_arm
 from elastic_arm.effects import EFFECTS
-from elastic_arm.errors import DiagnosisError, ElasticArmError
+from elastic_arm.errors import DiagnosisError, RecordingError
 from elastic_arm.gap.challenge.draw import HIGHEST, LOWEST, Order, draw_item
 from elastic_arm.gap.challenge.hidden_arm import HiddenArm
 from elastic_arm.gap.challenge.seal import NAME, drop_pieces, open_sealed, pieces, seal, seal_piece
@@ -222,13 +222,13 @@ def _record(job: tuple[str, Order]) -> str:
 
 def _diagnose(job: tuple[str, str, str, str]) -> tuple[str, str]:
     folder, name, model, without = Path(job[0]), *job[1:]
-    identify, validate = (read_recording(bag) for bag in _bags(folder, name))
     effects = tuple(e for e in EFFECTS.values() if e.id != without)
     wall, cpu = time.perf_counter(), time.process_time()
     try:
+        identify, validate = (read_recording(bag) for bag in _bags(folder, name))
         found = diagnose([identify], Question(_robot(), model, effects=effects), [validate])
         answer, problem = found.to_dict(), ""
-    except ElasticArmError as error:  # to refuse is an answer too, and counts as one
+    except (DiagnosisError, RecordingError) as error:  # to refuse is an answer too, and counts as one
         answer, problem = REFUSED | {"notes": [str(error)]}, str(error)
     spent = {"seconds": time.perf_counter() - wall, "cpu_seconds": time.process_time() - cpu}
     path = answer_path(folder, name, withheld=bool(without))

@@ -57,8 +57,8 @@ def marks(entry: dict[str, Any], answer: dict[str, Any], joints: Sequence[str]) 
             any(_is(f, c["effect"], c["joint"], joints) for f in faults) or c["effect"] in lacking for c in causes
         ],
         "shrink": answer["shrink"],
-        "measured_by": answer["measured_by"],
-        "log_likelihood": answer["log_likelihood"],
+        "measured_by": answer.get("measured_by", "excess"),
+        "log_likelihood": answer.get("log_likelihood", 0.0),
         "effect_right": bool(faults) and all(h is not None for h in hits),
         "effect_itself": bool(faults) and sum(itself) >= len(faults),
         "effect_first": bool(causes) and bool(faults) and causes[0]["effect"] in [f.effect for f in faults],

@@ -52,12 +52,13 @@ def score(folders: Path | Sequence[Path]) -> dict[str, Any]:
         truth = open_sealed(folder, manifest["truth_sha256"])
         settings.append(manifest["settings"] | {"truth_sha256": manifest["truth_sha256"]})
         total += len(truth)
-        lines += _lines(folder, truth, withheld=False)
-        withheld += _beside(_lines(folder, truth, withheld=True), lines)
+        own = _lines(folder, truth, withheld=False)
+        lines += own
+        withheld += _beside(_lines(folder, truth, withheld=True), own)
     single = [x for x in lines if len(x["truth"]) == 1]
     large = [x for x in single if x["multiple"] >= LOWEST]
     told = [(c, r) for x in lines for c, r in zip(x["confidence"], x["cause_right"], strict=True)]
-    shrinks = [x["shrink"] or 0.0 for x in large]  # what was not found shrinks nothing
+    shrinks = _shrinks(large)
     return {
         "challenges": settings,
         "answered": len(lines),
@@ -65,6 +66,7 @@ def score(folders: Path | Sequence[Path]) -> dict[str, Any]:
         "code": dict(Counter(x["code"] for x in lines)),
         "shares": {name: s.to_dict() for name, s in _shares(lines, large, withheld).items()},
         "below": {q: Share.of([x[k] for x in single if x["multiple"] < LOWEST]).to_dict() for q, k in _SINGLE.items()},
+        "faint": len(large) - len(shrinks),
         "median_shrink": float(np.median(shrinks)) if shrinks else None,
         "seconds": _times(lines),
         "by_effect": {e: _effect([x for x in single if x["truth"] == [e]]) for e in EFFECTS if _of(single, e)},
@@ -126,20 +128,29 @@ def _beside(withheld: Sequence[Line], lines: Sequence[Line]) -> list[Line]:
     """Add to each line without an effect how much the rest explains of the gap.
 
     Where a residual stands out, that is the shrink that was measured. A faint gap's shrink is measured against the best
-    explanation that the rest offers; what that is worth shows beside the one with the effect itself.
+    explanation that the rest offers; what that is worth shows beside the one with the effect itself, right or wrong.
     """
-    gained = {x["name"]: x["log_likelihood"] for x in lines if x["effect_right"]}
+    gained = {x["name"]: x["log_likelihood"] for x in lines}
     found = []
     for x in withheld:
         by_rest = x["shrink"] or 0.0
-        if x["measured_by"] == "likelihood" and x["name"] in gained:
-            by_rest = x["log_likelihood"] / gained[x["name"]]
+        if x["measured_by"] == "likelihood":
+            most = max(gained.get(x["name"], 0.0), x["log_likelihood"])
+            by_rest = x["log_likelihood"] / most if most > 0.0 else 0.0
         found.append(x | {"by_rest": by_rest})
     return found
 
 
 def _due(line: Line) -> bool:
     return line["multiple"] >= LOWEST and line["by_rest"] < NEIGHBOURS
+
+
+def _shrinks(lines: Sequence[Line]) -> list[float]:
+    """Return shrinks of gaps that stand out by size; what was not found shrinks nothing.
+
+    Of a fainter gap the shrink is a share of what was found, which is nearly 1 by construction.
+    """
+    return [x["shrink"] or 0.0 for x in lines if x["measured_by"] == "excess" or not x["effect_right"]]
 
 
 def _effect(lines: Sequence[Line]) -> dict[str, Any]:
@@ -154,7 +165,7 @@ def _effect(lines: Sequence[Line]) -> dict[str, Any]:
     return {
         **{question: Share.of([x[key] for x in large]).to_dict() for question, key in _SINGLE.items()},
         "intervals cover": Share(sum(x["covered"] for x in large), sum(x["intervals"] for x in large)).to_dict(),
-        "median shrink": float(np.median([x["shrink"] or 0.0 for x in large])) if large else None,
+        "median shrink": float(np.median(_shrinks(large))) if _shrinks(large) else None,
         "below ten bounds": len(lines) - len(large),
         "largest multiple missed": max(missed, default=None),
         "bound": typical,

@@ -55,7 +55,9 @@ def question_rows(found: dict[str, Any]) -> list[tuple[str, ...]]:
     if below["trials"]:
         rows.append(("effect right, below ten bounds", *_counts(below), ""))
     if found["median_shrink"] is not None:
-        rows.append(("median shrink, single effects", "", "", f"{found['median_shrink']:.4f}", "", f"{TARGET_SHRINK}"))
+        without = f" ({found['faint']} faint gaps apart)" if found["faint"] else ""
+        shrink = f"{found['median_shrink']:.4f}"
+        rows.append((f"median shrink, single effects{without}", "", "", shrink, "", f"{TARGET_SHRINK}"))
     if found["seconds"]:
         text = f"{found['seconds']['median']:.1f} s, longest {found['seconds']['longest']:.1f} s"
         rows.append(("a diagnosis, one core", "", "", text, "", f"{TARGET_SECONDS:g} s"))
