@@ -271,6 +271,18 @@ def test_noise_is_called_certain_as_seldom_as_stated() -> None:
     assert 2 <= count <= 21  # binomial, 200 of 0.05: beyond with probability 1e-3 on either side
 
 
+def test_coloured_noise_is_seldom_called_certain() -> None:
+    """Errors that stay alike for five samples make estimates five times as variable; blocks of ten see that."""
+    columns = np.repeat(np.random.default_rng(0).standard_normal((80, 3)), 5, axis=0)
+    numbers = [Parameter(name, "1", -10.0, 10.0, neutral=0.0) for name in "abc"]
+    found = 0
+    for seed in range(200):
+        noise = np.repeat(np.random.default_rng([seed, 9]).standard_normal(80), 5)
+        entry = entry_of(lambda p: columns @ np.asarray(p), np.linalg.lstsq(columns, noise, rcond=None)[0], *numbers)
+        found += certain(Laws(noise), [entry])[0]  # type: ignore[arg-type]
+    assert found <= 40  # as if white it would be about 130
+
+
 def test_noise_is_called_certain_as_seldom_whatever_its_phase() -> None:
     """A law with amplitude and phase is no surer of noise than others: no effect is no amplitude, at any phase."""
     angle = np.linspace(0.0, 40.0, 400)
