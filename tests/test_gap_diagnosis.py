@@ -144,6 +144,16 @@ def test_known_effect_counts_as_part_of_the_model() -> None:
     assert (found.verdict, found.causes) == ("none", ())
 
 
+@pytest.mark.parametrize("scale", [0.1, 0.4])
+def test_bearings_that_tilt_are_named_alone(scale: float) -> None:
+    """An arm whose bearings give way in another engine: that and nothing else, the stiffness within a tenth."""
+    soft = ("bearing_compliance", None, "motor", "stiffness_scale", scale)
+    found = asked(recordings(soft))
+    assert [c.effect for c in found.causes] == ["bearing_compliance"]
+    assert found.verdict == "explained" and found.shrink is not None and found.shrink > 0.95
+    assert found.causes[0].parameters["stiffness_scale"].value == pytest.approx(scale, rel=0.1)
+
+
 def test_refit_leaves_structure() -> None:
     """A wrong torque gain of the model's own numbers goes into the refit; friction stays a cause."""
     found = asked(recordings(COULOMB, instruments=Instruments(encoder_noise=1e-6)), refit=True)
