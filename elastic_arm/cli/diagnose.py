@@ -19,7 +19,7 @@ from elastic_arm.gap.known import known_effects
 from elastic_arm.gap.repair import repaired_robot
 from elastic_arm.gap.result import SEPARATING, Cause, Diagnosis
 from elastic_arm.gap.separate import Proposal
-from elastic_arm.gap.words import ahead, confidence, harmful, likelihood, meaning, percent, sizes
+from elastic_arm.gap.words import ahead, at, confidence, harmful, likelihood, meaning, percent, sizes
 from elastic_arm.recording import Recording, load_channels, read_recording
 from elastic_arm.robot import Robot, load_robot
 
@@ -128,7 +128,7 @@ def print_diagnosis(found: Diagnosis, folder: Path) -> None:
         for other in cause.alternatives:
             told = other.file or other.separated_by
             out.print(
-                f"instead of {cause.effect} on {_place(cause.joint)} it may be {other.effect} on {_place(other.joint)} "
+                f"instead of {at(cause.effect, cause.joint)} it may be {at(other.effect, other.joint)} "
                 f"({confidence(other.confidence)}); told apart by: {escape(told)}"
             )
     for place in found.unexplained:
@@ -151,12 +151,8 @@ def _print_causes(causes: Sequence[Cause]) -> None:
         shares = percent(cause.shrink), confidence(cause.confidence)
         table.add_row(cause.effect, escape(cause.joint or "whole arm"), escape(told), *shares)
     out.print(table)
-    if harmful(causes):
-        out.print(harmful(causes))
-
-
-def _place(joint: str | None) -> str:
-    return joint or "the whole arm"
+    if told := harmful(causes):
+        out.print(told)
 
 
 def _print_followed_up(found: Diagnosis) -> None:
@@ -170,12 +166,12 @@ def _print_followed_up(found: Diagnosis) -> None:
     for agreement in found.agreements:
         word = "agrees" if agreement.agrees else "[yellow]does not agree[/]"
         apart = "" if agreement.spread is None else f": sizes within {100 * agreement.spread:.2g} % of their mean"
-        out.print(f"{agreement.effect} on {_place(agreement.joint)}: {word} over the recordings{apart}")
+        out.print(f"{at(agreement.effect, agreement.joint)}: {word} over the recordings{apart}")
 
 
 def _print_proposal(proposal: Proposal) -> None:
     for pair in proposal.pairs:
-        names = " or ".join(f"{effect} on {_place(joint)}" for effect, joint in (pair.cause, pair.alternative))
+        names = " or ".join(at(*place) for place in (pair.cause, pair.alternative))
         outlook = f"in the {proposal.seconds:g} s of {SEPARATING}" if pair.decides else "of the best motion found"
         out.print(
             f"next: {names}: log-likelihood {likelihood(pair.here)} in this recording, {likelihood(pair.expected)} "

@@ -74,10 +74,7 @@ def estimates(bank: Bank, entries: Sequence[Entry]) -> list[dict[str, Estimate]]
     inverse = (vectors[:, acts] / values[acts]) @ vectors[:, acts].T
     lost = np.sum(vectors[:, ~acts] ** 2, axis=1) > 1e-3
     spread = max(1.0, float(left @ left) / max(1.0, evidence.freedom - len(length)))
-    scores = np.zeros((int(evidence.blocks.max()) + 1, len(length)))
-    np.add.at(scores, evidence.blocks, unit * left[:, None])
-    count = len(scores)
-    by_blocks = np.diag(inverse @ (scores.T @ scores) @ inverse) * count / max(1, count - len(length))
+    by_blocks = np.diag(inverse @ _scatter(evidence.blocks, unit, left, len(length)) @ inverse)
     variance = np.maximum(np.maximum(spread * np.diag(inverse), by_blocks), 0.0)
     deviation = np.where(lost | (length <= 1e-300), np.nan, np.sqrt(variance) / length) * problem.scales
     return problem.named(deviation)
@@ -100,13 +97,18 @@ def certain(bank: Bank, entries: Sequence[Entry]) -> list[bool]:
         u, s, _ = np.linalg.svd(own, full_matrices=False)
         rank = int(np.sum(s**2 > UNDETERMINED * s[0] ** 2)) if len(s) else 0
         u = u[:, :rank]
-        scores = np.zeros((int(blocks.max()) + 1, rank))
-        np.add.at(scores, blocks, u * left[:, None])
-        lost = len(scores) / max(1, len(scores) - jacobian.shape[1])
-        variance = np.maximum(spread, np.sum(scores**2, axis=0) * lost)
+        variance = np.maximum(spread, np.diag(_scatter(blocks, u, left, jacobian.shape[1])))
         shown = u.T @ (own @ away[owner == k])
         found.append(rank > 0 and float(np.sum(shown**2 / variance)) > chi2.ppf(0.95, rank))
     return found
+
+
+def _scatter(blocks: NDArray[np.intp], columns: Array, left: Array, fitted: int) -> Array:
+    """Return the covariance (k, k) of the scores on what is left, by whole blocks; `fitted` numbers are lost."""
+    scores = np.zeros((int(blocks.max()) + 1, columns.shape[1]))
+    np.add.at(scores, blocks, columns * left[:, None])
+    covariance: Array = scores.T @ scores * (len(scores) / max(1, len(scores) - fitted))
+    return covariance
 
 
 def several(estimate: dict[str, Estimate]) -> bool:

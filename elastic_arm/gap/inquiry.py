@@ -51,13 +51,14 @@ class Inquiry:
         judged = self._judged(explanation, measure)
         # What is measured before any cause is measured as it was while causes were sought.
         baseline = judged.entries[: judged.given]
-        log_likelihood = self.bank.held_out(judged.entries) - self.bank.held_out(baseline)
+        log_likelihood = self._gained(judged.entries, baseline)
         explanation = self._polished(judged)
         entries = explanation.entries
         if len(entries) == len(baseline):
             measure = self._measure(judged)
-        self._say_known(entries)
-        causes, found_as = self._causes(explanation, measure)
+        estimated = estimates(self.bank, entries)
+        self._say_known(entries, estimated)
+        causes, found_as = self._causes(explanation, estimated, measure)
         shrink, interval = measure.share(entries)
         stands_out = measure.stands_out(entries)
         traces = [] if stands_out else self._traces(entries)
@@ -135,7 +136,7 @@ class Inquiry:
         """Count residuals in which causes show and that they make smaller as significant, even if not by size alone."""
         entries = explanation.entries
         given = entries[: explanation.given]
-        if not shown or self.bank.held_out(entries) - self.bank.held_out(given) < DETECTED:
+        if not shown or self._gained(entries, given) < DETECTED:
             return list(tried)
         after = shrinking.in_all_bands(self.judge, self._left(entries))
         somewhere = np.any(shown, axis=0)
@@ -162,6 +163,9 @@ class Inquiry:
 
     def _polished(self, explanation: Explanation) -> Explanation:
         return Explanation(polish(self.bank, explanation.entries), explanation.given, explanation.rivals)
+
+    def _gained(self, entries: Sequence[Entry], without: Sequence[Entry]) -> float:
+        return self.bank.held_out(entries) - self.bank.held_out(without)
 
     def _left(self, entries: Sequence[Entry]) -> list[Array]:
         return shrinking.remaining(self.judge, entries, self.bank.fit(0, entries))
@@ -216,16 +220,16 @@ class Inquiry:
         together = certain(self.bank, polished) if doubtful else []
         return [k for k in doubtful if not (several(estimated[k]) and together[k])]
 
-    def _say_known(self, entries: Sequence[Entry]) -> None:
+    def _say_known(self, entries: Sequence[Entry], estimated: Sequence[dict[str, Estimate]]) -> None:
         """Note what the effects that count as part of the model came out as: only their kind was given."""
-        for entry, values in list(zip(entries, estimates(self.bank, entries), strict=True))[: len(self.given)]:
+        for entry, values in list(zip(entries, estimated, strict=True))[: len(self.given)]:
             fitted = f", fitted with {sizes(values)}" if values else ""
             self.notes.append(f"Known: {_of_place(entry.feature)}{fitted}.")
 
     def _mention(self, entries: Sequence[Entry], k: int, share: float) -> None:
         """Note an effect that is there without doubt and yet too small a part of the gap to be a cause."""
         without = [*entries[:k], *entries[k + 1 :]]
-        gain = self.bank.held_out(entries) - self.bank.held_out(without)
+        gain = self._gained(entries, without)
         if 0.0 < share < WORTH and gain > DETECTED * misfit(self.bank, entries):
             self.notes.append(
                 f"{_of_place(entries[k].feature)} shows as well, {share:.2%} of the gap: "
@@ -234,8 +238,7 @@ class Inquiry:
 
     def _worthy(self, entries: Sequence[Entry], without: Sequence[Entry], k: int, share: float) -> bool:
         if not entries[k].feature.effect.parameters:
-            gain = self.bank.held_out(entries) - self.bank.held_out(without)
-            return gain > ENOUGH * misfit(self.bank, entries)
+            return self._gained(entries, without) > ENOUGH * misfit(self.bank, entries)
         if share < WORTH:
             return False
         # What acts in few moments has few blocks that say so: then those of the fit's own motion speak too, fitted on
@@ -244,13 +247,13 @@ class Inquiry:
         return max(shrinking.lowest(on_validation), shrinking.lowest(np.append(on_fit, on_validation))) > 0.0
 
     def _causes(
-        self, explanation: Explanation, measure: Measure
+        self, explanation: Explanation, estimated: Sequence[dict[str, Estimate]], measure: Measure
     ) -> tuple[list[Cause], list[tuple[Entry, list[Rival], list[Array]]]]:
         """Return the causes, most important first, and each as an entry, with its rivals and what it leaves alone."""
         entries = explanation.entries
         if len(entries) == explanation.given:
             return [], []
-        estimated, coefficients = estimates(self.bank, entries), self._coefficients(entries)
+        coefficients = self._coefficients(entries)
         found = []
         for k in range(explanation.given, len(entries)):
             entry, rivals = entries[k], explanation.rivals.get(k, [])

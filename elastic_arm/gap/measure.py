@@ -56,13 +56,17 @@ class Excess:
 
     def __init__(self, bank: Bank, before: shrinking.Figures, tried: Sequence[shrinking.Figures]) -> None:
         self.bank, self.before = bank, before
+        self._after: dict[tuple[tuple[Entry, ...], float], shrinking.Figures] = {}
         self._clear = [before, *(f for f in tried if f is not before and f.clarity > shrinking.CLEAR)]
 
     def after(self, entries: Sequence[Entry], band: float | None = None) -> shrinking.Figures:
         """Return what entries leave, in the same band if none is named."""
-        judge = self.bank.sets[1]
-        left = shrinking.remaining(judge, entries, self.bank.fit(0, entries))
-        return shrinking.figures(judge, left, band or self.before.band)
+        key = (tuple(entries), band or self.before.band)
+        if key not in self._after:
+            judge = self.bank.sets[1]
+            left = shrinking.remaining(judge, entries, self.bank.fit(0, entries))
+            self._after[key] = shrinking.figures(judge, left, key[1])
+        return self._after[key]
 
     def stands_out(self, entries: Sequence[Entry]) -> bool:
         """Whether any residual that entries leave is more than noise by its size."""

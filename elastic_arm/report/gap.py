@@ -84,8 +84,8 @@ def _verdict(found: Diagnosis) -> list[Block]:
             "confidence",
         ]
         blocks.append(Table(header, rows))
-    if harmful(found.causes):
-        blocks.append(Text(harmful(found.causes)))
+    if told := harmful(found.causes):
+        blocks.append(Text(told))
     if found.prediction is not None and found.prediction.before and found.causes:
         blocks.append(Text(ahead(found.prediction)))
     blocks += [Text(line, "warn") for line in (*_leftover(found), *_disagreements(found))]
