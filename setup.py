@@ -58,7 +58,7 @@ setup(
     ],
     entry_points={
         "console_scripts": [
-            "elastic-arm = elastic_arm.cli.main:main",
+            "elastic-arm = elastic_arm.app:main",
             *(f"{node} = {NAME}.nodes.entry:{node}" for node in NODES),
         ]
     },

@@ -16,10 +16,10 @@ import time
 
 import numpy as np
 
+from elastic_arm.diagnosis.pipeline import Question, diagnose
 from elastic_arm.dynamics import build_model
-from elastic_arm.effects import EFFECTS, Active, parse
+from elastic_arm.effects import EFFECTS, EffectInstance, parse
 from elastic_arm.excitation import MotionLimits, Shape, random_trajectories
-from elastic_arm.gap.diagnosis import Question, diagnose
 from elastic_arm.recording import Recording
 from elastic_arm.robot import Robot, load_robot
 from elastic_arm.robot.synthetic import random_arm
@@ -41,7 +41,7 @@ def recordings(robot: Robot, seconds: float) -> list[Recording]:
     """Two recordings of the arm with two effects: one to fit, one of another motion, half as long, to judge."""
     rng = np.random.default_rng(0)
     first, last = robot.joint_names[0], robot.joint_names[-1]
-    effects: list[Active] = [
+    effects: list[EffectInstance] = [
         parse(f"coulomb_friction:{last}:torque=2.0,side=motor", robot),
         parse(f"joint_torque_offset:{first}:offset=1.0", robot),
     ]

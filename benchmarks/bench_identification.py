@@ -21,14 +21,14 @@ from rosbags.highlevel import AnyReader
 
 from benchmarks.bench_regressor import PinocchioLoop
 from elastic_arm.dynamics import Model, build_model
+from elastic_arm.estimation.equations import Equations
+from elastic_arm.estimation.smoother import Motion
 from elastic_arm.identification import identify
-from elastic_arm.identification.derivatives import Motion
-from elastic_arm.identification.equations import Equations
 from elastic_arm.identification.least_squares import Blocks, fit
 from elastic_arm.recording import Recording, Side, read_recording, write_recording
 from elastic_arm.robot import load_robot
 from elastic_arm.robot.synthetic import random_arm
-from tests.periodic_arm import record
+from tests.helpers.periodic_arm import record
 
 REPEATS = 5
 PEER_REPEATS = 3

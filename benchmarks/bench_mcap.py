@@ -26,8 +26,8 @@ from rosbags.highlevel import AnyReader
 from rosbags.rosbag2 import StoragePlugin, Writer
 
 from elastic_arm.recording import Recording, Side, message_types, read_recording, write_recording
-from elastic_arm.recording.container import open_mcap
-from elastic_arm.recording.sink import COMPRESSIONS
+from elastic_arm.recording.storage.mcap import open_mcap
+from elastic_arm.recording.storage.mcap_sink import COMPRESSIONS
 
 JOINT_STATE = "sensor_msgs/msg/JointState"
 

@@ -20,7 +20,7 @@ import pinocchio as pin
 from elastic_arm.dynamics import Model, build_model
 from elastic_arm.robot import Robot, load_robot
 from elastic_arm.robot.synthetic import random_arm
-from tests.full_tree import FullTree
+from tests.helpers.full_tree import FullTree
 
 REPEATS = 7
 LOOP_SAMPLES = 1000

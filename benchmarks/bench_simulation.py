@@ -17,12 +17,12 @@ from collections.abc import Callable
 import mujoco
 import numpy as np
 
-from elastic_arm.effects import Active, parse
-from elastic_arm.paper.mechanism import BUSHING, Bushing, build_spec
+from elastic_arm.effects import EffectInstance, parse
 from elastic_arm.robot import Robot, load_robot
 from elastic_arm.robot.synthetic import random_arm
 from elastic_arm.sensors import Sensors
 from elastic_arm.simulation import Simulator
+from elastic_arm.studies.paper.virtual_prototype.mechanism import BUSHING, Bushing, build_spec
 
 REPEATS = 7
 STEP = 1e-4
@@ -43,7 +43,12 @@ def rates(*work: Callable[[], int]) -> list[float]:
 
 
 def ours(
-    robot: Robot, *, bearings: bool = False, engine: str = "c", samples: int = 2000, effects: tuple[Active, ...] = ()
+    robot: Robot,
+    *,
+    bearings: bool = False,
+    engine: str = "c",
+    samples: int = 2000,
+    effects: tuple[EffectInstance, ...] = (),
 ) -> Callable[[], int]:
     """Job: samples of ten steps under held torques."""
     simulator = Simulator(robot, bearings=bearings, sensors=Sensors.exact(), engine=engine, effects=effects)

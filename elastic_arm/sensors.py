@@ -198,10 +198,10 @@ class SensorBank:
 
 
 # What a channel passes through: only stages that change something, as a live arm reads its sensors sample by sample.
-Stage = Callable[[Array], Array]
+Plant = Callable[[Array], Array]
 
 
-def _through(stages: Sequence[Stage]) -> Stage:
+def _through(stages: Sequence[Plant]) -> Plant:
     def run(values: Array) -> Array:
         for stage in stages:
             values = stage(values)
@@ -210,23 +210,23 @@ def _through(stages: Sequence[Stage]) -> Stage:
     return run
 
 
-def _late(sensor: _Settings, n: int, rate: float) -> list[Stage]:
+def _late(sensor: _Settings, n: int, rate: float) -> list[Plant]:
     delay = sensor.row("delay", n)
     return [DelayLine(delay, rate)] if delay.any() else []
 
 
-def _noisy(std: Array, rng: np.random.Generator) -> list[Stage]:
+def _noisy(std: Array, rng: np.random.Generator) -> list[Plant]:
     return [lambda values: values + rng.standard_normal(values.shape) * std] if std.any() else []
 
 
-def _rounded(sensor: _Settings, n: int) -> list[Stage]:
+def _rounded(sensor: _Settings, n: int) -> list[Plant]:
     resolution = sensor.row("resolution", n)
     return [lambda values: quantised(values, resolution)] if resolution.any() else []
 
 
-def _torque(sensor: TorqueSensor, n: int, rate: float, rng: np.random.Generator) -> Stage:
+def _torque(sensor: TorqueSensor, n: int, rate: float, rng: np.random.Generator) -> Plant:
     gain, offset = sensor.row("gain", n), sensor.row("offset", n)
-    scaled: list[Stage] = [lambda values: gain * values + offset] if offset.any() or (gain != 1).any() else []
+    scaled: list[Plant] = [lambda values: gain * values + offset] if offset.any() or (gain != 1).any() else []
     return _through([*_late(sensor, n, rate), *scaled, *_noisy(sensor.row("noise", n), rng), *_rounded(sensor, n)])
 
 

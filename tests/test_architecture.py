@@ -1,10 +1,11 @@
-"""The house rules of docs/architecture.md, held by reading the imports of every module."""
+"""The rules of docs/architecture.md, held by reading the imports of every module."""
 
 from __future__ import annotations
 
 import ast
 import re
 from collections.abc import Iterator
+from graphlib import CycleError, TopologicalSorter
 from pathlib import Path
 
 import pytest
@@ -12,32 +13,34 @@ import pytest
 ROOT = Path(__file__).parents[1]
 PACKAGE = ROOT / "elastic_arm"
 
-# Outside libraries that belong to one room alone.
+# Outside libraries that belong to one package, or to some, alone.
 ROS = ("rclpy", "ament_index_python", "builtin_interfaces", "diagnostic_msgs", "elastic_arm_msgs", "rcl_interfaces")
 ROS += ("rosgraph_msgs", "sensor_msgs", "std_msgs", "std_srvs", "trajectory_msgs")
-KEPT_TO = {
-    **dict.fromkeys(ROS, "nodes"),
-    "rosbags": "recording",
-    "mcap": "recording",
-    "matplotlib": "report",
-    "jinja2": "report",
-    "typer": "cli",
-    "mujoco": "paper",
-    "pinocchio": "gap",
-    "dask": "gap",
-    "distributed": "gap",
+KEPT_TO: dict[str, tuple[str, ...]] = {
+    **dict.fromkeys(ROS, ("nodes",)),
+    "rosbags": ("recording",),
+    "mcap": ("recording",),
+    "matplotlib": ("report", "studies/paper/report", "studies/blind_challenge/report"),
+    "jinja2": ("report",),
+    "typer": ("cli", "app.py", "studies/paper/command.py", "studies/blind_challenge/command.py"),
+    "mujoco": ("studies/paper",),
+    "pinocchio": ("studies/blind_challenge",),
+    "dask": ("studies/blind_challenge",),
+    "distributed": ("studies/blind_challenge",),
 }
-DOORS = {"nodes", "cli"}
+# Packages that only some others may import, and modules a folder may hold.
+ENTRANCES = {"nodes": (), "studies": ("app",), "cli": ("studies", "app")}
+MOST_MODULES = 15
 
 
-def rooms_in_order() -> list[str]:
-    """Return the rooms as the table of docs/architecture.md lists them."""
+def packages_in_order() -> list[str]:
+    """Return the packages as the table of docs/architecture.md lists them."""
     text = (ROOT / "docs" / "architecture.md").read_text()
     return re.findall(r"^\| `(\w+?)(?:\.py|/)`", text, flags=re.MULTILINE)
 
 
-def room_of(path: Path) -> str:
-    """Return the room of a module: its folder, or its own name at the top of the package."""
+def package_of(path: Path) -> str:
+    """Return the package of a module: its folder, or its own name at the top."""
     return path.relative_to(PACKAGE).parts[0].removesuffix(".py")
 
 
@@ -53,29 +56,62 @@ def imports_of(path: Path) -> Iterator[tuple[int, str]]:
             yield from ((node.lineno, f"{module}.{alias.name}") for alias in node.names)
 
 
+def module_name(path: Path) -> str:
+    """Return the dotted name of a module."""
+    return ".".join(path.relative_to(ROOT).with_suffix("").parts).removesuffix(".__init__")
+
+
+def imported_modules(path: Path) -> set[str]:
+    """Return the modules of the package that a module imports."""
+    known = {module_name(other) for other in PACKAGE.rglob("*.py")}
+    found = set()
+    for _, name in imports_of(path):
+        found.add(name if name in known else name.rpartition(".")[0])
+    return found & known
+
+
 MODULES = sorted(path for path in PACKAGE.rglob("*.py") if path != PACKAGE / "__init__.py")
 named = pytest.mark.parametrize("path", MODULES, ids=lambda path: str(path.relative_to(PACKAGE)))
 
 
 @named
-def test_a_module_imports_only_from_rooms_above_its_own(path: Path) -> None:
-    """Imports follow the flow of the data: only from the module's own room and those listed before it."""
-    order = rooms_in_order()
-    room = room_of(path)
-    assert room in order, f"{room} has no row in the table of docs/architecture.md"
-    allowed = {*order[: order.index(room) + 1]} - (DOORS - {room})
+def test_a_module_imports_only_from_packages_above_its_own(path: Path) -> None:
+    """Imports follow the flow of the data: only from the module's own package and those listed before it."""
+    order = packages_in_order()
+    own = package_of(path)
+    assert own in order, f"{own} has no row in the table of docs/architecture.md"
+    closed = {name for name, allowed in ENTRANCES.items() if own != name and own not in allowed}
+    allowed = {*order[: order.index(own) + 1]} - closed
     for line, name in imports_of(path):
         parts = name.split(".")
         if parts[0] == "elastic_arm" and (len(parts) > 1 and parts[1] in order):
-            assert parts[1] in allowed, f"{path}:{line} imports {name}, which stands below {room}"
+            assert parts[1] in allowed, f"{path}:{line} imports {name}, which stands below {own}"
 
 
 @named
-def test_outside_libraries_stay_in_their_room(path: Path) -> None:
-    """Only the nodes know ROS, only the recording knows MCAP, only the report draws."""
+def test_outside_libraries_stay_in_their_package(path: Path) -> None:
+    """Only the nodes know ROS, only the recording knows MCAP, only reports draw."""
+    place = path.relative_to(PACKAGE).as_posix()
     for line, name in imports_of(path):
-        room = KEPT_TO.get(name.split(".")[0], room_of(path))
-        assert room_of(path) == room, f"{path}:{line} imports {name}; that belongs to {room}/"
+        kept_to = KEPT_TO.get(name.split(".")[0])
+        assert kept_to is None or place.startswith(kept_to), f"{path}:{line} imports {name}; that belongs to {kept_to}"
+
+
+def test_imports_form_no_circle() -> None:
+    """Every module can be imported before those that import it, imports inside functions and for types included."""
+    graph = {module_name(path): imported_modules(path) for path in PACKAGE.rglob("*.py")}
+    with_packages = {name: found - {name} for name, found in graph.items()}
+    try:
+        TopologicalSorter(with_packages).prepare()
+    except CycleError as error:
+        pytest.fail(f"imports form a circle: {' <- '.join(error.args[1])}")
+
+
+def test_no_folder_holds_more_modules_than_a_newcomer_can_survey() -> None:
+    """Only the library of effects, one file an effect, holds more than 15 modules."""
+    for folder in (f for f in PACKAGE.rglob("*") if f.is_dir() and f != PACKAGE / "effects" / "library"):
+        modules = [path.name for path in folder.glob("*.py") if path.name != "__init__.py"]
+        assert len(modules) <= MOST_MODULES, f"{folder} holds {len(modules)} modules"
 
 
 @named

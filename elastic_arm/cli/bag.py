@@ -14,12 +14,12 @@ from rich.table import Table
 from elastic_arm.cli.console import out, print_json, reports_errors
 from elastic_arm.cli.outputs import claim_bag
 from elastic_arm.cli.processes import require_ros
-from elastic_arm.recording.channels import ChannelMap, load_channels
-from elastic_arm.recording.check import Report, check_bag
-from elastic_arm.recording.importing import import_arrays
-from elastic_arm.recording.info import BagInfo, bag_info
-from elastic_arm.recording.repair import Repair, repair_bag
-from elastic_arm.recording.sink import COMPRESSIONS, Compression
+from elastic_arm.recording.foreign.arrays import import_arrays
+from elastic_arm.recording.foreign.channels import ChannelMap, load_channels
+from elastic_arm.recording.inspection.check import Report, check_bag
+from elastic_arm.recording.inspection.info import BagInfo, bag_info
+from elastic_arm.recording.inspection.repair import Repair, repair_bag
+from elastic_arm.recording.storage.mcap_sink import COMPRESSIONS, Compression
 from elastic_arm.recording.writing import write_recording
 
 bag_app = typer.Typer(name="bag", help="Look into, check, mend and make recordings.", no_args_is_help=True)

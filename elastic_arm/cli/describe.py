@@ -15,8 +15,8 @@ from elastic_arm.cli.outputs import Force, claim_file
 from elastic_arm.dynamics import build_model
 from elastic_arm.effects import robot_effects
 from elastic_arm.errors import EffectError, OutputError
-from elastic_arm.identification.base_parameters import BaseParameters
-from elastic_arm.identification.equations import Equations
+from elastic_arm.estimation.base_parameters import BaseParameters
+from elastic_arm.estimation.equations import Equations
 from elastic_arm.robot import Robot, load_robot
 
 RobotFile = Annotated[Path | None, typer.Option("--robot", help="Arm file or URDF; the nominal arm by default.")]

@@ -13,13 +13,13 @@ from rich.table import Table
 
 from elastic_arm.cli.console import err, out, print_json, refuse_repeated, reports_errors
 from elastic_arm.cli.outputs import claim_folder
-from elastic_arm.gap.diagnosis import Question, diagnose
-from elastic_arm.gap.followup import followed_up
-from elastic_arm.gap.known import known_effects
-from elastic_arm.gap.repair import repaired_robot
-from elastic_arm.gap.result import SEPARATING, Cause, Diagnosis
-from elastic_arm.gap.separate import Proposal
-from elastic_arm.gap.words import ahead, at, confidence, harmful, likelihood, meaning, percent, sizes
+from elastic_arm.diagnosis.corrected_robot import repaired_robot
+from elastic_arm.diagnosis.design.discriminating_motion import Proposal
+from elastic_arm.diagnosis.followup import followed_up
+from elastic_arm.diagnosis.format import ahead, at, confidence, harmful, likelihood, meaning, percent, sizes
+from elastic_arm.diagnosis.pipeline import Question, diagnose
+from elastic_arm.diagnosis.result import SEPARATING, Cause, Diagnosis
+from elastic_arm.effects.text import known_effects
 from elastic_arm.recording import Recording, load_channels, read_recording
 from elastic_arm.robot import Robot, load_robot
 
@@ -101,7 +101,7 @@ def write_diagnosis(found: Diagnosis, robot: Robot, folder: Path) -> None:
     What an earlier diagnosis left in the folder is replaced.
     """
     # Matplotlib is slow to import, and only reports need it.
-    from elastic_arm.report.gap import write_gap_report
+    from elastic_arm.report.diagnosis import write_gap_report
 
     found.save(folder / "diagnosis.json")
     write_gap_report(folder / "report.html", found)

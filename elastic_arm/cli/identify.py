@@ -15,10 +15,10 @@ from rich.table import Table
 from elastic_arm.cli.console import err, out, print_json, refuse_repeated, reports_errors, spare
 from elastic_arm.cli.describe import RobotFile, load_arm
 from elastic_arm.cli.outputs import Force, claim_folder
+from elastic_arm.estimation.equations import Equations
+from elastic_arm.estimation.smoother import Motion
+from elastic_arm.formatting import rounded
 from elastic_arm.identification import Estimate, Identification, identify_with, parse_laws
-from elastic_arm.identification.derivatives import Motion
-from elastic_arm.identification.equations import Equations
-from elastic_arm.identification.words import rounded
 from elastic_arm.recording import ChannelMap, Recording, load_channels, read_recording
 from elastic_arm.robot import Robot
 

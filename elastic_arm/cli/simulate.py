@@ -16,11 +16,11 @@ from rich.table import Table
 from elastic_arm.cli.console import err, out, print_json, reports_errors
 from elastic_arm.cli.describe import load_arm
 from elastic_arm.cli.outputs import claim_bag
+from elastic_arm.diagnosis.format import settings
 from elastic_arm.dynamics import build_model
-from elastic_arm.effects import EFFECTS, Active, parse
+from elastic_arm.effects import EFFECTS, EffectInstance, parse
 from elastic_arm.errors import SensorError, SimulationError
 from elastic_arm.excitation import FourierTrajectory, MotionLimits, load_trajectory, random_trajectories
-from elastic_arm.gap.words import settings
 from elastic_arm.recording import Recording, write_recording
 from elastic_arm.robot import Robot
 from elastic_arm.sensors import Encoder, Sensors, TorqueSensor
@@ -144,7 +144,7 @@ def _sensors(name: str, robot: Robot, noise: float | None, encoder_noise: float 
     return sensors
 
 
-def _summary(recording: Recording, effects: list[Active], seconds: float) -> dict[str, Any]:
+def _summary(recording: Recording, effects: list[EffectInstance], seconds: float) -> dict[str, Any]:
     samples = recording.samples()
     reference = recording.reference
     torque = np.abs(samples.tau_m).max(axis=0) if samples.tau_m is not None else []
@@ -164,7 +164,7 @@ def _summary(recording: Recording, effects: list[Active], seconds: float) -> dic
     }
 
 
-def _print_summary(recording: Recording, effects: list[Active], summary: dict[str, Any], bag: Path) -> None:
+def _print_summary(recording: Recording, effects: list[EffectInstance], summary: dict[str, Any], bag: Path) -> None:
     out.print(
         f"{summary['duration_s']:g} s of motion, {summary['samples']} samples, simulated in {summary['wall_s']:.2f} s"
     )

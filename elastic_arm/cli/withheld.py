@@ -9,12 +9,12 @@ from rich.markup import escape
 
 from elastic_arm.cli.console import err, out
 from elastic_arm.cli.diagnose import print_diagnosis, write_diagnosis
+from elastic_arm.diagnosis.followup import followed_up
+from elastic_arm.diagnosis.format import settings
+from elastic_arm.diagnosis.pipeline import Question, diagnose
 from elastic_arm.dynamics import build_model
-from elastic_arm.effects import EFFECTS, Active
+from elastic_arm.effects import EFFECTS, EffectInstance
 from elastic_arm.excitation import FourierTrajectory, MotionLimits, random_trajectories
-from elastic_arm.gap.diagnosis import Question, diagnose
-from elastic_arm.gap.followup import followed_up
-from elastic_arm.gap.words import settings
 from elastic_arm.recording import read_recording, write_recording
 from elastic_arm.robot import Robot
 from elastic_arm.simulation import simulate
@@ -55,7 +55,7 @@ def diagnose_withheld(folder: Path, nominal: Robot, motion: FourierTrajectory, r
     out.print(f"what had been drawn: {drawn.effect.id} on {drawn.joint}, {escape(settings(drawn))}")
 
 
-def _draw(robot: Robot, rng: np.random.Generator) -> Active:
+def _draw(robot: Robot, rng: np.random.Generator) -> EffectInstance:
     name = str(rng.choice(sorted(DRAWN)))
     sizes = {parameter: float(rng.uniform(*span)) for parameter, span in DRAWN[name].items()}
-    return Active(EFFECTS[name], str(rng.choice(robot.joint_names)), sizes)
+    return EffectInstance(EFFECTS[name], str(rng.choice(robot.joint_names)), sizes)

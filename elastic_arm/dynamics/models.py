@@ -8,11 +8,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from elastic_arm.dynamics import kernels
+from elastic_arm.codegen import kernels
+from elastic_arm.codegen.program_cache import cached_program
 from elastic_arm.dynamics.bodies import Bodies, Parameter
 from elastic_arm.dynamics.composition import compose
-from elastic_arm.dynamics.information import Information
-from elastic_arm.dynamics.program_cache import cached_program
+from elastic_arm.dynamics.gram import Information
 from elastic_arm.robot.description import Robot
 
 if TYPE_CHECKING:

@@ -3,17 +3,17 @@
 A file of this folder that holds an `EFFECT` is in the catalogue; adding an effect is adding a file.
 """
 
-from elastic_arm.effects.base import Active, Choice, Confusion, Effect, Parameter, Role, Scope
 from elastic_arm.effects.catalogue import EFFECTS, from_dict, parse, robot_effects
+from elastic_arm.effects.model import Choice, Confusion, Effect, EffectInstance, Parameter, Role, Scope
 from elastic_arm.effects.motion import Contribution, Motion
 
 __all__ = [
     "EFFECTS",
-    "Active",
     "Choice",
     "Confusion",
     "Contribution",
     "Effect",
+    "EffectInstance",
     "Motion",
     "Parameter",
     "Role",

@@ -5,23 +5,21 @@ from __future__ import annotations
 import difflib
 import importlib
 import pkgutil
-import sys
 from collections.abc import Mapping
 from types import MappingProxyType
 from typing import Any
 
-from elastic_arm.effects.base import Active, Choice, Effect
+from elastic_arm.effects import library
+from elastic_arm.effects.model import Choice, Effect, EffectInstance
 from elastic_arm.errors import EffectError
 from elastic_arm.robot import Robot
 
 
 def discover() -> dict[str, Effect]:
-    """Return the `EFFECT` of every module of this package that has one, by id."""
-    package, found = sys.modules[__package__], {}
-    for module in sorted(m.name for m in pkgutil.iter_modules(package.__path__)):
-        if f"{__package__}.{module}" == __name__:
-            continue
-        effect = getattr(importlib.import_module(f"{__package__}.{module}"), "EFFECT", None)
+    """Return the `EFFECT` of every module of the library that has one, by id."""
+    found: dict[str, Effect] = {}
+    for module in sorted(m.name for m in pkgutil.iter_modules(library.__path__)):
+        effect = getattr(importlib.import_module(f"{library.__name__}.{module}"), "EFFECT", None)
         if isinstance(effect, Effect):
             if effect.id in found:
                 raise EffectError(f"two files of the catalogue hold {effect.id!r}", "Give each its own id.")
@@ -41,7 +39,7 @@ def find(effect_id: str) -> Effect:
     raise EffectError(f"there is no effect {effect_id!r}", f"{hint}The effects: {', '.join(EFFECTS)}.")
 
 
-def parse(text: str, robot: Robot | None = None) -> Active:
+def parse(text: str, robot: Robot | None = None) -> EffectInstance:
     """Read an effect as `EFFECT[:JOINT][:NAME=VALUE,…]`.
 
     Examples: `coulomb_friction:joint_2:torque=13.9,side=link`, `base_tilt:x=0.01,y=0`,
@@ -73,25 +71,25 @@ def parse(text: str, robot: Robot | None = None) -> Active:
                 f"Write NAME=VALUE with NAME one of {', '.join(effect.names) or '(it has no parameters)'}.",
             )
         values[name] = _value(effect, name, value)
-    active = Active(effect, joint or None, values)
+    active = EffectInstance(effect, joint or None, values)
     _refuse_impossible(active)
     return _placed(active, robot)
 
 
-def from_dict(entry: Mapping[str, Any], robot: Robot | None = None) -> Active:
+def from_dict(entry: Mapping[str, Any], robot: Robot | None = None) -> EffectInstance:
     """Read an effect as an arm file holds it: `{"effect": id, "joint": name or None, "parameters": {…}}`."""
     extra = set(entry) - {"effect", "joint", "parameters"}
     if "effect" not in entry or extra:
         raise EffectError(f"cannot read the effect {dict(entry)!r}", "Give effect, joint and parameters, no more.")
-    return _placed(Active(find(entry["effect"]), entry.get("joint"), entry.get("parameters") or {}), robot)
+    return _placed(EffectInstance(find(entry["effect"]), entry.get("joint"), entry.get("parameters") or {}), robot)
 
 
-def robot_effects(robot: Robot) -> tuple[Active, ...]:
+def robot_effects(robot: Robot) -> tuple[EffectInstance, ...]:
     """Return the effects that the robot's own description carries."""
     return tuple(from_dict(entry, robot) for entry in robot.effects)
 
 
-def _refuse_impossible(active: Active) -> None:
+def _refuse_impossible(active: EffectInstance) -> None:
     """Refuse what no real arm has, such as friction that drives. Arm files may hold it: a fit wrote it there."""
     for p in active.effect.parameters:
         value: Any = active.parameters[p.name]
@@ -100,7 +98,7 @@ def _refuse_impossible(active: Active) -> None:
             raise EffectError(f"{active.effect.id}: {p.name} is {value:g}{unit}", f"Give {p.least:g}{unit} or more.")
 
 
-def _placed(active: Active, robot: Robot | None) -> Active:
+def _placed(active: EffectInstance, robot: Robot | None) -> EffectInstance:
     if robot is not None:
         active.joint_indices(robot)
     return active

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from elastic_arm.identification.derivatives import Motion
-from elastic_arm.identification.equations import Equations
-from elastic_arm.identification.errors_in_variables import noise_sums
+from elastic_arm.estimation.equations import Equations
+from elastic_arm.estimation.errors_in_variables import noise_sums
+from elastic_arm.estimation.smoother import Motion
 from elastic_arm.identification.least_squares import Blocks
 from elastic_arm.identification.verdict import Liveliness
 

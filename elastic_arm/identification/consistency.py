@@ -20,9 +20,9 @@ from numpy.typing import NDArray
 
 from elastic_arm.dynamics.bodies import Body, inertial_parameters
 from elastic_arm.dynamics.composition import inertia_from
-from elastic_arm.effects import Active
+from elastic_arm.effects import EffectInstance
 from elastic_arm.errors import IdentificationError
-from elastic_arm.identification.equations import Equations
+from elastic_arm.estimation.equations import Equations
 from elastic_arm.identification.least_squares import Fit
 from elastic_arm.robot import Robot
 
@@ -111,7 +111,7 @@ def consistent(
     return Consistent(Psi, trust, float(np.linalg.norm(apart) / size / np.sqrt(max(fit.samples, 1))))
 
 
-def identified_robot(robot: Robot, equations: Equations, Psi: Array, effects: Sequence[Active] = ()) -> Robot:
+def identified_robot(robot: Robot, equations: Equations, Psi: Array, effects: Sequence[EffectInstance] = ()) -> Robot:
     """Return the arm with these parameters, laws beyond the model among its effects."""
     value = dict(zip(equations.names, Psi.tolist(), strict=True))
     for joint in robot.joints:
@@ -134,7 +134,7 @@ def identified_robot(robot: Robot, equations: Equations, Psi: Array, effects: Se
     return robot.with_(effects=(*robot.effects, *(_with_values(active, robot, value) for active in effects)))
 
 
-def _with_values(active: Active, robot: Robot, value: dict[str, float]) -> dict[str, object]:
+def _with_values(active: EffectInstance, robot: Robot, value: dict[str, float]) -> dict[str, object]:
     place = f"{active.effect.id}:{active.joint or robot.name}"
     found = {}
     for p in active.effect.parameters:

@@ -11,16 +11,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elastic_arm.dynamics import build_model
-from elastic_arm.effects import Active
+from elastic_arm.effects import EffectInstance
 from elastic_arm.errors import IdentificationError
+from elastic_arm.estimation.equations import Equations
+from elastic_arm.estimation.noise import estimate_noise
+from elastic_arm.estimation.regressors import DEFAULT_SIGN_SPEED, SIGN_SPEEDS, is_dry, law_columns
+from elastic_arm.estimation.resampling import Clock, Grid
+from elastic_arm.estimation.series import FourierFit, fourier_motion, period_of, repeats
+from elastic_arm.estimation.smoother import Motion, Smoother, design_smoother
 from elastic_arm.identification.consistency import consistent as find_consistent
 from elastic_arm.identification.consistency import identified_robot
-from elastic_arm.identification.derivatives import Motion, Smoother, design_smoother
-from elastic_arm.identification.equations import Equations
-from elastic_arm.identification.fourier import FourierFit, fourier_motion, period_of, repeats
-from elastic_arm.identification.grid import Clock, Grid
-from elastic_arm.identification.laws import DEFAULT_SIGN_SPEED, SIGN_SPEEDS, is_dry, law_columns
-from elastic_arm.identification.noise import estimate_noise
 from elastic_arm.identification.result import Identification
 from elastic_arm.identification.series_errors import series_covariance
 from elastic_arm.identification.stream import Identifier, smoothed
@@ -114,7 +114,7 @@ def identify(
     robot: Robot,
     model: str = "mod3",
     *,
-    effects: Sequence[Active] = (),
+    effects: Sequence[EffectInstance] = (),
     derivatives: Method = "auto",
     period: float | None = None,
     weighted: bool = True,
@@ -133,7 +133,7 @@ def identify(
     model
         mod1, mod2 or mod3.
     effects
-        Laws identified beside the model's own parameters (:func:`elastic_arm.identification.laws.parse_laws`).
+        Laws identified beside the model's own parameters (:func:`elastic_arm.estimation.regressors.parse_laws`).
     derivatives, period
         See :func:`differentiate`.
     weighted
@@ -169,7 +169,7 @@ def identify_with(
     robot: Robot,
     model: str = "mod3",
     *,
-    effects: Sequence[Active] = (),
+    effects: Sequence[EffectInstance] = (),
     derivatives: Method = "auto",
     period: float | None = None,
     weighted: bool = True,
@@ -234,7 +234,7 @@ def _covariance(identifier: Identifier, derived: Sequence[Derived]) -> Array | N
 
 
 def with_consistency(
-    result: Identification, identifier: Identifier, robot: Robot, effects: Sequence[Active] = ()
+    result: Identification, identifier: Identifier, robot: Robot, effects: Sequence[EffectInstance] = ()
 ) -> Identification:
     """Add all parameters, physically consistent, and the arm that has them; see :mod:`.consistency` for errors."""
     found = find_consistent(identifier.fit(), identifier.equations, identifier.liveliness.independent_samples)
@@ -276,7 +276,9 @@ def _validated(
     return result.with_(validation=found)
 
 
-def identifier_of(robot: Robot, model: str = "mod3", effects: Sequence[Active] = (), **options: object) -> Identifier:
+def identifier_of(
+    robot: Robot, model: str = "mod3", effects: Sequence[EffectInstance] = (), **options: object
+) -> Identifier:
     """Return the stream estimator for an arm."""
     columns = law_columns(effects, robot, model)
     return Identifier(build_model(robot, model), columns, joints=robot.joint_names, **options)  # type: ignore[arg-type]

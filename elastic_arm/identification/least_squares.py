@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import solve_triangular
 
-from elastic_arm.dynamics.doubled import Pair, add, cholesky, multiply
+from elastic_arm.dynamics.double_double import Pair, add, cholesky, multiply
 from elastic_arm.errors import IdentificationError
 
 Array = NDArray[np.float64]

@@ -12,11 +12,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elastic_arm.errors import IdentificationError
-from elastic_arm.identification.derivatives import Smoother
-from elastic_arm.identification.equations import Equations
-from elastic_arm.identification.grid import Clock
+from elastic_arm.estimation.equations import Equations
+from elastic_arm.estimation.noise import SideNoise
+from elastic_arm.estimation.resampling import Clock
+from elastic_arm.estimation.smoother import Smoother
 from elastic_arm.identification.least_squares import Blocks
-from elastic_arm.identification.noise import SideNoise
 from elastic_arm.identification.verdict import Liveliness
 
 Array = NDArray[np.float64]

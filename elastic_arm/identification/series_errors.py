@@ -12,9 +12,9 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from elastic_arm.identification.derivatives import Motion
-from elastic_arm.identification.equations import Equations
-from elastic_arm.identification.fourier import FourierFit
+from elastic_arm.estimation.equations import Equations
+from elastic_arm.estimation.series import FourierFit
+from elastic_arm.estimation.smoother import Motion
 from elastic_arm.identification.least_squares import Fit
 
 Array = NDArray[np.float64]

@@ -11,10 +11,10 @@ from numpy.typing import NDArray
 
 from elastic_arm.dynamics import Model
 from elastic_arm.errors import IdentificationError
+from elastic_arm.estimation.equations import Column, Equations
+from elastic_arm.estimation.resampling import Clock, Grid, Placing, joined, part
+from elastic_arm.estimation.smoother import Motion, Smoother, design_smoother
 from elastic_arm.identification.accumulator import BLOCK, Accumulator
-from elastic_arm.identification.derivatives import Motion, Smoother, design_smoother
-from elastic_arm.identification.equations import Column, Equations
-from elastic_arm.identification.grid import Clock, Grid, Placing, joined, part
 from elastic_arm.identification.least_squares import Fit, fit
 from elastic_arm.identification.result import Identification, result_of
 from elastic_arm.identification.saved import Sums, read_sums, recorded_in, write_sums

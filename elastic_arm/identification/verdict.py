@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from elastic_arm.identification.derivatives import Motion
-from elastic_arm.identification.equations import Equations
+from elastic_arm.estimation.equations import Equations
+from elastic_arm.estimation.smoother import Motion
 from elastic_arm.identification.least_squares import Blocks, triangular
 
 Array = NDArray[np.float64]

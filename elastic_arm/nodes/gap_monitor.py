@@ -12,16 +12,16 @@ from rclpy.publisher import Publisher
 from sensor_msgs.msg import JointState
 from std_srvs.srv import SetBool, Trigger
 
-from elastic_arm.gap.known import known_effects
-from elastic_arm.gap.live import Where, Window, answering
-from elastic_arm.nodes import graph
-from elastic_arm.nodes.aside import Answer, Aside
-from elastic_arm.nodes.collecting import Collector
-from elastic_arm.nodes.gap_messages import diagnosis_message, in_words, residual_messages
-from elastic_arm.nodes.health import PERIOD, Health
-from elastic_arm.nodes.parameters import declare, declare_texts
-from elastic_arm.nodes.running import ArmNode, run
-from elastic_arm.nodes.wire import NANOSECONDS
+from elastic_arm.diagnosis.live import ResidualLevels, Window, answering
+from elastic_arm.effects.text import known_effects
+from elastic_arm.nodes.support import graph
+from elastic_arm.nodes.support.collecting import Collector
+from elastic_arm.nodes.support.gap_messages import diagnosis_message, in_words, residual_messages
+from elastic_arm.nodes.support.health import PERIOD, Health
+from elastic_arm.nodes.support.parameters import declare, declare_texts
+from elastic_arm.nodes.support.running import ArmNode, run
+from elastic_arm.nodes.support.wire import NANOSECONDS
+from elastic_arm.nodes.support.worker_process import Answer, WorkerProcess
 from elastic_arm.recording import topics
 from elastic_arm.robot import load_robot
 
@@ -52,7 +52,7 @@ class GapMonitorNode(ArmNode):
         )
         robot = load_robot(file or None)
         known_effects(known, robot)  # a mistake is to be heard of here
-        self._aside = Aside(answering, file or None, model, known, refit)
+        self._aside = WorkerProcess(answering, file or None, model, known, refit)
         self._collector = Collector(robot.joint_names, sides)
         self._window = Window(robot.joint_names, window, source=" ".join(self._collector.inboxes))
         self._output = self.create_publisher(GapDiagnosis, topics.GAP, graph.qos(topics.GAP))
@@ -136,7 +136,7 @@ class GapMonitorNode(ArmNode):
             self.get_logger().info(said)
             self._said = said
 
-    def _publish_residuals(self, where: Where) -> None:
+    def _publish_residuals(self, where: ResidualLevels) -> None:
         """Publish each residual on a topic of its own: what a plot takes without knowing joints by number."""
         for place, message in residual_messages(where).items():
             if place not in self._residual_outputs:

@@ -15,15 +15,15 @@ from sensor_msgs.msg import JointState
 from std_srvs.srv import SetBool, Trigger
 
 from elastic_arm.errors import ElasticArmError, IdentificationError
+from elastic_arm.estimation.smoother import Motion
 from elastic_arm.identification import identifier_of, parse_laws
-from elastic_arm.identification.derivatives import Motion
 from elastic_arm.identification.least_squares import Fit
-from elastic_arm.nodes import graph
-from elastic_arm.nodes.collecting import Collector
-from elastic_arm.nodes.health import PERIOD, Health
-from elastic_arm.nodes.parameters import declare, declare_texts
-from elastic_arm.nodes.running import ArmNode, run
-from elastic_arm.nodes.wire import NANOSECONDS
+from elastic_arm.nodes.support import graph
+from elastic_arm.nodes.support.collecting import Collector
+from elastic_arm.nodes.support.health import PERIOD, Health
+from elastic_arm.nodes.support.parameters import declare, declare_texts
+from elastic_arm.nodes.support.running import ArmNode, run
+from elastic_arm.nodes.support.wire import NANOSECONDS
 from elastic_arm.recording import topics
 from elastic_arm.robot import load_robot
 

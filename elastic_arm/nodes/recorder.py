@@ -10,12 +10,12 @@ from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.topic_endpoint_info import TopicEndpointInfo
 
 from elastic_arm.errors import GraphError, RecordingError
-from elastic_arm.nodes import graph
-from elastic_arm.nodes.health import PERIOD, Health
-from elastic_arm.nodes.parameters import declare, declare_texts
-from elastic_arm.nodes.running import LONGEST_REST, ArmNode, run
+from elastic_arm.nodes.support import graph
+from elastic_arm.nodes.support.health import PERIOD, Health
+from elastic_arm.nodes.support.parameters import declare, declare_texts
+from elastic_arm.nodes.support.running import LONGEST_REST, ArmNode, run
 from elastic_arm.recording import topics
-from elastic_arm.recording.sink import COMPRESSIONS
+from elastic_arm.recording.storage.mcap_sink import COMPRESSIONS
 from elastic_arm.recording.stream_writer import StreamWriter
 
 # How often to look for publishers of topics not yet found, seconds.

@@ -11,13 +11,13 @@ from rclpy.publisher import Publisher
 from rosgraph_msgs.msg import Clock
 
 from elastic_arm.errors import GraphError
-from elastic_arm.nodes import graph
-from elastic_arm.nodes.health import PERIOD, Health
-from elastic_arm.nodes.parameters import declare, declare_texts
-from elastic_arm.nodes.running import LONGEST_REST, ArmNode, run
-from elastic_arm.nodes.wire import NANOSECONDS, Form
+from elastic_arm.nodes.support import graph
+from elastic_arm.nodes.support.health import PERIOD, Health
+from elastic_arm.nodes.support.parameters import declare, declare_texts
+from elastic_arm.nodes.support.running import LONGEST_REST, ArmNode, run
+from elastic_arm.nodes.support.wire import NANOSECONDS, Form
 from elastic_arm.recording import topics
-from elastic_arm.recording.messages import Message, read_messages, read_topics
+from elastic_arm.recording.storage.messages import Message, read_messages, read_topics
 
 # Bag time between two messages on /clock.
 CLOCK_PERIOD_NS = 10_000_000

@@ -18,15 +18,15 @@ from std_msgs.msg import String
 from trajectory_msgs.msg import JointTrajectory
 
 from elastic_arm.effects import parse
-from elastic_arm.effects.base import Active
+from elastic_arm.effects.model import EffectInstance
 from elastic_arm.errors import ElasticArmError, GraphError
-from elastic_arm.nodes import graph
-from elastic_arm.nodes.health import PERIOD, Health
-from elastic_arm.nodes.pacing import Pace
-from elastic_arm.nodes.parameters import declare, declare_numbers, declare_texts, texts
-from elastic_arm.nodes.reference import ReferenceQueue, Row
-from elastic_arm.nodes.running import ArmNode, run
-from elastic_arm.nodes.wire import NANOSECONDS, Form
+from elastic_arm.nodes.support import graph
+from elastic_arm.nodes.support.health import PERIOD, Health
+from elastic_arm.nodes.support.pacing import Pace
+from elastic_arm.nodes.support.parameters import declare, declare_numbers, declare_texts, texts
+from elastic_arm.nodes.support.reference import ReferenceQueue, Row
+from elastic_arm.nodes.support.running import ArmNode, run
+from elastic_arm.nodes.support.wire import NANOSECONDS, Form
 from elastic_arm.recording import topics
 from elastic_arm.robot import load_robot
 from elastic_arm.sensors import Encoder, Sensors, TorqueSensor
@@ -59,7 +59,9 @@ class SimulatorNode(ArmNode):
         began = time.monotonic()
         self._arm = self._build()
         # Discovery went on while the arm was built; a busy machine leaves it little time then.
-        graph.refuse_company(self, topics.MOTOR_STATES, max(graph.DISCOVERY - (time.monotonic() - began), 0.5))
+        graph.require_single_publisher(
+            self, topics.MOTOR_STATES, max(graph.DISCOVERY - (time.monotonic() - began), 0.5)
+        )
         self._born = time.monotonic()
         names = list(self._arm.robot.joint_names)
         self._columns = {name: column for column, name in enumerate(names)}
@@ -253,7 +255,7 @@ class SimulatorNode(ArmNode):
         return SetParametersResult(successful=True)
 
     def _take(self, wanted: list[str]) -> None:
-        effects: list[Active] = [parse(text, self._arm.robot) for text in wanted]
+        effects: list[EffectInstance] = [parse(text, self._arm.robot) for text in wanted]
         self._arm.change_effects(effects)
         self.get_logger().info("effects: " + (", ".join(wanted) or "none"))
 

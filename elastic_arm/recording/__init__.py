@@ -3,7 +3,7 @@
 `Recording` is what the rest of the suite sees; nothing downstream knows whether the arm was real.
 """
 
-from elastic_arm.recording.channels import ChannelMap, load_channels
+from elastic_arm.recording.foreign.channels import ChannelMap, load_channels
 from elastic_arm.recording.reading import read_recording
 from elastic_arm.recording.recording import Recording
 from elastic_arm.recording.sides import Samples, Side

@@ -17,7 +17,7 @@ from rosbags.interfaces import Nodetype
 from rosbags.typesys.store import Typestore
 
 from elastic_arm.errors import RecordingError
-from elastic_arm.recording.scan import MESSAGE_HEAD, RECORD_HEAD, Bytes, Offsets, column, offsets_of
+from elastic_arm.recording.storage.mcap_scan import MESSAGE_HEAD, RECORD_HEAD, Bytes, Offsets, column, offsets_of
 
 _RECORD_SIZE = 1 - MESSAGE_HEAD  # where a message's record says its length, seen from the message
 _ORIGIN = 4  # alignment counts from behind the encapsulation header

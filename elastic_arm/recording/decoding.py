@@ -7,10 +7,10 @@ from numpy.typing import NDArray
 
 from elastic_arm.errors import RecordingError
 from elastic_arm.recording import cdr, message_types
-from elastic_arm.recording.container import Block, McapFile
-from elastic_arm.recording.scan import MESSAGE_HEAD, Bytes, Offsets, column, offsets_of, shifted
 from elastic_arm.recording.series import Piece, Series
 from elastic_arm.recording.sides import Stamps
+from elastic_arm.recording.storage.mcap import Block, McapFile
+from elastic_arm.recording.storage.mcap_scan import MESSAGE_HEAD, Bytes, Offsets, column, offsets_of, shifted
 
 _SECONDS, _NANOSECONDS = "header.stamp.sec", "header.stamp.nanosec"
 _FIRST = 1024  # messages room is made for when nothing is known

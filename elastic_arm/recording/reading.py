@@ -12,15 +12,15 @@ import numpy as np
 
 from elastic_arm.errors import RecordingError
 from elastic_arm.recording import cdr, message_types
-from elastic_arm.recording.bag import Bag, open_bag
-from elastic_arm.recording.channels import ChannelMap, load_channels
-from elastic_arm.recording.container import Block, McapFile
 from elastic_arm.recording.decoding import Decoder
-from elastic_arm.recording.mapping import mapped_side
-from elastic_arm.recording.quality import check_times, checked
+from elastic_arm.recording.foreign.channels import ChannelMap, load_channels
+from elastic_arm.recording.foreign.mapping import mapped_side
+from elastic_arm.recording.inspection.quality import check_times, checked
 from elastic_arm.recording.recording import Recording
 from elastic_arm.recording.series import Piece, Series
 from elastic_arm.recording.sides import Side
+from elastic_arm.recording.storage.bag import Bag, open_bag
+from elastic_arm.recording.storage.mcap import Block, McapFile
 from elastic_arm.recording.timebase import pair
 from elastic_arm.recording.topics import (
     JOINT_STATES,

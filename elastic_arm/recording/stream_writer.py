@@ -15,9 +15,9 @@ from mcap.opcode import Opcode
 
 from elastic_arm.errors import RecordingError
 from elastic_arm.recording import message_types
-from elastic_arm.recording.metadata import Topic, offered_qos
-from elastic_arm.recording.scan import MESSAGE_HEAD
-from elastic_arm.recording.sink import Compression, McapSink, pack
+from elastic_arm.recording.storage.mcap_scan import MESSAGE_HEAD
+from elastic_arm.recording.storage.mcap_sink import Compression, McapSink, pack
+from elastic_arm.recording.storage.metadata import Topic, offered_qos
 from elastic_arm.recording.writing import finish_bag
 
 _HEAD = struct.Struct("<BQHIQQ")

@@ -18,13 +18,13 @@ from mcap.opcode import Opcode
 
 from elastic_arm.errors import RecordingError
 from elastic_arm.recording import cdr, message_types
-from elastic_arm.recording.bag import METADATA
-from elastic_arm.recording.metadata import METADATA_KEY, Topic, metadata, offered_qos
-from elastic_arm.recording.quality import check_times
+from elastic_arm.recording.inspection.quality import check_times
 from elastic_arm.recording.recording import Recording
-from elastic_arm.recording.scan import MESSAGE_HEAD, Bytes, Offsets, place, progression
 from elastic_arm.recording.sides import Array, Side, Stamps
-from elastic_arm.recording.sink import Compression, McapSink, Packed, pack
+from elastic_arm.recording.storage.bag import METADATA
+from elastic_arm.recording.storage.mcap_scan import MESSAGE_HEAD, Bytes, Offsets, place, progression
+from elastic_arm.recording.storage.mcap_sink import Compression, McapSink, Packed, pack
+from elastic_arm.recording.storage.metadata import METADATA_KEY, Topic, metadata, offered_qos
 from elastic_arm.recording.topics import (
     JOINT_STATES,
     JOINT_TORQUES,

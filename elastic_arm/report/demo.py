@@ -11,8 +11,8 @@ from matplotlib.figure import Figure as MplFigure
 from scipy.stats import chi2
 
 from elastic_arm.excitation import ExcitationResult
+from elastic_arm.formatting import rounded
 from elastic_arm.identification import Identification, chi_square
-from elastic_arm.identification.words import rounded
 from elastic_arm.recording import Samples
 from elastic_arm.report import excitation
 from elastic_arm.report.html import Figure, Section, Table, Text, Written, write_report

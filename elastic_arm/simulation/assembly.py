@@ -10,12 +10,12 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
+from elastic_arm.codegen.function_cache import stored
 from elastic_arm.dynamics.derivation import bias, mass_matrix, solve
-from elastic_arm.effects.acting import Acting
-from elastic_arm.effects.base import Active
+from elastic_arm.effects.effect_set import EffectSet
 from elastic_arm.effects.equations import ArmEquations
+from elastic_arm.effects.model import EffectInstance
 from elastic_arm.effects.motion import Contribution, Motion
-from elastic_arm.simulation.stored import stored
 
 SX = ca.SX
 
@@ -44,7 +44,7 @@ class System:
     """
 
     equations: ArmEquations
-    acting: Acting
+    acting: EffectSet
     constants: ca.Function
     accelerations: ca.Function
     balance: ca.Function
@@ -78,12 +78,12 @@ _MOST_KNOWN = 64
 _DERIVED = ("constants", "accelerations", "balance", "stiffness_of_balance", "friction")
 
 
-def assemble(equations: ArmEquations, actives: Sequence[Active]) -> System:
+def assemble(equations: ArmEquations, instances: Sequence[EffectInstance]) -> System:
     """Put an arm and effects together, or find a system of the same shape."""
-    shape, acting = _shape(equations, actives), Acting(actives, equations.robot)
+    shape, acting = _shape(equations, instances), EffectSet(instances, equations.robot)
     if shape not in _known:
         # On disk an arm of its own is worth keeping; every arm with effects and numbers of its own would fill it.
-        functions = _derive(equations, acting) if actives else stored(shape, lambda: _derive(equations, acting))
+        functions = _derive(equations, acting) if instances else stored(shape, lambda: _derive(equations, acting))
         named: dict[str, Any] = dict(zip(_DERIVED, functions, strict=True))
         _known[shape] = System(equations, acting, engines={}, **named)
         if len(_known) > _MOST_KNOWN:
@@ -91,17 +91,17 @@ def assemble(equations: ArmEquations, actives: Sequence[Active]) -> System:
     return replace(_known[shape], equations=equations, acting=acting)
 
 
-def _shape(equations: ArmEquations, actives: Sequence[Active]) -> str:
+def _shape(equations: ArmEquations, instances: Sequence[EffectInstance]) -> str:
     """What the straight-line code depends on; laws may read any number of the nominal arm, an arm alone does not."""
     laws = [
         (active.effect.id, active.joint, [str(active.parameters[c.name]) for c in active.effect.choices])
-        for active in actives
+        for active in instances
     ]
     numbers = [equations.nominal.tolist(), equations.robot.base_placement.tolist()] if laws else []
     return repr((equations.bodies.fingerprint(), equations.robot.gravity.tolist(), equations.model_name, laws, numbers))
 
 
-def _derive(equations: ArmEquations, acting: Acting) -> list[ca.Function]:
+def _derive(equations: ArmEquations, acting: EffectSet) -> list[ca.Function]:
     """Derive the functions of a system, in the order of :data:`_DERIVED`.
 
     With tau_J taken from the drive equation, (1) reads `left side + effects = [0; tau_m]`, linear in the accelerations

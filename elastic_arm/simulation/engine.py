@@ -16,9 +16,9 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
-from elastic_arm.dynamics.compiler import build, find_compiler
-from elastic_arm.dynamics.emit_c import emit_scalar
-from elastic_arm.dynamics.program import from_casadi
+from elastic_arm.codegen.compiler import build, find_compiler
+from elastic_arm.codegen.emit_c import emit_scalar
+from elastic_arm.codegen.program import from_casadi
 from elastic_arm.errors import SimulationError
 from elastic_arm.simulation.assembly import System
 

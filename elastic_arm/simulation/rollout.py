@@ -8,7 +8,7 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from elastic_arm.effects import Active
+from elastic_arm.effects import EffectInstance
 from elastic_arm.errors import SimulationError
 from elastic_arm.recording import Recording, Side
 from elastic_arm.robot import Robot
@@ -36,7 +36,7 @@ def simulate(
     *,
     model: str = "mod3",
     bearings: bool = False,
-    effects: Sequence[Active] = (),
+    effects: Sequence[EffectInstance] = (),
     sensors: Sensors | None = None,
     controller: Controller | None = None,
     nominal: Robot | None = None,

@@ -8,9 +8,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from elastic_arm.effects import Active, robot_effects
-from elastic_arm.effects.base import Stage
+from elastic_arm.effects import EffectInstance, robot_effects
 from elastic_arm.effects.equations import ArmEquations
+from elastic_arm.effects.model import Plant
 from elastic_arm.errors import ElasticArmError, SimulationError
 from elastic_arm.robot import Robot
 from elastic_arm.sensors import SensorBank, Sensors
@@ -114,7 +114,7 @@ class Simulator:
         *,
         model: str = "mod3",
         bearings: bool = False,
-        effects: Sequence[Active] = (),
+        effects: Sequence[EffectInstance] = (),
         sensors: Sensors | None = None,
         controller: Controller | None = None,
         nominal: Robot | None = None,
@@ -138,10 +138,10 @@ class Simulator:
         start = np.zeros(robot.n) if q0 is None else np.asarray(q0, dtype=float)
         self.reset(start, None if dq0 is None else np.asarray(dq0, dtype=float))
 
-    def _build(self, effects: Sequence[Active]) -> None:
+    def _build(self, effects: Sequence[EffectInstance]) -> None:
         """Put arm, effects and sensors together."""
         self.effects = (*robot_effects(self.robot), *effects)
-        stage = Stage(self.robot, self._given_sensors, self._bearings)
+        stage = Plant(self.robot, self._given_sensors, self._bearings)
         for active in self.effects:
             active.joint_indices(self.robot)
             stage = active.effect.enter(stage, active)
@@ -224,7 +224,7 @@ class Simulator:
         tau_J = np.array(self.system.accelerations(x, dx, z, held, self._loop.constants)[2]).ravel()
         self.carry = Carry(np.concatenate([x, dx, z]), 0.5 * tau_J / self.rate, held)
 
-    def change_effects(self, effects: Sequence[Active]) -> None:
+    def change_effects(self, effects: Sequence[EffectInstance]) -> None:
         """Go on from the present motion with other effects; internal states of effects start anew.
 
         Equations of a shape not met before are compiled, which takes a second or two.
@@ -241,7 +241,7 @@ class Simulator:
             vars(self).update(before)
             raise
 
-    def _change_effects(self, effects: Sequence[Active]) -> None:
+    def _change_effects(self, effects: Sequence[EffectInstance]) -> None:
         x, dx = (self.carry.y[k * self.system.dof : (k + 1) * self.system.dof] for k in (0, 1))
         command, half = self.carry.command, self.carry.half
         self._build(effects)

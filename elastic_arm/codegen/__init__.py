@@ -1,0 +1,1 @@
+"""From a CasADi function to compiled code: a straight-line program, printed as C or run by NumPy, cached on disk."""

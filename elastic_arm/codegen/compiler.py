@@ -1,0 +1,114 @@
+"""The system's C compiler behind a cache: every source is compiled once per machine and found again by its content."""
+
+from __future__ import annotations
+
+import ctypes
+import functools
+import hashlib
+import os
+import platform
+import shlex
+import shutil
+import subprocess
+import tempfile
+from collections.abc import Callable
+from pathlib import Path
+
+from elastic_arm.codegen.cache import CACHE_VARIABLE, cache_folder
+from elastic_arm.errors import KernelError
+
+_TIMEOUT_S = 300.0
+_FLAGS = ("-std=gnu11", "-shared", "-fPIC", "-w", "-O2", "-fno-math-errno", "-fno-trapping-math")
+# Tried in turn: with the vector mathematics of the GNU C library, for this processor only, and plain.
+_VARIANTS = (("-march=native", "-DVECTOR_MATH"), ("-march=native",), ())
+_LIBRARIES = {"-DVECTOR_MATH": ("-lmvec",)}
+
+
+def find_compiler() -> tuple[str, ...] | None:
+    """Command of $CC, cc, gcc or clang, the first that is there; None without one. An empty $CC means none."""
+    asked = os.environ.get("CC")
+    for name, *options in [shlex.split(asked) or [""]] if asked is not None else [["cc"], ["gcc"], ["clang"]]:
+        if path := shutil.which(name):
+            return path, *options
+    return None
+
+
+def build(source: str, *, flags: tuple[str, ...] = ("-ffp-contract=fast",)) -> ctypes.CDLL:
+    """Compile C `source` to a shared library, or find it in the cache, and load it.
+
+    Safe among processes that build the same source at once: a library appears under its name only when complete.
+
+    Parameters
+    ----------
+    flags
+        Added to the usual ones (``-O2``, for this machine's processor).
+
+    Raises
+    ------
+    KernelError
+        If there is no compiler, it refuses the source, or the cache cannot be written.
+    """
+    return build_once(source, lambda: source, flags=flags)
+
+
+def build_once(
+    identity: str, source: Callable[[], str], *, flags: tuple[str, ...] = ("-ffp-contract=fast",)
+) -> ctypes.CDLL:
+    """As :func:`build`, but print the source only when no library of this `identity` is in the cache."""
+    compiler = find_compiler()
+    if compiler is None:
+        raise KernelError("no C compiler was found", "Install gcc or clang, or set CC to one")
+    library = cache_folder() / f"{_key(identity, compiler, flags)}.so"
+    if not library.exists():
+        _compile(source(), compiler, flags, library)
+    try:
+        return ctypes.CDLL(str(library))
+    except OSError as error:
+        raise KernelError(f"{library} cannot be loaded ({error})", "Delete it; it is made again") from error
+
+
+def _key(identity: str, compiler: tuple[str, ...], flags: tuple[str, ...]) -> str:
+    content = "\0".join([identity, *compiler, *_compiler_stamp(compiler[0]), *_FLAGS, *flags, _processor()])
+    return hashlib.sha256(content.encode()).hexdigest()[:32]
+
+
+def _compiler_stamp(compiler: str) -> tuple[str, str]:
+    """Size and time of the compiler's file: changes with its version, and costs no process."""
+    stat = Path(compiler).stat()
+    return str(stat.st_size), str(stat.st_mtime_ns)
+
+
+@functools.cache
+def _processor() -> str:
+    """What ``-march=native`` depends on: a cache folder may be shared by machines."""
+    try:
+        lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
+    except OSError:
+        return platform.machine() + platform.processor()
+    chosen = (line for line in lines if line.startswith(("flags", "Features", "model name")))
+    return platform.machine() + "".join(sorted(set(chosen)))
+
+
+def _compile(source: str, compiler: tuple[str, ...], flags: tuple[str, ...], library: Path) -> None:
+    try:
+        library.parent.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryDirectory(dir=library.parent, prefix="build-") as folder:
+            text, made = Path(folder) / "kernel.c", Path(folder) / "kernel.so"
+            text.write_text(source, encoding="utf-8")
+            messages = []
+            for variant in _VARIANTS:
+                libraries = [name for flag in variant for name in _LIBRARIES.get(flag, ())]
+                command = [*compiler, *_FLAGS, *flags, *variant, str(text), "-o", str(made), *libraries, "-lm"]
+                done = subprocess.run(command, capture_output=True, text=True, timeout=_TIMEOUT_S, check=False)
+                if done.returncode == 0:
+                    made.replace(library)
+                    return
+                messages.append(done.stderr.strip())
+    except subprocess.TimeoutExpired as error:
+        raise KernelError(f"{compiler[0]} did not end within {_TIMEOUT_S:g} s", "Run with an empty CC") from error
+    except OSError as error:
+        raise KernelError(
+            f"cannot compile in {library.parent} ({error})", f"Set {CACHE_VARIABLE} to a folder you may write to"
+        ) from error
+    first = messages[-1].splitlines()[0] if messages[-1] else "no message"
+    raise KernelError(f"{compiler[0]} failed: {first}", "Set CC to a working C compiler, or to nothing to do without")

@@ -1,0 +1,61 @@
+"""What a diagnosis worked on, kept for figures and for going on from it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from elastic_arm.diagnosis.selection.regressor_library import Entry, RegressorLibrary
+from elastic_arm.dynamics import Model
+from elastic_arm.effects import EffectInstance
+from elastic_arm.estimation.observation import Observation
+from elastic_arm.estimation.whitening import WhitenedData
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class DiagnosisContext:
+    """The validation data with the residuals before and after.
+
+    Parameters
+    ----------
+    model
+        The nominal model.
+    validate
+        WhitenedData of the validation recordings.
+    before, after
+        Residuals (N', R) of each stretch.
+    entries
+        The causes as they were fitted.
+    alone
+        Residuals of each stretch with one cause alone added, by position in the causes.
+    regimes
+        (R,) share of each residual's power that follows each regime, before.
+    bank
+        The columns of all effects on both data sets.
+    seen
+        The observed recordings that causes were fitted on, and those that judged, or the last third of each.
+    held_back
+        Whether the last third of each recording judged.
+    given, known
+        What counted as part of the model, as entries and as the simulator takes it.
+    rivals
+        What competes with each cause, by position in the causes, most probable first.
+    """
+
+    model: Model
+    validate: WhitenedData
+    before: list[Array]
+    after: list[Array]
+    entries: tuple[Entry, ...]
+    alone: tuple[list[Array], ...]
+    regimes: tuple[dict[str, float], ...]
+    bank: RegressorLibrary
+    seen: tuple[tuple[Observation, ...], tuple[Observation, ...]]
+    held_back: bool
+    given: tuple[Entry, ...]
+    known: tuple[EffectInstance, ...]
+    rivals: tuple[tuple[Entry, ...], ...]

@@ -1,0 +1,18 @@
+"""The arm with its causes in it: what the simulator needs to behave like the recording."""
+
+from __future__ import annotations
+
+from elastic_arm.diagnosis.result import Diagnosis
+from elastic_arm.robot import Robot
+
+
+def repaired_robot(robot: Robot, diagnosis: Diagnosis) -> Robot:
+    """Return the nominal arm with the effects that the diagnosis found, besides those that counted as known.
+
+    Known are those of the arm file and of the user, at the sizes that were fitted, and lags of a sample or less.
+    """
+    model_has_them = ("spline_inertia", "inertia_coupling")
+    material = diagnosis.material
+    known = robot.effects if material is None else [active.to_dict() for active in material.known]
+    found = [c.active.to_dict() for c in diagnosis.causes if c.effect not in model_has_them]
+    return robot.with_(effects=(*known, *found))

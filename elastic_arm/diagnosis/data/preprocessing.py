@@ -1,0 +1,143 @@
+"""What has to be said or mended of a recording before it is diagnosed: dead torque channels, clocks that drift apart.
+
+A channel that holds one number throughout was not recorded, whatever its message says. Two topics stamped by two clocks
+tell themselves by the twist of the drives: link and motor turn alike but for a deflection that follows the load, so a
+lag between them that grows with time, the same on every joint, is the clocks'.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from elastic_arm.errors import DiagnosisError
+from elastic_arm.estimation.effect_columns import Feature
+from elastic_arm.estimation.resampling import STILL
+from elastic_arm.recording import Recording, Samples, Side
+
+Array = NDArray[np.float64]
+
+MOVING = ("velocity_reversal", "low_speed", "high_speed", "acceleration", "rotor_angle", "wave_generator_angle")
+TORQUES = {"link": "joint torque (effort of the link side)", "motor": "motor torque (effort of the motor side)"}
+AVERAGED = 0.02  # s; clocks are compared on means over as long
+NOTICED = 1e-5  # s over the recording: less moves nothing that could be measured
+CERTAIN = 10.0  # standard deviations
+PASSES = 3  # of estimating and taking out
+ALIKE = 0.2  # relative difference between joints up to which a drift counts as common to all
+
+
+def usable(recording: Recording) -> Recording:
+    """Return the recording without dead torque channels and with its clocks brought together; its notes say so.
+
+    Raises
+    ------
+    DiagnosisError
+        If every torque channel is dead.
+    """
+    return _one_clock(_live(recording))
+
+
+def standing(recording: Recording) -> list[str]:
+    """Return the names of the joints that do not move."""
+    side = recording.motor or recording.link
+    if side is None or side.position is None:
+        return []
+    return [j for j, span in zip(recording.joints, np.ptp(side.position, axis=0), strict=True) if span < STILL]
+
+
+def needs_motion(feature: Feature) -> bool:
+    """Whether an effect shows by the motion of its joint alone; a drive winds up where the joint stands still, too."""
+    moving = feature.effect.regime in MOVING or feature.effect.id.endswith("_friction")
+    return moving and "drive" not in feature.sides
+
+
+def _live(recording: Recording) -> Recording:
+    """Leave out torque channels that hold one number throughout."""
+    where = recording.source or "the recording"
+    sides: dict[str, Side | None] = {"link": recording.link, "motor": recording.motor}
+    notes, dead = [], []
+    for name, side in sides.items():
+        if side is None or side.effort is None or not len(side):
+            continue
+        constant = np.ptp(side.effort, axis=0) == 0.0
+        if constant.all():
+            dead.append(TORQUES[name])
+            sides[name] = replace(side, effort=None)
+        elif constant.any():
+            joints = ", ".join(j for j, c in zip(recording.joints, constant, strict=True) if c)
+            notes.append(
+                f"{where}: {TORQUES[name]} of {joints} is one number throughout: do not trust what is said of it."
+            )
+    if dead and all(side is None or side.effort is None for side in sides.values()):
+        raise DiagnosisError(
+            f"every torque channel of {where} is empty: {' and '.join(dead)} hold one number throughout",
+            "Record the effort of /motor_states, of /joint_states, or both",
+        )
+    notes += [f"{where}: {channel} holds one number throughout: taken as not recorded." for channel in dead]
+    return replace(recording, link=sides["link"], motor=sides["motor"], notes=(*recording.notes, *notes))
+
+
+def _one_clock(recording: Recording) -> Recording:
+    """Stamp the link side by the motor side's clock where the two drift apart."""
+    link, motor = recording.link, recording.motor
+    if link is None or motor is None or link.position is None or motor.position is None:
+        return recording
+    total, mended = 0.0, recording
+    for _ in range(PASSES):
+        drift = clock_drift(mended.samples())
+        if drift is None:
+            break
+        total += drift
+        since = link.stamp_ns - link.stamp_ns[0]
+        stamps = link.stamp_ns[0] + np.round(since / (1.0 + total)).astype(np.int64)
+        mended = replace(recording, link=replace(link, stamp_ns=stamps))
+    if not total:
+        return recording
+    note = (
+        f"{recording.source or 'the recording'}: the clocks of link and motor side drift apart by {1e6 * total:.3g} us "
+        f"a second, {1e3 * abs(total) * recording.duration:.3g} ms in all: taken out by the motion of all joints."
+    )
+    return replace(mended, notes=(*recording.notes, note))
+
+
+def clock_drift(samples: Samples) -> float | None:
+    """Return by how much the link side's clock runs faster than the motor side's (1), None where they keep together."""
+    if samples.q is None or samples.theta is None:
+        return None
+    moves = np.ptp(samples.theta, axis=0) >= STILL
+    found = [_drift_of(samples, int(j)) for j in np.flatnonzero(moves)]
+    if not found:
+        return None
+    drifts, stds = (np.array(column) for column in zip(*found, strict=True))
+    mean = float(np.average(drifts, weights=stds**-2.0))
+    seconds = float(samples.t[-1] - samples.t[0])
+    certain = bool((np.abs(drifts) > CERTAIN * stds).all())
+    alike = bool((np.abs(drifts - mean) < ALIKE * abs(mean)).all())
+    return mean if certain and alike and abs(mean) * seconds > NOTICED else None
+
+
+def _drift_of(samples: Samples, j: int) -> tuple[float, float]:
+    """Return what one joint says of the drift, and its standard deviation: the lag's part that grows with time."""
+    assert samples.q is not None and samples.theta is not None
+    t, q, theta = (_averaged(samples.t, v) for v in (samples.t, samples.q[:, j], samples.theta[:, j]))
+    torques = [c for c in (samples.tau_J, samples.tau_m) if c is not None][:1]
+    loads = [_averaged(samples.t, c[:, j]) for c in torques]
+    v = np.gradient(theta, t)
+    later = (t - t.mean()) * v
+    columns = np.stack(
+        [later, v, np.sign(v), np.gradient(v, t), np.ones_like(t), *loads, *(c**3 for c in loads)], axis=1
+    )
+    scale = np.maximum(np.linalg.norm(columns, axis=0), 1e-300)
+    beta, *_ = np.linalg.lstsq(columns / scale, theta - q, rcond=1e-10)
+    left = theta - q - columns / scale @ beta
+    inverse = np.linalg.pinv((columns / scale).T @ (columns / scale))
+    return float(beta[0] / scale[0]), float(np.sqrt(inverse[0, 0] * left.var()) / scale[0]) + 1e-12
+
+
+def _averaged(t: Array, values: Array) -> Array:
+    """Return means over blocks of :data:`AVERAGED` seconds."""
+    length = max(1, round(AVERAGED / float(np.median(np.diff(t)))))
+    count = len(values) // length
+    return values[: count * length].reshape(count, length).mean(axis=1)

@@ -1,0 +1,314 @@
+"""What next: the motion within the arm's limits that tells explanations apart which this recording does not.
+
+If one of two explanations is true, the other, refitted to the same motion, leaves something unexplained. Half the
+square of what it leaves, in units of the noise (and of what neither explains), is the log-likelihood by which a
+recording of that motion is expected to decide. Motions are drawn, judged by it, and the best is improved by small
+random steps.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from itertools import product
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from elastic_arm.diagnosis.context import DiagnosisContext
+from elastic_arm.diagnosis.design.predicted_experiment import Rehearsal, Surroundings
+from elastic_arm.diagnosis.result import Cause
+from elastic_arm.diagnosis.selection.regressor_library import Entry
+from elastic_arm.diagnosis.selection.stepwise import misfit
+from elastic_arm.dynamics import Model
+from elastic_arm.effects.model import Parameter
+from elastic_arm.errors import ExcitationError
+from elastic_arm.estimation.effect_columns import Feature, Whole
+from elastic_arm.estimation.whitening import WhitenedData
+from elastic_arm.excitation import FourierTrajectory, MotionLimits, Shape, random_trajectories
+
+Array = NDArray[np.float64]
+# Makes whitened columns (rows, k) of a feature at values of its searched parameters.
+Columns = Callable[[Feature, Sequence[float]], Array]
+
+DECIDES = 12.0  # log-likelihood from which a recording decides, as the diagnosis itself asks of a cause
+MOST_PAIRS = 6
+SECONDS = 20.0
+# Slow and fast, smooth and rich motions; (harmonics, periods between the ramps).
+KINDS = ((2, 1), (5, 1), (5, 2), (4, 4))
+DRAWN = 16  # of each kind
+GENTLER = (1.0, 0.3)  # friction shows near standstill, inertia at full speed
+STEPS = 60  # random steps from the best one
+STRIDE = 0.25  # of the amplitudes
+# A refit may move a searched parameter: columns at these multiples, or at these distances (m), span what it can do.
+NEIGHBOURS = (0.6, 1.0, 1.6)
+APART = 0.05
+DEPENDENT = 1e-6  # relative singular value below which columns say the same
+
+
+@dataclass(frozen=True)
+class Contender:
+    """One explanation of a cause's part of the gap.
+
+    Parameters
+    ----------
+    effect, joint
+        Its name.
+    law, at, coefficients
+        The feature whose columns, at these searched values and with these coefficients, are what it adds.
+    family, around
+        The feature and the searched values that a refit starts from.
+    """
+
+    effect: str
+    joint: str | None
+    law: Feature
+    at: tuple[float, ...]
+    coefficients: Array
+    family: Feature
+    around: tuple[float, ...]
+
+    def adds(self, columns: Columns) -> Array:
+        """Return what it adds (rows,)."""
+        return columns(self.law, self.at) @ self.coefficients
+
+    def reach(self, columns: Columns) -> Array:
+        """Return the columns (rows, k) that a refit combines; none where its size is known."""
+        if not self.family.effect.parameters:
+            return np.zeros((len(self.adds(columns)), 0))
+        points = _neighbours(self.family.searched, self.around)
+        return np.hstack([columns(self.family, point) for point in points])
+
+
+@dataclass(frozen=True)
+class Pair:
+    """Two explanations, and how far a recording tells them apart: log-likelihoods on this one, and expected."""
+
+    cause: tuple[str, str | None]
+    alternative: tuple[str, str | None]
+    here: float
+    expected: float = 0.0
+
+    @property
+    def decides(self) -> bool:
+        """Whether the proposed motion is expected to decide."""
+        return self.expected >= DECIDES
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return it as plain data."""
+        return {
+            **{
+                name: {"effect": effect, "joint": joint}
+                for name, (effect, joint) in (("cause", self.cause), ("alternative", self.alternative))
+            },
+            "log_likelihood": {"this_recording": float(f"{self.here:.4g}"), "proposed": float(f"{self.expected:.4g}")},
+            "decides": self.decides,
+        }
+
+
+@dataclass(frozen=True)
+class Proposal:
+    """A motion that is expected to tell explanations apart.
+
+    Parameters
+    ----------
+    trajectory
+        None where no motion within the limits was found.
+    pairs
+        What it tells apart, and how well.
+    candidates
+        How many motions were judged.
+    notes
+        What had to be assumed, or why there is no motion.
+    """
+
+    trajectory: FourierTrajectory | None
+    pairs: tuple[Pair, ...]
+    candidates: int
+    notes: tuple[str, ...] = ()
+
+    @property
+    def seconds(self) -> float:
+        """Length of the motion, s."""
+        return 0.0 if self.trajectory is None else self.trajectory.duration
+
+    @property
+    def worthwhile(self) -> bool:
+        """Whether there is a motion, and it is expected to decide anything."""
+        return self.trajectory is not None and any(pair.decides for pair in self.pairs)
+
+    def to_dict(self, file: str) -> dict[str, Any]:
+        """Return it as plain data; `file` is where the trajectory is written."""
+        return {
+            "file": file if self.worthwhile else None,
+            "duration_s": self.seconds or None,
+            "candidates": self.candidates,
+            "pairs": [pair.to_dict() for pair in self.pairs],
+            "notes": list(self.notes),
+        }
+
+
+def propose(material: DiagnosisContext, causes: Sequence[Cause], *, rng: np.random.Generator) -> Proposal | None:
+    """Return the motion that separates causes from their alternatives best; None where there are no alternatives.
+
+    Parameters
+    ----------
+    material, causes
+        Of the diagnosis.
+    rng
+        Draws the motions.
+    """
+    doubts = _doubts(material, causes)
+    if not doubts:
+        return None
+    whites = [_recorded(evidence) for evidence in material.bank.sets]
+    # What no explanation reaches stays beside both, and makes either less sure.
+    scale = misfit(material.bank, [*material.given, *material.entries])
+    here = (np.sum([_separations(doubts, columns) for columns in whites], axis=0) / scale).tolist()
+    named = [((d[0].effect, d[0].joint), (d[1].effect, d[1].joint)) for d in doubts]
+    limits = MotionLimits.of(material.model.robot)
+    around = Surroundings.of(material.model, material.bank.sets[0])
+
+    def judge(trajectory: FourierTrajectory) -> list[float]:
+        return [value / scale for value in _separations(doubts, Rehearsal(around, trajectory).white)]
+
+    try:
+        best, values, count = _search(material.model, limits, judge, rng)
+    except ExcitationError as error:
+        pairs = [Pair(*names, value) for names, value in zip(named, here, strict=True)]
+        return Proposal(None, tuple(pairs), 0, (*limits.assumed, str(error)))
+    pairs = [Pair(*names, *both) for names, *both in zip(named, here, values, strict=True)]
+    return Proposal(best, tuple(pairs), count, limits.assumed)
+
+
+Doubt = tuple[Contender, Contender, tuple[Contender, ...]]
+
+
+def separation(doubt: Doubt, columns: Columns) -> float:
+    """Log-likelihood by which a recording is expected to decide between two explanations, whichever is true.
+
+    Parameters
+    ----------
+    doubt
+        The two, and what acts beside them in either case.
+    columns
+        Makes whitened columns for the recording.
+    """
+    one, other, beside = doubt
+    always = [contender.reach(columns) for contender in beside]
+    found = []
+    for true, wrong in ((one, other), (other, one)):
+        target, reach = true.adds(columns), wrong.reach(columns)
+        if not reach.shape[1]:
+            target = target - wrong.adds(columns)
+        found.append(0.5 * _unexplained(target, np.hstack([reach, *always])))
+    return min(found)
+
+
+def _separations(doubts: Sequence[Doubt], columns: Columns) -> list[float]:
+    """Return the separation of every pair; explanations that several share are worked out once."""
+    known: dict[tuple[Feature, tuple[float, ...]], Array] = {}
+
+    def remembered(feature: Feature, searched: Sequence[float]) -> Array:
+        key = (feature, tuple(searched))
+        if key not in known:
+            known[key] = columns(feature, searched)
+        return known[key]
+
+    return [separation(doubt, remembered) for doubt in doubts]
+
+
+def _unexplained(target: Array, columns: Array) -> float:
+    """Sum of squares of what least squares on the columns leaves of the target."""
+    lengths = np.linalg.norm(columns, axis=0)
+    columns = columns[:, lengths > 0.0] / lengths[lengths > 0.0]
+    if columns.shape[1]:
+        u, s, _ = np.linalg.svd(columns, full_matrices=False)
+        u = u[:, s > DEPENDENT * s[0]]
+        target = target - u @ (u.T @ target)
+    return float(target @ target)
+
+
+def _search(
+    model: Model, limits: MotionLimits, judge: Callable[[FourierTrajectory], list[float]], rng: np.random.Generator
+) -> tuple[FourierTrajectory, list[float], int]:
+    """Return the best motion, how it separates each pair, and how many were judged."""
+    drawn = []
+    for harmonics, periods in KINDS:
+        ramp = SECONDS / 10.0
+        shape = Shape(harmonics, (SECONDS - 2 * ramp) / periods, ramp, periods)
+        drawn += random_trajectories(model, limits, DRAWN, rng=rng, shape=shape)
+    tried = [motion.scaled(share) for motion, share in product(drawn, GENTLER)]
+    scored = [(judge(motion), motion) for motion in tried]
+    values, best = max(scored, key=lambda pair: _worth(pair[0]))
+    for _ in range(STEPS):
+        moved = _moved(best, limits, rng)
+        if not limits.use(moved, model).kept:
+            continue
+        now = judge(moved)
+        if _worth(now) > _worth(values):
+            values, best = now, moved
+    return best, values, len(tried) + STEPS
+
+
+def _worth(values: Sequence[float]) -> float:
+    """One pair that is hard to separate counts more than another that is separated twice over."""
+    return float(np.sum(np.log1p(values)))
+
+
+def _moved(motion: FourierTrajectory, limits: MotionLimits, rng: np.random.Generator) -> FourierTrajectory:
+    a, b = (values + STRIDE * np.std(values) * rng.standard_normal(values.shape) for values in (motion.a, motion.b))
+    q0 = motion.q0 + 0.1 * limits.half_range * rng.standard_normal(motion.n)
+    q0 = np.clip(q0, limits.position_min, limits.position_max)
+    moved = FourierTrajectory(motion.omega, a, b, q0, motion.duration, motion.ramp, motion.joints)
+    return limits.fitted(moved, 0.98)
+
+
+def _recorded(evidence: WhitenedData) -> Columns:
+    return lambda feature, searched: evidence.whiten(evidence.plain(feature, searched))
+
+
+def _doubts(material: DiagnosisContext, causes: Sequence[Cause]) -> list[Doubt]:
+    """Return causes and alternatives, most probable alternatives first."""
+    own = [_of_cause(material, entry, cause) for entry, cause in zip(material.entries, causes, strict=True)]
+    found: list[tuple[float, Doubt]] = []
+    for k, cause in enumerate(causes):
+        beside = (*own[:k], *own[k + 1 :])
+        others = [*material.given, *material.entries[:k], *material.entries[k + 1 :]]
+        for alternative, entry in zip(cause.alternatives, material.rivals[k], strict=False):
+            rival = _of_rival(material, entry, others)
+            found.append((alternative.confidence, (own[k], rival, beside)))
+    found.sort(key=lambda pair: -pair[0])
+    return [doubt for _, doubt in found[:MOST_PAIRS]]
+
+
+def _of_cause(material: DiagnosisContext, entry: Entry, cause: Cause) -> Contender:
+    """Return a cause as it was polished; a refit combines the columns of its linear form."""
+    forms = [e.feature for e in material.bank.entries if e.feature.key == entry.feature.key]
+    family = next((f for f in forms if not isinstance(f, Whole)), entry.feature)
+    values = [np.atleast_1d(cause.active.numbers[p.name]) for p in family.searched]
+    around = tuple(float(v) for v in np.concatenate([*values, np.zeros(0)]))
+    at = entry.searched or ()
+    beta = material.bank.fit(0, [entry])
+    return Contender(cause.effect, cause.joint, entry.feature, at, beta, family, around)
+
+
+def _of_rival(material: DiagnosisContext, entry: Entry, others: Sequence[Entry]) -> Contender:
+    beta = material.bank.fit(0, [*others, entry])[-len(entry.index) :]
+    feature, at = entry.feature, entry.searched or ()
+    return Contender(feature.effect.id, feature.joint, feature, at, beta, feature, at)
+
+
+def _neighbours(searched: Sequence[Parameter], around: Sequence[float]) -> list[tuple[float, ...]]:
+    """Return values of the searched parameters near those of a fit; whole orders stay."""
+    points = [tuple(around)]
+    k = 0
+    for p in searched:
+        for j in range(k, k + p.size):
+            if p.name == "order":
+                continue
+            steps = [around[j] + d for d in (-APART, APART)] if p.size > 1 else [around[j] * m for m in NEIGHBOURS]
+            points += [(*around[:j], step, *around[j + 1 :]) for step in steps if step != around[j]]
+        k += p.size
+    return points

@@ -1,0 +1,91 @@
+"""A motion that was not made yet: what effects would add to its residuals, before any noise but with its size known."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from elastic_arm.dynamics import Model
+from elastic_arm.estimation.effect_columns import Feature, Signals
+from elastic_arm.estimation.residuals import Layout, NoiseModel, completed, raw_residuals
+from elastic_arm.estimation.smoother import Motion
+from elastic_arm.estimation.whitening import SLOWEST, WhitenedData
+from elastic_arm.excitation import FourierTrajectory
+
+Array = NDArray[np.float64]
+
+RATE = 500.0  # Hz, enough for ripple of the rotor's fourth order at full speed
+
+
+@dataclass(frozen=True)
+class Surroundings:
+    """What a new recording would share with one that was made.
+
+    Parameters
+    ----------
+    model
+        The nominal model.
+    layout
+        Usable equations.
+    noise
+        Of the channels, carried into the equations.
+    cutoff
+        Hz.
+    acceleration_cutoff
+        Hz up to which accelerations are motion rather than noise.
+    """
+
+    model: Model
+    layout: Layout
+    noise: NoiseModel
+    cutoff: float
+    acceleration_cutoff: float
+
+    @staticmethod
+    def of(model: Model, evidence: WhitenedData) -> Surroundings:
+        """Take them from the longest stretch of a data set."""
+        part = max(evidence.parts, key=lambda p: len(p.stretch.t))
+        return Surroundings(model, evidence.layout, part.noise, evidence.band.cutoff, part.signals.cutoff)
+
+
+class Rehearsal:
+    """A trajectory as it would be recorded, without noise.
+
+    Parameters
+    ----------
+    surroundings
+        Sensors and model.
+    trajectory
+        Of the motor side; the links follow as far as the drives' stiffness makes them.
+    """
+
+    def __init__(self, surroundings: Surroundings, trajectory: FourierTrajectory) -> None:
+        self._surroundings = surroundings
+        model = surroundings.model
+        self._rate = min(RATE, surroundings.noise.rate)
+        t = np.arange(0.0, trajectory.duration, 1.0 / self._rate)
+        theta, dtheta, ddtheta = trajectory.evaluate(t)
+        motion = completed(Motion(t, theta=theta, dtheta=dtheta, ddtheta=ddtheta), model)
+        # Without motor torque the motor's residual is all that a motor must give.
+        motion.tau_m[:] = -raw_residuals(model, motion)[:, 2 * model.n :]
+        still = np.full(model.n, SLOWEST)
+        self._signals = Signals.of(
+            motion, (still, still), elastic=model.robot.elastic, cutoff=surroundings.acceleration_cutoff
+        )
+
+    def white(self, feature: Feature, searched: Sequence[float]) -> Array:
+        """Return a feature's columns (rows, k), white noise of variance one a row; null outside the band."""
+        around = self._surroundings
+        full = feature.columns(self._signals, searched)
+        rows = np.tensordot(full, around.layout.transform, axes=(1, 1)).transpose(0, 2, 1)
+        f = np.fft.rfftfreq(len(rows), 1.0 / self._rate)
+        inside = f <= around.cutoff
+        spectrum = around.noise.whitener(f[inside]) @ np.fft.rfft(rows, axis=0)[inside]
+        # Parseval, with both signs of every f but 0; the noise is that of a sample of the recording.
+        spectrum *= np.sqrt(2.0 / len(rows) * around.noise.rate / self._rate)
+        spectrum[0] /= np.sqrt(2.0)
+        flat = spectrum.reshape(-1, spectrum.shape[2])
+        return np.vstack([flat.real, flat.imag])

@@ -1,0 +1,147 @@
+"""What a diagnosis says, in words and in numbers as a reader takes them."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from elastic_arm.effects import Effect
+from elastic_arm.formatting import rounded
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+    from elastic_arm.diagnosis.inference.estimates import Estimate
+    from elastic_arm.diagnosis.inference.prediction import Prediction
+    from elastic_arm.diagnosis.result import Cause, Diagnosis
+    from elastic_arm.effects import EffectInstance
+
+DOUBTFUL = 0.9  # of a cause's and its strongest alternative's confidence: with less, both are named
+NAMED = 4  # causes that the verdict names
+DOUBT = 0.001  # that stays with every confidence and every alternative
+_SAME_EFFECT = "motion in which these joints move one at a time"
+_FAINT = "all equations together show it, on motion that no fit has seen"
+_OTHERWISE = "motion that covers more of the joint's range, speeds and loads, slowly and fast"
+
+
+def separated_by(effect: Effect, other: Effect, joint: str | None, other_joint: str | None) -> str:
+    """Return the motion that would tell two explanations apart, from the catalogue where it knows."""
+    for one, two in ((effect, other), (other, effect)):
+        for confusion in one.confusions:
+            if confusion.effect == two.id:
+                return confusion.separated_by
+    return _SAME_EFFECT if effect.id == other.id and joint != other_joint else _OTHERWISE
+
+
+def meaning(found: Diagnosis) -> str:
+    """Return the verdict as a sentence."""
+    if found.verdict == "none":
+        return "recording and model agree within the noise of the sensors."
+    if not found.causes:
+        places = ", ".join(f"{p.joint} ({p.side})" for p in found.unexplained[:3])
+        return f"there is a gap, but no effect of the catalogue explains it; it is largest at {places}."
+    named = _listed([_with_rival(cause) for cause in found.causes[:NAMED]], len(found.causes) - NAMED)
+    verb = "explains" if len(found.causes) == 1 else "explain"
+    if found.verdict == "explained" and found.measured_by == "likelihood":
+        return f"{named} {verb} a gap that is fainter than the noise of every residual: {_FAINT}."
+    if found.verdict == "explained":
+        return f"{named} {verb} {percent(found.shrink)} of the gap on motion that no fit has seen."
+    return f"{named} {verb} {percent(found.shrink)} of the gap; what is left has another cause."
+
+
+def _with_rival(cause: Cause) -> str:
+    """Return a cause by name, with the strongest alternative where the recording leaves it in doubt."""
+    name = at(cause.effect, cause.joint)
+    other = max(cause.alternatives, key=lambda a: a.confidence, default=None)
+    # Of an incomplete explanation all confidences are low: what counts is one against the other.
+    if other is None or cause.confidence >= DOUBTFUL * (cause.confidence + other.confidence):
+        return name
+    return f"{name} (or {at(other.effect, other.joint)}: this recording cannot tell)"
+
+
+def at(effect: str, joint: str | None) -> str:
+    """Return an effect with its place."""
+    return f"{effect} on {joint or 'the whole arm'}"
+
+
+def _listed(names: list[str], more: int) -> str:
+    if more > 0:
+        names = [*names, f"{more} more"]
+    return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}"
+
+
+def sizes(parameters: Mapping[str, Estimate], between: str = ", ") -> str:
+    """Return parameters with standard deviations and units as text; what is whole or given has no deviation."""
+    return between.join(f"{name} {_size(e.value, e.std)}{_unit(e.unit)}" for name, e in parameters.items())
+
+
+def settings(active: EffectInstance) -> str:
+    """Return all that an effect was given, with units."""
+    numbers = [f"{p.name} {_size(active.parameters[p.name], 0.0)}{_unit(p.unit)}" for p in active.effect.parameters]
+    choices = [f"{c.name} {_chosen(active.parameters[c.name])}" for c in active.effect.choices]
+    return ", ".join([*numbers, *choices])
+
+
+def _chosen(value: object) -> str:
+    return " and ".join(value) if isinstance(value, tuple) else str(value)
+
+
+def _size(value: Any, std: Any) -> str:
+    """Return a number, or a vector of them, with the digits that its standard deviation warrants."""
+    vector = isinstance(value, list | tuple)
+    values = list(value) if vector else [value]
+    stds = list(std) if isinstance(std, list | tuple) else [std] * len(values)
+    parts = zip(*(_pair(v, s) for v, s in zip(values, stds, strict=True)), strict=True)
+    number, deviation = (f"({', '.join(part)})" if vector else part[0] for part in parts)
+    return number if all(s == 0.0 for s in stds) else f"{number} ± {deviation}"
+
+
+def _pair(value: float, std: float | None) -> tuple[str, str]:
+    return (f"{value:.4g}", "?") if std is None else rounded(value, std)
+
+
+def _unit(unit: str) -> str:
+    return "" if unit == "1" else f" {unit}"
+
+
+def percent(share: float | None) -> str:
+    """Return a share of the gap as text; none is zero."""
+    return f"{round(100 * (share or 0.0), 1) + 0.0:.1f} %"  # + 0.0: no "-0.0"
+
+
+def confidence(probability: float) -> str:
+    """Return a probability as text that never claims certainty."""
+    if not DOUBT <= probability <= 1.0 - DOUBT:
+        return f"< {percent(DOUBT)}" if probability < DOUBT else f"> {percent(1.0 - DOUBT)}"
+    return f"{100 * probability:.{0 if 0.01 <= probability <= 0.99 else 1}f} %"
+
+
+def harmful(causes: Sequence[Cause]) -> str:
+    """Return what a share below zero means, where one of the causes has such a share alone."""
+    if all(percent(cause.shrink)[0] != "-" for cause in causes):
+        return ""
+    return "Below 0 %: alone such a cause makes the gap larger; it helps only beside the others."
+
+
+def ahead(prediction: Prediction) -> str:
+    """Return in a sentence how far the prediction error of the worst angle falls at the longest horizon."""
+    before, after = prediction.before or {}, prediction.after or {}
+    joint, side = max(before, key=lambda place: before[place][-1])
+    errors = [_angle(size[joint, side][-1]) for size in (before, after)]
+    horizon = f"{1e3 * prediction.horizons[-1]:g} ms"
+    return (
+        f"Driven by the measured torque, the model errs by {errors[0]} after {horizon} at the worst angle "
+        f"({joint}, {side}); with the causes added, by {errors[1]}."
+    )
+
+
+def _angle(value: float) -> str:
+    """Return an angle in the unit that suits it."""
+    unit, factor = next(((u, f) for u, f in (("rad", 1.0), ("mrad", 1e3)) if value * f >= 1.0), ("µrad", 1e6))
+    return f"{value * factor:.3g} {unit}"
+
+
+def likelihood(value: float) -> str:
+    """Return a log-likelihood with two digits; differences below a tenth are none."""
+    if value < 0.1:
+        return "0"
+    return f"{value:.2g}" if value < 100 else f"{float(f'{value:.2g}'):,.0f}".replace(",", "\u202f")

@@ -1,0 +1,180 @@
+"""Whether causes hold over several recordings: each refitted on every recording alone, and the values compared.
+
+A cause of the arm has the same size wherever the arm moves. One whose size changes from recording to recording stands
+in for something else, or the arm itself has changed.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import chi2
+
+from elastic_arm.diagnosis.context import DiagnosisContext
+from elastic_arm.diagnosis.inference.estimates import Estimate, estimates, polish
+from elastic_arm.diagnosis.selection.regressor_library import Entry, RegressorLibrary
+from elastic_arm.effects.model import Parameter, Role
+from elastic_arm.estimation.observation import Observation
+from elastic_arm.estimation.whitening import WhitenedData
+
+Array = NDArray[np.float64]
+
+ALPHA = 1e-3  # probability below which values are too far apart for chance
+SAME = 0.02  # of the effect's size: values closer than this count as equal, however sharp they are
+
+
+@dataclass(frozen=True)
+class Finding:
+    """A cause in one recording.
+
+    Parameters
+    ----------
+    source
+        The recording.
+    parameters
+        Refitted there, with standard deviations.
+    gain
+        Log-likelihood that the cause gains there beside the others.
+    """
+
+    source: str
+    parameters: Mapping[str, Estimate]
+    gain: float
+
+
+@dataclass(frozen=True)
+class Agreement:
+    """A cause over several recordings.
+
+    Parameters
+    ----------
+    effect, joint
+        The cause.
+    findings
+        One a recording.
+    chi_square, freedom, probability
+        Of the parameter that agrees least: its scatter over its variances, the degrees of freedom, and the probability
+        of as much by chance (for as many parameters as were looked at). None where none can be compared.
+    spread
+        Largest distance of a value from the mean, as a share of the effect's size.
+    """
+
+    effect: str
+    joint: str | None
+    findings: tuple[Finding, ...]
+    chi_square: float | None
+    freedom: int
+    probability: float | None
+    spread: float | None
+
+    @property
+    def agrees(self) -> bool:
+        """Whether the cause is there in every recording, of one size."""
+        if any(finding.gain <= 0.0 for finding in self.findings):
+            return False
+        if self.probability is None or self.spread is None:
+            return True
+        return self.probability > ALPHA or self.spread < SAME
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return it as plain data."""
+        return {
+            "effect": self.effect,
+            "joint": self.joint,
+            "agrees": self.agrees,
+            "chi_square": _rounded(self.chi_square),
+            "degrees_of_freedom": self.freedom,
+            "probability": _rounded(self.probability),
+            "spread": _rounded(self.spread),
+            "recordings": [
+                {
+                    "recording": f.source,
+                    "parameters": {
+                        name: {"value": _rounded(e.value), "std": _rounded(e.std), "unit": e.unit}
+                        for name, e in f.parameters.items()
+                    },
+                    "log_likelihood": _rounded(f.gain),
+                }
+                for f in self.findings
+            ],
+        }
+
+
+def agreements(material: DiagnosisContext) -> tuple[Agreement, ...]:
+    """Refit all causes on every recording alone, and compare; empty for a single recording.
+
+    Recordings that judged count like those that were fitted. The last thirds of recordings, where these judged, are
+    part of them.
+    """
+    recordings = _recordings(material)
+    if len(recordings) < 2 or not material.entries:
+        return ()
+    everything = [*material.given, *material.entries]
+    found = [_findings(material, group, everything) for group in recordings]
+    first = len(material.given)
+    return tuple(_compared(entry, [of_one[first + k] for of_one in found]) for k, entry in enumerate(material.entries))
+
+
+def _recordings(material: DiagnosisContext) -> list[list[Observation]]:
+    """Return the observations of each recording."""
+    fitted, judging = material.seen
+    if material.held_back:
+        return [list(pair) for pair in zip(fitted, judging, strict=True)]
+    return [[one] for one in (*fitted, *judging)]
+
+
+def _findings(material: DiagnosisContext, group: Sequence[Observation], entries: Sequence[Entry]) -> list[Finding]:
+    evidence = WhitenedData(material.model, group, material.validate.layout, material.validate.band)
+    bank = RegressorLibrary(evidence, evidence)
+    own = [bank.add(entry.feature, entry.searched, fixed=entry.fixed) for entry in entries]
+    bank.close()
+    own = polish(bank, own)
+    beta = bank.fit(0, own)
+    whole = bank.gain(0, own, beta)
+    found = []
+    for k, values in enumerate(estimates(bank, own)):
+        others = [*own[:k], *own[k + 1 :]]
+        gain = whole - bank.gain(0, others, bank.fit(0, others))
+        found.append(Finding(group[0].source, values, gain))
+    return found
+
+
+def _compared(entry: Entry, findings: Sequence[Finding]) -> Agreement:
+    effect, joint = entry.feature.effect, entry.feature.joint
+    tried = [numbers for p in effect.parameters for numbers in _components(p, findings)]
+    if not tried:
+        return Agreement(effect.id, joint, tuple(findings), None, 0, None, None)
+    # Of the numbers that differ by more than counts as the same, the one that differs with most certainty.
+    scatter, spread = max([numbers for numbers in tried if numbers[1] >= SAME] or tried)
+    probability = min(1.0, len(tried) * float(chi2.sf(scatter, len(findings) - 1)))
+    return Agreement(effect.id, joint, tuple(findings), scatter, len(findings) - 1, probability, spread)
+
+
+def _components(parameter: Parameter, findings: Sequence[Finding]) -> list[tuple[float, float]]:
+    """Return chi-square and relative spread of each number of a parameter that every recording determines."""
+    found = []
+    for j in range(parameter.size):
+        given = [f.parameters.get(parameter.name) for f in findings]
+        pairs = [(np.atleast_1d(e.value)[j], np.atleast_1d(e.std)[j]) for e in given if e is not None]
+        if len(pairs) < len(findings) or not all(std for _, std in pairs):
+            continue
+        values, stds = (np.array(column, dtype=float) for column in zip(*pairs, strict=True))
+        if parameter.role is Role.PHASE:
+            values = values[0] + np.angle(np.exp(1j * (values - values[0])))
+        mean = np.average(values, weights=stds**-2.0)
+        size = 1.0 if parameter.role is Role.PHASE else abs(mean - (parameter.neutral or 0.0))
+        scatter = float(np.sum(((values - mean) / stds) ** 2))
+        found.append((scatter, float(np.abs(values - mean).max() / max(size, 1e-300))))
+    return found
+
+
+def _rounded(value: Any) -> Any:
+    if value is None:
+        return None
+    if isinstance(value, list | tuple):
+        return [_rounded(v) for v in value]
+    return float(f"{float(value):.5g}") if np.isfinite(value) else None

@@ -1,0 +1,68 @@
+"""The model's own parameters from the recording, so that what remains of the gap is structure.
+
+A nominal model of a real arm is wrong in every number. What the recording determines of Psi is fitted; what it does not
+stays nominal.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from elastic_arm.dynamics import Model, build_model
+from elastic_arm.estimation.band import Band
+from elastic_arm.estimation.observation import Observation
+from elastic_arm.estimation.residuals import CompletedMotion, Layout
+from elastic_arm.estimation.whitening import WhitenedData
+
+Array = NDArray[np.float64]
+
+USUAL = 0.3  # relative error of a nominal parameter: what the recording does not determine stays near nominal
+COLOURED = 50.0  # most that coloured residuals are discounted
+# Effects that are errors of the model's own parameters: after a refit they have nothing left to say.
+OWN = ("link_inertia_mismatch", "rotor_inertia_mismatch", "stiffness_mismatch", "damping_mismatch", "payload")
+
+
+def refitted(model: Model, observations: Sequence[Observation], layout: Layout, band: Band) -> Model:
+    """Return the model with Psi fitted to whitened residuals of the observations, from the nominal values."""
+    evidence = WhitenedData(model, observations, layout, band)
+    columns = []
+    for part in evidence.parts:
+        full = _columns(model, part.stretch.quiet)
+        rows = np.tensordot(full, layout.transform, axes=(1, 1)).transpose(0, 2, 1)
+        flat = band.apply(rows.reshape(len(rows), -1))[part.stretch.kept]
+        columns.append(flat.reshape(len(flat), layout.rows, -1))
+    white = evidence.whiten(columns)
+    # Relative changes of parameters of a kind count alike.
+    scale = np.maximum(np.abs(model.Psi), 1e-3 * np.abs(model.Psi).max())
+    u, s, vt = np.linalg.svd(white * scale, full_matrices=False)
+    projected = u.T @ evidence.white
+    left = float(evidence.white @ evidence.white - projected @ projected)
+    misfit = max(1.0, left / max(1.0, evidence.freedom - len(s)))
+    # What is left beyond noise is coloured: fewer rows are independent than there are.
+    weight = misfit * min(misfit, COLOURED) / USUAL**2
+    change = scale * (vt.T @ (s * projected / (s**2 + weight)))
+    fitted = build_model(model.robot, model.name)
+    fitted.Psi = model.Psi + change
+    return fitted
+
+
+def _columns(model: Model, motion: CompletedMotion) -> Array:
+    """Derivative (N, 3 n, P) of link, drive and motor residual by Psi, with the sign of what the arm has more."""
+    n, N = model.n, len(motion)
+    if not model.robot.elastic:
+        link = model.regressor(motion.q, motion.dq, motion.ddq)
+        return np.concatenate([link, np.zeros((N, 2 * n, link.shape[2]))], axis=1)
+    x, dx, ddx = (
+        np.hstack(pair) for pair in ((motion.q, motion.theta), (motion.dq, motion.dtheta), (motion.ddq, motion.ddtheta))
+    )
+    phi = model.regressor(x, dx, ddx)
+    drive = np.zeros((N, n, phi.shape[2]))
+    for i, spring in enumerate(s for s in model.bodies.springs if s.against is not None):
+        drive[:, i, spring.stiffness] = motion.theta[:, i] - motion.q[:, i]
+        drive[:, i, spring.damping] = motion.dtheta[:, i] - motion.dq[:, i]
+        # The sensor's torque stands where the spring's stood.
+        phi[:, :, [spring.stiffness, spring.damping]] = 0.0
+    return np.concatenate([phi[:, :n], drive, phi[:, n : 2 * n]], axis=1)

@@ -1,0 +1,114 @@
+"""In which regime a residual is large: the simplest thing that it follows."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.signal import welch
+
+from elastic_arm.estimation.effect_columns import Signals
+from elastic_arm.estimation.whitening import WhitenedData
+
+Array = NDArray[np.float64]
+
+REGIMES = (
+    "always",
+    "velocity_reversal",
+    "low_speed",
+    "high_speed",
+    "acceleration",
+    "load",
+    "position",
+    "rotor_angle",
+    "wave_generator_angle",
+    "frequency",
+    "start",
+    "drift",
+)
+ORDERS = (1, 2, 3, 4)
+WEAK = 0.1  # share below which a regime does not describe a residual
+
+
+def shares(evidence: WhitenedData, values: Sequence[Array], row: int, ratios: tuple[float, float]) -> dict[str, float]:
+    """Share of one residual's power that follows each regime.
+
+    Parameters
+    ----------
+    row
+        Which residual; its joint and side follow from the layout.
+    ratios
+        r_hd and r_tot of its joint.
+    """
+    n = evidence.layout.n
+    side, joint = evidence.layout.sides[row // n], row % n
+    r = np.concatenate([v[:, row] for v in values])
+    parts = [bases(part.signals, side, joint, n, ratios) for part in evidence.parts]
+    found: dict[str, float] = {}
+    power = float(np.mean(r**2)) or 1.0
+    for regime in parts[0]:
+        basis = np.concatenate(
+            [evidence.band.apply(p[regime])[part.stretch.kept] for p, part in zip(parts, evidence.parts, strict=True)]
+        )
+        beta = np.linalg.lstsq(basis, r, rcond=1e-8)[0]
+        left = float(np.mean((r - basis @ beta) ** 2))
+        # A fit with more columns explains more by chance alone.
+        found[regime] = max(0.0, 1.0 - left / power * len(r) / max(1, len(r) - basis.shape[1]))
+    found["start"] = _start_share(values, row, evidence.band.kept_rate)
+    found["frequency"] = _line_share(r, evidence.band.kept_rate)
+    return found
+
+
+def regime(found: dict[str, float]) -> str:
+    """Return the regime that describes a residual best, the simpler one where two do alike."""
+    best = max(found.values())
+    if best < WEAK:
+        return "always"
+    return next(name for name in REGIMES if found.get(name, 0.0) > 0.9 * best)
+
+
+def bases(signals: Signals, side: str, i: int, n: int, ratios: tuple[float, float]) -> dict[str, Array]:
+    """Return the columns (N, k) at the recording's rate that a residual of joint i would follow, by regime."""
+    v = signals.values
+    # Without transmissions the motor turns with the link.
+    motor = n if v["x"].shape[1] > n else 0
+    offset = 0 if side == "link" else motor
+    w, a = v["dx"][:, offset + i], v["ddx"][:, offset + i]
+    sign = v["sign_link" if side == "link" else "sign_motor"][:, i]
+    theta, q, load = v["x"][:, motor + i], v["x"][:, i], v["tau_J"][:, i]
+    typical = float(np.sqrt(np.mean(w**2))) or 1.0
+    waves = [f(k * ratios[0] * theta) for k in ORDERS for f in (np.sin, np.cos)]
+    turns = [f(k * ratios[1] * theta) for k in ORDERS for f in (np.sin, np.cos)]
+    return {
+        "always": np.ones((len(w), 1)),
+        "velocity_reversal": sign[:, None],
+        "low_speed": np.stack([np.exp(-((w / (s * typical)) ** 2)) * sign for s in (0.1, 0.3)], axis=1),
+        "high_speed": np.stack([w, w * np.abs(w)], axis=1),
+        "acceleration": a[:, None],
+        "load": np.stack([load, load**3, v["dtau_J"][:, i]], axis=1),
+        "position": np.stack([np.sin(q), np.cos(q), np.sin(2 * q), np.cos(2 * q)], axis=1),
+        "rotor_angle": np.stack(turns, axis=1),
+        "wave_generator_angle": np.stack(waves, axis=1),
+        "drift": np.stack([np.ones(len(w)), signals.t], axis=1),
+    }
+
+
+def _start_share(values: Sequence[Array], row: int, rate: float) -> float:
+    """Share of the power in the first second beyond that second's share of the time."""
+    first = values[0][:, row]
+    count = min(len(first), max(1, int(rate)))
+    total = sum(float(np.sum(v[:, row] ** 2)) for v in values)
+    time = count / sum(len(v) for v in values)
+    share = float(np.sum(first[:count] ** 2)) / total if total else 0.0
+    return max(0.0, (share - time) / (1.0 - time))
+
+
+def _line_share(r: Array, rate: float) -> float:
+    """Share of the power within the strongest narrow line above the motion's own frequencies."""
+    f, spectrum = welch(r, rate, nperseg=min(len(r), int(4 * rate)))
+    above = f > 3.0
+    if not above.any():
+        return 0.0
+    peak = int(np.argmax(np.where(above, spectrum, 0.0)))
+    return float(spectrum[max(0, peak - 2) : peak + 3].sum() / max(spectrum.sum(), 1e-300))

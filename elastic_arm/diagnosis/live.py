@@ -1,0 +1,200 @@
+"""The diagnosis while the arm moves: where at short intervals, which now and then, over the samples of the last while.
+
+The node that publishes `/gap` feeds a :class:`Window` and hands its recordings to a :class:`LiveDiagnosis`, which runs
+in a process of its own; there is no physics in the node.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from elastic_arm.diagnosis.data.preprocessing import usable
+from elastic_arm.diagnosis.pipeline import ONE_ENCODER, Question, diagnose
+from elastic_arm.diagnosis.result import Diagnosis, Size
+from elastic_arm.dynamics import build_model
+from elastic_arm.effects.text import known_effects
+from elastic_arm.errors import DiagnosisError
+from elastic_arm.estimation.band import Band, LowPass
+from elastic_arm.estimation.observation import observe, widest_band
+from elastic_arm.estimation.residuals import Layout, noise_model, residuals
+from elastic_arm.recording import Recording, Samples, Side
+from elastic_arm.robot import load_robot
+
+Array = NDArray[np.float64]
+
+# Samples kept at most, whatever the stamps say.
+CAPACITY = 200_000
+CHANNELS = {"link": ("q", "dq", "tau_J"), "motor": ("theta", "dtheta", "tau_m")}
+FIELDS = ("position", "velocity", "effort")
+
+
+class Window:
+    """The samples of the last while, in bounded memory.
+
+    Parameters
+    ----------
+    joints
+        Names, in the order of the samples' columns.
+    length
+        s; of 15 s, two thirds are fitted and the last third judges.
+    source
+        What recordings made of it are said to come from.
+    """
+
+    def __init__(self, joints: Sequence[str], length: float = 15.0, source: str = "live") -> None:
+        self.joints, self.length, self.source = tuple(joints), length, source
+        self._batches: deque[Samples] = deque()
+
+    def add(self, samples: Samples) -> None:
+        """Take samples; when the clock was set back, or other channels come than before, those before are forgotten."""
+        if not len(samples):
+            return
+        if self._batches and (
+            samples.stamp_ns[0] <= self._batches[-1].stamp_ns[-1] or _recorded(samples) != _recorded(self._batches[0])
+        ):
+            self.clear()
+        self._batches.append(samples)
+        oldest = samples.stamp_ns[-1] - round(self.length * 1e9)
+        while self._batches[0].stamp_ns[-1] <= oldest or sum(map(len, self._batches)) > CAPACITY:
+            self._batches.popleft()
+
+    def clear(self) -> None:
+        """Forget all samples."""
+        self._batches.clear()
+
+    @property
+    def seconds(self) -> float:
+        """From the first to the last sample kept."""
+        if not self._batches:
+            return 0.0
+        return float(self._batches[-1].stamp_ns[-1] - self._batches[0].stamp_ns[0]) * 1e-9
+
+    @property
+    def full(self) -> bool:
+        """Whether as much is there as is kept."""
+        return self.seconds > 0.95 * self.length
+
+    def recording(self, last: float | None = None) -> Recording:
+        """Return the last seconds (or all that is kept) as a recording.
+
+        Raises
+        ------
+        DiagnosisError
+            If there is nothing.
+        """
+        if not self._batches:
+            raise DiagnosisError("no samples yet", "Start the arm, or look for it on /joint_states and /motor_states")
+        stamps = np.concatenate([batch.stamp_ns for batch in self._batches])
+        first = 0 if last is None else int(np.searchsorted(stamps, stamps[-1] - round(last * 1e9)))
+        sides: dict[str, Any] = {}
+        for side, names in CHANNELS.items():
+            channels = {
+                field: np.concatenate([getattr(batch, name) for batch in self._batches])[first:]
+                for field, name in zip(FIELDS, names, strict=True)
+                if getattr(self._batches[0], name) is not None
+            }
+            if channels:
+                sides[side] = Side(stamps[first:], **channels)
+        return Recording(self.joints, **sides, source=self.source)
+
+
+def _recorded(samples: Samples) -> list[str]:
+    return [name for names in CHANNELS.values() for name in names if getattr(samples, name) is not None]
+
+
+@dataclass(frozen=True)
+class ResidualLevels:
+    """How large each residual is, and its noise, Nm, by joint and side; a missing equation is missing here."""
+
+    size: Size
+    noise: dict[tuple[str, str], float]
+
+
+class LiveDiagnosis:
+    """What is asked again and again of an arm that moves.
+
+    Parameters
+    ----------
+    question
+        What is asked.
+    """
+
+    def __init__(self, question: Question) -> None:
+        self.question = question
+        self._model = build_model(question.robot, question.model)
+
+    @staticmethod
+    def of(robot: str | None, model: str, known: Sequence[str], refit: bool) -> LiveDiagnosis:
+        """Make one from what a user gives: files and words.
+
+        Raises
+        ------
+        RobotError, EffectError
+            If there is no such arm or effect.
+        """
+        arm = load_robot(robot)
+        return LiveDiagnosis(Question(arm, model, refit=refit, given=known_effects(known, arm)))
+
+    def where(self, recording: Recording) -> ResidualLevels:
+        """Measure the residuals of a stretch of a few seconds against the model: cheap, and fits nothing.
+
+        With `refit`, the model is that of the last diagnosis.
+
+        Raises
+        ------
+        DiagnosisError
+            If there is too little motion.
+        """
+        model = self._model
+        observation = observe(usable(recording.select(self.question.robot.joint_names)))
+        layout = Layout.of(observation.pieces[0], model.n)
+        alone = len(layout.sides) == 1 and model.robot.elastic
+        widest = widest_band(observation.rate)
+        band = Band(min(widest, ONE_ENCODER) if alone else widest, observation.rate)
+        stretches = residuals(model, observation, layout, band)
+        if not stretches:
+            raise DiagnosisError("too little motion is left after filtering", "Wait some seconds")
+        values = np.concatenate([stretch.values for stretch in stretches])
+        noise = noise_model(model, observation, layout, band, floor=0.0).std(LowPass(band.cutoff, band.kept_rate))
+        places = [(joint, side) for side in layout.sides for joint in model.robot.joint_names]
+
+        def named(numbers: Array) -> dict[tuple[str, str], float]:
+            return dict(zip(places, numbers.tolist(), strict=True))
+
+        rmse, peak = np.sqrt(np.mean(values**2, axis=0)), np.abs(values).max(axis=0)
+        return ResidualLevels(Size(named(rmse), named(peak)), named(noise))
+
+    def diagnose(self, recording: Recording) -> Diagnosis:
+        """Diagnose a window.
+
+        Raises
+        ------
+        ElasticArmError
+            If nothing can be said of it yet.
+        """
+        found = diagnose([recording], self.question)
+        if self.question.refit and found.material is not None:
+            self._model = found.material.model
+        return found
+
+
+def answering(
+    robot: str | None, model: str, known: Sequence[str], refit: bool
+) -> Callable[[tuple[str, Recording]], Any]:
+    """Return what answers ("where", recording) and ("diagnosis", recording) in a process of its own.
+
+    The one answer is a :class:`ResidualLevels`, the other the content of `diagnosis.json`.
+    """
+    live = LiveDiagnosis.of(robot, model, known, refit)
+
+    def answer(question: tuple[str, Recording]) -> Any:
+        what, recording = question
+        return live.where(recording) if what == "where" else live.diagnose(recording).to_dict()
+
+    return answer

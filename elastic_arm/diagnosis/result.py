@@ -1,0 +1,267 @@
+"""What a diagnosis says: the content of `diagnosis.json`."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from elastic_arm.diagnosis.inference.estimates import Estimate
+from elastic_arm.errors import DiagnosisError
+from elastic_arm.estimation.residuals import SIDES
+
+if TYPE_CHECKING:
+    from elastic_arm.diagnosis.context import DiagnosisContext
+    from elastic_arm.diagnosis.design.discriminating_motion import Proposal
+    from elastic_arm.diagnosis.inference.across_recordings import Agreement
+    from elastic_arm.diagnosis.inference.prediction import Prediction
+    from elastic_arm.effects.model import EffectInstance
+
+SCHEMA = "elastic_arm/diagnosis/1"
+SEPARATING = "separating_trajectory.yaml"  # the proposed motion, beside diagnosis.json
+
+
+@dataclass(frozen=True)
+class Alternative:
+    """Another effect that could stand in a cause's place.
+
+    Parameters
+    ----------
+    effect, joint, confidence
+        What it is, and the probability that it is right.
+    separated_by
+        The motion that would tell the two apart, in a sentence.
+    file
+        The same as a trajectory file, where one was proposed that is expected to decide.
+    """
+
+    effect: str
+    joint: str | None
+    confidence: float
+    separated_by: str
+    file: str | None = None
+
+
+@dataclass(frozen=True)
+class Cause:
+    """An effect that the model lacks.
+
+    Parameters
+    ----------
+    effect, joint, sides, regime
+        What, where, and when it shows.
+    parameters
+        Values with standard deviations and units.
+    shrink
+        Share of the whole gap that goes when this cause alone is added.
+    confidence
+        Probability that it is right, among the explanations that compete.
+    alternatives
+        The others.
+    active
+        As the simulator takes it.
+    """
+
+    effect: str
+    joint: str | None
+    sides: tuple[str, ...]
+    regime: str
+    parameters: Mapping[str, Estimate]
+    shrink: float
+    confidence: float
+    alternatives: tuple[Alternative, ...]
+    active: EffectInstance
+
+    def less_sure(self, share: float) -> Cause:
+        """Return it with its own and its alternatives' confidence reduced to a share.
+
+        An incomplete explanation may owe its causes to what it lacks: it is worth the share of the gap it explains.
+        """
+        alternatives = tuple(replace(a, confidence=share * a.confidence) for a in self.alternatives)
+        return replace(self, confidence=share * self.confidence, alternatives=alternatives)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return it as in `diagnosis.json`."""
+        parameters = {
+            name: {"value": _plain(e.value), "std": _plain(e.std), "unit": e.unit}
+            for name, e in self.parameters.items()
+        }
+        for choice in self.active.effect.choices:
+            if choice.name != "side":
+                chosen = self.active.parameters[choice.name]
+                value = list(chosen) if isinstance(chosen, tuple) else chosen
+                parameters[choice.name] = {"value": value, "std": None, "unit": ""}
+        return {
+            "effect": self.effect,
+            "joint": self.joint,
+            "sides": list(self.sides),
+            "regime": self.regime,
+            "parameters": parameters,
+            "shrink": _plain(self.shrink),
+            "confidence": _plain(self.confidence),
+            "alternatives": [
+                {
+                    "effect": a.effect,
+                    "joint": a.joint,
+                    "confidence": _plain(a.confidence),
+                    "separated_by": a.file or a.separated_by,
+                }
+                for a in self.alternatives
+            ],
+        }
+
+
+@dataclass(frozen=True)
+class Place:
+    """Where something is left that no cause explains."""
+
+    joint: str
+    side: str
+    regime: str
+    rmse: float
+
+
+@dataclass(frozen=True)
+class Size:
+    """A residual's sizes over joints and sides, by name; a missing equation is missing here."""
+
+    rmse: Mapping[tuple[str, str], float]
+    peak: Mapping[tuple[str, str], float]
+
+
+@dataclass(frozen=True)
+class Diagnosis:
+    """The gap between a recording and a model, explained as far as it can be.
+
+    Parameters
+    ----------
+    model, robot, joints
+        What was compared with.
+    identify, validate
+        Sources of the recordings.
+    independent_motion
+        Whether the validation motion is another one.
+    band
+        Hz.
+    verdict
+        "none", "explained" or "unknown".
+    noise
+        (joint, side) -> Nm.
+    before, after
+        Sizes on the validation data.
+    shrink, shrink_interval
+        None where there is no gap.
+    measured_by
+        "excess" of residuals over their noise, as the contract has it, or "likelihood" where no residual stands out of
+        its noise by itself.
+    log_likelihood
+        What the causes gain, nats: on each data set with coefficients of the other.
+    causes, unexplained
+        What was found, most important first, and where something is left.
+    notes
+        What the reader should know besides.
+    ladder
+        Share of the gap that is gone with the first cause, the first two, and so on.
+    prediction
+        How far ahead the model sees, without and with the causes.
+    agreements
+        The causes recording by recording, where there are several.
+    proposal
+        The motion that would tell causes from their alternatives.
+    material
+        What figures are drawn from; not written.
+    """
+
+    model: str
+    robot: str
+    joints: tuple[str, ...]
+    identify: tuple[str, ...]
+    validate: tuple[str, ...]
+    independent_motion: bool
+    band: float
+    verdict: str
+    noise: Mapping[tuple[str, str], float]
+    before: Size
+    after: Size
+    shrink: float | None
+    shrink_interval: tuple[float, float] | None
+    measured_by: str
+    log_likelihood: float
+    causes: tuple[Cause, ...]
+    unexplained: tuple[Place, ...]
+    notes: tuple[str, ...] = ()
+    ladder: tuple[float, ...] = ()
+    prediction: Prediction | None = None
+    agreements: tuple[Agreement, ...] = ()
+    proposal: Proposal | None = None
+    material: DiagnosisContext | None = field(default=None, repr=False, compare=False)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the content of `diagnosis.json`."""
+        return {
+            "schema": SCHEMA,
+            "model": self.model,
+            "robot": self.robot,
+            "recordings": {
+                "identify": list(self.identify),
+                "validate": list(self.validate),
+                "independent_motion": self.independent_motion,
+            },
+            "band_hz": [0.0, _plain(self.band)],
+            "verdict": self.verdict,
+            "noise": self._table(self.noise),
+            "gap": {"before": self._sizes(self.before), "after": self._sizes(self.after)},
+            "shrink": _plain(self.shrink),
+            "shrink_interval": None if self.shrink_interval is None else [_plain(v) for v in self.shrink_interval],
+            "measured_by": self.measured_by,
+            "log_likelihood": _plain(self.log_likelihood),
+            "causes": [cause.to_dict() for cause in self.causes],
+            "unexplained": [
+                {"joint": p.joint, "side": p.side, "regime": p.regime, "rmse": _plain(p.rmse)} for p in self.unexplained
+            ],
+            "notes": list(self.notes),
+            "ladder": [_plain(rung) for rung in self.ladder],
+            "prediction": None if self.prediction is None else self.prediction.to_dict(),
+            "agreement": [agreement.to_dict() for agreement in self.agreements],
+            "next_motion": None if self.proposal is None else self.proposal.to_dict(SEPARATING),
+        }
+
+    def save(self, path: str | Path) -> Path:
+        """Write `diagnosis.json`.
+
+        Raises
+        ------
+        DiagnosisError
+            If the file cannot be written.
+        """
+        path = Path(path)
+        try:
+            path.parent.mkdir(parents=True, exist_ok=True)
+            path.write_text(json.dumps(self.to_dict(), indent=2, allow_nan=False) + "\n", encoding="utf-8")
+        except OSError as error:
+            raise DiagnosisError(f"{path} cannot be written: {error.strerror}", "Choose another --out") from error
+        return path
+
+    def _table(self, values: Mapping[tuple[str, str], float]) -> dict[str, Any]:
+        return {joint: {side: _plain(values.get((joint, side))) for side in SIDES} for joint in self.joints}
+
+    def _sizes(self, size: Size) -> dict[str, Any]:
+        def cell(joint: str, side: str) -> dict[str, Any] | None:
+            place = (joint, side)
+            return {"rmse": _plain(size.rmse[place]), "max": _plain(size.peak[place])} if place in size.rmse else None
+
+        return {joint: {side: cell(joint, side) for side in SIDES} for joint in self.joints}
+
+
+def _plain(value: Any) -> Any:
+    """Return numbers as JSON takes them, with seven significant digits."""
+    if value is None:
+        return None
+    if isinstance(value, Sequence | np.ndarray) and not isinstance(value, str):
+        return [_plain(v) for v in value]
+    number = float(value)
+    return float(f"{number:.7g}") if np.isfinite(number) else None

@@ -1,0 +1,1 @@
+"""Which effects belong: candidates, their regressors, stepwise search, refinement of nonlinear parameters."""

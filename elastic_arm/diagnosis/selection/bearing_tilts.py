@@ -1,0 +1,107 @@
+"""Bearing compliance as a feature: tilts that the model holds at zero, estimated from the moments that press on them.
+
+The law adds nothing to the residuals of the locked arm, as the tilts are coordinates of their own. What they do
+follows in steps: the moments about the tilting axes move the tilts against the bearings' stiffness, damping and the
+arm's own inertia, and the tilts enter the equations of link and motor. The first step takes the inertia for the same in
+all poses; each further one mends the tilts by the moment that is missing then.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.interpolate import CubicSpline
+
+from elastic_arm.dynamics import Model, build_model
+from elastic_arm.estimation.effect_columns import Feature, Signals
+
+Array = NDArray[np.float64]
+
+POSES = 40
+# Above, in Hz, the moments hold more of the encoders' noise, twice differentiated, than of motion; the same noise is in
+# the residuals, so they are smoothed further where accelerations are good up to a low frequency only. Each step lets
+# through a part of what the steps before have not: after four, half passes at about twice this.
+SMOOTH, SMOOTHER = 12.0, 0.6
+PADDING = 0.5  # s mirrored at both ends, in which the tilts swing in
+RATE = 250.0  # Hz, more than the motion that columns are made of holds
+STEPS = 4
+
+
+@dataclass(frozen=True, eq=False)
+class Tilting(Feature):
+    """The bearings of all joints, with `stiffness_scale` times the stiffness of the arm file."""
+
+    @property
+    def scalable(self) -> bool:
+        """False: at each stiffness the size of the effect is known."""
+        return False
+
+    @property
+    def acts(self) -> bool:
+        """Whether the arm file describes bearings."""
+        robot = self.equations.robot
+        return all(joint.transmission is not None and joint.transmission.bearing for joint in robot.joints)
+
+    def whole(self) -> Feature:
+        """Return itself: its column is the law already."""
+        return self
+
+    @cached_property
+    def _model(self) -> Model:
+        return build_model(self.equations.robot, self.equations.model_name, bearings=True)
+
+    @cached_property
+    def _bearings(self) -> tuple[Array, Array]:
+        gears = [joint.transmission for joint in self.equations.robot.joints]
+        bearings = [gear.bearing for gear in gears if gear is not None and gear.bearing is not None]
+        return np.array([b.stiffness for b in bearings * 2]), np.array([b.damping for b in bearings * 2])
+
+    def columns(self, signals: Signals, searched: Sequence[float] = ()) -> Array:
+        """Return what the tilts add to the residuals, (N, 3 n, 1)."""
+        n, scale = self.equations.robot.n, float(searched[0])
+        thin = slice(None, None, max(1, int((1.0 / RATE) / (signals.t[1] - signals.t[0]))))
+        t, motion = signals.t[thin], [signals.values[name][thin] for name in ("x", "dx", "ddx")]
+        tilts = np.zeros((3, len(t), 2 * n))
+        rest = moving = self._left_side(motion, tilts)
+        response = self._response(t, motion[0], scale, min(SMOOTH, SMOOTHER * signals.cutoff))
+        for _ in range(STEPS):
+            missing = moving[:, 2 * n :] + (scale - 1.0) * self._bearings[0] * tilts[0]
+            tilts = tilts + _driven(-missing, t, response)
+            moving = self._left_side(motion, tilts)
+        change = CubicSpline(t, (moving - rest)[:, : 2 * n])(signals.t)
+        return np.concatenate([change[:, :n], np.zeros((len(change), n)), change[:, n:]], axis=1)[:, :, None]
+
+    def _left_side(self, motion: Sequence[Array], tilts: Array) -> Array:
+        return self._model.inverse_dynamics(*(np.hstack(pair) for pair in zip(motion, tilts, strict=True)))
+
+    def _response(self, t: Array, x: Array, scale: float, smooth: float) -> Array:
+        """Return the tilts per moment (F, 2n, 2n) over frequency, at mean inertia, up to `smooth` Hz."""
+        n = self.equations.robot.n
+        stiffness, damping = self._bearings
+        poses = x[:: max(1, len(x) // POSES)]
+        inertia = self._model.mass_matrix(np.hstack([poses, np.zeros_like(poses)])).mean(axis=0)[2 * n :, 2 * n :]
+        f = _frequencies(t)
+        s = 2j * np.pi * f[:, None, None]
+        response = np.linalg.inv(np.diag(scale * stiffness) + s * np.diag(damping) + s**2 * inertia)
+        return np.asarray(response * np.exp(-0.5 * (f / smooth) ** 2)[:, None, None])
+
+
+def _frequencies(t: Array) -> Array:
+    return np.fft.rfftfreq(len(t) + 2 * _padding(t), t[1] - t[0])
+
+
+def _padding(t: Array) -> int:
+    return min(len(t) - 1, round(PADDING / (t[1] - t[0])))
+
+
+def _driven(moment: Array, t: Array, response: Array) -> Array:
+    """Return tilts and their first and second derivatives (3, N, 2n) under moments (N, 2n)."""
+    count = _padding(t)
+    padded = np.pad(moment, ((count, count), (0, 0)), mode="reflect")
+    tilt = (response @ np.fft.rfft(padded, axis=0)[:, :, None])[:, :, 0]
+    s = 2j * np.pi * _frequencies(t)[:, None]
+    return np.array([np.fft.irfft(tilt * s**k, len(padded), axis=0)[count : count + len(moment)] for k in range(3)])

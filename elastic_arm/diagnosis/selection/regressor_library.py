@@ -1,0 +1,212 @@
+"""All columns that compete for the residuals, and least squares over any choice of them.
+
+A fit on one data set is judged on the other, both ways; both need only the Gram matrices, so that thousands of
+choices cost less than one pass over the samples.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from elastic_arm.estimation.effect_columns import Feature
+from elastic_arm.estimation.whitening import WhitenedData
+
+Array = NDArray[np.float64]
+
+ORDERS = 12  # whole orders of ripple and transmission error that are tried
+GRID = 7  # values tried of every other searched parameter
+REACH = 0.3  # m: points at which the columns of a searched position are taken
+RANK = 1e-10  # relative eigenvalue below which a combination of columns is not determined
+
+
+@dataclass(frozen=True, eq=False)
+class Entry:
+    """A feature at certain values of its searched parameters.
+
+    Parameters
+    ----------
+    feature
+        What.
+    searched
+        Its searched parameters; None where the columns span a whole neighbourhood of them.
+    columns
+        Where its columns stand in the bank.
+    fixed
+        Whether the coefficient is 1 instead of fitted.
+    """
+
+    feature: Feature
+    searched: tuple[float, ...] | None
+    columns: slice
+    fixed: bool = False
+
+    @cached_property
+    def index(self) -> NDArray[np.intp]:
+        """Column numbers."""
+        return np.arange(self.columns.start, self.columns.stop)
+
+    @cached_property
+    def free(self) -> NDArray[np.bool_]:
+        """Which of its columns have a coefficient to fit."""
+        return np.full(len(self.index), not self.fixed)
+
+
+class RegressorLibrary:
+    """Columns of many features on two data sets.
+
+    Parameters
+    ----------
+    identify, validate
+        The data that causes are fitted on, and the data that judges them.
+    """
+
+    def __init__(self, identify: WhitenedData, validate: WhitenedData) -> None:
+        self.sets = (identify, validate)
+        self.entries: list[Entry] = []
+        self._pending: list[list[Array]] = [[e.white[:, None]] for e in self.sets]
+        self._columns = [np.empty((len(e.white), 0), order="F") for e in self.sets]
+        self._grams = [np.empty((0, 0)) for _ in self.sets]
+        self._filled = 0
+        self._count = 1
+
+    def add(self, feature: Feature, searched: tuple[float, ...] | None = (), *, fixed: bool = False) -> Entry:
+        """Take a feature in; :meth:`close` makes it usable."""
+        blocks = [self.columns(which, feature, searched) for which in (0, 1)]
+        entry = Entry(feature, searched, slice(self._count, self._count + blocks[0].shape[1]), fixed)
+        for own, block in zip(self._pending, blocks, strict=True):
+            own.append(block)
+        self._count = entry.columns.stop
+        self.entries.append(entry)
+        return entry
+
+    def columns(self, which: int, feature: Feature, searched: tuple[float, ...] | None) -> Array:
+        """Make whitened columns (rows, k) of a feature on one of the two data sets."""
+        evidence = self.sets[which]
+        if searched is not None:
+            return evidence.whiten(evidence.plain(feature, searched))
+        points = np.concatenate([np.zeros((1, 3)), REACH * np.eye(3), -REACH * np.eye(3)])
+        return np.hstack([evidence.whiten(evidence.plain(feature, tuple(point))) for point in points])
+
+    def close(self) -> None:
+        """Bring the Gram matrices up to the columns taken in since."""
+        old, now = self._filled, self._count
+        if now == old:
+            return
+        for which, pending in enumerate(self._pending):
+            self._reserve(which, now)
+            columns, gram = self._columns[which], self._grams[which]
+            columns[:, old:now] = np.hstack(pending)
+            pending.clear()
+            gram[:now, old:now] = columns[:, :now].T @ columns[:, old:now]
+            gram[old:now, :old] = gram[:old, old:now].T
+        self._filled = now
+
+    def _reserve(self, which: int, count: int) -> None:
+        columns, gram, old = self._columns[which], self._grams[which], self._filled
+        if columns.shape[1] < count:
+            room = count + count // 2
+            self._columns[which] = np.empty((len(columns), room), order="F")
+            self._columns[which][:, :old] = columns[:, :old]
+            self._grams[which] = np.empty((room, room))
+            self._grams[which][:old, :old] = gram[:old, :old]
+
+    def matrix(self, which: int, index: Sequence[int] | NDArray[np.intp]) -> Array:
+        """Return columns (rows, k) by number; column 0 is the residual."""
+        return self._columns[which][:, index]
+
+    def fit(self, which: int, entries: Sequence[Entry]) -> Array:
+        """Return coefficients of all columns of the entries, in order, fitted on one data set."""
+        return _fit(self._grams[which], entries)
+
+    def gain(self, which: int, entries: Sequence[Entry], beta: Array) -> float:
+        """Log-likelihood that coefficients gain on a data set over no cause."""
+        index, _ = _split(entries)
+        gram = self._grams[which]
+        return float(beta @ gram[index, 0] - 0.5 * beta @ gram[np.ix_(index, index)] @ beta)
+
+    def held_out(self, entries: Sequence[Entry]) -> float:
+        """Log-likelihood gained on both data sets, each with the coefficients of the other."""
+        if not entries:
+            return 0.0
+        return self.gain(1, entries, self.fit(0, entries)) + self.gain(0, entries, self.fit(1, entries))
+
+    def both(self, entries: Sequence[Entry]) -> float:
+        """Log-likelihood gained on both data sets by one fit to both."""
+        index, _ = _split(entries)
+        keep = np.append(0, index)
+        gram = self._grams[0][np.ix_(keep, keep)] + self._grams[1][np.ix_(keep, keep)]
+        beta = _solution(gram, _split(entries)[1])
+        return float(beta @ gram[1:, 0] - 0.5 * beta @ gram[1:, 1:] @ beta)
+
+    def remainder(self, which: int, entries: Sequence[Entry], beta: Array) -> Array:
+        """Return the whitened residual (rows,) that the entries leave."""
+        index, _ = _split(entries)
+        return self.matrix(which, [0])[:, 0] - self.matrix(which, index) @ beta
+
+    def falls(self, without: Sequence[Entry], entries: Sequence[Entry]) -> tuple[Array, Array]:
+        """Return what the squares of the residual fall, (blocks,) of each data set, fitted on the other."""
+        falls: list[Array] = []
+        for which, fitted in ((0, 1), (1, 0)):
+            before, after = (self.remainder(which, some, self.fit(fitted, some)) ** 2 for some in (without, entries))
+            falls.append(np.bincount(self.sets[which].blocks, before - after).astype(float))
+        return falls[0], falls[1]
+
+
+def _split(entries: Sequence[Entry]) -> tuple[NDArray[np.intp], NDArray[np.bool_]]:
+    if not entries:
+        return np.empty(0, dtype=int), np.empty(0, dtype=bool)
+    return np.concatenate([entry.index for entry in entries]), np.concatenate([entry.free for entry in entries])
+
+
+def _fit(gram: Array, entries: Sequence[Entry]) -> Array:
+    index, free = _split(entries)
+    keep = np.append(0, index)
+    return _solution(gram[np.ix_(keep, keep)], free)
+
+
+def _solution(gram: Array, free: NDArray[np.bool_]) -> Array:
+    """Least squares for the free columns, the others with coefficient 1; row and column 0 are the residual's."""
+    beta = np.ones(len(free))
+    if free.any():
+        a, fixed = 1 + np.flatnonzero(free), 1 + np.flatnonzero(~free)
+        beta[free] = _solve(gram[np.ix_(a, a)], gram[a, 0] - gram[np.ix_(a, fixed)].sum(axis=1))
+    return beta
+
+
+def _solve(gram: Array, target: Array) -> Array:
+    """Least squares from a Gram matrix, what it does not determine set to nothing."""
+    scale = np.sqrt(np.maximum(np.diag(gram), 1e-300))
+    values, vectors = np.linalg.eigh(gram / np.outer(scale, scale))
+    keep = values > RANK * values[-1]
+    part = vectors[:, keep]
+    return part @ ((part.T @ (target / scale)) / values[keep]) / scale
+
+
+def starting_points(feature: Feature) -> list[tuple[float, ...] | None]:
+    """Return values of the searched parameters from which a search may start."""
+    if not feature.searched:
+        return [()]
+    if any(p.size > 1 for p in feature.searched):
+        return [None]
+    (parameter,) = feature.searched
+    if parameter.name == "order":
+        return [(float(k),) for k in range(max(1, int(parameter.low)), min(ORDERS, int(parameter.high)) + 1)]
+    if parameter.low > 0:
+        return [(float(v),) for v in np.geomspace(parameter.low, parameter.high, GRID)]
+    return [(float(v),) for v in np.linspace(parameter.low, parameter.high, GRID)]
+
+
+def build_library(identify: WhitenedData, validate: WhitenedData, features: Sequence[Feature]) -> RegressorLibrary:
+    """Evaluate every feature on both data sets."""
+    bank = RegressorLibrary(identify, validate)
+    for feature in features:
+        for point in starting_points(feature):
+            # What has no free parameter at all has a known size; what is only searched may be scaled while searching.
+            bank.add(feature, point, fixed=feature.fixed and not feature.scalable)
+    bank.close()
+    return bank

@@ -1,0 +1,187 @@
+"""Information matrices of a regressor, row by row, beyond the working precision, without ever storing the regressor.
+
+Squaring a regressor squares its condition number; products to some 77 bits of the columns' norms, added up in twice the
+working precision, make up for that: the result is as good as that of an orthogonal triangularisation. Each equation
+(row r of Phi) keeps its own matrix [Phi_r, y_r]T [Phi_r, y_r], so that it can be weighted by its own noise afterwards,
+and only the columns that are not structurally null enter.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import functools
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from elastic_arm.codegen.c_engine import CEngine
+from elastic_arm.codegen.compiler import build
+from elastic_arm.codegen.emit_block import LANES, gram_source
+from elastic_arm.codegen.kernels import Kernel
+from elastic_arm.codegen.parallel import in_chunks
+from elastic_arm.dynamics.double_double import Pair, add
+
+_CHUNK = 1024
+# Samples whose regressor is stored at a time where there is no compiler.
+_STORED = 8 * _CHUNK
+# Slices of 21 bits: products of two, summed over a chunk of 2^10, fit a double's 53 bits without rounding.
+_SLICE_BITS = 21
+_SLICES = 4
+
+
+class Information:
+    """Sum over samples of [Phi_r, y_r]T [Phi_r, y_r] for every row r of a regressor.
+
+    Parameters
+    ----------
+    kernel
+        Whose first output is Phi (rows, P); further outputs are ignored.
+
+    Attributes
+    ----------
+    rows, columns
+        Number of equations and P.
+    samples
+        Added so far.
+    """
+
+    def __init__(self, kernel: Kernel) -> None:
+        out = kernel.program.outputs[0]
+        self.rows, self.columns = out.shape
+        self.samples = 0
+        self._kernel = kernel
+        row, column = np.divmod(out.places, self.columns)
+        self._support = [np.append(column[row == r], self.columns) for r in range(self.rows)]
+        self._places = np.concatenate([_places(r, support) for r, support in enumerate(self._support)], axis=1)
+        self._hi, self._lo = np.zeros((2, self._places.shape[1]))
+
+    def add(self, *arrays: np.ndarray, y: np.ndarray) -> None:
+        """Add samples.
+
+        Parameters
+        ----------
+        *arrays
+            The kernel's inputs.
+        y : (N, rows)
+            Measured left side of each equation.
+
+        Raises
+        ------
+        ValueError
+            If shapes or numbers of samples disagree.
+        """
+        ready, samples = self._kernel.check(arrays)
+        measured = np.ascontiguousarray(y, dtype=float)
+        if measured.shape != (samples, self.rows):
+            raise ValueError(f"y has shape {measured.shape}, but must be {(samples, self.rows)}")
+        engine = self._kernel.engine
+        if isinstance(engine, CEngine):
+            parts = _sum_compiled(engine, ready, measured, len(self._hi))
+        else:
+            parts = self._sum_numpy(arrays, measured)
+        for hi, lo in parts:
+            self._hi, self._lo = add((self._hi, self._lo), (hi, lo))
+        self.samples += samples
+
+    def merge(self, other: Information) -> None:
+        """Add what another accumulation of the same regressor has summed."""
+        if not np.array_equal(other._places, self._places):
+            raise ValueError("the two accumulations are of different regressors")
+        self._hi, self._lo = add((self._hi, self._lo), (other._hi, other._lo))
+        self.samples += other.samples
+
+    def reset(self) -> None:
+        """Forget all samples."""
+        self._hi, self._lo = np.zeros_like(self._hi), np.zeros_like(self._lo)
+        self.samples = 0
+
+    def grams(self) -> Pair:
+        """Return hi, lo (rows, P + 1, P + 1): the matrices are hi + lo, |lo| below a unit of hi; y comes last."""
+        hi, lo = np.zeros((2, self.rows, self.columns + 1, self.columns + 1))
+        row, i, j = self._places
+        for target, packed in ((hi, self._hi), (lo, self._lo)):
+            target[row, i, j] = target[row, j, i] = packed
+        return hi, lo
+
+    def _sum_numpy(self, arrays: Sequence[np.ndarray], y: np.ndarray) -> list[Pair]:
+        shared = [name in self._kernel.shared for name, _ in self._kernel.program.inputs]
+        sums = []
+        for start in range(0, len(y), _STORED):
+            part = slice(start, start + _STORED)
+            result = self._kernel(*(a if s else a[part] for a, s in zip(arrays, shared, strict=True)))
+            Phi = result[0] if isinstance(result, tuple) else result
+            Phi = Phi.reshape(-1, self.rows, self.columns)
+            hi, lo = [], []
+            for r, support in enumerate(self._support):
+                whole, rest = gram(np.column_stack([Phi[:, r, support[:-1]], y[part, r]]))
+                index = np.tril_indices(len(support))
+                hi.append(whole[index])
+                lo.append(rest[index])
+            sums.append((np.concatenate(hi), np.concatenate(lo)))
+        return sums
+
+
+def _places(row: int, support: np.ndarray) -> np.ndarray:
+    """Return row, i, j (3, entries) of the lower triangle of a row's matrix, as it is packed."""
+    a, b = np.tril_indices(len(support))
+    return np.stack([np.full(len(a), row), support[a], support[b]])
+
+
+def gram(matrix: np.ndarray) -> Pair:
+    """Return hi, lo with hi + lo = AT A of `matrix` A (N, k), to more than 80 bits of the columns' norms.
+
+    Every column is cut into slices whose products sum without rounding, which ordinary matrix products then do
+    (K. Ozaki, T. Ogita, S. Oishi, S. M. Rump, Error-free transformations of matrix multiplication, 2012).
+    """
+    k = matrix.shape[1]
+    hi, lo = np.zeros((k, k)), np.zeros((k, k))
+    for start in range(0, len(matrix), _CHUNK):
+        slices = _cut(matrix[start : start + _CHUNK])
+        for i in reversed(range(_SLICES)):
+            for j in range(min(_SLICES, _SLICES + 1 - i)):
+                hi, lo = add((hi, lo), (slices[i].T @ slices[j], np.zeros((k, k))))
+    return hi, lo
+
+
+def _cut(matrix: np.ndarray) -> list[np.ndarray]:
+    """Cut columns into slices, each a multiple of its own power of two with at most 21 bits; they sum to the matrix."""
+    scale = np.ldexp(1.0, np.frexp(np.abs(matrix).max(axis=0, initial=0.0))[1])
+    slices, rest = [], matrix
+    for k in range(_SLICES):
+        unit = scale * 2.0 ** (-_SLICE_BITS * (k + 1))
+        part = np.rint(rest / unit) * unit
+        slices.append(part)
+        rest = rest - part
+    return slices
+
+
+def _sum_compiled(engine: CEngine, arrays: Sequence[np.ndarray], y: np.ndarray, entries: int) -> list[Pair]:
+    """Sums of each thread's part, lanes added up, in the order of the samples: whichever thread ends first."""
+    prepared = engine.prepare(arrays)
+    sums: dict[int, Pair] = {}
+
+    def chunk(start: int, stop: int) -> None:
+        hi, lo = (engine.allocate(entries, LANES) for _ in range(2))
+        hi[:], lo[:] = 0.0, 0.0
+        information = engine.library.information
+        pointer = ctypes.c_void_p
+        information.argtypes = [ctypes.c_long, *[pointer] * 6]
+        addresses = [array.ctypes.data for array in (prepared, y[start:stop])]
+        accumulate = ctypes.cast(_add_rows(), pointer)
+        if information(
+            stop - start, engine.inputs(arrays, start), *addresses, accumulate, hi.ctypes.data, lo.ctypes.data
+        ):
+            raise MemoryError("no memory for a tile of samples")
+        while hi.shape[1] > 1:
+            half = hi.shape[1] // 2
+            hi, lo = add((hi[:, :half], lo[:, :half]), (hi[:, half:], lo[:, half:]))
+        sums[start] = hi[:, 0], lo[:, 0]
+
+    in_chunks(len(y), chunk)
+    return [sums[start] for start in sorted(sums)]
+
+
+@functools.cache
+def _add_rows() -> Any:
+    return build(gram_source()).add_rows

@@ -1,0 +1,97 @@
+"""Effects acting together: their parameters and states as vectors, their contributions summed."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from elastic_arm.effects.model import EffectInstance, Scope
+from elastic_arm.effects.motion import Contribution, Motion
+from elastic_arm.errors import EffectError
+from elastic_arm.robot import Robot
+
+
+class EffectSet:
+    """Laws of several effects on one arm, over symbols.
+
+    Parameters
+    ----------
+    instances
+        The effects.
+    robot
+        The arm they sit on.
+
+    Attributes
+    ----------
+    p, z
+        Symbols of all parameters and of all internal states, in the order of the effects.
+    state_names
+        Of `z`: effect, joint and name.
+
+    Raises
+    ------
+    EffectError
+        If an effect cannot sit where it is said to.
+    """
+
+    def __init__(self, instances: Sequence[EffectInstance], robot: Robot) -> None:
+        self.instances = tuple(instances)
+        self._placed: list[tuple[EffectInstance, int, dict[str, Any]]] = []
+        self.state_names: list[str] = []
+        parameters: list[ca.SX] = []
+        states: list[ca.SX] = []
+        for active in self.instances:
+            if not robot.elastic and "drive" in active.sides:
+                raise EffectError(
+                    f"{active.effect.id} acts in a transmission, and robot {robot.name} has none",
+                    "Use an effect of the motor or link side, or an arm file with transmissions.",
+                )
+            values: dict[str, Any] = dict(active.parameters)
+            for entry in active.effect.parameters:
+                values[entry.name] = ca.SX.sym(f"{active.effect.id}.{entry.name}", entry.size)
+                parameters.append(values[entry.name])
+            for i in law_joints(active, robot):
+                own = {name: ca.SX.sym(name) for name in active.effect.states}
+                states += own.values()
+                self.state_names += [f"{active.effect.id}:{robot.joint_names[i]}:{name}" for name in own]
+                self._placed.append((active, i, {**values, **own}))
+        self.p: ca.SX = ca.vertcat(ca.SX(0, 1), *parameters)
+        self.z: ca.SX = ca.vertcat(ca.SX(0, 1), *states)
+
+    def numbers(self, instances: Sequence[EffectInstance] | None = None) -> np.ndarray:
+        """Return the values of `p` (P,), of the effects as made or with other parameters."""
+        rows = [
+            np.atleast_1d(np.asarray(active.parameters[entry.name], dtype=float))
+            for active in (self.instances if instances is None else instances)
+            for entry in active.effect.parameters
+        ]
+        return np.concatenate([np.zeros(0), *rows])
+
+    def contribution(self, motion: Motion) -> tuple[Contribution, ca.SX]:
+        """Return the sum of all laws, and the rates of `z`.
+
+        Transmission errors come first: the other laws of the joint find them in the deflection.
+        """
+        twist, twist_rate = ca.SX(motion.n, 1), ca.SX(motion.n, 1)
+        for active, i, values in self._placed:
+            if active.effect.twist is not None:
+                error, rate = active.effect.twist(motion, i, values)
+                twist[i] += error
+                twist_rate[i] += rate
+        motion = replace(motion, twist=twist, twist_rate=twist_rate)
+        total, rates = motion.nothing(), []
+        for active, i, values in self._placed:
+            part = active.effect.law(motion, i, values)
+            total += part
+            rates += [part.rates[name] for name in active.effect.states]
+        return total, ca.vertcat(ca.SX(0, 1), *rates)
+
+
+def law_joints(active: EffectInstance, robot: Robot) -> tuple[int, ...]:
+    """Return the joints for which a law is evaluated: once for the whole arm where it acts on all at once."""
+    joints = active.joint_indices(robot)
+    return joints[:1] if active.effect.scope is Scope.ARM else joints

@@ -1,0 +1,35 @@
+"""Play in the drive."""
+
+from collections.abc import Mapping
+from typing import Any
+
+import casadi as ca
+
+from elastic_arm.effects.model import Confusion, Effect, Parameter, Role
+from elastic_arm.effects.motion import Contribution, Motion
+
+
+def law(motion: Motion, i: int, p: Mapping[str, Any]) -> Contribution:
+    """-K times the part of the deflection that the play takes up."""
+    gap, d = p["half_gap"], motion.deflection[i]
+    return motion.at(i, drive=-motion.K[i] * ca.fmax(-gap, ca.fmin(gap, d)))
+
+
+EFFECT = Effect(
+    id="backlash",
+    formula="d replaced by sign(d) max(abs(d) - b, 0) in K d; D acts throughout",
+    description="Play: within the gap the drive transmits damping only.",
+    signature="Joint torque over deflection is flat in the middle; where the load changes sign the residual steps from "
+    "+K b to -K b and the link rings.",
+    law=law,
+    parameters=(Parameter("half_gap", "rad", 1e-6, 2e-3, role=Role.SEARCHED, neutral=0.0, least=0.0, meaning="b"),),
+    sides=("drive",),
+    regime="load",
+    confusions=(
+        Confusion(
+            "encoder_offset",
+            "the joint is loaded one way throughout",
+            "motion in which the joint torque changes sign",
+        ),
+    ),
+)

@@ -1,0 +1,42 @@
+"""A base that does not stand level."""
+
+from collections.abc import Mapping
+from typing import Any
+
+import casadi as ca
+
+from elastic_arm.effects.model import Confusion, Effect, Parameter, Scope
+from elastic_arm.effects.motion import Contribution, Motion
+
+
+def law(motion: Motion, i: int, p: Mapping[str, Any]) -> Contribution:
+    """Gravity turned into the tilted base's axes, R' g with R = Rx(a) Ry(b)."""
+    sa, ca_, sb, cb = ca.sin(p["x"]), ca.cos(p["x"]), ca.sin(p["y"]), ca.cos(p["y"])
+    about_x = ca.vertcat(ca.horzcat(1, 0, 0), ca.horzcat(0, ca_, -sa), ca.horzcat(0, sa, ca_))
+    about_y = ca.vertcat(ca.horzcat(cb, 0, sb), ca.horzcat(0, 1, 0), ca.horzcat(-sb, 0, cb))
+    gravity = ca.DM(motion.robot.gravity)
+    change = (about_x @ about_y).T @ gravity - gravity
+    return motion.everywhere(motion.equations.gravity_columns(motion.x) @ change)
+
+
+EFFECT = Effect(
+    id="base_tilt",
+    formula="base rotated by Rx(a) Ry(b) in the ground frame",
+    description="The arm's base does not stand level, so gravity pulls askew.",
+    signature="A link residual that depends on the pose alone, on all joints at once, even on a vertical first axis.",
+    law=law,
+    parameters=(
+        Parameter("x", "rad", -0.1, 0.1, neutral=0.0, default=0.0, meaning="a"),
+        Parameter("y", "rad", -0.1, 0.1, neutral=0.0, default=0.0, meaning="b"),
+    ),
+    scope=Scope.ARM,
+    sides=("link",),
+    regime="position",
+    confusions=(
+        Confusion(
+            "link_inertia_mismatch",
+            "the first joint hardly turns",
+            "motion that turns the first joint far: a tilt then loads the others differently",
+        ),
+    ),
+)

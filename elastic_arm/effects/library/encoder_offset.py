@@ -1,0 +1,44 @@
+"""A link encoder with a wrong zero beside the motor encoder."""
+
+from collections.abc import Mapping
+from typing import Any
+
+from elastic_arm.effects.model import Confusion, Effect, Parameter, SensorEffect
+from elastic_arm.effects.motion import Contribution, Motion
+from elastic_arm.sensors import Sensors
+
+
+def law(motion: Motion, i: int, p: Mapping[str, Any]) -> Contribution:
+    """K times the offset: the deflection is read too small by it."""
+    motion.gear(i)
+    return motion.at(i, drive=motion.K[i] * p["offset"])
+
+
+def change(sensors: Sensors, i: int, n: int, p: Mapping[str, Any]) -> Sensors:
+    """Shift the channel."""
+    return sensors.changed("link_encoder", i, n, offset=p["offset"])
+
+
+EFFECT: Effect = SensorEffect(
+    id="encoder_offset",
+    formula="link encoder = true + offset, beside the motor encoder",
+    description="The zeros of link and motor encoder do not agree.",
+    signature="The drive residual is a constant: at rest without load the drive seems wound up.",
+    law=law,
+    parameters=(Parameter("offset", "rad", -0.01, 0.01, neutral=0.0, meaning="recorded - true"),),
+    sides=("drive",),
+    regime="always",
+    change=change,
+    confusions=(
+        Confusion(
+            "backlash",
+            "the joint is loaded one way throughout",
+            "motion in which the joint torque changes sign",
+        ),
+        Confusion(
+            "joint_torque_offset",
+            "only the drive equation can be used",
+            "the link or motor equation",
+        ),
+    ),
+)

@@ -1,0 +1,45 @@
+"""A drive that remembers which way it was wound."""
+
+from collections.abc import Mapping
+from typing import Any
+
+import casadi as ca
+
+from elastic_arm.effects.model import Confusion, Effect, Parameter, Role
+from elastic_arm.effects.motion import Contribution, Motion
+
+
+def law(motion: Motion, i: int, p: Mapping[str, Any]) -> Contribution:
+    """H z added to tau_J, with the Bouc-Wen state z of the deflection."""
+    z, rate = p["z"], motion.deflection_rate[i]
+    z_rate = (rate - ca.fabs(rate) * z / 2 - rate * ca.fabs(z) / 2) / p["width"]
+    return motion.at(i, drive=p["torque"] * z, rates={"z": z_rate})
+
+
+EFFECT = Effect(
+    id="hysteresis",
+    formula="H z added to tau_J, z' = (d' - abs(d') z/2 - d' abs(z)/2)/w_h, d = theta - q",
+    description="Micro-slip in the drive: winding and unwinding follow different lines, whatever the speed.",
+    signature="Joint torque over deflection is a loop of constant area; the residual swings between +H and -H with "
+    "the direction of winding and changes over a deflection of about the width.",
+    law=law,
+    parameters=(
+        Parameter("torque", "Nm", 0.1, 50.0, neutral=0.0, least=0.0, meaning="H, half the loop's height"),
+        Parameter("width", "rad", 2e-6, 2e-3, role=Role.SEARCHED, above=0.0, meaning="w_h"),
+    ),
+    sides=("drive",),
+    regime="velocity_reversal",
+    states=("z",),
+    confusions=(
+        Confusion(
+            "damping_mismatch",
+            "the drive is wound at one speed",
+            "slower motion: the loop of hysteresis keeps its height, that of damping shrinks",
+        ),
+        Confusion(
+            "backlash",
+            "the deflection stays within about the width",
+            "motion that winds the drive further, both ways",
+        ),
+    ),
+)

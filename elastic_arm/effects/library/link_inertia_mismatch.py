@@ -1,0 +1,69 @@
+"""A link that is heavier or otherwise distributed than the model believes."""
+
+from collections.abc import Mapping
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from elastic_arm.effects.model import Confusion, Effect, Parameter
+from elastic_arm.effects.motion import Contribution, Motion
+
+
+def law(motion: Motion, i: int, p: Mapping[str, Any]) -> Contribution:
+    """What the true link has beyond the nominal one, as a body carried along with it."""
+    link = motion.robot.joints[i].link
+    mass = p["mass"] * link.mass
+    com = ca.DM(link.com) + p["com"]
+    about_origin = p["inertia"] * p["mass"] * ca.DM(link.inertia) + mass * _steiner(com)
+    nominal = ca.DM(link.inertia + link.mass * np.array(_steiner(ca.DM(link.com))))
+    rows = motion.carried_body(i, mass - link.mass, mass * com - link.mass * ca.DM(link.com), about_origin - nominal)
+    return motion.everywhere(rows)
+
+
+def _steiner(p: Any) -> Any:
+    return ca.sumsqr(p) * ca.DM.eye(3) - p @ p.T
+
+
+EFFECT = Effect(
+    id="link_inertia_mismatch",
+    formula="mass m -> r m, centre of mass c -> c + s, inertia about it I -> rho r I",
+    description="The link's inertial parameters differ from the nominal ones: other wall thickness, cables, covers.",
+    signature="Weight and inertia of that link are off, felt by the link side of its joint and of those before it.",
+    law=law,
+    parameters=(
+        Parameter("mass", "1", 0.5, 2.0, neutral=1.0, default=1.0, above=0.0, meaning="r, true / nominal"),
+        Parameter(
+            "com",
+            "m",
+            -0.2,
+            0.2,
+            neutral=0.0,
+            default=(0.0, 0.0, 0.0),
+            size=3,
+            meaning="s, shift of the centre of mass",
+        ),
+        Parameter(
+            "inertia", "1", 0.5, 2.0, neutral=1.0, default=1.0, above=0.0, meaning="rho, beyond that of the mass"
+        ),
+    ),
+    sides=("link",),
+    regime="load",
+    confusions=(
+        Confusion(
+            "payload",
+            "the last link changes by a point mass",
+            "only knowing what was mounted",
+        ),
+        Confusion(
+            "link_inertia_mismatch",
+            "a neighbouring link acts through the same base parameters",
+            "no motion: only combinations of the neighbours' parameters act on the joints",
+        ),
+        Confusion(
+            "joint_torque_gain",
+            "one gain on all torque sensors scales all masses, K and D alike",
+            "motor torques: they do not pass through the joint torque sensors",
+        ),
+    ),
+)

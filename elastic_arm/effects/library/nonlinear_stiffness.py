@@ -1,0 +1,31 @@
+"""A drive that stiffens."""
+
+from collections.abc import Mapping
+from typing import Any
+
+from elastic_arm.effects.model import Confusion, Effect, Parameter
+from elastic_arm.effects.motion import Contribution, Motion
+
+
+def law(motion: Motion, i: int, p: Mapping[str, Any]) -> Contribution:
+    """K_3 d^3 added to tau_J."""
+    return motion.at(i, drive=p["cubic"] * motion.deflection[i] ** 3)
+
+
+EFFECT = Effect(
+    id="nonlinear_stiffness",
+    formula="K_3 (theta - q)^3 added to tau_J",
+    description="The drive stiffens as it is wound up (softens where negative), as harmonic drives do.",
+    signature="Joint torque over deflection is a bent line: the residual grows with the cube of the deflection.",
+    law=law,
+    parameters=(Parameter("cubic", "Nm/rad^3", -1e11, 1e11, neutral=0.0, meaning="K_3"),),
+    sides=("drive",),
+    regime="load",
+    confusions=(
+        Confusion(
+            "stiffness_mismatch",
+            "the load covers a narrow range",
+            "motion that loads the joint lightly and heavily: a wrong stiffness shows in both",
+        ),
+    ),
+)

@@ -1,0 +1,37 @@
+"""A motor side that is heavier than the model believes."""
+
+from collections.abc import Mapping
+from typing import Any
+
+from elastic_arm.effects.model import Confusion, Effect, Parameter
+from elastic_arm.effects.motion import Contribution, Motion
+
+
+def law(motion: Motion, i: int, p: Mapping[str, Any]) -> Contribution:
+    """(ratio - 1) B_ii theta''."""
+    motion.gear(i)
+    return motion.at(i, motor=(p["inertia"] - 1.0) * motion.equations.B[i] * motion.ddtheta[i])
+
+
+EFFECT = Effect(
+    id="rotor_inertia_mismatch",
+    formula="(ratio - 1) B_ii theta''",
+    description="The inertia on the motor side differs: rotor, wave generator and spline act together in B.",
+    signature="The motor residual follows the motor's acceleration.",
+    law=law,
+    parameters=(Parameter("inertia", "1", 0.5, 2.0, neutral=1.0, above=0.0, meaning="true / nominal B_ii"),),
+    sides=("motor",),
+    regime="acceleration",
+    confusions=(
+        Confusion(
+            "motor_torque_gain",
+            "no gravity or load acts on the joint, as on a vertical first axis",
+            "motion in which other joints or gravity load this one",
+        ),
+        Confusion(
+            "inertia_coupling",
+            "the link moves as the motor does",
+            "motion that winds the drive: fast enough for link and motor accelerations to differ",
+        ),
+    ),
+)

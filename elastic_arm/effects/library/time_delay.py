@@ -1,0 +1,66 @@
+"""Channels that come late."""
+
+from collections.abc import Mapping
+from typing import Any
+
+from elastic_arm.effects.model import Choice, Confusion, Effect, Parameter, Scope, SensorEffect
+from elastic_arm.effects.motion import Contribution, Motion
+from elastic_arm.sensors import Sensors
+
+# What each late channel does to the residuals, per second of delay, to first order.
+_SIDES = {"joint_torque": ("link", "drive", "motor"), "motor_torque": ("motor",), "link_encoder": ("link", "drive")}
+
+
+def law(motion: Motion, i: int, p: Mapping[str, Any]) -> Contribution:
+    """The delay times the rate of what comes late: first order in the delay.
+
+    A late link encoder makes the link equation compare tau_J with the torque of a moment ago, so the difference is the
+    rate of tau_J; in the drive it is as if the link were `delay` times its velocity further on.
+    """
+    delay, total = p["delay"], motion.nothing()
+    if "joint_torque" in p["channels"]:
+        late = -delay * motion.dtau_J[i]
+        total += motion.at(i, link=late, drive=late, motor=-late)
+    if "motor_torque" in p["channels"]:
+        total += motion.at(i, motor=-delay * motion.dtau_m[i])
+    if "link_encoder" in p["channels"]:
+        wound = motion.K[i] * motion.dq[i] + motion.D[i] * motion.ddq[i]
+        total += motion.at(i, link=delay * motion.dtau_J[i], drive=-delay * wound)
+    return total
+
+
+def change(sensors: Sensors, i: int, n: int, p: Mapping[str, Any]) -> Sensors:
+    """Delay the named channels of a joint."""
+    for channel in p["channels"]:
+        sensors = sensors.changed(channel, i, n, delay=p["delay"])
+    return sensors
+
+
+def sides_of(p: Mapping[str, Any]) -> tuple[str, ...]:
+    """The equations that hold a late channel."""
+    return tuple(s for s in ("link", "drive", "motor") if any(s in _SIDES[c] for c in p["channels"]))
+
+
+EFFECT: Effect = SensorEffect(
+    id="time_delay",
+    formula="named channels recorded(t) = true(t - delay), late against the motor encoder",
+    description="Channels that reach the recorder late: filters, buses, other clocks.",
+    signature="The residual follows the rate of what is late: zero where it stands still, largest where it changes.",
+    law=law,
+    parameters=(
+        Parameter("delay", "s", 1e-4, 0.05, neutral=0.0, above=-1e-12, meaning="late against the motor encoder"),
+    ),
+    choices=(Choice("channels", tuple(_SIDES), ("joint_torque",), several=True),),
+    scope=Scope.EACH_OR_ARM,
+    sides=("link", "drive", "motor"),
+    sides_of=sides_of,
+    regime="frequency",
+    change=change,
+    confusions=(
+        Confusion(
+            "damping_mismatch",
+            "only the drive equation can be used: a delay of tau_J acts there as dD = -K delay",
+            "the link or motor equation: damping does not show there",
+        ),
+    ),
+)

@@ -1,0 +1,38 @@
+"""Cogging and ripple of the motor."""
+
+from collections.abc import Mapping
+from typing import Any
+
+import casadi as ca
+
+from elastic_arm.effects.model import Confusion, Effect, Parameter, Role
+from elastic_arm.effects.motion import Contribution, Motion
+
+
+def law(motion: Motion, i: int, p: Mapping[str, Any]) -> Contribution:
+    """The motor gives A sin(k r_tot theta + phi) more than tau_m says."""
+    angle = p["order"] * motion.gear(i).r_tot * motion.theta[i] + p["phase"]
+    return motion.at(i, motor=-p["amplitude"] * ca.sin(angle))
+
+
+EFFECT = Effect(
+    id="torque_ripple",
+    formula="A sin(k r_tot theta + phi) added to the motor's torque, not seen by tau_m",
+    description="Cogging and commutation ripple of the motor.",
+    signature="A ripple of the motor residual, periodic in the rotor's angle, as high at all speeds and loads.",
+    law=law,
+    parameters=(
+        Parameter("amplitude", "Nm", 0.1, 50.0, neutral=0.0, meaning="A, at the harmonic-drive output"),
+        Parameter("phase", "rad", -3.141592653589793, 3.141592653589793, role=Role.PHASE, default=0.0, meaning="phi"),
+        Parameter("order", "1", 0.5, 48.0, role=Role.SEARCHED, default=1.0, above=0.0, meaning="k, per rotor turn"),
+    ),
+    sides=("motor",),
+    regime="rotor_angle",
+    confusions=(
+        Confusion(
+            "transmission_error",
+            "there is no joint torque sensor and both have the same spatial frequency",
+            "a joint torque sensor, or motion under different loads: ripple does not grow with the load",
+        ),
+    ),
+)

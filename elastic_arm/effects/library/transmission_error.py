@@ -1,0 +1,60 @@
+"""Kinematic error of the harmonic drive."""
+
+from collections.abc import Mapping
+from typing import Any
+
+import casadi as ca
+
+from elastic_arm.effects.model import Confusion, Effect, Parameter, Role
+from elastic_arm.effects.motion import Contribution, Motion
+
+
+def slope(motion: Motion, i: int, p: Mapping[str, Any]) -> ca.SX:
+    """de/dtheta."""
+    spatial = p["order"] * motion.gear(i).harmonic_drive_ratio
+    return p["amplitude"] * spatial * ca.cos(spatial * motion.theta[i] + p["phase"])
+
+
+def twist(motion: Motion, i: int, p: Mapping[str, Any]) -> tuple[ca.SX, ca.SX]:
+    """E = A sin(k r_hd theta + phi) and its rate."""
+    spatial = p["order"] * motion.gear(i).harmonic_drive_ratio
+    error = p["amplitude"] * ca.sin(spatial * motion.theta[i] + p["phase"])
+    return error, slope(motion, i, p) * motion.dtheta[i]
+
+
+def law(motion: Motion, i: int, p: Mapping[str, Any]) -> Contribution:
+    """K e + D e' in the drive; by virtual work the motor feels tau_J (1 + de/dtheta)."""
+    error, rate = twist(motion, i, p)
+    return motion.at(
+        i,
+        drive=motion.K[i] * error + motion.D[i] * rate,
+        motor=motion.tau_J[i] * slope(motion, i, p),
+    )
+
+
+EFFECT = Effect(
+    id="transmission_error",
+    formula="deflection theta + e(theta) - q, e = A sin(k r_hd theta + phi); on the motor tau_J (1 + de/dtheta)",
+    description="The harmonic drive's kinematic error: its output leads and lags periodically in the wave generator's "
+    "angle, two times a turn as a rule.",
+    signature="A ripple of joint torque that is periodic in the wave generator's angle and grows at the speeds that "
+    "strike the elastic resonance; the motor feels it in proportion to the load.",
+    law=law,
+    parameters=(
+        Parameter("amplitude", "rad", 1e-6, 1e-3, neutral=0.0, meaning="A"),
+        Parameter("phase", "rad", -3.141592653589793, 3.141592653589793, role=Role.PHASE, default=0.0, meaning="phi"),
+        Parameter(
+            "order", "1", 0.5, 8.0, role=Role.SEARCHED, default=2.0, above=0.0, meaning="k, per wave-generator turn"
+        ),
+    ),
+    sides=("drive", "motor"),
+    regime="wave_generator_angle",
+    twist=twist,
+    confusions=(
+        Confusion(
+            "torque_ripple",
+            "there is no joint torque sensor and k_ripple r_b equals k_error",
+            "a joint torque sensor, or motion under different loads: ripple does not grow with the load",
+        ),
+    ),
+)

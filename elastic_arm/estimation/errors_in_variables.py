@@ -1,0 +1,116 @@
+"""What the encoders' noise does to a regressor, and so to the sums that a fit is made of.
+
+Noise in positions and accelerations stands in Phi itself, not only in the equations' residuals: on the average it
+adds to Phi'Phi and draws weak parameters toward zero (errors in variables; W. A. Fuller, Measurement Error Models,
+1987). The smoother knows the covariance of what it lets through, so the average is known too and can be taken off.
+"""
+
+from __future__ import annotations
+
+import functools
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from elastic_arm.estimation.equations import Equations
+from elastic_arm.estimation.noise import StateNoise
+from elastic_arm.estimation.smoother import Motion
+
+Array = NDArray[np.float64]
+
+# Over steps of this size in position, velocity and acceleration (rad, rad/s, rad/s²) a regressor is next to straight,
+# and rounding has no say. Steps are never below the noise itself.
+STEPS = np.array([1e-4, 1e-3, 1e-2])
+_RATES = ("", "d", "dd")
+
+
+@dataclass(frozen=True)
+class _Directions:
+    """Directions that make up the covariance of the states, at most three a joint and side.
+
+    Parameters
+    ----------
+    steps
+        (V,) how many standard deviations the differences reach.
+    offsets
+        Channel -> (1 + 2 V, n): nothing, then a step ahead and one back in each direction.
+    """
+
+    steps: Array
+    offsets: dict[str, Array]
+
+
+def noise_sums(equations: Equations, motion: Motion, every: int, first: int) -> Array | None:
+    """Return what the noise of `motion` adds on the average to [Phi y]'[Phi y] of all groups.
+
+    Parameters
+    ----------
+    equations
+        Whose rows are meant. Laws that were filtered with the motion are taken for exact.
+    motion
+        A run of samples.
+    every, first
+        The motion changes little from one sample to the next: one speaks for so many, the first one at `first`.
+
+    Returns
+    -------
+    (groups, B + 1, B + 1), or None where the motion is taken for exact.
+
+    Notes
+    -----
+    To second order E[G(x + e)] - G(x) = 1/2 sum_jk C_jk d²G / dx_j dx_k, G = [Phi y]'[Phi y]; with directions v that
+    make up C, 1/2 sum_v d²G/dv².
+    """
+    if motion.noise is None:
+        return None
+    directions = _directions(motion.noise)
+    if not len(directions.steps):
+        return None
+    chosen = np.arange(first, len(motion), every)
+    if not len(chosen):
+        return None
+    rows = equations.rows(_moved(motion[chosen], directions))
+    rows = rows.reshape(rows.shape[0], -1, len(chosen), rows.shape[-1]) * np.sqrt(every)
+    middle, ahead, behind = rows[:, :1], rows[:, 1::2], rows[:, 2::2]
+    steps = directions.steps[:, None, None]
+    slope = ((ahead - behind) / (2.0 * steps)).reshape(len(rows), -1, rows.shape[-1])
+    bend = np.sum((ahead + behind - 2.0 * middle) / steps**2, axis=1)
+    curved = 0.5 * middle[:, 0].transpose(0, 2, 1) @ bend
+    return np.asarray(slope.transpose(0, 2, 1) @ slope + curved + curved.transpose(0, 2, 1))
+
+
+@functools.lru_cache(maxsize=8)
+def _directions(noise: StateNoise) -> _Directions:
+    found: list[tuple[str, int, Array, float]] = []
+    for side, covariances in (("q", noise.link), ("theta", noise.motor)):
+        for joint, covariance in enumerate(() if covariances is None else covariances):
+            std = np.sqrt(np.diag(covariance))
+            if not std.all():
+                continue
+            values, vectors = np.linalg.eigh(covariance / np.outer(std, std))
+            for direction in (vectors * np.sqrt(np.maximum(values, 0.0))).T * std:
+                found.append((side, joint, direction, max(1.0, float(1.0 / np.max(np.abs(direction) / STEPS)))))
+    offsets = {
+        rate + side: np.zeros((1 + 2 * len(found), len(covariances)))
+        for side, covariances in (("q", noise.link), ("theta", noise.motor))
+        if covariances is not None
+        for rate in _RATES
+    }
+    for k, (side, joint, direction, step) in enumerate(found):
+        for rate, part in zip(_RATES, direction, strict=True):
+            offsets[rate + side][[1 + 2 * k, 2 + 2 * k], joint] = step * part, -step * part
+    return _Directions(np.array([step for *_, step in found]), offsets)
+
+
+def _moved(thin: Motion, directions: _Directions) -> Motion:
+    """Return the samples as they are, and once for each step."""
+    times = 1 + 2 * len(directions.steps)
+    moved: dict[str, Any] = {}
+    for name, values in thin.channels().items():
+        copies = np.broadcast_to(values, (times, *values.shape))
+        if name in directions.offsets:
+            copies = copies + directions.offsets[name][:, None]
+        moved[name] = copies.reshape(-1, *values.shape[1:])
+    return Motion(**moved)

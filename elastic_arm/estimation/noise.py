@@ -1,0 +1,271 @@
+"""Process intensity and encoder noise, estimated from the recording by maximum likelihood.
+
+The motion of a joint is modelled as an integrated Wiener process: its fourth derivative is white. Position and
+velocity channels see it through white noise of their own. The likelihood of the intensities follows from the
+innovations of the steady-state Kalman filter; the smoother that belongs to the estimate is
+:class:`elastic_arm.estimation.smoother.Smoother`.
+"""
+
+from __future__ import annotations
+
+import functools
+from dataclasses import dataclass
+from math import factorial
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import solve_discrete_are
+from scipy.optimize import minimize
+from scipy.signal import lfilter, welch
+from scipy.stats import chi2
+
+Array = NDArray[np.float64]
+
+ORDER = 4
+# Above an eighth of the sample rate the sampled process is no longer like the continuous one of the design.
+HIGHEST_CUTOFF = np.pi / 4
+# A filter slower than this would cut into the motion of an arm.
+LOWEST_CUTOFF_HZ = 4.0
+# Longest piece of a recording from which the noise is estimated, in samples.
+LONGEST_PIECE = 4096
+# And from which its spectrum is taken.
+LONGEST_SPECTRUM = 65536
+# The filter's cutoff over the highest frequency at which the motion stands out of the noise: its response is then
+# within 1e-3 of one wherever there is motion.
+CUTOFF_OVER_BAND = 2.5
+# A wider filter does no harm while the noise of the acceleration stays below this share of the acceleration.
+QUIET = 1e-5
+# Spectra are taken over windows of this many seconds; their side lobes lie 1e-15 below the motion.
+SPECTRUM_SECONDS = 4.0
+KAISER_BETA = 26.0
+# Where no motion is, as shares of the sample rate.
+WHITE = (0.35, 0.49)
+
+
+@dataclass(frozen=True)
+class SideNoise:
+    """Noise of one side's encoders and the bandwidth of its motion.
+
+    Parameters
+    ----------
+    cutoff
+        Where the motion's spectrum crosses the noise's, rad/s.
+    position_std
+        (n,) rad.
+    velocity_std
+        (n,) rad/s, or None where no velocity was recorded.
+    white_position, white_velocity
+        (n,) rad, rad/s: as much of the two as is white, up to the highest frequencies. What else stands in the two is
+        motion that the model of it cannot follow, no noise.
+    """
+
+    cutoff: float
+    position_std: Array
+    velocity_std: Array | None
+    white_position: Array
+    white_velocity: Array | None
+
+
+@dataclass(frozen=True, eq=False)
+class StateNoise:
+    """What the encoders' noise leaves in a smoothed motion.
+
+    Parameters
+    ----------
+    link, motor
+        (n, 3, 3) covariance of position, velocity and acceleration of each joint, rad, rad/s, rad/s²; None for a side
+        that was not recorded.
+    """
+
+    link: Array | None
+    motor: Array | None
+
+
+def estimate_noise(position: Array, velocity: Array | None, rate: float) -> SideNoise:
+    """Estimate noise and bandwidth of one side of all joints.
+
+    Parameters
+    ----------
+    position, velocity
+        (N, n) rad, rad/s on a regular grid.
+    rate
+        Samples per second.
+
+    Notes
+    -----
+    Cutoff and the ratio of the two noises are common to the joints of a side (they share encoders of a kind), the
+    noise level is each joint's own and concentrated out of the likelihood.
+    """
+    piece = _liveliest(position, LONGEST_PIECE)
+    y = position[piece] - position[piece].mean(axis=0)
+    v = None if velocity is None else velocity[piece] / rate
+    lowest = np.log(2 * np.pi * LOWEST_CUTOFF_HZ / rate)
+    highest = max(np.log(HIGHEST_CUTOFF), lowest)
+
+    few = slice(0, max(len(y) // 4, 256))
+
+    def cost(z: Array, part: slice = slice(None)) -> float:
+        cutoff = float(np.exp(np.clip(z[0], lowest, highest)))
+        outside = float(np.clip(z[0], lowest, highest) - z[0]) ** 2
+        observed = y[part], None if v is None else v[part]
+        return float(_concentrated(*observed, cutoff, _ratio(z, v))[0].sum()) + len(y) * outside
+
+    grid = [
+        (c, r)
+        for c in np.linspace(lowest, highest, 6)
+        for r in (np.linspace(np.log(1e-3), np.log(30.0), 6) if v is not None else (0.0,))
+    ]
+    start = np.array(min(grid, key=lambda z: cost(np.array(z), few)))
+    simplex = start + np.array([[0.0, 0.0], [0.4, 0.0], [0.0, 0.8]])
+    best = minimize(cost, start, method="Nelder-Mead", options={"initial_simplex": simplex, "xatol": 0.05, "fatol": 1})
+    z = best.x
+    cutoff, ratio = float(np.exp(np.clip(z[0], lowest, highest))), _ratio(z, v)
+    variance = _concentrated(y, v, cutoff, ratio)[1]
+    std = np.sqrt(variance)
+    wide = _liveliest(position, LONGEST_SPECTRUM)
+    position, velocity = position[wide], None if velocity is None else velocity[wide]
+    spectrum = _spectrum(position, rate)
+    band, white = spectrum.band(std), np.minimum(std, spectrum.white_std())
+    velocity_std = white_velocity = None
+    if ratio is not None and velocity is not None:
+        velocity_std, spectrum = std * ratio * rate, _spectrum(velocity, rate)
+        band = max(band, spectrum.band(velocity_std))
+        white_velocity = np.minimum(velocity_std, spectrum.white_std())
+    slowest = max(2 * np.pi * LOWEST_CUTOFF_HZ, _quiet(position, std, rate))
+    cutoff = min(max(2 * np.pi * CUTOFF_OVER_BAND * band, slowest), _crossing(cutoff, ratio) * rate)
+    return SideNoise(cutoff, std, velocity_std, white, white_velocity)
+
+
+def _quiet(position: Array, std: Array, rate: float) -> float:
+    """Return the cutoff, rad/s, up to which the noise of the acceleration stays a small share of the acceleration.
+
+    White noise of density std²/rate through w² up to the cutoff w_c has the variance std² w_c⁵ / (5 pi rate).
+    """
+    w = 2 * np.pi * np.fft.rfftfreq(len(position), 1.0 / rate)[:, None]
+    window = np.hanning(len(position))[:, None]
+    spectrum = np.fft.rfft(window * (position - position.mean(axis=0)), axis=0)
+    # The acceleration of the slow part alone: above 10 Hz the noise of the positions would speak.
+    acceleration = np.sqrt(np.sum(np.abs(spectrum * w**2 * (w < 63.0)) ** 2, axis=0)) / len(position)
+    cutoff = (np.sqrt(5 * np.pi * rate) * QUIET * acceleration / np.maximum(std, 1e-300)) ** 0.4
+    return float(min(np.min(cutoff), HIGHEST_CUTOFF * rate))
+
+
+@dataclass(frozen=True)
+class _Spectrum:
+    """Power densities (F, n) of a channel's joints at frequencies (F,), Hz, averaged over some windows."""
+
+    rate: float
+    frequency: Array
+    power: Array
+    windows: int
+
+    def band(self, std: Array) -> float:
+        """Return the highest frequency, Hz, at which some joint stands out of white noise of `std` (n,)."""
+        # Overlapping windows are not independent: count two of three.
+        freedom = 2 * max(1, round(self.windows / 1.5))
+        threshold = chi2.ppf(1.0 - 1e-3 / self.power.size, freedom) / freedom
+        out = np.any(self.power > threshold * 2.0 * std**2 / self.rate, axis=1)
+        return float(self.frequency[np.max(np.flatnonzero(out), initial=0)])
+
+    def white_std(self) -> Array:
+        """Return the std (n,) of white noise that is as strong as the highest frequencies are."""
+        inside = (self.frequency > WHITE[0] * self.rate) & (self.frequency < WHITE[1] * self.rate)
+        return np.sqrt(np.mean(self.power[inside], axis=0) * self.rate / 2.0)
+
+
+def _spectrum(values: Array, rate: float) -> _Spectrum:
+    length = min(len(values), round(SPECTRUM_SECONDS * rate))
+    frequency, power = welch(values, rate, ("kaiser", KAISER_BETA), length, axis=0)
+    return _Spectrum(rate, frequency, power, max(1, 2 * (len(values) // length) - 1))
+
+
+def _ratio(z: Array, v: Array | None) -> float | None:
+    """Velocity noise (rad per sample) over position noise (rad)."""
+    return None if v is None else float(np.exp(np.clip(z[1], np.log(1e-4), np.log(1e3))))
+
+
+def _crossing(cutoff: float, ratio: float | None) -> float:
+    """Return the frequency at which motion and noise are equal: cutoff^8 (1 + w²/ratio²) = w^8."""
+    if ratio is None:
+        return cutoff
+    w = cutoff
+    for _ in range(60):
+        w = cutoff * (1.0 + (w / ratio) ** 2) ** (1 / (2 * ORDER))
+    return min(w, HIGHEST_CUTOFF)
+
+
+def _liveliest(position: Array, longest: int) -> slice:
+    """Return the piece of the recording, of at most `longest` samples, in which the joints move most."""
+    n_samples = len(position)
+    if n_samples <= longest:
+        return slice(0, n_samples)
+    starts = np.arange(0, n_samples - longest + 1, max(longest // 4, n_samples // 256))
+    travel = [np.sum(np.var(position[s : s + longest : 16], axis=0)) for s in starts]
+    s = int(starts[int(np.argmax(travel))])
+    return slice(s, s + longest)
+
+
+def _concentrated(y: Array, v: Array | None, cutoff: float, ratio: float | None) -> tuple[Array, Array]:
+    """Return -2 log likelihood, with the noise level concentrated out, and that level's square, per joint (n,)."""
+    gain, predict, s = _steady_state(cutoff, ratio)
+    observed = np.stack([y] if v is None else [y, v], axis=-1)
+    innovations = _innovations(observed, predict, gain, _observation(cutoff, ratio))[ORDER * 8 :]
+    whitened = innovations @ np.linalg.inv(np.linalg.cholesky(s)).T
+    channels = observed.shape[-1]
+    variance = np.mean(whitened**2, axis=(0, 2)) + np.finfo(float).tiny
+    return len(innovations) * (np.linalg.slogdet(s)[1] + channels * np.log(variance)), variance
+
+
+def _observation(cutoff: float, ratio: float | None) -> Array:
+    c = np.zeros((1 if ratio is None else 2, ORDER))
+    c[0, 0] = 1.0
+    if ratio is not None:
+        c[1, 1] = cutoff
+    return c
+
+
+@functools.lru_cache(maxsize=256)
+def _steady_state(cutoff: float, ratio: float | None) -> tuple[Array, Array, Array]:
+    """Return gain K, transition F and innovation covariance for unit position noise.
+
+    The states are scaled by powers of the cutoff (rad per sample), which keeps the Riccati equation well conditioned.
+    """
+    i = np.arange(ORDER)
+    up = i[None, :] - i[:, None]
+    transition = np.where(up >= 0, cutoff ** np.maximum(up, 0) / _factorials(np.maximum(up, 0)), 0.0)
+    down = ORDER - 1 - i
+    scale = cutoff ** (down + 1) / _factorials(down)
+    process = np.outer(scale, scale) / (down[:, None] + down[None, :] + 1)
+    c = _observation(cutoff, ratio)
+    noise = np.diag([1.0] if ratio is None else [1.0, ratio**2])
+    p = solve_discrete_are(transition.T, c.T, process, noise)
+    s = c @ p @ c.T + noise
+    return np.linalg.solve(s, c @ p).T, transition, s
+
+
+def _factorials(k: NDArray[np.int_]) -> Array:
+    return np.array([factorial(j) for j in range(ORDER)], dtype=float)[k]
+
+
+def _innovations(y: Array, transition: Array, gain: Array, c: Array) -> Array:
+    """Run the steady-state filter over all samples, in modal form: one first-order recursion a mode.
+
+    Parameters
+    ----------
+    y
+        (N, n, channels).
+    """
+    values, vectors = np.linalg.eig(transition - transition @ gain @ c)
+    first = np.zeros((y.shape[1], len(transition)))
+    first[:, 0] = y[0, :, 0]
+    if y.shape[2] == 2:
+        first[:, 1] = y[0, :, 1] / c[1, 1]
+    inverse = np.linalg.inv(vectors)
+    drive = y @ (inverse @ transition @ gain).T
+    modal = np.empty_like(drive)
+    modal[0] = first @ inverse.T
+    for k, value in enumerate(values):
+        start = value * modal[:1, :, k]
+        modal[1:, :, k] = lfilter([1.0], [1.0, -value], drive[:-1, :, k], axis=0, zi=start)[0]
+    predicted = (modal @ (c @ vectors).T).real
+    return y - predicted

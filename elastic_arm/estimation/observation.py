@@ -1,0 +1,220 @@
+"""From a recording to smoothed motion and the noise of every channel.
+
+The derivative stage is identification's: grid, noise and smoother are the same, only the smoother's cutoff is set wide
+here, because the gap's own band (:mod:`.band`) follows it and takes the same share from every term.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from elastic_arm.errors import DiagnosisError
+from elastic_arm.estimation.noise import HIGHEST_CUTOFF, ORDER, estimate_noise
+from elastic_arm.estimation.resampling import Clock, Grid
+from elastic_arm.estimation.smoother import Motion, Smoother
+from elastic_arm.recording import Recording
+
+Array = NDArray[np.float64]
+
+HIGHEST_BAND = 40.0  # Hz; the drives' resonances and what rotors excite lie below
+BAND_SHARE = 0.2  # of the sample rate
+SMOOTHER_WIDTH = 2.2  # smoother's cutoff over the band: 0.2 % of a term is taken at the band's edge, from all alike
+ABOVE_MOTION = 0.2  # share of the sample rate above which torque channels hold noise alone
+SHORTEST = 2.0  # s
+
+
+@dataclass(frozen=True)
+class ChannelNoise:
+    """White noise of the channels, standard deviations per sample, (n,) each; None where not recorded.
+
+    Parameters
+    ----------
+    q, theta
+        rad.
+    dq, dtheta
+        rad/s.
+    tau_J, tau_m
+        Nm.
+    """
+
+    q: Array | None
+    dq: Array | None
+    theta: Array | None
+    dtheta: Array | None
+    tau_J: Array | None
+    tau_m: Array | None
+
+
+@dataclass(frozen=True)
+class Observation:
+    """What one recording says about the motion.
+
+    Parameters
+    ----------
+    pieces
+        Smoothed motion of each stretch without holes; within `margin` of its ends only roughly right.
+    quiet
+        The same, smoothed as far as the encoders' noise asks: what columns are made of.
+    rate
+        Samples per second.
+    smoother
+        What all channels passed.
+    noise
+        Of the channels, before the smoother.
+    cutoff
+        Hz up to which accelerations are motion rather than noise.
+    source, notes
+        Where it came from, and what had to be assumed.
+    """
+
+    pieces: tuple[Motion, ...]
+    quiet: tuple[Motion, ...]
+    rate: float
+    smoother: Smoother
+    noise: ChannelNoise
+    cutoff: float
+    source: str = ""
+    notes: tuple[str, ...] = ()
+
+    @property
+    def margin(self) -> float:
+        """Seconds at both ends of a piece in which the smoother has seen too little."""
+        return self.smoother.lag / self.rate
+
+    @property
+    def duration(self) -> float:
+        """Seconds of usable motion."""
+        return sum(len(piece) for piece in self.pieces) / self.rate
+
+    def position_spectrum(self, side: str, f: Array) -> Array:
+        """Noise of the smoothed position of "link" or "motor" at f (F,) Hz: (F, n), 1 = white of 1 rad a sample."""
+        position, velocity, crossover = {
+            "link": (self.noise.q, self.noise.dq, self.smoother.link_crossover),
+            "motor": (self.noise.theta, self.noise.dtheta, self.smoother.motor_crossover),
+        }[side]
+        if position is None:
+            return np.zeros((len(f), len(crossover)))
+        gain = self.gain(f)[:, None] ** 2
+        w = 2 * np.pi * f[:, None]
+        if velocity is None:
+            return gain * position**2
+        # Position weighs w_x² / (w_x² + w²), the integral of the velocity the rest.
+        share = np.where(np.isinf(crossover), 1.0, crossover**2 / (np.minimum(crossover, 1e9) ** 2 + w**2))
+        rest = np.where(np.isinf(crossover), 0.0, w / (np.minimum(crossover, 1e9) ** 2 + w**2))
+        return gain * ((share * position) ** 2 + (rest * velocity) ** 2)
+
+    def torque_spectrum(self, channel: str, f: Array, n: int) -> Array:
+        """Noise of a smoothed torque channel at f (F,): (F, n), 1 = white of 1 Nm a sample."""
+        std = {"tau_J": self.noise.tau_J, "tau_m": self.noise.tau_m}[channel]
+        return self.gain(f)[:, None] ** 2 * (np.zeros(n) if std is None else std**2)
+
+    def gain(self, f: Array) -> Array:
+        """Response of the smoother at f (F,) Hz."""
+        return 1.0 / (1.0 + (2 * np.pi * f / self.smoother.cutoff) ** (2 * ORDER))
+
+
+def observe(recording: Recording, band: float | None = None) -> Observation:
+    """Bring a recording on a grid, estimate the noise of its channels and smooth it.
+
+    Parameters
+    ----------
+    band
+        Hz up to which the residuals will be looked at; the widest sensible one when None.
+
+    Raises
+    ------
+    DiagnosisError
+        If the recording is too short, stands still, or holds no torque.
+    """
+    samples = recording.samples()
+    where = recording.source or "the recording"
+    if samples.tau_J is None and samples.tau_m is None:
+        raise DiagnosisError(
+            f"{where} holds no torque", "Record the effort of /motor_states, of /joint_states, or both"
+        )
+    clock = Clock.of(samples)
+    grids = [grid for grid in clock.place(samples) if len(grid) > SHORTEST * grid.rate]
+    if not grids:
+        raise DiagnosisError(
+            f"{where} is too short: it has no {SHORTEST:g} s without a hole", "Record at least 10 s of motion"
+        )
+    longest = max(grids, key=len)
+    _check_motion(longest, where)
+    band = band or widest_band(clock.rate)
+    link = None if longest.q is None else estimate_noise(longest.q, longest.dq, longest.rate)
+    motor = None if longest.theta is None else estimate_noise(longest.theta, longest.dtheta, longest.rate)
+    cutoff = min(2 * np.pi * SMOOTHER_WIDTH * band, HIGHEST_CUTOFF * clock.rate)
+    designed = Smoother.from_noise(clock.rate, link, motor, recording.n)
+    # The crossovers are those of the wide band: what is negligible in a narrow one is not in this one.
+    wide_link, wide_motor = (None if side is None else replace(side, cutoff=cutoff) for side in (link, motor))
+    crossing = Smoother.from_noise(clock.rate, wide_link, wide_motor, recording.n)
+    smoother = Smoother(clock.rate, cutoff, crossing.link_crossover, crossing.motor_crossover)
+    noise = ChannelNoise(
+        link.position_std if link else None,
+        link.velocity_std if link else None,
+        motor.position_std if motor else None,
+        motor.velocity_std if motor else None,
+        torque_noise(grids, "tau_J"),
+        torque_noise(grids, "tau_m"),
+    )
+    pieces = tuple(smoother(_extended(grid, smoother.lag)) for grid in grids)
+    # Above the frequency where noise outweighs motion, accelerations are noise, and the same that the residuals hold:
+    # a column made of it would be correlated with them.
+    calm = replace(smoother, cutoff=min(smoother.cutoff, designed.cutoff))
+    quiet = pieces if calm == smoother else tuple(calm(_extended(grid, calm.lag)) for grid in grids)
+    notes = (*recording.notes, *samples.notes)
+    return Observation(
+        pieces, quiet, clock.rate, smoother, noise, designed.cutoff / (2 * np.pi), recording.source, notes
+    )
+
+
+def _extended(grid: Grid, count: int) -> Grid:
+    """Continue a stretch at both ends by its mirror image, through the point for angles, so that smoothing keeps its
+    length: internal states need the motion from the first sample on. The rows made of it are dropped."""
+    channels = {name: _mirrored(v, count, odd=name in ("q", "theta")) for name, v in grid.channels().items()}
+    step = np.arange(1, count + 1) / grid.rate
+    return Grid(np.concatenate([grid.t[0] - step[::-1], grid.t, grid.t[-1] + step]), grid.rate, **channels)
+
+
+def _mirrored(values: Array, count: int, *, odd: bool) -> Array:
+    before, after = values[count:0:-1], values[-2 : -count - 2 : -1]
+    if odd:
+        before, after = 2 * values[0] - before, 2 * values[-1] - after
+    return np.concatenate([before, values, after])
+
+
+def widest_band(rate: float) -> float:
+    """Return the widest band (Hz) that a recording at `rate` allows."""
+    return min(HIGHEST_BAND, BAND_SHARE * rate)
+
+
+def torque_noise(grids: Sequence[Grid], channel: str) -> Array | None:
+    """Standard deviation (n,) of a torque channel's white noise, from its spectrum above the motion.
+
+    The median over frequency leaves single lines (ripple, mains) aside.
+    """
+    if getattr(grids[0], channel) is None:
+        return None
+    levels = []
+    for grid in grids:
+        values = getattr(grid, channel)
+        taper = np.hanning(len(values) - 4)[:, None]
+        # Fourth differences keep the motion's spectrum from leaking upward; their response is divided out.
+        spectrum = np.abs(np.fft.rfft(np.diff(values, 4, axis=0) * taper, axis=0)) ** 2 / np.sum(taper**2)
+        f = np.fft.rfftfreq(len(taper))
+        above = f > ABOVE_MOTION
+        flat = spectrum[above] / np.abs(2 * np.sin(np.pi * f[above]))[:, None] ** 8
+        levels.append(np.median(flat, axis=0) / np.log(2.0))
+    weights = [len(grid) for grid in grids]
+    return np.sqrt(np.average(levels, axis=0, weights=weights))
+
+
+def _check_motion(grid: Grid, where: str) -> None:
+    if grid.theta is None and grid.q is None:
+        raise DiagnosisError(f"{where} holds no positions", "Record /motor_states or /joint_states with positions")
+    if not grid.moves():
+        raise DiagnosisError(f"{where} holds no motion", "Record an excitation: `elastic-arm excite` makes one")

@@ -1,0 +1,304 @@
+"""Accelerations without finite differences: a steady-state smoother that all terms of an equation pass alike.
+
+The smoother is the Wiener smoother of an integrated Wiener process (white fourth derivative) seen through white noise.
+Its response from position to position is H = 1 / (1 + (w/w_c)^8), without phase. Where a velocity channel exists, the
+position channel serves below the frequency w_x = (velocity noise)/(position noise) and the velocity channel above it,
+in such a way that consistent channels see H all the same. Every channel of every joint passes the one H, and so do the
+torques: an equation stays an equation.
+"""
+
+from __future__ import annotations
+
+import functools
+from dataclasses import dataclass, fields, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from elastic_arm.errors import IdentificationError
+from elastic_arm.estimation.convolution import convolve
+from elastic_arm.estimation.noise import ORDER, SideNoise, StateNoise, estimate_noise
+from elastic_arm.estimation.resampling import Grid
+
+Array = NDArray[np.float64]
+
+# The taps are cut where they have fallen to this share.
+TAIL = 1e-11
+# Noise of an acceleration that no arm's motion notices, rad/s²: positions alone serve then.
+NEGLIGIBLE = 1e-3
+# So many samples in a period of the cutoff show what the smoother lets through, all but 1e-4 of its noise.
+SAMPLES_A_PERIOD = 6.0
+MOST_THINNING = 64
+
+
+@dataclass(frozen=True)
+class Motion:
+    """Motion and torques after the derivative stage; the rows of all equations are made of it.
+
+    Parameters
+    ----------
+    t
+        (N,) s.
+    q, dq, ddq, theta, dtheta, ddtheta
+        (N, n), or None for a side that was not recorded.
+    tau_J, tau_m
+        (N, n) Nm, passed through the same filter as the motion, or None.
+    laws
+        (N, 3 n, k) columns of laws beyond the model, for link, drive and motor residuals, passed through the same
+        filter too (a law may jump where the motion does not); None where they are to be evaluated as they stand.
+    noise
+        Of positions and their derivatives; None where they are taken for exact.
+    every
+        How many samples of the recording each of these stands for.
+    """
+
+    t: Array
+    q: Array | None = None
+    dq: Array | None = None
+    ddq: Array | None = None
+    theta: Array | None = None
+    dtheta: Array | None = None
+    ddtheta: Array | None = None
+    tau_J: Array | None = None
+    tau_m: Array | None = None
+    laws: Array | None = None
+    noise: StateNoise | None = None
+    every: int = 1
+
+    def __len__(self) -> int:
+        return len(self.t)
+
+    def __getitem__(self, part: slice | NDArray[np.intp]) -> Motion:
+        kept: dict[str, Any] = {name: values[part] for name, values in self.channels().items()}
+        return replace(self, **kept)
+
+    def channels(self) -> dict[str, Array]:
+        """Return what is there for every sample, by name."""
+        kept = {f.name: getattr(self, f.name) for f in fields(self) if f.name not in ("noise", "every")}
+        return {name: values for name, values in kept.items() if values is not None}
+
+    @staticmethod
+    def joined(parts: list[Motion]) -> Motion:
+        """Put parts with the same channels, noise and spacing one after another."""
+        if len(parts) == 1:
+            return parts[0]
+        whole: dict[str, Any] = {
+            name: np.concatenate([getattr(part, name) for part in parts]) for name in parts[0].channels()
+        }
+        return Motion(**whole, noise=parts[0].noise, every=parts[0].every)
+
+
+@dataclass(frozen=True)
+class Smoother:
+    """A fixed-lag smoother with steady-state gains, the same online and offline.
+
+    Parameters
+    ----------
+    rate
+        Samples per second.
+    cutoff
+        w_c, rad/s, common to all channels.
+    link_crossover, motor_crossover
+        (n,) w_x of each joint, rad/s; infinite where the positions alone serve.
+    link_noise, motor_noise
+        Of the encoders; None where it is not known or there is no such side.
+    """
+
+    rate: float
+    cutoff: float
+    link_crossover: Array
+    motor_crossover: Array
+    link_noise: SideNoise | None = None
+    motor_noise: SideNoise | None = None
+
+    @staticmethod
+    def from_noise(rate: float, link: SideNoise | None, motor: SideNoise | None, n: int) -> Smoother:
+        """Design the smoother that the estimated noise asks for: the wider of the two sides' bands."""
+        sides = [side for side in (link, motor) if side is not None]
+        if not sides:
+            raise IdentificationError("no positions were recorded", "Record /joint_states or /motor_states.")
+        cutoff = max(side.cutoff for side in sides)
+        of_link, of_motor = (_crossover(side, cutoff, rate, n) for side in (link, motor))
+        return Smoother(rate, cutoff, of_link, of_motor, link, motor)
+
+    @functools.cached_property
+    def noise(self) -> StateNoise | None:
+        """What the encoders' noise leaves in the smoothed motion; None where it is not known."""
+        link = self._covariances(self.link_noise, self.link_crossover)
+        motor = self._covariances(self.motor_noise, self.motor_crossover)
+        return None if link is None and motor is None else StateNoise(link, motor)
+
+    @property
+    def lag(self) -> int:
+        """Samples between a measurement and the estimate that has seen enough of the future."""
+        decay = np.sin(np.pi / (2 * ORDER)) * self.cutoff / self.rate
+        return int(np.ceil(-np.log(TAIL) / decay))
+
+    @property
+    def thinning(self) -> int:
+        """Of how many smoothed samples one tells all that they say: a power of two."""
+        share = min(2 * np.pi * self.rate / (SAMPLES_A_PERIOD * self.cutoff), MOST_THINNING)
+        return 2 ** max(0, int(np.log2(share)))
+
+    def __call__(self, grid: Grid, every: int = 1) -> Motion:
+        """Smooth a regular piece, and keep one of `every` samples; `lag` samples are lost at each end."""
+        lag = self.lag
+        self._require(len(grid))
+        q = self._side(grid.q, grid.dq, self.link_crossover, every)
+        theta = self._side(grid.theta, grid.dtheta, self.motor_crossover, every)
+        return Motion(
+            grid.t[lag:-lag:every],
+            q[0],
+            q[1],
+            q[2],
+            theta[0],
+            theta[1],
+            theta[2],
+            None if grid.tau_J is None else self.filter(instantaneous(grid.tau_J), every),
+            None if grid.tau_m is None else self.filter(instantaneous(grid.tau_m), every),
+            noise=self.noise,
+            every=every,
+        )
+
+    def filter(self, values: Array, every: int = 1) -> Array:
+        """Pass columns (N, m) through H, and keep one of `every` samples; `lag` samples are lost at each end."""
+        self._require(len(values))
+        response = _even_taps(self.cutoff / self.rate, self.lag)[None, None]
+        out = np.zeros((-(-(len(values) - 2 * self.lag) // every), values.shape[1]))
+        for k in np.flatnonzero(values.any(axis=0)):
+            out[:, k] = convolve([values[:, k]], response, every)[0]
+        return out
+
+    def _require(self, samples: int) -> None:
+        if samples <= 2 * self.lag:
+            raise IdentificationError(
+                f"a piece of {samples / self.rate:.2f} s is too short for the smoother, which needs more than "
+                f"{2 * self.lag / self.rate:.2f} s",
+                "Record longer without gaps.",
+            )
+
+    def _side(self, position: Array | None, velocity: Array | None, crossover: Array, every: int) -> list[Array | None]:
+        if position is None:
+            return [None, None, None]
+        out = np.empty((3, -(-(len(position) - 2 * self.lag) // every), position.shape[1]))
+        for i, w in enumerate(crossover if velocity is not None else np.full_like(crossover, np.inf)):
+            middle = position[:, i].mean()
+            signals = [position[:, i] - middle]
+            taps = self._taps(w)
+            if velocity is not None and np.isfinite(w):
+                signals.append(velocity[:, i] / self.rate)
+            out[:, :, i] = convolve(signals, np.stack(taps[: len(signals)], axis=1), every)
+            out[0, :, i] += middle
+        return [out[0], out[1] * self.rate, out[2] * self.rate**2]
+
+    def _covariances(self, noise: SideNoise | None, crossover: Array) -> Array | None:
+        """Return covariances (n, 3, 3) of position, velocity and acceleration from a side's white noise."""
+        if noise is None:
+            return None
+        unit = self.rate ** np.arange(3.0)
+        found = np.empty((len(crossover), 3, 3))
+        for i, w in enumerate(crossover):
+            position, velocity = self._taps(w)
+            found[i] = noise.white_position[i] ** 2 * (position @ position.T)
+            if noise.white_velocity is not None and np.isfinite(w):
+                found[i] += (noise.white_velocity[i] / self.rate) ** 2 * (velocity @ velocity.T)
+        return found * np.outer(unit, unit)
+
+    def _taps(self, crossover: float) -> tuple[Array, Array]:
+        """Return taps on position and on velocity (rad per sample), (3, 2 lag + 1) each, for derivatives 0, 1, 2."""
+        return _taps(self.cutoff / self.rate, crossover / self.rate, self.lag)
+
+
+def instantaneous(torque: Array) -> Array:
+    """Return torques (N, n) at their stamps from means over the sample intervals centred there.
+
+    The mean over an interval h is f + h² f''/24 + O(h⁴); this takes the second term off.
+    """
+    inner = (26.0 * torque[1:-1] - torque[:-2] - torque[2:]) / 24.0
+    return np.concatenate([torque[:1], inner, torque[-1:]])
+
+
+def design_smoother(grids: list[Grid], n: int) -> Smoother:
+    """Design the smoother for a recording from the noise in its longest piece."""
+    grid = max(grids, key=len)
+    link = None if grid.q is None else estimate_noise(grid.q, grid.dq, grid.rate)
+    motor = None if grid.theta is None else estimate_noise(grid.theta, grid.dtheta, grid.rate)
+    return Smoother.from_noise(grid.rate, link, motor, n)
+
+
+def _crossover(side: SideNoise | None, cutoff: float, rate: float, n: int) -> Array:
+    if side is None or side.velocity_std is None:
+        return np.full(n, np.inf)
+    # A slower crossover would lengthen the lag for frequencies at which the positions are good enough.
+    slowest = cutoff * np.sin(np.pi / (2 * ORDER))
+    ratio = np.maximum(side.velocity_std / np.maximum(side.position_std, 1e-300), slowest)
+    # Far beyond the band the velocities would have no say. And where positions are good enough, they had better have
+    # none: under a torque held from sample to sample a velocity at the samples is not quite that of the motion in the
+    # band, which biases what hangs on the difference of two accelerations.
+    acceleration_noise = side.position_std * cutoff**2.5 / np.sqrt(5 * np.pi * rate)
+    return np.where((ratio > 100 * cutoff) | (acceleration_noise < NEGLIGIBLE), np.inf, ratio)
+
+
+def _poles(cutoff: float) -> NDArray[np.complex128]:
+    angle = np.pi * (1 + 2 * np.arange(2 * ORDER)) / (2 * ORDER)
+    poles = cutoff * np.exp(1j * angle)
+    return poles[poles.real < 0]
+
+
+def _even_taps(cutoff: float, lag: int) -> Array:
+    """Sample the impulse response of H; time in samples."""
+    return _taps(cutoff, np.inf, lag)[0][0]
+
+
+@functools.lru_cache(maxsize=64)
+def _taps(cutoff: float, crossover: float, lag: int) -> tuple[Array, Array]:
+    """Sample the impulse responses of the smoother, time in samples."""
+    t = np.arange(-lag, lag + 1)
+    poles = _poles(cutoff)
+    # H = 1 / (1 + (s/w_c)^8); residues of its left half-plane poles give the response in |t|.
+    residues = cutoff ** (2 * ORDER) / (2 * ORDER * poles ** (2 * ORDER - 1))
+    position = np.zeros((3, len(t)))
+    velocity = np.zeros((3, len(t)))
+    if np.isinf(crossover):
+        for k in range(3):
+            position[k] = _response(poles, residues, t, k)
+    else:
+        # e = H / (w_x² - s²): positions enter through w_x² e, velocities through -s e.
+        residues = residues / (crossover**2 - poles**2)
+        pole = -crossover
+        value = 1.0 / (1.0 + (pole / cutoff) ** (2 * ORDER))
+        poles = np.append(poles, pole)
+        residues = np.append(residues, value / (2 * crossover))
+        for k in range(3):
+            position[k] = crossover**2 * _response(poles, residues, t, k)
+            velocity[k] = -_response(poles, residues, t, k + 1)
+    return _exact_on_cubics(position, velocity, t, cutoff), velocity
+
+
+def _response(poles: NDArray[np.complex128], residues: NDArray[np.complex128], t: NDArray[np.int_], k: int) -> Array:
+    """Return the k-th derivative of the two-sided response sum r exp(p |t|)."""
+    values = (residues * poles**k) @ np.exp(np.outer(poles, np.abs(t)))
+    parity = np.where(t < 0, (-1.0) ** k, 1.0)
+    if k % 2:
+        parity = np.where(t == 0, 0.0, parity)
+    return np.real(values) * parity
+
+
+def _exact_on_cubics(position: Array, velocity: Array, t: NDArray[np.int_], cutoff: float) -> Array:
+    """Mend what sampling and cutting the taps took: cubic motion comes out exactly.
+
+    The correction is a small polynomial under a bell as wide as the response.
+    """
+    bell = np.exp(-0.5 * (cutoff * t) ** 2)
+    wanted = {0: (1.0, 0.0), 1: (1.0, 0.0), 2: (0.0, 2.0)}
+    mended = position.copy()
+    for k, targets in wanted.items():
+        powers = (0, 2) if k % 2 == 0 else (1, 3)
+        # Convolution reads the past with positive taps: y(0) = sum h(n) f(-n).
+        monomials = np.array([(-t.astype(float)) ** p for p in powers])
+        rates = np.array([p * (-t.astype(float)) ** max(p - 1, 0) for p in powers])
+        got = monomials @ position[k] + rates @ velocity[k]
+        shapes = bell * monomials
+        mended[k] += np.linalg.solve(monomials @ shapes.T, np.array(targets) - got) @ shapes
+    return mended

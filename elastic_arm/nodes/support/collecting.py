@@ -1,0 +1,161 @@
+"""What two topics of states say, as samples of the arm."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from elastic_arm.nodes.support.pairing import Losses, Pairing
+from elastic_arm.nodes.support.wire import Inbox
+from elastic_arm.recording import Samples, topics
+
+Array = NDArray[np.float64]
+FIELDS = ("position", "velocity", "effort")
+CHANNELS = {topics.JOINT_STATES: ("q", "dq", "tau_J"), topics.MOTOR_STATES: ("theta", "dtheta", "tau_m")}
+SIDES = {"both": tuple(CHANNELS), "link": (topics.JOINT_STATES,), "motor": (topics.MOTOR_STATES,)}
+# A topic that says nothing for so long, seconds, has gone silent; but only when somebody has looked so often: after a
+# stall of this process its messages are still on their way in.
+SILENCE = 1.0
+LOOKS = 5
+
+
+@dataclass
+class Faults:
+    """Messages that could not be used.
+
+    Parameters
+    ----------
+    foreign
+        They do not name all joints of the arm.
+    not_finite
+        They hold a number that is none.
+    changed
+        They lack, or add, a channel that those before had, or had not.
+    """
+
+    foreign: int = 0
+    not_finite: int = 0
+    changed: int = 0
+
+
+class Collector:
+    """Gathers messages of both sides and makes samples of them.
+
+    Parameters
+    ----------
+    joints
+        The joints wanted, in the order of the samples' columns; messages may name them in any order.
+    sides
+        "both", or only "link" or "motor".
+    """
+
+    def __init__(self, joints: tuple[str, ...], sides: str = "both") -> None:
+        self.joints = joints
+        self.inboxes = {topic: Inbox(topics.TYPES[topic]) for topic in SIDES[sides]}
+        self._heard = dict.fromkeys(self.inboxes, time.monotonic())
+        self._empty = dict.fromkeys(self.inboxes, 0)
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget everything that was received."""
+        for inbox in self.inboxes.values():
+            inbox.clear()
+        self.pairing = Pairing()
+        self.faults = Faults()
+        self.last_ns = 0
+        self._origin_ns: int | None = None
+        self._fields: dict[str, tuple[str, ...]] = {}
+
+    @property
+    def losses(self) -> Losses:
+        """What did not become a sample of both sides."""
+        return self.pairing.losses
+
+    @property
+    def channels(self) -> tuple[str, ...]:
+        """Names of the channels that an arm with all sensors gives."""
+        return tuple(name for topic in self.inboxes for name in CHANNELS[topic])
+
+    def take(self, everything: bool = False) -> Samples | None:
+        """Return the samples that are ready, in order of time and never older than those before; None without any.
+
+        Parameters
+        ----------
+        everything
+            Also those that still wait for stragglers.
+
+        Raises
+        ------
+        RecordingError
+            If a message does not fit its type.
+        """
+        add = dict(zip(CHANNELS, (self.pairing.add_link, self.pairing.add_motor), strict=True))
+        for topic, inbox in self.inboxes.items():
+            self._empty[topic] += 1
+            if len(inbox):
+                self._heard[topic], self._empty[topic] = time.monotonic(), 0
+            for names, stamps, numbers in inbox.take():
+                stamps, rows = self._rows(topic, names, stamps, numbers)
+                add[topic](stamps, rows)
+                if len(self.inboxes) == 1:  # the side that is not measured is no reason to wait
+                    other = next(side for side in CHANNELS if side != topic)
+                    add[other](stamps, np.empty((len(stamps), 0)))
+        pairs = self.pairing.take(everything)
+        if pairs is None:
+            return None
+        self.last_ns = int(pairs.stamp_ns[-1])
+        if self._origin_ns is None:
+            self._origin_ns = int(pairs.stamp_ns[0])
+        channels = dict(zip(CHANNELS, (pairs.link, pairs.motor), strict=True))
+        found: dict[str, Any] = {}
+        for topic, rows in channels.items():
+            given = self._fields.get(topic, ())
+            parts = dict(zip(given, np.split(rows, len(given), axis=1) if given else [], strict=True))
+            found |= {name: parts.get(field) for name, field in zip(CHANNELS[topic], FIELDS, strict=True)}
+        t = np.asarray((pairs.stamp_ns - self._origin_ns) * 1e-9, dtype=np.float64)
+        return Samples(t=t, stamp_ns=pairs.stamp_ns, **found)
+
+    def problems(self) -> list[str]:
+        """Say what is wrong with what arrives, in words."""
+        now = time.monotonic()
+        said = [
+            f"nothing on {topic} for {now - heard:.0f} s"
+            for topic, heard in self._heard.items()
+            if now - heard > SILENCE and self._empty[topic] >= LOOKS
+        ]
+        faults, losses = self.faults, self.losses
+        counts = {
+            f"messages do not name the joints {', '.join(self.joints)}": faults.foreign,
+            "messages hold numbers that are not finite": faults.not_finite,
+            "messages have other fields than those before": faults.changed,
+            "messages were dropped, as this node was busy": sum(box.overflowed for box in self.inboxes.values()),
+            "samples came too late": losses.late,
+            "samples have no partner on the other topic": losses.unmatched,
+        }
+        return said + [f"{count} {what}" for what, count in counts.items() if count]
+
+    def _rows(
+        self, topic: str, names: tuple[str, ...], stamps: NDArray[np.int64], numbers: dict[str, NDArray]
+    ) -> tuple[NDArray[np.int64], Array]:
+        """Return the usable messages' stamps and their fields side by side, (N, fields * n), in the arm's order."""
+        given = tuple(field for field in FIELDS if numbers[field].shape[1])
+        fields = self._fields.setdefault(topic, given) if self._usable(names) else given
+        nothing = stamps[:0], np.empty((0, len(fields) * len(self.joints)))
+        if not self._usable(names):
+            self.faults.foreign += len(stamps)
+            return nothing
+        if given != fields or any(numbers[field].shape[1] != len(names) for field in given):
+            self.faults.changed += len(stamps)
+            return nothing
+        order = [names.index(joint) for joint in self.joints]
+        rows = np.concatenate([numbers[field][:, order] for field in fields], axis=1)
+        finite = np.isfinite(rows).all(axis=1)
+        self.faults.not_finite += int(np.sum(~finite))
+        return stamps[finite], rows[finite]
+
+    def _usable(self, names: tuple[str, ...]) -> bool:
+        return set(self.joints) <= set(names)

@@ -1,0 +1,80 @@
+"""The graph around a node: quality of service, who else is there, and when the peers are."""
+
+from __future__ import annotations
+
+import importlib
+import os
+import time
+from typing import Any
+
+from rclpy.node import Node
+from rclpy.qos import DurabilityPolicy, QoSProfile
+
+from elastic_arm.errors import GraphError
+from elastic_arm.recording import topics
+
+STREAM = QoSProfile(depth=topics.STREAM_DEPTH)
+LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+# Peers on the same machine find each other within this time, seconds.
+DISCOVERY = 1.0
+
+
+def qos(topic: str) -> QoSProfile:
+    """Return the quality of service of one of the suite's topics."""
+    return LATCHED if topic in topics.LATCHED else STREAM
+
+
+def message_class(type_name: str) -> Any:
+    """Return the Python class of a type such as `sensor_msgs/msg/JointState`.
+
+    Raises
+    ------
+    GraphError
+        If its package is not installed.
+    """
+    package, _, name = type_name.split("/")
+    try:
+        return getattr(importlib.import_module(f"{package}.msg"), name)
+    except (ImportError, AttributeError):
+        raise GraphError(f"message type {type_name} is not installed", f"Install or build {package}.") from None
+
+
+def other_publishers(node: Node, topic: str) -> list[str]:
+    """Return the full names of other nodes that publish a topic; a node of this one's name counts once too often."""
+    names = [
+        # The node behind an endpoint may be known only later than the endpoint.
+        "another node" if "UNKNOWN" in info.node_name else f"{info.node_namespace.rstrip('/')}/{info.node_name}"
+        for info in node.get_publishers_info_by_topic(topic)
+    ]
+    own = sum(1 for publisher in node.publishers if publisher.topic_name == topic)
+    for _ in range(own):
+        if node.get_fully_qualified_name() in names:
+            names.remove(node.get_fully_qualified_name())
+    return names
+
+
+def require_single_publisher(node: Node, topic: str, seconds: float = DISCOVERY) -> None:
+    """Wait for discovery, and give up if another node publishes a topic that can have only one source.
+
+    Of two that start together one looks a little longer, and finds the other.
+
+    Raises
+    ------
+    GraphError
+        If there is one.
+    """
+    end = time.monotonic() + seconds + (os.getpid() % 8) * 0.05
+    while True:
+        if others := other_publishers(node, topic):
+            raise company(others, topic)
+        if time.monotonic() >= end:
+            return
+        time.sleep(0.05)
+
+
+def company(others: list[str], topic: str) -> GraphError:
+    """Return the error of a topic that has another source already."""
+    return GraphError(
+        f"{others[0]} publishes {topic} already: two arms on one topic would mix",
+        "Stop it, or start this one with another ROS_DOMAIN_ID or namespace.",
+    )

@@ -1,0 +1,110 @@
+"""Work that takes seconds, in a process of low priority: the node's own thread goes on taking samples meanwhile."""
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+import signal
+from collections.abc import Callable
+from concurrent.futures import Future, ThreadPoolExecutor
+from dataclasses import dataclass
+from multiprocessing.connection import Connection
+from typing import Any
+
+from elastic_arm.errors import ElasticArmError, GraphError
+
+# How much lower the priority is: what a busy machine lacks is taken from here first.
+NICE = 5
+# How long a process that is asked to end may take, seconds.
+PATIENCE = 1.0
+
+
+@dataclass(frozen=True)
+class Answer:
+    """What came of a question: a value, or what was wrong with the question, in words."""
+
+    value: Any = None
+    problem: str = ""
+
+
+class WorkerProcess:
+    """A process that answers one question after another.
+
+    Parameters
+    ----------
+    make
+        Called in the process with `args`; returns what answers questions. Both are importable by name.
+    args
+        What the process needs to know; questions and answers go through a pipe, so all are plain data.
+    """
+
+    def __init__(self, make: Callable[..., Callable[[Any], Any]], *args: Any) -> None:
+        # A fork would take the threads' locks of the middleware along.
+        context = multiprocessing.get_context("spawn")
+        self._pipe, theirs = context.Pipe()
+        self._process = context.Process(target=_serve, args=(theirs, make, args), daemon=True)
+        self._process.start()
+        theirs.close()
+        # A process of low priority takes its time to fetch a question, too.
+        self._courier = ThreadPoolExecutor(1)
+        self._answer: Future[Answer] | None = None
+
+    @property
+    def busy(self) -> bool:
+        """Whether an answer is still to come."""
+        return self._answer is not None
+
+    def ask(self, question: Any) -> None:
+        """Put a question, when none is open; the answer is there later."""
+        assert not self.busy, "one question at a time"
+        self._answer = self._courier.submit(self._exchange, question)
+
+    def answer(self) -> Answer | None:
+        """Return the answer if it is there; None if it is not.
+
+        Raises
+        ------
+        GraphError
+            If the process has died.
+        """
+        if self._answer is None or not self._answer.done():
+            return None
+        answered, self._answer = self._answer, None
+        try:
+            return answered.result()
+        except (EOFError, OSError):
+            self._process.join(PATIENCE)
+            raise GraphError(
+                f"the process beside the node ended with code {self._process.exitcode}",
+                "Start the node again; what the process wrote stands above.",
+            ) from None
+
+    def close(self) -> None:
+        """End the process, whatever it is at."""
+        self._process.terminate()
+        self._process.join(PATIENCE)
+        self._courier.shutdown(wait=False, cancel_futures=True)
+
+    def _exchange(self, question: Any) -> Answer:
+        self._pipe.send(question)
+        answer: Answer = self._pipe.recv()
+        return answer
+
+
+def _serve(pipe: Connection, make: Callable[..., Callable[[Any], Any]], args: tuple[Any, ...]) -> None:
+    """Answer questions until the node closes its end, or dies."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C reaches the whole group; the node ends this process
+    os.nice(NICE)
+    answering = make(*args)
+    while True:
+        try:
+            pipe.send(_answered(answering, pipe.recv()))
+        except (EOFError, OSError):
+            return
+
+
+def _answered(answering: Callable[[Any], Any], question: Any) -> Answer:
+    try:
+        return Answer(answering(question))
+    except ElasticArmError as error:
+        return Answer(problem=str(error))

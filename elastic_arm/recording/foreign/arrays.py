@@ -1,0 +1,291 @@
+"""Arrays of a real robot (npz, csv, mat) as a recording, by a small mapping file (docs/channel_maps.md)."""
+
+from __future__ import annotations
+
+import csv
+import zipfile
+import zlib
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Annotated, Any, Literal, Self
+
+import numpy as np
+import scipy
+from pydantic import Field, model_validator
+from scipy.io.matlab import MatReadError
+
+from elastic_arm.errors import RecordingError
+from elastic_arm.input_files import read_text
+from elastic_arm.recording.foreign.channels import CHANNEL_NAMES, ChannelName, Scale, Strict, Unit, load_yaml, validated
+from elastic_arm.recording.inspection.quality import checked
+from elastic_arm.recording.recording import Recording
+from elastic_arm.recording.sides import Array, Side, Stamps
+
+_NS = {"s": 1e9, "ms": 1e6, "us": 1e3, "ns": 1.0}
+# What numpy, scipy and csv raise for a file that is not what its name says.
+_UNREADABLE = (OSError, ValueError, TypeError, IndexError, EOFError, zlib.error, zipfile.BadZipFile, MatReadError)
+_MATLAB_OWN = ("__header__", "__version__", "__globals__")
+
+
+class Times(Strict):
+    """Where the times come from: an array, or a constant rate.
+
+    Parameters
+    ----------
+    key
+        Name of the array.
+    unit
+        Of its numbers.
+    rate
+        Hz, where there is no array.
+    start
+        Unix seconds of the first sample, with `rate`.
+    """
+
+    key: str | None = None
+    unit: Literal["s", "ms", "us", "ns"] = "s"
+    rate: Annotated[float, Field(gt=0)] | None = None
+    start: float = 0.0
+
+    @model_validator(mode="after")
+    def _one_of(self) -> Self:
+        if (self.key is None) == (self.rate is None):
+            raise ValueError("give either key or rate")
+        return self
+
+
+class ArrayChannel(Strict):
+    """One channel of all joints.
+
+    Parameters
+    ----------
+    key
+        Name of an array with one column a joint, or one name a joint.
+    columns
+        Columns of the array, one a joint; all by default.
+    unit, factor, sign, torque_constant, ratio
+        As in a channel map; one for all joints, or one a joint.
+    """
+
+    key: str | list[str]
+    columns: list[int] | None = None
+    unit: Unit | None = None
+    factor: float | list[float] = 1.0
+    sign: Literal[1, -1] | list[Literal[1, -1]] = 1
+    torque_constant: float | list[float] | None = None
+    ratio: float | list[float] | None = None
+
+    def arrays(self) -> list[str]:
+        """Return the names of all arrays used."""
+        return [self.key] if isinstance(self.key, str) else self.key
+
+    def scales(self, channel: ChannelName, n: int) -> Array:
+        """(n,) factors to SI units at the harmonic-drive output.
+
+        Raises
+        ------
+        ValueError
+            If a list is not one a joint, or the unit and the rest are at odds.
+        """
+        given = {name: getattr(self, name) for name in ("factor", "sign", "torque_constant", "ratio")}
+        for name, value in given.items():
+            if isinstance(value, list) and len(value) != n:
+                raise ValueError(f"{channel}.{name} has {len(value)} values for {n} joints")
+        of_joint = [
+            Scale(unit=self.unit, **{k: v[joint] if isinstance(v, list) else v for k, v in given.items()})
+            for joint in range(n)
+        ]
+        of_joint[0].check_unit(channel)
+        return np.array([scale.scale(channel) for scale in of_joint])
+
+
+class SideArrays(Strict):
+    """The channels of one side."""
+
+    position: ArrayChannel | None = None
+    velocity: ArrayChannel | None = None
+    effort: ArrayChannel | None = None
+
+    def present(self) -> dict[ChannelName, ArrayChannel]:
+        """Return the channels that are there."""
+        return {name: channel for name in CHANNEL_NAMES if (channel := getattr(self, name)) is not None}
+
+
+class ArrayMap(Strict):
+    """A mapping of arrays to a recording.
+
+    Parameters
+    ----------
+    times
+        Of the samples.
+    joints
+        Names, in robot-description order.
+    link, motor
+        The channels of each side.
+    ignore
+        Arrays that are left out on purpose; any other array that is not mapped is an error.
+    robot_description
+        URDF file to put into the bag; relative to the mapping file.
+    """
+
+    times: Times
+    joints: Annotated[list[str], Field(min_length=1)]
+    link: SideArrays = SideArrays()
+    motor: SideArrays = SideArrays()
+    ignore: Annotated[list[str], Field(default_factory=list)]
+    robot_description: str | None = None
+
+    @model_validator(mode="after")
+    def _usable(self) -> Self:
+        if len(set(self.joints)) < len(self.joints):
+            raise ValueError("joints: a name occurs twice")
+        if not self.link.present() and not self.motor.present():
+            raise ValueError("neither link nor motor has a channel")
+        for side in (self.link, self.motor):
+            for name, channel in side.present().items():
+                channel.scales(name, len(self.joints))
+        return self
+
+
+def load_array_map(path: str | Path) -> ArrayMap:
+    """Read a mapping file (YAML).
+
+    Raises
+    ------
+    RecordingError
+        If it cannot be read, or a field is missing, unknown or wrong.
+    """
+    return validated(ArrayMap, load_yaml(path, "mapping"), path)
+
+
+def import_arrays(path: str | Path, mapping: str | Path) -> Recording:
+    """Make a recording of a file of arrays.
+
+    Parameters
+    ----------
+    path
+        .npz, .csv (one header line) or .mat (up to version 7).
+    mapping
+        The mapping file.
+
+    Raises
+    ------
+    RecordingError
+        If a file cannot be read, an array is missing or has the wrong size, or numbers and times cannot be used.
+    """
+    arrays, rules = _load(Path(path)), load_array_map(mapping)
+    try:
+        _refuse_strays(arrays, rules)
+        stamp_ns = _stamps(arrays, rules)
+        link = _side(arrays, rules, "link", stamp_ns)
+        motor = _side(arrays, rules, "motor", stamp_ns)
+    except RecordingError as error:
+        raise RecordingError(f"{path}: {error.problem}", error.remedy) from None
+    urdf = None
+    if rules.robot_description is not None:
+        file = Path(mapping).parent / rules.robot_description
+        urdf = read_text(file, RecordingError, f"Mend robot_description in {mapping}: a path beside that file.")
+    return Recording(tuple(rules.joints), link, motor, robot_description=urdf, source=str(path))
+
+
+def _load(path: Path) -> Mapping[str, np.ndarray]:
+    try:
+        match path.suffix.lower():
+            case ".npz":
+                with np.load(path, allow_pickle=False) as content:
+                    return dict(content)
+            case ".csv":
+                return _load_csv(path)
+            case ".mat":
+                content = scipy.io.loadmat(path)
+                return {name: values for name, values in content.items() if name not in _MATLAB_OWN}
+    except NotImplementedError:
+        raise RecordingError(f"{path} is a MATLAB 7.3 file", "Save it with -v7.") from None
+    except _UNREADABLE as error:
+        reason = getattr(error, "strerror", None) or error
+        raise RecordingError(f"{path} cannot be read: {reason}", "Check the path and the format.") from None
+    raise RecordingError(f"{path} is none of .npz, .csv, .mat", "Convert it to one of them.")
+
+
+def _load_csv(path: Path) -> dict[str, np.ndarray]:
+    with open(path, encoding="utf-8", newline="") as file:
+        head = file.readline()
+        delimiter = next((mark for mark in (",", ";", "\t") if mark in head), None)
+        # Blanks may come several at a time, and stand behind the comment mark that numpy writes.
+        words = head.lstrip("#").split() if delimiter is None else next(csv.reader([head], delimiter=delimiter))
+        names = [name.strip().lstrip("#").strip() for name in words]
+        rows = file.read().splitlines()
+        if not any(row.strip() for row in rows):
+            raise ValueError("there are no numbers below the first line")
+        table = np.loadtxt(rows, delimiter=delimiter, ndmin=2)
+    if table.shape[1] != len(names):
+        raise ValueError(f"{len(names)} names in the first line, {table.shape[1]} columns of numbers")
+    return {name: table[:, column] for column, name in enumerate(names)}
+
+
+def _refuse_strays(arrays: Mapping[str, np.ndarray], rules: ArrayMap) -> None:
+    sides = (rules.link, rules.motor)
+    used = {key for side in sides for channel in side.present().values() for key in channel.arrays()}
+    used |= {rules.times.key} if rules.times.key is not None else set()
+    known = ", ".join(arrays)
+    if missing := sorted(used - set(arrays)):
+        raise RecordingError(f"no array {', '.join(missing)}; there is {known}", "Correct the names in the mapping.")
+    if strays := sorted(set(arrays) - used - set(rules.ignore)):
+        raise RecordingError(
+            f"arrays {', '.join(strays)} are not mapped", "Map them, or list them under 'ignore' in the mapping."
+        )
+
+
+def _stamps(arrays: Mapping[str, np.ndarray], rules: ArrayMap) -> Stamps:
+    times = rules.times
+    if times.key is None:
+        side = rules.link if rules.link.present() else rules.motor
+        first = next(iter(side.present().values())).arrays()[0]
+        count = max(arrays[first].shape, default=1)
+        return round(times.start * 1e9) + np.rint(np.arange(count) * (1e9 / float(times.rate or 1))).astype(np.int64)
+    values = np.asarray(arrays[times.key]).ravel()
+    if values.dtype.kind not in "iuf":
+        raise RecordingError(f"{times.key} holds no numbers", "Name the array of times in the mapping.")
+    if values.dtype.kind in "iu":
+        return values.astype(np.int64) * int(_NS[times.unit])
+    if not np.isfinite(values).all():
+        raise RecordingError(f"{times.key} is not finite in row {int(np.argmin(np.isfinite(values)))}")
+    # Whole units and the rest apart: unix seconds times 1e9 would lose the last bits.
+    whole = np.floor(values)
+    rest = np.rint((values - whole) * _NS[times.unit]).astype(np.int64)
+    return whole.astype(np.int64) * int(_NS[times.unit]) + rest
+
+
+def _side(
+    arrays: Mapping[str, np.ndarray], rules: ArrayMap, name: Literal["link", "motor"], stamp_ns: Stamps
+) -> Side | None:
+    channels: dict[ChannelName, ArrayChannel] = getattr(rules, name).present()
+    if not channels:
+        return None
+    n = len(rules.joints)
+    values: dict[str, Any] = {
+        channel: _table(arrays, source, len(stamp_ns), n) * source.scales(channel, n)
+        for channel, source in channels.items()
+    }
+    return checked(Side(stamp_ns, **values), name, rules.joints)
+
+
+def _table(arrays: Mapping[str, np.ndarray], source: ArrayChannel, count: int, n: int) -> Array:
+    """(count, n) numbers of a channel; an array with samples along its second axis is turned."""
+    keys = source.arrays()
+    try:
+        parts = [np.asarray(arrays[key], dtype=np.float64) for key in keys]
+        table = parts[0] if len(parts) == 1 else np.column_stack([part.ravel() for part in parts])
+    except (TypeError, ValueError) as error:
+        raise RecordingError(f"{', '.join(keys)} is no table of numbers ({error})", "Map arrays of numbers.") from None
+    table = table[:, None] if table.ndim == 1 else table
+    if table.ndim == 2 and table.shape[0] != count and table.shape[1] == count:
+        table = table.T
+    if source.columns is not None and table.ndim == 2 and max(source.columns) < table.shape[1]:
+        table = table[:, source.columns]
+    if table.shape != (count, n):
+        raise RecordingError(
+            f"{', '.join(keys)} has shape {table.shape}; {count} samples of {n} joints are wanted",
+            "Name one column a joint ('columns', or a list of keys), and the right times.",
+        )
+    return table

@@ -1,0 +1,108 @@
+"""Sides of a recording from the topics of a foreign bag, by its channel map."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from elastic_arm.errors import RecordingError
+from elastic_arm.recording.foreign.channels import CHANNEL_NAMES, Channel, ChannelMap, ChannelName, SideName
+from elastic_arm.recording.inspection.quality import checked
+from elastic_arm.recording.series import Series
+from elastic_arm.recording.sides import Array, Side, Stamps
+from elastic_arm.recording.timebase import pair
+
+
+def mapped_side(
+    channels: ChannelMap, side_name: SideName, series: Mapping[str, Series]
+) -> tuple[Side | None, tuple[str, ...]]:
+    """Build one side of all joints; None where the map has no channel of it.
+
+    Channels of one topic share its stamps; those of further topics are brought to the stamps of the first.
+
+    Raises
+    ------
+    RecordingError
+        If a topic, field or joint is missing, or the numbers cannot be used.
+    """
+    built: Side | None = None
+    notes: tuple[str, ...] = ()
+    for channel_name in CHANNEL_NAMES:
+        sources = {
+            joint: source
+            for joint, both in channels.joints.items()
+            if (source := getattr(getattr(both, side_name), channel_name)) is not None
+        }
+        if not sources:
+            continue
+        side, words = _channel(sources, channel_name, series, channels)
+        notes += words
+        if built is None:
+            built = side
+        else:
+            built, side, words = pair(built, side, f"{side_name} {channel_name}", f"the {side_name} side")
+            notes += words
+            built = built.beside(side)
+    return built, notes
+
+
+def _channel(
+    sources: dict[str, Channel], name: ChannelName, series: Mapping[str, Series], channels: ChannelMap
+) -> tuple[Side, tuple[str, ...]]:
+    """Build one channel of all joints, brought to the stamps of the first joint's topic."""
+    by_topic: dict[str, list[str]] = {}
+    for joint, source in sources.items():
+        by_topic.setdefault(source.topic, []).append(joint)
+    built: Side | None = None
+    order: list[str] = []
+    notes: tuple[str, ...] = ()
+    for topic, joints in by_topic.items():
+        messages = series.get(topic)
+        if messages is None or not messages.count:
+            raise RecordingError(
+                f"no messages on {topic}, which the channel map names for {', '.join(joints)}",
+                f"Topics with messages: {', '.join(t for t, s in series.items() if s.count) or 'none of the map'}.",
+            )
+        values = np.column_stack([_one(messages, sources[joint], name) for joint in joints])
+        side = checked(Side(_times(messages, channels), **{name: values}), topic, joints)
+        if built is None:
+            built = side
+        else:
+            built, side, words = pair(built, side, topic, next(iter(by_topic)))
+            notes += words
+            built = Side(built.stamp_ns, **{name: np.hstack([built.channels()[name], side.channels()[name]])})
+        order += joints
+    if built is None:
+        raise RecordingError(f"the channel map names no source for {name}")
+    columns = [order.index(joint) for joint in sources]
+    return Side(built.stamp_ns, **{name: built.channels()[name][:, columns]}), notes
+
+
+def _one(messages: Series, source: Channel, name: ChannelName) -> Array:
+    if source.index is not None:
+        return messages.column(source.field, source.index) * source.scale(name)
+    if not messages.names():
+        if messages.width(source.field) > 1:
+            raise RecordingError(
+                f"{messages.topic} has several numbers in field {source.field!r} and names none of them",
+                f"Give {source.name} its index in the channel map.",
+            )
+        return messages.column(source.field, 0) * source.scale(name)
+    part = messages.keep(lambda piece: source.name in piece.names)
+    if part.count < messages.count:
+        known = ", ".join(messages.names())
+        raise RecordingError(
+            f"{messages.topic}: joint {source.name} is missing in {messages.count - part.count} messages",
+            f"Joints there: {known}.",
+        )
+    values = messages.columns(source.field, (source.name,))
+    if values is None:
+        raise RecordingError(
+            f"{messages.topic} has no numbers in field {source.field!r}", "Name another field in the channel map."
+        )
+    return values[:, 0] * source.scale(name)
+
+
+def _times(messages: Series, channels: ChannelMap) -> Stamps:
+    return messages.stamp_ns if channels.time == "header" else messages.log_ns

@@ -1,0 +1,118 @@
+"""What is in a bag, in short."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Any
+
+from elastic_arm.errors import RecordingError
+from elastic_arm.recording.foreign.channels import ChannelMap
+from elastic_arm.recording.reading import read_recording
+from elastic_arm.recording.storage.bag import open_bag
+
+
+@dataclass
+class TopicInfo:
+    """A topic of a bag: type, messages, first and last log time, and the rate between them (None below two)."""
+
+    name: str
+    type_name: str
+    count: int = 0
+    first_ns: int = 0
+    last_ns: int = 0
+
+    @property
+    def rate(self) -> float | None:
+        """Messages a second."""
+        span = (self.last_ns - self.first_ns) * 1e-9
+        return (self.count - 1) / span if span > 0 else None
+
+
+@dataclass
+class BagInfo:
+    """A bag in short.
+
+    Parameters
+    ----------
+    path
+        Folder or file.
+    files
+        Names, with sizes in bytes.
+    compression
+        Of its chunks: "none", "lz4", "zstd", "unchunked", or several.
+    topics
+        In order of appearance.
+    joints, channels
+        Of the recording in it: `link.position` ...; empty where it holds none.
+    notes
+        What a reader assumes, or why it cannot use the bag.
+    damage
+        What is wrong with the files.
+    """
+
+    path: str
+    files: dict[str, int]
+    compression: list[str]
+    topics: list[TopicInfo]
+    joints: list[str] = field(default_factory=list)
+    channels: list[str] = field(default_factory=list)
+    notes: list[str] = field(default_factory=list)
+    damage: list[str] = field(default_factory=list)
+
+    @property
+    def messages(self) -> int:
+        """Number of messages."""
+        return sum(topic.count for topic in self.topics)
+
+    @property
+    def start_ns(self) -> int | None:
+        """First log time; None for an empty bag."""
+        return min((topic.first_ns for topic in self.topics if topic.count), default=None)
+
+    @property
+    def duration(self) -> float:
+        """Seconds between the first and the last message."""
+        last = max((topic.last_ns for topic in self.topics if topic.count), default=0)
+        return (last - (self.start_ns or 0)) * 1e-9 if self.messages else 0.0
+
+    def to_json(self) -> dict[str, Any]:
+        """Return plain data."""
+        plain = asdict(self)
+        for topic, told in zip(plain["topics"], self.topics, strict=True):
+            topic["rate"] = told.rate
+        return {**plain, "messages": self.messages, "start_ns": self.start_ns, "duration": self.duration}
+
+
+def bag_info(path: str | Path, channels: ChannelMap | None = None) -> BagInfo:
+    """Sum up a bag.
+
+    Raises
+    ------
+    RecordingError
+        If there is nothing that can be read.
+    """
+    bag = open_bag(path)
+    topics: dict[str, TopicInfo] = {}
+    kinds: set[str] = set()
+    for file in bag.files:
+        kinds |= {chunk.compression or "none" for chunk in file.chunks}
+        kinds |= {"unchunked"} if len(file.loose) else set()
+        for block in file.blocks(strict=False):
+            for channel_id, offsets in block.messages.items():
+                name, type_name = file.topic(channel_id)
+                log_ns = block.log_ns(channel_id)
+                first, last = int(log_ns.min()), int(log_ns.max())
+                topic = topics.setdefault(name, TopicInfo(name, type_name, 0, first, last))
+                topic.count += len(offsets)
+                topic.first_ns, topic.last_ns = min(topic.first_ns, first), max(topic.last_ns, last)
+    sizes = {file.path.name: len(file.buffer) for file in bag.files}
+    info = BagInfo(str(path), sizes, sorted(kinds), list(topics.values()), damage=bag.all_damage())
+    try:
+        recording = read_recording(path, channels)
+    except RecordingError as error:
+        info.notes.append(str(error))
+        return info
+    info.joints, info.notes = list(recording.joints), [n for n in recording.notes if n not in info.damage]
+    info.channels = [f"{side}.{name}" for side, values in recording.sides().items() for name in values.channels()]
+    return info

@@ -1,0 +1,1 @@
+"""Bags on disk: storage formats behind one reader, metadata, writing."""

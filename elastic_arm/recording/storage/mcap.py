@@ -1,0 +1,321 @@
+"""Open MCAP files, whole or torn, and hand out their messages by channel."""
+
+from __future__ import annotations
+
+import os
+import struct
+import zlib
+from collections import deque
+from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, field
+from io import BytesIO
+from itertools import islice
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import lz4.frame
+import numpy as np
+import zstandard
+from mcap import records
+from mcap.data_stream import ReadDataStream
+from mcap.exceptions import McapError
+from mcap.opcode import Opcode
+
+from elastic_arm.errors import RecordingError
+from elastic_arm.recording.storage.mcap_scan import (
+    MESSAGE_HEAD,
+    RECORD_HEAD,
+    Bytes,
+    Offsets,
+    Record,
+    Scan,
+    column,
+    progression,
+    scan,
+)
+
+MAGIC = b"\x89MCAP0\r\n"
+_PARSED: dict[int, Any] = {
+    Opcode.HEADER: records.Header,
+    Opcode.SCHEMA: records.Schema,
+    Opcode.CHANNEL: records.Channel,
+    Opcode.STATISTICS: records.Statistics,
+    Opcode.FOOTER: records.Footer,
+}
+_MOST_WORKERS = 4
+# What reading a record raises whose bytes are not what its kind promises.
+_BAD_RECORD = (McapError, ValueError, KeyError, IndexError, struct.error)
+
+
+class Chunk(NamedTuple):
+    """Where the bytes of a chunk lie in the file, how they are packed, and where its messages' indexes lie."""
+
+    begin: int
+    end: int
+    size: int
+    crc: int
+    compression: str
+    start_ns: int
+    end_ns: int
+    indexes: list[Record]
+
+
+@dataclass(frozen=True)
+class Block:
+    """Plain bytes and the message records in them, by channel id; of an unchunked file, or of one chunk."""
+
+    buffer: Bytes
+    messages: dict[int, Offsets]
+    _where: dict[int, Offsets | slice] = field(default_factory=dict)
+
+    def where(self, channel: int) -> Offsets | slice:
+        """The messages of a channel; a slice where they are equally spaced."""
+        if channel not in self._where:
+            self._where[channel] = progression(self.messages[channel])
+        return self._where[channel]
+
+    def log_ns(self, channel: int) -> Offsets:
+        """(N,) log times of the messages of a channel."""
+        return column(self.buffer, "<u8", self.where(channel), 15).astype(np.int64)
+
+    def sizes(self, channel: int) -> Offsets:
+        """(N,) lengths of the messages of a channel."""
+        return column(self.buffer, "<u8", self.where(channel), 1).astype(np.int64) - (MESSAGE_HEAD - 9)
+
+    def data(self, channel: int, index: int) -> memoryview:
+        """Bytes of one message."""
+        at = self.messages[channel][[index]]
+        begin = int(at[0]) + MESSAGE_HEAD
+        size = int(column(self.buffer, "<u8", at, 1)[0]) - (MESSAGE_HEAD - 9)
+        return self.buffer.data[begin : begin + size]
+
+
+@dataclass
+class McapFile:
+    """An MCAP file: what is in it, and its messages block by block.
+
+    Parameters
+    ----------
+    path
+        The file.
+    profile, library
+        From its header.
+    schemas, channels
+        By id; those that stand only inside chunks appear once :meth:`blocks` has been run through.
+    chunks
+        In file order.
+    statistics
+        From the summary; None where there is none.
+    damage
+        What is wrong with the file, in words; empty for a whole one.
+    """
+
+    path: Path
+    buffer: Bytes
+    profile: str = ""
+    library: str = ""
+    schemas: dict[int, records.Schema] = field(default_factory=dict)
+    channels: dict[int, records.Channel] = field(default_factory=dict)
+    chunks: list[Chunk] = field(default_factory=list)
+    statistics: records.Statistics | None = None
+    damage: list[str] = field(default_factory=list)
+    loose: Offsets = field(default_factory=lambda: np.empty(0, np.int64))
+
+    def topic(self, channel: int) -> tuple[str, str]:
+        """Return the topic of a channel and its type; an empty type where the file gives no schema.
+
+        Raises
+        ------
+        RecordingError
+            If the file does not describe the channel.
+        """
+        if channel not in self.channels:
+            raise RecordingError(
+                f"{self.path}: messages of channel {channel}, which the file does not describe", "Record again."
+            )
+        described = self.channels[channel]
+        schema = self.schemas.get(described.schema_id)
+        return described.topic, schema.name if schema is not None else ""
+
+    def expected(self, channel: int) -> int:
+        """Return how many messages the summary promises on a channel; 0 where nothing is known."""
+        return self.statistics.channel_message_counts.get(channel, 0) if self.statistics is not None else 0
+
+    def blocks(self, strict: bool = True) -> Iterator[Block]:
+        """Yield the messages, block by block in file order; slow chunks are unpacked ahead in threads.
+
+        Parameters
+        ----------
+        strict
+            Raise for a chunk that cannot be unpacked; otherwise note it in `damage` and go on.
+
+        Raises
+        ------
+        RecordingError
+            If a chunk is damaged.
+        """
+        if len(self.loose):
+            yield self._block(self.buffer, Scan(self.loose, [], len(self.buffer)))
+        for chunk, unpacked in zip(self.chunks, self._unpacked_chunks(), strict=True):
+            block = unpacked if isinstance(unpacked, RecordingError) else self._chunk_block(chunk, unpacked)
+            if not isinstance(block, RecordingError):
+                yield block
+            elif strict:
+                raise block
+            else:
+                self.damage.append(block.problem)
+
+    def _unpacked_chunks(self) -> Iterator[Bytes | RecordingError]:
+        """Yield the plain bytes of each chunk, or why there are none."""
+        # Unpacking and the checksum are all that is handed over: they do without the interpreter, which many small
+        # steps in two threads would keep taking from each other. A checksum alone is not worth it.
+        workers = min((os.cpu_count() or 1) - 1, _MOST_WORKERS)
+        if workers < 1 or not any(chunk.compression for chunk in self.chunks):
+            yield from map(self._unpack, self.chunks)
+            return
+        with ThreadPoolExecutor(workers) as pool:
+            todo = iter(self.chunks)
+            ahead = deque(pool.submit(self._unpack, chunk) for chunk in islice(todo, 2 * workers))
+            while ahead:
+                unpacked = ahead.popleft().result()
+                ahead.extend(pool.submit(self._unpack, chunk) for chunk in islice(todo, 1))
+                yield unpacked
+
+    def _unpack(self, chunk: Chunk) -> Bytes | RecordingError:
+        try:
+            plain = _decompress(self.buffer[chunk.begin : chunk.end], chunk)
+        except (RuntimeError, ValueError, zstandard.ZstdError) as error:
+            return self._chunk_error(chunk, str(error))
+        if len(plain) != chunk.size or (chunk.crc and zlib.crc32(plain.data) != chunk.crc):
+            return self._chunk_error(chunk, "its checksum does not match")
+        return plain
+
+    def _chunk_block(self, chunk: Chunk, plain: Bytes) -> Block | RecordingError:
+        indexed = _indexed(self.buffer, chunk.indexes, plain)
+        if indexed is not None:
+            return indexed
+        found = scan(plain, 0, len(plain))
+        try:
+            self._parse(found.others, plain)
+        except _BAD_RECORD as error:
+            return self._chunk_error(chunk, f"a bad record in it: {error}")
+        return self._block(plain, found)
+
+    def _chunk_error(self, chunk: Chunk, reason: str) -> RecordingError:
+        return RecordingError(
+            f"{self.path}: the chunk at byte {chunk.begin} is damaged ({reason})",
+            f"Save what can be saved with: elastic-arm bag check --repair {self.path}",
+        )
+
+    def _block(self, buffer: Bytes, found: Scan) -> Block:
+        channel = column(buffer, "<u2", found.messages, 9)
+        present = [int(c) for c in np.flatnonzero(np.bincount(channel))] if len(channel) else []
+        if len(present) == 1:
+            return Block(buffer, {present[0]: found.messages})
+        return Block(buffer, {c: found.messages[channel == c] for c in present})
+
+    def _parse(self, others: list[Record], buffer: Bytes) -> None:
+        for found in others:
+            opcode, begin, end = found
+            if opcode == Opcode.CHUNK:
+                self.chunks.append(_chunk(buffer, begin))
+            elif opcode == Opcode.MESSAGE_INDEX and self.chunks:
+                self.chunks[-1].indexes.append(found)
+            elif opcode in _PARSED:
+                record = _PARSED[opcode].read(ReadDataStream(BytesIO(buffer[begin:end].tobytes())))
+                self._keep(record)
+
+    def _keep(self, record: records.McapRecord) -> None:
+        match record:
+            case records.Header():
+                self.profile, self.library = record.profile, record.library
+            case records.Schema():
+                self.schemas[record.id] = record
+            case records.Channel():
+                self.channels[record.id] = record
+            case records.Statistics():
+                self.statistics = record
+
+
+def open_mcap(path: Path) -> McapFile:
+    """Open an MCAP file; a torn one too, with its damage said.
+
+    Raises
+    ------
+    RecordingError
+        If the file is missing, empty, or no MCAP file.
+    """
+    try:
+        if path.suffix in (".zstd", ".zst"):  # rosbag2's file compression
+            packed = path.read_bytes()
+            buffer = np.frombuffer(zstandard.ZstdDecompressor().decompressobj().decompress(packed), np.uint8)
+        else:
+            buffer = np.asarray(np.memmap(path, np.uint8, "r")) if path.stat().st_size else np.empty(0, np.uint8)
+    except (OSError, zstandard.ZstdError) as error:
+        raise RecordingError(f"{path} cannot be read: {error}", "Check the path and its permissions.") from None
+    if not len(buffer):
+        raise RecordingError(f"{path} is empty", "Record again: nothing was written.")
+    if buffer[:8].tobytes() != MAGIC:
+        raise RecordingError(f"{path} is no MCAP file", "Give a rosbag2 folder or an .mcap file.")
+    file = McapFile(path, buffer)
+    whole = len(buffer) >= 16 and buffer[-8:].tobytes() == MAGIC
+    found = scan(buffer, 8, len(buffer) - 8 if whole else len(buffer))
+    file.loose = found.messages
+    try:
+        file._parse(found.others, buffer)
+    except _BAD_RECORD as error:
+        raise RecordingError(f"{path} has a damaged record ({error})", "Record again.") from None
+    if not whole:
+        torn = len(buffer) - found.end
+        file.damage.append(f"{path}: no summary at the end" + (f" and a torn record of {torn} bytes" if torn else ""))
+    elif found.end < len(buffer) - 8:
+        file.damage.append(f"{path}: bytes after {found.end} are no MCAP records")
+    return file
+
+
+def _chunk(buffer: Bytes, begin: int) -> Chunk:
+    head = buffer[begin : begin + 32].tobytes()
+    start_ns, end_ns, size = np.frombuffer(head[:24], "<u8").tolist()
+    crc, name_size = np.frombuffer(head[24:32], "<u4").tolist()
+    compression = buffer[begin + 32 : begin + 32 + name_size].tobytes().decode()
+    at = begin + 32 + name_size
+    packed = int(np.frombuffer(buffer[at : at + 8].tobytes(), "<u8")[0])
+    return Chunk(at + 8, at + 8 + packed, size, crc, compression, start_ns, end_ns, [])
+
+
+def _indexed(file: Bytes, indexes: list[Record], plain: Bytes) -> Block | None:
+    """Return the messages of a chunk by its indexes; None unless these account for every byte of it.
+
+    Where topics come in no regular turn this spares the walk from record to record.
+    """
+    block = Block(plain, {})
+    covered = 0
+    for _, begin, end in indexes:
+        channel = int.from_bytes(file[begin : begin + 2], "little")
+        offsets = np.frombuffer(file[begin + 6 : end].tobytes(), "<u8")[1::2].astype(np.int64)
+        if not len(offsets):
+            continue
+        offsets = offsets if (offsets[1:] > offsets[:-1]).all() else np.unique(offsets)
+        if channel in block.messages or offsets[0] < 0 or offsets[-1] + MESSAGE_HEAD > len(plain):
+            return None
+        block.messages[channel] = offsets
+        where = block.where(channel)
+        heads = (column(plain, "u1", where) == Opcode.MESSAGE) & (column(plain, "<u2", where, 9) == channel)
+        if not heads.all():
+            return None
+        covered += int(column(plain, "<u8", where, 1).sum()) + RECORD_HEAD * len(offsets)
+    return block if covered == len(plain) else None
+
+
+def _decompress(packed: Bytes, chunk: Chunk) -> Bytes:
+    match chunk.compression:
+        case "":
+            return packed
+        case "zstd":
+            plain = zstandard.ZstdDecompressor().decompress(packed.data, max_output_size=chunk.size)
+        case "lz4":
+            plain = lz4.frame.decompress(packed.data)
+        case other:
+            raise ValueError(f"unknown compression {other!r}")
+    return np.frombuffer(plain, np.uint8)

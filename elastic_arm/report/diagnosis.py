@@ -1,0 +1,287 @@
+"""The report of a gap diagnosis: verdict first, then where, which, how far, what next."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from elastic_arm.diagnosis.context import DiagnosisContext
+from elastic_arm.diagnosis.format import ahead, at, confidence, harmful, likelihood, meaning, percent, sizes
+from elastic_arm.diagnosis.inference.across_recordings import Agreement
+from elastic_arm.diagnosis.result import SEPARATING, Cause, Diagnosis
+from elastic_arm.effects import EFFECTS
+from elastic_arm.estimation.residuals import SIDES
+from elastic_arm.report import diagnosis_figures as figures
+from elastic_arm.report.html import Block, Figure, Section, Table, Text, write_report
+
+TONES = {"none": "good", "explained": "good", "unknown": "warn"}
+STANDS_OUT = 2.0  # times the noise
+SHOWN = 4  # causes that get figures of their own
+MEASURED = {
+    "excess": "as what residuals have more than noise",
+    "likelihood": "by the likelihood of all equations together, as no residual stands out of its noise by itself",
+}
+EQUATION = {
+    "link": ("joint torque sensor against what moves and carries the link", "tau_J − [M q″ + S theta″ + c + c1 + g]"),
+    "drive": ("joint torque sensor against the twist of the drive", "tau_J − [K (theta − q) + D (theta′ − q′)]"),
+    "motor": (
+        "motor torque against the motor's inertia and the joint torque",
+        "tau_m − [Sᵀ q″ + B theta″ + c2] − tau_J",
+    ),
+}
+
+
+def write_gap_report(path: str | Path, found: Diagnosis) -> Path:
+    """Write the report of a diagnosis as one HTML file."""
+    subtitle = f"{', '.join(found.identify) or 'a recording'} against {found.robot} ({found.model})"
+    return write_report(path, "Gap diagnosis", sections(found), subtitle=subtitle)
+
+
+def sections(found: Diagnosis) -> list[Section]:
+    """Return what the report says, most important first."""
+    material = found.material
+    told = [Section("Verdict", _verdict(found)), Section("Where the gap lies", _where(found))]
+    if found.causes:
+        told.append(Section("How far it shrinks", _how_far(found)))
+    if material is not None:
+        told += [Section(figures.title(c), _cause(found, c, k, material)) for k, c in enumerate(found.causes[:SHOWN])]
+        if found.unexplained:
+            told.append(Section("What is not explained", _unexplained(found, material)))
+    told.append(Section("Before and after" if found.causes else "The residuals", _sizes(found, material)))
+    if found.prediction is not None:
+        told.append(Section("How far ahead the model sees", _prediction(found)))
+    if found.proposal is not None:
+        told.append(Section("What to move next", _next(found)))
+    if found.agreements:
+        told.append(Section("Recording by recording", _agreement(found)))
+    if material is not None:
+        told.append(Section("What the residuals follow", [_regimes(found, material)]))
+    told.append(Section("What this rests on", _grounds(found)))
+    return told
+
+
+def _verdict(found: Diagnosis) -> list[Block]:
+    blocks: list[Block] = [Text(f"{found.verdict}: {meaning(found)}", TONES[found.verdict])]
+    if found.causes:
+        rows: list[list[object]] = [
+            [
+                c.effect.replace("_", " "),
+                c.joint or "whole arm",
+                ", ".join(c.sides),
+                _values(c),
+                percent(c.shrink),
+                confidence(c.confidence),
+            ]
+            for c in found.causes
+        ]
+        header = [
+            "what the arm has and the model lacks",
+            "where",
+            "shows on",
+            "size",
+            "shrinks the gap alone by",
+            "confidence",
+        ]
+        blocks.append(Table(header, rows))
+    if told := harmful(found.causes):
+        blocks.append(Text(told))
+    if found.prediction is not None and found.prediction.before and found.causes:
+        blocks.append(Text(ahead(found.prediction)))
+    blocks += [Text(line, "warn") for line in (*_leftover(found), *_disagreements(found))]
+    others: list[list[object]] = [
+        [f"{c.effect} on {c.joint or 'whole arm'}", f"{a.effect} on {a.joint or 'whole arm'}",
+         confidence(a.confidence), a.separated_by, a.file or "–"]
+        for c in found.causes
+        for a in c.alternatives
+    ]  # fmt: skip
+    if others:
+        header = ["instead of", "it may be", "probability", "told apart by", "as a file"]
+        blocks.append(Table(header, others, "This recording cannot tell these apart for certain"))
+    return blocks
+
+
+def _values(cause: Cause) -> str:
+    chosen = [cause.active.parameters[c.name] for c in cause.active.effect.choices if c.several]
+    named = [" and ".join(str(v) for v in choice) for choice in chosen if isinstance(choice, tuple)]
+    return ", ".join([sizes(cause.parameters), *named]) or "no free size"
+
+
+def _where(found: Diagnosis) -> list[Block]:
+    text = (
+        "Each joint has three equations, and a residual each: what was measured minus what the model says. The map "
+        f"shows it over the noise of the sensors, on validation data between 0 and {found.band:g} Hz: 1× is noise "
+        "alone, red is a gap."
+    )
+    rows = [[side, *EQUATION[side]] for side in SIDES]
+    return [Text(text), Figure(figures.gap_map(found)), Table(["side", "compares", "residual, Nm"], rows)]
+
+
+def _how_far(found: Diagnosis) -> list[Block]:
+    low, high = found.shrink_interval or (np.nan, np.nan)
+    text = (
+        f"All causes together take {100 * (found.shrink or 0.0):.1f} % off the gap (95 % interval {100 * low:.1f} to "
+        f"{100 * high:.1f} %), measured {MEASURED[found.measured_by]}, on motion that no fit has seen."
+    )
+    return [Text(text), Figure(figures.ladder(found), "From top to bottom the causes are added one by one.")]
+
+
+def _cause(found: Diagnosis, cause: Cause, k: int, material: DiagnosisContext) -> list[Block]:
+    effect = EFFECTS[cause.effect]
+    row = _loudest(material, k)
+    side, joint = material.validate.layout.sides[row // len(found.joints)], found.joints[row % len(found.joints)]
+    caption = (
+        f"{joint}, {side} side, on validation data. Grey: residual of the model as it is. Red: what this cause says. "
+        "Blue: what is left with this cause alone added."
+    )
+    return [
+        Text(f"{effect.description} Law: {effect.formula}."),
+        Text(f"How it shows: {effect.signature}"),
+        Figure(figures.portrait(found, material, row, material.alone[k], cause.effect), caption),
+    ]
+
+
+def _unexplained(found: Diagnosis, material: DiagnosisContext) -> list[Block]:
+    rows = [[p.joint, p.side, p.regime.replace("_", " "), p.rmse] for p in found.unexplained]
+    first = found.unexplained[0]
+    sides, n = material.validate.layout.sides, len(found.joints)
+    row = sides.index(first.side) * n + found.joints.index(first.joint)
+    added = "all causes together" if found.causes else None
+    caption = f"{first.joint}, {first.side} side: where most is left."
+    return [
+        Text("No effect of the catalogue explains what is left here.", "warn"),
+        Table(["joint", "side", "follows", "left, Nm"], rows, digits=3),
+        Figure(figures.portrait(found, material, row, material.after, added), caption),
+    ]
+
+
+def _sizes(found: Diagnosis, material: DiagnosisContext | None) -> list[Block]:
+    shown = {" before": found.before, " after": found.after} if found.causes else {"": found.before}
+    rows = [
+        [j, s, found.noise[j, s], *(size.rmse[j, s] for size in shown.values()),
+         *(size.peak[j, s] for size in shown.values())]
+        for j in found.joints
+        for s in SIDES
+        if (j, s) in found.before.rmse
+    ]  # fmt: skip
+    header = ["joint", "side", "noise", *(f"rmse{when}" for when in shown), *(f"max{when}" for when in shown)]
+    table = Table(header, rows, f"Nm, validation data, 0 to {found.band:g} Hz", 3)
+    if material is None:
+        return [table]
+    caption = "Residuals on the longest stretch of validation data; the band is two standard deviations of the noise."
+    return [Figure(figures.before_and_after(found, material), caption), table]
+
+
+def _prediction(found: Diagnosis) -> list[Block]:
+    prediction = found.prediction
+    if prediction is None or prediction.before is None or prediction.after is None:
+        return [Text(f"Not measured: {prediction.reason if prediction else ''}.", "warn")]
+    text = (
+        f"From {prediction.starts} instants of the validation data the arm is put into its measured state and driven "
+        "by the measured motor torque in simulation. The root mean square of predicted minus measured angle tells how "
+        "far ahead the model can be trusted."
+    )
+    shown = {", before": prediction.before, ", after": prediction.after} if found.causes else {"": prediction.before}
+    header = ["joint", "angle", *(f"{1e3 * h:g} ms{when}" for h in prediction.horizons for when in shown)]
+    rows = [
+        [joint, side, *(1e6 * size[joint, side][k] for k in range(len(prediction.horizons)) for size in shown.values())]
+        for joint, side in prediction.before
+    ]
+    drawing = Figure(figures.horizons(prediction, found.joints))
+    return [Text(text), drawing, Table(header, rows, "Prediction error, µrad", 2)]
+
+
+def _next(found: Diagnosis) -> list[Block]:
+    proposal = found.proposal
+    assert proposal is not None
+    rows = [
+        [*(f"{effect} on {joint or 'whole arm'}" for effect, joint in (p.cause, p.alternative)),
+         likelihood(p.here), likelihood(p.expected), "yes" if p.decides else "no"]
+        for p in proposal.pairs
+    ]  # fmt: skip
+    header = ["explanation", "alternative", "this recording", "proposed motion", "expected to decide"]
+    caption = "Log-likelihood by which a recording tells the two apart; from 12 on it decides"
+    table = Table(header, rows, caption)
+    notes: list[Block] = [Text(f"Limits: {'; '.join(proposal.notes)}.")] if proposal.notes else []
+    if proposal.trajectory is None or not proposal.worthwhile:
+        text = "No motion within the limits was found that is expected to tell these apart: another sensor is needed."
+        return [Text(text, "warn"), table, *notes]
+    text = (
+        f"Record this motion of {proposal.trajectory.duration:g} s, the best of {proposal.candidates} judged, and "
+        f"diagnose it: {SEPARATING}, for `elastic-arm simulate --trajectory` and the trajectory node."
+    )
+    return [Text(text), table, Figure(figures.motion(proposal.trajectory, found.joints)), *notes]
+
+
+def _agreement(found: Diagnosis) -> list[Block]:
+    blocks: list[Block] = [
+        Text("Each cause refitted on every recording alone. What belongs to the arm has one size everywhere.")
+    ]
+    for agreement in found.agreements:
+        place = f"{agreement.effect.replace('_', ' ')}, {agreement.joint or 'whole arm'}"
+        rows = [
+            [f.source or "a recording", sizes(f.parameters) or "no free size", likelihood(f.gain)]
+            for f in agreement.findings
+        ]
+        verdict = "agrees over the recordings" if agreement.agrees else "does not agree over the recordings"
+        blocks.append(Text(f"{place}: {verdict}{_why(agreement)}.", "good" if agreement.agrees else "warn"))
+        blocks.append(Table(["recording", "size", "log-likelihood gained"], rows, digits=3))
+    return blocks
+
+
+def _why(agreement: Agreement) -> str:
+    if agreement.chi_square is None or agreement.spread is None:
+        return ""
+    freedom = f"{agreement.freedom} degree{'s' if agreement.freedom > 1 else ''} of freedom"
+    spread = f"values within {100 * agreement.spread:.2g} % of their mean"
+    return f" (chi-square {agreement.chi_square:.3g} for {freedom}, {spread})"
+
+
+def _leftover(found: Diagnosis) -> list[str]:
+    """Say where residuals stand out of the noise although the causes explain the gap."""
+    if found.verdict != "explained":
+        return []
+    ratios = {place: rmse / found.noise[place] for place, rmse in found.after.rmse.items() if found.noise[place]}
+    places = sorted((p for p in ratios if ratios[p] > STANDS_OUT), key=lambda p: -ratios[p])
+    named = ", ".join(f"{joint} {side} side ({figures.times(ratios[joint, side])})" for joint, side in places[:4])
+    left = percent(max(1.0 - (found.shrink or 0.0), 0.0))
+    return [f"{left} of the gap is left, and in places it stands out of the noise: {named}."] if places else []
+
+
+def _disagreements(found: Diagnosis) -> list[str]:
+    return [
+        f"{at(a.effect.replace('_', ' '), a.joint)} is not of one size in all recordings: it may "
+        "stand in for something else, or the arm has changed between them."
+        for a in found.agreements
+        if not a.agrees
+    ]
+
+
+def _regimes(found: Diagnosis, material: DiagnosisContext) -> Table:
+    places = [(s, j) for s in material.validate.layout.sides for j in found.joints]
+    names = list(material.regimes[0])
+    rows = [
+        [j, s, *(f"{100 * shares[name]:.0f} %" if shares[name] > 0.02 else "" for name in names)]
+        for (s, j), shares in zip(places, material.regimes, strict=True)
+    ]
+    header = ["joint", "side", *(name.replace("_", " ") for name in names)]
+    return Table(header, rows, "Share of a residual's power, before, that follows each; shares overlap")
+
+
+def _grounds(found: Diagnosis) -> list[Block]:
+    fitted = ", ".join(found.identify) or "the first two thirds"
+    judged = ", ".join(found.validate) or "the last third"
+    if found.material is not None and found.material.held_back:
+        text = f"Causes are fitted on the first two thirds of {fitted}; the last third, which no fit has seen, judges."
+    else:
+        text = f"Causes are fitted on {fitted}; every figure of the gap is measured on {judged}, which no fit has seen."
+    return [
+        Text(text),
+        *(Text(note, "warn" if "not an independent" in note else "plain") for note in found.notes),
+    ]
+
+
+def _loudest(material: DiagnosisContext, k: int) -> int:
+    """Return the row in which a cause does most."""
+    done = sum(((b - a) ** 2).sum(axis=0) for b, a in zip(material.before, material.alone[k], strict=True))
+    return int(np.argmax(done))

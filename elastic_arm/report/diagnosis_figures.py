@@ -1,0 +1,246 @@
+"""The figures of a gap diagnosis: map, ladder, portraits of residuals, prediction errors, proposed motion."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure as MplFigure
+from numpy.typing import NDArray
+from scipy.signal import welch
+
+from elastic_arm.diagnosis.context import DiagnosisContext
+from elastic_arm.diagnosis.inference.prediction import Prediction
+from elastic_arm.diagnosis.result import Cause, Diagnosis
+from elastic_arm.estimation.residuals import SIDES
+from elastic_arm.excitation import FourierTrajectory
+from elastic_arm.report.style import (
+    BLUE,
+    CYCLE,
+    GREY,
+    ORANGE,
+    VERMILION,
+    draw_signal,
+    label_joints,
+    new_figure,
+    style,
+)
+
+Array = NDArray[np.float64]
+
+# The same colours mean the same throughout.
+BEFORE, CAUSE, AFTER = GREY, VERMILION, BLUE
+POINTS = 1500  # of a cloud
+UNIT = {"excess": "the excess over noise", "likelihood": "its log-likelihood"}  # of a gap, by how it is measured
+BRIGHTEST = 100.0  # residual over noise at which the map's colour ends
+WIDEST_TURN = {"torque_ripple": "rotor"}  # effects that repeat with the rotor; the others with the wave generator
+
+
+def title(cause: Cause) -> str:
+    """Return a cause's name in words."""
+    return f"{cause.effect.replace('_', ' ')}, {cause.joint or 'whole arm'}"
+
+
+def times(ratio: float) -> str:
+    """Return a residual over its noise as text."""
+    return f"{ratio:.1f}× noise" if ratio < BRIGHTEST else f"{ratio:.0f}× noise"
+
+
+def gap_map(found: Diagnosis) -> MplFigure:
+    """Draw joints by sides, before and after: residual over its noise."""
+    with style():
+        shown = {"the model as it is": found.before}
+        if found.causes:
+            shown["with the causes added"] = found.after
+        size_of_map = (0.6 + 4.2 * len(shown), 1.3 + 0.5 * len(found.joints))
+        figure, axes = new_figure(1, len(shown), size=size_of_map)
+        for ax, (name, size) in zip(axes[0], shown.items(), strict=True):
+            ratio = np.array(
+                [[_ratio(size.rmse.get((j, s)), found.noise.get((j, s))) for s in SIDES] for j in found.joints]
+            )
+            shade = np.log10(np.maximum(ratio, 1.0)) / np.log10(BRIGHTEST)
+            ax.imshow(shade, vmin=0.0, vmax=1.0, cmap="YlOrRd", aspect="auto")
+            for (row, column), value in np.ndenumerate(ratio):
+                place = (found.joints[row], SIDES[column])
+                label = "not recorded" if np.isnan(value) else f"{times(value)}\n{size.rmse[place]:.3g} Nm"
+                colour = "white" if shade[row, column] > 0.7 else "black"
+                ax.text(column, row, label, ha="center", va="center", fontsize=8, color=colour)
+            ax.set_xticks(range(len(SIDES)), [f"{s} side" for s in SIDES])
+            ax.set_yticks(range(len(found.joints)), found.joints)
+            ax.set_title(name, loc="left")
+            ax.grid(False)
+            ax.tick_params(length=0)
+    return figure
+
+
+def ladder(found: Diagnosis) -> MplFigure:
+    """Draw what is left of the gap as causes are added one by one, and with each alone."""
+    names = ["the model as it is", *(f"+ {title(c)}" for c in found.causes)]
+    left = [1.0, *(1.0 - rung for rung in found.ladder)]
+    alone = [None, *(1.0 - c.shrink for c in found.causes)]
+    with style():
+        figure, axes = new_figure(size=(8.6, 1.1 + 0.42 * len(names)))
+        ax = axes[0, 0]
+        widths = [100 * max(v, 0.0) for v in left]
+        ax.barh(range(len(names)), widths, color=[BEFORE, *[AFTER] * len(found.causes)], height=0.62)
+        for y, (value, width) in enumerate(zip(left, widths, strict=True)):
+            ax.text(width + 1.5, y - 0.18, _percent(value), va="center", fontsize=8)
+        single = [(y, 100 * max(v, 0.0)) for y, v in enumerate(alone) if v is not None]
+        ax.plot([x for _, x in single], [y for y, _ in single], "d", color=ORANGE, ms=6, label="this cause alone")
+        if found.shrink_interval is not None:
+            low, high = (100 * (1 - v) for v in reversed(found.shrink_interval))
+            ax.plot([low, high], [len(names) - 1] * 2, color="black", lw=2, label="95 % interval")
+        ax.set_yticks(range(len(names)), names)
+        ax.set_xlim(0, 118)
+        ax.invert_yaxis()
+        ax.grid(axis="y", visible=False)
+        ax.set_xlabel(f"left of the gap [% of {UNIT[found.measured_by]}]")
+        ax.legend(loc="lower right")
+    return figure
+
+
+def portrait(
+    found: Diagnosis, material: DiagnosisContext, row: int, left: Sequence[Array], cause: str | None
+) -> MplFigure:
+    """Draw a residual against time, frequency, velocity, position and angle, with what was added laid over.
+
+    Parameters
+    ----------
+    row
+        Which residual.
+    left
+        What is left of all residuals, one array (N', R) a stretch.
+    cause
+        What it is that was added; None where nothing was.
+    """
+    n = len(found.joints)
+    side, i = material.validate.layout.sides[row // n], row % n
+    part = max(range(len(left)), key=lambda k: len(left[k]))
+    stretch = material.validate.parts[part].stretch
+    before, rest = material.before[part][:, row], left[part][:, row]
+    t, motion = stretch.t, stretch.motion
+    moving = "link" if side == "link" else "motor"
+    speed, angle = (motion.dq, motion.q) if side == "link" else (motion.dtheta, motion.theta)
+    w, q = (np.interp(t, motion.t, values[:, i]) for values in (speed, angle))
+    turn, turning = _turn(found, material, i, np.interp(t, motion.t, motion.theta[:, i]), cause)
+    with style():
+        figure, _ = new_figure(size=(10.4, 5.4))
+        figure.clear()
+        grid = figure.add_gridspec(2, 6)
+        wide, spectrum = figure.add_subplot(grid[0, :4]), figure.add_subplot(grid[0, 4:])
+        clouds = [figure.add_subplot(grid[1, 2 * k : 2 * k + 2]) for k in range(3)]
+        draw_signal(wide, t, before, color=BEFORE, lw=2.4, alpha=0.55, label="residual before")
+        if cause is not None:
+            draw_signal(wide, t, before - rest, color=CAUSE, lw=1.0, label=cause.replace("_", " "))
+            draw_signal(wide, t, rest, color=AFTER, lw=0.8, label="left with it added")
+        wide.set_xlabel("time [s]")
+        wide.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=3)
+        _draw_spectra(spectrum, before, rest if cause else None, material.validate.band.kept_rate, found.band)
+        names = (f"{moving} velocity [rad/s]", f"{moving} angle [rad]", turning)
+        for ax, x, name in zip(clouds, (w, q, turn), names, strict=True):
+            _draw_cloud(ax, x, before, None if cause is None else before - rest)
+            ax.set_xlabel(name)
+            ax.locator_params(axis="x", nbins=5)
+        for ax in (wide, clouds[0]):
+            ax.set_ylabel("Nm")
+    return figure
+
+
+def _draw_spectra(ax: Axes, before: Array, rest: Array | None, rate: float, band: float) -> None:
+    for values, colour in ((before, BEFORE), (rest, AFTER)):
+        if values is not None:
+            f, density = welch(values, rate, nperseg=min(len(values), int(4 * rate)))
+            seen = (f > 0) & (f <= band)
+            ax.semilogy(f[seen], np.sqrt(density[seen]), color=colour)
+    ax.set_xlabel("frequency [Hz]")
+    ax.set_ylabel("Nm/√Hz")
+
+
+def _draw_cloud(ax: Axes, x: Array, before: Array, cause: Array | None) -> None:
+    step = max(1, len(x) // POINTS)
+    ax.plot(x[::step], before[::step], ".", color=BEFORE, ms=3.0, alpha=0.45, mew=0, rasterized=True)
+    if cause is not None:
+        ax.plot(x[::step], cause[::step], ".", color=CAUSE, ms=2.2, alpha=0.7, mew=0, rasterized=True)
+
+
+def _turn(found: Diagnosis, material: DiagnosisContext, i: int, theta: Array, cause: str | None) -> tuple[Array, str]:
+    """Return the angle within a turn of what turns fast, and its name: wave generator, rotor, or the joint itself."""
+    gear = material.model.robot.joints[i].transmission
+    if gear is None:
+        return np.mod(theta, 2 * np.pi), "joint angle within a turn [rad]"
+    rotor = cause in WIDEST_TURN
+    ratio = gear.r_tot if rotor else gear.harmonic_drive_ratio
+    name = "rotor" if rotor else "wave generator"
+    return np.mod(ratio * theta, 2 * np.pi), f"{name} angle within a turn [rad]"
+
+
+def before_and_after(found: Diagnosis, material: DiagnosisContext) -> MplFigure:
+    """Draw every residual over time, before and after, with the noise's two standard deviations."""
+    sides, n = material.validate.layout.sides, len(found.joints)
+    part = max(range(len(material.before)), key=lambda k: len(material.before[k]))
+    t = material.validate.parts[part].stretch.t
+    with style():
+        figure, axes = new_figure(n, len(sides), size=(3.6 * len(sides), 0.7 + 1.45 * n), sharex=True)
+        for row in range(n * len(sides)):
+            s, i = divmod(row, n)
+            ax, noise = axes[i, s], found.noise[found.joints[i], sides[s]]
+            ax.axhspan(-2 * noise, 2 * noise, color="#E3E6EA", zorder=0)
+            draw_signal(ax, t, material.before[part][:, row], points=700, color=BEFORE, lw=1.0, label="before")
+            if found.causes:
+                draw_signal(ax, t, material.after[part][:, row], points=700, color=AFTER, lw=0.8, label="after")
+            if i == 0:
+                ax.set_title(f"{sides[s]} side", loc="left")
+            if s == 0:
+                ax.set_ylabel(f"{found.joints[i]}\nNm")
+            if i == n - 1:
+                ax.set_xlabel("time [s]")
+        axes[0, -1].legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=2)
+    return figure
+
+
+def horizons(prediction: Prediction, joints: Sequence[str]) -> MplFigure:
+    """Draw prediction errors over the horizon, a joint a panel."""
+    before, after = prediction.before or {}, prediction.after or {}
+    ms = 1e3 * np.array(prediction.horizons)
+    drawn = [(before, BEFORE, 2.6, "before"), (after, AFTER, 1.0, "after")][: 1 if after == before else 2]
+    with style():
+        figure, axes = new_figure(1, len(joints), size=(max(4.5, min(3.2 * len(joints), 12.0)), 2.9), sharey=True)
+        label_joints(axes[0], joints)
+        for ax, joint in zip(axes[0], joints, strict=True):
+            for side, dash in (("motor", "-"), ("link", "--")):
+                for size, colour, width, word in drawn:
+                    if (joint, side) in size:
+                        values = 1e6 * np.array(size[joint, side])
+                        style_of = {"marker": "o", "ms": 2.5 * width**0.5, "color": colour, "lw": width}
+                        ax.loglog(ms, values, dash, **style_of, label=f"{side} angle, {word}")
+            ax.set_xticks(ms, [f"{v:g}" for v in ms])
+            ax.minorticks_off()
+            ax.set_xlabel("ahead [ms]")
+        axes[0, 0].set_ylabel("prediction error [µrad]")
+        axes[0, -1].legend(fontsize=7)
+    return figure
+
+
+def motion(trajectory: FourierTrajectory, joints: Sequence[str]) -> MplFigure:
+    """Draw a proposed motion."""
+    t = np.linspace(0.0, trajectory.duration, 1000)
+    q, dq, _ = trajectory.evaluate(t)
+    with style():
+        figure, axes = new_figure(1, 2, size=(9.6, 2.7))
+        for ax, values, unit in ((axes[0, 0], q, "angle [rad]"), (axes[0, 1], dq, "velocity [rad/s]")):
+            for k, joint in enumerate(joints):
+                ax.plot(t, values[:, k], color=CYCLE[k % len(CYCLE)], label=joint)
+            ax.set_xlabel("time [s]")
+            ax.set_ylabel(unit)
+        axes[0, 0].legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=4)
+    return figure
+
+
+def _ratio(rmse: float | None, noise: float | None) -> float:
+    return np.nan if rmse is None or not noise else rmse / noise
+
+
+def _percent(share: float) -> str:
+    """Return a share with the digits that matter, also of what is nearly nothing."""
+    return f"{100 * share:.1f} %" if share >= 5e-4 else "< 0.1 %"

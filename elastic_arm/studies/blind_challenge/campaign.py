@@ -1,0 +1,244 @@
+"""Making and diagnosing many hidden arms, in parallel; what is there already is not done again."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import shutil
+import time
+from collections.abc import Callable
+from dataclasses import asdict, dataclass
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+import elastic_arm
+from elastic_arm.diagnosis.pipeline import Question, diagnose
+from elastic_arm.effects import EFFECTS
+from elastic_arm.errors import DiagnosisError, RecordingError
+from elastic_arm.recording import read_recording, write_recording
+from elastic_arm.robot import Robot, load_robot
+from elastic_arm.studies.blind_challenge.draw import HIGHEST, LOWEST, Order, draw_item
+from elastic_arm.studies.blind_challenge.hidden_arms.hidden_arm import HiddenArm
+from elastic_arm.studies.blind_challenge.seal import NAME, drop_pieces, open_sealed, pieces, seal, seal_piece
+from elastic_arm.studies.blind_challenge.workers import Failure, mapped
+
+MANIFEST = "challenge.json"
+SEVERAL = tuple(e for e in EFFECTS if e not in ("spline_inertia", "inertia_coupling", "bearing_compliance"))
+STATE_OF = ("codegen", "dynamics", "effects", "estimation", "diagnosis")  # packages whose code gives the answers
+REFUSED: dict[str, Any] = {
+    "verdict": "refused", "causes": [], "unexplained": [], "shrink": None, "measured_by": "excess",
+    "log_likelihood": 0.0,
+}  # fmt: skip
+Report = Callable[[int, int], None]
+
+
+@dataclass(frozen=True)
+class Settings:
+    """What a challenge consists of.
+
+    Parameters
+    ----------
+    seed
+        The same seed draws the same arms.
+    per_effect, clean, pairs, triples
+        Recordings of each effect alone, of the plain arm, and of two and three effects.
+    seconds, validate_seconds
+        Durations of the two recordings of each arm.
+    ratio
+        Range of sizes over the smallest that theory allows to be detected.
+    effects
+        Ids; all where none is given.
+    """
+
+    seed: int = 0
+    per_effect: int = 1
+    clean: int = 4
+    pairs: int = 4
+    triples: int = 0
+    seconds: float = 12.0
+    validate_seconds: float = 8.0
+    ratio: tuple[float, float] = (LOWEST, HIGHEST)
+    effects: tuple[str, ...] = ()
+
+    def orders(self) -> list[Order]:
+        """Return what is to be drawn, in an order that tells nothing."""
+        alone = self.effects or tuple(EFFECTS)
+        together = [e for e in SEVERAL if e in alone]
+        rng = np.random.default_rng(self.seed)
+        kinds: list[tuple[str, ...]] = [()] * self.clean + [(e,) for e in alone for _ in range(self.per_effect)]
+        for count, times in ((2, self.pairs), (3, self.triples)):
+            if times and len(together) < count:
+                raise DiagnosisError(f"{len(together)} effects make no set of {count}", "Name more with --effect")
+            kinds += [tuple(str(e) for e in rng.choice(together, count, replace=False)) for _ in range(times)]
+        durations = (self.seconds, self.validate_seconds)
+        return [
+            Order(f"arm_{k:04d}", kinds[i], (self.seed, int(i)), durations, self.ratio)
+            for k, i in enumerate(rng.permutation(len(kinds)))
+        ]
+
+
+def create(
+    folder: Path, settings: Settings, *, workers: int = 0, scheduler: str | None = None, report: Report | None = None
+) -> str:
+    """Draw hidden arms and record them; return the SHA-256 of the sealed truth.
+
+    Parameters
+    ----------
+    workers, scheduler
+        See :func:`~elastic_arm.studies.blind_challenge.workers.mapped`.
+
+    Raises
+    ------
+    DiagnosisError
+        If the folder holds another challenge.
+    """
+    plain = json.loads(json.dumps(asdict(settings)))
+    manifest_path = folder / MANIFEST
+    if manifest_path.is_file():
+        known = json.loads(manifest_path.read_text())
+        if known["settings"] != plain:
+            raise DiagnosisError(f"{folder} holds another challenge", "Choose another folder")
+        if "truth_sha256" in known:
+            return str(known["truth_sha256"])
+    orders = settings.orders()
+    if not orders:
+        raise DiagnosisError("a challenge of no arms", "Ask for some: --per-effect, --clean, --pairs or --triples")
+    folder.mkdir(parents=True, exist_ok=True)
+    manifest = {"settings": plain, "items": [{"name": o.name, "model": o.model} for o in orders]}
+    _write(manifest_path, manifest)
+    made = pieces(folder)
+    jobs = [(str(folder), order) for order in orders if order.name not in made]
+    for done, outcome in enumerate(mapped(_record, jobs, workers, scheduler), 1):
+        if isinstance(outcome, Failure):
+            raise DiagnosisError(f"{outcome.job[1].name} was not recorded: {outcome.problem}", "Report this")
+        if report:
+            report(done, len(jobs))
+    digest = seal(folder, [o.name for o in orders])
+    _write(manifest_path, manifest | {"truth_sha256": digest})
+    drop_pieces(folder)
+    return digest
+
+
+def solve(
+    folder: Path,
+    *,
+    withheld: bool = False,
+    stale: bool = False,
+    workers: int = 0,
+    scheduler: str | None = None,
+    report: Report | None = None,
+) -> dict[str, str]:
+    """Diagnose every recording that has no answer yet; return what went wrong, by name.
+
+    Parameters
+    ----------
+    withheld
+        Diagnose the arms with one effect again, that effect taken out of the catalogue. The truth is opened to know
+        which; the diagnosis learns nothing of it.
+    stale
+        Answer again what another state of the code has answered.
+    """
+    manifest = load_manifest(folder)
+    without = _own_effects(folder, manifest) if withheld else {}
+    jobs = []
+    for item in manifest["items"]:
+        path = answer_path(folder, item["name"], withheld=withheld)
+        if withheld and item["name"] not in without:
+            continue
+        if not path.is_file() or (stale and json.loads(path.read_text()).get("code") != code_state()):
+            jobs.append((str(folder), item["name"], item["model"], without.get(item["name"], "")))
+    wrong = {}
+    for done, outcome in enumerate(mapped(_diagnose, jobs, workers, scheduler), 1):
+        if isinstance(outcome, Failure):
+            wrong[outcome.job[1]] = outcome.problem
+        elif outcome[1]:
+            wrong[outcome[0]] = outcome[1]
+        if report:
+            report(done, len(jobs))
+    return wrong
+
+
+def load_manifest(folder: Path) -> dict[str, Any]:
+    """Return a challenge's manifest.
+
+    Raises
+    ------
+    DiagnosisError
+        If there is none, or it is not complete.
+    """
+    path = folder / MANIFEST
+    if not path.is_file():
+        raise DiagnosisError(f"{folder} holds no challenge", "Make one: elastic-arm challenge create DIR")
+    manifest: dict[str, Any] = json.loads(path.read_text())
+    if "truth_sha256" not in manifest or not (folder / NAME).is_file():
+        raise DiagnosisError(f"{folder} holds a challenge that is not complete", "Go on with challenge create")
+    return manifest
+
+
+def answer_path(folder: Path, name: str, *, withheld: bool = False) -> Path:
+    """Where the diagnosis of an item stands."""
+    return folder / ("withheld" if withheld else "answers") / f"{name}.json"
+
+
+@lru_cache(maxsize=1)
+def code_state() -> str:
+    """Return a name for the state of the code that gives the answers."""
+    root = Path(elastic_arm.__file__).parent
+    files = sorted(f for package in STATE_OF for f in (root / package).rglob("*.py"))
+    return hashlib.sha256(b"\0".join(f.read_bytes() for f in files)).hexdigest()[:12]
+
+
+@lru_cache(maxsize=1)
+def _robot() -> Robot:
+    return load_robot(None)
+
+
+def _own_effects(folder: Path, manifest: dict[str, Any]) -> dict[str, str]:
+    truth = open_sealed(folder, manifest["truth_sha256"])
+    return {item["name"]: item["faults"][0]["effect"] for item in truth if len(item["faults"]) == 1}
+
+
+def _bags(folder: Path, name: str) -> tuple[Path, Path]:
+    return folder / "bags" / f"{name}_identify", folder / "bags" / f"{name}_validate"
+
+
+def _record(job: tuple[str, Order]) -> str:
+    folder, order = Path(job[0]), job[1]
+    rng = np.random.default_rng(order.seed)
+    item, motions = draw_item(order, _robot(), rng)
+    arm = HiddenArm(_robot(), item.faults)
+    for bag, motion in zip(_bags(folder, item.name), motions, strict=True):
+        recording = arm.record(motion, item.instruments, rng)
+        if not (bag / "metadata.yaml").is_file():
+            shutil.rmtree(bag, ignore_errors=True)  # what a run that was broken off has left
+            bag.parent.mkdir(parents=True, exist_ok=True)
+            write_recording(bag, recording)
+    seal_piece(folder, item.name, item.truth())
+    return item.name
+
+
+def _diagnose(job: tuple[str, str, str, str]) -> tuple[str, str]:
+    folder, name, model, without = Path(job[0]), *job[1:]
+    effects = tuple(e for e in EFFECTS.values() if e.id != without)
+    wall, cpu = time.perf_counter(), time.process_time()
+    try:
+        identify, validate = (read_recording(bag) for bag in _bags(folder, name))
+        found = diagnose([identify], Question(_robot(), model, effects=effects), [validate])
+        answer, problem = found.to_dict(), ""
+    except (DiagnosisError, RecordingError) as error:  # to refuse is an answer too, and counts as one
+        answer, problem = REFUSED | {"notes": [str(error)]}, str(error)
+    spent = {"seconds": time.perf_counter() - wall, "cpu_seconds": time.process_time() - cpu}
+    path = answer_path(folder, name, withheld=bool(without))
+    path.parent.mkdir(parents=True, exist_ok=True)
+    _write(path, answer | spent | {"code": code_state()})
+    return name, problem
+
+
+def _write(path: Path, content: dict[str, Any]) -> None:
+    """Write JSON so that a run that is broken off leaves no half of a file."""
+    part = path.with_suffix(".part")
+    part.write_text(json.dumps(content, indent=1, allow_nan=False) + "\n", encoding="utf-8")
+    part.replace(path)

@@ -1,0 +1,157 @@
+"""`elastic-arm challenge`: hidden arms made, diagnosed blindly, and scored."""
+
+from __future__ import annotations
+
+import json as json_module
+import os
+from collections.abc import Callable
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+from rich.markup import escape
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+from rich.table import Table
+
+from elastic_arm.cli.console import err, out, print_json, reports_errors
+from elastic_arm.cli.outputs import claim_folder
+from elastic_arm.effects.catalogue import find
+from elastic_arm.studies.blind_challenge import campaign
+from elastic_arm.studies.blind_challenge.score import score as score_answers
+from elastic_arm.studies.blind_challenge.summary import effect_rows, markdown, question_rows
+
+challenge_app = typer.Typer(
+    name="challenge", help="Check the diagnosis on arms whose effect is withheld from it.", no_args_is_help=True
+)
+
+Folder = Annotated[Path, typer.Argument(help="Folder of the challenge.", show_default=False)]
+Workers = Annotated[int, typer.Option(min=0, help="Processes on this machine; 0 works here, one after another.")]
+Scheduler = Annotated[
+    str | None, typer.Option(help="Address of a Dask cluster, instead of --workers; it must see the same folder.")
+]
+CORES = os.cpu_count() or 1
+
+
+@challenge_app.command("create")
+@reports_errors
+def create(
+    folder: Folder,
+    seed: Annotated[int, typer.Option(min=0, help="The same seed draws the same arms.")] = 0,
+    per_effect: Annotated[int, typer.Option(min=0, help="Recordings of each effect alone.")] = 1,
+    clean: Annotated[int, typer.Option(min=0, help="Recordings of the plain arm.")] = 4,
+    pairs: Annotated[int, typer.Option(min=0, help="Recordings of two effects.")] = 4,
+    triples: Annotated[int, typer.Option(min=0, help="Recordings of three effects.")] = 0,
+    effect: Annotated[list[str] | None, typer.Option(help="Only this effect; may be given again.")] = None,
+    ratio: Annotated[str, typer.Option(help="Sizes LOW:HIGH, over the smallest that theory lets detect.")] = "10:300",
+    seconds: Annotated[float, typer.Option(min=4.0, help="Duration of what is fitted.")] = 12.0,
+    validate_seconds: Annotated[float, typer.Option(min=4.0, help="Duration of what judges.")] = 8.0,
+    workers: Workers = CORES,
+    scheduler: Scheduler = None,
+) -> None:
+    """Draw hidden arms from a seed and record them; the truth is sealed. Goes on where it stopped.
+
+    Example: elastic-arm challenge create blind --seed 7 --per-effect 2
+    """
+    claim_folder(folder, (), force=True, option="FOLDER")
+    settings = campaign.Settings(
+        seed=seed,
+        per_effect=per_effect,
+        clean=clean,
+        pairs=pairs,
+        triples=triples,
+        seconds=seconds,
+        validate_seconds=validate_seconds,
+        ratio=_range(ratio),
+        effects=tuple(find(e).id for e in effect or ()),
+    )
+    with _bar("recording") as bar:
+        digest = campaign.create(folder, settings, workers=workers, scheduler=scheduler, report=_reporter(bar))
+    out.print(f"sealed truth, SHA-256: {digest}")
+
+
+@challenge_app.command("diagnose")
+@reports_errors
+def diagnose(
+    folder: Folder,
+    withheld: Annotated[
+        bool, typer.Option("--withheld", help="Arms with one effect again, that effect not in the catalogue.")
+    ] = False,
+    stale: Annotated[bool, typer.Option("--stale", help="Again what another state of the code answered.")] = False,
+    workers: Workers = CORES,
+    scheduler: Scheduler = None,
+) -> None:
+    """Diagnose every recording that has no answer yet, without looking at the truth.
+
+    With --withheld the truth is opened to know which effect each diagnosis must do without.
+
+    Example: elastic-arm challenge diagnose blind
+    """
+    with _bar("diagnosing") as bar:
+        wrong = campaign.solve(
+            folder, withheld=withheld, stale=stale, workers=workers, scheduler=scheduler, report=_reporter(bar)
+        )
+    for name, problem in wrong.items():
+        err.print(f"{name}: {escape(problem)}")
+    if wrong:
+        raise typer.Exit(1)
+
+
+@challenge_app.command("score")
+@reports_errors
+def score(
+    folders: Annotated[list[Path], typer.Argument(help="Folders of challenges, judged together.", show_default=False)],
+    json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
+    to: Annotated[Path | None, typer.Option("--markdown", help="Write the tables to this file, too.")] = None,
+) -> None:
+    """Open the sealed truth and compare the answers with it; write score.json and report.html into the first folder.
+
+    Example: elastic-arm challenge score blind --markdown docs/challenge_results.md
+    """
+    from elastic_arm.studies.blind_challenge.report.page import write_challenge_report
+
+    found = score_answers(folders)
+    (folders[0] / "score.json").write_text(json_module.dumps(found, indent=1, allow_nan=False) + "\n")
+    page = write_challenge_report(folders[0] / "report.html", found)
+    if to is not None:
+        to.parent.mkdir(parents=True, exist_ok=True)
+        to.write_text(markdown(found), encoding="utf-8")
+    if json:
+        print_json(found)
+        return
+    _print("", ("question", "right", "of", "share", "95 % interval", "to reach"), question_rows(found))
+    headings, rows = effect_rows(found)
+    _print("single effects", headings[:8], [row[:8] for row in rows])
+    if found["open"]:
+        out.print(f"{found['open']} recordings have no answer yet: elastic-arm challenge diagnose {folders[0]}")
+    if len(found["code"]) > 1:
+        out.print(f"answers of {len(found['code'])} states of the code: --stale answers again what is not of this one")
+    out.print(f"{folders[0] / 'score.json'}, {page}")
+
+
+def _print(title: str, headings: Any, rows: Any) -> None:
+    table = Table(box=None, header_style="bold", title=title or None, title_justify="left")
+    for heading in headings:
+        table.add_column(heading)
+    for row in rows:
+        table.add_row(*row)
+    out.print(table)
+
+
+def _range(text: str) -> tuple[float, float]:
+    try:
+        low, high = (float(part) for part in text.split(":"))
+    except ValueError as error:
+        raise typer.BadParameter(f"{text!r} is no range; write LOW:HIGH, such as 2:30", param_hint="--ratio") from error
+    if not 0.0 < low <= high:
+        raise typer.BadParameter(f"{text!r} is no range: both ends above 0, the lower first", param_hint="--ratio")
+    return low, high
+
+
+def _bar(what: str) -> Progress:
+    columns = (TextColumn(what), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn(), TimeRemainingColumn())
+    return Progress(*columns, console=err, transient=True)
+
+
+def _reporter(bar: Progress) -> Callable[[int, int], None]:
+    task = bar.add_task("", total=None)
+    return lambda done, total: bar.update(task, completed=done, total=total)

@@ -1,0 +1,140 @@
+"""What the hidden arms have: motions, sensors, effects, joints and sizes, each drawn from the item's own seed.
+
+Sizes are drawn relative to the smallest that theory allows to be detected on the item's own motion (:mod:`.sizes`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+
+from elastic_arm.robot import Robot
+from elastic_arm.studies.blind_challenge.draft import STRUCTURAL, Draft, draw_draft
+from elastic_arm.studies.blind_challenge.hidden_arms.instruments import Instruments
+from elastic_arm.studies.blind_challenge.hidden_arms.laws import Fault
+from elastic_arm.studies.blind_challenge.hidden_arms.motion import MultiSine, random_motion
+from elastic_arm.studies.blind_challenge.sizes import Signal, Yardstick, sized
+
+LOWEST, HIGHEST = 10.0, 300.0  # bounds
+SPREAD = 2.0  # factor by which effects on one arm may differ from their common level
+LEAST_SHARE = 0.03  # of the gap that each of several effects has, where sizes allow it: the contract counts from 0.01
+
+
+@dataclass(frozen=True)
+class Item:
+    """One hidden arm: what is to be recorded.
+
+    Parameters
+    ----------
+    name
+        Of its bags.
+    model
+        That it will be diagnosed against.
+    faults
+        What it has; none for a clean arm.
+    instruments
+        Its sensors.
+    multiple
+        Size of each fault over its bound.
+    bound
+        Smallest size that could be known on its own motion, in the unit of the size; None where it has no size.
+    share
+        What each fault alone is of the sum of all faults' excesses.
+    """
+
+    name: str
+    model: str
+    faults: tuple[Fault, ...]
+    instruments: Instruments
+    multiple: tuple[float, ...] = ()
+    bound: tuple[float | None, ...] = ()
+    share: tuple[float, ...] = ()
+
+    def truth(self) -> dict[str, Any]:
+        """Return it as plain data."""
+        return asdict(self)
+
+
+@dataclass(frozen=True)
+class Order:
+    """What is asked of one draw.
+
+    Parameters
+    ----------
+    name
+        Of the item.
+    effects
+        Their ids.
+    seed
+        Of all that is drawn.
+    seconds
+        Durations of what is fitted and of what judges.
+    ratio
+        Range of sizes over their bounds.
+    """
+
+    name: str
+    effects: tuple[str, ...]
+    seed: tuple[int, ...]
+    seconds: tuple[float, float]
+    ratio: tuple[float, float] = (LOWEST, HIGHEST)
+
+    @property
+    def model(self) -> str:
+        """What the recordings will be diagnosed against."""
+        return next((STRUCTURAL[e] for e in self.effects if e in STRUCTURAL), "mod3")
+
+
+def draw_item(order: Order, robot: Robot, rng: np.random.Generator) -> tuple[Item, tuple[MultiSine, MultiSine]]:
+    """Draw one hidden arm and its two motions."""
+    instruments = draw_instruments(rng)
+    fitted, judging = (random_motion(rng, robot.n, s) for s in order.seconds)
+    if not order.effects:
+        return Item(order.name, order.model, (), instruments), (fitted, judging)
+    yardstick = Yardstick(robot, fitted, instruments, rng)
+    if order.model != "mod3":
+        distance = yardstick.signal((), order.model).distance
+        faults = tuple(Fault(e, None) for e in order.effects)
+        return Item(order.name, order.model, faults, instruments, (distance,), (None,), (1.0,)), (fitted, judging)
+    drafts = [draw_draft(effect, robot.n, rng) for effect in order.effects]
+    level = np.exp(rng.uniform(*np.log(order.ratio)))
+    wanted = [level * np.exp(rng.uniform(-1, 1) * np.log(SPREAD)) if len(drafts) > 1 else level for _ in drafts]
+    amounts, signals = _balanced(drafts, [max(w, order.ratio[0]) for w in wanted], yardstick)
+    excess = np.array([s.excess for s in signals])
+    item = Item(
+        order.name,
+        order.model,
+        tuple(d.sized(a) for d, a in zip(drafts, amounts, strict=True)),
+        instruments,
+        tuple(s.distance for s in signals),
+        tuple(a / s.distance for a, s in zip(amounts, signals, strict=True)),
+        tuple((excess / excess.sum()).tolist()),
+    )
+    return item, (fitted, judging)
+
+
+def _balanced(
+    drafts: Sequence[Draft], wanted: Sequence[float], yardstick: Yardstick
+) -> tuple[list[float], list[Signal]]:
+    """Size effects; of several, enlarge those that would be lost in the gap that the others make."""
+    found = [sized(draft, w, yardstick) for draft, w in zip(drafts, wanted, strict=True)]
+    total = sum(signal.excess for _, signal in found)
+    for k, (_, signal) in enumerate(found):
+        share = signal.excess / total
+        if share < LEAST_SHARE:
+            found[k] = sized(drafts[k], signal.distance * float(np.sqrt(LEAST_SHARE / max(share, 1e-12))), yardstick)
+    return [amount for amount, _ in found], [signal for _, signal in found]
+
+
+def draw_instruments(rng: np.random.Generator) -> Instruments:
+    """Draw sensors: half of them with noisy, quantised encoders and jittered stamps."""
+    if rng.random() < 0.5:
+        return Instruments()
+    return Instruments(
+        encoder_noise=float(10 ** rng.uniform(-6, -5)),
+        encoder_step=float(2 * np.pi / 2 ** rng.integers(20, 24)),
+        jitter=float(rng.choice([0.0, 2e-5])),
+    )

@@ -1,0 +1,197 @@
+"""Forward simulation of hidden arms, compiled: bodies by :mod:`.recursion`, effects by :mod:`.laws`.
+
+Every number of arm and effects is an argument, so that one library serves all arms of one build.
+"""
+
+from __future__ import annotations
+
+import ctypes
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Any
+
+import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
+
+from elastic_arm.codegen import kernels
+from elastic_arm.robot import Robot
+from elastic_arm.studies.blind_challenge.hidden_arms import laws
+from elastic_arm.studies.blind_challenge.hidden_arms.recursion import NUMBERS, inverse_dynamics
+from elastic_arm.studies.blind_challenge.hidden_arms.tree import Tree
+
+Array = NDArray[np.float64]
+
+# Runge and Kutta's rule of the fourth order; a command is held over its sample.
+LOOP = """
+#include <string.h>
+#define STATES {states}
+#define INPUTS {inputs}
+#define OUTPUTS {outputs}
+#define JOINTS {joints}
+#define MOTOR {motor}
+#define MOTOR_SPEED {motor_speed}
+
+void evaluate(const double* in, double* out) {{ rate(in, out); }}
+
+static void stage(double* in, const double* y, const double* slope, double h, double* out) {{
+  for (int i = 0; i < STATES; i++) in[i] = slope ? y[i] + h * slope[i] : y[i];
+  rate(in, out);
+}}
+
+void run(long samples, long substeps, double h, const double* parameters, const double* feed_forward,
+         const double* position, const double* velocity, const double* Kp, const double* Kd, double* y,
+         double* states, double* commands, double* torques) {{
+  double in[INPUTS], k1[OUTPUTS], k2[OUTPUTS], k3[OUTPUTS], k4[OUTPUTS];
+  memcpy(in + STATES + JOINTS, parameters, (INPUTS - STATES - JOINTS) * sizeof(double));
+  for (long k = 0; k < samples; k++) {{
+    memcpy(states + k * STATES, y, sizeof(double) * STATES);
+    double* u = in + STATES;
+    for (int i = 0; i < JOINTS; i++) {{
+      long at = k * JOINTS + i;
+      u[i] = feed_forward[at] + Kp[i] * (position[at] - y[MOTOR + i]) + Kd[i] * (velocity[at] - y[MOTOR_SPEED + i]);
+      commands[at] = u[i];
+    }}
+    for (long s = 0; s < substeps; s++) {{
+      stage(in, y, 0, 0.0, k1);
+      memcpy(torques + (k * substeps + s) * JOINTS, k1 + STATES, sizeof(double) * JOINTS);
+      stage(in, y, k1, 0.5 * h, k2);
+      stage(in, y, k2, 0.5 * h, k3);
+      stage(in, y, k3, h, k4);
+      for (int i = 0; i < STATES; i++) y[i] += h / 6.0 * (k1[i] + 2.0 * (k2[i] + k3[i]) + k4[i]);
+    }}
+  }}
+}}
+"""
+
+
+@dataclass(frozen=True)
+class Run:
+    """What a simulation gives.
+
+    Parameters
+    ----------
+    states
+        (N, S) at the samples: coordinates, velocities, states of hystereses.
+    commands
+        (N, n) motor torques, held over each sample.
+    torques
+        (N, substeps, n) joint torques from each sample on.
+    """
+
+    states: Array
+    commands: Array
+    torques: Array
+
+
+class Engine:
+    """Equations of motion of an arm with whatever effects, compiled.
+
+    Parameters
+    ----------
+    robot
+        Its placements and gears count; inertias are arguments.
+    bearings
+        Whether they tilt.
+
+    Raises
+    ------
+    KernelError
+        If there is no C compiler.
+    """
+
+    def __init__(self, robot: Robot, *, bearings: bool) -> None:
+        self.n = robot.n
+        function = _equations(Tree(robot, bearings=bearings))
+        self.states, self.inputs = function.size1_in(0), sum(function.size1_in(k) for k in range(3))
+        self.outputs = sum(function.size1_out(k) for k in range(3))
+        self.dof = (self.states - self.n) // 2
+        loop = LOOP.format(
+            states=self.states, inputs=self.inputs, outputs=self.outputs,
+            joints=self.n, motor=self.n, motor_speed=self.dof + self.n,
+        )  # fmt: skip
+        self._library = kernels.build(kernels.emit_c(function, "rate") + loop)
+
+    def rate(self, state: Array, u: Array, parameters: Array) -> tuple[Array, Array, Array]:
+        """Return the state's rate, tau_J (n,), and the forces (dof,) that act on the bodies."""
+        out = np.empty(self.outputs)
+        self._library.evaluate(_pointer(np.concatenate([state, u, parameters])), _pointer(out))
+        return out[: self.states], out[self.states : self.states + self.n], out[self.states + self.n :]
+
+    def run(
+        self,
+        state: Array,
+        parameters: Array,
+        reference: tuple[Array, Array, Array],
+        gains: tuple[Array, Array],
+        rate: float,
+        substeps: int,
+    ) -> Run:
+        """Follow a reference from a state.
+
+        Parameters
+        ----------
+        reference
+            Feed-forward torque, position and velocity of the motors, (N, n) each.
+        gains
+            Kp, Kd (n,).
+        rate, substeps
+            Samples a second, steps a sample.
+        """
+        N = len(reference[0])
+        found = Run(np.empty((N, self.states)), np.empty((N, self.n)), np.empty((N, substeps, self.n)))
+        given = [np.ascontiguousarray(a, dtype=float) for a in (parameters, *reference, *gains)]
+        arrays = [*given, np.array(state, dtype=float), found.states, found.commands, found.torques]
+        h = ctypes.c_double(1.0 / rate / substeps)
+        self._library.run(ctypes.c_long(N), ctypes.c_long(substeps), h, *(_pointer(a) for a in arrays))
+        return found
+
+
+@lru_cache(maxsize=8)
+def engine_of(robot: Robot, bearings: bool) -> Engine:
+    """Return the engine of an arm, made once."""
+    return Engine(robot, bearings=bearings)
+
+
+def _equations(tree: Tree) -> Any:
+    n, dof = tree.n, tree.dof
+    y, u = ca.SX.sym("y", 2 * dof + n), ca.SX.sym("u", n)
+    numbers, gravity = ca.SX.sym("numbers", NUMBERS * len(tree.gears)), ca.SX.sym("gravity", 3)
+    joints = {name: ca.SX.sym(name, n) for name in laws.NUMBERS}
+    tilts = ca.SX.sym("tilts", 2 * (dof - 2 * n))
+    x, dx, z = y[:dof], y[dof : 2 * dof], y[2 * dof :]
+    tau_J, lever, dz = laws.joint_torque(joints, x[:n], x[n : 2 * n], dx[:n], dx[n : 2 * n], z)
+    link = tau_J - laws.friction(joints, "link", dx[:n], tau_J)
+    motor = u + laws.ripple(joints, x[n : 2 * n]) - lever * tau_J
+    motor -= laws.friction(joints, "motor", dx[n : 2 * n], tau_J)
+    held = -(tilts[: dof - 2 * n] * x[2 * n :] + tilts[dof - 2 * n :] * dx[2 * n :])
+    f = ca.vertcat(link, motor, held)
+    ddx = ca.SX.sym("ddx", dof)
+    inertial = inverse_dynamics(tree, numbers, gravity, x, dx, ddx)
+    inertial[n : 2 * n] += joints["armature"] * ddx[n : 2 * n]
+    M = ca.substitute(ca.jacobian(inertial, ddx), ddx, ca.SX.zeros(dof))
+    h = ca.substitute(inertial, ddx, ca.SX.zeros(dof))
+    acceleration = _solved(M, f - h)
+    parameters = ca.vertcat(numbers, gravity, *joints.values(), tilts)
+    return ca.Function("rate", [y, u, parameters], [ca.vertcat(dx, acceleration, dz), tau_J, f])
+
+
+def _solved(M: Any, f: Any) -> Any:
+    """Solve M a = f by M = L D L'."""
+    dof = M.shape[0]
+    L, d = [[ca.SX(0)] * dof for _ in range(dof)], [ca.SX(0)] * dof
+    for j in range(dof):
+        d[j] = M[j, j] - sum((L[j][k] ** 2 * d[k] for k in range(j)), ca.SX(0))
+        for i in range(j + 1, dof):
+            L[i][j] = (M[i, j] - sum((L[i][k] * L[j][k] * d[k] for k in range(j)), ca.SX(0))) / d[j]
+    a = [f[i] for i in range(dof)]
+    for i in range(dof):
+        a[i] -= sum((L[i][k] * a[k] for k in range(i)), ca.SX(0))
+    a = [a[i] / d[i] for i in range(dof)]
+    for i in reversed(range(dof)):
+        a[i] -= sum((L[k][i] * a[k] for k in range(i + 1, dof)), ca.SX(0))
+    return ca.vertcat(*a)
+
+
+def _pointer(array: Array) -> Any:
+    return array.ctypes.data_as(ctypes.c_void_p)

@@ -1,0 +1,261 @@
+"""The hidden arm: Pinocchio's bodies with effects, a drive that holds its command, and sensors."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.interpolate import CubicSpline
+
+from elastic_arm.errors import SimulationError
+from elastic_arm.recording import Recording
+from elastic_arm.robot import Component, Inertia, Robot, Transmission
+from elastic_arm.studies.blind_challenge.hidden_arms.engine import Run, engine_of
+from elastic_arm.studies.blind_challenge.hidden_arms.instruments import Instruments, measure
+from elastic_arm.studies.blind_challenge.hidden_arms.laws import Fault, joint_numbers
+from elastic_arm.studies.blind_challenge.hidden_arms.motion import MultiSine
+from elastic_arm.studies.blind_challenge.hidden_arms.recursion import inertial_numbers
+from elastic_arm.studies.blind_challenge.hidden_arms.tree import Tree
+
+RATE = 1000.0
+SUBSTEPS = 4  # RK4 steps a sample; those between also give tau_J for its mean over the sample interval
+BEARING_SUBSTEPS = 8  # bearing modes lie at some hundred Hz
+CHECKED = 20  # instants of a run that are compared with Pinocchio
+CONTROL_BANDWIDTH = 20.0  # rad/s
+
+
+@dataclass(frozen=True)
+class Course:
+    """What really happened, at the samples.
+
+    Parameters
+    ----------
+    t
+        (N,) s.
+    q, dq, theta, dtheta
+        (N, n) at the instant of the sample.
+    tau_J, tau_m
+        (N, n) means over the sample interval centred on it.
+    """
+
+    t: np.ndarray
+    q: np.ndarray
+    dq: np.ndarray
+    theta: np.ndarray
+    dtheta: np.ndarray
+    tau_J: np.ndarray
+    tau_m: np.ndarray
+
+
+class HiddenArm:
+    """An arm with effects that nobody but the challenge knows.
+
+    Parameters
+    ----------
+    robot
+        The nominal arm.
+    faults
+        What the real arm has more.
+    standstill
+        rad/s below which dry friction is smoothed; None for the smallest at which the steps stay stable.
+    """
+
+    def __init__(self, robot: Robot, faults: Sequence[Fault] = (), *, standstill: float | None = None) -> None:
+        self.nominal, self.faults = robot, tuple(faults)
+        self.robot = altered(robot, faults)
+        self.n = n = robot.n
+        by_effect = {fault.effect: fault for fault in faults}
+        soft = by_effect.get("bearing_compliance")
+        tilt = by_effect.get("base_tilt")
+        angles = (tilt.parameters["x"], tilt.parameters["y"]) if tilt else (0.0, 0.0)
+        self.tree = Tree(self.robot, bearings=soft is not None, base_tilt=angles)
+        self._engine = engine_of(robot, soft is not None)
+        self.substeps = BEARING_SUBSTEPS if soft else SUBSTEPS
+        self._h = 1.0 / RATE / self.substeps
+        gears = [joint.transmission for joint in self.robot.joints if joint.transmission]
+        r_hd = np.array([gear.harmonic_drive_ratio for gear in gears])
+        r_tot = r_hd * np.array([gear.belt_ratio for gear in gears])
+        numbers = joint_numbers(faults, n, r_hd, r_tot)
+        numbers["stiffness"] = self._K = np.array([gear.stiffness for gear in gears])
+        numbers["damping"] = np.array([gear.damping for gear in gears])
+        numbers["standstill"] = self._standstill(numbers) if standstill is None else np.full(n, standstill)
+        numbers["armature"] = self._armature = self._added_inertia()
+        # Gravity turns the other way in the frame of a tilted base.
+        base = Tree(self.robot, bearings=soft is not None)
+        gravity = rotation(*angles).T @ np.asarray(robot.gravity, dtype=float)
+        tilts = self._tilts(soft.parameters["stiffness_scale"]) if soft else np.zeros(0)
+        self._parameters = np.concatenate([inertial_numbers(base), gravity, *numbers.values(), tilts])
+
+    def _added_inertia(self) -> np.ndarray:
+        """Inertia (n,) that the motors have in B alone."""
+        added = np.zeros(self.n)
+        M, _ = self.tree.terms(np.zeros(self.tree.dof), np.zeros(self.tree.dof))
+        for fault in self.faults:
+            if fault.effect == "rotor_inertia_mismatch" and not fault.parameters.get("coupled"):
+                at = self.n + (fault.joint or 0)
+                added[fault.joint or 0] += (fault.parameters["inertia"] - 1.0) * M[at, at]
+        return added
+
+    def _tilts(self, scale: float) -> np.ndarray:
+        """Stiffness and damping of the bearings, ordered [q_x of all joints, q_y of all joints]."""
+        gears = [joint.transmission for joint in self.robot.joints if joint.transmission]
+        bearings = [gear.bearing for gear in gears if gear.bearing]
+        return np.array([*(scale * b.stiffness for b in bearings * 2), *(b.damping for b in bearings * 2)])
+
+    def _standstill(self, numbers: Mapping[str, np.ndarray]) -> np.ndarray:
+        """Speeds below which dry friction is smoothed: small, but wide enough for the steps to stay stable."""
+        M, _ = self.tree.terms(np.zeros(self.tree.dof), np.zeros(self.tree.dof))
+        inertia = 1.0 / np.diag(np.linalg.inv(M))[: 2 * self.n]
+        torque = np.concatenate(
+            [numbers[f"coulomb_{side}"] + numbers[f"stribeck_{side}"] for side in ("link", "motor")]
+        )
+        speeds = torque * self._h / (1.5 * inertia)
+        return np.maximum(np.maximum(speeds[: self.n], speeds[self.n :]), 1e-4)
+
+    def rate(self, state: np.ndarray, u: np.ndarray) -> np.ndarray:
+        """Return the rate of a state (coordinates, velocities, hystereses) under motor torques u (n,)."""
+        return self._engine.rate(state, u, self._parameters)[0]
+
+    def run(self, motion: MultiSine) -> Course:
+        """Follow a motion from rest.
+
+        Raises
+        ------
+        SimulationError
+            When the motion leaves the finite numbers, or Pinocchio finds other torques for it.
+        """
+        n, dof, N = self.n, self.tree.dof, round(motion.duration * RATE)
+        t = np.arange(N + 1) / RATE
+        desired = motion.evaluate(t)
+        feed_forward = self._feed_forward(*desired)
+        M0, _ = self.tree.terms(np.zeros(dof), np.zeros(dof))
+        inertia = np.diag(M0)[:n] + np.diag(M0)[n : 2 * n]
+        gains = inertia * CONTROL_BANDWIDTH**2, 1.4 * inertia * CONTROL_BANDWIDTH
+        reference = feed_forward, desired[0], desired[1]
+        rest = self._rest(desired[0][0], feed_forward[0])
+        found = self._engine.run(rest, self._parameters, reference, gains, RATE, self.substeps)
+        if not np.isfinite(found.states).all():
+            k = int(np.flatnonzero(~np.isfinite(found.states).all(axis=1))[0])
+            raise SimulationError(f"the hidden arm left the finite numbers at {t[k]:.3f} s", "Draw smaller effects")
+        self._check(found)
+        tau_m = 0.5 * (found.commands[1:N] + found.commands[: N - 1])
+        x, dx = found.states[1:N, :dof], found.states[1:N, dof : 2 * dof]
+        tau_J = _means(found.torques, self.substeps)
+        return Course(t[1:N], x[:, :n], dx[:, :n], x[:, n : 2 * n], dx[:, n : 2 * n], tau_J, tau_m)
+
+    def _check(self, found: Run) -> None:
+        """Compare the forces along a run with Pinocchio's for the same motion."""
+        n, dof = self.n, self.tree.dof
+        for k in np.linspace(0, len(found.states) - 1, CHECKED).astype(int):
+            rate, _, applied = self._engine.rate(found.states[k], found.commands[k], self._parameters)
+            state = found.states[k]
+            expected = self.tree.torque(state[:dof], state[dof : 2 * dof], rate[dof : 2 * dof])
+            expected[n : 2 * n] += self._armature * rate[dof + n : dof + 2 * n]
+            if not np.allclose(applied, expected, rtol=1e-8, atol=1e-6):
+                raise SimulationError(
+                    f"at sample {k} the hidden arm's equations are not Pinocchio's, by "
+                    f"{np.abs(applied - expected).max():.1e} Nm",
+                    "Report this: the challenge's engine is wrong",
+                )
+
+    def record(self, motion: MultiSine, instruments: Instruments, rng: np.random.Generator) -> Recording:
+        """Follow a motion and return what the sensors say."""
+        course = self.run(motion)
+        return measure(course, self.nominal.joint_names, self.faults, instruments, rng)
+
+    def _feed_forward(self, q: np.ndarray, dq: np.ndarray, ddq: np.ndarray) -> np.ndarray:
+        """Torque (N, n) of the arm as if its joints were stiff, from the nominal numbers."""
+        tree = Tree(self.nominal)
+        # The motion is slow: every tenth sample tells the torque to 1e-6 of itself.
+        k = np.arange(len(q))
+        some = np.append(k[:-1:10], k[-1])
+        both = [np.hstack([v[some], v[some]]) for v in (q, dq, ddq)]
+        torque = np.array([tree.torque(*row) for row in zip(*both, strict=True)])
+        return CubicSpline(some, torque[:, : self.n] + torque[:, self.n :])(k)
+
+    def _rest(self, theta: np.ndarray, torque: np.ndarray) -> np.ndarray:
+        """State at rest with the springs loaded by gravity (`torque` (n,))."""
+        dof, n = self.tree.dof, self.n
+        x = np.zeros(dof)
+        x[n : 2 * n] = theta
+        x[:n] = theta - torque / self._K
+        return np.concatenate([x, np.zeros(dof), np.zeros(n)])
+
+
+def altered(robot: Robot, faults: Sequence[Fault]) -> Robot:
+    """Return the arm with those effects that change its numbers."""
+    joints = list(robot.joints)
+    for fault in faults:
+        p = fault.parameters
+        if fault.effect == "payload":
+            joints[-1] = replace(joints[-1], link=_with_point(joints[-1].link, p["mass"], _position(p)))
+        elif fault.effect == "link_inertia_mismatch" and fault.joint is not None:
+            link = joints[fault.joint].link
+            scaled = replace(link, mass=link.mass * p["mass"], inertia=np.asarray(link.inertia) * p["mass"])
+            joints[fault.joint] = replace(joints[fault.joint], link=scaled)
+        elif fault.effect in ("stiffness_mismatch", "damping_mismatch") or p.get("coupled"):
+            joint = joints[fault.joint or 0]
+            if joint.transmission is not None:
+                joints[fault.joint or 0] = replace(joint, transmission=_altered_gear(joint.transmission, fault))
+    return robot.with_(joints=tuple(joints))
+
+
+def _altered_gear(gear: Transmission, fault: Fault) -> Transmission:
+    p = fault.parameters
+    if fault.effect == "stiffness_mismatch":
+        return replace(gear, stiffness=gear.stiffness * p["stiffness"])
+    if fault.effect == "damping_mismatch":
+        return replace(gear, damping=gear.damping * p["damping"])
+    factor = p["inertia"]
+    return replace(
+        gear,
+        rotor=_scaled(gear.rotor, factor),
+        wave_generator=_scaled(gear.wave_generator, factor),
+        spline=_scaled(gear.spline, factor),
+    )
+
+
+def _scaled(part: Component, factor: float) -> Component:
+    return replace(part, ixx=part.ixx * factor, izz=part.izz * factor)
+
+
+def _with_point(link: Inertia, mass: float, position: np.ndarray) -> Inertia:
+    """Return the link's inertia with a point mass added (parallel axes)."""
+    total = link.mass + mass
+    old = np.asarray(link.com, dtype=float)
+    com = (link.mass * old + mass * position) / total
+    inertia = np.asarray(link.inertia) + _steiner(link.mass, old - com) + _steiner(mass, position - com)
+    return replace(link, mass=total, com=com, inertia=inertia)
+
+
+def _steiner(mass: float, r: np.ndarray) -> np.ndarray:
+    return mass * (r @ r * np.eye(3) - np.outer(r, r))
+
+
+def _position(parameters: Mapping[str, float]) -> np.ndarray:
+    return np.array([parameters[f"position_{axis}"] for axis in "xyz"])
+
+
+def _means(torques: np.ndarray, substeps: int) -> np.ndarray:
+    """Means (N - 1, n) over the sample intervals centred on the samples 1 to N - 1, by Simpson's rule.
+
+    Parameters
+    ----------
+    torques : (N + 1, substeps, n)
+        From each sample on.
+    """
+    weights = np.ones(substeps + 1)
+    weights[1:-1:2], weights[2:-1:2] = 4.0, 2.0
+    weights /= 3.0 * substeps
+    flat = torques.reshape(-1, torques.shape[2])
+    first = substeps // 2
+    count = len(torques) - 2
+    parts = (w * flat[first + s :: substeps][:count] for s, w in enumerate(weights))
+    return np.sum(list(parts), axis=0)
+
+
+def rotation(a: float, b: float) -> np.ndarray:
+    """Return Rx(a) Ry(b)."""
+    x = np.array([[1, 0, 0], [0, np.cos(a), -np.sin(a)], [0, np.sin(a), np.cos(a)]])
+    return x @ np.array([[np.cos(b), 0, np.sin(b)], [0, 1, 0], [-np.sin(b), 0, np.cos(b)]])

@@ -1,0 +1,111 @@
+"""Newton and Euler's recursion over Pinocchio's tree of bodies, as an expression.
+
+Pinocchio called once a step from Python takes ten times as long as all else. So its tree is walked once with symbols,
+and the walk compiled; every run is checked against Pinocchio's own algorithm along its way (:mod:`.hidden_arm`).
+Nothing here is shared with `elastic_arm.dynamics`, whose derivation the diagnosis uses.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from elastic_arm.studies.blind_challenge.hidden_arms.tree import Tree
+
+NUMBERS = 10  # of a body: mass, centre of mass, inertia about it (xx, xy, xz, yy, yz, zz)
+AXES = {"JointModelRX": 0, "JointModelRY": 1, "JointModelRZ": 2}
+
+
+def inertial_numbers(tree: Tree) -> np.ndarray:
+    """Return the numbers (10 bodies,) of all bodies of a tree."""
+    rows = [[b.mass, *b.lever, *np.asarray(b.inertia)[np.triu_indices(3)]] for b in list(tree.model.inertias)[1:]]
+    return np.array(rows).ravel()
+
+
+@dataclass(frozen=True)
+class _Body:
+    """One body underway: how it turns against its parent, and its motion in its own frame."""
+
+    parent: int
+    R: Any
+    p: Any
+    axis: Any
+    w: Any
+    dw: Any
+    a: Any
+
+
+def inverse_dynamics(tree: Tree, numbers: Any, gravity: Any, x: Any, dx: Any, ddx: Any) -> Any:
+    """Return the generalized forces (dof,) of a motion.
+
+    Parameters
+    ----------
+    tree
+        Its placements and gears; not its inertias.
+    numbers
+        As :func:`inertial_numbers`.
+    gravity
+        (3,) in the frame of the ground.
+    x, dx, ddx
+        (dof,).
+    """
+    G = ca.sparsify(ca.DM(tree.gears))
+    q, v, a = G @ x, G @ dx, G @ ddx
+    zero = ca.SX.zeros(3)
+    bodies = [_Body(-1, None, None, None, zero, zero, -gravity)]
+    for i in range(1, tree.model.njoints):
+        bodies.append(_moved(tree, i, bodies, q[i - 1], v[i - 1], a[i - 1]))
+    forces = [(zero, zero) for _ in bodies]
+    tau = []
+    for i in range(len(bodies) - 1, 0, -1):
+        body = bodies[i]
+        force, moment = _inertial(body, numbers[NUMBERS * (i - 1) : NUMBERS * i])
+        force, moment = force + forces[i][0], moment + forces[i][1]
+        tau.append(ca.dot(body.axis, moment))
+        carried = body.R @ force
+        below = forces[body.parent]
+        forces[body.parent] = below[0] + carried, below[1] + body.R @ moment + ca.cross(body.p, carried)
+    return G.T @ ca.vertcat(*reversed(tau))
+
+
+def _moved(tree: Tree, i: int, bodies: list[_Body], q: Any, v: Any, a: Any) -> _Body:
+    parent = bodies[tree.model.parents[i]]
+    placement = tree.model.jointPlacements[i]
+    k = AXES[tree.model.joints[i].shortname()]
+    R = ca.sparsify(ca.DM(_snapped(placement.rotation))) @ _turn(k, q)
+    p = ca.DM(_snapped(placement.translation))
+    axis = ca.DM(np.eye(3)[k])
+    w = R.T @ parent.w
+    rate = axis * v
+    dw = R.T @ parent.dw + axis * a + ca.cross(w, rate)
+    acceleration = R.T @ (parent.a + ca.cross(parent.dw, p) + ca.cross(parent.w, ca.cross(parent.w, p)))
+    return _Body(int(tree.model.parents[i]), R, p, axis, w + rate, dw, acceleration)
+
+
+def _inertial(body: _Body, numbers: Any) -> tuple[Any, Any]:
+    """Force and moment about the frame's origin that a body's motion asks for."""
+    mass, com = numbers[0], numbers[1:4]
+    xx, xy, xz, yy, yz, zz = (numbers[4 + k] for k in range(6))
+    inertia = ca.vertcat(ca.horzcat(xx, xy, xz), ca.horzcat(xy, yy, yz), ca.horzcat(xz, yz, zz))
+    force = mass * (body.a + ca.cross(body.dw, com) + ca.cross(body.w, ca.cross(body.w, com)))
+    moment = inertia @ body.dw + ca.cross(body.w, inertia @ body.w)
+    return force, moment + ca.cross(com, force)
+
+
+def _turn(k: int, angle: Any) -> Any:
+    """Rotation by an angle about the axis k."""
+    c, s = ca.cos(angle), ca.sin(angle)
+    i, j = (k + 1) % 3, (k + 2) % 3
+    R = ca.SX(3, 3)
+    R[k, k] = 1
+    R[i, i], R[j, j], R[i, j], R[j, i] = c, c, -s, s
+    return R
+
+
+def _snapped(values: np.ndarray) -> np.ndarray:
+    values = np.array(values, dtype=float)
+    values[np.abs(values) < 1e-15] = 0.0
+    return values

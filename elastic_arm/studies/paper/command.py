@@ -1,0 +1,93 @@
+"""`elastic-arm paper`: the paper's study, from the virtual prototype to the claims."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+from rich.markup import escape
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
+from rich.table import Table
+
+from elastic_arm.cli.console import err, out, print_json, reports_errors
+from elastic_arm.cli.describe import RobotFile
+from elastic_arm.cli.outputs import Force, claim_folder
+from elastic_arm.errors import MissingExtraError
+from elastic_arm.robot import load_robot
+
+if TYPE_CHECKING:
+    from elastic_arm.studies.paper.claims.all_claims import Claim
+
+RESULTS = ("report.html", "paper.json", "claims.csv")
+COLOURS = {"holds": "green", "holds in part": "yellow", "does not hold": "red"}
+
+
+@reports_errors
+def paper(
+    robot_file: RobotFile = None,
+    folder: Annotated[Path, typer.Option("--out", help="Folder for report.html, CSV and JSON.")] = Path("paper"),
+    quick: Annotated[bool, typer.Option(help="Less of everything, in a minute.")] = False,
+    workers: Annotated[int, typer.Option(min=1, help="Processes for the prototype's runs.")] = os.cpu_count() or 1,
+    seed: Annotated[int, typer.Option(min=0, help="Of noise, poses and searches.")] = 1,
+    json: Annotated[bool, typer.Option("--json", help="Print the claims as JSON, for scripts.")] = False,
+    force: Force = False,
+) -> None:
+    """Reproduce the paper: mod1, mod2, mod3 against a virtual prototype, over the ratios, down to the parameters.
+
+    Writes report.html with every figure and claim, and all numbers as CSV and JSON beside it.
+
+    Examples:
+
+        elastic-arm paper --out paper/
+
+        elastic-arm paper --quick --json
+    """
+    claim_folder(folder, RESULTS, force=force)
+    _require_extras()
+    from dataclasses import asdict
+
+    from elastic_arm.studies.paper.claims.all_claims import judge
+    from elastic_arm.studies.paper.export import export
+    from elastic_arm.studies.paper.report.page import write_paper_report
+    from elastic_arm.studies.paper.study import FULL, QUICK, run_study
+
+    robot = load_robot(robot_file)
+    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
+    with Progress(*columns, console=err) as progress:
+
+        def stage(name: str, count: int) -> Callable[[], None]:
+            task = progress.add_task(name, total=count)
+            return lambda: progress.advance(task)
+
+        result = run_study(robot, QUICK if quick else FULL, workers=workers, seed=seed, stage=stage)
+    claims = judge(result)
+    files = export(result, claims, folder)
+    report = write_paper_report(result, claims, folder / "report.html")
+    if json:
+        print_json({"report": str(report), "files": [str(f) for f in files], "claims": [asdict(c) for c in claims]})
+        return
+    _print_claims(claims)
+    out.print(f"report: {escape(str(report))}; numbers beside it: {escape(', '.join(f.name for f in files))}")
+    out.print(f"the study took {result.seconds['whole study']:.0f} s")
+
+
+def _print_claims(claims: list[Claim]) -> None:
+    table = Table("section", "claim", "verdict", title="Claims of the paper, with our numbers")
+    for claim in claims:
+        table.add_row(claim.section, escape(claim.claim), f"[{COLOURS[claim.verdict]}]{claim.verdict}[/]")
+    out.print(table)
+
+
+def _require_extras() -> None:
+    """Refuse early where an optional library is missing."""
+    for library, purpose in (("mujoco", "the virtual prototype"), ("sympy", "the symbolic coupling S")):
+        try:
+            __import__(library)
+        except ImportError as error:
+            raise MissingExtraError(
+                f"{library}, which {purpose} needs, is not installed",
+                "Install it with: pip install 'elastic_arm[paper]'",
+            ) from error

@@ -1,0 +1,153 @@
+"""What a better model buys: the prototype under feed-forward of each identified model, and where its tool goes.
+
+The feed-forward inverts an elastic model on a periodic motion q_d: the first row of (1) asks for the drive's
+deflection delta = theta - q from K delta + D delta' = M q'' + S theta'' + c + c1 + g, which a Fourier transform solves
+line by line; S theta'' makes it implicit, so it is repeated until it stands. The second row then is the torque. A weak
+controller on the motor side keeps the arm near theta_d.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import astuple, dataclass
+
+import numpy as np
+
+from elastic_arm.dynamics import Model, build_model
+from elastic_arm.excitation import FourierTrajectory
+from elastic_arm.robot.description import Robot
+from elastic_arm.studies.paper.virtual_prototype.prototype import Prototype, dividing_step
+
+ROUNDS = 6
+
+
+@dataclass(frozen=True)
+class Command:
+    """One period on a grid of half steps: motor motion and torque at the harmonic-drive output, each (M, n)."""
+
+    theta: np.ndarray
+    dtheta: np.ndarray
+    tau_m: np.ndarray
+
+
+@dataclass(frozen=True)
+class Law:
+    """A feed-forward: its name, the ratio it is for, a model and its parameters; no torque at all where Psi is None."""
+
+    name: str
+    r_tot: float
+    model: str
+    Psi: np.ndarray | None
+
+
+@dataclass(frozen=True)
+class Tracking:
+    """How well the prototype followed.
+
+    `tool_rms` and `tool_max` are the tool's error, mm; `joints_rms` the part of it that the links' angles q make,
+    without the bearings' tilt, mm; `angle_rms` the error of q, mrad; `feedback_rms` what the feedback added, Nm.
+    """
+
+    feedforward: str
+    r_tot: float
+    tool_rms: float
+    tool_max: float
+    joints_rms: float
+    angle_rms: float
+    feedback_rms: float
+
+
+def together(runs: Sequence[Tracking]) -> Tracking:
+    """Put the same law's runs along several motions together: rms over all, largest of all."""
+    values = np.array([astuple(run)[2:] for run in runs])
+    whole = np.sqrt((values**2).mean(axis=0))
+    whole[1] = values[:, 1].max()
+    return Tracking(runs[0].feedforward, runs[0].r_tot, *map(float, whole))
+
+
+def invert(model: Model, Psi: np.ndarray, q: tuple[np.ndarray, np.ndarray, np.ndarray], period: float) -> Command:
+    """Return the command that drives a model's link along one period of q, dq, ddq (M, n)."""
+    n, names = model.n, [parameter.name.rpartition(".")[2] for parameter in model.parameters]
+    K, D = (Psi[[k for k, name in enumerate(names) if name == letter]] for letter in ("K", "D"))
+    loose = np.where([name in ("K", "D") for name in names], 0.0, Psi)
+    omega = 2.0 * np.pi * np.fft.rfftfreq(len(q[0]), period / len(q[0]))[:, None]
+    delta = [np.zeros_like(q[0]) for _ in range(3)]
+    for _ in range(ROUNDS):
+        x, dx, ddx = (np.hstack([link, link + turn]) for link, turn in zip(q, delta, strict=True))
+        forces = model.inverse_dynamics(x, dx, ddx, Psi=loose)
+        line = np.fft.rfft(forces[:, :n], axis=0) / (K + 1j * omega * D)
+        delta = [np.fft.irfft(line * (1j * omega) ** k, len(q[0]), axis=0) for k in range(3)]
+    return Command(q[0] + delta[0], q[1] + delta[1], forces[:, n:] + K * delta[0] + D * delta[1])
+
+
+def gains(model: Model, frequency: float, at: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return proportional and derivative gains (n,) for a natural frequency (rad/s) and damping ratio 0.7."""
+    n = model.n
+    mass = np.diag(model.mass_matrix(np.concatenate([at, at])[None])[0])
+    inertia = mass[:n] + mass[n:]
+    return inertia * frequency**2, 1.4 * inertia * frequency
+
+
+def reference(n: int, period: float, duration: float, rng: np.random.Generator) -> FourierTrajectory:
+    """Make a motion that no identification saw: three harmonics, at most 0.4 rad from zero per joint and 0.8 rad/s."""
+    harmonics = 3
+    a, b = rng.standard_normal((2, n, harmonics))
+    frequency = 2.0 * np.pi / period * np.arange(1, harmonics + 1)
+    size = np.hypot(a, b)
+    scale = np.minimum(0.8 / size.sum(axis=1), 0.4 / (size / frequency).sum(axis=1))[:, None]
+    return FourierTrajectory(2.0 * np.pi / period, a * scale, b * scale, np.zeros(n), duration + period)
+
+
+def assess(
+    robot: Robot, law: Law, reference: FourierTrajectory, *, frequency: float, settle: float, step: float
+) -> Tracking:
+    """Drive the prototype along a reference under a feed-forward law and compare.
+
+    Parameters
+    ----------
+    frequency
+        Natural frequency of the feedback on the motor side, rad/s.
+    settle
+        Time after which errors count, s.
+    step
+        Of the prototype's integration, s.
+    """
+    period, step = reference.period, dividing_step(step)
+    steps = round(period / step)
+    grid = np.linspace(0.0, period, 2 * steps, endpoint=False)
+    command = _command(robot, law, reference.evaluate(grid), period)
+    stiffness, damping = gains(build_model(robot, "mod3"), frequency, reference.q0)
+
+    def torque(half: int, theta: np.ndarray, dtheta: np.ndarray) -> np.ndarray:
+        k = half % len(grid)
+        lag, slip = command.theta[k] - theta, command.dtheta[k] - dtheta
+        return command.tau_m[k] + stiffness * lag + damping * slip
+
+    prototype = Prototype(robot)
+    start = command.theta[0], command.dtheta[0]
+    run = prototype.actuate(torque, start, reference.duration - period, step=step)
+    kept = run.t >= settle
+    wanted = reference.evaluate(run.t[kept])[0]
+    place, rigid = prototype.tool(wanted), prototype.tool(run.q[kept])
+    sent = command.tau_m[np.rint(run.t[kept] / period * len(grid)).astype(int) % len(grid)]
+    away = np.linalg.norm(run.tool[kept] - place, axis=1)
+    return Tracking(
+        law.name,
+        law.r_tot,
+        tool_rms=1e3 * _rms(away),
+        tool_max=1e3 * float(away.max()),
+        joints_rms=1e3 * _rms(np.linalg.norm(rigid - place, axis=1)),
+        angle_rms=1e3 * _rms(run.q[kept] - wanted),
+        feedback_rms=_rms(run.tau_m[kept] - sent),
+    )
+
+
+def _command(robot: Robot, law: Law, q: tuple[np.ndarray, np.ndarray, np.ndarray], period: float) -> Command:
+    """Invert the law's model along one period; without one, tell the motor the link's motion and send no torque."""
+    if law.Psi is None:
+        return Command(q[0], q[1], np.zeros_like(q[0]))
+    return invert(build_model(robot, law.model), law.Psi, q, period)
+
+
+def _rms(values: np.ndarray) -> float:
+    return float(np.sqrt((values**2).mean()))

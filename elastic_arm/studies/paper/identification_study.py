@@ -1,0 +1,238 @@
+"""Fig. 5 and beyond: (10)-(13) for each model on what the prototype did, and where the errors come from."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.stats import spearmanr
+
+from elastic_arm.dynamics import build_model
+from elastic_arm.estimation.equations import Equations
+from elastic_arm.estimation.smoother import Motion
+from elastic_arm.excitation.criteria import distinct_columns
+from elastic_arm.identification.least_squares import Fit, fit
+from elastic_arm.identification.stream import Accumulator
+from elastic_arm.robot.description import Robot
+from elastic_arm.studies.paper.individual import Recovered, recover
+from elastic_arm.studies.paper.virtual_prototype.prototype import Run
+
+PAPER_STRIDE = 100  # of the 1 kHz samples: the paper's 10 Hz
+GUESS_SEED = 7
+LOW, MID = 20.5, 50.5  # the paper's 0-20 %, 21-50 %, 51-100 %, read as rounded percentages
+
+
+@dataclass(frozen=True)
+class Shares:
+    """Percentages of the coefficients whose relative error is low, mid, high; `beyond` 100 % is a part of high."""
+
+    low: float
+    mid: float
+    high: float
+    beyond: float
+
+
+def shares(error: np.ndarray) -> Shares:
+    """Sort relative errors (coefficients,), in percent, into the paper's categories."""
+    size = np.abs(error)
+    low, mid, beyond = size < LOW, (size >= LOW) & (size < MID), size > 100.0
+    return Shares(*(100.0 * float(part.mean()) for part in (low, mid, ~(low | mid), beyond)))
+
+
+class Problem:
+    """One model's regression (10) in base parameters; the truth is the description's numbers in the same combinations.
+
+    Parameters
+    ----------
+    robot
+        The true arm: what the prototype was built from.
+    model
+        Name: mod1, mod2 or mod3.
+    """
+
+    def __init__(self, robot: Robot, model: str) -> None:
+        self.model = build_model(robot, model)
+        self.equations = Equations(self.model, ("q", "theta", "tau_m"), joints=robot.joint_names)
+        base = self.equations.base
+        self.names = base.names
+        self.true = base.T @ self.equations.nominal
+        self.estimable = int(np.count_nonzero(np.abs(base.T).max(axis=0) > 0.0))
+
+    def fit(self, motion: Motion, *, weighted: bool) -> Fit:
+        """Fit the base parameters; `weighted` by the noise of each equation."""
+        data = Accumulator(self.equations)
+        data.add(motion)
+        return fit(data.snapshot(), weighted)
+
+    def with_noise(self, motion: Motion, std: float, seeds: int, rng: np.random.Generator) -> list[Fit]:
+        """Return fits with independent Gaussian noise of `std` Nm on every measured torque."""
+        assert motion.tau_m is not None
+        torque = motion.tau_m
+        noisy = (replace(motion, tau_m=torque + std * rng.standard_normal(torque.shape)) for _ in range(seeds))
+        return [self.fit(one, weighted=False) for one in noisy]
+
+    def percent(self, estimate: np.ndarray) -> np.ndarray:
+        """Return Psi_err of (13), in percent."""
+        return 100.0 * (estimate - self.true) / self.true
+
+    def full(self, estimate: np.ndarray) -> np.ndarray:
+        """Return a whole Psi (P,) that predicts as the estimate does: zero wherever the equations cannot see."""
+        Psi = np.zeros(len(self.equations.names))
+        Psi[self.equations.base.columns] = estimate
+        return Psi
+
+
+def merged_error(found: Fit, true: np.ndarray, kept: np.ndarray) -> np.ndarray:
+    """Return Psi_err (K,) of the coefficients `kept`, the others merged into them as the data's columns depend on them.
+
+    Base parameters are what *some* state tells apart. Where no ordinary motion does, as at high ratios, (11) is blown
+    up along that direction; a numerical rank decision would have merged such columns, and this does.
+    """
+    R, z = found.factor[:, :-1], found.factor[:, -1]
+    lost = np.setdiff1d(np.arange(len(true)), kept)
+    scale = np.linalg.norm(R[:, kept], axis=0)
+    solution = np.linalg.lstsq(R[:, kept] / scale, np.column_stack([R[:, lost], z]), rcond=None)[0] / scale[:, None]
+    expected = true[kept] + solution[:, :-1] @ true[lost]
+    return 100.0 * (solution[:, -1] - expected) / expected
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """One model at one ratio.
+
+    All errors are in percent of the true coefficient, (B,): `error` as in the paper (10 Hz, no noise), `model_error`
+    the same with the bushing locked, `noise_spread` the standard deviation over seeds at 10 Hz, `fast_error` and
+    `fast_noise_spread` at 1 kHz; `merged_error` that of 10 Hz with what this motion cannot tell apart merged.
+    `noisy_shares` and `merged_noisy_shares` are those of each seed. `torque` is what each coefficient contributes
+    to the equations, `residual` what the fit leaves, Nm rms. `condition` is that of F with columns of unit
+    length, at 10 Hz. `individual` are the individual parameters under physical consistency.
+    """
+
+    model: str
+    r_tot: float
+    names: tuple[str, ...]
+    estimable: int
+    true: np.ndarray
+    estimate: np.ndarray
+    error: np.ndarray
+    model_error: np.ndarray
+    noise_spread: np.ndarray
+    fast_error: np.ndarray
+    fast_noise_spread: np.ndarray
+    merged_error: np.ndarray
+    merged_noisy_shares: tuple[Shares, ...]
+    noisy_shares: tuple[Shares, ...]
+    fast_noisy_shares: tuple[Shares, ...]
+    torque: np.ndarray
+    residual: float
+    condition: float
+    Psi: np.ndarray
+    individual: Recovered
+
+    @property
+    def bushing_error(self) -> np.ndarray:
+        """What the bushing adds to the model's own error, percent (B,)."""
+        return self.error - self.model_error
+
+    @property
+    def shares(self) -> Shares:
+        """Fig. 5."""
+        return shares(self.error)
+
+
+def study(
+    robot: Robot,
+    model: str,
+    r_tot: float,
+    run: Run,
+    locked: Run,
+    *,
+    noise: float,
+    seeds: tuple[int, int],
+    guesses: int,
+    rng: np.random.Generator,
+) -> Estimate:
+    """Identify one model from the prototype's run.
+
+    Parameters
+    ----------
+    robot
+        With its ratio set to `r_tot`.
+    run, locked
+        The prototype's samples at 1 kHz, with its bushings and with locked ones.
+    noise
+        Standard deviation of the torque sensor, Nm.
+    seeds
+        Number of noise realisations at 10 Hz and at 1 kHz.
+    guesses
+        Number of wrong descriptions from which individual parameters are recovered.
+    """
+    problem = Problem(robot, model)
+    fast = motion_of(run)
+    slow, slow_locked = fast[_ten_hertz(run)], motion_of(locked)[_ten_hertz(locked)]
+    plain = problem.fit(slow, weighted=False)
+    noisy = problem.with_noise(slow, noise, seeds[0], rng)
+    fast_noisy = problem.with_noise(fast, noise, seeds[1], rng)
+    kept = distinct_columns(plain.factor[:, :-1])
+    rows = problem.equations.rows(slow)
+    left = rows[:, :, -1] - rows[:, :, :-1] @ plain.Psi
+    return Estimate(
+        model=model,
+        r_tot=r_tot,
+        names=problem.names,
+        estimable=problem.estimable,
+        true=problem.true,
+        estimate=plain.Psi,
+        error=problem.percent(plain.Psi),
+        model_error=problem.percent(problem.fit(slow_locked, weighted=False).Psi),
+        noise_spread=problem.percent(np.array([one.Psi for one in noisy])).std(axis=0, ddof=1),
+        fast_error=problem.percent(problem.fit(fast, weighted=False).Psi),
+        fast_noise_spread=problem.percent(np.array([one.Psi for one in fast_noisy])).std(axis=0, ddof=1),
+        merged_error=merged_error(plain, problem.true, kept),
+        merged_noisy_shares=tuple(shares(merged_error(one, problem.true, kept)) for one in noisy),
+        noisy_shares=tuple(shares(problem.percent(one.Psi)) for one in noisy),
+        fast_noisy_shares=tuple(shares(problem.percent(one.Psi)) for one in fast_noisy),
+        torque=np.abs(problem.true) * np.sqrt((rows[:, :, :-1] ** 2).mean(axis=(0, 1))),
+        residual=float(np.sqrt((left**2).mean())),
+        condition=plain.condition,
+        Psi=problem.full(plain.Psi),
+        individual=recover(problem.fit(slow, weighted=True), problem.equations, guesses, GUESS_SEED),
+    )
+
+
+def smallness(estimate: Estimate) -> tuple[float, float]:
+    """Return Spearman's rank correlation of a coefficient's error with its true size, and with its torque.
+
+    Negative where the large errors belong to small coefficients. The size is in SI units whatever the kind, as the
+    paper compares them; the torque is what the coefficient contributes to the equations, rms.
+    """
+    error = np.abs(estimate.error)
+    size = spearmanr(np.abs(estimate.true), error).statistic
+    return float(size), float(spearmanr(estimate.torque, error).statistic)
+
+
+def motion_of(run: Run) -> Motion:
+    """Return a run as the identification's motion."""
+    return Motion(
+        t=run.t,
+        q=run.q,
+        dq=run.dq,
+        ddq=run.ddq,
+        theta=run.theta,
+        dtheta=run.dtheta,
+        ddtheta=run.ddtheta,
+        tau_J=run.tau_J,
+        tau_m=run.tau_m,
+    )
+
+
+def _ten_hertz(run: Run) -> slice:
+    """Return the paper's samples: 10 Hz, the last one left out, so that 10 s are 100 samples."""
+    return slice(0, len(run.t) - 1, PAPER_STRIDE)
+
+
+def mean_shares(many: Sequence[Shares]) -> tuple[Shares, Shares]:
+    """Return mean and standard deviation of shares over seeds."""
+    table = np.array([(s.low, s.mid, s.high, s.beyond) for s in many])
+    return Shares(*map(float, table.mean(0))), Shares(*map(float, table.std(0)))

@@ -1,0 +1,1 @@
+"""The paper's virtual prototype, built in MuJoCo: an engine that nobody here wrote."""

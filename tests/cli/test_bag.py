@@ -1,0 +1,89 @@
+"""The bag subcommands: what they print, what they leave behind, and their exit codes."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+from typer.testing import CliRunner, Result
+
+from elastic_arm.cli.bag import bag_app
+from elastic_arm.recording import read_recording, write_recording
+from tests.helpers.bags import two_sided
+
+
+@pytest.fixture
+def bag(tmp_path: Path) -> Path:
+    return write_recording(tmp_path / "bag", two_sided(np.random.default_rng(0), 2000))
+
+
+def run(*arguments: object) -> Result:
+    """Run `elastic-arm bag …`."""
+    return CliRunner().invoke(bag_app, [str(argument) for argument in arguments])
+
+
+def test_info_shows_topics_rates_joints_and_channels(bag: Path) -> None:
+    """A table for people, the same as JSON for scripts."""
+    shown = run("info", bag)
+    assert shown.exit_code == 0
+    for word in ("/joint_states", "/motor_states", "1000", "joint_3", "motor.effort", "zstd"):
+        assert word in shown.stdout
+    told = json.loads(run("info", bag, "--json").stdout)
+    assert told["messages"] == 4000
+    assert told["duration"] == pytest.approx(1.999)
+    assert told["joints"] == ["joint_1", "joint_2", "joint_3"]
+    assert [topic["rate"] for topic in told["topics"]] == pytest.approx([1000, 1000])
+
+
+def test_check_ends_with_0_for_a_sound_bag(bag: Path) -> None:
+    """Nothing wrong: exit code 0."""
+    done = run("check", bag)
+    assert (done.exit_code, "nothing wrong" in done.stdout) == (0, True)
+
+
+def test_check_ends_with_1_for_a_torn_bag_and_repairs_it(bag: Path) -> None:
+    """Something wrong: exit code 1; with --repair a usable copy beside it, and 0."""
+    (bag / "metadata.yaml").unlink()
+    file = bag / "bag_0.mcap"
+    file.write_bytes(file.read_bytes()[:-3000])
+    assert run("check", bag).exit_code == 1
+    done = run("check", bag, "--repair", "--json")
+    told = json.loads(done.stdout)
+    assert done.exit_code == 0
+    assert not told["ok"]
+    assert told["repaired"]["after"]["ok"]
+    assert Path(told["repaired"]["path"]) == bag.with_name("bag_repaired")
+    assert len(read_recording(told["repaired"]["path"]).link) > 0
+
+
+def test_check_ends_with_2_for_what_is_no_bag(tmp_path: Path) -> None:
+    """Not readable at all: exit code 2 and one line that says why."""
+    done = run("check", tmp_path / "nothing")
+    assert done.exit_code == 2
+    assert "does not exist" in done.stderr
+
+
+def test_import_makes_a_bag(tmp_path: Path) -> None:
+    """Arrays and a mapping in, a bag out; a second time it is refused and untouched."""
+    np.savez(tmp_path / "run.npz", t=np.arange(100) * 0.01, q=np.random.default_rng(0).normal(size=(100, 1)))
+    content = {"times": {"key": "t"}, "joints": ["joint_1"], "link": {"position": {"key": "q"}}}
+    (tmp_path / "map.yaml").write_text(yaml.safe_dump(content))
+    arguments = ("import", tmp_path / "run.npz", "--map", tmp_path / "map.yaml", "--out", tmp_path / "bag")
+    done = run(*arguments)
+    assert done.exit_code == 0
+    assert "link.position" in done.stdout
+    assert len(read_recording(tmp_path / "bag").link) == 100
+    again = run(*arguments)
+    assert (again.exit_code, "exists already" in again.stderr) == (2, True)
+
+
+@pytest.mark.parametrize("name", ["excitation", "validation"])
+def test_shipped_bags_have_nothing_wrong(name: str) -> None:
+    """The bags that come with the project pass the check, their streamed reference included."""
+    bag = Path(__file__).parents[2] / "bags" / name
+    checked = json.loads(run("check", bag, "--json").stdout)
+    assert checked["findings"] == []
+    assert "/reference" in run("info", bag).stdout

@@ -1,0 +1,284 @@
+"""The command line: what it writes, what it never overwrites, and words a user can act on."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import yaml
+from typer.testing import CliRunner, Result
+
+from elastic_arm.app import app
+from elastic_arm.excitation import load_trajectory
+from elastic_arm.recording import write_recording
+from elastic_arm.robot import load_robot
+from elastic_arm.robot.loading import NOMINAL_ARM
+from tests.helpers.bags import two_sided
+from tests.helpers.motions import trajectory
+
+
+def run(*arguments: object) -> Result:
+    """Run `elastic-arm …`."""
+    return CliRunner().invoke(app, [str(argument) for argument in arguments])
+
+
+def refusal(*arguments: object) -> str:
+    """Return the one line that a refused command writes."""
+    result = run(*arguments)
+    assert result.exit_code == 2, result.output
+    (line,) = result.stderr.strip().splitlines()
+    assert line.startswith("error: ")
+    assert line.endswith((".", "?"))
+    assert "Errno" not in line
+    return line
+
+
+@pytest.fixture
+def bag(tmp_path: Path) -> Path:
+    return write_recording(tmp_path / "bag", two_sided(np.random.default_rng(0), 300))
+
+
+@pytest.fixture
+def motion(tmp_path: Path) -> Path:
+    trajectory(n=3, period=1.0, ramp=0.2, periods=1).scaled(0.01).save(tmp_path / "motion.yaml")
+    return tmp_path / "motion.yaml"
+
+
+# --- what the commands write
+
+
+def test_excite_writes_a_trajectory_and_says_what_it_reached(tmp_path: Path) -> None:
+    """`elastic-arm excite` writes a file that loads, a report, and JSON with the condition before and after."""
+    file = tmp_path / "t.yaml"
+    result = run("excite", "--out", file, "--evaluations", 30, "--harmonics", 3, "--json", "--report", tmp_path)
+    assert result.exit_code == 0, result.output
+    told = json.loads(result.stdout)
+    assert told["condition_number"]["after"] <= told["condition_number"]["before"]
+    assert load_trajectory(file).joints == ("joint_1", "joint_2", "joint_3")
+    assert "<svg" in (tmp_path / "report.html").read_text()
+
+
+def test_describe_tells_joints_and_base_parameters() -> None:
+    """`elastic-arm describe --json` gives the arm file's content, mass and named base parameters."""
+    told = json.loads(run("describe", "--json").stdout)
+    assert told["mass_kg"] == pytest.approx(139.0)
+    assert [joint["name"] for joint in told["robot"]["joints"]] == ["joint_1", "joint_2", "joint_3"]
+    assert len(told["base_parameters"]) == 26
+    assert "joint_3.K [Nm/rad]" in run("describe", "--base").stdout
+
+
+# --- nothing is overwritten unasked
+
+
+def test_a_file_is_overwritten_with_force_alone(tmp_path: Path) -> None:
+    """A second `describe --urdf` to one file is refused and changes nothing; with --force it writes."""
+    file = tmp_path / "arm.urdf"
+    file.write_text("mine")
+    assert "--force" in refusal("describe", "--urdf", file)
+    assert file.read_text() == "mine"
+    assert run("describe", "--urdf", file, "--force").exit_code == 0
+    assert file.read_text().startswith("<?xml")
+
+
+def test_an_earlier_trajectory_is_kept(motion: Path) -> None:
+    """`excite` refuses before its search to write over a trajectory, and says how to do it all the same."""
+    before = motion.read_bytes()
+    said = refusal("excite", "--out", motion)
+    assert "exists already" in said
+    assert "--force" in said
+    assert motion.read_bytes() == before
+
+
+def test_an_earlier_report_of_an_excitation_is_kept(tmp_path: Path) -> None:
+    """`excite --report` refuses a folder with a report in it."""
+    (tmp_path / "report.html").write_text("mine")
+    assert "--report" in refusal("excite", "--out", tmp_path / "t.yaml", "--report", tmp_path)
+
+
+@pytest.mark.parametrize(("command", "result"), [("identify", "robot.yaml"), ("paper", "claims.csv")])
+def test_earlier_results_are_kept(tmp_path: Path, bag: Path, command: str, result: str) -> None:
+    """A folder that holds any of a command's results is refused before the work, and stays as it is."""
+    folder = tmp_path / "results"
+    folder.mkdir()
+    (folder / result).write_text("mine")
+    said = refusal(command, *([bag] if command == "identify" else []), "--out", folder)
+    assert result in said
+    assert "--force" in said
+    assert [path.name for path in folder.iterdir()] == [result]
+
+
+def test_no_recording_is_overwritten(tmp_path: Path, bag: Path, motion: Path) -> None:
+    """`simulate` and `bag import` refuse a bag that exists; there is no force."""
+    assert "no recording is overwritten" in refusal("simulate", "--trajectory", motion, "--out", bag)
+    np.savez(tmp_path / "a.npz", t=np.arange(3.0))
+    (tmp_path / "map.yaml").write_text("joints: [a]\ntimes: {key: t}\n")
+    said = refusal("bag", "import", tmp_path / "a.npz", "--map", tmp_path / "map.yaml", "--out", bag)
+    assert "no recording is overwritten" in said
+
+
+COMMANDS: dict[str, list[object]] = {
+    "excite": ["excite", "--out"],
+    "simulate": ["simulate", "--trajectory", "default", "--out"],
+    "identify": ["identify", "BAG", "--out"],
+    "describe": ["describe", "--urdf"],
+    "paper": ["paper", "--out"],
+}
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_a_place_that_cannot_be_written_is_found_before_the_work(tmp_path: Path, bag: Path, command: str) -> None:
+    """Where a file stands in the way of the folder, every command says so at once, and leaves no trace."""
+    (tmp_path / "file").write_text("mine")
+    there = sorted(tmp_path.rglob("*"))
+    arguments = [bag if word == "BAG" else word for word in COMMANDS[command]]
+    said = refusal(*arguments, tmp_path / "file" / "sub" / "result")
+    assert f"{tmp_path / 'file'} is a file, not a folder" in said
+    assert sorted(tmp_path.rglob("*")) == there
+
+
+def test_a_challenge_needs_a_folder_not_a_file(tmp_path: Path) -> None:
+    """`challenge create FILE` is refused in words before anything is drawn."""
+    (tmp_path / "file").write_text("mine")
+    said = refusal("challenge", "create", tmp_path / "file")
+    assert f"{tmp_path / 'file'} is a file, not a folder. Name another place for FOLDER." in said
+
+
+# --- words for what makes no sense
+
+
+USAGE: dict[str, tuple[str, str]] = {
+    "diagnose --nope bag": ("no such option: --nope", "diagnose"),
+    "diagnose": ("missing argument 'BAG…'", "diagnose"),
+    "simulate --out": ("option '--out' requires an argument", "simulate"),
+    "identify bag --weights beauty": ("'beauty' is not one of 'noise', 'ordinary'", "identify"),
+    "excite --seed one --out t": ("invalid value for '--seed'", "excite"),
+    "bag chek": ("no such command 'chek'. Did you mean 'check'?", "bag"),
+    "bag check": ("missing argument", "bag check"),
+    "bag import a --map m --out b --compression zip": ("one of none, lz4, zstd", "bag import"),
+    "challenge create folder --ratio 3": ("invalid value for --ratio: '3' is no range", "challenge create"),
+}
+
+
+@pytest.mark.parametrize("arguments", USAGE)
+def test_usage_errors_are_one_line_with_the_help_to_read(arguments: str) -> None:
+    """Unknown options, missing arguments and wrong values of every command end as all unusable input does."""
+    words, command = USAGE[arguments]
+    said = refusal(*arguments.split())
+    assert words in said
+    assert said.endswith(f" See elastic-arm {command} --help.")
+
+
+def test_an_unknown_command_is_one_line() -> None:
+    """`elastic-arm foo` points at the help of the application."""
+    assert refusal("foo") == "error: no such command 'foo'. See elastic-arm --help."
+
+
+@pytest.mark.parametrize("arguments", ["--help", "bag --help", "diagnose --help", "--version"])
+def test_help_and_version_end_with_0(arguments: str) -> None:
+    """What was asked for is no error, and goes to stdout."""
+    result = run(*arguments.split())
+    assert (result.exit_code, result.stderr) == (0, "")
+    assert result.stdout.strip()
+
+
+@pytest.mark.parametrize("arguments", ["", "bag"])
+def test_nothing_asked_shows_the_help(arguments: str) -> None:
+    """Without a command the help is shown, with no error line besides."""
+    result = run(*arguments.split())
+    assert result.exit_code == 2
+    assert "Usage: " in result.stdout
+    assert result.stderr == ""
+
+
+def test_the_answer_no_keeps_its_exit_status(bag: Path) -> None:
+    """`bag check` of a torn bag ends with 1, of a sound one with 0, also as a command of the application."""
+    assert run("bag", "check", bag).exit_code == 0
+    (bag / "metadata.yaml").unlink()
+    assert run("bag", "check", bag).exit_code == 1
+
+
+@pytest.mark.parametrize(
+    "arguments", [["--harmonics", "0"], ["--criterion", "beauty"], ["--robot", "none.yaml"], ["--torque", "-3"],
+                  ["--margin", "-1"], ["--floor", "nan"]],
+)  # fmt: skip
+def test_excite_refuses_what_makes_no_sense(tmp_path: Path, arguments: list[str]) -> None:
+    """Unusable options end with status 2 and one line on stderr."""
+    refusal("excite", "--out", tmp_path / "t.yaml", *arguments)
+    assert not (tmp_path / "t.yaml").exists()
+
+
+def changed(**fields: Any) -> dict[str, Any]:
+    """Return the nominal arm file's content with top-level fields changed."""
+    return {**yaml.safe_load(NOMINAL_ARM.read_text()), **fields}
+
+
+ARM_FILES: dict[str, tuple[Any, str]] = {
+    "a list": ([1, 2], "holds no fields"),
+    "no list of joints": (changed(joints="three"), "joints: is 'three', not a list"),
+    "gravity of two numbers": (changed(gravity=[0.0, -9.81]), r"gravity[2]: missing entry. Give all entries"),
+    "a joint that is no block": (changed(joints=[3]), "joints[0]: is 3, not a block of fields"),
+    "no joint at all": (changed(joints=[]), "joints: has 0 entries, needs 1 or more"),
+    "a misspelt effect": (changed(effects=[{"effect": "columb_friction"}]), "arm.yaml: there is no effect 'columb_fr"),
+    "an effect without size": (
+        changed(effects=[{"effect": "coulomb_friction", "joint": "joint_1"}]),
+        "arm.yaml: coulomb_friction lacks its parameter torque",
+    ),
+    "an overlay of an unknown joint": (
+        {"urdf": "arm.urdf", "transmissions": {"elbow": {"stiffness": 1e5}}},
+        "transmissions.elbow: the URDF has no such joint. Use one of joint_1, joint_2, joint_3.",
+    ),
+}
+
+
+@pytest.mark.parametrize("name", ARM_FILES)
+def test_faults_of_arm_files_are_said_in_words(tmp_path: Path, name: str) -> None:
+    """File, field and reason, in the words of the file: none of the libraries that read it."""
+    content, words = ARM_FILES[name]
+    (tmp_path / "arm.urdf").write_text(load_robot().to_urdf())
+    (tmp_path / "arm.yaml").write_text(yaml.safe_dump(content))
+    said = refusal("describe", "--robot", tmp_path / "arm.yaml")
+    assert str(tmp_path / "arm.yaml") in said
+    assert words in said
+
+
+@pytest.mark.parametrize(
+    ("name", "words"),
+    [("none.yaml", "no such file"), ("folder", "is a folder, not a file"), ("bytes.yaml", "is no text file"),
+     ("torn.yaml", "line 2: "), ("folder.urdf", "cannot be read (Is a directory)")],
+)  # fmt: skip
+def test_files_that_cannot_be_read_are_named(tmp_path: Path, name: str, words: str) -> None:
+    """What is missing, a folder, no text or no YAML is told apart."""
+    for folder in ("folder", "folder.urdf"):
+        (tmp_path / folder).mkdir()
+    (tmp_path / "bytes.yaml").write_bytes(bytes(range(128, 256)))
+    (tmp_path / "torn.yaml").write_text("name: arm\njoints: [1, 2")
+    assert words in refusal("describe", "--robot", tmp_path / name)
+
+
+def test_true_and_nominal_arm_must_have_the_same_joints(tmp_path: Path, motion: Path) -> None:
+    """`simulate --nominal` with another number of joints names both arms and numbers."""
+    arm = load_robot()
+    short = yaml.safe_load(NOMINAL_ARM.read_text())
+    short["joints"] = short["joints"][:2]
+    (tmp_path / "two.yaml").write_text(yaml.safe_dump(short))
+    said = refusal("simulate", "--trajectory", motion, "--nominal", tmp_path / "two.yaml", "--out", tmp_path / "new")
+    assert f"{arm.name} has 3 joints, the nominal arm {arm.name} has 2" in said
+
+
+@pytest.mark.parametrize("effect", ["payload:mass=-5", "coulomb_friction:joint_2:torque=-3"])
+def test_effects_that_no_arm_has_are_refused(tmp_path: Path, motion: Path, effect: str) -> None:
+    """A negative payload or friction is refused by name, and no bag is left."""
+    said = refusal("simulate", "--trajectory", motion, "--effect", effect, "--out", tmp_path / "new")
+    assert "or more." in said
+    assert not (tmp_path / "new").exists()
+
+
+def test_missing_channel_maps_and_arrays_are_said_without_numbers_of_the_system(tmp_path: Path, bag: Path) -> None:
+    """No such file is no such file, for maps and arrays too."""
+    assert "no such file" in refusal("bag", "info", bag, "--channels", tmp_path / "none.yaml")
+    (tmp_path / "map.yaml").write_text("joints: [a]\ntimes: {rate: 100}\n")
+    said = refusal("bag", "import", tmp_path / "none.npz", "--map", tmp_path / "map.yaml", "--out", tmp_path / "i")
+    assert "No such file" in said

@@ -1,0 +1,75 @@
+"""Several recordings: causes refitted on each alone, and whether they agree."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from elastic_arm.diagnosis.followup import followed_up
+from elastic_arm.diagnosis.pipeline import Question, diagnose
+from elastic_arm.diagnosis.result import Diagnosis
+from elastic_arm.effects import EFFECTS
+from elastic_arm.recording import Recording
+from tests.helpers.gap_recordings import ROBOT, motions, record
+
+
+def friction(torque: float) -> str:
+    return f"coulomb_friction:joint_2:torque={torque}"
+
+
+def diagnosed(fitted: list[Recording], judges: list[Recording]) -> Diagnosis:
+    """Diagnose with dry friction as the only effect that may explain: a mixture of two days has other explanations."""
+    question = Question(ROBOT, effects=(EFFECTS["coulomb_friction"],))
+    return followed_up(diagnose(fitted, question, judges), rng=None)
+
+
+@pytest.fixture(scope="module")
+def same() -> Diagnosis:
+    first, second = motions()
+    return diagnosed([record(first, friction(6), seed=1), record(second, friction(6), seed=2)],
+                     [record(second.scaled(0.8), friction(6), seed=3)])  # fmt: skip
+
+
+def test_a_cause_of_the_arm_has_one_size_in_all_recordings(same: Diagnosis) -> None:
+    """Friction that is the arm's agrees over three recordings, each within its own interval of the truth."""
+    (agreement,) = same.agreements
+    assert agreement.agrees and (agreement.effect, agreement.joint) == ("coulomb_friction", "joint_2")
+    assert len(agreement.findings) == 3 and agreement.freedom == 2
+    for finding in agreement.findings:
+        torque = finding.parameters["torque"]
+        assert abs(torque.value - 6.0) < max(5 * torque.std, 0.03)
+        assert finding.gain > 100.0
+
+
+def test_a_cause_that_changes_between_recordings_is_told() -> None:
+    """Friction of 6 Nm on one day and 9 on another is one cause that does not agree, and the recording is named."""
+    first, second = motions()
+    days = [record(first, friction(6), seed=1), record(second, friction(9), seed=2)]
+    found = diagnosed(days, [record(second.scaled(0.8), friction(6), seed=3)])
+    (agreement,) = [a for a in found.agreements if a.joint == "joint_2"]
+    assert not agreement.agrees
+    assert [f.parameters["torque"].value for f in agreement.findings] == pytest.approx([6.0, 9.0, 6.0], rel=0.02)
+
+
+def test_a_cause_absent_from_one_recording_does_not_agree() -> None:
+    """Friction in one recording of two is not called the arm's."""
+    first, second = motions()
+    days = [record(first, friction(6), seed=1), record(second, seed=2)]
+    found = diagnosed(days, [record(second.scaled(0.8), friction(6), seed=3)])
+    assert found.agreements and not any(a.agrees for a in found.agreements if a.joint == "joint_2")
+
+
+def test_one_recording_is_compared_with_nothing() -> None:
+    """Where the last third of one recording judges, there is no second recording to agree with."""
+    whole = record(motions()[0].repeated(2), friction(6))
+    assert diagnosed([whole], []).agreements == ()
+
+
+def test_agreement_is_written_with_every_recording(same: Diagnosis) -> None:
+    """diagnosis.json holds each cause's size in each recording with its deviation, and whether they agree."""
+    (written,) = same.to_dict()["agreement"]
+    assert written["agrees"] is True and len(written["recordings"]) == 3
+    for one in written["recordings"]:
+        assert set(one) == {"recording", "parameters", "log_likelihood"}
+        assert one["parameters"]["torque"]["std"] > 0.0
+    assert np.isfinite(written["chi_square"]) and written["degrees_of_freedom"] == 2

@@ -1,0 +1,90 @@
+"""What next: the proposed motion tells apart what the recording could not, within limits, and is a file to run."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from elastic_arm.diagnosis.design.discriminating_motion import DECIDES, propose
+from elastic_arm.diagnosis.design.predicted_experiment import Rehearsal, Surroundings
+from elastic_arm.diagnosis.followup import followed_up
+from elastic_arm.diagnosis.pipeline import Question, diagnose
+from elastic_arm.diagnosis.result import SEPARATING, Diagnosis
+from elastic_arm.excitation import load_trajectory
+from elastic_arm.recording import Recording
+from tests.helpers.gap_recordings import LIMITS, MODEL, ROBOT, gentle, motions, record
+
+# Loaded one way throughout, play in a drive is an offset between its two encoders.
+PLAY, OFFSET = "backlash:joint_2:half_gap=1e-5", "encoder_offset:joint_2:offset=1e-5"
+
+
+def asked(recordings: list[Recording], judges: list[Recording]) -> Diagnosis:
+    return diagnose(recordings, Question(ROBOT), judges)
+
+
+@pytest.fixture(scope="module")
+def doubtful() -> Diagnosis:
+    """A diagnosis that cannot tell play from an offset, with the motion that would."""
+    found = asked([record(gentle(1), PLAY, seed=1)], [record(gentle(2), PLAY, seed=2)])
+    return followed_up(found, rng=np.random.default_rng(0))
+
+
+def names(found: Diagnosis) -> set[str]:
+    cause = found.causes[0]
+    return {cause.effect, *(a.effect for a in cause.alternatives if a.confidence > 0.2)}
+
+
+def test_what_the_recording_cannot_tell_apart_gets_a_motion_that_does(doubtful: Diagnosis) -> None:
+    """The result holds both explanations, how little this recording separates them, and how far the motion will."""
+    assert names(doubtful) >= {"backlash", "encoder_offset"}
+    assert doubtful.proposal is not None
+    pair = next(p for p in doubtful.proposal.pairs if {p.cause[0], p.alternative[0]} == {"backlash", "encoder_offset"})
+    assert pair.here < 1.0 < DECIDES < pair.expected
+    written = doubtful.to_dict()
+    told = {a["effect"]: a["separated_by"] for a in written["causes"][0]["alternatives"]}
+    assert told["encoder_offset" if written["causes"][0]["effect"] == "backlash" else "backlash"] == SEPARATING
+    assert written["next_motion"]["file"] == SEPARATING
+    assert written["next_motion"]["duration_s"] == pytest.approx(20.0)
+
+
+def test_the_motion_keeps_the_limits_and_its_file_loads(doubtful: Diagnosis, tmp_path: Path) -> None:
+    """What is proposed may be run: within every limit, and its file gives the same motion."""
+    assert doubtful.proposal is not None and doubtful.proposal.trajectory is not None
+    motion = doubtful.proposal.trajectory
+    assert LIMITS.use(motion, MODEL).kept
+    motion.save(tmp_path / SEPARATING)
+    t = np.linspace(0.0, motion.duration, 50)
+    np.testing.assert_array_equal(load_trajectory(tmp_path / SEPARATING).evaluate(t)[0], motion.evaluate(t)[0])
+
+
+@pytest.mark.parametrize("truth", [PLAY, OFFSET])
+def test_a_recording_of_the_motion_decides(doubtful: Diagnosis, truth: str) -> None:
+    """On the proposed motion the diagnosis names whichever of the two is true, and has no doubt left."""
+    assert doubtful.proposal is not None and doubtful.proposal.trajectory is not None
+    found = asked([record(doubtful.proposal.trajectory, truth, seed=3)], [])
+    assert found.causes[0].effect == truth.split(":")[0]
+    assert found.causes[0].confidence > 0.95
+
+
+def test_the_rehearsed_size_of_an_effect_is_the_recorded_one(doubtful: Diagnosis) -> None:
+    """What a motion is expected to show of an effect is, within a tenth, what its recording shows."""
+    first, second = motions()
+    friction = "coulomb_friction:joint_2:torque=6"
+    material = asked([record(first, friction, seed=1)], [record(second, friction, seed=2)]).material
+    assert material is not None
+    (entry,) = material.entries
+    around = Surroundings.of(material.model, material.bank.sets[0])
+    for evidence, motion in zip(material.bank.sets, (first, second), strict=True):
+        recorded = np.sum(evidence.whiten(evidence.plain(entry.feature, entry.searched or ())) ** 2)
+        rehearsed = np.sum(Rehearsal(around, motion).white(entry.feature, entry.searched or ()) ** 2)
+        assert recorded / evidence.seconds == pytest.approx(rehearsed / motion.duration, rel=0.1)
+
+
+def test_without_doubt_nothing_is_proposed() -> None:
+    """Where there are no alternatives there is nothing to separate."""
+    first, second = motions()
+    found = asked([record(first, seed=1)], [record(second, seed=2)])
+    assert found.material is not None
+    assert propose(found.material, found.causes, rng=np.random.default_rng(0)) is None

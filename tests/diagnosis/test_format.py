@@ -1,0 +1,86 @@
+"""Numbers as a reader takes them: no more digits than are known, no certainty, units everywhere."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import pytest
+
+from elastic_arm.diagnosis.format import confidence, harmful, percent, settings, sizes
+from elastic_arm.diagnosis.inference.estimates import Estimate
+from elastic_arm.effects import parse
+from elastic_arm.formatting import rounded
+from elastic_arm.robot import load_robot
+
+
+@pytest.mark.parametrize(
+    ("value", "std", "told"),
+    [
+        (0.9036, 0.02031, "0.904 ± 0.020"),
+        (1.037, 0.1676, "1.04 ± 0.17"),
+        (5.0, 0.0996, "5.00 ± 0.10"),
+        (99.96, 1.0, "100.0 ± 1.0"),
+        (-27.1028, 0.0032, "-27.1028 ± 0.0032"),
+        (46.2453, 288.0, "50 ± 290"),
+        (150103.0, 114.0, "150100 ± 110"),
+        (3.562e7, 4.757e5, "3.562e+07 ± 4.8e+05"),
+        (1.388e-5, 7.31e-6, "1.39e-05 ± 7.3e-06"),
+        (0.001, 5.0, "0 ± 5.0"),
+        (0.444, 1e-12, "0.4440000 ± 1.0e-12"),
+    ],
+)
+def test_values_have_the_digits_that_their_deviation_warrants(value: float, std: float, told: str) -> None:
+    """The deviation is told with two digits, the value to the same place, at most seven of them."""
+    assert " ± ".join(rounded(value, std)) == told
+
+
+def test_sizes_carry_units_and_leave_out_deviations_of_what_is_given() -> None:
+    """Whole orders have no deviation, undetermined ones a question mark, and vectors one for each number."""
+    told = sizes(
+        {
+            "amplitude": Estimate(2.0312e-5, 1.7e-7, "rad"),
+            "order": Estimate(2.0, 0.0, "1"),
+            "phase": Estimate(0.7, None, "rad"),
+            "position": Estimate([0.0123, 0.1], [0.0011, 0.02], "m"),
+        }
+    )
+    assert told == (
+        "amplitude 2.031e-05 ± 1.7e-07 rad, order 2, phase 0.7 ± ? rad, position (0.0123, 0.100) ± (0.0011, 0.020) m"
+    )
+
+
+@pytest.mark.parametrize(
+    ("probability", "told"),
+    [(1.0, "> 99.9 %"), (0.9996, "> 99.9 %"), (0.9957, "99.6 %"), (0.85, "85 %"), (0.005, "0.5 %"), (0.0, "< 0.1 %")],
+)
+def test_certainty_is_never_claimed(probability: float, told: str) -> None:
+    """A confidence is never told as 100 %, nor as 0 %."""
+    assert confidence(probability) == told
+
+
+def test_shares_next_to_nothing_have_no_sign() -> None:
+    """A share that is told as zero is told without a minus."""
+    assert (percent(-0.0003), percent(-0.048), percent(None)) == ("0.0 %", "-4.8 %", "0.0 %")
+
+
+@dataclass
+class _Cause:
+    shrink: float
+
+
+def test_shares_below_zero_are_explained_where_they_occur() -> None:
+    """What "-4.8 %" means is said beside it, and nowhere else."""
+    assert "makes the gap larger" in harmful([_Cause(0.9), _Cause(-0.048)])  # type: ignore[list-item]
+    assert harmful([_Cause(0.9), _Cause(-0.0003)]) == ""  # type: ignore[list-item]
+
+
+@pytest.mark.parametrize(
+    ("effect", "told"),
+    [
+        ("coulomb_friction:joint_2:torque=13.9", "torque 13.9 Nm, side motor"),
+        ("payload:mass=5,position=0/0/0.1", "mass 5 kg, position (0, 0, 0.1) m"),
+    ],
+)
+def test_given_effects_are_told_with_units(effect: str, told: str) -> None:
+    """What a simulation was given has its unit behind every number, and its choices by name."""
+    assert settings(parse(effect, load_robot())) == told

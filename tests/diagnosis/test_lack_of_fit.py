@@ -1,0 +1,382 @@
+"""What a diagnosis does with faint gaps: structure that no cause explains, and causes that are judged together."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
+
+import casadi as ca
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from elastic_arm.codegen import recursion as scan
+from elastic_arm.diagnosis import inquiry
+from elastic_arm.diagnosis.inference.estimates import Estimate, certain, differs, estimates
+from elastic_arm.diagnosis.inference.excess import CLEAR, Figures, clearest, telling
+from elastic_arm.diagnosis.inference.gap_metric import DETECTED
+from elastic_arm.diagnosis.inference.lack_of_fit import structures
+from elastic_arm.diagnosis.inquiry import WORTH, Inquiry
+from elastic_arm.diagnosis.result import Alternative, Cause
+from elastic_arm.diagnosis.selection.regressor_library import Entry, RegressorLibrary
+from elastic_arm.effects import parse
+from elastic_arm.effects.model import Parameter, Role
+from elastic_arm.estimation.effect_columns import Signals
+from elastic_arm.robot import load_robot
+
+Array = NDArray[np.float64]
+Torque = Callable[[Signals], Array]
+
+
+# --- structure that no cause explains
+
+RATIOS = [(121.0, 363.0)] * 2
+JOINT = 1
+SENSOR, MOTOR = 0.26, 0.3  # Nm, noise of the joint torque sensors, and what the motors' equations have besides
+COUNT = 1500
+
+
+class Moved:
+    """Residuals of two joints that moved for 15 s, made of white noise, and a torque on joint 2 that no model has."""
+
+    layout = SimpleNamespace(n=2, sides=("link", "drive", "motor"), rows=6)
+    band = SimpleNamespace(apply=lambda columns: columns)
+
+    def __init__(self, seed: int, torque: Torque, sides: dict[str, float]) -> None:
+        rng = np.random.default_rng(seed)
+        signals = _signals(rng)
+        self.parts = [SimpleNamespace(signals=signals, stretch=SimpleNamespace(kept=slice(None)))]
+        shared, own = SENSOR * rng.standard_normal((COUNT, 2)), rng.standard_normal((COUNT, 3, 2))
+        scales = np.array([0.05, 0.05, MOTOR])[:, None]
+        signs = np.array([1.0, 1.0, -1.0])[:, None]
+        noise = scales * own + signs * shared[:, None]
+        covariance = np.diag(scales[:, 0] ** 2) + SENSOR**2 * signs @ signs.T
+        self._whitener = np.kron(np.linalg.inv(np.linalg.cholesky(covariance)), np.eye(2))
+        self.added = torque(signals)
+        self.y = [noise.reshape(COUNT, 6)]
+        for side, sign in sides.items():
+            self.y[0][:, 2 * self.layout.sides.index(side) + JOINT] += sign * self.added
+        self.white = self.whiten([self.y[0][:, :, None]])[:, 0]
+
+    def whiten(self, columns: Sequence[Array]) -> Array:
+        return np.concatenate([(self._whitener @ c).reshape(-1, c.shape[2]) for c in columns])
+
+    def plain(self, feature: Any, searched: Sequence[float]) -> list[Array]:
+        """Return the one column of a feature that acts on motor 2."""
+        column = np.zeros((COUNT, 6, 1))
+        column[:, 2 * self.layout.sides.index("motor") + JOINT, 0] = feature.law(self.parts[0].signals)
+        return [column]
+
+
+def _signals(rng: np.random.Generator) -> Signals:
+    t = np.arange(COUNT) / 100.0
+    omega, phase = rng.uniform(0.5, 3.0, (3, 2)), rng.uniform(0, 6.3, (3, 2))
+    angle = omega * t[:, None, None] + phase
+    q, dq, ddq = (f.sum(axis=1) for f in (np.sin(angle), omega * np.cos(angle), -(omega**2) * np.sin(angle)))
+    load = 50.0 * np.sin(q + 0.3)
+    values = {name: np.hstack([v, v]) for name, v in (("x", q), ("dx", dq), ("ddx", ddq))}
+    values |= {"tau_J": load, "tau_m": load, "dtau_J": 50.0 * np.cos(q + 0.3) * dq, "dtau_m": load}
+    return Signals(t, values | {"sign_link": np.tanh(dq / 1e-3), "sign_motor": np.tanh(dq / 1e-3)})
+
+
+def bank_with(torque: Torque, sides: dict[str, float]) -> RegressorLibrary:
+    evidence: Any = [Moved(seed, torque, sides) for seed in (1, 2)]
+    bank = RegressorLibrary(*evidence)
+    bank.add(cause_of(nothing), ())  # the matrices are made with the first column
+    bank.close()
+    return bank
+
+
+def cause_of(law: Torque) -> Any:
+    return SimpleNamespace(law=law)
+
+
+def nothing(signals: Signals) -> Array:
+    return np.zeros(COUNT)
+
+
+def velocity(signals: Signals) -> Array:
+    """Velocity of motor 2."""
+    return signals.values["dx"][:, 2 + JOINT]
+
+
+def drag(signals: Signals) -> Array:
+    """A torque that grows with the square of the velocity."""
+    w = velocity(signals)
+    return np.asarray(0.3 * w * np.abs(w))
+
+
+def viscous(bank: RegressorLibrary) -> Entry:
+    entry = bank.add(cause_of(velocity), ())
+    bank.close()
+    return entry
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_noise_alone_has_no_structure(seed: int) -> None:
+    """Of all regimes at all places none comes near what counts as detected."""
+    evidence: Any = [Moved(10 * seed + k, nothing, {}) for k in (1, 2)]
+    bank = RegressorLibrary(*evidence)
+    bank.add(cause_of(nothing), ())
+    bank.close()
+    assert structures(bank, [], RATIOS)[0].gain < 0.6 * DETECTED
+
+
+@pytest.mark.parametrize(
+    ("regime", "shape"),
+    [
+        ("rotor_angle", lambda s: np.sin(363.0 * s.values["x"][:, 2 + JOINT] + 0.4)),
+        ("velocity_reversal", lambda s: s.values["sign_motor"][:, JOINT]),
+    ],
+)
+def test_what_is_too_faint_to_stand_out_is_found_by_what_it_follows(regime: str, shape: Torque) -> None:
+    """A torque that adds some hundredths to a residual's power is placed, named and sized by its regime."""
+    bank = bank_with(lambda s: 0.09 * shape(s), {"motor": 1.0})
+    added = float(np.mean(bank.sets[1].added ** 2))  # type: ignore[attr-defined]
+    assert added < 0.06 * (SENSOR**2 + MOTOR**2)
+    found = structures(bank, [], RATIOS)[0]
+    assert (found.row, found.regime) == (2 * 2 + JOINT, regime)
+    assert found.gain > DETECTED
+    assert found.rmse == pytest.approx(np.sqrt(added), rel=0.35)
+
+
+def test_an_error_of_a_torque_sensor_is_sought_in_its_three_equations_together() -> None:
+    """What hides in the noise that three equations share shows by their common pattern, in no equation alone."""
+    size = 0.06
+    shared = {"link": 1.0, "drive": 1.0, "motor": -1.0}
+    found = structures(bank_with(lambda s: size * s.values["sign_link"][:, JOINT], shared), [], RATIOS)[0]
+    assert found.gain > DETECTED
+    assert (found.row, found.regime) == (JOINT, "velocity_reversal")  # said of the link's equation
+    assert found.rmse == pytest.approx(size, rel=0.35)
+
+
+def test_what_the_causes_explain_is_no_structure() -> None:
+    """Viscous friction stands out where nothing explains it, and leaves nothing once it is a cause."""
+    bank = bank_with(lambda s: 0.3 * velocity(s), {"motor": 1.0})
+    assert structures(bank, [], RATIOS)[0].gain > 5 * DETECTED
+    entry = viscous(bank)
+    assert float(bank.fit(0, [entry])[0]) == pytest.approx(0.3, rel=0.1)
+    assert structures(bank, [entry], RATIOS)[0].gain < DETECTED
+
+
+def test_beside_a_cause_the_rest_is_still_found() -> None:
+    """Drag with the square of the speed is left over, and placed, where a fit has taken its linear part."""
+    bank = bank_with(drag, {"motor": 1.0})
+    found = structures(bank, [viscous(bank)], RATIOS)[0]
+    assert found.row == 2 * 2 + JOINT
+    assert found.gain > DETECTED
+
+
+def test_what_is_left_beside_a_cause_is_no_larger_than_what_was_there() -> None:
+    """The size stated for what a cause leaves is of the order of the torque that was added."""
+    bank = bank_with(drag, {"motor": 1.0})
+    found = structures(bank, [viscous(bank)], RATIOS)[0]
+    assert found.rmse < 2.0 * float(np.sqrt(np.mean(bank.sets[1].added ** 2)))  # type: ignore[attr-defined]
+
+
+# --- internal states of laws, with and without a compiler
+
+
+@pytest.mark.parametrize("samples", [1, 199, 200, 201, 450])
+def test_internal_states_are_the_same_without_a_compiler(samples: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Sample by sample the recursion is that written out by hand, over whole calls and parts of one, in either way."""
+    z, a, c = ca.SX.sym("z", 2), ca.SX.sym("a", 3), ca.SX.sym("c", 2)
+    after = ca.vertcat(c[0] * z[0] + a[0] - 0.1 * ca.fabs(a[1]) * z[0], c[1] * z[1] + z[0] * a[2])
+    step = ca.Function("step", [z, a, c], [after])
+    arguments, constants = np.random.default_rng(0).standard_normal((samples, 3)), np.array([0.9, 0.8])
+    expected, now = [], np.zeros(2)
+    for one in arguments:
+        expected.append(now)
+        first = constants[0] * now[0] + one[0] - 0.1 * abs(one[1]) * now[0]
+        now = np.array([first, constants[1] * now[1] + now[0] * one[2]])
+    compiled = scan.Scan(step).run(arguments, constants)
+    monkeypatch.setattr(scan, "find_compiler", lambda: None)
+    plain = scan.Scan(step)
+    assert plain._compiled is None
+    for found in (compiled, plain.run(arguments, constants)):
+        np.testing.assert_allclose(found, expected, rtol=1e-12, atol=1e-12)
+
+
+# --- the confidence of an incomplete explanation
+
+
+def test_causes_of_an_incomplete_explanation_are_less_sure_and_nothing_else() -> None:
+    """Confidences of cause and alternatives fall by the same share; what was found stays."""
+    active = parse("coulomb_friction:joint_2:torque=6", load_robot(None))
+    others = (Alternative("viscous_friction", "joint_2", 0.2, "slow motion"), Alternative("backlash", None, 0.1, ""))
+    size = {"torque": Estimate(6.0, 0.1, "Nm")}
+    cause = Cause("coulomb_friction", "joint_2", ("motor",), "velocity_reversal", size, 0.5, 0.7, others, active)
+    less = cause.less_sure(0.25)
+    assert less.confidence == pytest.approx(0.175)
+    assert [a.confidence for a in less.alternatives] == pytest.approx([0.05, 0.025])
+    unsure = [replace(a, confidence=b.confidence) for a, b in zip(less.alternatives, others, strict=True)]
+    assert replace(less, confidence=0.7, alternatives=tuple(unsure)) == cause
+    assert cause.less_sure(0.0).confidence == 0.0
+
+
+# --- whether a cause's parameters together differ from no effect
+
+
+class Laws:
+    """Laws with known columns and white noise of variance one: what a bank is to the judgement of parameters."""
+
+    def __init__(self, y: Array, blocks: int = 40) -> None:
+        self.y = y
+        self.sets = (SimpleNamespace(freedom=float(len(y)), blocks=np.arange(len(y)) * blocks // len(y)),)
+
+    def matrix(self, which: int, index: Sequence[int]) -> Array:
+        assert (which, list(index)) == (0, [0])
+        return self.y[:, None]
+
+    def columns(self, which: int, feature: Any, values: Sequence[float]) -> Array:
+        return np.asarray(feature.law(values))[:, None]
+
+
+def entry_of(law: Callable[[Sequence[float]], Array], values: Sequence[float], *parameters: Parameter) -> Any:
+    feature = SimpleNamespace(law=law, searched=parameters, effect=SimpleNamespace(parameters=parameters))
+    return SimpleNamespace(feature=feature, searched=tuple(float(v) for v in values), fixed=True)
+
+
+def test_parameters_that_are_not_determined_singly_may_be_certain_together() -> None:
+    """Of two numbers that act nearly alike neither interval excludes no effect, and both together do."""
+    rng = np.random.default_rng(1)
+    common, apart = rng.standard_normal((2, 4000)) / np.sqrt(4000)
+    columns = np.stack([common, common + 0.01 * apart], axis=1)
+    both = (Parameter("one", "1", -100.0, 100.0, neutral=0.0), Parameter("two", "1", -100.0, 100.0, neutral=0.0))
+    laws = Laws(10.0 * common + rng.standard_normal(4000))
+    values = np.linalg.lstsq(columns, laws.y, rcond=None)[0]
+    entry = entry_of(lambda p: columns @ np.asarray(p), values, *both)
+    (estimate,) = estimates(laws, [entry])  # type: ignore[arg-type]
+    assert not differs(estimate, entry)
+    assert certain(laws, [entry]) == [True]  # type: ignore[arg-type]
+
+
+def chance_of_being_certain(law: Callable[[Sequence[float]], Array], fit: Callable[[Array], Any], *p: Parameter) -> int:
+    """Count of 200 recordings of noise alone in which the law's fitted parameters are called certain."""
+    found = 0
+    for seed in range(200):
+        noise = np.random.default_rng([seed, 7]).standard_normal(400)
+        found += certain(Laws(noise), [entry_of(law, fit(noise), *p)])[0]  # type: ignore[arg-type, list-item]
+    return found
+
+
+def test_noise_is_called_certain_as_seldom_as_stated() -> None:
+    """Where there is no effect, five in a hundred fits of three numbers are beyond the 95 % of chance."""
+    columns = np.random.default_rng(0).standard_normal((400, 3))
+    numbers = [Parameter(name, "1", -10.0, 10.0, neutral=0.0) for name in "abc"]
+    count = chance_of_being_certain(
+        lambda p: columns @ np.asarray(p), lambda y: np.linalg.lstsq(columns, y, rcond=None)[0], *numbers
+    )
+    assert 2 <= count <= 21  # binomial, 200 of 0.05: beyond with probability 1e-3 on either side
+
+
+def test_coloured_noise_is_seldom_called_certain() -> None:
+    """Errors that stay alike for five samples make estimates five times as variable; blocks of ten see that."""
+    columns = np.repeat(np.random.default_rng(0).standard_normal((80, 3)), 5, axis=0)
+    numbers = [Parameter(name, "1", -10.0, 10.0, neutral=0.0) for name in "abc"]
+    found = 0
+    for seed in range(200):
+        noise = np.repeat(np.random.default_rng([seed, 9]).standard_normal(80), 5)
+        entry = entry_of(lambda p: columns @ np.asarray(p), np.linalg.lstsq(columns, noise, rcond=None)[0], *numbers)
+        found += certain(Laws(noise), [entry])[0]  # type: ignore[arg-type]
+    assert found <= 40  # as if white it would be about 130
+
+
+def test_noise_is_called_certain_as_seldom_whatever_its_phase() -> None:
+    """A law with amplitude and phase is no surer of noise than others: no effect is no amplitude, at any phase."""
+    angle = np.linspace(0.0, 40.0, 400)
+    waves = np.stack([np.sin(angle), np.cos(angle)], axis=1)
+
+    def fit(y: Array) -> tuple[float, float]:
+        sine, cosine = np.linalg.lstsq(waves, y, rcond=None)[0]
+        return float(np.hypot(sine, cosine)), float(np.arctan2(cosine, sine))
+
+    numbers = (
+        Parameter("amplitude", "1", 1e-3, 10.0, neutral=0.0),
+        Parameter("phase", "rad", -np.pi, np.pi, role=Role.PHASE),
+    )
+    assert chance_of_being_certain(lambda p: p[0] * np.sin(angle + p[1]), fit, *numbers) <= 21
+
+
+def test_what_another_cause_can_do_makes_none_certain() -> None:
+    """Two causes with the same column: whatever they explain together, neither is known to be there."""
+    rng = np.random.default_rng(2)
+    column = rng.standard_normal(400)
+    laws = Laws(3.0 * column + rng.standard_normal(400))
+    size = Parameter("size", "1", -10.0, 10.0, neutral=0.0)
+    alike = [entry_of(lambda p: p[0] * column, [1.5], size) for _ in range(2)]
+    assert certain(laws, alike) == [False, False]  # type: ignore[arg-type]
+    assert certain(laws, [entry_of(lambda p: p[0] * column, [3.0], size)]) == [True]  # type: ignore[arg-type]
+
+
+# --- effects that are there and too small to be causes
+
+
+@pytest.mark.parametrize(
+    ("share", "gain", "said"),
+    [
+        (0.5 * WORTH, 2.0 * DETECTED, True),
+        (2.0 * WORTH, 2.0 * DETECTED, False),  # large enough: other reasons spoke against it
+        (-0.5 * WORTH, 2.0 * DETECTED, False),  # makes the gap larger
+        (0.5 * WORTH, 0.9 * DETECTED, False),  # may be chance
+    ],
+)
+def test_what_is_there_and_less_than_a_hundredth_of_the_gap_is_mentioned(
+    share: float, gain: float, said: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The note names effect, place and share; what may be chance, or is no small part, is not mentioned."""
+    feature = SimpleNamespace(effect=SimpleNamespace(id="torque_ripple"), joint="joint_3")
+    large, small = SimpleNamespace(gain=500.0), SimpleNamespace(feature=feature, gain=gain)
+    asked: Any = Inquiry.__new__(Inquiry)
+    asked.notes, asked.bank = [], SimpleNamespace(held_out=lambda entries: sum(e.gain for e in entries))
+    monkeypatch.setattr(inquiry, "misfit", lambda bank, entries: 1.0)
+    asked._mention([large, small], 1, share)
+    assert len(asked.notes) == said
+    assert all("torque_ripple of joint_3" in note and f"{share:.2%}" in note for note in asked.notes)
+
+
+# --- the band in which several causes are judged
+
+
+def in_band(band: float, *excess: float) -> Figures:
+    """Return figures of residuals of unit noise, all of them significant, with this much excess (Nm²)."""
+    power = np.array(excess)
+    ones = np.ones(len(power))
+    return Figures(band, np.sqrt(1.0 + power), ones, ones, 1e6, np.ones((2, len(power))), power > 0.0)
+
+
+def rows(*shown: bool) -> NDArray[np.bool_]:
+    return np.array(shown)
+
+
+def test_one_cause_is_judged_in_the_widest_band_that_is_clear() -> None:
+    """Bands are given widest first; the first with an excess far above the noise's own uncertainty serves."""
+    wide, middle, narrow = in_band(40.0, 0.5), in_band(10.0, 2.0 * CLEAR), in_band(2.5, 50.0 * CLEAR)
+    assert telling([wide, middle, narrow]) is middle
+    assert telling([wide.of(rows(False))]) is None
+
+
+def test_a_band_must_be_clear_for_each_of_several_causes() -> None:
+    """What is plain for one cause in a wide band and for the other in a narrow one is judged in the narrow one."""
+    first, second = rows(True, False), rows(False, True)
+    wide, narrow = in_band(40.0, 50.0 * CLEAR, 0.1), in_band(10.0, 5.0 * CLEAR, 5.0 * CLEAR)
+    assert telling([wide, narrow]) is wide
+    assert telling([wide, narrow], [first]) is wide
+    assert telling([wide, narrow], [first, second]) is narrow
+
+
+def test_where_no_band_is_clear_for_all_the_one_that_shows_most_causes_serves() -> None:
+    """Three causes of which two show in one band and one in the other: the first, however strong the one may be."""
+    each = [rows(True, False, False), rows(False, True, False), rows(False, False, True)]
+    strong, many = in_band(40.0, 100.0 * CLEAR, 0.0, 0.0), in_band(10.0, 0.5, 0.5, 0.0)
+    assert telling([strong, many], each) is many
+
+
+def test_a_trace_is_shown_in_the_band_where_it_stands_highest() -> None:
+    """Only its own residual counts there, significant by size or not."""
+    wide, narrow = in_band(40.0, 3.0, 0.1).of(rows(True, False)), in_band(10.0, 2.0, 0.4).of(rows(False, False))
+    best = clearest([wide, narrow], 1)
+    assert best.band == 10.0
+    assert best.significant.tolist() == [False, True]

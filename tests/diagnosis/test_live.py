@@ -1,0 +1,139 @@
+"""The diagnosis while the arm moves, without ROS: a window of samples, and what is said of it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import fields, replace
+
+import numpy as np
+import pytest
+
+from elastic_arm.diagnosis.live import LiveDiagnosis, Window
+from elastic_arm.diagnosis.pipeline import Question, diagnose
+from elastic_arm.errors import DiagnosisError
+from elastic_arm.recording import Recording, Samples
+from elastic_arm.robot import load_robot
+from elastic_arm.studies.blind_challenge.hidden_arms.instruments import Instruments
+from tests.helpers.hidden_arms import recordings
+
+ROBOT = load_robot(None)
+COULOMB = ("coulomb_friction", 1, "motor", "torque", 6.0)
+NOISY = Instruments(encoder_noise=1e-6)
+
+
+@pytest.fixture(scope="module")
+def moved() -> Recording:
+    """8 s of an arm with friction on motor 2."""
+    return recordings(COULOMB, instruments=NOISY)[0]
+
+
+def batches(samples: Samples, length: int = 100) -> Iterator[Samples]:
+    """Cut samples as they would arrive."""
+    for first in range(0, len(samples), length):
+        part = {
+            f.name: values[first : first + length]
+            for f in fields(samples)
+            if f.name != "notes" and (values := getattr(samples, f.name)) is not None
+        }
+        yield replace(samples, **part)
+
+
+def filled(recording: Recording, length: float = 15.0) -> Window:
+    window = Window(ROBOT.joint_names, length)
+    for batch in batches(recording.samples()):
+        window.add(batch)
+    return window
+
+
+def test_the_window_holds_what_came_last(moved: Recording) -> None:
+    """A recording made of the window is the last part of what was fed, sample for sample."""
+    samples = moved.samples()
+    kept = filled(moved, 3.0).recording().samples()
+    assert 2.9 < len(kept) / 1000 < 3.2
+    for name in ("stamp_ns", "q", "dq", "tau_J", "theta", "dtheta", "tau_m"):
+        np.testing.assert_array_equal(getattr(kept, name), getattr(samples, name)[-len(kept) :])
+
+
+def test_the_last_seconds_can_be_had_alone(moved: Recording) -> None:
+    """Of what is kept, the last two seconds."""
+    recording = filled(moved, 5.0).recording(2.0)
+    assert recording.link is not None
+    assert len(recording.link) == 2001
+
+
+def test_memory_stays_bounded_however_long_the_arm_moves(moved: Recording) -> None:
+    """After a minute no more samples are kept than after the first window, and stamps that crawl change nothing."""
+    samples = moved.samples()
+    window = Window(ROBOT.joint_names, 3.0)
+    for turn in range(8):
+        shift = turn * 8_000_000_000
+        for batch in batches(replace(samples, stamp_ns=samples.stamp_ns + shift)):
+            window.add(batch)
+            assert len(window.recording().motor or ()) <= 3100
+    crawling = Window(ROBOT.joint_names, 3.0)
+    for turn in range(30):
+        crawling.add(replace(samples, stamp_ns=np.arange(len(samples)) + turn * len(samples)))
+    assert len(crawling.recording().motor or ()) <= 200_000
+
+
+def test_a_clock_set_back_starts_the_window_again(moved: Recording) -> None:
+    """Samples of an earlier run are not mixed with those of the next."""
+    window = filled(moved)
+    first = next(batches(moved.samples()))
+    window.add(first)
+    assert window.seconds == pytest.approx(0.099)
+
+
+def test_other_channels_start_the_window_again(moved: Recording) -> None:
+    """When a torque sensor drops out, what is kept has the channels of what comes."""
+    window = filled(moved.between(0.0, 4.0))
+    for batch in batches(moved.between(4.0, 6.0).samples()):
+        window.add(replace(batch, tau_J=None))
+    kept = window.recording()
+    assert kept.link is not None
+    assert kept.link.effort is None
+    assert window.seconds < 2.0
+
+
+def test_an_empty_window_says_so() -> None:
+    """Nothing heard is an error in words."""
+    with pytest.raises(DiagnosisError, match="no samples yet"):
+        Window(ROBOT.joint_names).recording()
+
+
+def test_where_shows_the_side_that_friction_acts_on(moved: Recording) -> None:
+    """Over three seconds, motor 2 stands out of the noise by the friction's size, and no other residual does."""
+    where = LiveDiagnosis(Question(ROBOT)).where(filled(moved).recording(3.0))
+    for place, rmse in where.size.rmse.items():
+        if place == ("joint_2", "motor"):
+            assert rmse == pytest.approx(6.0, rel=0.1)
+        else:
+            assert rmse < 1.3 * where.noise[place]
+
+
+def test_where_makes_do_with_the_motor_side(moved: Recording) -> None:
+    """Of an arm with motor encoders and currents alone, the friction shows in the one equation that is left."""
+    window = Window(ROBOT.joint_names)
+    for batch in batches(replace(moved, link=None).samples()):
+        window.add(batch)
+    where = LiveDiagnosis(Question(ROBOT)).where(window.recording(4.0))
+    assert {side for _, side in where.size.rmse} == {"motor"}
+    assert where.size.rmse["joint_2", "motor"] == pytest.approx(6.0, rel=0.2)
+
+
+def test_where_needs_some_motion(moved: Recording) -> None:
+    """Too short a stretch, or an arm at rest, is refused in words."""
+    live = LiveDiagnosis(Question(ROBOT))
+    with pytest.raises(DiagnosisError, match="too short"):
+        live.where(filled(moved).recording(0.5))
+
+
+def test_the_live_diagnosis_is_that_of_the_recording(moved: Recording) -> None:
+    """Fed in batches, the window gives the diagnosis that the recording gives, and names the cause."""
+    found = LiveDiagnosis(Question(ROBOT)).diagnose(filled(moved).recording())
+    assert [(c.effect, c.joint) for c in found.causes] == [("coulomb_friction", "joint_2")]
+    assert found.verdict == "explained"
+    offline = diagnose([moved], Question(ROBOT)).to_dict()
+    live = found.to_dict()
+    for part in ("noise", "gap", "causes"):
+        assert live[part] == offline[part]

@@ -1,0 +1,97 @@
+"""The short-horizon prediction error: motor torque in, angles out, without and with the causes."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+
+from elastic_arm.diagnosis.context import DiagnosisContext
+from elastic_arm.diagnosis.inference.prediction import HORIZONS, Prediction, predict
+from elastic_arm.diagnosis.pipeline import Question, diagnose
+from elastic_arm.effects import parse
+from elastic_arm.recording import Recording
+from tests.helpers.effect_samples import INSTANCES
+from tests.helpers.gap_recordings import ROBOT, motions, record
+
+
+def material(*recordings: Recording, model: str = "mod3") -> DiagnosisContext:
+    """What a diagnosis without any effect to find leaves."""
+    found = diagnose([recordings[0]], Question(ROBOT, model, effects=()), [recordings[1]]).material
+    assert found is not None
+    return found
+
+
+def predicted(*effects: str, known: tuple[str, ...] | None = None, model: str = "mod3") -> Prediction:
+    """Prediction errors of an arm with effects, all of them known or only some."""
+    recordings = [record(motion, *effects, seed=k) for k, motion in enumerate(motions())]
+    known = effects if known is None else known
+    return predict(material(*recordings, model=model), [parse(text, ROBOT) for text in known])
+
+
+@pytest.fixture(scope="module")
+def clean() -> Prediction:
+    return predicted()
+
+
+def worst(size: object, horizon: int = -1) -> float:
+    """The largest error at a horizon, rad."""
+    return max(values[horizon] for values in size.values())  # type: ignore[attr-defined]
+
+
+def test_the_model_of_a_clean_arm_sees_200_ms_ahead(clean: Prediction) -> None:
+    """With the right model the error after 200 ms is micro-radians, from many starts, and grows with the horizon."""
+    assert clean.before is not None and clean.reason == ""
+    assert clean.horizons == HORIZONS and clean.starts >= 50
+    assert set(clean.before) == {(joint, side) for joint in ROBOT.joint_names for side in ("link", "motor")}
+    assert worst(clean.before) < 2e-5
+    assert all(clean.before[joint, "motor"][0] < clean.before[joint, "motor"][-1] for joint in ROBOT.joint_names)
+
+
+@pytest.mark.parametrize(
+    "effect",
+    [
+        "coulomb_friction",  # in the motor
+        "hysteresis",  # with a state of its own
+        "transmission_error",  # twists the drive and pushes the motor back
+        "payload",  # moves the link
+        "motor_torque_gain",  # a sensor's: the torque that drives the prediction
+        "encoder_eccentricity",  # a sensor's: the angle that it is compared with
+        "time_delay",
+        "bearing_compliance",  # adds coordinates
+    ],
+)
+def test_adding_the_effect_brings_the_prediction_back(effect: str, clean: Prediction) -> None:
+    """With the effect added in the forward simulation, the arm is predicted as well as a clean one."""
+    found = predicted(INSTANCES[effect][0])
+    assert found.before is not None and found.after is not None and clean.before is not None
+    gained = [found.before[place][k] / found.after[place][k] for place in found.before for k in (1, 4)]
+    assert max(gained) > (1.5 if effect == "bearing_compliance" else 10.0)
+    for k in (1, 4):
+        assert worst(found.after, k) < 2.0 * worst(clean.before, k)
+
+
+def test_half_the_friction_leaves_about_half_the_error() -> None:
+    """The prediction error measures what is missing: a cause found half as large mends half."""
+    found = predicted("coulomb_friction:joint_2:torque=10", known=("coulomb_friction:joint_2:torque=5",))
+    assert found.before is not None and found.after is not None
+    assert found.after["joint_2", "motor"][-1] / found.before["joint_2", "motor"][-1] == pytest.approx(0.5, abs=0.1)
+
+
+def test_without_motor_torque_nothing_is_predicted_and_the_reason_is_said() -> None:
+    """No motor torque: no prediction, in words, not a number made up."""
+    recordings = [record(motion) for motion in motions()]
+    silent = [replace(r, motor=replace(r.motor, effort=None)) for r in recordings]  # type: ignore[type-var]
+    found = predict(material(*silent), [])
+    assert found.before is None and found.after is None
+    assert "motor torque" in found.reason
+    assert found.to_dict()["before"] is None and found.to_dict()["reason"] == found.reason
+
+
+def test_with_the_motor_side_alone_its_angles_are_predicted() -> None:
+    """Where the link encoder is missing, motor angles are predicted, and nothing is said of links."""
+    recordings = [replace(record(motion, seed=k), link=None) for k, motion in enumerate(motions())]
+    found = predict(material(*recordings), [])
+    assert found.before is not None
+    assert {side for _, side in found.before} == {"motor"}
+    assert worst(found.before) < 2e-4

@@ -1,0 +1,241 @@
+"""Every law of the catalogue against its closed form, written out here."""
+
+import numpy as np
+import pytest
+
+from elastic_arm.dynamics import build_model
+from elastic_arm.effects import EFFECTS, parse
+from elastic_arm.robot import Robot, load_robot
+from tests.helpers.effect_samples import INSTANCES, contribution, random_motion
+
+CONTRACT = {
+    "viscous_friction",
+    "coulomb_friction",
+    "stribeck_friction",
+    "load_dependent_friction",
+    "nonlinear_stiffness",
+    "hysteresis",
+    "backlash",
+    "transmission_error",
+    "torque_ripple",
+    "bearing_compliance",
+    "payload",
+    "base_tilt",
+    "motor_torque_gain",
+    "joint_torque_gain",
+    "motor_torque_offset",
+    "joint_torque_offset",
+    "encoder_offset",
+    "encoder_eccentricity",
+    "time_delay",
+    "link_inertia_mismatch",
+    "rotor_inertia_mismatch",
+    "stiffness_mismatch",
+    "damping_mismatch",
+    "spline_inertia",
+    "inertia_coupling",
+}
+
+# id -> (motion m at joint i, transmission g, parameters p) -> expected residuals of that joint.
+CLOSED_FORMS = {
+    "viscous_friction": lambda m, g, p: {"motor": p["coefficient"] * m.dtheta},
+    "coulomb_friction": lambda m, g, p: {"motor": p["torque"] * np.sign(m.dtheta)},
+    "stribeck_friction": lambda m, g, p: {
+        "motor": p["torque"] * np.exp(-((m.dtheta / p["speed"]) ** 2)) * np.sign(m.dtheta)
+    },
+    "load_dependent_friction": lambda m, g, p: {"motor": p["coefficient"] * abs(m.tau_J) * np.sign(m.dtheta)},
+    "nonlinear_stiffness": lambda m, g, p: {"drive": p["cubic"] * m.d**3},
+    "backlash": lambda m, g, p: {"drive": g.stiffness * (np.sign(m.d) * max(abs(m.d) - p["half_gap"], 0.0) - m.d)},
+    "transmission_error": lambda m, g, p: {
+        "drive": g.stiffness * p["amplitude"] * np.sin(2 * g.harmonic_drive_ratio * m.theta + p["phase"])
+        + g.damping
+        * p["amplitude"]
+        * 2
+        * g.harmonic_drive_ratio
+        * np.cos(2 * g.harmonic_drive_ratio * m.theta + p["phase"])
+        * m.dtheta,
+        "motor": m.tau_J
+        * p["amplitude"]
+        * 2
+        * g.harmonic_drive_ratio
+        * np.cos(2 * g.harmonic_drive_ratio * m.theta + p["phase"]),
+    },
+    "torque_ripple": lambda m, g, p: {"motor": -p["amplitude"] * np.sin(p["order"] * g.r_tot * m.theta + p["phase"])},
+    "motor_torque_gain": lambda m, g, p: {"motor": m.tau_m - m.tau_m / p["gain"]},
+    "joint_torque_gain": lambda m, g, p: (
+        dict.fromkeys(("link", "drive"), m.tau_J - m.tau_J / p["gain"]) | {"motor": -(m.tau_J - m.tau_J / p["gain"])}
+    ),
+    "motor_torque_offset": lambda m, g, p: {"motor": p["offset"]},
+    "joint_torque_offset": lambda m, g, p: {"link": p["offset"], "drive": p["offset"], "motor": -p["offset"]},
+    "encoder_offset": lambda m, g, p: {"drive": g.stiffness * p["offset"]},
+    "encoder_eccentricity": lambda m, g, p: {
+        "drive": g.stiffness * p["amplitude"] * np.sin(m.q + p["phase"])
+        + g.damping * p["amplitude"] * np.cos(m.q + p["phase"]) * m.dq
+    },
+    "rotor_inertia_mismatch": lambda m, g, p: {
+        "motor": (p["inertia"] - 1)
+        * m.ddtheta
+        * (g.rotor.izz * g.r_tot**2 + g.wave_generator.izz * g.harmonic_drive_ratio**2 + g.spline.izz)
+    },
+    "stiffness_mismatch": lambda m, g, p: {"drive": (p["stiffness"] - 1) * g.stiffness * m.d},
+    "damping_mismatch": lambda m, g, p: {"drive": (p["damping"] - 1) * g.damping * (m.dtheta - m.dq)},
+}
+
+
+@pytest.fixture(scope="module")
+def arm():
+    return load_robot(None)
+
+
+class At:
+    """A motion at one joint."""
+
+    def __init__(self, motion, i, n):
+        for name, key in (("", "x"), ("d", "dx"), ("dd", "ddx")):
+            setattr(self, f"{name}q", motion[key][i])
+            setattr(self, f"{name}theta", motion[key][n + i])
+        self.tau_J, self.tau_m = motion["tau_J"][i], motion["tau_m"][i]
+        self.d = self.theta - self.q
+
+
+def test_the_catalogue_holds_the_contracts_effects():
+    """All 25 ids of the contract and no other, each with words, formula and sides."""
+    assert set(EFFECTS) == CONTRACT and len(CONTRACT) == 25
+    for effect in EFFECTS.values():
+        assert effect.formula and effect.description and effect.signature and effect.sides
+        assert all(other.effect in EFFECTS for other in effect.confusions)
+        assert set(effect.sides) <= {"link", "drive", "motor"}
+
+
+@pytest.mark.parametrize("effect", CLOSED_FORMS)
+def test_law_meets_its_closed_form(arm, effect):
+    """At random motions the law adds to the residuals what the contract's formula says, and to no other joint."""
+    active = parse(INSTANCES[effect][0], arm)
+    (i,) = active.joint_indices(arm)
+    for seed in range(5):
+        motion = random_motion(arm, np.random.default_rng(seed))
+        expected = CLOSED_FORMS[effect](At(motion, i, arm.n), arm.joints[i].transmission, active.parameters)
+        found = contribution(arm, [active], motion)
+        for side in ("link", "drive", "motor"):
+            row = np.zeros(arm.n)
+            row[i] = expected.get(side, 0.0)
+            assert np.allclose(found[side], row, rtol=1e-12, atol=1e-12), (side, found[side], row)
+
+
+@pytest.mark.parametrize("effect", ["viscous_friction", "coulomb_friction", "stribeck_friction"])
+def test_friction_acts_on_the_chosen_side(arm, effect):
+    """Friction of the link side follows the link's velocity and shows in the link equation."""
+    active = parse(INSTANCES[effect][0]).with_parameters(side="link")
+    (i,) = active.joint_indices(arm)
+    motion = random_motion(arm, np.random.default_rng(3))
+    motion["dx"][i] = -motion["dx"][arm.n + i]
+    at = At(motion, i, arm.n)
+    at.dtheta = at.dq
+    expected = CLOSED_FORMS[effect](at, arm.joints[i].transmission, active.parameters)["motor"]
+    found = contribution(arm, [active], motion)
+    assert found["link"][i] == pytest.approx(expected) and not found["motor"].any()
+    assert active.sides == ("link",)
+
+
+@pytest.mark.parametrize("effect", sorted(CONTRACT - {"bearing_compliance", "spline_inertia", "inertia_coupling"}))
+def test_no_effect_at_the_neutral_value(arm, effect):
+    """With its parameters at "no effect" a law adds nothing."""
+    motion = random_motion(arm, np.random.default_rng(0))
+    for active in EFFECTS[effect].candidates(arm):
+        neutral = {p.name: p.neutral for p in active.effect.parameters if p.neutral is not None and p.size == 1}
+        assert neutral
+        found = contribution(arm, [active.with_parameters(**neutral)], motion)
+        assert all(np.abs(found[side]).max() < 1e-10 for side in ("link", "drive", "motor"))
+
+
+def test_hysteresis_rate_is_the_contracts(arm):
+    """z' = (d' - |d'| z/2 - d' |z|/2) / w_h, and H z is added to tau_J."""
+    active = parse(INSTANCES["hysteresis"][0])
+    for seed, z in enumerate((-0.9, -0.2, 0.0, 0.4, 1.0)):
+        motion = random_motion(arm, np.random.default_rng(seed))
+        d_rate = motion["dx"][4] - motion["dx"][1]
+        found = contribution(arm, [active], motion, np.array([z]))
+        assert found["drive"][1] == pytest.approx(5 * z)
+        assert found["rates"][0] == pytest.approx((d_rate - abs(d_rate) * z / 2 - d_rate * abs(z) / 2) / 1e-4)
+
+
+def inverse_dynamics(robot, motion, model="mod3"):
+    model = build_model(robot, model, engine="numpy")
+    return model.inverse_dynamics(*(motion[name][None] for name in ("x", "dx", "ddx")))[0]
+
+
+def altered_link(robot, i, mass, com, about_com):
+    from elastic_arm.robot.description import Inertia
+
+    return robot.with_joint(robot.joint_names[i], link=Inertia(mass, com, about_com))
+
+
+def with_payload(robot: Robot, mass, position):
+    """The last link with a point mass, by the parallel-axis theorem about the common centre of mass."""
+    link = robot.joints[-1].link
+    total = link.mass + mass
+    com = (link.mass * link.com + mass * np.asarray(position)) / total
+    inertia = link.inertia.copy()
+    for m, p in ((link.mass, link.com), (mass, np.asarray(position))):
+        r = p - com
+        inertia = inertia + m * (r @ r * np.eye(3) - np.outer(r, r))
+    return altered_link(robot, robot.n - 1, total, com, inertia)
+
+
+def rotation(axis, angle):
+    c, s = np.cos(angle), np.sin(angle)
+    j, k = [(1, 2), (2, 0)][axis]
+    matrix = np.eye(3)
+    matrix[j, j] = matrix[k, k] = c
+    matrix[j, k], matrix[k, j] = -s, s
+    return matrix
+
+
+def truly(effect, robot, p):
+    """The arm that truly has the effect, changed in its description."""
+    if effect == "payload":
+        return with_payload(robot, p["mass"], p["position"])
+    if effect == "link_inertia_mismatch":
+        link = robot.joints[1].link
+        inertia = link.inertia * p["mass"] * p["inertia"]
+        return altered_link(robot, 1, link.mass * p["mass"], link.com + np.array(p["com"]), inertia)
+    tilt = np.eye(4)
+    tilt[:3, :3] = rotation(0, p["x"]) @ rotation(1, p["y"])
+    return robot.with_(base_placement=tilt @ robot.base_placement)
+
+
+@pytest.mark.parametrize("effect", ["payload", "link_inertia_mismatch", "base_tilt"])
+def test_changed_parts_equal_a_changed_description(arm, effect):
+    """The law adds exactly what the arm with that part changed has beyond the nominal arm."""
+    active = parse(INSTANCES[effect][0], arm)
+    for seed in range(3):
+        motion = random_motion(arm, np.random.default_rng(seed))
+        found = contribution(arm, [active], motion)
+        true = inverse_dynamics(truly(effect, arm, active.parameters), motion) - inverse_dynamics(arm, motion)
+        assert np.allclose(np.append(found["link"], found["motor"]), true, rtol=1e-9, atol=1e-9)
+        assert np.abs(true).max() > 0.1 and not found["drive"].any()
+
+
+@pytest.mark.parametrize(
+    ("effect", "less", "more"), [("spline_inertia", "mod1", "mod2"), ("inertia_coupling", "mod2", "mod3")]
+)
+def test_model_form_is_the_difference_of_two_models(arm, effect, less, more):
+    """The parameter-free effects add what the richer model has, and refuse a model that has it already."""
+    motion = random_motion(arm, np.random.default_rng(0))
+    found = contribution(arm, [parse(effect)], motion, model=less)
+    true = inverse_dynamics(arm, motion, more) - inverse_dynamics(arm, motion, less)
+    assert np.allclose(np.append(found["link"], found["motor"]), true, atol=1e-9)
+    assert np.abs(true).max() > 1e-3
+    with pytest.raises(ValueError, match="already"):
+        contribution(arm, [parse(effect)], motion, model=more)
+
+
+def test_a_transmission_error_is_found_in_the_deflection_by_other_laws(arm):
+    """Backlash beside a transmission error takes its play from theta + e - q."""
+    motion = random_motion(arm, np.random.default_rng(1))
+    error, play = parse("transmission_error:joint_2:amplitude=3e-5"), parse("backlash:joint_2:half_gap=1e-4")
+    both, alone = contribution(arm, [play, error], motion), contribution(arm, [error], motion)
+    at, gear = At(motion, 1, 3), arm.joints[1].transmission
+    d = at.d + 3e-5 * np.sin(2 * gear.harmonic_drive_ratio * at.theta)
+    taken = gear.stiffness * (np.sign(d) * max(abs(d) - 1e-4, 0.0) - d)
+    assert both["drive"][1] - alone["drive"][1] == pytest.approx(taken)

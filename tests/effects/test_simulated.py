@@ -1,0 +1,332 @@
+"""Effects forward in time: against an engine that shares no code with the catalogue, and by the energy they keep."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.ndimage import gaussian_filter1d
+
+from elastic_arm.dynamics import build_model
+from elastic_arm.effects import parse
+from elastic_arm.excitation import FourierTrajectory
+from elastic_arm.robot import load_robot
+from elastic_arm.sensors import Sensors
+from elastic_arm.simulation import Simulator
+from elastic_arm.studies.blind_challenge.hidden_arms.hidden_arm import HiddenArm
+from elastic_arm.studies.blind_challenge.hidden_arms.laws import Fault
+from tests.helpers.effect_samples import INSTANCES, contribution, law_function, random_motion
+
+RATE = 1000.0
+SENSOR_EFFECTS = {
+    "motor_torque_gain",
+    "joint_torque_gain",
+    "motor_torque_offset",
+    "joint_torque_offset",
+    "encoder_offset",
+    "encoder_eccentricity",
+    "time_delay",
+}
+IN_EQUATIONS = sorted(set(INSTANCES) - SENSOR_EFFECTS)
+
+
+@pytest.fixture(scope="module")
+def arm():
+    return load_robot(None)
+
+
+def reference(seconds, rate=1.0, size=0.4, offset=(0.0, 0.4, 0.5)):
+    """All joints swing at `rate` Hz and half of it, from rest."""
+    t = np.arange(round(seconds * RATE) + 1)[:, None] / RATE
+    w = 2 * np.pi * rate * np.array([1.0, 0.5, 0.75])
+    return offset + size * (1 - np.cos(w * t)), size * w * np.sin(w * t), size * w**2 * np.cos(w * t)
+
+
+def run(robot, effects=(), seconds=1.0, **settings):
+    q, dq, ddq = reference(seconds)
+    settings = {"sensors": Sensors.exact(), "q0": q[0], "nominal": robot} | settings
+    return Simulator(robot, effects=effects, **settings).follow(q, dq, ddq)
+
+
+def fault(active, robot):
+    """The same effect in the words of the hidden arm."""
+    numbers = {p.name: active.parameters[p.name] for p in active.effect.parameters}
+    if "position" in numbers:
+        numbers |= {f"position_{axis}": v for axis, v in zip("xyz", numbers.pop("position"), strict=True)}
+    joint = None if active.joint is None else robot.joint_names.index(active.joint)
+    return Fault(active.effect.id, joint, numbers, active.parameters.get("side", "motor"))
+
+
+@pytest.mark.parametrize("effect", sorted(set(IN_EQUATIONS) - {"spline_inertia", "inertia_coupling"}))
+def test_accelerations_agree_with_the_hidden_arm(arm, effect):
+    """An arm in Pinocchio with effects written apart from the catalogue accelerates alike at random states."""
+    text = INSTANCES[effect][0].split(",com=")[0]  # the hidden arm's links change in proportion
+    active = parse(text, arm)
+    hidden = HiddenArm(arm, [fault(active, arm)], standstill=1e-4)
+    simulator = Simulator(arm, effects=[active], sensors=Sensors.exact())
+    constants = simulator.system.evaluate_constants(np.full(6, 1e-4))
+    dof, rng = simulator.system.dof, np.random.default_rng(0)
+    for _ in range(5):
+        motion = random_motion(arm, rng)
+        tilts = rng.uniform(-1e-4, 1e-4, (2, dof - 6))
+        x, dx = (np.append(motion[name], tilt) for name, tilt in zip(("x", "dx"), tilts, strict=True))
+        z = rng.uniform(-1, 1, simulator.system.states)
+        ddx, dz, _ = (np.array(v).ravel() for v in simulator.system.accelerations(x, dx, z, motion["tau_m"], constants))
+        state = np.concatenate([x, dx, [0.0, *z, 0.0] if len(z) else np.zeros(3)])
+        expected = hidden.rate(state, motion["tau_m"])
+        assert np.allclose(ddx, expected[dof : 2 * dof], rtol=1e-9, atol=1e-8)
+        assert np.allclose(dz, expected[2 * dof + 1 : 2 * dof + 2] if len(z) else [], rtol=1e-12)
+
+
+@pytest.mark.parametrize("effect", sorted(set(IN_EQUATIONS) - {"bearing_compliance"}))
+def test_residuals_of_a_simulated_arm_are_the_law(arm, effect):
+    """The nominal model misses a simulated arm by exactly what the law says, in all three equations of every joint."""
+    text, name = INSTANCES[effect]
+    active, model = parse(text, arm), build_model(arm, name, engine="numpy")
+    simulator = Simulator(arm, model=name, effects=[active], sensors=Sensors.exact())
+    system, constants = simulator.system, simulator._loop.constants
+    K, D = (np.array([getattr(j.transmission, k) for j in arm.joints]) for k in ("stiffness", "damping"))
+    rng, largest = np.random.default_rng(0), 0.0
+    for _ in range(3):
+        motion = random_motion(arm, rng)
+        x, dx, u, z = motion["x"], motion["dx"], motion["tau_m"], rng.uniform(-1, 1, system.states)
+        motion["ddx"], _, motion["tau_J"] = (np.array(v).ravel() for v in system.accelerations(x, dx, z, u, constants))
+        drive = K * (x[3:] - x[:3]) + D * (dx[3:] - dx[:3])
+        left = model.inverse_dynamics(x[None], dx[None], motion["ddx"][None])[0]
+        law = contribution(arm, [active], motion, z, name)
+        assert np.allclose(motion["tau_J"] - (left[:3] + drive), law["link"], atol=1e-8)
+        assert np.allclose(motion["tau_J"] - drive, law["drive"], atol=1e-8)
+        assert np.allclose(u - (left[3:] - drive) - motion["tau_J"], law["motor"], atol=1e-8)
+        largest = max(largest, *(np.abs(law[side]).max() for side in ("link", "drive", "motor")))
+    assert largest > 1e-3
+
+
+@pytest.mark.parametrize("effect", sorted(SENSOR_EFFECTS - {"time_delay"}))
+def test_residuals_of_recorded_channels_are_the_law(arm, effect):
+    """What a sensor effect changes in the channels changes the residuals of the nominal model as its law says."""
+    active = parse(INSTANCES[effect][0], arm)
+    truth, measured = run(arm, [active], seconds=0.3)
+    K, D = (np.array([getattr(j.transmission, k) for j in arm.joints]) for k in ("stiffness", "damping"))
+
+    def residuals(c):
+        drive = c["tau_J"] - K * (c["theta"] - c["q"]) - D * (c["dtheta"] - c["dq"])
+        return {"link": c["tau_J"], "drive": drive, "motor": c["tau_m"] - c["tau_J"]}
+
+    before, after = residuals(truth.channels()), residuals(measured)
+    for k in (10, 150, 290):
+        motion = {"x": np.append(measured["q"][k], measured["theta"][k]), "ddx": np.zeros(6)}
+        motion["dx"] = np.append(measured["dq"][k], measured["dtheta"][k])
+        motion |= {"tau_J": measured["tau_J"][k], "tau_m": measured["tau_m"][k]}
+        motion |= {"dtau_J": np.zeros(3), "dtau_m": np.zeros(3)}
+        motion = {name: motion[name] for name in ("x", "dx", "ddx", "tau_J", "tau_m", "dtau_J", "dtau_m")}
+        law = contribution(arm, [active], motion)
+        for side in ("link", "drive", "motor"):
+            size = np.abs(law[side]).max()
+            assert np.abs(after[side][k] - before[side][k] - law[side]).max() <= 1e-3 * size + 1e-9, side
+
+
+@pytest.mark.parametrize("channel", ["joint_torque", "motor_torque", "link_encoder"])
+def test_time_delay_makes_its_channels_late(arm, channel):
+    """A delayed channel holds what was true two milliseconds before; the others are untouched."""
+    truth, measured = run(arm, [parse(f"time_delay:joint_2:delay=0.002,channels={channel}")])
+    late = {"joint_torque": ("tau_J",), "motor_torque": ("tau_m",), "link_encoder": ("q", "dq")}[channel]
+    for name, true in truth.channels().items():
+        expected = true.copy()
+        if name in late:
+            expected[2:, 1] = true[:-2, 1]
+            expected[:2, 1] = true[0, 1]
+        assert np.array_equal(measured[name], expected)
+
+
+def free(robot):
+    """The arm without damping."""
+    joints = [replace(j, transmission=replace(j.transmission, damping=0.0)) for j in robot.joints]
+    return robot.with_(joints=tuple(joints))
+
+
+def stored(effect, p, gear, theta, q):
+    """Energy in the second joint's drive, and that of the motor's ripple."""
+    d = theta - q
+    if effect == "transmission_error":
+        d = d + p["amplitude"] * np.sin(p["order"] * gear.harmonic_drive_ratio * theta + p["phase"])
+    if effect == "backlash":
+        d = np.maximum(np.abs(d) - p["half_gap"], 0.0)
+    energy = 0.5 * gear.stiffness * d**2
+    if effect == "nonlinear_stiffness":
+        energy = energy + p["cubic"] * d**4 / 4
+    if effect == "torque_ripple":
+        spatial = p["order"] * gear.r_tot
+        energy = energy + p["amplitude"] / spatial * np.cos(spatial * theta + p["phase"])
+    return energy
+
+
+@pytest.mark.parametrize("effect", ["nonlinear_stiffness", "backlash", "transmission_error", "torque_ripple"])
+def test_conservative_effects_keep_energy(arm, effect):
+    """By virtual work, an undamped falling arm with this effect keeps its energy, the effect's own part counted."""
+    robot = free(arm)
+    name, _, values = INSTANCES[effect][0].split(":")
+    active = parse(f"{name}:joint_2:{values}")
+    simulator = Simulator(robot, effects=[active], sensors=Sensors.exact(), q0=np.full(3, 0.5), substeps=40)
+    truth, _ = simulator.drive(np.zeros((1000, 3)))
+    kinetic, potential = build_model(robot, engine="numpy").energy(truth.x, truth.dx)
+    gear, theta, q = robot.joints[1].transmission, truth.theta[:, 1], truth.q[:, 1]
+    energy = kinetic + potential - 0.5 * gear.stiffness * (theta - q) ** 2
+    energy = energy + stored(effect, active.parameters, gear, theta, q)
+    without = kinetic + potential
+    assert np.ptp(energy) < 2e-3 * np.ptp(without) or np.ptp(energy) < 1e-5 * np.ptp(kinetic)
+    assert np.ptp(without) > 20 * np.ptp(energy)
+
+
+@pytest.mark.parametrize(
+    "effect",
+    ["viscous_friction", "coulomb_friction", "stribeck_friction", "load_dependent_friction", "hysteresis"],
+)
+def test_friction_takes_energy_at_every_moment(arm, effect):
+    """An undamped falling arm loses energy steadily, just as much as the law's torque times the speed."""
+    robot, active = free(arm), parse(INSTANCES[effect][0].replace("joint_3", "joint_2"))
+    simulator = Simulator(robot, effects=[active], sensors=Sensors.exact(), q0=np.full(3, 0.5), substeps=20)
+    truth, _ = simulator.drive(np.zeros((1000, 3)))
+    kinetic, potential = build_model(robot, engine="numpy").energy(truth.x, truth.dx)
+    energy = kinetic + potential
+    p, w = active.parameters, truth.dtheta[:, 1]
+    if effect == "hysteresis":
+        power = p["torque"] * truth.z[:, 0] * (w - truth.dq[:, 1])
+    else:
+        tau_J = arm.joints[1].transmission.stiffness * (truth.theta - truth.q)[:, 1]
+        size = {
+            "viscous_friction": lambda: p["coefficient"] * np.abs(w),
+            "coulomb_friction": lambda: p["torque"],
+            "stribeck_friction": lambda: p["torque"] * np.exp(-((w / p["speed"]) ** 2)),
+            "load_dependent_friction": lambda: p["coefficient"] * np.abs(tau_J),
+        }[effect]()
+        power = size * np.abs(w) * np.tanh(np.abs(w) / simulator.sign_speed[4])
+        assert np.diff(energy).max() < 1e-9 * np.ptp(potential)
+    lost = np.concatenate([[0.0], np.cumsum(0.5 * (power[1:] + power[:-1]) / RATE)])
+    assert np.abs(energy[0] - energy - lost).max() < 2e-3 * lost.max()
+    assert lost[-1] > 0
+
+
+def test_hysteresis_follows_its_closed_form(arm):
+    """z depends on the path of the deflection alone: linear towards zero, exponential towards +-1."""
+    active = parse("hysteresis:joint_2:torque=5,width=1e-4")
+    truth, _ = run(arm, [active], seconds=2.0)
+    d = (truth.theta - truth.q)[:, 1]
+    z = [0.0]
+    for step in np.diff(d) / 1e-4:
+        start, way = z[-1] * np.sign(step), abs(step)
+        if start < 0:  # back to zero first
+            used = min(way, -start)
+            start, way = start + used, way - used
+        z.append(np.sign(step) * (1 - (1 - start) * np.exp(-way) if start >= 0 else start))
+    assert np.ptp(truth.z[:, 0]) > 1.5
+    assert np.abs(truth.z[:, 0] - np.array(z)).max() < 5e-3
+
+
+def test_dry_friction_holds_a_joint_nearly_still(arm):
+    """A torque below Coulomb's leaves the vertical axis creeping below the regularisation speed; one above moves it."""
+    simulator = Simulator(arm, effects=[parse("coulomb_friction:joint_1:torque=20")], sensors=Sensors.exact())
+    push = np.array([10.0, 0.0, 0.0])
+    held, _ = simulator.drive(np.tile(simulator.carry.command + push, (500, 1)))
+    assert np.abs(held.dtheta[:, 0]).max() < simulator.sign_speed[3]
+    moved, _ = simulator.drive(np.tile(held.command[-1] + 2 * push, (500, 1)))
+    assert moved.dtheta[-1, 0] > 100 * simulator.sign_speed[3]
+
+
+def test_friction_that_outruns_the_integrator_is_widened(arm):
+    """At a low ratio the motor is light: the regularisation widens until friction is stable, and stays stable."""
+    light = arm.with_ratio(5)
+    simulator = Simulator(light, effects=[parse("coulomb_friction:joint_1:torque=20")], sensors=Sensors.exact())
+    assert simulator.sign_speed[3] > 1e-3 and simulator.sign_speed[4] == 1e-4
+    push = np.array([10.0, 0.0, 0.0])
+    truth, _ = simulator.drive(np.tile(simulator.carry.command + push, (300, 1)))
+    assert np.abs(np.diff(truth.dtheta[-50:, 0])).max() < 1e-6
+
+
+def peak_frequency(y):
+    spectrum = np.abs(np.fft.rfft((y - y.mean()) * np.hanning(len(y)), 8 * len(y)))
+    f = np.fft.rfftfreq(8 * len(y), 1 / RATE)
+    return f[1:][spectrum[f > 4.0].argmax() + np.searchsorted(f, 4.0, "right") - 1]
+
+
+@pytest.mark.parametrize(
+    ("text", "per_turn"),
+    [("torque_ripple:joint_1:amplitude=4,order=1", 363.0), ("transmission_error:joint_1:amplitude=3e-5", 242.0)],
+)
+def test_ripple_has_the_frequency_of_its_wheel(arm, text, per_turn):
+    """At a constant speed of the motor the joint torque ripples at order x ratio x speed."""
+    speed, t = 0.2, np.arange(4001)[:, None] / RATE
+    q = np.hstack([speed * t, 0 * t, 0 * t])
+    dq = np.tile([speed, 0.0, 0.0], (len(t), 1))
+    simulator = Simulator(arm, effects=[parse(text)], sensors=Sensors.exact(), dq0=dq[0])
+    truth, _ = simulator.follow(q, dq, np.zeros_like(q))
+    assert peak_frequency(truth.tau_J[1000:, 0]) == pytest.approx(per_turn * speed / (2 * np.pi), rel=0.02)
+
+
+@pytest.mark.parametrize(
+    ("text", "change"),
+    [
+        ("stiffness_mismatch:joint_2:stiffness=0.85", {"stiffness": 90000.0 * 0.85}),
+        ("damping_mismatch:joint_2:damping=1.5", {"damping": 120.0}),
+    ],
+)
+def test_mismatches_move_as_the_changed_arm(arm, text, change):
+    """A mismatch in the catalogue and the same number changed in the arm file give one motion."""
+    gear = replace(arm.joints[1].transmission, **change)
+    one, _ = run(arm, [parse(text)])
+    two, _ = run(arm.with_joint("joint_2", transmission=gear), nominal=arm)
+    assert np.abs(one.x - two.x).max() < 1e-10
+
+
+def test_model_form_effects_make_the_richer_model(arm):
+    """mod1 with the spline's inertia moves as mod2, mod2 with S as mod3, mod1 with both as mod3."""
+    nominal = {"controller": Simulator(arm).controller}
+    mod1, mod2, mod3 = (run(arm, model=name, **nominal)[0].x for name in ("mod1", "mod2", "mod3"))
+    spline, coupling = parse("spline_inertia"), parse("inertia_coupling")
+    assert np.abs(run(arm, [spline], model="mod1", **nominal)[0].x - mod2).max() < 1e-10
+    assert np.abs(run(arm, [coupling], model="mod2", **nominal)[0].x - mod3).max() < 1e-10
+    assert np.abs(run(arm, [spline, coupling], model="mod1", **nominal)[0].x - mod3).max() < 1e-10
+    assert np.abs(mod1 - mod2).max() > 1e-8 and np.abs(mod2 - mod3).max() > 1e-8
+
+
+def test_bearing_compliance_frees_the_tilts(arm):
+    """With the arm file's bearings the effect is the arm of twelve coordinates."""
+    one, _ = run(arm, [parse("bearing_compliance")])
+    two, _ = run(arm, bearings=True)
+    assert one.x.shape[1] == 12 and np.array_equal(one.x, two.x)
+    assert np.abs(one.x[:, 6:]).max() > 1e-6
+
+
+def test_a_tilted_base_loads_the_vertical_axis(arm):
+    """At rest a tilt shows on the first joint, which gravity otherwise cannot reach."""
+    q0 = np.array([0.5, 0.5, 0.5])
+    level = Simulator(arm, sensors=Sensors.exact(), q0=q0).carry.command
+    tilted = Simulator(arm, effects=[parse("base_tilt:x=0.02")], sensors=Sensors.exact(), q0=q0).carry.command
+    assert abs(level[0]) < 1e-9 and abs(tilted[0]) > 1.0
+
+
+def smoothed(y):
+    """Zero-phase low pass at about 40 Hz."""
+    return gaussian_filter1d(y, 4.0, axis=0)
+
+
+def test_the_law_of_bearings_explains_a_simulated_arm(arm):
+    """The law holds nine tenths of the power that the rigid model misses of an arm with bearings ten times softer."""
+    active = parse("bearing_compliance:stiffness_scale=0.1")
+    a, b = np.random.default_rng(0).uniform(-0.5, 0.5, (2, 3, 3))
+    smooth = FourierTrajectory(2 * np.pi / 4.0, a, b, np.array([0.0, 0.4, 0.5]), 6.0, 1.0)
+    q, dq, ddq = smooth.evaluate(np.arange(6001) / RATE)
+    simulator = Simulator(arm, effects=[active], sensors=Sensors.exact(), q0=q[0])
+    truth, _ = simulator.follow(q, dq, ddq)
+    system, constants = simulator.system, simulator._loop.constants
+    rows = zip(truth.x, truth.dx, truth.command, strict=True)
+    ddx = np.array([np.array(system.accelerations(x, dx, [], u, constants)[0])[:6, 0] for x, dx, u in rows])
+    x, dx = truth.x[:, :6], truth.dx[:, :6]
+    missed = -build_model(arm, engine="numpy").inverse_dynamics(x, dx, ddx)[:, :3]
+    jerk = np.gradient(smoothed(ddx), 1 / RATE, axis=0)
+    snap = np.gradient(jerk, 1 / RATE, axis=0)
+    none = np.zeros((3, len(x)))
+    channels = (x.T, dx.T, ddx.T, *[none] * 4, jerk.T, snap.T, none[:0])
+    law = np.array(law_function(arm, [active]).map(len(x))(*channels)[0]).T
+    settled = slice(300, -100)
+    left, whole = smoothed(missed - law)[settled], smoothed(missed)[settled]
+    assert (left**2).sum() < 0.1 * (whole**2).sum()
+    assert whole.std() > 0.05

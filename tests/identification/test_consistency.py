@@ -1,0 +1,114 @@
+"""Physically consistent parameters: possible bodies, true to the data, close to the nominal elsewhere."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from elastic_arm.dynamics import build_model
+from elastic_arm.identification import Identification, identifier_of, identify, parse_laws
+from elastic_arm.identification.consistency import consistent, identified_robot, pseudo_inertia
+from elastic_arm.recording import Recording, Samples, Side
+from elastic_arm.robot import Robot, load_robot
+from tests.helpers.periodic_arm import record
+
+
+def recorded(samples: Samples, robot: Robot, source: str = "test") -> Recording:
+    link = Side(samples.stamp_ns, samples.q, samples.dq, samples.tau_J)
+    motor = Side(samples.stamp_ns, samples.theta, samples.dtheta, samples.tau_m)
+    return Recording(robot.joint_names, link=link, motor=motor, source=source)
+
+
+def mistaken(robot: Robot) -> Robot:
+    """The arm as a description that is wrong everywhere."""
+    for joint in robot.joints:
+        t = joint.transmission
+        link = replace(joint.link, mass=1.1 * joint.link.mass, inertia=1.2 * np.array(joint.link.inertia))
+        rotor = replace(t.rotor, ixx=0.9 * t.rotor.ixx, izz=0.9 * t.rotor.izz)
+        changed = replace(t, stiffness=0.8 * t.stiffness, damping=1.5 * t.damping, rotor=rotor)
+        robot = robot.with_joint(joint.name, link=link, transmission=changed)
+    return robot
+
+
+@pytest.fixture(scope="module")
+def true_robot() -> Robot:
+    return load_robot(None)
+
+
+@pytest.fixture(scope="module")
+def result(true_robot: Robot) -> Identification:
+    model = build_model(true_robot, "mod3")
+    samples = record(model, np.random.default_rng(1), encoder_noise=1e-6, velocity_noise=1e-4)
+    other = record(model, np.random.default_rng(2), encoder_noise=1e-6, velocity_noise=1e-4)
+    return identify(
+        recorded(samples, true_robot),
+        mistaken(true_robot),
+        derivatives="smoother",
+        validate=[recorded(other, true_robot, "other")],
+    )
+
+
+def bodies(result: Identification, robot: Robot) -> list[np.ndarray]:
+    model = build_model(robot, result.model)
+    return [result.Psi[list(b.parameters)] for b in model.bodies.bodies if len(b.parameters) == 10]
+
+
+def test_every_body_is_physically_possible(result: Identification, true_robot: Robot) -> None:
+    """All pseudo-inertias are positive definite, all masses, stiffnesses and dampings positive."""
+    for ten in bodies(result, true_robot):
+        assert np.linalg.eigvalsh(pseudo_inertia(ten))[0] > 0
+    named = dict(zip(result.parameter_names, result.Psi, strict=True))
+    assert all(value > 0 for name, value in named.items() if name.endswith((".m", ".K", ".D", ".Ixx", ".Izz")))
+
+
+def test_consistent_arm_predicts_as_well_as_the_free_fit(result: Identification) -> None:
+    """On a motion no fit has seen the consistent arm leaves at most 10 % more than the base parameters."""
+    found = result.validation["other"]
+    for side, by_joint in found["identified"].items():
+        for joint, left in by_joint.items():
+            assert found["consistent"][side][joint] < 1.1 * left + 0.01
+            assert found["nominal"][side][joint] > 20 * left
+
+
+def test_stiffness_and_motor_inertia_come_out_to_a_thousandth(result: Identification, true_robot: Robot) -> None:
+    """From a nominal 20 % off, K is found to 0.1 %, and the inertia of joint 2's motor side to 0.1 %."""
+    for joint in result.identified.joints:
+        true = true_robot.joints[result.identified.joint_names.index(joint.name)].transmission.stiffness
+        assert joint.transmission.stiffness == pytest.approx(true, rel=1e-3)
+    inertia = [
+        sum(ratio**2 * solid.izz for solid, ratio in robot.joints[1].transmission.components.values())
+        for robot in (result.identified, true_robot)
+    ]
+    assert inertia[0] == pytest.approx(inertia[1], rel=1e-3)
+
+
+def test_saved_arm_loads_and_predicts_the_same(result: Identification, true_robot: Robot, tmp_path: Path) -> None:
+    """The arm file of the identified arm gives the torques of the identified parameters."""
+    result.save_robot(tmp_path / "arm.yaml")
+    loaded = build_model(load_robot(tmp_path / "arm.yaml"), "mod3")
+    x, dx, ddx = np.random.default_rng(3).standard_normal((3, 20, loaded.dof))
+    expected = build_model(true_robot, "mod3").inverse_dynamics(x, dx, ddx, result.Psi)
+    assert np.abs(loaded.inverse_dynamics(x, dx, ddx) - expected).max() < 1e-6 * np.abs(expected).max()
+
+
+def test_identified_laws_become_effects_of_the_arm(true_robot: Robot) -> None:
+    """A law identified beside the model is written into the arm as an effect with its value."""
+    laws = parse_laws(["viscous_friction:joint_2"], true_robot)
+    identifier = identifier_of(true_robot, "mod3", laws)
+    identifier.add(record(identifier.model, np.random.default_rng(4), encoder_noise=1e-6, velocity_noise=1e-4))
+    found = consistent(identifier.fit(), identifier.equations, trust=0.1)
+    arm = identified_robot(true_robot, identifier.equations, found.Psi, laws)
+    assert [(e["effect"], e["joint"]) for e in arm.effects] == [("viscous_friction", "joint_2")]
+    assert arm.effects[0]["parameters"]["coefficient"] == pytest.approx(found.Psi[-1])
+
+
+def test_what_the_data_do_not_say_stays_with_the_nominal(true_robot: Robot) -> None:
+    """The mass of link 1, which turns about a vertical axis and enters no equation, stays as described."""
+    identifier = identifier_of(true_robot)
+    identifier.add(record(identifier.model, np.random.default_rng(4), encoder_noise=1e-6, velocity_noise=1e-4))
+    found = consistent(identifier.fit(), identifier.equations)
+    named = dict(zip(identifier.equations.names, found.Psi, strict=True))
+    assert named["link_1.m"] == pytest.approx(true_robot.joints[0].link.mass, rel=0.05)

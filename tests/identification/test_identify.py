@@ -1,0 +1,268 @@
+"""One estimator online and offline, honest intervals, clear refusals."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from elastic_arm.dynamics import Model, build_model
+from elastic_arm.errors import IdentificationError
+from elastic_arm.estimation.equations import Equations
+from elastic_arm.estimation.resampling import Clock, part
+from elastic_arm.estimation.smoother import Motion, design_smoother
+from elastic_arm.identification import Identification, Identifier, compare, gain, identifier_of, identify, parse_laws
+from elastic_arm.identification.stream import smoothed
+from elastic_arm.identification.verdict import relative_std
+from elastic_arm.recording import Recording, Samples, Side
+from elastic_arm.robot import load_robot
+from elastic_arm.robot.urdf import parse_urdf
+from tests.helpers.periodic_arm import record
+
+REAL = {"encoder_noise": 1e-6, "velocity_noise": 1e-4}
+SEEDS = range(9)
+
+
+@pytest.fixture(scope="module")
+def model() -> Model:
+    return build_model(load_robot(None), "mod3")
+
+
+@pytest.fixture(scope="module")
+def samples(model: Model) -> Samples:
+    return record(model, np.random.default_rng(0), **REAL)
+
+
+def recorded(samples: Samples, **changes: Side | None) -> Recording:
+    link = Side(samples.stamp_ns, samples.q, samples.dq, samples.tau_J)
+    motor = Side(samples.stamp_ns, samples.theta, samples.dtheta, samples.tau_m)
+    names = load_robot(None).joint_names
+    return Recording(names, **{"link": link, "motor": motor, "source": "test", **changes})
+
+
+def fed(model: Model, samples: Samples, cuts: list[int]) -> Identifier:
+    identifier = Identifier(model)
+    for piece in np.split(np.arange(len(samples)), cuts):
+        identifier.add(part(samples, piece))
+    identifier.finish()
+    return identifier
+
+
+def test_stream_and_batch_agree_to_rounding_however_samples_are_cut(model: Model, samples: Samples) -> None:
+    """Estimates and standard deviations from one call and from hundreds of uneven ones agree to 1e-9."""
+    cuts = np.sort(np.random.default_rng(5).choice(np.arange(1, len(samples)), 300, replace=False)).tolist()
+    whole, cut = fed(model, samples, []).fit(), fed(model, samples, cuts).fit()
+    assert cut.samples == whole.samples
+    assert np.abs((cut.Psi - whole.Psi) / whole.std).max() < 1e-6
+    assert cut.Psi == pytest.approx(whole.Psi, rel=1e-9)
+    assert cut.std == pytest.approx(whole.std, rel=1e-6)
+
+
+def test_both_torques_identify_an_arm_described_as_rigid(samples: Samples) -> None:
+    """A description without transmissions has one equation a joint, measured by both torque sensors: both are used."""
+    rigid = parse_urdf(load_robot(None).to_urdf())
+    found = identify(recorded(samples), rigid, consistent=False)
+    assert set(found.noise) == {"joint", "whole"}
+    equations = Equations(build_model(rigid), ("q", "theta", "tau_J", "tau_m"), joints=rigid.joint_names)
+    q, dq, ddq, tau_J, tau_m = np.random.default_rng(3).standard_normal((5, 50, rigid.n))
+    motion = Motion(np.arange(50.0), q, dq, ddq, tau_J=tau_J, tau_m=tau_m)
+    rows = equations.rows(motion)
+    hi, lo = equations.information(motion)
+    np.testing.assert_allclose(hi + lo, np.swapaxes(rows, 1, 2) @ rows, rtol=1e-9, atol=1e-6)
+
+
+def test_intervals_cover_the_truth_over_seeds(model: Model) -> None:
+    """95 % intervals of all 26 parameters, with a smoother's coloured errors, cover in 90 to 98 % of cases."""
+    hits, bias = [], []
+    for seed in SEEDS:
+        identifier = fed(model, record(model, np.random.default_rng(100 + seed), **REAL), [])
+        found, true = identifier.fit(), identifier.equations.base.T @ model.Psi
+        hits.append(np.abs(found.Psi - true) < 1.96 * found.std)
+        bias.append((found.Psi - true) / found.std)
+    assert 0.90 <= np.mean(hits) <= 0.98
+    # Noise in the regressor itself would shift estimates the same way every time.
+    assert np.sqrt(np.mean(np.mean(bias, axis=0) ** 2)) < 2.0 / np.sqrt(len(SEEDS))
+
+
+def test_intervals_from_fourier_series_cover_the_truth_too(model: Model) -> None:
+    """With encoder noise of 1e-5 rad, series over two periods give intervals that cover in 88 to 99 % of cases."""
+    hits = []
+    for seed in range(4):
+        rng = np.random.default_rng(200 + seed)
+        recording = recorded(record(model, rng, encoder_noise=1e-5, velocity_noise=1e-3, harmonics=6))
+        result = identify(recording, model.robot, derivatives="fourier", consistent=False)
+        hits.append([abs(c.z) < 1.96 for c in compare(result, model.robot)])
+    assert 0.88 <= np.mean(hits) <= 0.99
+
+
+def test_all_pieces_in_which_a_motion_repeats_are_used(model: Model) -> None:
+    """Series are fitted to every piece between gaps that is long enough, and the result says to how many of them."""
+    whole = record(model, np.random.default_rng(0), period=4.0, periods=6, harmonics=6, **REAL)
+    kept = part(whole, np.setdiff1d(np.arange(len(whole)), np.r_[3000:3100, 12000:12500]))
+    result = identify(recorded(kept), model.robot, consistent=False)
+    assert result.derivatives == ("Fourier series of 2 of 3 pieces",)
+    assert result.samples == pytest.approx(len(kept) - 3000, rel=0.02)
+    errors = np.array([c.z for c in compare(result, model.robot)])
+    assert np.sqrt(np.mean(errors**2)) < 1.5
+
+
+def test_exact_encoders_give_parameters_to_a_few_parts_in_ten_thousand(model: Model) -> None:
+    """With exact encoders and 0.26 Nm torque noise every base parameter comes out to 0.1 % of its natural size."""
+    identifier = fed(model, record(model, np.random.default_rng(3)), [])
+    found, equations = identifier.fit(), identifier.equations
+    error = np.abs(found.Psi - equations.base.T @ model.Psi)
+    assert np.all(relative_std(equations, found.Psi, error) < 1e-3)
+
+
+def test_a_lost_sample_and_a_gap_lose_nothing_else(model: Model, samples: Samples) -> None:
+    """Short holes are bridged, a long gap starts a new piece; the estimate stays within its intervals."""
+    lost = np.r_[3000:3002, 9000:9500]
+    identifier = fed(model, part(samples, np.setdiff1d(np.arange(len(samples)), lost)), [5000])
+    found, true = identifier.fit(), identifier.equations.base.T @ model.Psi
+    assert identifier.progress.pieces == 2
+    assert np.mean(np.abs(found.Psi - true) < 4 * found.std) > 0.9
+
+
+def test_late_and_repeated_samples_are_refused_and_counted(model: Model, samples: Samples) -> None:
+    """Samples whose stamps do not advance are left out, and progress says how many."""
+    identifier = Identifier(model)
+    identifier.add(part(samples, slice(0, 6000)))
+    identifier.add(part(samples, slice(5990, 8000)))
+    assert identifier.progress.refused == 10
+    assert identifier.progress.received == 8010
+
+
+def test_reset_forgets_and_pause_ignores(model: Model, samples: Samples) -> None:
+    """After a reset nothing is known; while paused samples do not count."""
+    identifier = Identifier(model)
+    identifier.add(part(samples, slice(0, 8000)))
+    identifier.pause()
+    before = identifier.progress.samples
+    identifier.add(part(samples, slice(8000, 12000)))
+    assert identifier.progress.samples == before
+    identifier.resume()
+    identifier.reset()
+    with pytest.raises(IdentificationError, match="no samples yet"):
+        identifier.fit()
+
+
+@pytest.mark.parametrize(
+    ("missing", "sides"),
+    [
+        ((), ("link", "motor", "drive")),
+        (("tau_J",), ("link", "motor")),
+        (("tau_m",), ("link", "drive")),
+        (("theta", "dtheta", "tau_m"), ("joint",)),
+        (("q", "dq", "tau_J"), ("whole",)),
+    ],
+)
+def test_every_set_of_channels_is_identified_by_the_equations_it_allows(
+    model: Model, samples: Samples, missing: tuple[str, ...], sides: tuple[str, ...]
+) -> None:
+    """Whatever is missing, the remaining equations give the parameters that they see, without a bias that stands out.
+
+    Where one encoder stands for both, theta = q is an approximation: what is left then is the elasticity.
+    """
+    identifier = fed(model, replace(samples, **dict.fromkeys(missing)), [])
+    assert identifier.equations.sides == sides
+    found, equations = identifier.fit(), identifier.equations
+    error = np.abs(found.Psi - equations.base.T @ model.Psi)
+    assert np.median(relative_std(equations, found.Psi, error)) < (0.01 if len(sides) > 1 else 0.05)
+
+
+def test_without_any_torque_identification_is_refused(model: Model, samples: Samples) -> None:
+    """Both encoders alone say nothing about the scale, and the error names what to record."""
+    with pytest.raises(IdentificationError, match="no torque"):
+        Identifier(model).add(replace(samples, tau_J=None, tau_m=None))
+
+
+def test_recordings_with_different_channels_are_refused(model: Model, samples: Samples) -> None:
+    """The error names the channels of both."""
+    first = recorded(samples)
+    second = recorded(samples, motor=None)
+    with pytest.raises(IdentificationError, match="another q, tau_J"):
+        identify([first, second], model.robot, derivatives="smoother", consistent=False)
+
+
+def test_a_law_beside_the_model_is_identified(model: Model, samples: Samples) -> None:
+    """Viscous friction added to the motor torque of joint 2 is found within its interval, and none elsewhere."""
+    rubbed = samples.tau_m.copy()
+    rubbed[:, 1] += 12.0 * samples.dtheta[:, 1]
+    laws = parse_laws(["viscous_friction"], model.robot)
+    recording = recorded(replace(samples, tau_m=rubbed))
+    result = identify(recording, model.robot, effects=laws, derivatives="smoother", consistent=False)
+    found = {e.name: e for e in result.estimates if e.name.startswith("viscous")}
+    assert found["viscous_friction:joint_2.coefficient"].value == pytest.approx(12.0, abs=0.05)
+    for joint in ("joint_1", "joint_3"):
+        e = found[f"viscous_friction:{joint}.coefficient"]
+        assert abs(e.value) < 4 * e.std
+
+
+def test_laws_too_long_for_the_recording_and_unreadable_ones_are_refused(model: Model, samples: Samples) -> None:
+    """A run that outlasts the smoother once, but not the laws' second pass, is refused; so is a law said twice."""
+    identifier = identifier_of(model.robot, "mod3", parse_laws(["viscous_friction"], model.robot))
+    grid = Clock.of(samples).place(samples)[0]
+    smoother = design_smoother([grid], model.n)
+    with pytest.raises(IdentificationError, match="too short for the smoother"):
+        smoothed(smoother, grid[: 3 * smoother.lag], identifier.expect(samples))
+    with pytest.raises(IdentificationError, match="cannot read the law"):
+        parse_laws(["viscous_friction:joint_1:coefficient=1:side=link"], model.robot)
+
+
+def test_a_poor_excitation_is_known_before_any_fit(model: Model) -> None:
+    """A slow motion of two harmonics is called poor without a look at the torques, a rich one is not."""
+    verdicts = []
+    for harmonics in (2, 10):
+        samples = record(model, np.random.default_rng(3), harmonics=harmonics, **REAL)
+        garbled = replace(samples, tau_m=samples.tau_m[::-1].copy(), tau_J=samples.tau_J[::-1].copy())
+        verdicts.append(fed(model, garbled, []).excitation())
+    assert verdicts[0].poor
+    assert verdicts[0].reasons
+    assert not verdicts[1].poor
+
+
+def test_a_second_of_motion_is_called_too_short(model: Model) -> None:
+    """What a second determines to all appearance is known to be judged too well, and said so."""
+    second = part(record(model, np.random.default_rng(0)), slice(0, 1000))
+    judged = fed(model, second, []).excitation()
+    assert judged.poor
+    assert "too short to judge the errors by" in judged.reasons[0]
+
+
+def test_what_offline_gains_over_a_stream_is_said(model: Model, samples: Samples) -> None:
+    """The same recording's standard deviations are compared, parameter by parameter, and the greatest gain is named."""
+    online = fed(model, samples, []).fit()
+    offline = identify(recorded(samples), model.robot, derivatives="fourier", consistent=False)
+    found = gain(online.std, offline)
+    assert found.ratios == pytest.approx(online.std / offline.std)
+    assert found.median <= found.largest == found.ratios.max()
+    assert offline.estimates[int(np.argmax(found.ratios))].name in found.words()
+
+
+def test_result_survives_its_json_file(model: Model, samples: Samples, tmp_path: Path) -> None:
+    """A saved result loads with equal numbers, and its table can be used."""
+    result = identify(recorded(samples), model.robot, derivatives="smoother")
+    result.to_json(tmp_path / "identification.json")
+    loaded = Identification.load(tmp_path / "identification.json")
+    assert loaded.Psi_base == pytest.approx(result.Psi_base, rel=0, abs=0)
+    assert loaded.table() == result.table()
+    assert np.array_equal(loaded.T, result.T)
+
+
+def test_a_file_that_is_no_identification_is_refused(tmp_path: Path) -> None:
+    """Another JSON file is refused with the schema that is expected."""
+    (tmp_path / "other.json").write_text("{}")
+    with pytest.raises(IdentificationError, match="is no identification"):
+        Identification.load(tmp_path / "other.json")
+    (tmp_path / "part.json").write_text('{"schema": "elastic_arm/identification/1", "estimates": []}')
+    with pytest.raises(IdentificationError, match="no whole identification"):
+        Identification.load(tmp_path / "part.json")
+
+
+def test_an_arm_at_rest_is_refused(samples: Samples) -> None:
+    """A recording in which nothing moves identifies nothing, and says so before it fits noise."""
+    still = replace(samples, q=0.0 * samples.q, theta=0.0 * samples.theta)
+    with pytest.raises(IdentificationError, match="holds no motion"):
+        identify(recorded(still), load_robot(None))

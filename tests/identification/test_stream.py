@@ -1,0 +1,110 @@
+"""The stream: the batch's result however samples are cut, saved and taken up again."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.interpolate import CubicSpline
+
+from elastic_arm.dynamics import Model, build_model
+from elastic_arm.errors import IdentificationError
+from elastic_arm.estimation.resampling import part
+from elastic_arm.estimation.smoother import Smoother
+from elastic_arm.identification import Identifier, identifier_of, parse_laws
+from elastic_arm.identification.least_squares import Fit
+from elastic_arm.recording import Samples
+from elastic_arm.robot import load_robot
+from tests.helpers.periodic_arm import RATE, record
+
+SECONDS = 8
+LOST = np.r_[1000:1002, 3000:3001, 4000:4300, 6500:6504]
+
+
+@cache
+def model() -> Model:
+    return build_model(load_robot(None), "mod3")
+
+
+@cache
+def samples(kind: str) -> Samples:
+    """Return a recording with holes and a gap, its samples taken regularly or at jittered stamps."""
+    rng = np.random.default_rng(0)
+    whole = record(model(), rng, period=float(SECONDS), periods=1, encoder_noise=1e-6, velocity_noise=1e-4)
+    if kind == "irregular":
+        t = np.sort(whole.t + 1e-4 * rng.standard_normal(len(whole)))
+        moved = {name: CubicSpline(whole.t, getattr(whole, name))(t) for name in ("q", "dq", "theta", "dtheta")}
+        whole = replace(whole, t=t, stamp_ns=np.rint(t * 1e9).astype(np.int64), **moved)
+    return part(whole, np.setdiff1d(np.arange(len(whole)), LOST))
+
+
+def identifier() -> Identifier:
+    crossover = np.full(3, 2 * np.pi * 16.0)
+    return Identifier(model(), smoother=Smoother(RATE, 2 * np.pi * 30.0, crossover, crossover))
+
+
+def fed(kind: str, cuts: list[int]) -> tuple[Identifier, Fit]:
+    found = identifier()
+    for piece in np.split(np.arange(len(samples(kind))), cuts):
+        found.add(part(samples(kind), piece))
+    found.finish()
+    return found, found.fit()
+
+
+@cache
+def batch(kind: str) -> tuple[Identifier, Fit]:
+    return fed(kind, [])
+
+
+@pytest.mark.parametrize(("kind", "mode"), [("regular", "regular"), ("irregular", "stamps")])
+@settings(max_examples=8, deadline=None)
+@given(cuts=st.lists(st.integers(1, SECONDS * 1000 - len(LOST) - 1), max_size=60, unique=True).map(sorted))
+def test_any_cut_of_the_samples_gives_the_result_of_the_batch(kind: str, mode: str, cuts: list[int]) -> None:
+    """Estimates agree to 1e-6 std, with regular and irregular stamps, wherever holes and gaps meet a cut."""
+    whole, expected = batch(kind)
+    stream, found = fed(kind, cuts)
+    assert stream.clock.mode == mode
+    assert stream.progress == whole.progress
+    assert np.abs((found.Psi - expected.Psi) / expected.std).max() < 1e-6
+    assert found.std == pytest.approx(expected.std, rel=1e-5)
+    assert stream.liveliness.seconds == pytest.approx(whole.liveliness.seconds)
+
+
+def test_saved_sums_are_taken_up_where_they_were_left(tmp_path: Path) -> None:
+    """A stream that is saved at a gap and loaded elsewhere ends with the estimate of one that went on."""
+    taken = samples("regular")
+    halves = [part(taken, np.flatnonzero(chosen)) for chosen in (taken.t < 4.2, taken.t >= 4.2)]
+    begun, resumed, whole = identifier(), identifier(), identifier()
+    for each in (begun, whole):
+        each.add(halves[0])
+        each.finish()
+    begun.save(tmp_path / "sums.npz")
+    resumed.load(tmp_path / "sums.npz")
+    for each in (resumed, whole):
+        each.add(halves[1])
+        each.finish()
+    assert resumed.progress == whole.progress
+    expected, found = whole.fit(), resumed.fit()
+    assert found.samples == expected.samples
+    assert found.Psi == pytest.approx(expected.Psi, rel=1e-9)
+    assert resumed.smoother.cutoff == begun.smoother.cutoff
+    assert resumed.excitation().reasons == whole.excitation().reasons
+
+
+def test_sums_of_another_model_are_refused_by_name(tmp_path: Path) -> None:
+    """The error names the two models, the laws, or the file that holds no sums at all."""
+    batch("regular")[0].save(tmp_path / "sums.npz")
+    with pytest.raises(IdentificationError, match="sums of model mod3, not mod1"):
+        identifier_of(model().robot, "mod1").load(tmp_path / "sums.npz")
+    with pytest.raises(IdentificationError, match="viscous_friction"):
+        identifier_of(model().robot, "mod3", parse_laws(["viscous_friction"], model().robot)).load(
+            tmp_path / "sums.npz"
+        )
+    (tmp_path / "other.npz").write_text("no sums")
+    with pytest.raises(IdentificationError, match="holds no sums"):
+        identifier().load(tmp_path / "other.npz")

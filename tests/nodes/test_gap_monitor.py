@@ -1,0 +1,271 @@
+"""The gap monitor: the process beside it, its messages, and the node on a real DDS graph."""
+
+from __future__ import annotations
+
+import math
+import os
+import signal
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from diagnostic_msgs.msg import DiagnosticArray
+from elastic_arm_msgs.msg import GapDiagnosis, GapResidual
+from std_srvs.srv import SetBool, Trigger
+
+from elastic_arm.diagnosis.inference.estimates import Estimate
+from elastic_arm.diagnosis.live import ResidualLevels
+from elastic_arm.diagnosis.result import Size
+from elastic_arm.errors import DiagnosisError, GraphError
+from elastic_arm.excitation import FourierTrajectory
+from elastic_arm.nodes.support.gap_messages import diagnosis_message, in_words, residual_messages
+from elastic_arm.nodes.support.worker_process import Answer, WorkerProcess
+from tests.helpers.ros_graph import Graph, ros_graph
+
+TORQUE = 6.0
+
+
+# The process beside the node
+
+
+def halving(least: int) -> Callable[[int], Any]:
+    """Return what halves numbers, refuses small ones, and dies of zero."""
+
+    def halve(number: int) -> tuple[int, float]:
+        if number == 0:
+            os._exit(3)
+        if number < least:
+            raise DiagnosisError(f"{number} is too small", "Take more")
+        return os.getpid(), number / 2
+
+    return halve
+
+
+def answer_of(aside: WorkerProcess) -> Answer:
+    end = time.monotonic() + 30.0
+    while (answer := aside.answer()) is None:
+        assert time.monotonic() < end, "no answer"
+        time.sleep(0.01)
+    return answer
+
+
+@pytest.fixture
+def aside() -> Iterator[WorkerProcess]:
+    made = WorkerProcess(halving, 2)
+    yield made
+    made.close()
+
+
+def test_questions_are_answered_in_another_process(aside: WorkerProcess) -> None:
+    """The answer comes from a process of its own, and until then the asker goes on."""
+    assert aside.answer() is None
+    aside.ask(8)
+    assert aside.busy
+    process, half = answer_of(aside).value
+    assert (process != os.getpid(), half) == (True, 4.0)
+    assert not aside.busy
+
+
+def test_a_question_that_cannot_be_answered_is_said_in_words(aside: WorkerProcess) -> None:
+    """An error of the library is an answer; the next question is answered again."""
+    aside.ask(1)
+    assert answer_of(aside) == Answer(problem="1 is too small. Take more.")
+    aside.ask(4)
+    assert answer_of(aside).value[1] == 2.0
+
+
+def test_a_process_that_dies_is_noticed(aside: WorkerProcess) -> None:
+    """Its end is an error that names the exit code, not a silence."""
+    aside.ask(0)
+    with pytest.raises(GraphError, match="code 3"):
+        answer_of(aside)
+
+
+# Messages
+
+FOUND: dict[str, Any] = {
+    "schema": "elastic_arm/diagnosis/1",
+    "model": "mod3",
+    "robot": "arm",
+    "recordings": {"identify": ["live"], "validate": ["live"], "independent_motion": True},
+    "band_hz": [0.0, 40.0],
+    "verdict": "explained",
+    "noise": {"joint_1": {"link": 0.1, "drive": None, "motor": 0.3}},
+    "gap": {
+        "before": {"joint_1": {"link": {"rmse": 1.0, "max": 2.0}, "drive": None, "motor": {"rmse": 3.0, "max": 4.0}}},
+        "after": {"joint_1": {"link": {"rmse": 0.1, "max": 0.2}, "drive": None, "motor": {"rmse": 0.3, "max": 0.4}}},
+    },
+    "shrink": 0.9,
+    "shrink_interval": [0.8, 0.95],
+    "causes": [
+        {
+            "effect": "time_delay",
+            "joint": None,
+            "sides": ["link", "drive"],
+            "regime": "always",
+            "parameters": {
+                "delay": {"value": 0.004, "std": 1e-5, "unit": "s"},
+                "channels": {"value": ["joint_torque"], "std": None, "unit": ""},
+            },
+            "shrink": 0.9,
+            "confidence": 0.8,
+            "alternatives": [
+                {"effect": "damping_mismatch", "joint": "joint_1", "confidence": 0.2, "separated_by": "faster motion"}
+            ],
+        }
+    ],
+    "unexplained": [{"joint": "joint_1", "side": "motor", "regime": "load", "rmse": 0.5}],
+}
+
+
+def test_a_message_says_what_the_file_says() -> None:
+    """Every field of diagnosis.json is in the message; null becomes NaN, no joint an empty name."""
+    message = diagnosis_message(FOUND)
+    assert (message.verdict, message.model, message.robot, message.shrink) == ("explained", "mod3", "arm", 0.9)
+    assert list(message.shrink_interval) == [0.8, 0.95]
+    sizes = {r.side: (r.noise, r.rmse_before, r.max_before, r.rmse_after, r.max_after) for r in message.residuals}
+    assert sizes["motor"] == (0.3, 3.0, 4.0, 0.3, 0.4)
+    assert all(map(math.isnan, sizes["drive"]))
+    (cause,) = message.causes
+    assert (cause.effect, cause.joint, list(cause.sides), cause.confidence) == (
+        "time_delay",
+        "",
+        ["link", "drive"],
+        0.8,
+    )
+    delay, channels = cause.parameters
+    assert (delay.name, list(delay.value), list(delay.std), delay.unit) == ("delay", [0.004], [1e-5], "s")
+    assert (list(channels.words), list(channels.value)) == (["joint_torque"], [])
+    (other,) = cause.alternatives
+    assert (other.effect, other.joint, other.separated_by) == ("damping_mismatch", "joint_1", "faster motion")
+    (place,) = message.unexplained
+    assert (place.joint, place.side, place.regime, place.rmse) == ("joint_1", "motor", "load", 0.5)
+    assert in_words(FOUND) == "explained: time_delay"
+
+
+def test_no_gap_is_a_message_too() -> None:
+    """Where nothing stands out there is no shrink: NaN, and no cause."""
+    message = diagnosis_message({**FOUND, "verdict": "none", "shrink": None, "shrink_interval": None, "causes": []})
+    assert message.verdict == GapDiagnosis.NONE
+    assert math.isnan(message.shrink)
+    assert all(map(math.isnan, message.shrink_interval))
+
+
+def test_a_vector_has_its_components() -> None:
+    """A parameter with three components, such as where a payload sits, keeps them."""
+    payload = Estimate(np.array([0.1, 0.2, 0.3]), np.array([0.01, 0.02, 0.03]), "m")
+    parameters = {"position": {"value": list(payload.value), "std": list(payload.std), "unit": "m"}}
+    message = diagnosis_message({**FOUND, "causes": [{**FOUND["causes"][0], "parameters": parameters}]})
+    (position,) = message.causes[0].parameters
+    assert list(position.value) == [0.1, 0.2, 0.3]
+    assert list(position.std) == [0.01, 0.02, 0.03]
+
+
+def test_residuals_between_diagnoses_are_plain_numbers() -> None:
+    """One message a joint and side, with its noise and its size before any cause."""
+    place = ("joint_1", "motor")
+    messages = residual_messages(ResidualLevels(Size({place: 3.0}, {place: 5.0}), {place: 0.3}))
+    assert list(messages) == [place]
+    message = messages[place]
+    assert (message.joint, message.side, message.noise, message.rmse_before) == ("joint_1", "motor", 0.3, 3.0)
+    assert math.isnan(message.rmse_after)
+
+
+# The node
+
+
+@pytest.fixture
+def graph(tmp_path: Path) -> Iterator[Graph]:
+    """A graph of the test's own, with an arm that has more friction than its model and moves on and on."""
+    rng = np.random.default_rng(5)
+    a, b = (rng.normal(0.0, 0.3, (3, 5)) for _ in range(2))
+    joints = ("joint_1", "joint_2", "joint_3")
+    FourierTrajectory(2 * np.pi / 20.0, a, b, np.zeros(3), 20.0, 0.5, joints).save(tmp_path / "trajectory.yaml")
+    with ros_graph(tmp_path) as made:
+        yield made
+
+
+def start_arm(graph: Graph) -> None:
+    graph.start(
+        "simulator",
+        effects=f"['coulomb_friction:joint_2:torque={TORQUE}']",
+        real_time_factor=0.8,
+        initial_position="[0.0]",
+    )
+    graph.start("trajectory_generator", trajectory=graph.folder / "trajectory.yaml", repeat=0, use_sim_time=True)
+
+
+def test_the_friction_of_a_moving_arm_is_named(graph: Graph) -> None:
+    """While the arm moves, /gap names effect, joint and size, residuals come in between, and losses are counted aloud.
+
+    That none are lost is for `bench_live` to show: a machine that tests share may starve any subscriber.
+    """
+    found = graph.listen(GapDiagnosis, "/gap")
+    sizes = graph.listen(GapResidual, "/gap_monitor/residuals/joint_2/motor")
+    status: dict[str, str] = {}
+
+    def note(message: DiagnosticArray) -> None:
+        if "gap_monitor" in message.status[0].name:
+            status.update({v.key: v.value for v in message.status[0].values}, said=message.status[0].message)
+
+    graph.peer.create_subscription(DiagnosticArray, "/diagnostics", note, 100)
+    window = 8.0
+    monitor = graph.start("gap_monitor", window=window, period=5.0)
+    start_arm(graph)
+    named: list[GapDiagnosis] = []
+
+    def settled() -> bool:
+        named[:] = [m for m in found if any(c.effect == "coulomb_friction" for c in m.causes)]
+        return bool(named)
+
+    graph.until(settled, "the friction is named", patience=120)
+    (cause,) = [c for c in named[0].causes if c.effect == "coulomb_friction"]
+    assert cause.joint == "joint_2"
+    torque = {p.name: p for p in cause.parameters}["torque"]
+    assert torque.value[0] == pytest.approx(TORQUE, rel=0.05)
+    assert named[0].header.stamp.sec > 0
+    count = len(sizes)
+    graph.until(lambda: len(sizes) > count + 1, "residuals after the diagnosis")
+    assert sizes[-1].rmse_before == pytest.approx(TORQUE, rel=0.3)
+    assert graph.call(SetBool, "/gap_monitor/pause", SetBool.Request(data=True)).success
+    graph.until(lambda: "paused" in status["said"], "the pause is reported")
+    assert {status[f"samples {loss}"] for loss in ("late", "repeated")} == {"0"}
+    assert int(status["samples unmatched"]) < 0.1 * 1000 * window, "what was diagnosed is the arm's motion"
+    assert graph.call(Trigger, "/gap_monitor/reset", Trigger.Request()).success
+    graph.until(lambda: status["seconds kept"] == "0", "all is forgotten")
+    assert monitor.stop() == 0, monitor.output
+    assert "Traceback" not in monitor.output
+
+
+def test_an_arm_at_rest_is_not_diagnosed(graph: Graph) -> None:
+    """Without motion there is no verdict, and the reason stands on /diagnostics; Ctrl-C ends the node at any time."""
+    found = graph.listen(GapDiagnosis, "/gap")
+    said: list[str] = []
+
+    def note(message: DiagnosticArray) -> None:
+        if "gap_monitor" in message.status[0].name:
+            said.append(message.status[0].message)
+
+    graph.peer.create_subscription(DiagnosticArray, "/diagnostics", note, 100)
+    monitor = graph.start("gap_monitor", window=8.0)
+    graph.start("simulator", real_time_factor=0.8)
+    graph.until(lambda: any("no motion" in words for words in said), "the rest is reported")
+    assert not found
+    assert monitor.stop(signal.SIGTERM) == 0, monitor.output
+
+
+@pytest.mark.parametrize(
+    ("parameters", "named"),
+    [({"robot": "/nowhere/arm.yaml"}, "/nowhere/arm.yaml"), ({"known": "['coulomb_frictoin']"}, "coulomb_friction")],
+    ids=["no such arm", "no such effect"],
+)
+def test_a_mistake_is_answered_in_one_line(graph: Graph, parameters: dict[str, Any], named: str) -> None:
+    """The node ends with code 2 and a line that names what was wrong."""
+    node = graph.start("gap_monitor", **parameters)
+    assert node.wait() == 2, node.output
+    (line,) = node.output.splitlines()
+    assert line.startswith("error: ")
+    assert named in line

@@ -1,0 +1,356 @@
+"""The nodes as processes on a real DDS graph."""
+
+from __future__ import annotations
+
+import json
+import signal
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+import pytest
+from diagnostic_msgs.msg import DiagnosticArray
+from elastic_arm_msgs.msg import JointTorques, ParameterEstimate
+from rosgraph_msgs.msg import Clock
+from sensor_msgs.msg import JointState
+from std_msgs.msg import String
+from std_srvs.srv import SetBool, Trigger
+
+from elastic_arm.excitation import FourierTrajectory
+from elastic_arm.identification import Identification, chi_square, identifier_of
+from elastic_arm.recording import read_recording
+from elastic_arm.robot import load_robot
+from tests.helpers.ros_graph import Graph, NodeProcess, ros_graph
+
+JOINTS = ("joint_1", "joint_2", "joint_3")
+STEP_NS = 1_000_000
+
+
+@pytest.fixture
+def graph(tmp_path: Path) -> Iterator[Graph]:
+    """A graph of the test's own."""
+    with ros_graph(tmp_path) as made:
+        yield made
+
+
+def stamps(messages: list) -> np.ndarray:
+    """Return the stamps of messages in ns."""
+    return np.array([m.header.stamp.sec * 10**9 + m.header.stamp.nanosec for m in messages])
+
+
+def excitation(folder: Path, seconds: float) -> Path:
+    """Write a lively trajectory of some seconds."""
+    rng = np.random.default_rng(5)
+    a, b = (rng.normal(0.0, 0.3, (3, 5)) for _ in range(2))
+    file = folder / "trajectory.yaml"
+    FourierTrajectory(2 * np.pi / 5.0, a, b, np.zeros(3), seconds, 0.5, JOINTS).save(file)
+    return file
+
+
+class Run(NamedTuple):
+    """What a whole run left behind."""
+
+    generator: NodeProcess
+    codes: dict[str, int]
+    estimates: list[ParameterEstimate]
+    bag: Path
+    online: Path
+    outputs: str
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory: pytest.TempPathFactory) -> Run:
+    """An arm that is moved, recorded and identified, all at once, and then stopped by Ctrl-C."""
+    folder = tmp_path_factory.mktemp("run")
+    with ros_graph(folder) as graph:
+        estimates = graph.listen(ParameterEstimate, "/parameter_estimate")
+        identifier = graph.start("identifier", save_to=folder / "online", save_at_exit=True)
+        recorder = graph.start("recorder", bag=folder / "bag")
+        # A little slower than real time, on its own clock: a machine that is busy with other tests skips nothing.
+        simulator = graph.start("simulator", seed=4, real_time_factor=0.8)
+        # Long beside what the first estimate is made of, so that deviations, which are estimates too, have to shrink.
+        generator = graph.start("trajectory_generator", trajectory=excitation(folder, 15.0), use_sim_time=True)
+        graph.until(lambda: generator.process.poll() is not None, "the trajectory ends", patience=90)
+        # The arm first, so that both listeners hear its last sample.
+        codes = {node.name: node.stop() for node in (simulator, recorder, identifier)}
+        outputs = "".join(node.output for node in graph.nodes)
+        return Run(generator, codes, estimates, folder / "bag", folder / "online" / "identification.json", outputs)
+
+
+def test_a_run_ends_cleanly(run: Run) -> None:
+    """The generator ends by itself and Ctrl-C ends the others, all with code 0 and without a traceback."""
+    assert run.generator.process.returncode == 0
+    assert set(run.codes.values()) == {0}, run.outputs
+    assert "Traceback" not in run.outputs
+
+
+def test_the_estimate_converges_to_the_truth(run: Run) -> None:
+    """The errors of all parameters are within two of the deviations that the identifier states, and these shrink.
+
+    The errors count together, with their correlations: with exact encoders all parameters hang on one scale, that of
+    the torques, so that errors one by one would be one draw of chance, repeated.
+    """
+    online = Identification.load(run.online)
+    assert sum(e.verdict == "well" for e in online.estimates) > 10
+    true = np.array([e.nominal for e in online.estimates])
+    assert np.sqrt(chi_square(online, true) / len(true)) < 2.0
+    first, last = run.estimates[0], run.estimates[-1]
+    assert last.samples > first.samples
+    assert np.median(np.array(last.std) / np.array(first.std)) < 1.0
+
+
+def test_the_recording_holds_the_whole_run(run: Run) -> None:
+    """All topics are in the bag, both sides with the same stamps, a sample every millisecond of the motion."""
+    recording = read_recording(run.bag)
+    assert recording.joints == JOINTS
+    assert recording.robot_description
+    assert recording.reference is not None
+    samples = recording.samples()
+    assert len(samples) > 15_000
+    assert samples.stamp_ns[-1] >= recording.reference.stamp_ns[-1]
+    assert set(np.diff(samples.stamp_ns)) == {STEP_NS}
+
+
+def test_online_and_offline_agree(graph: Graph, run: Run) -> None:
+    """The samples of a bag give the same estimate over the graph as fed to the estimator at once, to rounding."""
+    folder = graph.folder / "online"
+    identifier = graph.start("identifier", save_to=folder, save_at_exit=True)
+    replayer = graph.start("replayer", bag=run.bag, topics="['/joint_states', '/motor_states']", rate=3.0)
+    graph.until(lambda: replayer.process.poll() is not None, "the bag ends")
+    assert identifier.stop() == 0
+    online = Identification.load(folder / "identification.json")
+    estimator = identifier_of(load_robot(None))
+    estimator.add(read_recording(run.bag).samples())
+    estimator.finish()
+    offline = estimator.estimate()
+    assert offline.samples == online.samples
+    assert [e.name for e in offline.estimates] == [e.name for e in online.estimates]
+    np.testing.assert_allclose((online.Psi_base - offline.Psi_base) / offline.std, 0.0, atol=1e-3)
+
+
+def test_a_replay_says_what_was_recorded(graph: Graph, run: Run) -> None:
+    """The replayer publishes every recorded sample in order, with its stamp, and the clock beside it."""
+    clock, messages = graph.listen(Clock, "/clock"), graph.listen(JointState, "/joint_states")
+    recorded = read_recording(run.bag).link
+    assert recorded is not None
+    replayer = graph.start("replayer", bag=run.bag, topics="['/joint_states']", rate=3.0)
+    graph.until(lambda: replayer.process.poll() is not None, "the bag ends")
+    graph.until(lambda: len(messages) == len(recorded), "all samples are here")
+    assert replayer.process.returncode == 0
+    np.testing.assert_array_equal(stamps(messages), recorded.stamp_ns)
+    np.testing.assert_array_equal([list(m.position) for m in messages], recorded.position)
+    times = [c.clock.sec * 10**9 + c.clock.nanosec for c in clock]
+    assert times == sorted(times)
+
+
+def test_samples_come_in_order_one_a_millisecond(graph: Graph) -> None:
+    """With a clock of its own, the arm's samples follow each other by exactly a millisecond on all three topics."""
+    kinds = {"/joint_states": JointState, "/motor_states": JointState, "/joint_torques": JointTorques}
+    heard = {topic: graph.listen(kind, topic) for topic, kind in kinds.items()}
+    clock, description = graph.listen(Clock, "/clock"), graph.listen(String, "/robot_description")
+    graph.start("simulator", real_time_factor=0.5)
+    graph.until(lambda: min(map(len, heard.values())) > 500, "500 samples")
+    for messages in heard.values():
+        assert set(np.diff(stamps(messages))) == {STEP_NS}
+    assert clock
+    assert "<robot" in description[0].data
+    late: list[String] = graph.listen(String, "/robot_description")
+    graph.until(lambda: late, "a late subscriber gets the description too")
+
+
+def test_samples_carry_the_time_of_day(graph: Graph) -> None:
+    """In real time a stamp is the time at which the sample was taken, on the grid of milliseconds."""
+    messages = graph.listen(JointState, "/joint_states")
+    graph.start("simulator")
+    graph.until(lambda: len(messages) > 50, "samples")
+    newest = stamps(messages)[-1]
+    assert newest % STEP_NS == 0
+    assert abs(time.time_ns() - newest) < 2 * 10**9
+
+
+def test_an_arm_faster_than_real_time_is_moved_on_its_own_clock(graph: Graph) -> None:
+    """With /clock the reference keeps to the arm's time, and the whole motion is run without a break."""
+    clock = graph.listen(Clock, "/clock")
+    status: list[DiagnosticArray] = graph.listen(DiagnosticArray, "/diagnostics")
+    recorder = graph.start("recorder", bag=graph.folder / "bag")
+    graph.start("simulator", real_time_factor=1.5)
+    generator = graph.start("trajectory_generator", trajectory=excitation(graph.folder, 3.0), use_sim_time=True)
+    graph.until(lambda: generator.process.poll() is not None, "the motion ends")
+    assert generator.process.returncode == 0
+    assert recorder.stop() == 0
+    recording = read_recording(graph.folder / "bag")
+    assert recording.motor is not None
+    assert recording.reference is not None
+    assert set(np.diff(recording.motor.stamp_ns)) == {STEP_NS}
+    # On a busy machine the recorder finds the arm's topics some tenths of a second after the motion has begun.
+    heard = recording.reference.stamp_ns >= recording.motor.stamp_ns[0]
+    assert np.mean(heard) > 0.5
+    stamps, reference = recording.reference.stamp_ns[heard], recording.reference.position[heard, 0]
+    followed = np.interp(stamps, recording.motor.stamp_ns, recording.motor.position[:, 0])
+    np.testing.assert_allclose(followed, reference, atol=0.01)
+    assert clock
+    assert not any("broke off" in message.status[0].message for message in status)
+
+
+def held_up(graph: Graph, node: NodeProcess, seconds: float) -> None:
+    """Stop a process, and let it go on after some seconds, as a machine does that is busy with other things."""
+    node.process.send_signal(signal.SIGSTOP)
+    end = time.monotonic() + seconds
+    graph.until(lambda: time.monotonic() > end, "the pause is over")
+    node.process.send_signal(signal.SIGCONT)
+
+
+def reference_and_motion(graph: Graph) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return the recorded reference, and the motor angles at its stamps; and all stamps of the motors."""
+    recording = read_recording(graph.folder / "bag")
+    assert recording.motor is not None
+    assert recording.reference is not None
+    stamp_ns = recording.motor.stamp_ns
+    angles = [np.interp(recording.reference.stamp_ns, stamp_ns, column) for column in recording.motor.position.T]
+    return recording.reference.position, np.stack(angles, axis=1), stamp_ns
+
+
+def test_the_clock_of_the_arm_waits_for_a_generator_that_is_held_up(graph: Graph) -> None:
+    """With /clock a pause of the stream costs real time alone: in the arm's time the motion is run as it was meant."""
+    clock = graph.listen(Clock, "/clock")
+    recorder = graph.start("recorder", bag=graph.folder / "bag")
+    graph.start("simulator", real_time_factor=1.5)
+    generator = graph.start("trajectory_generator", trajectory=excitation(graph.folder, 4.0), use_sim_time=True)
+    graph.until(lambda: clock and "streaming 4.0 s" in generator.output, "the motion is announced")
+    begun = clock[-1].clock.sec
+    graph.until(lambda: clock[-1].clock.sec > begun + 2, "the motion is under way")
+    held_up(graph, generator, 3.0)
+    graph.until(lambda: generator.process.poll() is not None, "the motion ends")
+    assert recorder.stop() == 0
+    reference, followed, stamp_ns = reference_and_motion(graph)
+    assert set(np.diff(stamp_ns)) == {STEP_NS}
+    np.testing.assert_allclose(followed, reference, atol=0.01)
+
+
+def test_an_arm_that_is_held_up_in_real_time_loses_no_sample(graph: Graph) -> None:
+    """After two seconds of standstill the simulator catches up: a sample every millisecond, on the reference."""
+    heard = graph.listen(JointState, "/motor_states")
+    recorder = graph.start("recorder", bag=graph.folder / "bag")
+    simulator = graph.start("simulator")
+    generator = graph.start("trajectory_generator", trajectory=excitation(graph.folder, 5.0))
+    graph.until(lambda: "streaming 5.0 s" in generator.output, "the motion is announced")
+    end = time.monotonic() + 2.0
+    graph.until(lambda: time.monotonic() > end, "the motion is under way")
+    held_up(graph, simulator, 2.0)
+    graph.until(lambda: generator.process.poll() is not None, "the motion ends")
+    over = time.time_ns()
+    graph.until(lambda: stamps(heard[-1:])[0] > over, "the arm has caught up")
+    assert recorder.stop() == 0
+    reference, followed, stamp_ns = reference_and_motion(graph)
+    assert set(np.diff(stamp_ns)) == {STEP_NS}
+    np.testing.assert_allclose(followed, reference, atol=0.01)
+
+
+def test_two_clocks_are_a_mistake(graph: Graph) -> None:
+    """A generator on the time of day refuses an arm on a clock of its own, and says what to set."""
+    graph.start("simulator", real_time_factor=0.5)
+    generator = graph.start("trajectory_generator", trajectory=excitation(graph.folder, 3.0))
+    assert generator.wait() == 2
+    assert "use_sim_time" in generator.output.splitlines()[-1]
+
+
+def test_an_effect_is_switched_on_by_a_parameter(graph: Graph) -> None:
+    """An offset of a torque sensor, given as a parameter, shows in that joint's torque."""
+    messages = graph.listen(JointTorques, "/joint_torques")
+    graph.start("simulator", effects="['motor_torque_offset:joint_2:offset=50.0']", torque_noise=0.0)
+    graph.until(lambda: len(messages) > 10, "samples")
+    with ros_graph(graph.folder.parent) as other:
+        plain = other.listen(JointTorques, "/joint_torques")
+        other.start("simulator", torque_noise=0.0)
+        other.until(lambda: len(plain) > 10, "samples")
+    difference = np.array(messages[5].motor_torque) - np.array(plain[5].motor_torque)
+    # The two arms are not in step: the controller has moved them a little, by different amounts.
+    np.testing.assert_allclose(difference, [0.0, 50.0, 0.0], atol=1.0)
+
+
+def test_a_killed_recorder_leaves_a_readable_bag(graph: Graph) -> None:
+    """After kill -9 the bag holds everything up to the last second."""
+    messages = graph.listen(JointState, "/joint_states")
+    recorder = graph.start("recorder", bag=graph.folder / "bag")
+    graph.start("simulator", real_time_factor=0.5)
+    graph.until(lambda: len(messages) > 1000, "a second of samples")
+    recorder.stop(signal.SIGKILL)
+    last = stamps(messages)[-1]
+    recording = read_recording(graph.folder / "bag")
+    assert recording.link is not None
+    assert set(np.diff(recording.link.stamp_ns)) == {STEP_NS}
+    assert last - recording.link.stamp_ns[-1] < 10**9
+
+
+def test_a_second_simulator_is_refused(graph: Graph) -> None:
+    """The newcomer says in one line who is there already, and ends with code 2; the first goes on."""
+    messages = graph.listen(JointState, "/motor_states")
+    first = graph.start("simulator")
+    graph.until(lambda: len(messages) > 3500, "the first arm has moved for a while")
+    second = graph.start("simulator")
+    assert second.wait() == 2
+    (line,) = second.output.splitlines()
+    assert "publishes /motor_states already" in line
+    count = len(messages)
+    graph.until(lambda: len(messages) > count + 100, "the first goes on")
+    assert first.process.poll() is None
+
+
+def test_the_identifier_obeys_its_services(graph: Graph, run: Run) -> None:
+    """Pause stops the counting, save writes a result that loads, reset forgets."""
+    status: dict[str, str] = {}
+
+    def note(message: DiagnosticArray) -> None:
+        if "identifier" in message.status[0].name:
+            status.update({v.key: v.value for v in message.status[0].values}, said=message.status[0].message)
+
+    graph.peer.create_subscription(DiagnosticArray, "/diagnostics", note, 100)
+    graph.start("identifier", save_to=graph.folder / "saved")
+    graph.until(lambda: "nothing on /joint_states" in status.get("said", ""), "a silent arm is reported")
+    graph.start("replayer", bag=run.bag, topics="['/joint_states', '/motor_states']", rate=4.0)
+    graph.until(lambda: int(status.get("samples used", 0)) > 4000, "samples are used")
+    answer = graph.call(Trigger, "/identifier/save", Trigger.Request())
+    assert answer.success, answer.message
+    assert Identification.load(graph.folder / "saved" / "identification.json").samples > 4000
+    assert graph.call(SetBool, "/identifier/pause", SetBool.Request(data=True)).success
+    graph.until(lambda: "paused" in status["said"], "the pause is reported")
+    assert graph.call(Trigger, "/identifier/reset", Trigger.Request()).success
+    graph.until(lambda: status["samples used"] == "0", "all is forgotten")
+
+
+MISTAKES = {
+    "no such arm": ("simulator", {"robot": "/nowhere/arm.yaml"}, "/nowhere/arm.yaml"),
+    "no such model": ("simulator", {"model": "mod9"}, "mod9"),
+    "no such effect": ("simulator", {"effects": "['coulomb_frictoin']"}, "coulomb_friction"),
+    "a number out of range": ("simulator", {"torque_noise": -1.0}, "torque_noise"),
+    "a text for a number": ("simulator", {"torque_noise": "loud"}, "torque_noise"),
+    "no trajectory": ("trajectory_generator", {}, "trajectory"),
+    "a bag that is not there": ("replayer", {"bag": "/nowhere/bag"}, "/nowhere/bag"),
+    "a folder that is there": ("recorder", {"bag": "/tmp"}, "/tmp"),
+    "a folder that cannot be made": ("recorder", {"bag": "/proc/bag"}, "/proc/bag"),
+}
+
+
+@pytest.mark.parametrize("mistake", MISTAKES)
+def test_a_mistake_is_answered_in_one_line(graph: Graph, mistake: str) -> None:
+    """The node ends with code 2 and a line that names what was wrong."""
+    name, parameters, named = MISTAKES[mistake]
+    node = graph.start(name, **parameters)
+    assert node.wait() == 2, node.output
+    (line,) = node.output.splitlines()
+    assert line.startswith("error: ")
+    assert named in line
+
+
+def test_printed_estimates_are_lines_of_json(graph: Graph, run: Run) -> None:
+    """With `print`, every estimate is a line of JSON on stdout, for a program that shows the course."""
+    identifier = graph.start("identifier", print=True)
+    graph.start("replayer", bag=run.bag, topics="['/joint_states', '/motor_states']", rate=4.0)
+    graph.until(lambda: identifier.output.count("\n{") > 1, "two lines")
+    assert identifier.stop() == 0
+    line = next(line for line in identifier.output.splitlines() if line.startswith("{"))
+    estimate = json.loads(line)
+    assert len(estimate["name"]) == len(estimate["value"]) == len(estimate["std"]) == len(estimate["unit"])
+    assert estimate["samples"] > 0

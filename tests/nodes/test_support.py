@@ -1,0 +1,426 @@
+"""What the nodes do that needs no graph: pairing, the streamed reference, the pace, messages as bytes."""
+
+from __future__ import annotations
+
+from array import array
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from rclpy.serialization import deserialize_message, serialize_message
+from sensor_msgs.msg import JointState
+
+from elastic_arm.excitation import FourierTrajectory
+from elastic_arm.nodes.support.collecting import Collector
+from elastic_arm.nodes.support.pacing import Pace
+from elastic_arm.nodes.support.pairing import Pairing
+from elastic_arm.nodes.support.plan import Plan
+from elastic_arm.nodes.support.reference import ReferenceQueue, Row
+from elastic_arm.nodes.support.wire import Form, Inbox
+
+MS = 1_000_000
+
+
+def rows(stamps: list[int], offset: float = 0.0) -> np.ndarray:
+    """Return one recognisable row per stamp."""
+    return np.array(stamps, dtype=float)[:, None] * [1.0, 2.0] + offset
+
+
+def feed(pairing: Pairing, link: list[int], motor: list[int]) -> None:
+    pairing.add_link(np.array(link), rows(link))
+    pairing.add_motor(np.array(motor), rows(motor, 0.5))
+
+
+# Pairing
+
+
+def test_samples_of_equal_stamp_are_paired_in_order() -> None:
+    """Rows of both sides stand beside the stamp they came with, in order of time."""
+    pairing = Pairing(window_ns=0)
+    feed(pairing, [1, 2, 3], [1, 2, 3])
+    pairs = pairing.take()
+    assert pairs is not None
+    assert pairs.stamp_ns.tolist() == [1, 2, 3]
+    np.testing.assert_array_equal(pairs.link, rows([1, 2, 3]))
+    np.testing.assert_array_equal(pairs.motor, rows([1, 2, 3], 0.5))
+
+
+def test_an_overtaken_sample_takes_its_place_again() -> None:
+    """A sample that arrives behind a younger one, within the window, is handed out in order and counted."""
+    pairing = Pairing(window_ns=10)
+    feed(pairing, [1, 3, 2, 4], [1, 2, 3, 4])
+    pairs = pairing.take(everything=True)
+    assert pairs is not None
+    assert pairs.stamp_ns.tolist() == [1, 2, 3, 4]
+    assert pairing.losses.reordered == 1
+
+
+def test_a_repeated_sample_counts_once() -> None:
+    """The second sample of a stamp is dropped and counted, also when it comes in another batch."""
+    pairing = Pairing(window_ns=10)
+    feed(pairing, [1, 2, 2], [1, 2])
+    feed(pairing, [2, 3], [3])
+    pairs = pairing.take(everything=True)
+    assert pairs is not None
+    assert pairs.stamp_ns.tolist() == [1, 2, 3]
+    assert pairing.losses.repeated == 2
+
+
+def test_a_late_sample_never_follows_a_younger_one() -> None:
+    """What is older than what was handed out is dropped and counted."""
+    pairing = Pairing(window_ns=0)
+    feed(pairing, [1, 3], [1, 3])
+    pairing.take()
+    feed(pairing, [2, 4], [2, 4])
+    pairs = pairing.take()
+    assert pairs is not None
+    assert pairs.stamp_ns.tolist() == [4]
+    assert pairing.losses.late == 2
+
+
+def test_a_missing_partner_is_counted_once_the_window_has_passed() -> None:
+    """A sample without partner waits for the window, then it is counted as unmatched."""
+    pairing = Pairing(window_ns=5)
+    feed(pairing, [1, 2, 3], [1, 3])
+    pairs = pairing.take()
+    assert pairs is None
+    assert pairing.losses.unmatched == 0
+    feed(pairing, [9], [9])
+    pairs = pairing.take()
+    assert pairs is not None
+    assert pairs.stamp_ns.tolist() == [1, 3]
+    assert pairing.losses.unmatched == 1
+
+
+def test_what_came_before_the_other_topic_was_found_is_no_loss() -> None:
+    """Samples older than the other side's first are counted apart from those whose partner got lost."""
+    pairing = Pairing(window_ns=5)
+    feed(pairing, [1, 2, 3, 4, 5], [3, 5])
+    feed(pairing, [11], [11])
+    assert pairing.take() is not None
+    assert (pairing.losses.early, pairing.losses.unmatched) == (2, 1)
+
+
+def test_a_clock_set_back_starts_again() -> None:
+    """After a restart of the arm its samples are paired again, instead of being late for ever."""
+    pairing = Pairing(window_ns=0)
+    feed(pairing, [5_000 * MS], [5_000 * MS])
+    assert pairing.take() is not None
+    feed(pairing, [1 * MS, 2 * MS], [1 * MS, 2 * MS])
+    pairs = pairing.take()
+    assert pairs is not None
+    assert pairs.stamp_ns.tolist() == [1 * MS, 2 * MS]
+    assert pairing.losses.restarts == 1
+
+
+def test_a_silent_peer_costs_no_memory() -> None:
+    """With one side silent, no more samples are held than the capacity."""
+    pairing = Pairing(capacity=100)
+    for begin in range(0, 5_000, 50):
+        stamps = np.arange(begin, begin + 50) * MS
+        pairing.add_link(stamps, np.zeros((50, 2)))
+        assert pairing.take() is None
+    feed(pairing, [4_999 * MS], [4_999 * MS])
+    assert pairing.losses.unmatched == 4_900
+
+
+@settings(deadline=None)
+@given(st.lists(st.tuples(st.booleans(), st.integers(0, 40)), max_size=80), st.integers(0, 10))
+def test_handed_out_stamps_strictly_increase(arrivals: list[tuple[bool, int]], window: int) -> None:
+    """Whatever arrives in whatever order, what is handed out increases, and every sample is accounted for."""
+    pairing = Pairing(window_ns=window)
+    handed: list[int] = []
+    for is_link, stamp in arrivals:
+        (pairing.add_link if is_link else pairing.add_motor)(np.array([stamp]), rows([stamp]))
+        if (pairs := pairing.take()) is not None:
+            handed += pairs.stamp_ns.tolist()
+    if (pairs := pairing.take(everything=True)) is not None:
+        handed += pairs.stamp_ns.tolist()
+    assert handed == sorted(set(handed))
+    losses = pairing.losses
+    both = {side for side, _ in arrivals} == {True, False}
+    counted = 2 * len(handed) + losses.repeated + losses.late + losses.early + losses.unmatched
+    assert counted == len(arrivals) or not both
+
+
+# Reference
+
+
+def sine(stamps: np.ndarray) -> Row:
+    t = (stamps * 1e-9)[:, None] * np.ones(2)
+    return Row(np.sin(3 * t), 3 * np.cos(3 * t), -9 * np.sin(3 * t))
+
+
+def test_the_reference_between_points_follows_the_motion() -> None:
+    """Points off the grid, in messages cut anywhere, are brought onto it to within the cubic's error."""
+    queue = ReferenceQueue(np.zeros(2), origin_ns=0, step_ns=MS)
+    stamps = np.arange(1000) * MS + 370_000
+    for begin in range(0, 1000, 21):
+        part = stamps[begin : begin + 21]
+        queue.add(part, sine(part))
+    got = [queue.at(step) for step in range(1, 700)]
+    expected = sine(np.arange(1, 700) * MS)
+    bound = 3**4 * 1e-12 / 384  # |q''''| h^4 / 384
+    np.testing.assert_allclose([row.position for row in got], expected.position, rtol=0, atol=bound + 1e-15)
+    np.testing.assert_allclose([row.velocity for row in got], expected.velocity, atol=1e-8)
+    np.testing.assert_allclose([row.acceleration for row in got], expected.acceleration, atol=1e-4)
+    assert queue.late == queue.starved == queue.delay == 0
+
+
+def gone_through(queue: ReferenceQueue, steps: range) -> Row:
+    """Return the rows of consecutive steps, (N, n) each."""
+    rows = [queue.at(step) for step in steps]
+    return Row(*(np.array(values) for values in zip(*rows, strict=True)))
+
+
+def assert_smooth(motion: Row, acceleration: float) -> None:
+    """Positions, velocities and accelerations belong together, and the last keep within a bound."""
+    np.testing.assert_allclose(np.diff(motion.position, axis=0) * 1e3, motion.velocity[1:], atol=0.01)
+    assert np.abs(np.diff(motion.velocity, axis=0)).max() * 1e3 < acceleration
+    assert np.abs(motion.acceleration).max() < acceleration
+
+
+def test_a_stream_that_breaks_off_leaves_the_arm_standing_on_its_path() -> None:
+    """The arm slows down before the last point and stands there; that the stream fell behind is counted once."""
+    queue = ReferenceQueue(np.zeros(2), origin_ns=0, step_ns=MS)
+    stamps = np.arange(1, 701) * MS
+    queue.add(stamps, sine(stamps))
+    motion = gone_through(queue, range(1, 2500))
+    np.testing.assert_allclose(motion.position[:499], sine(stamps[:499]).position, atol=1e-12)
+    assert_smooth(motion, 30.0)  # of the sine 9 rad/s²; its speed, 3 rad/s, is lost within BRAKING
+    np.testing.assert_allclose(motion.position[-1], sine(stamps[-1:]).position[0], atol=0.01)
+    assert not motion.velocity[-1].any()
+    assert not motion.acceleration[-1].any()
+    assert queue.starved == 1
+
+
+def test_a_stream_that_falls_behind_is_picked_up_where_it_was_left() -> None:
+    """After a pause of a second the arm goes on from where it stood: later, and without a jump or a part left out."""
+    queue = ReferenceQueue(np.zeros(2), origin_ns=0, step_ns=MS)
+    stamps = np.arange(1, 3001) * MS
+    queue.add(stamps[:600], sine(stamps[:600]))
+    before = gone_through(queue, range(1, 1600))
+    queue.add(stamps[600:], sine(stamps[600:]))
+    after = gone_through(queue, range(1600, 3500))
+    motion = Row(*(np.concatenate(both) for both in zip(before, after, strict=True)))
+    assert_smooth(motion, 30.0)
+    np.testing.assert_allclose(after.position[-1], sine(np.array([(3499 - queue.delay) * MS])).position[0], atol=1e-9)
+    assert 600 < queue.delay < 1600
+    assert queue.starved == 1
+
+
+def test_a_motion_that_begins_late_is_followed_from_its_beginning() -> None:
+    """Points that lie in the past when they arrive are followed all the same, so many steps later."""
+    queue = ReferenceQueue(np.zeros(2), origin_ns=0, step_ns=MS)
+    gone_through(queue, range(1, 6))
+    stamps = np.arange(1, 701) * MS
+    queue.add(stamps, sine(stamps))
+    motion = gone_through(queue, range(6, 400))
+    np.testing.assert_allclose(motion.position, sine(stamps[:394]).position, atol=1e-12)
+    assert queue.delay == 5
+    assert queue.late == queue.starved == 0
+
+
+def test_a_motion_in_time_takes_the_delay_away() -> None:
+    """Behind a motion that ended at rest, the next one is followed on its stamps."""
+    queue = ReferenceQueue(np.zeros(1), origin_ns=0, step_ns=MS)
+
+    def pulse(count: int) -> Row:
+        s = np.linspace(0.0, 1.0, count)[:, None]
+        return Row(s**2 * (3 - 2 * s), 6 * s * (1 - s), 6 - 12 * s)
+
+    gone_through(queue, range(1, 101))
+    queue.add(np.arange(1, 1001) * MS, pulse(1000))
+    gone_through(queue, range(101, 1200))
+    queue.add(np.arange(2001, 3001) * MS, pulse(1000))
+    motion = gone_through(queue, range(1200, 2501))
+    assert motion.position[800] == 1.0
+    np.testing.assert_allclose(motion.position[801:], pulse(1000).position[:500], atol=1e-12)
+    assert queue.delay == 0
+
+
+def test_points_of_another_clock_are_not_followed() -> None:
+    """Points that are older than any delay are left out and counted."""
+    queue = ReferenceQueue(np.zeros(2), origin_ns=0, step_ns=MS)
+    queue.at(20_000)
+    stamps = np.arange(1, 11) * MS
+    queue.add(stamps, sine(stamps))
+    assert not queue.at(20_001).position.any()
+    assert queue.late == 10
+
+
+def test_a_new_trajectory_replaces_what_lies_behind_its_start() -> None:
+    """A message whose first point lies within the stream takes over from there."""
+    queue = ReferenceQueue(np.zeros(1), origin_ns=0, step_ns=MS)
+    stamps = np.arange(1, 11) * MS
+    still = np.zeros((10, 1))
+    queue.add(stamps, Row(still, still, still))
+    queue.add(stamps + 5 * MS, Row(still + 1, still, still))
+    positions = [queue.at(step).position[0] for step in range(1, 16)]
+    assert positions == [0.0] * 5 + [1.0] * 10
+
+
+# Pace
+
+
+def test_a_late_step_does_not_shift_the_schedule() -> None:
+    """Steps are due at absolute times: one that comes 3 ms late leaves the next where it was."""
+    pace = Pace(rate=1000.0)
+    assert pace.wait(10.0) == 0.0
+    pace.stepped(10.003)
+    assert pace.wait(10.003) == pytest.approx(-0.002)
+    assert pace.slipped == 0.0
+
+
+def test_falling_far_behind_is_admitted() -> None:
+    """Beyond the patience the schedule moves, and the lost time is counted."""
+    pace = Pace(rate=1000.0, patience=0.5)
+    pace.wait(0.0)
+    pace.stepped(2.0)
+    assert pace.slipped == pytest.approx(1.999)
+    assert pace.wait(2.0) == 0.0
+
+
+def test_the_factor_sets_the_speed() -> None:
+    """At twice real time 2000 steps of a 1 kHz arm are due in a second, and that counts as the pace held."""
+    pace = Pace(rate=1000.0, factor=2.0)
+    pace.wait(0.0)
+    for step in range(2000):
+        pace.stepped(step * 0.0005)
+    assert pace.wait(1.0) == pytest.approx(0.0, abs=1e-9)
+    assert pace.achieved(1.0) == pytest.approx(1.0)
+
+
+# Messages as bytes
+
+
+def joint_state(names: list[str], stamp_ns: int = 0, scale: float = 1.0) -> JointState:
+    message = JointState(name=names)
+    message.header.stamp.sec, message.header.stamp.nanosec = divmod(stamp_ns, 1_000_000_000)
+    message.position = array("d", [scale * (i + 1) for i in range(len(names))])
+    message.velocity = array("d", [scale * (i + 1) * 10 for i in range(len(names))])
+    return message
+
+
+def test_a_filled_form_is_the_message() -> None:
+    """The bytes of a filled form are those of the message with these numbers."""
+    form = Form("sensor_msgs/msg/JointState", joint_state(["a", "bb"]))
+    data = form.filled(3_000_000_007, position=np.array([4.0, 8.0]), velocity=np.array([40.0, 80.0]))
+    assert deserialize_message(data, JointState) == joint_state(["a", "bb"], 3_000_000_007, 4.0)
+
+
+def test_an_inbox_gives_back_what_came_in() -> None:
+    """Names, stamps and numbers of many messages come out as arrays, messages of another layout apart."""
+    inbox = Inbox("sensor_msgs/msg/JointState")
+    for stamp in (1, 2, 3):
+        inbox.put(serialize_message(joint_state(["a", "b"], stamp, float(stamp))))
+    inbox.put(serialize_message(joint_state(["b", "a", "c"], 4, 4.0)))
+    (names, stamps, numbers), (other_names, other_stamps, _) = inbox.take()
+    assert names == ("a", "b")
+    assert stamps.tolist() == [1, 2, 3]
+    np.testing.assert_array_equal(numbers["position"], [[1, 2], [2, 4], [3, 6]])
+    assert other_names == ("b", "a", "c")
+    assert other_stamps.tolist() == [4]
+    assert not list(inbox.take())
+
+
+def test_a_full_inbox_drops_the_oldest_and_says_so() -> None:
+    """A node that is busy for too long loses the oldest messages, counted, and no memory."""
+    inbox = Inbox("sensor_msgs/msg/JointState", capacity=2)
+    for stamp in (1, 2, 3):
+        inbox.put(serialize_message(joint_state(["a"], stamp)))
+    ((_, stamps, _),) = inbox.take()
+    assert stamps.tolist() == [2, 3]
+    assert inbox.overflowed == 1
+
+
+# Collecting
+
+
+def states(names: list[str], stamp_ms: int, **numbers: list[float]) -> bytes:
+    """Return a message with these fields as it comes from the wire."""
+    message = JointState(name=names, **{field: array("d", values) for field, values in numbers.items()})
+    message.header.stamp.nanosec = stamp_ms * MS
+    return serialize_message(message)
+
+
+def collector(sides: str = "both") -> Collector:
+    return Collector(("a", "b"), sides)
+
+
+def test_joints_in_another_order_find_their_columns() -> None:
+    """Joints are matched by name on either topic, and joints of others are left out."""
+    box = collector()
+    box.inboxes["/joint_states"].put(states(["b", "gripper", "a"], 1, position=[2.0, 9.0, 1.0]))
+    box.inboxes["/motor_states"].put(states(["a", "b"], 1, position=[3.0, 4.0], effort=[5.0, 6.0]))
+    samples = box.take(everything=True)
+    assert samples is not None
+    assert samples.q is not None
+    assert samples.theta is not None
+    assert samples.tau_m is not None
+    assert samples.q.tolist() == [[1.0, 2.0]]
+    assert samples.theta.tolist() == [[3.0, 4.0]]
+    assert samples.tau_m.tolist() == [[5.0, 6.0]]
+    assert samples.tau_J is None
+    assert samples.dq is None
+
+
+def test_messages_that_cannot_be_used_are_counted_and_told() -> None:
+    """Other joints, numbers that are not finite and changed fields are left out, each said in words."""
+    box = collector("motor")
+    inbox = box.inboxes["/motor_states"]
+    inbox.put(states(["a", "b"], 1, position=[1.0, 2.0]))
+    inbox.put(states(["x", "y"], 2, position=[1.0, 2.0]))
+    inbox.put(states(["a", "b"], 3, position=[1.0, float("nan")]))
+    inbox.put(states(["a", "b"], 4, position=[1.0, 2.0], velocity=[1.0, 2.0]))
+    samples = box.take(everything=True)
+    assert samples is not None
+    assert len(samples) == 1
+    assert (box.faults.foreign, box.faults.not_finite, box.faults.changed) == (1, 1, 1)
+    assert len([words for words in box.problems() if words.startswith("1 ")]) == 3
+
+
+def test_one_side_alone_makes_samples() -> None:
+    """An arm that has only a motor side gives samples without waiting for the other."""
+    box = collector("motor")
+    for stamp in (1, 2, 3):
+        box.inboxes["/motor_states"].put(states(["a", "b"], stamp, position=[1.0, 2.0], effort=[3.0, 4.0]))
+    samples = box.take(everything=True)
+    assert samples is not None
+    assert samples.t.tolist() == pytest.approx([0.0, 0.001, 0.002])
+    assert samples.q is None
+    assert samples.tau_J is None
+
+
+# The plan of a motion
+
+
+def test_the_way_to_the_start_is_smooth_and_within_its_speed() -> None:
+    """From rest where the arm stands to the trajectory's start there is no jump, and no more than the speed given."""
+    rng = np.random.default_rng(2)
+    a, b = rng.normal(size=(2, 2, 3)) * 0.2
+    trajectory = FourierTrajectory(2.0, a, b, np.array([1.0, -0.5]), 4.0, 0.5)
+    plan = Plan(trajectory, np.array([0.3, 0.2]), speed=0.3)
+    t = np.arange(0.0, plan.duration, 0.001)
+    rows = plan.evaluate(t)
+    np.testing.assert_allclose(rows.position[0], [0.3, 0.2], atol=1e-12)
+    approach = t < plan.approach
+    assert np.abs(rows.velocity[approach]).max() <= 0.3 + 1e-9
+    for values, rate in ((rows.position, rows.velocity), (rows.velocity, rows.acceleration)):
+        means = (rate[1:] + rate[:-1]) / 2
+        np.testing.assert_allclose(np.diff(values, axis=0) / 0.001, means, atol=2e-3)
+    q, dq, _ = trajectory.evaluate(t[~approach] - plan.approach)
+    np.testing.assert_allclose(rows.position[~approach], q)
+    np.testing.assert_allclose(rows.velocity[~approach], dq)
+
+
+def test_a_plan_can_be_repeated() -> None:
+    """Each round is the same motion, and the last point is at rest."""
+    trajectory = FourierTrajectory(2.0, np.full((1, 1), 0.3), np.zeros((1, 1)), np.zeros(1), 4.0, 0.5)
+    plan = Plan(trajectory, np.zeros(1), repeat=3)
+    assert plan.duration == pytest.approx(12.0)
+    t = np.linspace(0.1, 3.9, 20)
+    np.testing.assert_allclose(plan.evaluate(t + 8.0).position, plan.evaluate(t).position, atol=1e-12)
+    assert not plan.evaluate(np.array([plan.duration])).velocity.any()
+    assert np.isinf(Plan(trajectory, np.zeros(1), repeat=0).duration)

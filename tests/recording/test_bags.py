@@ -1,0 +1,303 @@
+"""Recordings go into bags and come out again, and other libraries read the same."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+from mcap.reader import make_reader
+from mcap.writer import CompressionType, IndexType
+from mcap.writer import Writer as McapWriter
+from mcap_ros2.decoder import DecoderFactory
+from rosbags.highlevel import AnyReader
+from rosbags.rosbag2 import Writer
+from rosbags.rosbag2.enums import CompressionFormat, CompressionMode
+
+from elastic_arm.errors import RecordingError
+from elastic_arm.recording import Recording, Side, message_types, read_recording, write_recording
+from elastic_arm.recording.inspection.info import bag_info
+from tests.helpers.bags import (
+    JOINT_STATE,
+    JOINTS,
+    assert_equal,
+    joint_state,
+    side,
+    stamps,
+    states,
+    two_sided,
+    write_foreign,
+)
+
+COMPRESSIONS = ("none", "lz4", "zstd")
+
+
+@pytest.fixture
+def rng() -> np.random.Generator:
+    return np.random.default_rng(7)
+
+
+@pytest.mark.parametrize("compression", COMPRESSIONS)
+@pytest.mark.parametrize("n", [1, 3, 7])
+def test_round_trip_is_exact(tmp_path: Path, rng: np.random.Generator, compression: str, n: int) -> None:
+    """What is written is read back bit by bit, over several chunks, for any number of joints and compression."""
+    recording = two_sided(rng, 6000, n)
+    assert_equal(read_recording(write_recording(tmp_path / "bag", recording, compression)), recording)
+
+
+def test_sides_with_stamps_of_their_own_round_trip(tmp_path: Path, rng: np.random.Generator) -> None:
+    """Jittered stamps, other rates, missing channels, a reference with acceleration and a URDF all survive."""
+    jitter = np.sort(stamps(5000) + rng.integers(-200_000, 200_000, 5000))
+    link = Side(jitter, position=rng.normal(size=(5000, 3)))
+    motor = side(rng, stamps(2500, 2_000_000))
+    reference = Side(stamps(5000), *(rng.normal(size=(5000, 3)) for _ in range(2)), None, rng.normal(size=(5000, 3)))
+    recording = Recording(JOINTS, link, motor, reference, robot_description="<robot name='a'/>")
+    assert_equal(read_recording(write_recording(tmp_path / "bag", recording)), recording)
+
+
+def test_joint_torques_alone_stay_joint_torques(tmp_path: Path, rng: np.random.Generator) -> None:
+    """A link side with torque sensors and no motor side comes back as it was, not as motor torque."""
+    recording = Recording(JOINTS, link=side(rng, stamps(500)))
+    assert_equal(read_recording(write_recording(tmp_path / "bag", recording)), recording)
+
+
+@pytest.mark.parametrize("compression", COMPRESSIONS)
+def test_rosbags_reads_the_same_numbers(tmp_path: Path, rng: np.random.Generator, compression: str) -> None:
+    """rosbags finds every message, in order of time, with the same numbers, names, types and hashes."""
+    recording = two_sided(rng, 3000)
+    folder = write_recording(tmp_path / "bag", recording, compression)
+    rows: dict[str, list] = {"/joint_states": [], "/motor_states": []}
+    last = 0
+    with AnyReader([folder]) as reader:
+        for connection in reader.connections:
+            assert (connection.msgtype, connection.msgcount) == (JOINT_STATE, 3000)
+            assert connection.digest == message_types.definition(JOINT_STATE)[1]
+        for connection, log_ns, raw in reader.messages():
+            message = reader.deserialize(raw, connection.msgtype)
+            stamp_ns = message.header.stamp.sec * 10**9 + message.header.stamp.nanosec
+            assert stamp_ns == log_ns >= last
+            assert tuple(message.name) == JOINTS
+            rows[connection.topic].append(np.concatenate([message.position, message.velocity, message.effort]))
+            last = log_ns
+    for topic, given in (("/joint_states", recording.link), ("/motor_states", recording.motor)):
+        np.testing.assert_array_equal(rows[topic], np.hstack([given.position, given.velocity, given.effort]))
+
+
+@pytest.mark.parametrize("compression", COMPRESSIONS)
+def test_mcap_library_reads_the_same_numbers(tmp_path: Path, rng: np.random.Generator, compression: str) -> None:
+    """The MCAP project's own reader accepts checksums, indexes and summary, and decodes by the schemas in the file."""
+    recording = two_sided(rng, 3000)
+    folder = write_recording(tmp_path / "bag", recording, compression)
+    positions = []
+    with open(folder / "bag_0.mcap", "rb") as stream:
+        reader = make_reader(stream, validate_crcs=True, decoder_factories=[DecoderFactory()])
+        statistics = reader.get_summary().statistics
+        assert statistics.message_count == 6000
+        assert statistics.message_start_time == recording.start_ns
+        for _, channel, message, decoded in reader.iter_decoded_messages(topics=["/motor_states"]):
+            assert message.sequence == len(positions)
+            assert channel.metadata["topic_type_hash"].startswith("RIHS01_")
+            positions.append(decoded.position)
+    np.testing.assert_array_equal(positions, recording.motor.position)
+
+
+def test_metadata_is_what_rosbag2_of_jazzy_writes(tmp_path: Path, rng: np.random.Generator) -> None:
+    """metadata.yaml has every key of version 9, with counts, span and quality of service."""
+    folder = write_recording(tmp_path / "bag", two_sided(rng, 100))
+    told = yaml.safe_load((folder / "metadata.yaml").read_text())["rosbag2_bagfile_information"]
+    assert set(told) == {
+        *("version", "storage_identifier", "duration", "starting_time", "message_count", "topics_with_message_count"),
+        *("compression_format", "compression_mode", "relative_file_paths", "files", "custom_data", "ros_distro"),
+    }
+    assert (told["version"], told["storage_identifier"], told["message_count"]) == (9, "mcap", 200)
+    assert told["duration"]["nanoseconds"] == 99_000_000
+    assert told["relative_file_paths"] == ["bag_0.mcap"]
+    topic = told["topics_with_message_count"][0]["topic_metadata"]
+    assert topic["type_description_hash"].startswith("RIHS01_")
+    assert topic["offered_qos_profiles"][0]["reliability"] == "reliable"
+
+
+def test_own_messages_match_their_ros_text() -> None:
+    """Every .msg of elastic_arm_msgs parses, and an own message survives its round through CDR."""
+    store = message_types.typestore()
+    own = [name for name in store.fielddefs if name.startswith("elastic_arm_msgs/")]
+    assert {"JointTorques", "ParameterEstimate", "GapDiagnosis"} <= {name.split("/")[-1] for name in own}
+    for name in own:
+        text, type_hash = message_types.definition(name)
+        assert type_hash.startswith("RIHS01_")
+        assert text
+    torques = store.types["elastic_arm_msgs/msg/JointTorques"]
+    header = store.types["std_msgs/msg/Header"](store.types["builtin_interfaces/msg/Time"](1, 2), "")
+    given = torques(header, ["a"], np.array([1.0]), np.array([2.0]), np.zeros(0), np.array([0.26]))
+    again = store.deserialize_cdr(store.serialize_cdr(given, torques.__msgtype__), torques.__msgtype__)
+    assert again.motor_torque.tolist() == [2.0]
+    assert again.header.stamp.nanosec == 2
+
+
+def _packed(writer: Writer) -> None:
+    writer.set_compression(CompressionMode.STORAGE, CompressionFormat.ZSTD)
+
+
+def _filed(writer: Writer) -> None:
+    writer.set_compression(CompressionMode.FILE, CompressionFormat.ZSTD)
+
+
+@pytest.mark.parametrize("configure", [None, _packed, _filed], ids=["plain", "zstd chunks", "zstd file"])
+def test_bags_of_another_writer_are_read(tmp_path: Path, configure) -> None:
+    """Bags by rosbags are read, plain, with compressed chunks and compressed as a file."""
+    link, motor = (states(topic, stamps(300)) for topic in ("/joint_states", "/motor_states"))
+    both = [message for pair in zip(link, motor, strict=True) for message in pair]
+    recording = read_recording(write_foreign(tmp_path / "bag", both, configure))
+    np.testing.assert_allclose(recording.link.position, np.arange(300)[:, None] + [0, 0.1, 0.2], rtol=0, atol=1e-12)
+    np.testing.assert_array_equal(recording.link.stamp_ns, stamps(300))
+    np.testing.assert_array_equal(recording.motor.effort, recording.link.effort)
+
+
+def test_joint_order_may_change_within_a_bag(tmp_path: Path) -> None:
+    """Joints are matched by name, also where messages of several orders and lengths are mixed in one chunk."""
+    rng = np.random.default_rng(3)
+    messages = []
+    for row, stamp in enumerate(stamps(400)):
+        names = list(rng.permutation(JOINTS))
+        base = [row + JOINTS.index(name) / 10 for name in names]
+        frame = "base" * int(rng.integers(0, 3))
+        messages.append(("/joint_states", JOINT_STATE, int(stamp), joint_state(stamp, names, base, base, base, frame)))
+    recording = read_recording(write_foreign(tmp_path / "bag", messages))
+    assert recording.joints == JOINTS
+    np.testing.assert_allclose(recording.link.position, np.arange(400)[:, None] + [0, 0.1, 0.2], rtol=0, atol=1e-12)
+
+
+def test_topics_in_irregular_turn_are_told_apart(tmp_path: Path) -> None:
+    """Two topics and a foreign one, interleaved at random, are each read whole and in order."""
+    rng = np.random.default_rng(5)
+    queues = [states("/joint_states", stamps(2000)), states("/motor_states", stamps(1500))]
+    text = message_types.typestore().serialize_cdr(
+        message_types.typestore().types["std_msgs/msg/String"]("hello"), "std_msgs/msg/String"
+    )
+    queues.append([("/chatter", "std_msgs/msg/String", int(t), bytes(text)) for t in stamps(1000)])
+    messages = []
+    while any(queues):
+        queue = queues[int(rng.choice([i for i, q in enumerate(queues) if q]))]
+        messages.append(queue.pop(0))
+    recording = read_recording(write_foreign(tmp_path / "bag", messages))
+    np.testing.assert_array_equal(recording.link.stamp_ns, stamps(2000))
+    np.testing.assert_array_equal(recording.motor.stamp_ns, stamps(1500))
+    np.testing.assert_allclose(recording.motor.velocity[:, 0], np.arange(1500) + 0.01, rtol=0, atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("chunked", "index", "compression"),
+    [
+        (False, IndexType.NONE, CompressionType.NONE),
+        (True, IndexType.ALL, CompressionType.LZ4),
+        (True, IndexType.ALL, CompressionType.ZSTD),
+        (True, IndexType.NONE, CompressionType.NONE),
+    ],
+    ids=["unchunked", "lz4", "zstd", "chunks without indexes"],
+)
+def test_files_of_the_mcap_library_are_read(
+    tmp_path: Path, chunked: bool, index: IndexType, compression: CompressionType
+) -> None:
+    """Chunked or not, indexed or not, with definitions inside the chunks: the same recording."""
+    text, _ = message_types.definition(JOINT_STATE)
+    file = tmp_path / "run.mcap"
+    with open(file, "wb") as stream:
+        writer = McapWriter(stream, chunk_size=20_000, use_chunking=chunked, index_types=index, compression=compression)
+        writer.start(profile="ros2", library="test")
+        schema = writer.register_schema(JOINT_STATE, "ros2msg", text.encode())
+        for topic in ("/joint_states", "/motor_states"):
+            channel = writer.register_channel(topic, "cdr", schema)
+            for _, _, log_ns, data in states(topic, stamps(1000)):
+                writer.add_message(channel, log_ns, data, log_ns)
+        writer.finish()
+    recording = read_recording(file)
+    np.testing.assert_array_equal(recording.link.stamp_ns, stamps(1000))
+    np.testing.assert_allclose(recording.motor.velocity[:, 1], np.arange(1000) + 0.11, rtol=0, atol=1e-12)
+    assert bag_info(file).compression == [compression.name.lower() if chunked else "unchunked"]
+
+
+def test_several_bags_make_one_recording(tmp_path: Path) -> None:
+    """Two bags of one run, and a folder of several files, read as if never split."""
+    first, second = stamps(200), stamps(200, start_ns=int(stamps(201)[-1]))
+    bags = [
+        write_foreign(tmp_path / name, states("/joint_states", part) + states("/motor_states", part))
+        for name, part in (("a", first), ("b", second))
+    ]
+    joined = read_recording(bags)
+    np.testing.assert_array_equal(joined.motor.stamp_ns, stamps(400))
+    (tmp_path / "split").mkdir()
+    for number, bag in enumerate(bags):
+        next(bag.glob("*.mcap")).rename(tmp_path / "split" / f"run_{number}.mcap")
+    assert_equal(read_recording(tmp_path / "split"), joined)
+
+
+def test_one_side_alone_is_read_with_its_effort_as_motor_torque(tmp_path: Path) -> None:
+    """Without /motor_states the effort of /joint_states is the motor's torque, and the result says so."""
+    recording = read_recording(write_foreign(tmp_path / "bag", states("/joint_states", stamps(100))))
+    samples = recording.samples()
+    assert samples.tau_J is None
+    assert samples.theta is None
+    np.testing.assert_allclose(samples.tau_m[:, 0], np.arange(100) + 0.02, rtol=0, atol=1e-12)
+    assert any("taken as the motor torque" in note for note in recording.notes)
+
+
+def test_motor_side_alone_is_read(tmp_path: Path) -> None:
+    """A bag with /motor_states alone, the commonest industrial arm, gives theta and tau_m and nothing else."""
+    samples = read_recording(write_foreign(tmp_path / "bag", states("/motor_states", stamps(100)))).samples()
+    assert samples.q is None
+    assert samples.theta is not None
+    assert samples.tau_m is not None
+
+
+def test_a_channel_that_is_nan_throughout_counts_as_missing(tmp_path: Path) -> None:
+    """ROS 2 control fills what it does not measure with NaN: no channel, and a note."""
+    nan = [float("nan")] * 3
+    messages = [
+        (topic, JOINT_STATE, int(t), joint_state(t, JOINTS, [1, 2, 3], nan, [1, 2, 3]))
+        for t in stamps(50)
+        for topic in ("/joint_states", "/motor_states")
+    ]
+    recording = read_recording(write_foreign(tmp_path / "bag", messages))
+    assert recording.link.velocity is None
+    assert any("NaN throughout" in note for note in recording.notes)
+
+
+def test_a_gripper_on_the_same_topic_is_set_aside(tmp_path: Path) -> None:
+    """Messages of other joints on /joint_states are left out, with a note, once the arm's joints are named."""
+    gripper = [
+        ("/joint_states", JOINT_STATE, int(t), joint_state(t, ["finger"], [0.1], [0.0], [0.0]))
+        for t in stamps(100) + 300_000
+    ]
+    messages = sorted(states("/joint_states", stamps(100)) + gripper, key=lambda message: message[2])
+    recording = read_recording(write_foreign(tmp_path / "bag", messages), joints=JOINTS)
+    np.testing.assert_array_equal(recording.link.stamp_ns, stamps(100))
+    assert any("other joints" in note for note in recording.notes)
+
+
+def test_joints_follow_the_robot_description_in_the_bag(tmp_path: Path, rng: np.random.Generator) -> None:
+    """Columns stand in the order of the URDF in the bag, whatever the messages say."""
+    urdf = "<robot name='r'><joint name='wrist' type='revolute'/><joint name='arm' type='revolute'/></robot>"
+    given = Recording(("arm", "wrist"), side(rng, stamps(50), 2), side(rng, stamps(50), 2), robot_description=urdf)
+    recording = read_recording(write_recording(tmp_path / "bag", given))
+    assert recording.joints == ("wrist", "arm")
+    np.testing.assert_array_equal(recording.link.position, given.link.position[:, ::-1])
+
+
+def test_numbered_joints_are_in_the_order_of_their_numbers(tmp_path: Path) -> None:
+    """joint_10 comes after joint_9, though the messages sort by letters."""
+    names = [f"joint_{i}" for i in (1, 10, 2, 9)]
+    messages = [("/motor_states", JOINT_STATE, int(t), joint_state(t, names, [1, 10, 2, 9])) for t in stamps(20)]
+    recording = read_recording(write_foreign(tmp_path / "bag", messages))
+    assert recording.joints == ("joint_1", "joint_2", "joint_9", "joint_10")
+    assert recording.motor.position[0].tolist() == [1, 2, 9, 10]
+
+
+def test_nothing_is_overwritten(tmp_path: Path, rng: np.random.Generator) -> None:
+    """Writing onto an existing folder is refused, and the folder stays as it was."""
+    recording = two_sided(rng, 50)
+    folder = write_recording(tmp_path / "bag", recording)
+    before = (folder / "bag_0.mcap").read_bytes()
+    with pytest.raises(RecordingError, match="exists already"):
+        write_recording(folder, two_sided(rng, 60))
+    assert (folder / "bag_0.mcap").read_bytes() == before

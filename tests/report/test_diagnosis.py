@@ -1,0 +1,222 @@
+"""The results of a diagnosis: report, files and words, opened and used as a user would."""
+
+from __future__ import annotations
+
+import html
+import io
+import json
+import re
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import typer
+from rich.console import Console
+from typer.testing import CliRunner, Result
+
+from elastic_arm.cli.console import UNLIMITED
+from elastic_arm.cli.diagnose import diagnose_command, print_diagnosis, write_diagnosis
+from elastic_arm.cli.several_values import SeveralValues, spelled_out
+from elastic_arm.cli.simulate import simulate
+from elastic_arm.diagnosis.corrected_robot import repaired_robot
+from elastic_arm.diagnosis.followup import followed_up
+from elastic_arm.diagnosis.format import confidence, meaning, sizes
+from elastic_arm.diagnosis.inference.estimates import Estimate
+from elastic_arm.diagnosis.pipeline import Question, diagnose
+from elastic_arm.diagnosis.result import SEPARATING, Diagnosis
+from elastic_arm.effects import EFFECTS
+from elastic_arm.recording import read_recording, write_recording
+from elastic_arm.report.diagnosis import write_gap_report
+from tests.helpers.browser import rendered_page
+from tests.helpers.gap_recordings import ROBOT, gentle, motions, record
+
+APP = typer.Typer()
+APP.command("diagnose", cls=SeveralValues)(diagnose_command)
+APP.command("simulate")(simulate)
+FRICTION, ERROR = "coulomb_friction:joint_2:torque=6", "transmission_error:joint_1:amplitude=2e-5,phase=0.7"
+PLAY = "backlash:joint_2:half_gap=1e-5"
+
+
+def run(*arguments: object) -> Result:
+    return CliRunner().invoke(APP, [str(argument) for argument in arguments])
+
+
+@pytest.fixture(scope="module")
+def two_causes() -> Diagnosis:
+    recordings = [record(motion, FRICTION, ERROR, seed=k) for k, motion in enumerate(motions())]
+    question = Question(ROBOT, effects=(EFFECTS["coulomb_friction"], EFFECTS["transmission_error"]))
+    return followed_up(diagnose([recordings[0]], question, [recordings[1]]), rng=np.random.default_rng(0))
+
+
+def test_report_shows_verdict_map_ladder_and_prediction_in_a_browser(two_causes: Diagnosis, tmp_path: Path) -> None:
+    """A real browser shows verdict first, then where, how far, each cause, before and after, and the prediction."""
+    page = rendered_page(write_gap_report(tmp_path / "report.html", two_causes), tmp_path / "profile")
+    titles = re.findall(r"<h2>([^<]*)</h2>", page)
+    assert titles[:3] == ["Verdict", "Where the gap lies", "How far it shrinks"]
+    assert {"coulomb friction, joint_2", "transmission error, joint_1"} < set(titles)
+    assert {"Before and after", "How far ahead the model sees", "Recording by recording"} < set(titles)
+    assert page.index("explained: ") < page.index("<svg")
+    # Map, ladder, two portraits, before and after, horizons.
+    assert page.count("<svg") == 6
+    for words in ("velocity [rad/s]", "wave generator angle", "frequency [Hz]", "ahead [ms]", "this cause alone"):
+        assert words in page
+
+
+def test_figures_and_tables_carry_units(two_causes: Diagnosis, tmp_path: Path) -> None:
+    """Every axis of the report that has a unit says which."""
+    page = write_gap_report(tmp_path / "report.html", two_causes).read_text()
+    for label in ("time [s]", "Nm/√Hz", "prediction error [µrad]", "residual, Nm", "left of the gap [%"):
+        assert label in page
+
+
+def test_ladder_ends_where_all_causes_leave_the_gap(two_causes: Diagnosis) -> None:
+    """The ladder rises cause by cause, begins with the first alone, and ends at the shrink of all together."""
+    assert len(two_causes.ladder) == len(two_causes.causes) == 2
+    assert two_causes.ladder[0] == pytest.approx(two_causes.causes[0].shrink)
+    assert two_causes.ladder[-1] == pytest.approx(two_causes.shrink)
+    assert two_causes.ladder[0] < two_causes.ladder[1]
+
+
+def test_result_beyond_the_contract_is_plain_json(two_causes: Diagnosis, tmp_path: Path) -> None:
+    """Ladder, prediction and agreement are written beside the contract's fields, as numbers."""
+    data = json.loads(two_causes.save(tmp_path / "diagnosis.json").read_text())
+    assert data["schema"] == "elastic_arm/diagnosis/1"
+    assert data["prediction"]["horizons_s"] == [0.01, 0.02, 0.05, 0.1, 0.2]
+    before, after = (data["prediction"][when]["joint_2"]["motor"] for when in ("before", "after"))
+    assert before[-1] > 10 * after[-1]
+    assert data["next_motion"] is None and len(data["agreement"]) == 2
+
+
+def test_report_of_a_clean_arm_speaks_of_no_cause(tmp_path: Path) -> None:
+    """Where there is no gap, the report shows residuals and noise, and nothing before and after."""
+    recordings = [record(motion, seed=k) for k, motion in enumerate(motions())]
+    found = followed_up(diagnose([recordings[0]], Question(ROBOT, effects=()), [recordings[1]]), rng=None)
+    page = write_gap_report(tmp_path / "report.html", found).read_text()
+    titles = re.findall(r"<h2>([^<]*)</h2>", page)
+    assert "none: recording and model agree" in page
+    assert "The residuals" in titles and "How far it shrinks" not in titles
+    assert "after" not in "".join(re.findall(r"<th>([^<]*)</th>", page))
+
+
+def test_gap_without_an_effect_for_it_is_drawn_as_unexplained(tmp_path: Path) -> None:
+    """With nothing in the catalogue that could explain it, the report shows where the gap is and what it looks like."""
+    recordings = [record(motion, ERROR, seed=k) for k, motion in enumerate(motions())]
+    found = diagnose([recordings[0]], Question(ROBOT, effects=()), [recordings[1]])
+    page = write_gap_report(tmp_path / "report.html", found).read_text()
+    assert found.verdict == "unknown" and "What is not explained" in page
+    assert "joint_1, drive side: where most is left" in page
+
+
+def test_arm_with_the_causes_in_it_has_no_gap_left(two_causes: Diagnosis) -> None:
+    """Diagnosed against the arm file that the diagnosis wrote, a new recording agrees with the model."""
+    repaired = repaired_robot(ROBOT, two_causes)
+    assert {e["effect"] for e in repaired.effects} == {"coulomb_friction", "transmission_error"}
+    recordings = [record(motion, FRICTION, ERROR, seed=7 + k) for k, motion in enumerate(motions())]
+    found = diagnose([recordings[0]], Question(repaired), [recordings[1]])
+    assert (found.verdict, found.causes) == ("none", ())
+
+
+def test_command_writes_the_motion_that_the_simulator_takes(tmp_path: Path) -> None:
+    """Two bags give result, report, arm and separating motion; `simulate --trajectory` takes the motion as it is."""
+    for k in (1, 2):
+        write_recording(tmp_path / f"bag_{k}", record(gentle(k), PLAY, seed=k))
+    folder = tmp_path / "diagnosis"
+    told = run("diagnose", tmp_path / "bag_1", "--validate", tmp_path / "bag_2", "--out", folder)
+    assert told.exit_code == 0, told.output
+    assert {p.name for p in folder.iterdir()} == {"diagnosis.json", "report.html", "robot.yaml", SEPARATING}
+    words = " ".join(told.stdout.split())
+    assert f"told apart by: {SEPARATING}" in words and "prediction: Driven by the measured torque" in words
+    told = run("simulate", "--out", tmp_path / "next", "--trajectory", folder / SEPARATING, "--duration", 1.0)
+    assert told.exit_code == 0, told.output
+    assert read_recording(tmp_path / "next").duration == pytest.approx(1.0, abs=0.01)
+
+
+def shown(found: Diagnosis, folder: Path, monkeypatch: pytest.MonkeyPatch, **screen: Any) -> list[str]:
+    """Return the lines that `elastic-arm diagnose` prints of a diagnosis."""
+    console = Console(file=io.StringIO(), highlight=False, no_color=True, **screen)
+    monkeypatch.setattr("elastic_arm.cli.diagnose.out", console)
+    print_diagnosis(found, folder)
+    return re.sub(r"\x1b\[[\d;]*m", "", console.file.getvalue()).splitlines()  # type: ignore[attr-defined]
+
+
+def test_causes_are_readable_on_a_narrow_screen(two_causes: Diagnosis, monkeypatch: pytest.MonkeyPatch) -> None:
+    """On 80 columns no line is longer, and a size as real arms have it stands on one line with deviation and unit."""
+    offset = {"offset": Estimate(-0.6656, 0.02628, "Nm")}
+    tilt = {"x": Estimate(-0.01668, 0.001152, "rad"), "y": Estimate(-0.007061, 0.001386, "rad")}
+    first, second = two_causes.causes
+    causes = (
+        replace(first, effect="joint_torque_offset", joint="lwr_0_joint", parameters=offset),
+        replace(second, effect="base_tilt", joint=None, parameters=tilt),
+    )
+    found = replace(two_causes, causes=causes)
+    lines = shown(found, Path("diagnosis"), monkeypatch, width=80, force_terminal=True)
+    assert max(map(len, lines)) <= 80
+    told = "\n".join(lines)
+    for words in ("joint_torque_offset  lwr_0_joint  offset -0.666 ± 0.026 Nm", "base_tilt            whole arm",
+                  "x -0.0167 ± 0.0012 rad", "y -0.0071 ± 0.0014 rad"):  # fmt: skip
+        assert words in told
+
+
+def test_piped_causes_are_a_line_each(two_causes: Diagnosis, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Where no screen ends the line, a cause stands on one with all its sizes, and no sentence is broken."""
+    lines = shown(two_causes, Path("diagnosis"), monkeypatch, width=UNLIMITED)
+    assert lines[0] == f"explained: {meaning(two_causes)}"
+    for cause in two_causes.causes:
+        (line,) = [line for line in lines if line.startswith(f"{cause.effect}  ")]
+        assert sizes(cause.parameters) in line
+        assert line.endswith(confidence(cause.confidence))
+
+
+def test_numbers_that_puzzle_are_explained_beside_them(
+    two_causes: Diagnosis, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A cause that alone enlarges the gap is explained on screen and in the report; none is called certain."""
+    first, *others = two_causes.causes
+    found = replace(two_causes, causes=(replace(first, shrink=-0.048, confidence=0.9998), *others))
+    page = write_gap_report(tmp_path / "report.html", found).read_text()
+    screen = "\n".join(shown(found, tmp_path, monkeypatch, width=UNLIMITED))
+    for told in (html.unescape(page), screen):
+        assert "-4.8 %" in told and "makes the gap larger" in told
+        assert "> 99.9 %" in told
+
+
+def test_report_says_how_much_is_left_where_it_stands_out(two_causes: Diagnosis, tmp_path: Path) -> None:
+    """What is left of an explained gap is told as measured, with the places where it stands out of the noise."""
+    loud = {place: 3.0 * noise for place, noise in two_causes.noise.items()}
+    found = replace(two_causes, shrink=0.93, after=replace(two_causes.after, rmse={**two_causes.after.rmse, **loud}))
+    page = write_gap_report(tmp_path / "report.html", found).read_text()
+    assert "7.0 % of the gap is left, and in places it stands out of the noise: joint_" in page
+
+
+def test_files_of_an_earlier_diagnosis_do_not_stay(two_causes: Diagnosis, tmp_path: Path) -> None:
+    """A folder never holds the arm or the motion of another diagnosis than its diagnosis.json."""
+    for name in ("robot.yaml", SEPARATING):
+        (tmp_path / name).write_text("old")
+    write_diagnosis(two_causes, ROBOT, tmp_path)
+    assert not (tmp_path / SEPARATING).exists()
+    assert "coulomb_friction" in (tmp_path / "robot.yaml").read_text()
+
+
+def test_help_says_what_is_written_and_how_it_ends() -> None:
+    """`diagnose --help` names the files, the exit status and every option of the contract."""
+    words = " ".join(re.sub(r"[│╭╮╰╯─]", " ", run("diagnose", "--help").output).split())
+    for word in ("diagnosis.json", "report.html", "robot.yaml", SEPARATING, "Exit status 0", "--validate", "--model",
+                 "--robot", "--channels", "--with", "--refit", "--out", "--no-propose"):  # fmt: skip
+        assert word in words
+
+
+@pytest.mark.parametrize(
+    ("given", "meant"),
+    [
+        ("a --validate b c", "a --validate b --validate c"),
+        ("a b --validate c --out d e", "a b --validate c --out d e"),
+        ("a --refit --with x y --validate b c", "a --refit --with x --with y --validate b --validate c"),
+        ("--validate b a", "--validate b a"),
+    ],
+)
+def test_repeatable_options_take_several_values(given: str, meant: str) -> None:
+    """`--validate A B` judges on both, as the usage line says; what stands before any argument is an argument."""
+    command = typer.main.get_command(APP).commands["diagnose"]  # type: ignore[attr-defined]
+    assert spelled_out(given.split(), command.params) == meant.split()

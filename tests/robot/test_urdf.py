@@ -1,0 +1,327 @@
+"""URDF in and out: any serial chain of revolute joints, checked against engines that nobody here wrote."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import mujoco
+import numpy as np
+import pinocchio
+import pytest
+
+from elastic_arm.dynamics import build_model
+from elastic_arm.errors import RobotError
+from elastic_arm.robot import Robot, load_robot
+from elastic_arm.robot.kinematics import link_placements, lumped, moved
+from elastic_arm.robot.urdf import parse_urdf
+
+KUKA = Path(__file__).parents[3] / "shared" / "data" / "kuka_lwr4" / "kuka_lwr4.urdf"
+INERTIAL = (
+    '<inertial><origin xyz="0.1 0.02 -0.03" rpy="0.3 -0.2 0.5"/><mass value="2"/>'
+    '<inertia ixx="0.03" ixy="0.001" ixz="-0.002" iyy="0.04" iyz="0.003" izz="0.05"/></inertial>'
+)
+LIMIT = '<limit lower="-1" upper="2" velocity="1.5" effort="40"/>'
+
+
+def link(name: str, inertial: str = INERTIAL) -> str:
+    return f'<link name="{name}">{inertial}</link>'
+
+
+def joint(name: str, parent: str, child: str, kind: str = "revolute", inside: str = LIMIT, origin: str = "") -> str:
+    place = origin or '<origin xyz="0.1 0 0.3" rpy="0 0.4 0"/>'
+    return (
+        f'<joint name="{name}" type="{kind}"><parent link="{parent}"/><child link="{child}"/>{place}'
+        f'<axis xyz="0 1 0"/>{inside}</joint>'
+    )
+
+
+def urdf(*elements: str) -> str:
+    return f'<robot name="toy">{"".join(elements)}</robot>'
+
+
+def two_joints(*more: str) -> str:
+    return urdf(link("foot"), link("a"), link("b"), joint("one", "foot", "a"), joint("two", "a", "b"), *more)
+
+
+def random_chain(rng: np.random.Generator, joints: int) -> str:
+    """A chain with axes and origins in all directions, fixed links between and at the end, continuous joints."""
+    elements, parent = [link("foot")], "foot"
+    for i in range(2 * joints + 1):
+        child = f"link_{i}"
+        mass, (x, y, z) = rng.uniform(0.5, 3.0), rng.uniform(0.01, 0.05, 3)
+        inertia = f'ixx="{y + z}" iyy="{x + z}" izz="{x + y}" ixy="0" ixz="0" iyz="0"'
+        xyz, rpy = ("{} {} {}".format(*rng.uniform(-1, 1, 3)) for _ in range(2))
+        elements.append(
+            f'<link name="{child}"><inertial><origin xyz="{xyz}" rpy="{rpy}"/><mass value="{mass}"/>'
+            f"<inertia {inertia}/></inertial></link>"
+        )
+        kind = "fixed" if i % 2 == 0 else ("continuous" if i % 4 == 1 else "revolute")
+        xyz, rpy, axis = ("{} {} {}".format(*rng.uniform(-1, 1, 3)) for _ in range(3))
+        elements.append(
+            f'<joint name="joint_{i}" type="{kind}"><parent link="{parent}"/><child link="{child}"/>'
+            f'<origin xyz="{xyz}" rpy="{rpy}"/><axis xyz="{axis}"/>{LIMIT}</joint>'
+        )
+        parent = child
+    return urdf(*elements)
+
+
+def assert_same_dynamics(robot: Robot, text: str) -> None:
+    """Inverse dynamics and mass matrix are those of Pinocchio's own reading of `text`, to 1e-9."""
+    model, peer = build_model(robot, engine="numpy"), pinocchio.buildModelFromXML(text)
+    data = peer.createData()
+    q, dq, ddq = np.random.default_rng(5).normal(size=(3, 12, robot.n))
+    tau, M = model.inverse_dynamics(q, dq, ddq), model.mass_matrix(q)
+    for k in range(len(q)):
+        # Pinocchio holds a continuous joint's angle as its cosine and sine.
+        own = [[a] if j.nq == 1 else [np.cos(a), np.sin(a)] for j, a in zip(peer.joints[1:], q[k], strict=True)]
+        configuration = np.concatenate(own)
+        expected = pinocchio.rnea(peer, data, configuration, dq[k], ddq[k])
+        np.testing.assert_allclose(tau[k], expected, rtol=1e-9, atol=1e-9 * np.abs(expected).max())
+        upper = np.triu(pinocchio.crba(peer, data, configuration))
+        np.testing.assert_allclose(np.triu(M[k]), upper, rtol=1e-9, atol=1e-9 * np.abs(upper).max())
+
+
+@pytest.mark.skipif(not KUKA.exists(), reason=f"{KUKA} is not there")
+def test_the_kuka_arm_moves_as_in_pinocchio() -> None:
+    """The URDF of a real seven-joint arm gives the rigid dynamics of Pinocchio's own parser."""
+    robot = load_robot(KUKA)
+    assert robot.n == 7
+    assert not robot.elastic
+    assert robot.joints[1].limits.torque == 176
+    assert_same_dynamics(robot, KUKA.read_text())
+
+
+@pytest.mark.parametrize("joints", [2, 4])
+def test_a_chain_in_all_directions_moves_as_in_pinocchio(joints: int) -> None:
+    """Axes off z, turned inertials, fixed links between joints and continuous joints give Pinocchio's dynamics."""
+    text = random_chain(np.random.default_rng(joints), joints)
+    robot = parse_urdf(text)
+    assert robot.n == joints
+    assert_same_dynamics(robot, text)
+
+
+def test_a_robot_written_as_urdf_and_read_again_moves_the_same() -> None:
+    """Robot -> URDF -> robot keeps frames, inertias and limits, and the text becomes a fixed point."""
+    robot = parse_urdf(random_chain(np.random.default_rng(9), 3))
+    text = robot.to_urdf()
+    again = parse_urdf(text)
+    assert again.joint_names == robot.joint_names
+    assert again.mass == pytest.approx(robot.mass, rel=1e-12)
+    for one, other in zip(robot.joints, again.joints, strict=True):
+        np.testing.assert_allclose(other.before, one.before, atol=1e-12)
+        np.testing.assert_allclose(other.after, one.after, atol=1e-12)
+        np.testing.assert_allclose(other.link.inertia, one.link.inertia, atol=1e-12)
+        assert other.limits == one.limits
+    assert_same_dynamics(robot, text)
+
+
+def test_the_elastic_arm_as_urdf_carries_its_motors() -> None:
+    """In an elastic arm's URDF, motors and gears ride on their carriers: mass and gravity torques are the arm's."""
+    robot = load_robot()
+    text = robot.to_urdf()
+    rigid = parse_urdf(text)
+    assert rigid.mass == pytest.approx(robot.mass, rel=1e-12)
+    q = np.random.default_rng(1).uniform(-3, 3, (10, robot.n))
+    still, x = np.zeros((10, 2 * robot.n)), np.hstack([q, q])
+    gravity = build_model(robot, engine="numpy").inverse_dynamics(x, still, still)
+    expected = gravity[:, : robot.n] + gravity[:, robot.n :]
+    found = build_model(rigid, engine="numpy").inverse_dynamics(q, still[:, : robot.n], still[:, : robot.n])
+    np.testing.assert_allclose(found, expected, atol=1e-9 * np.abs(expected).max())
+    assert_same_dynamics(rigid, text)
+
+
+def test_mujoco_takes_the_urdf_and_agrees() -> None:
+    """MuJoCo compiles the exported URDF and computes the same inverse dynamics."""
+    text = load_robot().to_urdf()
+    rigid = parse_urdf(text)
+    engine = mujoco.MjModel.from_xml_string(text)
+    data = mujoco.MjData(engine)
+    q, dq, ddq = np.random.default_rng(2).normal(size=(3, 8, rigid.n))
+    found = build_model(rigid, engine="numpy").inverse_dynamics(q, dq, ddq)
+    for k in range(len(q)):
+        data.qpos[:], data.qvel[:], data.qacc[:] = q[k], dq[k], ddq[k]
+        mujoco.mj_inverse(engine, data)
+        np.testing.assert_allclose(found[k], data.qfrc_inverse, atol=1e-9 * np.abs(found[k]).max())
+
+
+def test_link_frames_stand_where_pinocchio_puts_them() -> None:
+    """Forward kinematics over arrays of poses agrees with Pinocchio's."""
+    text = random_chain(np.random.default_rng(4), 3)
+    robot, peer = parse_urdf(text), pinocchio.buildModelFromXML(text)
+    data = peer.createData()
+    q = np.random.default_rng(4).uniform(-1, 2, (5, robot.n))
+    _, links = link_placements(robot, q)
+    for k in range(len(q)):
+        own = [[a] if j.nq == 1 else [np.cos(a), np.sin(a)] for j, a in zip(peer.joints[1:], q[k], strict=True)]
+        pinocchio.framesForwardKinematics(peer, data, np.concatenate(own))
+        for i, name in enumerate(robot.link_names):
+            expected = data.oMf[peer.getFrameId(name)].homogeneous
+            np.testing.assert_allclose(links[k, i], expected, atol=1e-12)
+
+
+def test_lumping_bodies_keeps_mass_centre_and_inertia_about_any_point() -> None:
+    """Two joined bodies have the inertia about a far point that they have one by one."""
+    robot = parse_urdf(two_joints())
+    bodies = [j.link for j in robot.joints]
+    shift = np.eye(4)
+    shift[:3, 3] = [0.3, -0.5, 0.7]
+    bodies[1] = moved(bodies[1], shift)
+
+    def about_origin(body: object) -> np.ndarray:
+        c = body.com  # type: ignore[attr-defined]
+        return body.inertia + body.mass * (c @ c * np.eye(3) - np.outer(c, c))  # type: ignore[attr-defined]
+
+    whole = lumped(bodies)
+    np.testing.assert_allclose(about_origin(whole), sum(map(about_origin, bodies)), rtol=1e-13)
+    np.testing.assert_allclose(whole.mass * whole.com, sum(b.mass * b.com for b in bodies), rtol=1e-13)
+
+
+def test_a_fixed_link_is_part_of_its_parent_and_said() -> None:
+    """A tool on a fixed joint adds its mass to the last link, and a note tells."""
+    plain = parse_urdf(two_joints())
+    tooled = parse_urdf(two_joints(link("tool"), joint("flange", "b", "tool", "fixed", "")))
+    assert tooled.n == plain.n
+    assert tooled.joints[-1].link.mass == pytest.approx(plain.joints[-1].link.mass + 2.0)
+    assert any("'flange' is fixed" in note and "'tool'" in note for note in tooled.notes)
+    assert plain.notes == ()
+
+
+def test_continuous_joints_and_unstated_limits_are_said() -> None:
+    """A continuous joint has no range, a limit of 0 counts as unknown, and both leave a note."""
+    text = urdf(
+        link("foot"), link("a"), link("b"), joint("one", "foot", "a", "continuous", ""),
+        joint("two", "a", "b", inside='<limit lower="-1" upper="1" velocity="0" effort="0"/>'),
+    )  # fmt: skip
+    robot = parse_urdf(text)
+    assert robot.joints[0].limits.position_min is None
+    assert robot.joints[1].limits.velocity is None
+    assert robot.joints[1].limits.torque is None
+    assert any("'one' is continuous" in note for note in robot.notes)
+    assert any("'two' states the velocity limit 0" in note for note in robot.notes)
+
+
+def test_a_link_without_inertial_counts_as_massless_and_is_said() -> None:
+    """A dummy link between two joints has no mass, and a note tells."""
+    robot = parse_urdf(two_joints().replace(link("a"), link("a", "")))
+    assert robot.joints[0].link.mass == 0.0
+    assert any("'a' has no inertial" in note for note in robot.notes)
+
+
+def test_right_angles_written_with_few_digits_are_exact() -> None:
+    """1.5708 is taken as pi/2, so that no parameter seems identifiable only because of the missing digits."""
+    place = '<origin xyz="0 0 0.3" rpy="1.5708 0 3.1416"/>'
+    robot = parse_urdf(two_joints().replace('<origin xyz="0.1 0 0.3" rpy="0 0.4 0"/>', place))
+    entries = np.abs(robot.joints[0].before[:3, :3])
+    assert set(entries.ravel()) == {0.0, 1.0}
+    assert any("1.5708" in note for note in robot.notes)
+
+
+REFUSED = {
+    "prismatic": (two_joints().replace('name="two" type="revolute"', 'name="two" type="prismatic"'), "'two' is prism"),
+    "floating": (two_joints().replace('name="one" type="revolute"', 'name="one" type="floating"'), "'one' is floating"),
+    "planar": (two_joints().replace('name="one" type="revolute"', 'name="one" type="planar"'), "'one' is planar"),
+    "mimic": (two_joints(link("c"), joint("three", "b", "c", inside='<mimic joint="one"/>')), "'three' mimics"),
+    "branch": (two_joints(link("c"), joint("three", "a", "c")), "branches: joints 'two', 'three'"),
+    "two parents": (two_joints(joint("three", "foot", "b")), "link 'b' is the child of joints 'two' and 'three'"),
+    "loop": (two_joints(link("c"), link("d"), joint("x", "c", "d"), joint("y", "d", "c")), "c, d form a loop"),
+    "two roots": (two_joints(link("lost")), "2 (foot, lost)"),
+    "unknown link": (two_joints(joint("three", "b", "nowhere")), "'three' names the link 'nowhere'"),
+    "twice": (two_joints(link("a")), "two links are named 'a'"),
+    "nothing moves": (urdf(link("foot")), "no joint moves"),
+    "negative mass": (two_joints().replace('mass value="2"', 'mass value="-2"', 1), "link 'foot': mass is -2"),
+    "no mass": (two_joints().replace('<mass value="2"/>', "", 1), "has no <mass>"),
+    "triangle": (two_joints().replace('izz="0.05"', 'izz="0.5"'), "triangle inequality"),
+    "no number": (two_joints().replace('ixx="0.03"', 'ixx="big"', 1), "ixx is 'big'"),
+    "axis": (two_joints().replace('axis xyz="0 1 0"', 'axis xyz="0 0 0"', 1), "'one' turns about the axis 0 0 0"),
+    "limits": (two_joints().replace('lower="-1"', 'lower="3"', 1), "joint 'one': position_min 3 is not below"),
+    "massless end": (two_joints().replace(link("b"), link("b", "")), "link 'b' and what is fixed to it have no mass"),
+    "no child": (two_joints().replace('<child link="a"/>', ""), "has no <child>"),
+    "not XML": ("<robot", "is no XML"),
+    "not URDF": ("<mujoco/>", "its root element is <mujoco>"),
+    "xacro": ('<robot name="x" xmlns:xacro="http://www.ros.org/wiki/xacro"><xacro:arm/></robot>', "xacro macros"),
+}
+
+
+@pytest.mark.parametrize("what", REFUSED)
+def test_what_is_no_serial_arm_is_refused_by_name(what: str) -> None:
+    """What cannot be handled raises an error that names the element and says what to do."""
+    text, problem = REFUSED[what]
+    with pytest.raises(RobotError) as caught:
+        parse_urdf(text)
+    assert problem in caught.value.problem
+    assert caught.value.remedy
+
+
+def test_errors_name_the_file(tmp_path: Path) -> None:
+    """An error met in a file begins with its path; a missing file is said so."""
+    path = tmp_path / "arm.urdf"
+    path.write_text(REFUSED["loop"][0])
+    with pytest.raises(RobotError, match=r"arm\.urdf: links c, d form a loop"):
+        load_robot(path)
+    with pytest.raises(RobotError, match="no such file"):
+        load_robot(tmp_path / "none.urdf")
+
+
+TRANSMISSION = """
+    rotor: {mass: 0.4, izz: 1.0e-5, ixx: 1.0e-5, carrier: CARRIER}
+    wave_generator: {mass: 0.1, izz: 1.0e-5, ixx: 1.0e-5, carrier: CARRIER}
+    spline: {mass: 0.2, izz: 1.0e-4, ixx: 1.0e-4, carrier: CARRIER, kind: flex}
+    stiffness: 8.0e3
+    damping: 5.0
+    belt_ratio: 1.0
+    harmonic_drive_ratio: 100.0
+"""
+
+
+def overlay(*joints: tuple[str, str], more: str = "") -> str:
+    parts = [f"  {name}:{TRANSMISSION.replace('CARRIER', carrier)}" for name, carrier in joints]
+    return "urdf: arm.urdf\n" + ("transmissions:\n" + "".join(parts) if parts else "") + more
+
+
+def test_an_overlay_makes_a_urdf_arm_elastic(tmp_path: Path) -> None:
+    """YAML that names a URDF and gives transmissions and limits by joint makes an elastic robot, which saves."""
+    (tmp_path / "arm.urdf").write_text(two_joints())
+    path = tmp_path / "arm.yaml"
+    path.write_text(overlay(("one", "base"), ("two", "a"), more="limits: {two: {acceleration: 3.0}}\nname: springy\n"))
+    robot = load_robot(path)
+    assert robot.elastic
+    assert robot.name == "springy"
+    assert robot.joints[1].limits.acceleration == 3.0
+    assert robot.joints[1].limits.velocity == 1.5
+    assert build_model(robot, engine="numpy").dof == 4
+    robot.save(tmp_path / "saved.yaml")
+    assert load_robot(tmp_path / "saved.yaml").to_dict() == robot.to_dict()
+
+
+def test_the_documented_overlay_loads(tmp_path: Path) -> None:
+    """The example of docs/robots.md is an overlay that loads, on a URDF with joints of its names."""
+    text = (Path(__file__).parents[2] / "docs" / "robots.md").read_text()
+    (tmp_path / "overlay.yaml").write_text(text.split("```yaml\n")[1].split("```")[0])
+    urdf = two_joints().replace('"one"', '"shoulder"').replace('"two"', '"elbow"').replace('"a"', '"upper_arm"')
+    (tmp_path / "arm.urdf").write_text(urdf)
+    robot = load_robot(tmp_path / "overlay.yaml")
+    assert robot.joint_names == ("shoulder", "elbow")
+    assert [joint.transmission.r_tot for joint in robot.joints] == [100.0, 100.0]
+    assert robot.joints[1].limits.torque == 60.0
+    assert robot.torque_noise_std == 0.1
+
+
+@pytest.mark.parametrize(
+    ("content", "problem"),
+    [
+        (overlay(("one", "base")), "joints two have no transmission"),
+        (overlay(("one", "base"), ("three", "a")), "transmissions.three"),
+        (overlay(("one", "base"), ("two", "base")), "two.rotor.carrier is 'base'"),
+        (overlay(more="limits: {four: {velocity: 1}}\n"), "limits.four"),
+        (overlay(more="masses: 3\n"), "masses"),
+        (overlay().replace("arm.urdf", "gone.urdf"), "gone.urdf: no such file"),
+    ],
+)
+def test_a_wrong_overlay_is_refused_by_name(tmp_path: Path, content: str, problem: str) -> None:
+    """An overlay that does not fit its URDF raises an error that names the joint or field."""
+    (tmp_path / "arm.urdf").write_text(two_joints())
+    path = tmp_path / "arm.yaml"
+    path.write_text(content)
+    with pytest.raises(RobotError) as caught:
+        load_robot(path)
+    assert problem in str(caught.value)

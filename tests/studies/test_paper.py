@@ -1,0 +1,245 @@
+"""The paper's study: its claims with our numbers, its files, and what it refuses."""
+
+from __future__ import annotations
+
+import csv
+import json
+import math
+import re
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import sympy
+import typer
+from typer.testing import CliRunner
+
+from elastic_arm.dynamics import build_model
+from elastic_arm.errors import RobotError
+from elastic_arm.robot import Robot, load_robot
+from elastic_arm.studies.paper import feedforward
+from elastic_arm.studies.paper.claims.all_claims import Claim, judge
+from elastic_arm.studies.paper.command import paper
+from elastic_arm.studies.paper.coupling import symbolic_coupling
+from elastic_arm.studies.paper.export import export
+from elastic_arm.studies.paper.identification_study import shares, smallness
+from elastic_arm.studies.paper.report.page import write_paper_report
+from elastic_arm.studies.paper.study import QUICK, Result, run_study, studied_ratios
+from elastic_arm.studies.paper.virtual_prototype.motions import StepRamp
+
+# A claim that flips is a failing test, whichever way it flips.
+VERDICTS = {
+    "motor_mod3_close": "holds",
+    "link_mod3_not_zero": "holds",
+    "motor_mod1_mod2_close": "holds",
+    "link_mod2_better": "holds in part",
+    "link_linear": "holds",
+    "link_difference_grows": "does not hold",
+    "link_last_constant": "holds",
+    "coupling_shape": "holds in part",
+    "motor_mod3_half": "holds in part",
+    "motor_mod3_linear": "holds",
+    "link_mod3_minimal": "holds in part",
+    "link_last_identical": "holds",
+    "B_dominates": "holds in part",
+    "counts": "holds in part",
+    "motor_first_below_half": "holds",
+    "motor_only_first_noise": "holds in part",
+}
+
+
+@pytest.fixture(scope="module")
+def result() -> Result:
+    """The study in its quick mode."""
+    return run_study(load_robot(None), QUICK, workers=1, seed=1, stage=lambda name, count: lambda: None)
+
+
+@pytest.fixture(scope="module")
+def claims(result: Result) -> dict[str, Claim]:
+    """The verdicts by key."""
+    return {claim.key: claim for claim in judge(result)}
+
+
+@pytest.mark.parametrize("key", VERDICTS)
+def test_claim_keeps_its_verdict(claims: dict[str, Claim], key: str) -> None:
+    """The claim's verdict is the one that the documentation states."""
+    assert claims[key].verdict == VERDICTS[key], claims[key].finding
+
+
+def test_every_claim_has_a_deciding_number(claims: dict[str, Claim]) -> None:
+    """No claim is judged without a figure beside it."""
+    for claim in claims.values():
+        assert re.search(r"\d", claim.finding), claim
+
+
+def test_report_holds_every_claim_and_figure_and_needs_no_network(
+    result: Result, claims: dict[str, Claim], tmp_path: Path
+) -> None:
+    """One HTML file with inline vector drawings and nothing to fetch."""
+    page = write_paper_report(result, list(claims.values()), tmp_path / "report.html").read_text(encoding="utf-8")
+    assert page.count("<svg") >= 11
+    for title in ("Fig. 3", "Fig. 4a", "Fig. 4b", "Fig. 4c", "Fig. 5", "Claims", "Cost", "The coupling S"):
+        assert title in page
+    assert len(re.findall("<td[^>]*>[✓◐✗] ", page)) == len(claims)
+    assert not re.search(r"""(?:src|href)=["']https?:""", page)
+
+
+def test_numbers_are_written_beside_the_report_and_read_back(
+    result: Result, claims: dict[str, Claim], tmp_path: Path
+) -> None:
+    """JSON without NaN, and CSV whose metrics are those of the figures."""
+    files = export(result, list(claims.values()), tmp_path)
+    whole = json.loads(files[0].read_text(encoding="utf-8"), parse_constant=pytest.fail)
+    assert len(whole["claims"]) == len(claims)
+    with (tmp_path / "metrics.csv").open(encoding="utf-8") as file:
+        rows = list(csv.DictReader(file))
+    expected = [m.e_max for m in (*result.against_mod3, *result.against_prototype)]
+    assert [float(row["e_max"]) for row in rows] == expected
+
+
+def test_searched_excitation_is_conditioned_better_than_where_it_began(result: Result) -> None:
+    """For each model, and better than the median random trajectory."""
+    for excited in result.excited.values():
+        assert excited.condition < excited.unoptimised <= np.median(excited.random)
+
+
+def test_high_errors_belong_to_coefficients_that_move_little_torque(result: Result) -> None:
+    """For every model the rank correlation of error and torque is clearly negative."""
+    assert all(smallness(estimate)[1] < -0.5 for estimate in result.estimates)
+
+
+def test_mod3_has_no_error_of_its_own(result: Result) -> None:
+    """With locked bushings and no noise its identified coefficients are the true ones; those of mod1 are not."""
+    assert np.abs(result.estimate("mod3").model_error).max() < 1e-2
+    assert np.abs(result.estimate("mod1").model_error).max() > 1.0
+
+
+def test_links_follow_better_under_mod3(result: Result) -> None:
+    """Feed-forward of the identified mod3 leaves less than half the joints' error of mod1's and mod2's."""
+    errors = {t.feedforward: t.joints_rms for t in result.tracking if t.r_tot == result.highest}
+    assert errors["identified mod3"] < 0.5 * min(errors["identified mod1"], errors["identified mod2"])
+    assert errors["identified mod1"] < errors["none"]
+
+
+def test_symbolic_coupling_is_that_of_the_numbers() -> None:
+    """S of (8) with the arm's numbers put in is the model's S, tilts included."""
+    robot = load_robot(None).with_ratio(363)
+    coupling = symbolic_coupling(robot, bearings=True)
+    model = build_model(robot, "mod3", bearings=True)
+    x = np.random.default_rng(5).uniform(-1.0, 1.0, (1, model.dof))
+    values = dict(zip(model.coordinates, x[0], strict=True)) | {"r_b": 3.0, "r_hd": 121.0}
+    for i, joint in enumerate(robot.joints, start=1):
+        assert joint.transmission is not None
+        for short, part in (("r", "rotor"), ("wg", "wave_generator"), ("spl", "spline")):
+            values[f"I_zz^({short},{i})"] = getattr(joint.transmission, part).izz
+    at = {symbol: values[symbol.name] for symbol in coupling.matrix.free_symbols}
+    S = np.array(coupling.matrix.subs(at).tolist(), dtype=float)
+    np.testing.assert_allclose(S, model.terms(x, np.zeros_like(x))["S"][0], atol=1e-12)
+
+
+def test_coupling_of_locked_bearings_has_the_papers_terms() -> None:
+    """S_11 is the rotor's alone, S_23 has spline, wave generator and rotor, as in (9)."""
+    matrix = symbolic_coupling(load_robot(None)).matrix
+    r_b, r_hd = sympy.symbols("r_b r_hd", positive=True)
+    r1, r3, wg3, spl3 = (sympy.Symbol(f"I_zz^({name})", positive=True) for name in ("r,1", "r,3", "wg,3", "spl,3"))
+    assert matrix[0, 0] == r1 * r_b * r_hd
+    assert sympy.expand(matrix[1, 2] - (spl3 + wg3 * r_hd + r3 * r_b * r_hd)) == 0
+
+
+def test_step_ramp_is_the_cubic_with_its_jumps() -> None:
+    """0.1 rad in 1 s, acceleration 0.6 rad/s^2 at the start and -0.6 at the end."""
+    _, ramp, hold = StepRamp(np.zeros(2)).pieces
+    theta, dtheta, ddtheta = ramp.evaluate(np.array([0.0, 0.5, 1.0]))
+    np.testing.assert_allclose(theta[:, 0], [0.0, 0.05, 0.1])
+    np.testing.assert_allclose(dtheta[:, 0], [0.0, 0.15, 0.0], atol=1e-15)
+    np.testing.assert_allclose(ddtheta[:, 0], [0.6, 0.0, -0.6], atol=1e-15)
+    assert not hold.evaluate(np.array([1.2]))[2].any()
+
+
+def test_error_categories_are_the_papers() -> None:
+    """0-20, 21-50, 51 and more, what exceeds 100 % being a part of the last."""
+    found = shares(np.array([3.0, -20.0, 21.0, -50.0, 51.0, 400.0]))
+    assert [found.low, found.mid, found.high, found.beyond] == pytest.approx([100 / 3, 100 / 3, 100 / 3, 100 / 6])
+
+
+def test_inverted_command_fulfils_the_equations_of_motion() -> None:
+    """The feed-forward's motion has no link-side residual in its own model, and its torque is the model's."""
+    robot = load_robot(None).with_ratio(128)
+    model = build_model(robot, "mod3")
+    reference = feedforward.reference(robot.n, 4.0, 4.0, np.random.default_rng(2))
+    t = np.linspace(0.0, 4.0, 400, endpoint=False)
+    q = reference.evaluate(t)
+    command = feedforward.invert(model, model.Psi, q, 4.0)
+    frequency = 2j * math.pi * np.fft.rfftfreq(len(t), 4.0 / len(t))[:, None]
+    theta = [command.theta] + [
+        np.fft.irfft(frequency**k * np.fft.rfft(command.theta, axis=0), len(t), axis=0) for k in (1, 2)
+    ]
+    forces = model.inverse_dynamics(*(np.hstack(pair) for pair in zip(q, theta, strict=True)))
+    assert np.abs(forces[:, : robot.n]).max() < 1e-6
+    np.testing.assert_allclose(forces[:, robot.n :], command.tau_m, atol=1e-6)
+
+
+def test_feedforward_does_not_depend_on_a_step_that_divides_nothing() -> None:
+    """A step of 0.28 ms, of which no whole number makes a sample, gives what 0.25 ms gives."""
+    robot = load_robot(None).with_ratio(363)
+    law = feedforward.Law("true", 363.0, "mod3", build_model(robot, "mod3").Psi)
+    reference = feedforward.reference(robot.n, 1.0, 0.3, np.random.default_rng(2))
+    odd, even = (
+        feedforward.assess(robot, law, reference, frequency=10.0, settle=0.0, step=step) for step in (2.8e-4, 2.5e-4)
+    )
+    assert odd == even
+
+
+def test_arm_without_several_ratios_is_refused() -> None:
+    """The study compares ratios; the error says what to write."""
+    with pytest.raises(RobotError, match="total_ratios_studied"):
+        studied_ratios(load_robot(None).with_(total_ratios_studied={}))
+
+
+def command_line(*arguments: str) -> tuple[int, str]:
+    """Run the command; return exit code and what it said."""
+    app = typer.Typer()
+    app.command()(paper)
+    run = CliRunner().invoke(app, list(arguments), env={"COLUMNS": "400"})
+    return run.exit_code, run.output
+
+
+def saved(robot: Robot, path: Path, old: str, new: str) -> str:
+    """Write the arm file with a pattern replaced; return its path."""
+    robot.save(path)
+    text = path.read_text(encoding="utf-8")
+    changed = re.sub(old, new, text, count=1)
+    assert changed != text
+    path.write_text(changed, encoding="utf-8")
+    return str(path)
+
+
+def test_zero_ratio_is_a_clear_error(tmp_path: Path) -> None:
+    """Exit code 2, the field named."""
+    arm = saved(load_robot(None), tmp_path / "arm.yaml", r"harmonic_drive_ratio: \S+", "harmonic_drive_ratio: 0.0")
+    code, said = command_line("--robot", arm, "--out", str(tmp_path / "out"))
+    assert code == 2
+    assert "harmonic_drive_ratio" in said and "zero" in said
+
+
+def test_arm_without_bearings_is_a_clear_error(tmp_path: Path) -> None:
+    """Exit code 2, the joint named, before any work is done."""
+    robot = load_robot(None)
+    first = robot.joints[0]
+    assert first.transmission is not None
+    bare = robot.with_joint(first.name, transmission=replace(first.transmission, bearing=None))
+    bare.save(tmp_path / "arm.yaml")
+    code, said = command_line("--robot", str(tmp_path / "arm.yaml"), "--out", str(tmp_path / "out"))
+    assert code == 2
+    assert first.name in said and "bearing" in said
+    assert not (tmp_path / "out").exists()
+
+
+def test_missing_engine_is_a_clear_error(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Exit code 2, the extra named."""
+    monkeypatch.setitem(sys.modules, "mujoco", None)
+    code, said = command_line("--out", str(tmp_path / "out"))
+    assert code == 2
+    assert "mujoco" in said and "elastic_arm[paper]" in said
