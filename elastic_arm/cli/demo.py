@@ -27,7 +27,7 @@ from elastic_arm.errors import GraphError, OutputError
 from elastic_arm.excitation import ExcitationResult, FourierTrajectory, MotionLimits, Shape, Workspace, optimise
 from elastic_arm.identification import Identification, chi_square, compare, gain, identify
 from elastic_arm.recording import Recording, read_recording
-from elastic_arm.robot import Robot, load_robot, varied
+from elastic_arm.robot import Robot, load_robot, save_robot, varied
 
 EVALUATIONS = 600
 SHAPE = Shape(harmonics=5, period=8.0, periods=2)
@@ -64,7 +64,7 @@ def demo(
     _make_room(folder)
     nominal = load_robot(None)
     true_arm = varied(nominal, np.random.default_rng(seed))
-    true_arm.save(folder / "true_arm.yaml")
+    save_robot(true_arm, folder / "true_arm.yaml")
     _heading("1  a motion that excites the parameters")
     search = _excite(nominal, folder / "trajectory.yaml", seed)
     _heading("2  the live graph: simulator, trajectory generator, identifier, recorder")

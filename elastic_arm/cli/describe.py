@@ -17,7 +17,7 @@ from elastic_arm.effects import robot_effects
 from elastic_arm.errors import EffectError, OutputError
 from elastic_arm.estimation.base_parameters import BaseParameters
 from elastic_arm.estimation.equations import Equations
-from elastic_arm.robot import Robot, load_robot
+from elastic_arm.robot import Robot, load_robot, robot_to_dict, to_urdf
 
 RobotFile = Annotated[Path | None, typer.Option("--robot", help="Arm file or URDF; the nominal arm by default.")]
 
@@ -45,7 +45,7 @@ def describe(
     told = build_model(robot, model)
     parameters = base_of(told)
     if urdf is not None:
-        _write(urdf, robot.to_urdf())
+        _write(urdf, to_urdf(robot))
     if json:
         print_json(_content(robot, model, len(told.parameters), parameters))
         return
@@ -106,7 +106,7 @@ def _print_robot(robot: Robot) -> None:
 
 def _content(robot: Robot, model: str, parameters: int, base: BaseParameters) -> dict[str, Any]:
     return {
-        "robot": robot.to_dict(),
+        "robot": robot_to_dict(robot),
         "elastic": robot.elastic,
         "mass_kg": float(robot.mass),
         "notes": list(robot.notes),

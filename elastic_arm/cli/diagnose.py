@@ -21,7 +21,7 @@ from elastic_arm.diagnosis.pipeline import Question, diagnose
 from elastic_arm.diagnosis.result import SEPARATING, Cause, Diagnosis
 from elastic_arm.effects.text import known_effects
 from elastic_arm.recording import Recording, load_channels, read_recording
-from elastic_arm.robot import Robot, load_robot
+from elastic_arm.robot import Robot, load_robot, save_robot
 
 ROBOT = "robot.yaml"
 COLOURS = {"none": "green", "explained": "cyan", "unknown": "yellow"}
@@ -108,7 +108,7 @@ def write_diagnosis(found: Diagnosis, robot: Robot, folder: Path) -> None:
     for name in (ROBOT, SEPARATING):
         (folder / name).unlink(missing_ok=True)
     if ROBOT in _further(found):
-        repaired_robot(robot, found).save(folder / ROBOT)
+        save_robot(repaired_robot(robot, found), folder / ROBOT)
     if found.proposal is not None and found.proposal.trajectory is not None and SEPARATING in _further(found):
         found.proposal.trajectory.save(folder / SEPARATING)
 

@@ -14,7 +14,7 @@ from elastic_arm.errors import IdentificationError
 from elastic_arm.estimation.equations import Equations
 from elastic_arm.identification.least_squares import Fit
 from elastic_arm.identification.verdict import Excitation, directions, relative_std, verdicts
-from elastic_arm.robot import Robot
+from elastic_arm.robot import Robot, save_robot
 
 Array = NDArray[np.float64]
 SCHEMA = "elastic_arm/identification/1"
@@ -182,7 +182,7 @@ class Identification:
             raise IdentificationError(
                 "no full set of parameters was identified", "Identify with physical consistency (--consistent)."
             )
-        self.identified.save(path)
+        save_robot(self.identified, path)
 
 
 @dataclass(frozen=True)

@@ -28,7 +28,7 @@ from elastic_arm.nodes.support.reference import ReferenceQueue, Row
 from elastic_arm.nodes.support.running import ArmNode, run
 from elastic_arm.nodes.support.wire import NANOSECONDS, Form
 from elastic_arm.recording import topics
-from elastic_arm.robot import load_robot
+from elastic_arm.robot import load_robot, to_urdf
 from elastic_arm.sensors import Encoder, Sensors, TorqueSensor
 from elastic_arm.simulation import Simulator
 
@@ -143,7 +143,7 @@ class SimulatorNode(ArmNode):
         self._clock_form = Form(types[topics.CLOCK], Clock())
         self._clock_every = max(round(CLOCK_PERIOD * self._arm.rate), 1)
         description = self.create_publisher(String, topics.ROBOT_DESCRIPTION, graph.qos(topics.ROBOT_DESCRIPTION))
-        description.publish(String(data=self._arm.nominal.to_urdf()))
+        description.publish(String(data=to_urdf(self._arm.nominal)))
 
     def _start_clock(self, real_time: bool) -> None:
         self._step_ns = round(NANOSECONDS / self._arm.rate)

@@ -11,6 +11,9 @@ from elastic_arm.robot.description import (
     Transmission,
 )
 from elastic_arm.robot.loading import load_robot
+from elastic_arm.robot.saving import robot_to_dict, save_robot
+from elastic_arm.robot.urdf import parse_urdf
+from elastic_arm.robot.urdf_export import to_urdf
 from elastic_arm.robot.variation import varied
 
 __all__ = [
@@ -23,5 +26,9 @@ __all__ = [
     "Robot",
     "Transmission",
     "load_robot",
+    "parse_urdf",
+    "robot_to_dict",
+    "save_robot",
+    "to_urdf",
     "varied",
 ]

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -189,24 +188,6 @@ class Robot:
             if j.transmission is not None
         ]
         return self.with_(joints=tuple(changed))
-
-    def save(self, path: str | Path) -> None:
-        """Write an arm file that :func:`elastic_arm.robot.load_robot` reads back to the same robot."""
-        from elastic_arm.robot.saving import save_robot
-
-        save_robot(self, path)
-
-    def to_dict(self) -> dict[str, Any]:
-        """Return the arm file's content as plain data: equal for equal robots."""
-        from elastic_arm.robot.saving import robot_to_dict
-
-        return robot_to_dict(self)
-
-    def to_urdf(self) -> str:
-        """Return the arm as URDF text."""
-        from elastic_arm.robot.urdf import to_urdf
-
-        return to_urdf(self)
 
 
 def _check_unique(names: Sequence[str], what: str) -> None:

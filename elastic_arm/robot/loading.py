@@ -22,6 +22,7 @@ from elastic_arm.robot.arm_file import (
 )
 from elastic_arm.robot.description import DH, Bearing, Component, Inertia, Joint, Limits, Robot, Transmission
 from elastic_arm.robot.parts import located
+from elastic_arm.robot.urdf import read_urdf
 
 NOMINAL_ARM = Path(__file__).parent / "data" / "arm.yaml"
 
@@ -54,8 +55,6 @@ def load_robot(path: str | Path | None = None) -> Robot:
     """
     path = NOMINAL_ARM if path is None else Path(path)
     if path.suffix.lower() in (".urdf", ".xml"):
-        from elastic_arm.robot.urdf import read_urdf
-
         return read_urdf(path)
     content = read_fields(path, RobotError, REMEDY)
     try:
@@ -91,8 +90,6 @@ def _robot(entry: ArmEntry) -> Robot:
 
 def _overlaid(entry: OverlayEntry, folder: Path) -> Robot:
     """Return the URDF's robot with what the overlay adds; limits that it does not state stay the URDF's."""
-    from elastic_arm.robot.urdf import read_urdf
-
     robot = read_urdf(folder / entry.urdf)
     for name in entry.transmissions:
         if name not in robot.joint_names:

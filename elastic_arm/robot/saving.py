@@ -13,7 +13,7 @@ from elastic_arm.robot.description import Component, Joint, Robot, Transmission
 
 
 def save_robot(robot: Robot, path: str | Path) -> None:
-    """Write `robot` as an arm file.
+    """Write `robot` as an arm file, which :func:`elastic_arm.robot.load_robot` reads back to the same robot.
 
     Raises
     ------
@@ -28,7 +28,7 @@ def save_robot(robot: Robot, path: str | Path) -> None:
 
 
 def robot_to_dict(robot: Robot) -> dict[str, Any]:
-    """Return the content of the arm file as plain data."""
+    """Return the content of the arm file as plain data: equal for equal robots."""
     base: dict[str, Any] = {"mass": float(robot.base_mass)}
     if robot.base_dh is not None and np.array_equal(robot.base_dh.placement, robot.base_placement):
         base |= _floats(vars(robot.base_dh))

@@ -28,9 +28,6 @@ from elastic_arm.robot.urdf_elements import (
     vector,
     z_onto,
 )
-from elastic_arm.robot.urdf_export import to_urdf
-
-__all__ = ["parse_urdf", "read_urdf", "to_urdf"]
 
 Array = NDArray[np.float64]
 

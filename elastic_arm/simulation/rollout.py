@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from elastic_arm.effects import EffectInstance
 from elastic_arm.errors import SimulationError
 from elastic_arm.recording import Recording, Side
-from elastic_arm.robot import Robot
+from elastic_arm.robot import Robot, to_urdf
 from elastic_arm.sensors import Sensors
 from elastic_arm.simulation.controller import Controller
 from elastic_arm.simulation.simulator import Simulator
@@ -108,6 +108,6 @@ def record(
         reference=None
         if reference is None
         else Side(true_ns, position=reference[0], velocity=reference[1], acceleration=reference[2]),
-        robot_description=robot.to_urdf(),
+        robot_description=to_urdf(robot),
         source="simulation",
     )

@@ -14,7 +14,7 @@ from typer.testing import CliRunner, Result
 from elastic_arm.app import app
 from elastic_arm.excitation import load_trajectory
 from elastic_arm.recording import write_recording
-from elastic_arm.robot import load_robot
+from elastic_arm.robot import load_robot, to_urdf
 from elastic_arm.robot.loading import NOMINAL_ARM
 from tests.helpers.bags import two_sided
 from tests.helpers.motions import trajectory
@@ -237,7 +237,7 @@ ARM_FILES: dict[str, tuple[Any, str]] = {
 def test_faults_of_arm_files_are_said_in_words(tmp_path: Path, name: str) -> None:
     """File, field and reason, in the words of the file: none of the libraries that read it."""
     content, words = ARM_FILES[name]
-    (tmp_path / "arm.urdf").write_text(load_robot().to_urdf())
+    (tmp_path / "arm.urdf").write_text(to_urdf(load_robot()))
     (tmp_path / "arm.yaml").write_text(yaml.safe_dump(content))
     said = refusal("describe", "--robot", tmp_path / "arm.yaml")
     assert str(tmp_path / "arm.yaml") in said

@@ -17,7 +17,7 @@ from elastic_arm.effects.text import known_effects
 from elastic_arm.errors import DiagnosisError, ElasticArmError
 from elastic_arm.recording import Recording
 from elastic_arm.report.diagnosis import write_gap_report
-from elastic_arm.robot import load_robot
+from elastic_arm.robot import load_robot, save_robot
 from elastic_arm.studies.blind_challenge.hidden_arms.instruments import Instruments
 from tests.helpers.hidden_arms import fault, recordings
 
@@ -173,7 +173,7 @@ def test_result_is_what_the_contract_says(tmp_path: Path) -> None:
     }  # fmt: skip
     low, high = data["shrink_interval"]
     assert low <= data["shrink"] <= high
-    repaired_robot(ROBOT, found).save(tmp_path / "robot.yaml")
+    save_robot(repaired_robot(ROBOT, found), tmp_path / "robot.yaml")
     assert load_robot(tmp_path / "robot.yaml").effects[0]["effect"] == "coulomb_friction"
     page = write_gap_report(tmp_path / "report.html", found).read_text()
     assert "coulomb_friction" in page and "<svg" in page

@@ -14,7 +14,7 @@ from elastic_arm.effects import EFFECTS, EffectInstance, Role, Scope, from_dict,
 from elastic_arm.effects.catalogue import discover
 from elastic_arm.errors import EffectError
 from elastic_arm.recording import read_recording
-from elastic_arm.robot import load_robot
+from elastic_arm.robot import load_robot, save_robot
 from tests.helpers.effect_samples import INSTANCES, contribution, random_motion
 
 OF_A_NEW_EFFECT = """
@@ -71,7 +71,7 @@ def test_text_and_data_are_read_back(arm, effect):
 def test_arm_files_carry_effects(arm, tmp_path):
     """Effects listed in an arm file are saved and loaded with it."""
     instances = [parse(text, arm) for text, _ in INSTANCES.values()]
-    arm.with_(effects=tuple(a.to_dict() for a in instances)).save(tmp_path / "arm.yaml")
+    save_robot(arm.with_(effects=tuple(a.to_dict() for a in instances)), tmp_path / "arm.yaml")
     loaded = robot_effects(load_robot(tmp_path / "arm.yaml"))
     assert [a.to_dict() for a in loaded] == [a.to_dict() for a in instances]
 

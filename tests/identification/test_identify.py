@@ -17,7 +17,7 @@ from elastic_arm.identification import Identification, Identifier, compare, gain
 from elastic_arm.identification.stream import smoothed
 from elastic_arm.identification.verdict import relative_std
 from elastic_arm.recording import Recording, Samples, Side
-from elastic_arm.robot import load_robot
+from elastic_arm.robot import load_robot, to_urdf
 from elastic_arm.robot.urdf import parse_urdf
 from tests.helpers.periodic_arm import record
 
@@ -62,7 +62,7 @@ def test_stream_and_batch_agree_to_rounding_however_samples_are_cut(model: Model
 
 def test_both_torques_identify_an_arm_described_as_rigid(samples: Samples) -> None:
     """A description without transmissions has one equation a joint, measured by both torque sensors: both are used."""
-    rigid = parse_urdf(load_robot(None).to_urdf())
+    rigid = parse_urdf(to_urdf(load_robot(None)))
     found = identify(recorded(samples), rigid, consistent=False)
     assert set(found.noise) == {"joint", "whole"}
     equations = Equations(build_model(rigid), ("q", "theta", "tau_J", "tau_m"), joints=rigid.joint_names)

@@ -11,7 +11,7 @@ import pytest
 
 from elastic_arm.dynamics import build_model
 from elastic_arm.errors import RobotError
-from elastic_arm.robot import Robot, load_robot
+from elastic_arm.robot import Robot, load_robot, robot_to_dict, save_robot, to_urdf
 from elastic_arm.robot.kinematics import link_placements, lumped, moved
 from elastic_arm.robot.urdf import parse_urdf
 
@@ -103,7 +103,7 @@ def test_a_chain_in_all_directions_moves_as_in_pinocchio(joints: int) -> None:
 def test_a_robot_written_as_urdf_and_read_again_moves_the_same() -> None:
     """Robot -> URDF -> robot keeps frames, inertias and limits, and the text becomes a fixed point."""
     robot = parse_urdf(random_chain(np.random.default_rng(9), 3))
-    text = robot.to_urdf()
+    text = to_urdf(robot)
     again = parse_urdf(text)
     assert again.joint_names == robot.joint_names
     assert again.mass == pytest.approx(robot.mass, rel=1e-12)
@@ -118,7 +118,7 @@ def test_a_robot_written_as_urdf_and_read_again_moves_the_same() -> None:
 def test_the_elastic_arm_as_urdf_carries_its_motors() -> None:
     """In an elastic arm's URDF, motors and gears ride on their carriers: mass and gravity torques are the arm's."""
     robot = load_robot()
-    text = robot.to_urdf()
+    text = to_urdf(robot)
     rigid = parse_urdf(text)
     assert rigid.mass == pytest.approx(robot.mass, rel=1e-12)
     q = np.random.default_rng(1).uniform(-3, 3, (10, robot.n))
@@ -132,7 +132,7 @@ def test_the_elastic_arm_as_urdf_carries_its_motors() -> None:
 
 def test_mujoco_takes_the_urdf_and_agrees() -> None:
     """MuJoCo compiles the exported URDF and computes the same inverse dynamics."""
-    text = load_robot().to_urdf()
+    text = to_urdf(load_robot())
     rigid = parse_urdf(text)
     engine = mujoco.MjModel.from_xml_string(text)
     data = mujoco.MjData(engine)
@@ -289,8 +289,8 @@ def test_an_overlay_makes_a_urdf_arm_elastic(tmp_path: Path) -> None:
     assert robot.joints[1].limits.acceleration == 3.0
     assert robot.joints[1].limits.velocity == 1.5
     assert build_model(robot, engine="numpy").dof == 4
-    robot.save(tmp_path / "saved.yaml")
-    assert load_robot(tmp_path / "saved.yaml").to_dict() == robot.to_dict()
+    save_robot(robot, tmp_path / "saved.yaml")
+    assert robot_to_dict(load_robot(tmp_path / "saved.yaml")) == robot_to_dict(robot)
 
 
 def test_the_documented_overlay_loads(tmp_path: Path) -> None:

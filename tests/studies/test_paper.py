@@ -18,7 +18,7 @@ from typer.testing import CliRunner
 
 from elastic_arm.dynamics import build_model
 from elastic_arm.errors import RobotError
-from elastic_arm.robot import Robot, load_robot
+from elastic_arm.robot import Robot, load_robot, save_robot
 from elastic_arm.studies.paper import feedforward
 from elastic_arm.studies.paper.claims.all_claims import Claim, judge
 from elastic_arm.studies.paper.command import paper
@@ -208,7 +208,7 @@ def command_line(*arguments: str) -> tuple[int, str]:
 
 def saved(robot: Robot, path: Path, old: str, new: str) -> str:
     """Write the arm file with a pattern replaced; return its path."""
-    robot.save(path)
+    save_robot(robot, path)
     text = path.read_text(encoding="utf-8")
     changed = re.sub(old, new, text, count=1)
     assert changed != text
@@ -230,7 +230,7 @@ def test_arm_without_bearings_is_a_clear_error(tmp_path: Path) -> None:
     first = robot.joints[0]
     assert first.transmission is not None
     bare = robot.with_joint(first.name, transmission=replace(first.transmission, bearing=None))
-    bare.save(tmp_path / "arm.yaml")
+    save_robot(bare, tmp_path / "arm.yaml")
     code, said = command_line("--robot", str(tmp_path / "arm.yaml"), "--out", str(tmp_path / "out"))
     assert code == 2
     assert first.name in said and "bearing" in said
