@@ -22,7 +22,8 @@ from elastic_arm.estimation.residuals import Layout
 from elastic_arm.estimation.whitening import WhitenedData
 from elastic_arm.robot import Robot
 from elastic_arm.studies.blind_challenge.draft import Draft
-from elastic_arm.studies.blind_challenge.hidden_arms.hidden_arm import Course, HiddenArm
+from elastic_arm.studies.blind_challenge.hidden_arms.course import Course
+from elastic_arm.studies.blind_challenge.hidden_arms.hidden_arm import HiddenArm
 from elastic_arm.studies.blind_challenge.hidden_arms.instruments import Instruments, measure
 from elastic_arm.studies.blind_challenge.hidden_arms.laws import Fault
 from elastic_arm.studies.blind_challenge.hidden_arms.motion import MultiSine

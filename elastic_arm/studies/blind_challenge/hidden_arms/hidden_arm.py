@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from scipy.interpolate import CubicSpline
@@ -11,6 +11,7 @@ from scipy.interpolate import CubicSpline
 from elastic_arm.errors import SimulationError
 from elastic_arm.recording import Recording
 from elastic_arm.robot import Component, Inertia, Robot, Transmission
+from elastic_arm.studies.blind_challenge.hidden_arms.course import Course
 from elastic_arm.studies.blind_challenge.hidden_arms.engine import Run, engine_of
 from elastic_arm.studies.blind_challenge.hidden_arms.instruments import Instruments, measure
 from elastic_arm.studies.blind_challenge.hidden_arms.laws import Fault, joint_numbers
@@ -23,29 +24,6 @@ SUBSTEPS = 4  # RK4 steps a sample; those between also give tau_J for its mean o
 BEARING_SUBSTEPS = 8  # bearing modes lie at some hundred Hz
 CHECKED = 20  # instants of a run that are compared with Pinocchio
 CONTROL_BANDWIDTH = 20.0  # rad/s
-
-
-@dataclass(frozen=True)
-class Course:
-    """What really happened, at the samples.
-
-    Parameters
-    ----------
-    t
-        (N,) s.
-    q, dq, theta, dtheta
-        (N, n) at the instant of the sample.
-    tau_J, tau_m
-        (N, n) means over the sample interval centred on it.
-    """
-
-    t: np.ndarray
-    q: np.ndarray
-    dq: np.ndarray
-    theta: np.ndarray
-    dtheta: np.ndarray
-    tau_J: np.ndarray
-    tau_m: np.ndarray
 
 
 class HiddenArm:

@@ -4,16 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.interpolate import CubicSpline
 
 from elastic_arm.recording import Recording, Side
+from elastic_arm.studies.blind_challenge.hidden_arms.course import Course
 from elastic_arm.studies.blind_challenge.hidden_arms.laws import SENSOR_EFFECTS, Fault
-
-if TYPE_CHECKING:
-    from elastic_arm.studies.blind_challenge.hidden_arms.hidden_arm import Course
 
 
 @dataclass(frozen=True)
