@@ -14,7 +14,7 @@ from rich.table import Table
 from elastic_arm.cli.console import err, out, print_json, refuse_repeated, reports_errors
 from elastic_arm.cli.outputs import claim_folder
 from elastic_arm.diagnosis.corrected_robot import repaired_robot
-from elastic_arm.diagnosis.design.discriminating_motion import Proposal
+from elastic_arm.diagnosis.design.proposal import Proposal
 from elastic_arm.diagnosis.followup import followed_up
 from elastic_arm.diagnosis.format import ahead, at, confidence, harmful, likelihood, meaning, percent, sizes
 from elastic_arm.diagnosis.pipeline import Question, diagnose

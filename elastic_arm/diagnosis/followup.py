@@ -6,7 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from elastic_arm.diagnosis.design.discriminating_motion import Proposal, propose
+from elastic_arm.diagnosis.design.discriminating_motion import propose
+from elastic_arm.diagnosis.design.proposal import Proposal
 from elastic_arm.diagnosis.inference.across_recordings import agreements
 from elastic_arm.diagnosis.inference.prediction import predict
 from elastic_arm.diagnosis.result import SEPARATING, Alternative, Cause, Diagnosis

@@ -16,7 +16,7 @@ from elastic_arm.estimation.residuals import SIDES
 
 if TYPE_CHECKING:
     from elastic_arm.diagnosis.context import DiagnosisContext
-    from elastic_arm.diagnosis.design.discriminating_motion import Proposal
+    from elastic_arm.diagnosis.design.proposal import Proposal
     from elastic_arm.diagnosis.inference.across_recordings import Agreement
     from elastic_arm.diagnosis.inference.prediction import Prediction
     from elastic_arm.effects.model import EffectInstance

@@ -11,13 +11,13 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from itertools import product
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from elastic_arm.diagnosis.context import DiagnosisContext
 from elastic_arm.diagnosis.design.predicted_experiment import Rehearsal, Surroundings
+from elastic_arm.diagnosis.design.proposal import Pair, Proposal
 from elastic_arm.diagnosis.result import Cause
 from elastic_arm.diagnosis.selection.regressor_library import Entry
 from elastic_arm.diagnosis.selection.stepwise import misfit
@@ -32,7 +32,6 @@ Array = NDArray[np.float64]
 # Makes whitened columns (rows, k) of a feature at values of its searched parameters.
 Columns = Callable[[Feature, Sequence[float]], Array]
 
-DECIDES = 12.0  # log-likelihood from which a recording decides, as the diagnosis itself asks of a cause
 MOST_PAIRS = 6
 SECONDS = 20.0
 # Slow and fast, smooth and rich motions; (harmonics, periods between the ramps).
@@ -79,74 +78,6 @@ class Contender:
             return np.zeros((len(self.adds(columns)), 0))
         points = _neighbours(self.family.searched, self.around)
         return np.hstack([columns(self.family, point) for point in points])
-
-
-@dataclass(frozen=True)
-class Pair:
-    """Two explanations, and how far a recording tells them apart: log-likelihoods on this one, and expected."""
-
-    cause: tuple[str, str | None]
-    alternative: tuple[str, str | None]
-    here: float
-    expected: float = 0.0
-
-    @property
-    def decides(self) -> bool:
-        """Whether the proposed motion is expected to decide."""
-        return self.expected >= DECIDES
-
-    def to_dict(self) -> dict[str, Any]:
-        """Return it as plain data."""
-        return {
-            **{
-                name: {"effect": effect, "joint": joint}
-                for name, (effect, joint) in (("cause", self.cause), ("alternative", self.alternative))
-            },
-            "log_likelihood": {"this_recording": float(f"{self.here:.4g}"), "proposed": float(f"{self.expected:.4g}")},
-            "decides": self.decides,
-        }
-
-
-@dataclass(frozen=True)
-class Proposal:
-    """A motion that is expected to tell explanations apart.
-
-    Parameters
-    ----------
-    trajectory
-        None where no motion within the limits was found.
-    pairs
-        What it tells apart, and how well.
-    candidates
-        How many motions were judged.
-    notes
-        What had to be assumed, or why there is no motion.
-    """
-
-    trajectory: FourierTrajectory | None
-    pairs: tuple[Pair, ...]
-    candidates: int
-    notes: tuple[str, ...] = ()
-
-    @property
-    def seconds(self) -> float:
-        """Length of the motion, s."""
-        return 0.0 if self.trajectory is None else self.trajectory.duration
-
-    @property
-    def worthwhile(self) -> bool:
-        """Whether there is a motion, and it is expected to decide anything."""
-        return self.trajectory is not None and any(pair.decides for pair in self.pairs)
-
-    def to_dict(self, file: str) -> dict[str, Any]:
-        """Return it as plain data; `file` is where the trajectory is written."""
-        return {
-            "file": file if self.worthwhile else None,
-            "duration_s": self.seconds or None,
-            "candidates": self.candidates,
-            "pairs": [pair.to_dict() for pair in self.pairs],
-            "notes": list(self.notes),
-        }
 
 
 def propose(material: DiagnosisContext, causes: Sequence[Cause], *, rng: np.random.Generator) -> Proposal | None:

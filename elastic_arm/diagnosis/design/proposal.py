@@ -1,0 +1,78 @@
+"""A proposed motion, and the explanations that it is expected to tell apart."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+from elastic_arm.excitation import FourierTrajectory
+
+DECIDES = 12.0  # log-likelihood from which a recording decides, as the diagnosis itself asks of a cause
+
+
+@dataclass(frozen=True)
+class Pair:
+    """Two explanations, and how far a recording tells them apart: log-likelihoods on this one, and expected."""
+
+    cause: tuple[str, str | None]
+    alternative: tuple[str, str | None]
+    here: float
+    expected: float = 0.0
+
+    @property
+    def decides(self) -> bool:
+        """Whether the proposed motion is expected to decide."""
+        return self.expected >= DECIDES
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return it as plain data."""
+        return {
+            **{
+                name: {"effect": effect, "joint": joint}
+                for name, (effect, joint) in (("cause", self.cause), ("alternative", self.alternative))
+            },
+            "log_likelihood": {"this_recording": float(f"{self.here:.4g}"), "proposed": float(f"{self.expected:.4g}")},
+            "decides": self.decides,
+        }
+
+
+@dataclass(frozen=True)
+class Proposal:
+    """A motion that is expected to tell explanations apart.
+
+    Parameters
+    ----------
+    trajectory
+        None where no motion within the limits was found.
+    pairs
+        What it tells apart, and how well.
+    candidates
+        How many motions were judged.
+    notes
+        What had to be assumed, or why there is no motion.
+    """
+
+    trajectory: FourierTrajectory | None
+    pairs: tuple[Pair, ...]
+    candidates: int
+    notes: tuple[str, ...] = ()
+
+    @property
+    def seconds(self) -> float:
+        """Length of the motion, s."""
+        return 0.0 if self.trajectory is None else self.trajectory.duration
+
+    @property
+    def worthwhile(self) -> bool:
+        """Whether there is a motion, and it is expected to decide anything."""
+        return self.trajectory is not None and any(pair.decides for pair in self.pairs)
+
+    def to_dict(self, file: str) -> dict[str, Any]:
+        """Return it as plain data; `file` is where the trajectory is written."""
+        return {
+            "file": file if self.worthwhile else None,
+            "duration_s": self.seconds or None,
+            "candidates": self.candidates,
+            "pairs": [pair.to_dict() for pair in self.pairs],
+            "notes": list(self.notes),
+        }
