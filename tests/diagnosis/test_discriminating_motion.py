@@ -7,8 +7,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from elastic_arm.diagnosis.design.discriminating_motion import DECIDES, propose
+from elastic_arm.diagnosis.design.discriminating_motion import propose
 from elastic_arm.diagnosis.design.predicted_experiment import Rehearsal, Surroundings
+from elastic_arm.diagnosis.design.proposal import DECIDES
 from elastic_arm.diagnosis.followup import followed_up
 from elastic_arm.diagnosis.pipeline import Question, diagnose
 from elastic_arm.diagnosis.result import SEPARATING, Diagnosis
