@@ -1,10 +1,12 @@
 # Two commands: `make demo` and `make test`. Both set up what they need; `make help` lists the rest.
 SHELL := /bin/bash
 .DELETE_ON_ERROR:
-.PHONY: help demo test paper setup lint types unit clean
+.PHONY: help demo test quick paper setup lint types unit clean
 
 DONE := .venv/.done
 RUN := . tools/env.sh &&
+# Tests in as many processes as there are cores, one numeric thread each; tests/conftest.py says which stay together.
+PYTEST := OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 python -m pytest -n logical --dist loadgroup --no-loadscope-reorder
 
 help:
 	@grep -E '^[a-z]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 10
@@ -13,6 +15,9 @@ demo: $(DONE)/packages ## set up, run the live arm, identify it, and open the do
 	@$(RUN) elastic-arm demo
 
 test: lint types unit ## set up, then lint, type check and run all tests
+
+quick: $(DONE)/packages $(DONE)/tests ## the tests that need no ROS graph, no browser and little time
+	@$(RUN) $(PYTEST) -m "not graph and not slow and not browser"
 
 paper: $(DONE)/packages $(DONE)/tests ## reproduce the paper in one report, runs/paper/report.html
 	@$(RUN) elastic-arm paper --out runs/paper --force
@@ -26,7 +31,7 @@ types: $(DONE)/tests
 	@$(RUN) mypy --no-error-summary
 
 unit: $(DONE)/packages $(DONE)/tests
-	@$(RUN) python -m pytest
+	@$(RUN) $(PYTEST)
 
 clean: ## remove all that the set-up made
 	rm -rf .venv build install log *.egg-info

@@ -46,7 +46,7 @@ setup(
     python_requires=">=3.11",
     install_requires=list(LIBRARIES),
     extras_require={
-        "test": ["pytest", "hypothesis"],
+        "test": ["pytest", "pytest-xdist", "hypothesis"],
         "paper": ["mujoco", "sympy"],
         "challenge": ["dask", "distributed", "pin"],
     },

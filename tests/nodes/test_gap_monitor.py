@@ -198,6 +198,7 @@ def start_arm(graph: Graph) -> None:
     graph.start("trajectory_generator", trajectory=graph.folder / "trajectory.yaml", repeat=0, use_sim_time=True)
 
 
+@pytest.mark.graph
 def test_the_friction_of_a_moving_arm_is_named(graph: Graph) -> None:
     """While the arm moves, /gap names effect, joint and size, residuals come in between, and losses are counted aloud.
 
@@ -240,6 +241,7 @@ def test_the_friction_of_a_moving_arm_is_named(graph: Graph) -> None:
     assert "Traceback" not in monitor.output
 
 
+@pytest.mark.graph
 def test_an_arm_at_rest_is_not_diagnosed(graph: Graph) -> None:
     """Without motion there is no verdict, and the reason stands on /diagnostics; Ctrl-C ends the node at any time."""
     found = graph.listen(GapDiagnosis, "/gap")
@@ -257,6 +259,7 @@ def test_an_arm_at_rest_is_not_diagnosed(graph: Graph) -> None:
     assert monitor.stop(signal.SIGTERM) == 0, monitor.output
 
 
+@pytest.mark.graph
 @pytest.mark.parametrize(
     ("parameters", "named"),
     [({"robot": "/nowhere/arm.yaml"}, "/nowhere/arm.yaml"), ({"known": "['coulomb_frictoin']"}, "coulomb_friction")],

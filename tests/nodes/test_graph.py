@@ -24,6 +24,8 @@ from elastic_arm.recording import read_recording
 from elastic_arm.robot import load_robot
 from tests.helpers.ros_graph import Graph, NodeProcess, ros_graph
 
+pytestmark = pytest.mark.graph
+
 JOINTS = ("joint_1", "joint_2", "joint_3")
 STEP_NS = 1_000_000
 

@@ -50,6 +50,7 @@ def two_causes() -> Diagnosis:
     return followed_up(diagnose([recordings[0]], question, [recordings[1]]), rng=np.random.default_rng(0))
 
 
+@pytest.mark.browser
 def test_report_shows_verdict_map_ladder_and_prediction_in_a_browser(two_causes: Diagnosis, tmp_path: Path) -> None:
     """A real browser shows verdict first, then where, how far, each cause, before and after, and the prediction."""
     page = rendered_page(write_gap_report(tmp_path / "report.html", two_causes), tmp_path / "profile")

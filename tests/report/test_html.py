@@ -21,6 +21,7 @@ def _figure():
     return Figure(figure, "A sine.")
 
 
+@pytest.mark.browser
 def test_report_shows_its_text_tables_and_figures_in_a_browser(tmp_path):
     """A report written to one file shows every block in a real browser."""
     sections = [
