@@ -5,7 +5,7 @@ A file of this folder that holds an `EFFECT` is in the catalogue; adding an effe
 
 from elastic_arm.effects.catalogue import EFFECTS, from_dict, parse, robot_effects
 from elastic_arm.effects.model import Choice, Confusion, Effect, EffectInstance, Parameter, Role, Scope
-from elastic_arm.effects.motion import Contribution, Motion
+from elastic_arm.effects.motion import Contribution, SymbolicMotion
 
 __all__ = [
     "EFFECTS",
@@ -14,10 +14,10 @@ __all__ = [
     "Contribution",
     "Effect",
     "EffectInstance",
-    "Motion",
     "Parameter",
     "Role",
     "Scope",
+    "SymbolicMotion",
     "from_dict",
     "parse",
     "robot_effects",

@@ -10,7 +10,7 @@ import casadi as ca
 import numpy as np
 
 from elastic_arm.effects.model import EffectInstance, Scope
-from elastic_arm.effects.motion import Contribution, Motion
+from elastic_arm.effects.motion import Contribution, SymbolicMotion
 from elastic_arm.errors import EffectError
 from elastic_arm.robot import Robot
 
@@ -71,7 +71,7 @@ class EffectSet:
         ]
         return np.concatenate([np.zeros(0), *rows])
 
-    def contribution(self, motion: Motion) -> tuple[Contribution, ca.SX]:
+    def contribution(self, motion: SymbolicMotion) -> tuple[Contribution, ca.SX]:
         """Return the sum of all laws, and the rates of `z`.
 
         Transmission errors come first: the other laws of the joint find them in the deflection.

@@ -19,13 +19,13 @@ from typing import Any
 
 import casadi as ca
 
-from elastic_arm.effects.motion import Contribution, Motion
+from elastic_arm.effects.motion import Contribution, SymbolicMotion
 from elastic_arm.errors import EffectError
 from elastic_arm.robot import Robot
 from elastic_arm.sensors import Sensors
 
 Value = float | tuple[float, ...] | tuple[str, ...] | str
-Law = Callable[[Motion, int, Mapping[str, Any]], Contribution]
+Law = Callable[[SymbolicMotion, int, Mapping[str, Any]], Contribution]
 
 
 class Role(Enum):
@@ -208,7 +208,7 @@ class Effect:
     sides: tuple[str, ...] = ()
     regime: str = "always"
     states: tuple[str, ...] = ()
-    twist: Callable[[Motion, int, Mapping[str, Any]], tuple[ca.SX, ca.SX]] | None = None
+    twist: Callable[[SymbolicMotion, int, Mapping[str, Any]], tuple[ca.SX, ca.SX]] | None = None
     sides_of: Callable[[Mapping[str, Any]], tuple[str, ...]] | None = None
     confusions: tuple[Confusion, ...] = ()
 

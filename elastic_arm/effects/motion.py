@@ -79,7 +79,7 @@ class Contribution:
 
 
 @dataclass(frozen=True)
-class Motion:
+class SymbolicMotion:
     """The motion of an arm over symbols.
 
     Parameters

@@ -20,7 +20,7 @@ from elastic_arm.codegen import kernels
 from elastic_arm.codegen.recursion import Scan
 from elastic_arm.effects.equations import ArmEquations
 from elastic_arm.effects.model import Effect, EffectInstance, Parameter, Role, Scope
-from elastic_arm.effects.motion import Contribution, Motion
+from elastic_arm.effects.motion import Contribution, SymbolicMotion
 from elastic_arm.errors import EffectError
 from elastic_arm.estimation.residuals import CompletedMotion
 
@@ -240,7 +240,7 @@ def _compile(feature: Feature) -> _Compiled:
     equations, effect, n = feature.equations, feature.effect, feature.equations.robot.n
     sizes = dict.fromkeys(("x", "dx", "ddx"), equations.dof)
     symbols = {name: ca.SX.sym(name, sizes.get(name, n)) for name in INPUTS}
-    motion = Motion(
+    motion = SymbolicMotion(
         equations,
         symbols["x"],
         symbols["dx"],
@@ -278,7 +278,7 @@ def _compile(feature: Feature) -> _Compiled:
     return _Compiled(kernel, np.array(kept, dtype=int), searched.numel(), rates)  # type: ignore[arg-type]
 
 
-def _contribution(feature: Feature, motion: Motion, values: Mapping[str, Any]) -> Contribution:
+def _contribution(feature: Feature, motion: SymbolicMotion, values: Mapping[str, Any]) -> Contribution:
     effect, robot = feature.effect, motion.robot
     if feature.joint is not None:
         return effect.law(motion, robot.joint_names.index(feature.joint), values)

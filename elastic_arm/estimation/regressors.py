@@ -10,8 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elastic_arm.codegen import kernels
-from elastic_arm.effects import EffectInstance, Role, Scope, parse
-from elastic_arm.effects import Motion as SymbolicMotion
+from elastic_arm.effects import EffectInstance, Role, Scope, SymbolicMotion, parse
 from elastic_arm.effects.catalogue import find
 from elastic_arm.effects.effect_set import law_joints
 from elastic_arm.effects.equations import ArmEquations

@@ -15,7 +15,7 @@ from elastic_arm.dynamics.derivation import bias, mass_matrix, solve
 from elastic_arm.effects.effect_set import EffectSet
 from elastic_arm.effects.equations import ArmEquations
 from elastic_arm.effects.model import EffectInstance
-from elastic_arm.effects.motion import Contribution, Motion
+from elastic_arm.effects.motion import Contribution, SymbolicMotion
 
 SX = ca.SX
 
@@ -112,7 +112,7 @@ def _derive(equations: ArmEquations, acting: EffectSet) -> list[ca.Function]:
     tau_m, tau_J, speed = SX.sym("tau_m", n), SX.sym("tau_J", n), SX.sym("speed", 2 * n)
     signs = SX.sym("signs", 2 * n)
     unused = SX.zeros(n)
-    motion = Motion(
+    motion = SymbolicMotion(
         equations, x, dx, ddx, tau_J, tau_m, unused, unused, sign=lambda side, i: signs[i if side == "link" else n + i]
     )
     added, rates = acting.contribution(motion)
@@ -150,14 +150,14 @@ def _derive(equations: ArmEquations, acting: EffectSet) -> list[ca.Function]:
     ]
 
 
-def _joint_torque(motion: Motion, added: Contribution, tau_m: SX) -> SX:
+def _joint_torque(motion: SymbolicMotion, added: Contribution, tau_m: SX) -> SX:
     """tau_J of the drive equation; where there is no drive, the motor's torque."""
     if not motion.robot.elastic:
         return tau_m
     return motion.K * (motion.theta - motion.q) + motion.D * (motion.dtheta - motion.dq) + added.drive
 
 
-def _rows(motion: Motion, added: Contribution) -> SX:
+def _rows(motion: SymbolicMotion, added: Contribution) -> SX:
     """What the effects add to the left side of (1): the drive pulls the link and holds the motor back."""
     if not motion.robot.elastic:
         return added.link + added.motor
@@ -166,7 +166,7 @@ def _rows(motion: Motion, added: Contribution) -> SX:
     return ca.vertcat(added.link - added.drive, added.motor + added.drive, free)
 
 
-def _input_rows(motion: Motion, tau_m: SX) -> SX:
+def _input_rows(motion: SymbolicMotion, tau_m: SX) -> SX:
     """Right side of (1)."""
     n, dof = motion.n, motion.x.shape[0]
     return tau_m if not motion.robot.elastic else ca.vertcat(SX(n, 1), tau_m, SX(dof - 2 * n, 1))

@@ -5,7 +5,7 @@ from __future__ import annotations
 import casadi as ca
 import numpy as np
 
-from elastic_arm.effects import EffectInstance, Motion
+from elastic_arm.effects import EffectInstance, SymbolicMotion
 from elastic_arm.effects.effect_set import EffectSet
 from elastic_arm.effects.equations import ArmEquations
 from elastic_arm.robot import Robot
@@ -59,7 +59,9 @@ def law_function(robot: Robot, instances: list[EffectInstance], model: str = "mo
     sizes = {name: equations.dof if name.endswith("x") else robot.n for name in CHANNELS}
     symbols = {name: ca.SX.sym(name, size) for name, size in sizes.items()}
     velocities = {"link": symbols["dx"][: robot.n], "motor": symbols["dx"][robot.n :]}
-    total, rates = acting.contribution(Motion(equations, **symbols, sign=lambda side, i: ca.sign(velocities[side][i])))
+    total, rates = acting.contribution(
+        SymbolicMotion(equations, **symbols, sign=lambda side, i: ca.sign(velocities[side][i]))
+    )
     outputs = ca.substitute(
         [total.link, total.drive, total.motor, rates],
         [acting.p, equations.Psi],

@@ -6,10 +6,10 @@ from typing import Any
 import casadi as ca
 
 from elastic_arm.effects.model import Confusion, Effect, Parameter, Role
-from elastic_arm.effects.motion import Contribution, Motion
+from elastic_arm.effects.motion import Contribution, SymbolicMotion
 
 
-def law(motion: Motion, i: int, p: Mapping[str, Any]) -> Contribution:
+def law(motion: SymbolicMotion, i: int, p: Mapping[str, Any]) -> Contribution:
     """-K times the part of the deflection that the play takes up."""
     gap, d = p["half_gap"], motion.deflection[i]
     return motion.at(i, drive=-motion.K[i] * ca.fmax(-gap, ca.fmin(gap, d)))

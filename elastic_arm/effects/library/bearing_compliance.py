@@ -8,12 +8,12 @@ import casadi as ca
 
 from elastic_arm.effects.equations import ArmEquations
 from elastic_arm.effects.model import Effect, Parameter, Plant, Role, Scope, StructuralEffect
-from elastic_arm.effects.motion import Contribution, Motion
+from elastic_arm.effects.motion import Contribution, SymbolicMotion
 from elastic_arm.errors import EffectError
 from elastic_arm.robot import Robot
 
 
-def law(motion: Motion, i: int, p: Mapping[str, Any]) -> Contribution:
+def law(motion: SymbolicMotion, i: int, p: Mapping[str, Any]) -> Contribution:
     """What the links feel when the bearings give way as springs, without ringing.
 
     The tilts follow the moment that the rigid arm puts on its bearings; their rates follow from those of the motion.

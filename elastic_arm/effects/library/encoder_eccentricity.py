@@ -6,11 +6,11 @@ from typing import Any
 import casadi as ca
 
 from elastic_arm.effects.model import Confusion, Effect, Parameter, Role, SensorEffect
-from elastic_arm.effects.motion import Contribution, Motion
+from elastic_arm.effects.motion import Contribution, SymbolicMotion
 from elastic_arm.sensors import Sensors
 
 
-def law(motion: Motion, i: int, p: Mapping[str, Any]) -> Contribution:
+def law(motion: SymbolicMotion, i: int, p: Mapping[str, Any]) -> Contribution:
     """K and D times the false deflection and its rate."""
     motion.gear(i)
     angle = motion.q[i] + p["phase"]

@@ -8,7 +8,7 @@ from typing import Any
 import casadi as ca
 
 from elastic_arm.effects.model import Choice, Law
-from elastic_arm.effects.motion import Contribution, Motion
+from elastic_arm.effects.motion import Contribution, SymbolicMotion
 
 SIDE = Choice("side", ("motor", "link"), "motor")
 
@@ -21,7 +21,7 @@ def chosen_side(parameters: Mapping[str, Any]) -> tuple[str, ...]:
 def resisting(torque: Callable[[ca.SX, ca.SX, Mapping[str, Any]], ca.SX]) -> Law:
     """Return the law of a friction torque (velocity, its sign, parameters) -> Nm on the chosen side."""
 
-    def law(motion: Motion, i: int, p: Mapping[str, Any]) -> Contribution:
+    def law(motion: SymbolicMotion, i: int, p: Mapping[str, Any]) -> Contribution:
         side = p["side"]
         resistance: dict[str, Any] = {side: torque(motion.velocity(side)[i], motion.sign(side, i), p)}
         return motion.at(i, **resistance)

@@ -6,10 +6,10 @@ from typing import Any
 import casadi as ca
 
 from elastic_arm.effects.model import Confusion, Effect, Parameter, Role
-from elastic_arm.effects.motion import Contribution, Motion
+from elastic_arm.effects.motion import Contribution, SymbolicMotion
 
 
-def law(motion: Motion, i: int, p: Mapping[str, Any]) -> Contribution:
+def law(motion: SymbolicMotion, i: int, p: Mapping[str, Any]) -> Contribution:
     """H z added to tau_J, with the Bouc-Wen state z of the deflection."""
     z, rate = p["z"], motion.deflection_rate[i]
     z_rate = (rate - ca.fabs(rate) * z / 2 - rate * ca.fabs(z) / 2) / p["width"]

@@ -5,10 +5,10 @@ from typing import Any
 
 from elastic_arm.effects.library.gain import GAIN, excess, scaling
 from elastic_arm.effects.model import Confusion, Effect, SensorEffect
-from elastic_arm.effects.motion import Contribution, Motion
+from elastic_arm.effects.motion import Contribution, SymbolicMotion
 
 
-def law(motion: Motion, i: int, p: Mapping[str, Any]) -> Contribution:
+def law(motion: SymbolicMotion, i: int, p: Mapping[str, Any]) -> Contribution:
     """In recorded torque: (1 - 1/gain) tau_J, which the motor equation has with the other sign."""
     error = excess(motion.tau_J[i], p)
     return motion.at(i, link=error, drive=error, motor=-error)

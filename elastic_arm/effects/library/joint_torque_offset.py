@@ -4,11 +4,11 @@ from collections.abc import Mapping
 from typing import Any
 
 from elastic_arm.effects.model import Confusion, Effect, Parameter, SensorEffect
-from elastic_arm.effects.motion import Contribution, Motion
+from elastic_arm.effects.motion import Contribution, SymbolicMotion
 from elastic_arm.sensors import Sensors
 
 
-def law(motion: Motion, i: int, p: Mapping[str, Any]) -> Contribution:
+def law(motion: SymbolicMotion, i: int, p: Mapping[str, Any]) -> Contribution:
     """The offset, which the motor equation has with the other sign."""
     return motion.at(i, link=p["offset"], drive=p["offset"], motor=-p["offset"])
 

@@ -7,10 +7,10 @@ import casadi as ca
 import numpy as np
 
 from elastic_arm.effects.model import Confusion, Effect, Parameter
-from elastic_arm.effects.motion import Contribution, Motion
+from elastic_arm.effects.motion import Contribution, SymbolicMotion
 
 
-def law(motion: Motion, i: int, p: Mapping[str, Any]) -> Contribution:
+def law(motion: SymbolicMotion, i: int, p: Mapping[str, Any]) -> Contribution:
     """What the true link has beyond the nominal one, as a body carried along with it."""
     link = motion.robot.joints[i].link
     mass = p["mass"] * link.mass

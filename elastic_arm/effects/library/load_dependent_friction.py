@@ -6,10 +6,10 @@ from typing import Any
 import casadi as ca
 
 from elastic_arm.effects.model import Confusion, Effect, Parameter
-from elastic_arm.effects.motion import Contribution, Motion
+from elastic_arm.effects.motion import Contribution, SymbolicMotion
 
 
-def law(motion: Motion, i: int, p: Mapping[str, Any]) -> Contribution:
+def law(motion: SymbolicMotion, i: int, p: Mapping[str, Any]) -> Contribution:
     """mu abs(tau_J) sign(w) on the motor side."""
     return motion.at(i, motor=p["coefficient"] * ca.fabs(motion.tau_J[i]) * motion.sign("motor", i))
 

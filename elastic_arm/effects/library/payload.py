@@ -6,10 +6,10 @@ from typing import Any
 import casadi as ca
 
 from elastic_arm.effects.model import Confusion, Effect, Parameter, Role, Scope
-from elastic_arm.effects.motion import Contribution, Motion
+from elastic_arm.effects.motion import Contribution, SymbolicMotion
 
 
-def law(motion: Motion, i: int, p: Mapping[str, Any]) -> Contribution:
+def law(motion: SymbolicMotion, i: int, p: Mapping[str, Any]) -> Contribution:
     """Weight and inertia of a point mass fixed to link n."""
     mass, position = p["mass"], p["position"]
     inertia = mass * (ca.sumsqr(position) * ca.SX.eye(3) - position @ position.T)

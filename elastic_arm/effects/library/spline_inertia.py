@@ -4,11 +4,11 @@ from collections.abc import Mapping
 from typing import Any
 
 from elastic_arm.effects.model import Effect, Scope
-from elastic_arm.effects.motion import Contribution, Motion
+from elastic_arm.effects.motion import Contribution, SymbolicMotion
 from elastic_arm.errors import EffectError
 
 
-def law(motion: Motion, i: int, p: Mapping[str, Any]) -> Contribution:
+def law(motion: SymbolicMotion, i: int, p: Mapping[str, Any]) -> Contribution:
     """What mod2 has beyond mod1."""
     if motion.equations.model_name != "mod1":
         raise EffectError(

@@ -4,10 +4,10 @@ from collections.abc import Mapping
 from typing import Any
 
 from elastic_arm.effects.model import Confusion, Effect, Parameter
-from elastic_arm.effects.motion import Contribution, Motion
+from elastic_arm.effects.motion import Contribution, SymbolicMotion
 
 
-def law(motion: Motion, i: int, p: Mapping[str, Any]) -> Contribution:
+def law(motion: SymbolicMotion, i: int, p: Mapping[str, Any]) -> Contribution:
     """(ratio - 1) K d."""
     motion.gear(i)
     return motion.at(i, drive=(p["stiffness"] - 1.0) * motion.K[i] * motion.deflection[i])

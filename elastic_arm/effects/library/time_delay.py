@@ -4,14 +4,14 @@ from collections.abc import Mapping
 from typing import Any
 
 from elastic_arm.effects.model import Choice, Confusion, Effect, Parameter, Scope, SensorEffect
-from elastic_arm.effects.motion import Contribution, Motion
+from elastic_arm.effects.motion import Contribution, SymbolicMotion
 from elastic_arm.sensors import Sensors
 
 # What each late channel does to the residuals, per second of delay, to first order.
 _SIDES = {"joint_torque": ("link", "drive", "motor"), "motor_torque": ("motor",), "link_encoder": ("link", "drive")}
 
 
-def law(motion: Motion, i: int, p: Mapping[str, Any]) -> Contribution:
+def law(motion: SymbolicMotion, i: int, p: Mapping[str, Any]) -> Contribution:
     """The delay times the rate of what comes late: first order in the delay.
 
     A late link encoder makes the link equation compare tau_J with the torque of a moment ago, so the difference is the

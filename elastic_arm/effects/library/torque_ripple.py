@@ -6,10 +6,10 @@ from typing import Any
 import casadi as ca
 
 from elastic_arm.effects.model import Confusion, Effect, Parameter, Role
-from elastic_arm.effects.motion import Contribution, Motion
+from elastic_arm.effects.motion import Contribution, SymbolicMotion
 
 
-def law(motion: Motion, i: int, p: Mapping[str, Any]) -> Contribution:
+def law(motion: SymbolicMotion, i: int, p: Mapping[str, Any]) -> Contribution:
     """The motor gives A sin(k r_tot theta + phi) more than tau_m says."""
     angle = p["order"] * motion.gear(i).r_tot * motion.theta[i] + p["phase"]
     return motion.at(i, motor=-p["amplitude"] * ca.sin(angle))

@@ -20,7 +20,7 @@ from elastic_arm.studies.paper.identification_study import Estimate
 from elastic_arm.studies.paper.identification_study import study as identify
 from elastic_arm.studies.paper.parallel import Advance, Crew
 from elastic_arm.studies.paper.virtual_prototype.mechanism import Bushing, engine, transmissions
-from elastic_arm.studies.paper.virtual_prototype.motions import QUINTIC, Excitation, Motion, StepRamp
+from elastic_arm.studies.paper.virtual_prototype.motions import QUINTIC, ImposedMotion, PeriodicMotion, StepRamp
 from elastic_arm.studies.paper.virtual_prototype.prototype import Prototype, Run
 
 Plant = Callable[[str, int], Advance]
@@ -238,7 +238,7 @@ def run_study(robot: Robot, settings: Settings, *, workers: int, seed: int, stag
     return result
 
 
-def follow(robot: Robot, bushing: Bushing, motion: Motion, step: float) -> Run:
+def follow(robot: Robot, bushing: Bushing, motion: ImposedMotion, step: float) -> Run:
     """Build a prototype and let it follow a motion, at `step` or what its bushings bear: one task of the study."""
     prototype = Prototype(robot, bushing)
     return prototype.follow(motion, step=min(step, prototype.stable_step()))
@@ -320,7 +320,7 @@ def _identify(
 
 
 def _identify_one(robot: Robot, model: str, r_tot: float, excited: Excited, settings: Settings, seed: int) -> Estimate:
-    motion = Excitation(excited.trajectory)
+    motion = PeriodicMotion(excited.trajectory)
     run = follow(robot, Bushing(), motion, settings.excitation_step)
     locked = follow(robot, Bushing(locked=True), motion, LOCKED_STEP)
     return identify(

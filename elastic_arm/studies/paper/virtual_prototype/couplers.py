@@ -11,7 +11,7 @@ import numpy as np
 from elastic_arm.errors import SimulationError
 from elastic_arm.robot.description import Robot
 from elastic_arm.studies.paper.virtual_prototype.mechanism import Bushing, build_spec, engine, transmissions
-from elastic_arm.studies.paper.virtual_prototype.motions import Motion
+from elastic_arm.studies.paper.virtual_prototype.motions import ImposedMotion
 from elastic_arm.studies.paper.virtual_prototype.prototype import Prototype
 
 
@@ -51,7 +51,7 @@ class SoftCouplers:
         equality.solref = [-(self._frequency**2), -2.0 * self._frequency]
         equality.solimp = [0.9999, 0.9999, 0.001, 0.5, 2.0]  # the engine's ceiling: all but rigid
 
-    def follow(self, motion: Motion, *, step: float, rate: float = 1000.0) -> tuple[np.ndarray, np.ndarray]:
+    def follow(self, motion: ImposedMotion, *, step: float, rate: float = 1000.0) -> tuple[np.ndarray, np.ndarray]:
         """Servo the rotors along a motion; return tau_m and theta (N, n) as `rate` samples per second.
 
         Raises

@@ -15,7 +15,7 @@ Evaluate = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray, np.ndarray]]
 
 
 @dataclass(frozen=True)
-class Piece:
+class SmoothPiece:
     """A stretch of time in which the motion is smooth."""
 
     start: float
@@ -23,11 +23,11 @@ class Piece:
     evaluate: Evaluate
 
 
-class Motion(Protocol):
+class ImposedMotion(Protocol):
     """What the prototype follows."""
 
     @property
-    def pieces(self) -> list[Piece]:
+    def pieces(self) -> list[SmoothPiece]:
         """The smooth stretches, in order, each beginning where the one before ends."""
 
 
@@ -63,10 +63,14 @@ class StepRamp:
     shape: tuple[float, ...] = CUBIC
 
     @property
-    def pieces(self) -> list[Piece]:
+    def pieces(self) -> list[SmoothPiece]:
         """Standstill, so that the first sample is at rest, the ramp, and standstill."""
         end = self.rise + self.hold
-        return [Piece(-0.01, 0.0, self._wait), Piece(0.0, self.rise, self._ramp), Piece(self.rise, end, self._stand)]
+        return [
+            SmoothPiece(-0.01, 0.0, self._wait),
+            SmoothPiece(0.0, self.rise, self._ramp),
+            SmoothPiece(self.rise, end, self._stand),
+        ]
 
     def _wait(self, t: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         theta = np.broadcast_to(self.start, (len(t), len(self.start)))
@@ -85,7 +89,7 @@ class StepRamp:
 
 
 @dataclass(frozen=True)
-class Excitation:
+class PeriodicMotion:
     """A Fourier trajectory: its smooth start is driven, its first period is recorded, from t = 0 on.
 
     Parameters
@@ -97,11 +101,11 @@ class Excitation:
     trajectory: FourierTrajectory
 
     @property
-    def pieces(self) -> list[Piece]:
+    def pieces(self) -> list[SmoothPiece]:
         """The smooth start, where there is one, and one period."""
         ramp, period = self.trajectory.ramp, self.trajectory.period
-        recorded = Piece(0.0, period, self._evaluate)
-        return [Piece(-ramp, 0.0, self._evaluate), recorded] if ramp > 0.0 else [recorded]
+        recorded = SmoothPiece(0.0, period, self._evaluate)
+        return [SmoothPiece(-ramp, 0.0, self._evaluate), recorded] if ramp > 0.0 else [recorded]
 
     def _evaluate(self, t: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         return self.trajectory.evaluate(t + self.trajectory.ramp)

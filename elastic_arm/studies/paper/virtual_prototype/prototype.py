@@ -21,7 +21,7 @@ from scipy.linalg.lapack import dposv
 from elastic_arm.errors import SimulationError
 from elastic_arm.robot.description import Robot
 from elastic_arm.studies.paper.virtual_prototype.mechanism import BUSHING, Bushing, build_spec, engine, transmissions
-from elastic_arm.studies.paper.virtual_prototype.motions import Motion
+from elastic_arm.studies.paper.virtual_prototype.motions import ImposedMotion
 from elastic_arm.studies.paper.virtual_prototype.rotations import link_coordinates
 
 Torque = Callable[[int, np.ndarray, np.ndarray], np.ndarray]
@@ -168,7 +168,7 @@ class Prototype:
             places[k] = data.site_xpos[0]
         return places
 
-    def follow(self, motion: Motion, *, step: float = DEFAULT_STEP, rate: float = RECORD_RATE) -> Run:
+    def follow(self, motion: ImposedMotion, *, step: float = DEFAULT_STEP, rate: float = RECORD_RATE) -> Run:
         """Impose a motion on the rotors (through the couplers) and record what the arm does.
 
         Parameters
