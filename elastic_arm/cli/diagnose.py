@@ -15,8 +15,17 @@ from elastic_arm.cli.console import err, out, print_json, refuse_repeated, repor
 from elastic_arm.cli.outputs import claim_folder
 from elastic_arm.diagnosis.corrected_robot import repaired_robot
 from elastic_arm.diagnosis.design.proposal import Proposal
-from elastic_arm.diagnosis.followup import followed_up
-from elastic_arm.diagnosis.format import ahead, at, confidence, harmful, likelihood, meaning, percent, sizes
+from elastic_arm.diagnosis.follow_up import follow_up
+from elastic_arm.diagnosis.format import (
+    effect_at,
+    estimates_text,
+    log_likelihood_text,
+    negative_shrink_note,
+    percent,
+    prediction_sentence,
+    probability_text,
+    verdict_sentence,
+)
 from elastic_arm.diagnosis.pipeline import Question, diagnose
 from elastic_arm.diagnosis.result import SEPARATING, Cause, Diagnosis
 from elastic_arm.effects.text import known_effects
@@ -87,7 +96,7 @@ def diagnose_command(
     with err.status("diagnosing"):
         found = diagnose(recordings, question, judges)
     with err.status("predicting, comparing, proposing"):
-        found = followed_up(found, rng=np.random.default_rng(0) if propose else None)
+        found = follow_up(found, rng=np.random.default_rng(0) if propose else None)
         write_diagnosis(found, robot, out_dir)
     if json:
         print_json(found.to_dict())
@@ -121,15 +130,15 @@ def _further(found: Diagnosis) -> list[str]:
 
 def print_diagnosis(found: Diagnosis, folder: Path) -> None:
     """Print verdict, causes and what is left."""
-    out.print(f"[bold {COLOURS[found.verdict]}]{found.verdict}[/]: {escape(meaning(found))}")
+    out.print(f"[bold {COLOURS[found.verdict]}]{found.verdict}[/]: {escape(verdict_sentence(found))}")
     if found.causes:
         _print_causes(found.causes)
     for cause in found.causes:
         for other in cause.alternatives:
             told = other.file or other.separated_by
             out.print(
-                f"instead of {at(cause.effect, cause.joint)} it may be {at(other.effect, other.joint)} "
-                f"({confidence(other.confidence)}); told apart by: {escape(told)}"
+                f"instead of {effect_at(cause.effect, cause.joint)} it may be {effect_at(other.effect, other.joint)} "
+                f"({probability_text(other.confidence)}); told apart by: {escape(told)}"
             )
     for place in found.unexplained:
         out.print(f"unexplained: {place.joint}, {place.side} side, {place.rmse:.3g} Nm, follows {place.regime}")
@@ -147,11 +156,11 @@ def _print_causes(causes: Sequence[Cause]) -> None:
     for heading in ("shrinks\nalone by" if out.is_terminal else "shrinks alone by", "confidence"):
         table.add_column(heading, no_wrap=True, justify="right")
     for cause in causes:
-        told = sizes(cause.parameters, "\n" if out.is_terminal else ", ")
-        shares = percent(cause.shrink), confidence(cause.confidence)
+        told = estimates_text(cause.parameters, "\n" if out.is_terminal else ", ")
+        shares = percent(cause.shrink), probability_text(cause.confidence)
         table.add_row(cause.effect, escape(cause.joint or "whole arm"), escape(told), *shares)
     out.print(table)
-    if told := harmful(causes):
+    if told := negative_shrink_note(causes):
         out.print(told)
 
 
@@ -160,20 +169,21 @@ def _print_followed_up(found: Diagnosis) -> None:
     if found.prediction is not None and found.prediction.reason:
         out.print(f"prediction: not measured, {escape(found.prediction.reason)}")
     elif found.prediction is not None and found.causes:
-        out.print(f"prediction: {escape(ahead(found.prediction))}")
+        out.print(f"prediction: {escape(prediction_sentence(found.prediction))}")
     if found.proposal is not None:
         _print_proposal(found.proposal)
     for agreement in found.agreements:
         word = "agrees" if agreement.agrees else "[yellow]does not agree[/]"
         apart = "" if agreement.spread is None else f": sizes within {100 * agreement.spread:.2g} % of their mean"
-        out.print(f"{at(agreement.effect, agreement.joint)}: {word} over the recordings{apart}")
+        out.print(f"{effect_at(agreement.effect, agreement.joint)}: {word} over the recordings{apart}")
 
 
 def _print_proposal(proposal: Proposal) -> None:
     for pair in proposal.pairs:
-        names = " or ".join(at(*place) for place in (pair.cause, pair.alternative))
+        names = " or ".join(effect_at(*place) for place in (pair.cause, pair.alternative))
         outlook = f"in the {proposal.seconds:g} s of {SEPARATING}" if pair.decides else "of the best motion found"
         out.print(
-            f"next: {names}: log-likelihood {likelihood(pair.here)} in this recording, {likelihood(pair.expected)} "
+            f"next: {names}: log-likelihood {log_likelihood_text(pair.here)} in this recording, "
+            f"{log_likelihood_text(pair.expected)} "
             f"expected {outlook}"
         )

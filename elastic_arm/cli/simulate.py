@@ -16,7 +16,7 @@ from rich.table import Table
 from elastic_arm.cli.console import err, out, print_json, reports_errors
 from elastic_arm.cli.describe import load_arm
 from elastic_arm.cli.outputs import claim_bag
-from elastic_arm.diagnosis.format import settings
+from elastic_arm.diagnosis.format import instance_text
 from elastic_arm.dynamics import build_model
 from elastic_arm.effects import EFFECTS, EffectInstance, parse
 from elastic_arm.errors import SensorError, SimulationError
@@ -170,7 +170,9 @@ def _print_summary(recording: Recording, effects: list[EffectInstance], summary:
     )
     for active in effects:
         place = active.joint or "the whole arm"
-        out.print(f"  [bold]{active.effect.id}[/] on {escape(place)}: {escape(settings(active)) or 'no parameters'}")
+        out.print(
+            f"  [bold]{active.effect.id}[/] on {escape(place)}: {escape(instance_text(active)) or 'no parameters'}"
+        )
     table = Table(box=None, header_style="bold")
     for heading in ("joint", "peak tau_m, Nm", "off the reference, mrad"):
         table.add_column(heading, justify="left" if heading == "joint" else "right")

@@ -9,8 +9,8 @@ from rich.markup import escape
 
 from elastic_arm.cli.console import err, out
 from elastic_arm.cli.diagnose import print_diagnosis, write_diagnosis
-from elastic_arm.diagnosis.followup import followed_up
-from elastic_arm.diagnosis.format import settings
+from elastic_arm.diagnosis.follow_up import follow_up
+from elastic_arm.diagnosis.format import instance_text
 from elastic_arm.diagnosis.pipeline import Question, diagnose
 from elastic_arm.dynamics import build_model
 from elastic_arm.effects import EFFECTS, EffectInstance
@@ -49,10 +49,10 @@ def diagnose_withheld(folder: Path, nominal: Robot, motion: FourierTrajectory, r
             write_recording(folder / name, simulate(nominal, trajectory, effects=[drawn], rng=rng))
     with err.status("diagnosing"):
         fitted, judged = (read_recording(folder / name) for name in ("identify", "validate"))
-        found = followed_up(diagnose([fitted], Question(nominal), [judged]), rng=rng)
+        found = follow_up(diagnose([fitted], Question(nominal), [judged]), rng=rng)
         write_diagnosis(found, nominal, folder)
     print_diagnosis(found, folder)
-    out.print(f"what had been drawn: {drawn.effect.id} on {drawn.joint}, {escape(settings(drawn))}")
+    out.print(f"what had been drawn: {drawn.effect.id} on {drawn.joint}, {escape(instance_text(drawn))}")
 
 
 def _draw(robot: Robot, rng: np.random.Generator) -> EffectInstance:

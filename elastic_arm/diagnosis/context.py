@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from elastic_arm.diagnosis.selection.regressor_library import Entry, RegressorLibrary
+from elastic_arm.diagnosis.selection.regressor_library import Candidate, RegressorLibrary
 from elastic_arm.dynamics import Model
 from elastic_arm.effects import EffectInstance
 from elastic_arm.estimation.observation import Observation
@@ -28,20 +28,20 @@ class DiagnosisContext:
         WhitenedData of the validation recordings.
     before, after
         Residuals (N', R) of each stretch.
-    entries
+    selected
         The causes as they were fitted.
     alone
         Residuals of each stretch with one cause alone added, by position in the causes.
     regimes
         (R,) share of each residual's power that follows each regime, before.
-    bank
+    library
         The columns of all effects on both data sets.
     seen
         The observed recordings that causes were fitted on, and those that judged, or the last third of each.
     held_back
         Whether the last third of each recording judged.
     given, known
-        What counted as part of the model, as entries and as the simulator takes it.
+        What counted as part of the model, as candidates and as the simulator takes it.
     rivals
         What competes with each cause, by position in the causes, most probable first.
     """
@@ -50,12 +50,12 @@ class DiagnosisContext:
     validate: WhitenedData
     before: list[Array]
     after: list[Array]
-    entries: tuple[Entry, ...]
+    selected: tuple[Candidate, ...]
     alone: tuple[list[Array], ...]
     regimes: tuple[dict[str, float], ...]
-    bank: RegressorLibrary
+    library: RegressorLibrary
     seen: tuple[tuple[Observation, ...], tuple[Observation, ...]]
     held_back: bool
-    given: tuple[Entry, ...]
+    given: tuple[Candidate, ...]
     known: tuple[EffectInstance, ...]
-    rivals: tuple[tuple[Entry, ...], ...]
+    rivals: tuple[tuple[Candidate, ...], ...]

@@ -12,7 +12,7 @@ def repaired_robot(robot: Robot, diagnosis: Diagnosis) -> Robot:
     Known are those of the arm file and of the user, at the sizes that were fitted, and lags of a sample or less.
     """
     model_has_them = ("spline_inertia", "inertia_coupling")
-    material = diagnosis.material
-    known = robot.effects if material is None else [active.to_dict() for active in material.known]
+    context = diagnosis.context
+    known = robot.effects if context is None else [active.to_dict() for active in context.known]
     found = [c.active.to_dict() for c in diagnosis.causes if c.effect not in model_has_them]
     return robot.with_(effects=(*known, *found))

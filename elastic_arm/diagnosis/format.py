@@ -10,7 +10,7 @@ from elastic_arm.formatting import rounded
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
-    from elastic_arm.diagnosis.inference.estimates import Estimate
+    from elastic_arm.diagnosis.inference.estimates import ParameterEstimate
     from elastic_arm.diagnosis.inference.prediction import Prediction
     from elastic_arm.diagnosis.result import Cause, Diagnosis
     from elastic_arm.effects import EffectInstance
@@ -32,7 +32,7 @@ def separated_by(effect: Effect, other: Effect, joint: str | None, other_joint: 
     return _SAME_EFFECT if effect.id == other.id and joint != other_joint else _OTHERWISE
 
 
-def meaning(found: Diagnosis) -> str:
+def verdict_sentence(found: Diagnosis) -> str:
     """Return the verdict as a sentence."""
     if found.verdict == "none":
         return "recording and model agree within the noise of the sensors."
@@ -50,15 +50,15 @@ def meaning(found: Diagnosis) -> str:
 
 def _with_rival(cause: Cause) -> str:
     """Return a cause by name, with the strongest alternative where the recording leaves it in doubt."""
-    name = at(cause.effect, cause.joint)
+    name = effect_at(cause.effect, cause.joint)
     other = max(cause.alternatives, key=lambda a: a.confidence, default=None)
     # Of an incomplete explanation all confidences are low: what counts is one against the other.
     if other is None or cause.confidence >= DOUBTFUL * (cause.confidence + other.confidence):
         return name
-    return f"{name} (or {at(other.effect, other.joint)}: this recording cannot tell)"
+    return f"{name} (or {effect_at(other.effect, other.joint)}: this recording cannot tell)"
 
 
-def at(effect: str, joint: str | None) -> str:
+def effect_at(effect: str, joint: str | None) -> str:
     """Return an effect with its place."""
     return f"{effect} on {joint or 'the whole arm'}"
 
@@ -69,12 +69,12 @@ def _listed(names: list[str], more: int) -> str:
     return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}"
 
 
-def sizes(parameters: Mapping[str, Estimate], between: str = ", ") -> str:
+def estimates_text(parameters: Mapping[str, ParameterEstimate], between: str = ", ") -> str:
     """Return parameters with standard deviations and units as text; what is whole or given has no deviation."""
     return between.join(f"{name} {_size(e.value, e.std)}{_unit(e.unit)}" for name, e in parameters.items())
 
 
-def settings(active: EffectInstance) -> str:
+def instance_text(active: EffectInstance) -> str:
     """Return all that an effect was given, with units."""
     numbers = [f"{p.name} {_size(active.parameters[p.name], 0.0)}{_unit(p.unit)}" for p in active.effect.parameters]
     choices = [f"{c.name} {_chosen(active.parameters[c.name])}" for c in active.effect.choices]
@@ -108,21 +108,21 @@ def percent(share: float | None) -> str:
     return f"{round(100 * (share or 0.0), 1) + 0.0:.1f} %"  # + 0.0: no "-0.0"
 
 
-def confidence(probability: float) -> str:
+def probability_text(probability: float) -> str:
     """Return a probability as text that never claims certainty."""
     if not DOUBT <= probability <= 1.0 - DOUBT:
         return f"< {percent(DOUBT)}" if probability < DOUBT else f"> {percent(1.0 - DOUBT)}"
     return f"{100 * probability:.{0 if 0.01 <= probability <= 0.99 else 1}f} %"
 
 
-def harmful(causes: Sequence[Cause]) -> str:
+def negative_shrink_note(causes: Sequence[Cause]) -> str:
     """Return what a share below zero means, where one of the causes has such a share alone."""
     if all(percent(cause.shrink)[0] != "-" for cause in causes):
         return ""
     return "Below 0 %: alone such a cause makes the gap larger; it helps only beside the others."
 
 
-def ahead(prediction: Prediction) -> str:
+def prediction_sentence(prediction: Prediction) -> str:
     """Return in a sentence how far the prediction error of the worst angle falls at the longest horizon."""
     before, after = prediction.before or {}, prediction.after or {}
     joint, side = max(before, key=lambda place: before[place][-1])
@@ -140,7 +140,7 @@ def _angle(value: float) -> str:
     return f"{value * factor:.3g} {unit}"
 
 
-def likelihood(value: float) -> str:
+def log_likelihood_text(value: float) -> str:
     """Return a log-likelihood with two digits; differences below a tenth are none."""
     if value < 0.1:
         return "0"

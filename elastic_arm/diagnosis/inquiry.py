@@ -8,14 +8,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elastic_arm.diagnosis.context import DiagnosisContext
-from elastic_arm.diagnosis.format import separated_by, sizes
+from elastic_arm.diagnosis.format import estimates_text, separated_by
 from elastic_arm.diagnosis.inference import excess as shrinking
-from elastic_arm.diagnosis.inference.estimates import Estimate, certain, differs, estimates, polish, several
+from elastic_arm.diagnosis.inference.estimates import ParameterEstimate, certain, differs, estimates, polish, several
 from elastic_arm.diagnosis.inference.gap_metric import DETECTED, Excess, Likelihood, Measure
-from elastic_arm.diagnosis.inference.lack_of_fit import Structure, structures
+from elastic_arm.diagnosis.inference.lack_of_fit import LackOfFit, lack_of_fit
 from elastic_arm.diagnosis.inference.regimes import regime, shares
-from elastic_arm.diagnosis.result import Alternative, Cause, Diagnosis, Place, Size
-from elastic_arm.diagnosis.selection.regressor_library import Entry, RegressorLibrary
+from elastic_arm.diagnosis.result import Alternative, Cause, Diagnosis, ResidualSizes, UnexplainedResidual
+from elastic_arm.diagnosis.selection.regressor_library import Candidate, RegressorLibrary
 from elastic_arm.diagnosis.selection.stepwise import ENOUGH, Hypothesis, Rival, Search, misfit
 from elastic_arm.dynamics import Model
 from elastic_arm.effects import EffectInstance
@@ -33,16 +33,16 @@ LISTED = 0.01  # alternatives less probable than this are not worth a line
 
 
 class Inquiry:
-    """Search, judgement and wording for one bank of columns."""
+    """Search, judgement and wording for one library of columns."""
 
     def __init__(
-        self, model: Model, bank: RegressorLibrary, given: list[Entry], seen: Seen, *, held_back: bool
+        self, model: Model, library: RegressorLibrary, given: list[Candidate], seen: Seen, *, held_back: bool
     ) -> None:
-        self.model, self.bank, self.judge, self.given, self.seen = model, bank, bank.sets[1], given, seen
+        self.model, self.library, self.judge, self.given, self.seen = model, library, library.sets[1], given, seen
         self.rate = max(o.rate for o in seen[0])
         self.held_back = held_back
         self.notes: list[str] = []
-        self._structures: dict[tuple[Entry, ...], list[Structure]] = {}
+        self._structures: dict[tuple[Candidate, ...], list[LackOfFit]] = {}
 
     def answer(
         self, *, identify: tuple[str, ...], validate: tuple[str, ...], independent_motion: bool, notes: Iterable[str]
@@ -52,22 +52,22 @@ class Inquiry:
         measure = self._measure(explanation)
         judged = self._judged(explanation, measure)
         # What is measured before any cause is measured as it was while causes were sought.
-        baseline = judged.entries[: judged.given]
-        log_likelihood = self._gained(judged.entries, baseline)
+        baseline = judged.selected[: judged.given]
+        log_likelihood = self._gained(judged.selected, baseline)
         explanation = self._polished(judged)
-        entries = explanation.entries
-        if len(entries) == len(baseline):
+        selected = explanation.selected
+        if len(selected) == len(baseline):
             measure = self._measure(judged)
-        estimated = estimates(self.bank, entries)
-        self._say_known(entries, estimated)
+        estimated = estimates(self.library, selected)
+        self._say_known(selected, estimated)
         causes, found_as = self._causes(explanation, estimated, measure)
-        shrink, interval = measure.share(entries)
-        stands_out = measure.stands_out(entries)
-        traces = [] if stands_out else self._traces(entries)
+        shrink, interval = measure.share(selected)
+        stands_out = measure.stands_out(selected)
+        traces = [] if stands_out else self._traces(selected)
         verdict = self._verdict(shrink, explanation, unexplained=stands_out or bool(traces))
         if verdict == "unknown":
             causes = [cause.less_sure(max(shrink, 0.0)) for cause in causes]
-        before_values, after_values = self._left(baseline), self._left(entries)
+        before_values, after_values = self._left(baseline), self._left(selected)
         before, after = measure.before, shrinking.figures(self.judge, after_values, measure.before.band)
         regimes = tuple(shares(self.judge, before_values, row, self._ratios(row)) for row in range(len(before.rmse)))
         if not independent_motion:
@@ -91,98 +91,98 @@ class Inquiry:
             causes=tuple(causes),
             unexplained=tuple(self._unexplained(before, after, after_values, traces)) if verdict == "unknown" else (),
             notes=(*notes, *self.notes),
-            ladder=self._ladder(measure, entries[: explanation.given], [entry for entry, _, _ in found_as]),
-            material=DiagnosisContext(
+            ladder=self._ladder(measure, selected[: explanation.given], [candidate for candidate, _, _ in found_as]),
+            context=DiagnosisContext(
                 model=self.model,
                 validate=self.judge,
                 before=before_values,
                 after=after_values,
-                entries=tuple(entry for entry, _, _ in found_as),
+                selected=tuple(candidate for candidate, _, _ in found_as),
                 alone=tuple(alone for _, _, alone in found_as),
                 regimes=regimes,
-                bank=self.bank,
+                library=self.library,
                 seen=self.seen,
                 held_back=self.held_back,
-                given=tuple(entries[: explanation.given]),
-                known=self._actives(entries[: explanation.given]),
-                rivals=tuple(tuple(r.entry for r in rivals) for _, rivals, _ in found_as),
+                given=tuple(selected[: explanation.given]),
+                known=self._actives(selected[: explanation.given]),
+                rivals=tuple(tuple(r.candidate for r in rivals) for _, rivals, _ in found_as),
             ),
         )
 
     def _searched(self) -> Hypothesis:
         """Return the best explanation of what stands out of the noise by size, or at least by likelihood."""
-        search = Search(self.bank, self.given)
-        by_size = shrinking.telling(shrinking.in_all_bands(self.judge, self._left(self.given)))
+        search = Search(self.library, self.given)
+        by_size = shrinking.select_band(shrinking.statistics_in_bands(self.judge, self._left(self.given)))
         if by_size is None and search.strongest() <= DETECTED:
             return Hypothesis(list(self.given), len(self.given))
         return self._without_lags(search.run())
 
     def _measure(self, explanation: Hypothesis) -> Measure:
         """Return what the gap is measured by: residuals where any stands out by its size, else likelihood."""
-        baseline = explanation.entries[: explanation.given]
-        tried = shrinking.in_all_bands(self.judge, self._left(baseline))
+        baseline = explanation.selected[: explanation.given]
+        tried = shrinking.statistics_in_bands(self.judge, self._left(baseline))
         shown = self._rows(explanation)
-        if shrinking.telling(tried) is not None:
+        if shrinking.select_band(tried) is not None:
             marked = self._marked(tried, explanation, shown)
-            by_size = shrinking.telling(marked, shown)
+            by_size = shrinking.select_band(marked, shown)
             assert by_size is not None  # marking takes nothing away
-            return Excess(self.bank, by_size, marked)
+            return Excess(self.library, by_size, marked)
         traces = self._traces(baseline)
-        before = shrinking.clearest(tried, traces[0].row) if traces else tried[0]
-        left = max((trace.gain for trace in self._traces(explanation.entries)), default=0.0)
-        return Likelihood(self.bank, before, baseline, explanation.entries, left)
+        before = shrinking.band_of_largest_excess(tried, traces[0].row) if traces else tried[0]
+        left = max((trace.gain for trace in self._traces(explanation.selected)), default=0.0)
+        return Likelihood(self.library, before, baseline, explanation.selected, left)
 
     def _marked(
-        self, tried: Sequence[shrinking.Figures], explanation: Hypothesis, shown: Sequence[NDArray[np.bool_]]
-    ) -> list[shrinking.Figures]:
+        self, tried: Sequence[shrinking.ResidualStatistics], explanation: Hypothesis, shown: Sequence[NDArray[np.bool_]]
+    ) -> list[shrinking.ResidualStatistics]:
         """Count residuals in which causes show and that they make smaller as significant, even if not by size alone."""
-        entries = explanation.entries
-        given = entries[: explanation.given]
-        if not shown or self._gained(entries, given) < DETECTED:
+        selected = explanation.selected
+        given = selected[: explanation.given]
+        if not shown or self._gained(selected, given) < DETECTED:
             return list(tried)
-        after = shrinking.in_all_bands(self.judge, self._left(entries))
+        after = shrinking.statistics_in_bands(self.judge, self._left(selected))
         somewhere = np.any(shown, axis=0)
         return [b.of(b.significant | (somewhere & shrinking.improved(b, a))) for b, a in zip(tried, after, strict=True)]
 
     def _rows(self, explanation: Hypothesis) -> list[NDArray[np.bool_]]:
         """Return the residuals (R,) in which each cause shows most."""
-        entries, found = explanation.entries, []
-        left = self._left(entries)
-        for k in range(explanation.given, len(entries)):
-            without = self._left([*entries[:k], *entries[k + 1 :]])
+        selected, found = explanation.selected, []
+        left = self._left(selected)
+        for k in range(explanation.given, len(selected)):
+            without = self._left([*selected[:k], *selected[k + 1 :]])
             power = sum(np.sum((a - b) ** 2, axis=0) for a, b in zip(without, left, strict=True))
             found.append(power > MAINLY * np.sum(power))
         return found
 
-    def _traces(self, entries: Sequence[Entry]) -> list[Structure]:
+    def _traces(self, selected: Sequence[Candidate]) -> list[LackOfFit]:
         """Return what the remainder follows where it is not noise, be it too faint to show by its size."""
-        key = tuple(entries)
+        key = tuple(selected)
         if key not in self._structures:
             ratios = [self._ratios(joint) for joint in range(self.model.n)]
-            self._structures[key] = structures(self.bank, entries, ratios)
+            self._structures[key] = lack_of_fit(self.library, selected, ratios)
         found = self._structures[key]
         return [structure for structure in found if structure.gain > max(DETECTED, TRACED * found[0].gain)]
 
     def _polished(self, explanation: Hypothesis) -> Hypothesis:
-        return Hypothesis(polish(self.bank, explanation.entries), explanation.given, explanation.rivals)
+        return Hypothesis(polish(self.library, explanation.selected), explanation.given, explanation.rivals)
 
-    def _gained(self, entries: Sequence[Entry], without: Sequence[Entry]) -> float:
-        return self.bank.held_out(entries) - self.bank.held_out(without)
+    def _gained(self, selected: Sequence[Candidate], without: Sequence[Candidate]) -> float:
+        return self.library.held_out(selected) - self.library.held_out(without)
 
-    def _left(self, entries: Sequence[Entry]) -> list[Array]:
-        return shrinking.remaining(self.judge, entries, self.bank.fit(0, entries))
+    def _left(self, selected: Sequence[Candidate]) -> list[Array]:
+        return shrinking.remaining(self.judge, selected, self.library.fit(0, selected))
 
     def _without_lags(self, explanation: Hypothesis) -> Hypothesis:
         """Count lags of a sample or less as part of the model: they are no cause."""
-        estimated = estimates(self.bank, polish(self.bank, explanation.entries))
+        estimated = estimates(self.library, polish(self.library, explanation.selected))
         lags, causes = [], []
-        for k in range(explanation.given, len(explanation.entries)):
-            entry, values = explanation.entries[k], estimated[k]
+        for k in range(explanation.given, len(explanation.selected)):
+            candidate, values = explanation.selected[k], estimated[k]
             delay = values.get("delay")
-            is_lag = entry.feature.effect.id == "time_delay" and delay is not None
+            is_lag = candidate.feature.effect.id == "time_delay" and delay is not None
             if is_lag and abs(delay.value) <= 1.0 / self.rate + 2 * delay.std:  # type: ignore[union-attr]
-                channels = ", ".join(entry.feature.choices["channels"])
-                where = entry.feature.joint or "all joints"
+                channels = ", ".join(candidate.feature.choices["channels"])
+                where = candidate.feature.joint or "all joints"
                 self.notes.append(
                     f"{channels} of {where} lags by {1e3 * delay.value:.2f} ms, a sample or less: "  # type: ignore[union-attr]
                     "taken into account, no cause."
@@ -192,103 +192,108 @@ class Inquiry:
                 causes.append(k)
         order = [*range(explanation.given), *lags, *causes]
         moved = {order.index(k): v for k, v in explanation.rivals.items() if k in causes}
-        return Hypothesis([explanation.entries[k] for k in order], explanation.given + len(lags), moved)
+        return Hypothesis([explanation.selected[k] for k in order], explanation.given + len(lags), moved)
 
     def _judged(self, explanation: Hypothesis, measure: Measure) -> Hypothesis:
         """Leave out, worst first, causes that do not pass the contract's conditions."""
-        entries, rivals = list(explanation.entries), dict(explanation.rivals)
-        while len(entries) > explanation.given:
+        selected, rivals = list(explanation.selected), dict(explanation.rivals)
+        while len(selected) > explanation.given:
             shares = {}
-            for k in range(explanation.given, len(entries)):
-                without = entries[:k] + entries[k + 1 :]
-                share = measure.contribution(entries, k)
-                if not self._worthy(entries, without, k, share):
+            for k in range(explanation.given, len(selected)):
+                without = selected[:k] + selected[k + 1 :]
+                share = measure.contribution(selected, k)
+                if not self._worthy(selected, without, k, share):
                     shares[k] = share
             if not shares:
-                shares = {k: 0.0 for k in self._doubtful(entries) if k >= explanation.given}
+                shares = {k: 0.0 for k in self._doubtful(selected) if k >= explanation.given}
             if not shares:
                 break
             worst = min(shares, key=lambda k: shares[k])
-            self._mention(entries, worst, shares[worst])
-            entries.pop(worst)
+            self._mention(selected, worst, shares[worst])
+            selected.pop(worst)
             rivals = {k - (k > worst): v for k, v in rivals.items() if k != worst}
-        return Hypothesis(entries, explanation.given, rivals)
+        return Hypothesis(selected, explanation.given, rivals)
 
-    def _doubtful(self, entries: Sequence[Entry]) -> list[int]:
-        """Return which entries' parameters may as well be no effect's: each, and where there are several, together."""
-        polished = polish(self.bank, entries)
-        estimated = estimates(self.bank, polished)
-        doubtful = [k for k, entry in enumerate(entries) if not differs(estimated[k], entry)]
-        together = certain(self.bank, polished) if doubtful else []
+    def _doubtful(self, selected: Sequence[Candidate]) -> list[int]:
+        """Return which candidates may as well be no effect: each, and where there are several numbers, together."""
+        polished = polish(self.library, selected)
+        estimated = estimates(self.library, polished)
+        doubtful = [k for k, candidate in enumerate(selected) if not differs(estimated[k], candidate)]
+        together = certain(self.library, polished) if doubtful else []
         return [k for k in doubtful if not (several(estimated[k]) and together[k])]
 
-    def _say_known(self, entries: Sequence[Entry], estimated: Sequence[dict[str, Estimate]]) -> None:
+    def _say_known(self, selected: Sequence[Candidate], estimated: Sequence[dict[str, ParameterEstimate]]) -> None:
         """Note what the effects that count as part of the model came out as: only their kind was given."""
-        for entry, values in list(zip(entries, estimated, strict=True))[: len(self.given)]:
-            fitted = f", fitted with {sizes(values)}" if values else ""
-            self.notes.append(f"Known: {_of_place(entry.feature)}{fitted}.")
+        for candidate, values in list(zip(selected, estimated, strict=True))[: len(self.given)]:
+            fitted = f", fitted with {estimates_text(values)}" if values else ""
+            self.notes.append(f"Known: {_of_place(candidate.feature)}{fitted}.")
 
-    def _mention(self, entries: Sequence[Entry], k: int, share: float) -> None:
+    def _mention(self, selected: Sequence[Candidate], k: int, share: float) -> None:
         """Note an effect that is there without doubt and yet too small a part of the gap to be a cause."""
-        without = [*entries[:k], *entries[k + 1 :]]
-        gain = self._gained(entries, without)
-        if 0.0 < share < WORTH and gain > DETECTED * misfit(self.bank, entries):
+        without = [*selected[:k], *selected[k + 1 :]]
+        gain = self._gained(selected, without)
+        if 0.0 < share < WORTH and gain > DETECTED * misfit(self.library, selected):
             self.notes.append(
-                f"{_of_place(entries[k].feature)} shows as well, {share:.2%} of the gap: "
+                f"{_of_place(selected[k].feature)} shows as well, {share:.2%} of the gap: "
                 f"less than {WORTH:.0%} is no cause."
             )
 
-    def _worthy(self, entries: Sequence[Entry], without: Sequence[Entry], k: int, share: float) -> bool:
-        if not entries[k].feature.effect.parameters:
-            return self._gained(entries, without) > ENOUGH * misfit(self.bank, entries)
+    def _worthy(self, selected: Sequence[Candidate], without: Sequence[Candidate], k: int, share: float) -> bool:
+        if not selected[k].feature.effect.parameters:
+            return self._gained(selected, without) > ENOUGH * misfit(self.library, selected)
         if share < WORTH:
             return False
         # What acts in few moments has few blocks that say so: then those of the fit's own motion speak too, fitted on
         # the validation data. And a cause that only some of the recordings have is one on the validation data alone.
-        on_fit, on_validation = self.bank.falls(without, entries)
+        on_fit, on_validation = self.library.falls(without, selected)
         return max(shrinking.lowest(on_validation), shrinking.lowest(np.append(on_fit, on_validation))) > 0.0
 
     def _causes(
-        self, explanation: Hypothesis, estimated: Sequence[dict[str, Estimate]], measure: Measure
-    ) -> tuple[list[Cause], list[tuple[Entry, list[Rival], list[Array]]]]:
-        """Return the causes, most important first, and each as an entry, with its rivals and what it leaves alone."""
-        entries = explanation.entries
-        if len(entries) == explanation.given:
+        self, explanation: Hypothesis, estimated: Sequence[dict[str, ParameterEstimate]], measure: Measure
+    ) -> tuple[list[Cause], list[tuple[Candidate, list[Rival], list[Array]]]]:
+        """Return the causes, most important first, and each candidate with its rivals and what it leaves alone."""
+        selected = explanation.selected
+        if len(selected) == explanation.given:
             return [], []
-        coefficients = self._coefficients(entries)
+        coefficients = self._coefficients(selected)
         found = []
-        for k in range(explanation.given, len(entries)):
-            entry, rivals = entries[k], explanation.rivals.get(k, [])
-            alone = [*entries[: explanation.given], entry]
-            cause = self._cause(entry, estimated[k], measure.share(alone)[0], rivals, coefficients[k])
-            found.append((cause, (entry, rivals, self._left(alone))))
+        for k in range(explanation.given, len(selected)):
+            candidate, rivals = selected[k], explanation.rivals.get(k, [])
+            alone = [*selected[: explanation.given], candidate]
+            cause = self._cause(candidate, estimated[k], measure.share(alone)[0], rivals, coefficients[k])
+            found.append((cause, (candidate, rivals, self._left(alone))))
         found.sort(key=lambda item: -item[0].shrink)
-        return [cause for cause, _ in found], [as_entry for _, as_entry in found]
+        return [cause for cause, _ in found], [as_candidate for _, as_candidate in found]
 
-    def _coefficients(self, entries: Sequence[Entry]) -> list[list[float]]:
-        """Return the coefficients of each entry's columns."""
-        beta, found, first = self.bank.fit(0, entries), [], 0
-        for entry in entries:
-            size = entry.columns.stop - entry.columns.start
+    def _coefficients(self, selected: Sequence[Candidate]) -> list[list[float]]:
+        """Return the coefficients of each candidate's columns."""
+        beta, found, first = self.library.fit(0, selected), [], 0
+        for candidate in selected:
+            size = candidate.columns.stop - candidate.columns.start
             found.append([float(v) for v in beta[first : first + size]])
             first += size
         return found
 
-    def _ladder(self, measure: Measure, baseline: list[Entry], causes: list[Entry]) -> tuple[float, ...]:
+    def _ladder(self, measure: Measure, baseline: list[Candidate], causes: list[Candidate]) -> tuple[float, ...]:
         """Return how far the gap shrinks with the first cause, the first two, and so on."""
         return tuple(measure.share([*baseline, *causes[: k + 1]])[0] for k in range(len(causes)))
 
     def _cause(
-        self, entry: Entry, estimate: dict[str, Estimate], share: float, rivals: list[Rival], coefficients: list[float]
+        self,
+        candidate: Candidate,
+        estimate: dict[str, ParameterEstimate],
+        share: float,
+        rivals: list[Rival],
+        coefficients: list[float],
     ) -> Cause:
-        feature = entry.feature
+        feature = candidate.feature
         confidence = 1.0 / (1.0 + sum(r.odds for r in rivals))
         alternatives = tuple(
             Alternative(
-                r.entry.feature.effect.id,
-                r.entry.feature.joint,
+                r.candidate.feature.effect.id,
+                r.candidate.feature.joint,
                 r.odds * confidence,
-                separated_by(feature.effect, r.entry.feature.effect, feature.joint, r.entry.feature.joint),
+                separated_by(feature.effect, r.candidate.feature.effect, feature.joint, r.candidate.feature.joint),
             )
             for r in rivals
             if r.odds * confidence >= LISTED
@@ -296,26 +301,26 @@ class Inquiry:
         return Cause(
             feature.effect.id,
             feature.joint,
-            tuple(side for side in feature.sides if side in self.bank.sets[0].layout.sides) or feature.sides,
+            tuple(side for side in feature.sides if side in self.library.sets[0].layout.sides) or feature.sides,
             feature.effect.regime,
             estimate,
             share,
             confidence,
             alternatives,
-            feature.active(coefficients, entry.searched or ()),
+            feature.active(coefficients, candidate.searched or ()),
         )
 
-    def _actives(self, entries: Sequence[Entry]) -> tuple[EffectInstance, ...]:
-        """Return the entries as the simulator takes them."""
-        coefficients = self._coefficients(entries)
-        return tuple(e.feature.active(c, e.searched or ()) for e, c in zip(entries, coefficients, strict=True))
+    def _actives(self, selected: Sequence[Candidate]) -> tuple[EffectInstance, ...]:
+        """Return the selected as the simulator takes them."""
+        coefficients = self._coefficients(selected)
+        return tuple(e.feature.active(c, e.searched or ()) for e, c in zip(selected, coefficients, strict=True))
 
     def _verdict(self, shrink: float, explanation: Hypothesis, *, unexplained: bool) -> str:
         """Say whether the causes explain the gap.
 
         Where the gap is faint, the excess that is left is known to a part of it only: then it must look like noise.
         """
-        caused = len(explanation.entries) > explanation.given
+        caused = len(explanation.selected) > explanation.given
         if caused and shrink >= 1.0 - EXPLAINED:
             return "explained"
         if unexplained:
@@ -323,15 +328,21 @@ class Inquiry:
         return "explained" if caused else "none"
 
     def _unexplained(
-        self, before: shrinking.Figures, after: shrinking.Figures, values: Sequence[Array], traces: Sequence[Structure]
-    ) -> list[Place]:
+        self,
+        before: shrinking.ResidualStatistics,
+        after: shrinking.ResidualStatistics,
+        values: Sequence[Array],
+        traces: Sequence[LackOfFit],
+    ) -> list[UnexplainedResidual]:
         places = self._places()
         if traces:
-            return [Place(*places[trace.row], trace.regime, trace.rmse) for trace in traces]
+            return [UnexplainedResidual(*places[trace.row], trace.regime, trace.rmse) for trace in traces]
         total = before.excess[before.significant].sum()
         rows = [int(r) for r in np.argsort(-after.excess) if before.significant[r] and after.excess[r] > WORTH * total]
         return [
-            Place(joint, side, regime(shares(self.judge, values, r, self._ratios(r))), float(after.rmse[r]))
+            UnexplainedResidual(
+                joint, side, regime(shares(self.judge, values, r, self._ratios(r))), float(after.rmse[r])
+            )
             for r in rows
             for joint, side in [places[r]]
         ]
@@ -339,9 +350,9 @@ class Inquiry:
     def _places(self) -> list[tuple[str, str]]:
         return [(joint, side) for side in self.judge.layout.sides for joint in self.model.robot.joint_names]
 
-    def _size(self, figures: shrinking.Figures) -> Size:
+    def _size(self, figures: shrinking.ResidualStatistics) -> ResidualSizes:
         places = self._places()
-        return Size(
+        return ResidualSizes(
             dict(zip(places, figures.rmse.tolist(), strict=True)), dict(zip(places, figures.peak.tolist(), strict=True))
         )
 

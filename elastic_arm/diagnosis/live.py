@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from elastic_arm.diagnosis.data.preprocessing import usable
 from elastic_arm.diagnosis.pipeline import ONE_ENCODER, Question, diagnose
-from elastic_arm.diagnosis.result import Diagnosis, Size
+from elastic_arm.diagnosis.result import Diagnosis, ResidualSizes
 from elastic_arm.dynamics import build_model
 from elastic_arm.effects.text import known_effects
 from elastic_arm.errors import DiagnosisError
@@ -112,7 +112,7 @@ def _recorded(samples: Samples) -> list[str]:
 class ResidualLevels:
     """How large each residual is, and its noise, Nm, by joint and side; a missing equation is missing here."""
 
-    size: Size
+    size: ResidualSizes
     noise: dict[tuple[str, str], float]
 
 
@@ -168,7 +168,7 @@ class LiveDiagnosis:
             return dict(zip(places, numbers.tolist(), strict=True))
 
         rmse, peak = np.sqrt(np.mean(values**2, axis=0)), np.abs(values).max(axis=0)
-        return ResidualLevels(Size(named(rmse), named(peak)), named(noise))
+        return ResidualLevels(ResidualSizes(named(rmse), named(peak)), named(noise))
 
     def diagnose(self, recording: Recording) -> Diagnosis:
         """Diagnose a window.
@@ -179,8 +179,8 @@ class LiveDiagnosis:
             If nothing can be said of it yet.
         """
         found = diagnose([recording], self.question)
-        if self.question.refit and found.material is not None:
-            self._model = found.material.model
+        if self.question.refit and found.context is not None:
+            self._model = found.context.model
         return found
 
 

@@ -14,7 +14,7 @@ from elastic_arm.diagnosis.inference.model_refit import OWN, refitted
 from elastic_arm.diagnosis.inquiry import Inquiry
 from elastic_arm.diagnosis.result import Diagnosis
 from elastic_arm.diagnosis.selection.candidates import feature_of, features
-from elastic_arm.diagnosis.selection.regressor_library import Entry, RegressorLibrary, build_library
+from elastic_arm.diagnosis.selection.regressor_library import Candidate, RegressorLibrary, build_library
 from elastic_arm.dynamics import build_model
 from elastic_arm.effects import EFFECTS, Effect, EffectInstance, robot_effects
 from elastic_arm.effects.equations import ArmEquations
@@ -83,16 +83,16 @@ def diagnose(recordings: Sequence[Recording], question: Question, validate: Sequ
         model = refitted(model, seen[0], layout, band)
         effects = tuple(e for e in effects if e.id not in OWN)
     identify, judge = (WhitenedData(model, part, layout, band) for part in seen)
-    for part, evidence in zip(("fit", "judge"), (identify, judge), strict=True):
-        if not evidence.parts:
+    for part, data in zip(("fit", "judge"), (identify, judge), strict=True):
+        if not data.parts:
             raise DiagnosisError(f"too little motion is left to {part} after filtering", "Record longer without gaps")
     equations = ArmEquations(question.robot, question.model)
     still = [joint for joint in names if all(joint in standing(r) for r in fitted)]
     able = [f for f in features(equations, effects) if f.joint not in still or not needs_motion(f)]
-    bank = build_library(identify, judge, able)
+    library = build_library(identify, judge, able)
     known = (*robot_effects(question.robot), *question.given)
-    given = [_given(bank, equations, active) for active in known if feature_of(active, equations).acts]
-    inquiry = Inquiry(model, bank, given, (tuple(seen[0]), tuple(seen[1])), held_back=not validate)
+    given = [_given(library, equations, active) for active in known if feature_of(active, equations).acts]
+    inquiry = Inquiry(model, library, given, (tuple(seen[0]), tuple(seen[1])), held_back=not validate)
     notes = list(dict.fromkeys(note for part in seen for o in part for note in o.notes))
     if question.refit:
         notes.append(
@@ -122,9 +122,9 @@ def _common(observations: Sequence[Observation], n: int, *, elastic: bool) -> tu
     return layouts[0], Band(cutoff, rate)
 
 
-def _given(bank: RegressorLibrary, equations: ArmEquations, active: EffectInstance) -> Entry:
+def _given(library: RegressorLibrary, equations: ArmEquations, active: EffectInstance) -> Candidate:
     feature = feature_of(active, equations)
     searched = np.concatenate([np.atleast_1d(active.parameters[p.name]) for p in feature.searched] or [np.zeros(0)])
-    entry = bank.add(feature, tuple(float(v) for v in searched), fixed=feature.fixed)
-    bank.close()
-    return entry
+    candidate = library.add(feature, tuple(float(v) for v in searched), fixed=feature.fixed)
+    library.close()
+    return candidate

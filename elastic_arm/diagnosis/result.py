@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from elastic_arm.diagnosis.inference.estimates import Estimate
+from elastic_arm.diagnosis.inference.estimates import ParameterEstimate
 from elastic_arm.errors import DiagnosisError
 from elastic_arm.estimation.residuals import SIDES
 
@@ -70,7 +70,7 @@ class Cause:
     joint: str | None
     sides: tuple[str, ...]
     regime: str
-    parameters: Mapping[str, Estimate]
+    parameters: Mapping[str, ParameterEstimate]
     shrink: float
     confidence: float
     alternatives: tuple[Alternative, ...]
@@ -116,7 +116,7 @@ class Cause:
 
 
 @dataclass(frozen=True)
-class Place:
+class UnexplainedResidual:
     """Where something is left that no cause explains."""
 
     joint: str
@@ -126,7 +126,7 @@ class Place:
 
 
 @dataclass(frozen=True)
-class Size:
+class ResidualSizes:
     """A residual's sizes over joints and sides, by name; a missing equation is missing here."""
 
     rmse: Mapping[tuple[str, str], float]
@@ -172,7 +172,7 @@ class Diagnosis:
         The causes recording by recording, where there are several.
     proposal
         The motion that would tell causes from their alternatives.
-    material
+    context
         What figures are drawn from; not written.
     """
 
@@ -185,20 +185,20 @@ class Diagnosis:
     band: float
     verdict: str
     noise: Mapping[tuple[str, str], float]
-    before: Size
-    after: Size
+    before: ResidualSizes
+    after: ResidualSizes
     shrink: float | None
     shrink_interval: tuple[float, float] | None
     measured_by: str
     log_likelihood: float
     causes: tuple[Cause, ...]
-    unexplained: tuple[Place, ...]
+    unexplained: tuple[UnexplainedResidual, ...]
     notes: tuple[str, ...] = ()
     ladder: tuple[float, ...] = ()
     prediction: Prediction | None = None
     agreements: tuple[Agreement, ...] = ()
     proposal: Proposal | None = None
-    material: DiagnosisContext | None = field(default=None, repr=False, compare=False)
+    context: DiagnosisContext | None = field(default=None, repr=False, compare=False)
 
     def to_dict(self) -> dict[str, Any]:
         """Return the content of `diagnosis.json`."""
@@ -249,7 +249,7 @@ class Diagnosis:
     def _table(self, values: Mapping[tuple[str, str], float]) -> dict[str, Any]:
         return {joint: {side: _plain(values.get((joint, side))) for side in SIDES} for joint in self.joints}
 
-    def _sizes(self, size: Size) -> dict[str, Any]:
+    def _sizes(self, size: ResidualSizes) -> dict[str, Any]:
         def cell(joint: str, side: str) -> dict[str, Any] | None:
             place = (joint, side)
             return {"rmse": _plain(size.rmse[place]), "max": _plain(size.peak[place])} if place in size.rmse else None

@@ -7,7 +7,16 @@ from pathlib import Path
 import numpy as np
 
 from elastic_arm.diagnosis.context import DiagnosisContext
-from elastic_arm.diagnosis.format import ahead, at, confidence, harmful, likelihood, meaning, percent, sizes
+from elastic_arm.diagnosis.format import (
+    effect_at,
+    estimates_text,
+    log_likelihood_text,
+    negative_shrink_note,
+    percent,
+    prediction_sentence,
+    probability_text,
+    verdict_sentence,
+)
 from elastic_arm.diagnosis.inference.across_recordings import Agreement
 from elastic_arm.diagnosis.result import SEPARATING, Cause, Diagnosis
 from elastic_arm.effects import EFFECTS
@@ -40,29 +49,29 @@ def write_gap_report(path: str | Path, found: Diagnosis) -> Path:
 
 def sections(found: Diagnosis) -> list[Section]:
     """Return what the report says, most important first."""
-    material = found.material
+    context = found.context
     told = [Section("Verdict", _verdict(found)), Section("Where the gap lies", _where(found))]
     if found.causes:
         told.append(Section("How far it shrinks", _how_far(found)))
-    if material is not None:
-        told += [Section(figures.title(c), _cause(found, c, k, material)) for k, c in enumerate(found.causes[:SHOWN])]
+    if context is not None:
+        told += [Section(figures.title(c), _cause(found, c, k, context)) for k, c in enumerate(found.causes[:SHOWN])]
         if found.unexplained:
-            told.append(Section("What is not explained", _unexplained(found, material)))
-    told.append(Section("Before and after" if found.causes else "The residuals", _sizes(found, material)))
+            told.append(Section("What is not explained", _unexplained(found, context)))
+    told.append(Section("Before and after" if found.causes else "The residuals", _sizes(found, context)))
     if found.prediction is not None:
         told.append(Section("How far ahead the model sees", _prediction(found)))
     if found.proposal is not None:
         told.append(Section("What to move next", _next(found)))
     if found.agreements:
         told.append(Section("Recording by recording", _agreement(found)))
-    if material is not None:
-        told.append(Section("What the residuals follow", [_regimes(found, material)]))
+    if context is not None:
+        told.append(Section("What the residuals follow", [_regimes(found, context)]))
     told.append(Section("What this rests on", _grounds(found)))
     return told
 
 
 def _verdict(found: Diagnosis) -> list[Block]:
-    blocks: list[Block] = [Text(f"{found.verdict}: {meaning(found)}", TONES[found.verdict])]
+    blocks: list[Block] = [Text(f"{found.verdict}: {verdict_sentence(found)}", TONES[found.verdict])]
     if found.causes:
         rows: list[list[object]] = [
             [
@@ -71,7 +80,7 @@ def _verdict(found: Diagnosis) -> list[Block]:
                 ", ".join(c.sides),
                 _values(c),
                 percent(c.shrink),
-                confidence(c.confidence),
+                probability_text(c.confidence),
             ]
             for c in found.causes
         ]
@@ -84,14 +93,14 @@ def _verdict(found: Diagnosis) -> list[Block]:
             "confidence",
         ]
         blocks.append(Table(header, rows))
-    if told := harmful(found.causes):
+    if told := negative_shrink_note(found.causes):
         blocks.append(Text(told))
     if found.prediction is not None and found.prediction.before and found.causes:
-        blocks.append(Text(ahead(found.prediction)))
+        blocks.append(Text(prediction_sentence(found.prediction)))
     blocks += [Text(line, "warn") for line in (*_leftover(found), *_disagreements(found))]
     others: list[list[object]] = [
         [f"{c.effect} on {c.joint or 'whole arm'}", f"{a.effect} on {a.joint or 'whole arm'}",
-         confidence(a.confidence), a.separated_by, a.file or "–"]
+         probability_text(a.confidence), a.separated_by, a.file or "–"]
         for c in found.causes
         for a in c.alternatives
     ]  # fmt: skip
@@ -104,7 +113,7 @@ def _verdict(found: Diagnosis) -> list[Block]:
 def _values(cause: Cause) -> str:
     chosen = [cause.active.parameters[c.name] for c in cause.active.effect.choices if c.several]
     named = [" and ".join(str(v) for v in choice) for choice in chosen if isinstance(choice, tuple)]
-    return ", ".join([sizes(cause.parameters), *named]) or "no free size"
+    return ", ".join([estimates_text(cause.parameters), *named]) or "no free size"
 
 
 def _where(found: Diagnosis) -> list[Block]:
@@ -126,10 +135,10 @@ def _how_far(found: Diagnosis) -> list[Block]:
     return [Text(text), Figure(figures.ladder(found), "From top to bottom the causes are added one by one.")]
 
 
-def _cause(found: Diagnosis, cause: Cause, k: int, material: DiagnosisContext) -> list[Block]:
+def _cause(found: Diagnosis, cause: Cause, k: int, context: DiagnosisContext) -> list[Block]:
     effect = EFFECTS[cause.effect]
-    row = _loudest(material, k)
-    side, joint = material.validate.layout.sides[row // len(found.joints)], found.joints[row % len(found.joints)]
+    row = _loudest(context, k)
+    side, joint = context.validate.layout.sides[row // len(found.joints)], found.joints[row % len(found.joints)]
     caption = (
         f"{joint}, {side} side, on validation data. Grey: residual of the model as it is. Red: what this cause says. "
         "Blue: what is left with this cause alone added."
@@ -137,25 +146,25 @@ def _cause(found: Diagnosis, cause: Cause, k: int, material: DiagnosisContext) -
     return [
         Text(f"{effect.description} Law: {effect.formula}."),
         Text(f"How it shows: {effect.signature}"),
-        Figure(figures.portrait(found, material, row, material.alone[k], cause.effect), caption),
+        Figure(figures.residual_figure(found, context, row, context.alone[k], cause.effect), caption),
     ]
 
 
-def _unexplained(found: Diagnosis, material: DiagnosisContext) -> list[Block]:
+def _unexplained(found: Diagnosis, context: DiagnosisContext) -> list[Block]:
     rows = [[p.joint, p.side, p.regime.replace("_", " "), p.rmse] for p in found.unexplained]
     first = found.unexplained[0]
-    sides, n = material.validate.layout.sides, len(found.joints)
+    sides, n = context.validate.layout.sides, len(found.joints)
     row = sides.index(first.side) * n + found.joints.index(first.joint)
     added = "all causes together" if found.causes else None
     caption = f"{first.joint}, {first.side} side: where most is left."
     return [
         Text("No effect of the catalogue explains what is left here.", "warn"),
         Table(["joint", "side", "follows", "left, Nm"], rows, digits=3),
-        Figure(figures.portrait(found, material, row, material.after, added), caption),
+        Figure(figures.residual_figure(found, context, row, context.after, added), caption),
     ]
 
 
-def _sizes(found: Diagnosis, material: DiagnosisContext | None) -> list[Block]:
+def _sizes(found: Diagnosis, context: DiagnosisContext | None) -> list[Block]:
     shown = {" before": found.before, " after": found.after} if found.causes else {"": found.before}
     rows = [
         [j, s, found.noise[j, s], *(size.rmse[j, s] for size in shown.values()),
@@ -166,10 +175,10 @@ def _sizes(found: Diagnosis, material: DiagnosisContext | None) -> list[Block]:
     ]  # fmt: skip
     header = ["joint", "side", "noise", *(f"rmse{when}" for when in shown), *(f"max{when}" for when in shown)]
     table = Table(header, rows, f"Nm, validation data, 0 to {found.band:g} Hz", 3)
-    if material is None:
+    if context is None:
         return [table]
     caption = "Residuals on the longest stretch of validation data; the band is two standard deviations of the noise."
-    return [Figure(figures.before_and_after(found, material), caption), table]
+    return [Figure(figures.before_and_after(found, context), caption), table]
 
 
 def _prediction(found: Diagnosis) -> list[Block]:
@@ -196,7 +205,7 @@ def _next(found: Diagnosis) -> list[Block]:
     assert proposal is not None
     rows = [
         [*(f"{effect} on {joint or 'whole arm'}" for effect, joint in (p.cause, p.alternative)),
-         likelihood(p.here), likelihood(p.expected), "yes" if p.decides else "no"]
+         log_likelihood_text(p.here), log_likelihood_text(p.expected), "yes" if p.decides else "no"]
         for p in proposal.pairs
     ]  # fmt: skip
     header = ["explanation", "alternative", "this recording", "proposed motion", "expected to decide"]
@@ -220,7 +229,7 @@ def _agreement(found: Diagnosis) -> list[Block]:
     for agreement in found.agreements:
         place = f"{agreement.effect.replace('_', ' ')}, {agreement.joint or 'whole arm'}"
         rows = [
-            [f.source or "a recording", sizes(f.parameters) or "no free size", likelihood(f.gain)]
+            [f.source or "a recording", estimates_text(f.parameters) or "no free size", log_likelihood_text(f.gain)]
             for f in agreement.findings
         ]
         verdict = "agrees over the recordings" if agreement.agrees else "does not agree over the recordings"
@@ -250,19 +259,19 @@ def _leftover(found: Diagnosis) -> list[str]:
 
 def _disagreements(found: Diagnosis) -> list[str]:
     return [
-        f"{at(a.effect.replace('_', ' '), a.joint)} is not of one size in all recordings: it may "
+        f"{effect_at(a.effect.replace('_', ' '), a.joint)} is not of one size in all recordings: it may "
         "stand in for something else, or the arm has changed between them."
         for a in found.agreements
         if not a.agrees
     ]
 
 
-def _regimes(found: Diagnosis, material: DiagnosisContext) -> Table:
-    places = [(s, j) for s in material.validate.layout.sides for j in found.joints]
-    names = list(material.regimes[0])
+def _regimes(found: Diagnosis, context: DiagnosisContext) -> Table:
+    places = [(s, j) for s in context.validate.layout.sides for j in found.joints]
+    names = list(context.regimes[0])
     rows = [
         [j, s, *(f"{100 * shares[name]:.0f} %" if shares[name] > 0.02 else "" for name in names)]
-        for (s, j), shares in zip(places, material.regimes, strict=True)
+        for (s, j), shares in zip(places, context.regimes, strict=True)
     ]
     header = ["joint", "side", *(name.replace("_", " ") for name in names)]
     return Table(header, rows, "Share of a residual's power, before, that follows each; shares overlap")
@@ -271,7 +280,7 @@ def _regimes(found: Diagnosis, material: DiagnosisContext) -> Table:
 def _grounds(found: Diagnosis) -> list[Block]:
     fitted = ", ".join(found.identify) or "the first two thirds"
     judged = ", ".join(found.validate) or "the last third"
-    if found.material is not None and found.material.held_back:
+    if found.context is not None and found.context.held_back:
         text = f"Causes are fitted on the first two thirds of {fitted}; the last third, which no fit has seen, judges."
     else:
         text = f"Causes are fitted on {fitted}; every figure of the gap is measured on {judged}, which no fit has seen."
@@ -281,7 +290,7 @@ def _grounds(found: Diagnosis) -> list[Block]:
     ]
 
 
-def _loudest(material: DiagnosisContext, k: int) -> int:
+def _loudest(context: DiagnosisContext, k: int) -> int:
     """Return the row in which a cause does most."""
-    done = sum(((b - a) ** 2).sum(axis=0) for b, a in zip(material.before, material.alone[k], strict=True))
+    done = sum(((b - a) ** 2).sum(axis=0) for b, a in zip(context.before, context.alone[k], strict=True))
     return int(np.argmax(done))

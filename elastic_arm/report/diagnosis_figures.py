@@ -100,8 +100,8 @@ def ladder(found: Diagnosis) -> MplFigure:
     return figure
 
 
-def portrait(
-    found: Diagnosis, material: DiagnosisContext, row: int, left: Sequence[Array], cause: str | None
+def residual_figure(
+    found: Diagnosis, context: DiagnosisContext, row: int, left: Sequence[Array], cause: str | None
 ) -> MplFigure:
     """Draw a residual against time, frequency, velocity, position and angle, with what was added laid over.
 
@@ -115,15 +115,15 @@ def portrait(
         What it is that was added; None where nothing was.
     """
     n = len(found.joints)
-    side, i = material.validate.layout.sides[row // n], row % n
+    side, i = context.validate.layout.sides[row // n], row % n
     part = max(range(len(left)), key=lambda k: len(left[k]))
-    stretch = material.validate.parts[part].stretch
-    before, rest = material.before[part][:, row], left[part][:, row]
+    stretch = context.validate.parts[part].stretch
+    before, rest = context.before[part][:, row], left[part][:, row]
     t, motion = stretch.t, stretch.motion
     moving = "link" if side == "link" else "motor"
     speed, angle = (motion.dq, motion.q) if side == "link" else (motion.dtheta, motion.theta)
     w, q = (np.interp(t, motion.t, values[:, i]) for values in (speed, angle))
-    turn, turning = _turn(found, material, i, np.interp(t, motion.t, motion.theta[:, i]), cause)
+    turn, turning = _turn(found, context, i, np.interp(t, motion.t, motion.theta[:, i]), cause)
     with style():
         figure, _ = new_figure(size=(10.4, 5.4))
         figure.clear()
@@ -136,7 +136,7 @@ def portrait(
             draw_signal(wide, t, rest, color=AFTER, lw=0.8, label="left with it added")
         wide.set_xlabel("time [s]")
         wide.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=3)
-        _draw_spectra(spectrum, before, rest if cause else None, material.validate.band.kept_rate, found.band)
+        _draw_spectra(spectrum, before, rest if cause else None, context.validate.band.kept_rate, found.band)
         names = (f"{moving} velocity [rad/s]", f"{moving} angle [rad]", turning)
         for ax, x, name in zip(clouds, (w, q, turn), names, strict=True):
             _draw_cloud(ax, x, before, None if cause is None else before - rest)
@@ -164,9 +164,9 @@ def _draw_cloud(ax: Axes, x: Array, before: Array, cause: Array | None) -> None:
         ax.plot(x[::step], cause[::step], ".", color=CAUSE, ms=2.2, alpha=0.7, mew=0, rasterized=True)
 
 
-def _turn(found: Diagnosis, material: DiagnosisContext, i: int, theta: Array, cause: str | None) -> tuple[Array, str]:
+def _turn(found: Diagnosis, context: DiagnosisContext, i: int, theta: Array, cause: str | None) -> tuple[Array, str]:
     """Return the angle within a turn of what turns fast, and its name: wave generator, rotor, or the joint itself."""
-    gear = material.model.robot.joints[i].transmission
+    gear = context.model.robot.joints[i].transmission
     if gear is None:
         return np.mod(theta, 2 * np.pi), "joint angle within a turn [rad]"
     rotor = cause in WIDEST_TURN
@@ -175,20 +175,20 @@ def _turn(found: Diagnosis, material: DiagnosisContext, i: int, theta: Array, ca
     return np.mod(ratio * theta, 2 * np.pi), f"{name} angle within a turn [rad]"
 
 
-def before_and_after(found: Diagnosis, material: DiagnosisContext) -> MplFigure:
+def before_and_after(found: Diagnosis, context: DiagnosisContext) -> MplFigure:
     """Draw every residual over time, before and after, with the noise's two standard deviations."""
-    sides, n = material.validate.layout.sides, len(found.joints)
-    part = max(range(len(material.before)), key=lambda k: len(material.before[k]))
-    t = material.validate.parts[part].stretch.t
+    sides, n = context.validate.layout.sides, len(found.joints)
+    part = max(range(len(context.before)), key=lambda k: len(context.before[k]))
+    t = context.validate.parts[part].stretch.t
     with style():
         figure, axes = new_figure(n, len(sides), size=(3.6 * len(sides), 0.7 + 1.45 * n), sharex=True)
         for row in range(n * len(sides)):
             s, i = divmod(row, n)
             ax, noise = axes[i, s], found.noise[found.joints[i], sides[s]]
             ax.axhspan(-2 * noise, 2 * noise, color="#E3E6EA", zorder=0)
-            draw_signal(ax, t, material.before[part][:, row], points=700, color=BEFORE, lw=1.0, label="before")
+            draw_signal(ax, t, context.before[part][:, row], points=700, color=BEFORE, lw=1.0, label="before")
             if found.causes:
-                draw_signal(ax, t, material.after[part][:, row], points=700, color=AFTER, lw=0.8, label="after")
+                draw_signal(ax, t, context.after[part][:, row], points=700, color=AFTER, lw=0.8, label="after")
             if i == 0:
                 ax.set_title(f"{sides[s]} side", loc="left")
             if s == 0:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from elastic_arm.diagnosis.followup import followed_up
+from elastic_arm.diagnosis.follow_up import follow_up
 from elastic_arm.diagnosis.pipeline import Question, diagnose
 from elastic_arm.diagnosis.result import Diagnosis
 from elastic_arm.effects import EFFECTS
@@ -20,7 +20,7 @@ def friction(torque: float) -> str:
 def diagnosed(fitted: list[Recording], judges: list[Recording]) -> Diagnosis:
     """Diagnose with dry friction as the only effect that may explain: a mixture of two days has other explanations."""
     question = Question(ROBOT, effects=(EFFECTS["coulomb_friction"],))
-    return followed_up(diagnose(fitted, question, judges), rng=None)
+    return follow_up(diagnose(fitted, question, judges), rng=None)
 
 
 @pytest.fixture(scope="module")

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from elastic_arm.diagnosis.design.discriminating_motion import propose
-from elastic_arm.diagnosis.design.predicted_experiment import Rehearsal, Surroundings
+from elastic_arm.diagnosis.design.predicted_experiment import ExperimentConditions, PredictedExperiment
 from elastic_arm.diagnosis.design.proposal import DECIDES
-from elastic_arm.diagnosis.followup import followed_up
+from elastic_arm.diagnosis.follow_up import follow_up
 from elastic_arm.diagnosis.pipeline import Question, diagnose
 from elastic_arm.diagnosis.result import SEPARATING, Diagnosis
 from elastic_arm.excitation import load_trajectory
@@ -29,7 +29,7 @@ def asked(recordings: list[Recording], judges: list[Recording]) -> Diagnosis:
 def doubtful() -> Diagnosis:
     """A diagnosis that cannot tell play from an offset, with the motion that would."""
     found = asked([record(gentle(1), PLAY, seed=1)], [record(gentle(2), PLAY, seed=2)])
-    return followed_up(found, rng=np.random.default_rng(0))
+    return follow_up(found, rng=np.random.default_rng(0))
 
 
 def names(found: Diagnosis) -> set[str]:
@@ -62,7 +62,7 @@ def test_the_motion_keeps_the_limits_and_its_file_loads(doubtful: Diagnosis, tmp
 
 @pytest.mark.parametrize("truth", [PLAY, OFFSET])
 def test_a_recording_of_the_motion_decides(doubtful: Diagnosis, truth: str) -> None:
-    """On the proposed motion the diagnosis names whichever of the two is true, and has no doubt left."""
+    """On the proposed motion the diagnosis names whichever of the two is true, and has no pair left."""
     assert doubtful.proposal is not None and doubtful.proposal.trajectory is not None
     found = asked([record(doubtful.proposal.trajectory, truth, seed=3)], [])
     assert found.causes[0].effect == truth.split(":")[0]
@@ -73,19 +73,19 @@ def test_the_rehearsed_size_of_an_effect_is_the_recorded_one(doubtful: Diagnosis
     """What a motion is expected to show of an effect is, within a tenth, what its recording shows."""
     first, second = motions()
     friction = "coulomb_friction:joint_2:torque=6"
-    material = asked([record(first, friction, seed=1)], [record(second, friction, seed=2)]).material
-    assert material is not None
-    (entry,) = material.entries
-    around = Surroundings.of(material.model, material.bank.sets[0])
-    for evidence, motion in zip(material.bank.sets, (first, second), strict=True):
-        recorded = np.sum(evidence.whiten(evidence.plain(entry.feature, entry.searched or ())) ** 2)
-        rehearsed = np.sum(Rehearsal(around, motion).white(entry.feature, entry.searched or ()) ** 2)
-        assert recorded / evidence.seconds == pytest.approx(rehearsed / motion.duration, rel=0.1)
+    context = asked([record(first, friction, seed=1)], [record(second, friction, seed=2)]).context
+    assert context is not None
+    (candidate,) = context.selected
+    around = ExperimentConditions.of(context.model, context.library.sets[0])
+    for data, motion in zip(context.library.sets, (first, second), strict=True):
+        recorded = np.sum(data.whiten(data.plain(candidate.feature, candidate.searched or ())) ** 2)
+        predicted = np.sum(PredictedExperiment(around, motion).white(candidate.feature, candidate.searched or ()) ** 2)
+        assert recorded / data.seconds == pytest.approx(predicted / motion.duration, rel=0.1)
 
 
 def test_without_doubt_nothing_is_proposed() -> None:
     """Where there are no alternatives there is nothing to separate."""
     first, second = motions()
     found = asked([record(first, seed=1)], [record(second, seed=2)])
-    assert found.material is not None
-    assert propose(found.material, found.causes, rng=np.random.default_rng(0)) is None
+    assert found.context is not None
+    assert propose(found.context, found.causes, rng=np.random.default_rng(0)) is None

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 import pytest
 
-from elastic_arm.diagnosis.format import confidence, harmful, percent, settings, sizes
-from elastic_arm.diagnosis.inference.estimates import Estimate
+from elastic_arm.diagnosis.format import estimates_text, instance_text, negative_shrink_note, percent, probability_text
+from elastic_arm.diagnosis.inference.estimates import ParameterEstimate
 from elastic_arm.effects import parse
 from elastic_arm.formatting import rounded
 from elastic_arm.robot import load_robot
@@ -36,12 +36,12 @@ def test_values_have_the_digits_that_their_deviation_warrants(value: float, std:
 
 def test_sizes_carry_units_and_leave_out_deviations_of_what_is_given() -> None:
     """Whole orders have no deviation, undetermined ones a question mark, and vectors one for each number."""
-    told = sizes(
+    told = estimates_text(
         {
-            "amplitude": Estimate(2.0312e-5, 1.7e-7, "rad"),
-            "order": Estimate(2.0, 0.0, "1"),
-            "phase": Estimate(0.7, None, "rad"),
-            "position": Estimate([0.0123, 0.1], [0.0011, 0.02], "m"),
+            "amplitude": ParameterEstimate(2.0312e-5, 1.7e-7, "rad"),
+            "order": ParameterEstimate(2.0, 0.0, "1"),
+            "phase": ParameterEstimate(0.7, None, "rad"),
+            "position": ParameterEstimate([0.0123, 0.1], [0.0011, 0.02], "m"),
         }
     )
     assert told == (
@@ -55,7 +55,7 @@ def test_sizes_carry_units_and_leave_out_deviations_of_what_is_given() -> None:
 )
 def test_certainty_is_never_claimed(probability: float, told: str) -> None:
     """A confidence is never told as 100 %, nor as 0 %."""
-    assert confidence(probability) == told
+    assert probability_text(probability) == told
 
 
 def test_shares_next_to_nothing_have_no_sign() -> None:
@@ -70,8 +70,8 @@ class _Cause:
 
 def test_shares_below_zero_are_explained_where_they_occur() -> None:
     """What "-4.8 %" means is said beside it, and nowhere else."""
-    assert "makes the gap larger" in harmful([_Cause(0.9), _Cause(-0.048)])  # type: ignore[list-item]
-    assert harmful([_Cause(0.9), _Cause(-0.0003)]) == ""  # type: ignore[list-item]
+    assert "makes the gap larger" in negative_shrink_note([_Cause(0.9), _Cause(-0.048)])  # type: ignore[list-item]
+    assert negative_shrink_note([_Cause(0.9), _Cause(-0.0003)]) == ""  # type: ignore[list-item]
 
 
 @pytest.mark.parametrize(
@@ -83,4 +83,4 @@ def test_shares_below_zero_are_explained_where_they_occur() -> None:
 )
 def test_given_effects_are_told_with_units(effect: str, told: str) -> None:
     """What a simulation was given has its unit behind every number, and its choices by name."""
-    assert settings(parse(effect, load_robot())) == told
+    assert instance_text(parse(effect, load_robot())) == told

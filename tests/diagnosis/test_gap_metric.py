@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from elastic_arm.diagnosis import inquiry
-from elastic_arm.diagnosis.inference.estimates import Estimate
-from elastic_arm.diagnosis.inference.excess import Figures
+from elastic_arm.diagnosis.inference.estimates import ParameterEstimate
+from elastic_arm.diagnosis.inference.excess import ResidualStatistics
 from elastic_arm.diagnosis.inference.gap_metric import DETECTED, Excess, Likelihood
 from elastic_arm.diagnosis.inquiry import EXPLAINED, Inquiry
 from elastic_arm.diagnosis.pipeline import Question, diagnose
@@ -53,56 +53,58 @@ def test_a_clean_arm_of_another_engine_has_no_gap() -> None:
 
 
 class Gains:
-    """A bank whose entries gain what they say, evenly over forty blocks."""
+    """A library whose selected gain what they say, evenly over forty blocks."""
 
-    def held_out(self, entries: Any) -> float:
-        return float(sum(entries))
+    def held_out(self, selected: Any) -> float:
+        return float(sum(selected))
 
-    def falls(self, without: Any, entries: Any) -> tuple[Any, Any]:
-        each = 2.0 * (sum(entries) - sum(without)) / 40.0
+    def falls(self, without: Any, selected: Any) -> tuple[Any, Any]:
+        each = 2.0 * (sum(selected) - sum(without)) / 40.0
         return np.full(24, each), np.full(16, each)
 
 
 def likelihood(left: float) -> Likelihood:
-    bank: Any = Gains()
+    library: Any = Gains()
     before: Any = None
-    entries: Any = [300.0, 100.0]
-    return Likelihood(bank, before, [], entries, left)
+    selected: Any = [300.0, 100.0]
+    return Likelihood(library, before, [], selected, left)
 
 
 def test_a_faint_gap_is_what_the_best_explanation_gains_and_what_it_leaves() -> None:
     """Shares are of both; the lower end leaves room for what just stays undetected."""
-    entries: Any = [300.0, 100.0]
-    share, (low, high) = likelihood(100.0).share(entries)
+    selected: Any = [300.0, 100.0]
+    share, (low, high) = likelihood(100.0).share(selected)
     assert share == pytest.approx(0.8)
     assert low == pytest.approx(400.0 / (500.0 + DETECTED)) and high == pytest.approx(0.8)
-    assert likelihood(0.0).share(entries)[0] == 1.0
+    assert likelihood(0.0).share(selected)[0] == 1.0
     assert likelihood(100.0).share([]) == (0.0, (0.0, 0.0))
 
 
 def test_a_causes_part_of_a_faint_gap_is_what_it_gains_beside_the_others() -> None:
     """Taken away, the second of two causes leaves a fifth of the gap."""
-    entries: Any = [300.0, 100.0]
-    assert likelihood(100.0).contribution(entries, 1) == pytest.approx(0.2)
-    assert likelihood(-5.0).contribution(entries, 0) == pytest.approx(0.75)
+    selected: Any = [300.0, 100.0]
+    assert likelihood(100.0).contribution(selected, 1) == pytest.approx(0.2)
+    assert likelihood(-5.0).contribution(selected, 0) == pytest.approx(0.75)
 
 
 # --- the band in which a cause is most
 
 
-def figures(band: float, power: float, noise: float = 1.0) -> Figures:
+def figures(band: float, power: float, noise: float = 1.0) -> ResidualStatistics:
     squares = np.array([noise**2 + power])
     ones = np.full(1, noise)
-    return Figures(band, np.sqrt(squares), ones, ones, 1e5, np.full((8, 1), squares[0]), np.array([power > 0.0]))
+    return ResidualStatistics(
+        band, np.sqrt(squares), ones, ones, 1e5, np.full((8, 1), squares[0]), np.array([power > 0.0])
+    )
 
 
 def test_a_cause_counts_in_the_band_in_which_it_is_most(monkeypatch: pytest.MonkeyPatch) -> None:
     """What is a thousandth of a low band's gap and a fifth of a wide one's is a fifth of the gap."""
     slow, wide = figures(2.5, 1000.0), figures(40.0, 5.0)
     left = {2.5: {2: 0.0, 1: 1.0}, 40.0: {2: 0.0, 1: 1.0}}  # by band, of both causes and of the first alone
-    bank: Any = None
-    measure = Excess(bank, slow, [wide, slow])
-    monkeypatch.setattr(Excess, "after", lambda self, entries, band: figures(band, left[band][len(entries)]))
+    library: Any = None
+    measure = Excess(library, slow, [wide, slow])
+    monkeypatch.setattr(Excess, "after", lambda self, selected, band: figures(band, left[band][len(selected)]))
     causes: Any = ["slow", "fast"]
     assert measure.contribution(causes, 1) == pytest.approx(0.2)
 
@@ -124,12 +126,12 @@ def test_a_cause_counts_in_the_band_in_which_it_is_most(monkeypatch: pytest.Monk
 def test_verdict_follows_what_is_left(causes: int, shrink: float, unexplained: bool, verdict: str) -> None:
     """A tenth of the excess may be left; more only if it looks like noise; without cause or rest there is no gap."""
     asked: Any = Inquiry.__new__(Inquiry)
-    entries: Any = ["known", *["cause"] * causes]
-    assert asked._verdict(shrink, Hypothesis(entries, given=1), unexplained=unexplained) == verdict
+    selected: Any = ["known", *["cause"] * causes]
+    assert asked._verdict(shrink, Hypothesis(selected, given=1), unexplained=unexplained) == verdict
 
 
 def late(milliseconds: float, std: float = 0.01) -> Any:
-    size = {"delay": Estimate(1e-3 * milliseconds, 1e-3 * std, "s")}
+    size = {"delay": ParameterEstimate(1e-3 * milliseconds, 1e-3 * std, "s")}
     choices = {"channels": ("joint_torque",)}
     return SimpleNamespace(
         size=size, feature=SimpleNamespace(effect=SimpleNamespace(id="time_delay"), joint="joint_2", choices=choices)
@@ -142,13 +144,13 @@ def friction() -> Any:
 
 def test_a_lag_of_a_sample_is_no_cause_and_a_longer_one_is(monkeypatch: pytest.MonkeyPatch) -> None:
     """Lags up to a sample move to what counts as the model and are noted; causes keep their own alternatives."""
-    monkeypatch.setattr(inquiry, "polish", lambda bank, entries: entries)
-    monkeypatch.setattr(inquiry, "estimates", lambda bank, entries: [entry.size for entry in entries])
+    monkeypatch.setattr(inquiry, "polish", lambda library, selected: selected)
+    monkeypatch.setattr(inquiry, "estimates", lambda library, selected: [candidate.size for candidate in selected])
     asked: Any = Inquiry.__new__(Inquiry)
-    asked.bank, asked.rate, asked.notes = None, 1000.0, []
+    asked.library, asked.rate, asked.notes = None, 1000.0, []
     known, drag, lag, delay = friction(), friction(), late(1.0), late(1.1)
     rivals = {1: [Rival(known, 0.1)], 2: [Rival(known, 0.2)], 3: [Rival(known, 0.3)]}
     found = asked._without_lags(Hypothesis([known, drag, lag, delay], 1, rivals))
-    assert found.entries == [known, lag, drag, delay] and found.given == 2
+    assert found.selected == [known, lag, drag, delay] and found.given == 2
     assert {k: r[0].odds for k, r in found.rivals.items()} == {2: 0.1, 3: 0.3}
     assert len(asked.notes) == 1 and "joint_torque of joint_2 lags by 1.00 ms" in asked.notes[0]

@@ -14,13 +14,13 @@ from numpy.typing import NDArray
 
 from elastic_arm.codegen import recursion as scan
 from elastic_arm.diagnosis import inquiry
-from elastic_arm.diagnosis.inference.estimates import Estimate, certain, differs, estimates
-from elastic_arm.diagnosis.inference.excess import CLEAR, Figures, clearest, telling
+from elastic_arm.diagnosis.inference.estimates import ParameterEstimate, certain, differs, estimates
+from elastic_arm.diagnosis.inference.excess import CLEAR, ResidualStatistics, band_of_largest_excess, select_band
 from elastic_arm.diagnosis.inference.gap_metric import DETECTED
-from elastic_arm.diagnosis.inference.lack_of_fit import structures
+from elastic_arm.diagnosis.inference.lack_of_fit import lack_of_fit
 from elastic_arm.diagnosis.inquiry import WORTH, Inquiry
 from elastic_arm.diagnosis.result import Alternative, Cause
-from elastic_arm.diagnosis.selection.regressor_library import Entry, RegressorLibrary
+from elastic_arm.diagnosis.selection.regressor_library import Candidate, RegressorLibrary
 from elastic_arm.effects import parse
 from elastic_arm.effects.model import Parameter, Role
 from elastic_arm.estimation.effect_columns import Signals
@@ -81,12 +81,12 @@ def _signals(rng: np.random.Generator) -> Signals:
     return Signals(t, values | {"sign_link": np.tanh(dq / 1e-3), "sign_motor": np.tanh(dq / 1e-3)})
 
 
-def bank_with(torque: Torque, sides: dict[str, float]) -> RegressorLibrary:
-    evidence: Any = [Moved(seed, torque, sides) for seed in (1, 2)]
-    bank = RegressorLibrary(*evidence)
-    bank.add(cause_of(nothing), ())  # the matrices are made with the first column
-    bank.close()
-    return bank
+def library_with(torque: Torque, sides: dict[str, float]) -> RegressorLibrary:
+    data: Any = [Moved(seed, torque, sides) for seed in (1, 2)]
+    library = RegressorLibrary(*data)
+    library.add(cause_of(nothing), ())  # the matrices are made with the first column
+    library.close()
+    return library
 
 
 def cause_of(law: Torque) -> Any:
@@ -108,20 +108,20 @@ def drag(signals: Signals) -> Array:
     return np.asarray(0.3 * w * np.abs(w))
 
 
-def viscous(bank: RegressorLibrary) -> Entry:
-    entry = bank.add(cause_of(velocity), ())
-    bank.close()
-    return entry
+def viscous(library: RegressorLibrary) -> Candidate:
+    candidate = library.add(cause_of(velocity), ())
+    library.close()
+    return candidate
 
 
 @pytest.mark.parametrize("seed", range(5))
 def test_noise_alone_has_no_structure(seed: int) -> None:
     """Of all regimes at all places none comes near what counts as detected."""
-    evidence: Any = [Moved(10 * seed + k, nothing, {}) for k in (1, 2)]
-    bank = RegressorLibrary(*evidence)
-    bank.add(cause_of(nothing), ())
-    bank.close()
-    assert structures(bank, [], RATIOS)[0].gain < 0.6 * DETECTED
+    data: Any = [Moved(10 * seed + k, nothing, {}) for k in (1, 2)]
+    library = RegressorLibrary(*data)
+    library.add(cause_of(nothing), ())
+    library.close()
+    assert lack_of_fit(library, [], RATIOS)[0].gain < 0.6 * DETECTED
 
 
 @pytest.mark.parametrize(
@@ -133,10 +133,10 @@ def test_noise_alone_has_no_structure(seed: int) -> None:
 )
 def test_what_is_too_faint_to_stand_out_is_found_by_what_it_follows(regime: str, shape: Torque) -> None:
     """A torque that adds some hundredths to a residual's power is placed, named and sized by its regime."""
-    bank = bank_with(lambda s: 0.09 * shape(s), {"motor": 1.0})
-    added = float(np.mean(bank.sets[1].added ** 2))  # type: ignore[attr-defined]
+    library = library_with(lambda s: 0.09 * shape(s), {"motor": 1.0})
+    added = float(np.mean(library.sets[1].added ** 2))  # type: ignore[attr-defined]
     assert added < 0.06 * (SENSOR**2 + MOTOR**2)
-    found = structures(bank, [], RATIOS)[0]
+    found = lack_of_fit(library, [], RATIOS)[0]
     assert (found.row, found.regime) == (2 * 2 + JOINT, regime)
     assert found.gain > DETECTED
     assert found.rmse == pytest.approx(np.sqrt(added), rel=0.35)
@@ -146,7 +146,7 @@ def test_an_error_of_a_torque_sensor_is_sought_in_its_three_equations_together()
     """What hides in the noise that three equations share shows by their common pattern, in no equation alone."""
     size = 0.06
     shared = {"link": 1.0, "drive": 1.0, "motor": -1.0}
-    found = structures(bank_with(lambda s: size * s.values["sign_link"][:, JOINT], shared), [], RATIOS)[0]
+    found = lack_of_fit(library_with(lambda s: size * s.values["sign_link"][:, JOINT], shared), [], RATIOS)[0]
     assert found.gain > DETECTED
     assert (found.row, found.regime) == (JOINT, "velocity_reversal")  # said of the link's equation
     assert found.rmse == pytest.approx(size, rel=0.35)
@@ -154,26 +154,26 @@ def test_an_error_of_a_torque_sensor_is_sought_in_its_three_equations_together()
 
 def test_what_the_causes_explain_is_no_structure() -> None:
     """Viscous friction stands out where nothing explains it, and leaves nothing once it is a cause."""
-    bank = bank_with(lambda s: 0.3 * velocity(s), {"motor": 1.0})
-    assert structures(bank, [], RATIOS)[0].gain > 5 * DETECTED
-    entry = viscous(bank)
-    assert float(bank.fit(0, [entry])[0]) == pytest.approx(0.3, rel=0.1)
-    assert structures(bank, [entry], RATIOS)[0].gain < DETECTED
+    library = library_with(lambda s: 0.3 * velocity(s), {"motor": 1.0})
+    assert lack_of_fit(library, [], RATIOS)[0].gain > 5 * DETECTED
+    candidate = viscous(library)
+    assert float(library.fit(0, [candidate])[0]) == pytest.approx(0.3, rel=0.1)
+    assert lack_of_fit(library, [candidate], RATIOS)[0].gain < DETECTED
 
 
 def test_beside_a_cause_the_rest_is_still_found() -> None:
     """Drag with the square of the speed is left over, and placed, where a fit has taken its linear part."""
-    bank = bank_with(drag, {"motor": 1.0})
-    found = structures(bank, [viscous(bank)], RATIOS)[0]
+    library = library_with(drag, {"motor": 1.0})
+    found = lack_of_fit(library, [viscous(library)], RATIOS)[0]
     assert found.row == 2 * 2 + JOINT
     assert found.gain > DETECTED
 
 
 def test_what_is_left_beside_a_cause_is_no_larger_than_what_was_there() -> None:
     """The size stated for what a cause leaves is of the order of the torque that was added."""
-    bank = bank_with(drag, {"motor": 1.0})
-    found = structures(bank, [viscous(bank)], RATIOS)[0]
-    assert found.rmse < 2.0 * float(np.sqrt(np.mean(bank.sets[1].added ** 2)))  # type: ignore[attr-defined]
+    library = library_with(drag, {"motor": 1.0})
+    found = lack_of_fit(library, [viscous(library)], RATIOS)[0]
+    assert found.rmse < 2.0 * float(np.sqrt(np.mean(library.sets[1].added ** 2)))  # type: ignore[attr-defined]
 
 
 # --- internal states of laws, with and without a compiler
@@ -206,7 +206,7 @@ def test_causes_of_an_incomplete_explanation_are_less_sure_and_nothing_else() ->
     """Confidences of cause and alternatives fall by the same share; what was found stays."""
     active = parse("coulomb_friction:joint_2:torque=6", load_robot(None))
     others = (Alternative("viscous_friction", "joint_2", 0.2, "slow motion"), Alternative("backlash", None, 0.1, ""))
-    size = {"torque": Estimate(6.0, 0.1, "Nm")}
+    size = {"torque": ParameterEstimate(6.0, 0.1, "Nm")}
     cause = Cause("coulomb_friction", "joint_2", ("motor",), "velocity_reversal", size, 0.5, 0.7, others, active)
     less = cause.less_sure(0.25)
     assert less.confidence == pytest.approx(0.175)
@@ -220,7 +220,7 @@ def test_causes_of_an_incomplete_explanation_are_less_sure_and_nothing_else() ->
 
 
 class Laws:
-    """Laws with known columns and white noise of variance one: what a bank is to the judgement of parameters."""
+    """Laws with known columns and white noise of variance one: what a library is to the judgement of parameters."""
 
     def __init__(self, y: Array, blocks: int = 40) -> None:
         self.y = y
@@ -234,7 +234,7 @@ class Laws:
         return np.asarray(feature.law(values))[:, None]
 
 
-def entry_of(law: Callable[[Sequence[float]], Array], values: Sequence[float], *parameters: Parameter) -> Any:
+def candidate_of(law: Callable[[Sequence[float]], Array], values: Sequence[float], *parameters: Parameter) -> Any:
     feature = SimpleNamespace(law=law, searched=parameters, effect=SimpleNamespace(parameters=parameters))
     return SimpleNamespace(feature=feature, searched=tuple(float(v) for v in values), fixed=True)
 
@@ -247,10 +247,10 @@ def test_parameters_that_are_not_determined_singly_may_be_certain_together() -> 
     both = (Parameter("one", "1", -100.0, 100.0, neutral=0.0), Parameter("two", "1", -100.0, 100.0, neutral=0.0))
     laws = Laws(10.0 * common + rng.standard_normal(4000))
     values = np.linalg.lstsq(columns, laws.y, rcond=None)[0]
-    entry = entry_of(lambda p: columns @ np.asarray(p), values, *both)
-    (estimate,) = estimates(laws, [entry])  # type: ignore[arg-type]
-    assert not differs(estimate, entry)
-    assert certain(laws, [entry]) == [True]  # type: ignore[arg-type]
+    candidate = candidate_of(lambda p: columns @ np.asarray(p), values, *both)
+    (estimate,) = estimates(laws, [candidate])  # type: ignore[arg-type]
+    assert not differs(estimate, candidate)
+    assert certain(laws, [candidate]) == [True]  # type: ignore[arg-type]
 
 
 def chance_of_being_certain(law: Callable[[Sequence[float]], Array], fit: Callable[[Array], Any], *p: Parameter) -> int:
@@ -258,7 +258,7 @@ def chance_of_being_certain(law: Callable[[Sequence[float]], Array], fit: Callab
     found = 0
     for seed in range(200):
         noise = np.random.default_rng([seed, 7]).standard_normal(400)
-        found += certain(Laws(noise), [entry_of(law, fit(noise), *p)])[0]  # type: ignore[arg-type, list-item]
+        found += certain(Laws(noise), [candidate_of(law, fit(noise), *p)])[0]  # type: ignore[arg-type, list-item]
     return found
 
 
@@ -279,8 +279,10 @@ def test_coloured_noise_is_seldom_called_certain() -> None:
     found = 0
     for seed in range(200):
         noise = np.repeat(np.random.default_rng([seed, 9]).standard_normal(80), 5)
-        entry = entry_of(lambda p: columns @ np.asarray(p), np.linalg.lstsq(columns, noise, rcond=None)[0], *numbers)
-        found += certain(Laws(noise), [entry])[0]  # type: ignore[arg-type]
+        candidate = candidate_of(
+            lambda p: columns @ np.asarray(p), np.linalg.lstsq(columns, noise, rcond=None)[0], *numbers
+        )
+        found += certain(Laws(noise), [candidate])[0]  # type: ignore[arg-type]
     assert found <= 40  # as if white it would be about 130
 
 
@@ -306,9 +308,9 @@ def test_what_another_cause_can_do_makes_none_certain() -> None:
     column = rng.standard_normal(400)
     laws = Laws(3.0 * column + rng.standard_normal(400))
     size = Parameter("size", "1", -10.0, 10.0, neutral=0.0)
-    alike = [entry_of(lambda p: p[0] * column, [1.5], size) for _ in range(2)]
+    alike = [candidate_of(lambda p: p[0] * column, [1.5], size) for _ in range(2)]
     assert certain(laws, alike) == [False, False]  # type: ignore[arg-type]
-    assert certain(laws, [entry_of(lambda p: p[0] * column, [3.0], size)]) == [True]  # type: ignore[arg-type]
+    assert certain(laws, [candidate_of(lambda p: p[0] * column, [3.0], size)]) == [True]  # type: ignore[arg-type]
 
 
 # --- effects that are there and too small to be causes
@@ -330,8 +332,8 @@ def test_what_is_there_and_less_than_a_hundredth_of_the_gap_is_mentioned(
     feature = SimpleNamespace(effect=SimpleNamespace(id="torque_ripple"), joint="joint_3")
     large, small = SimpleNamespace(gain=500.0), SimpleNamespace(feature=feature, gain=gain)
     asked: Any = Inquiry.__new__(Inquiry)
-    asked.notes, asked.bank = [], SimpleNamespace(held_out=lambda entries: sum(e.gain for e in entries))
-    monkeypatch.setattr(inquiry, "misfit", lambda bank, entries: 1.0)
+    asked.notes, asked.library = [], SimpleNamespace(held_out=lambda selected: sum(e.gain for e in selected))
+    monkeypatch.setattr(inquiry, "misfit", lambda library, selected: 1.0)
     asked._mention([large, small], 1, share)
     assert len(asked.notes) == said
     assert all("torque_ripple of joint_3" in note and f"{share:.2%}" in note for note in asked.notes)
@@ -340,11 +342,11 @@ def test_what_is_there_and_less_than_a_hundredth_of_the_gap_is_mentioned(
 # --- the band in which several causes are judged
 
 
-def in_band(band: float, *excess: float) -> Figures:
+def in_band(band: float, *excess: float) -> ResidualStatistics:
     """Return figures of residuals of unit noise, all of them significant, with this much excess (Nm²)."""
     power = np.array(excess)
     ones = np.ones(len(power))
-    return Figures(band, np.sqrt(1.0 + power), ones, ones, 1e6, np.ones((2, len(power))), power > 0.0)
+    return ResidualStatistics(band, np.sqrt(1.0 + power), ones, ones, 1e6, np.ones((2, len(power))), power > 0.0)
 
 
 def rows(*shown: bool) -> NDArray[np.bool_]:
@@ -354,29 +356,29 @@ def rows(*shown: bool) -> NDArray[np.bool_]:
 def test_one_cause_is_judged_in_the_widest_band_that_is_clear() -> None:
     """Bands are given widest first; the first with an excess far above the noise's own uncertainty serves."""
     wide, middle, narrow = in_band(40.0, 0.5), in_band(10.0, 2.0 * CLEAR), in_band(2.5, 50.0 * CLEAR)
-    assert telling([wide, middle, narrow]) is middle
-    assert telling([wide.of(rows(False))]) is None
+    assert select_band([wide, middle, narrow]) is middle
+    assert select_band([wide.of(rows(False))]) is None
 
 
 def test_a_band_must_be_clear_for_each_of_several_causes() -> None:
     """What is plain for one cause in a wide band and for the other in a narrow one is judged in the narrow one."""
     first, second = rows(True, False), rows(False, True)
     wide, narrow = in_band(40.0, 50.0 * CLEAR, 0.1), in_band(10.0, 5.0 * CLEAR, 5.0 * CLEAR)
-    assert telling([wide, narrow]) is wide
-    assert telling([wide, narrow], [first]) is wide
-    assert telling([wide, narrow], [first, second]) is narrow
+    assert select_band([wide, narrow]) is wide
+    assert select_band([wide, narrow], [first]) is wide
+    assert select_band([wide, narrow], [first, second]) is narrow
 
 
 def test_where_no_band_is_clear_for_all_the_one_that_shows_most_causes_serves() -> None:
     """Three causes of which two show in one band and one in the other: the first, however strong the one may be."""
     each = [rows(True, False, False), rows(False, True, False), rows(False, False, True)]
     strong, many = in_band(40.0, 100.0 * CLEAR, 0.0, 0.0), in_band(10.0, 0.5, 0.5, 0.0)
-    assert telling([strong, many], each) is many
+    assert select_band([strong, many], each) is many
 
 
 def test_a_trace_is_shown_in_the_band_where_it_stands_highest() -> None:
     """Only its own residual counts there, significant by size or not."""
     wide, narrow = in_band(40.0, 3.0, 0.1).of(rows(True, False)), in_band(10.0, 2.0, 0.4).of(rows(False, False))
-    best = clearest([wide, narrow], 1)
+    best = band_of_largest_excess([wide, narrow], 1)
     assert best.band == 10.0
     assert best.significant.tolist() == [False, True]

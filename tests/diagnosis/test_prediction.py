@@ -15,9 +15,9 @@ from tests.helpers.effect_samples import INSTANCES
 from tests.helpers.gap_recordings import ROBOT, motions, record
 
 
-def material(*recordings: Recording, model: str = "mod3") -> DiagnosisContext:
+def context(*recordings: Recording, model: str = "mod3") -> DiagnosisContext:
     """What a diagnosis without any effect to find leaves."""
-    found = diagnose([recordings[0]], Question(ROBOT, model, effects=()), [recordings[1]]).material
+    found = diagnose([recordings[0]], Question(ROBOT, model, effects=()), [recordings[1]]).context
     assert found is not None
     return found
 
@@ -26,7 +26,7 @@ def predicted(*effects: str, known: tuple[str, ...] | None = None, model: str = 
     """Prediction errors of an arm with effects, all of them known or only some."""
     recordings = [record(motion, *effects, seed=k) for k, motion in enumerate(motions())]
     known = effects if known is None else known
-    return predict(material(*recordings, model=model), [parse(text, ROBOT) for text in known])
+    return predict(context(*recordings, model=model), [parse(text, ROBOT) for text in known])
 
 
 @pytest.fixture(scope="module")
@@ -82,7 +82,7 @@ def test_without_motor_torque_nothing_is_predicted_and_the_reason_is_said() -> N
     """No motor torque: no prediction, in words, not a number made up."""
     recordings = [record(motion) for motion in motions()]
     silent = [replace(r, motor=replace(r.motor, effort=None)) for r in recordings]  # type: ignore[type-var]
-    found = predict(material(*silent), [])
+    found = predict(context(*silent), [])
     assert found.before is None and found.after is None
     assert "motor torque" in found.reason
     assert found.to_dict()["before"] is None and found.to_dict()["reason"] == found.reason
@@ -91,7 +91,7 @@ def test_without_motor_torque_nothing_is_predicted_and_the_reason_is_said() -> N
 def test_with_the_motor_side_alone_its_angles_are_predicted() -> None:
     """Where the link encoder is missing, motor angles are predicted, and nothing is said of links."""
     recordings = [replace(record(motion, seed=k), link=None) for k, motion in enumerate(motions())]
-    found = predict(material(*recordings), [])
+    found = predict(context(*recordings), [])
     assert found.before is not None
     assert {side for _, side in found.before} == {"motor"}
     assert worst(found.before) < 2e-4

@@ -16,9 +16,9 @@ from diagnostic_msgs.msg import DiagnosticArray
 from elastic_arm_msgs.msg import GapDiagnosis, GapResidual
 from std_srvs.srv import SetBool, Trigger
 
-from elastic_arm.diagnosis.inference.estimates import Estimate
+from elastic_arm.diagnosis.inference.estimates import ParameterEstimate
 from elastic_arm.diagnosis.live import ResidualLevels
-from elastic_arm.diagnosis.result import Size
+from elastic_arm.diagnosis.result import ResidualSizes
 from elastic_arm.errors import DiagnosisError, GraphError
 from elastic_arm.excitation import FourierTrajectory
 from elastic_arm.nodes.support.gap_messages import diagnosis_message, in_words, residual_messages
@@ -156,7 +156,7 @@ def test_no_gap_is_a_message_too() -> None:
 
 def test_a_vector_has_its_components() -> None:
     """A parameter with three components, such as where a payload sits, keeps them."""
-    payload = Estimate(np.array([0.1, 0.2, 0.3]), np.array([0.01, 0.02, 0.03]), "m")
+    payload = ParameterEstimate(np.array([0.1, 0.2, 0.3]), np.array([0.01, 0.02, 0.03]), "m")
     parameters = {"position": {"value": list(payload.value), "std": list(payload.std), "unit": "m"}}
     message = diagnosis_message({**FOUND, "causes": [{**FOUND["causes"][0], "parameters": parameters}]})
     (position,) = message.causes[0].parameters
@@ -167,7 +167,7 @@ def test_a_vector_has_its_components() -> None:
 def test_residuals_between_diagnoses_are_plain_numbers() -> None:
     """One message a joint and side, with its noise and its size before any cause."""
     place = ("joint_1", "motor")
-    messages = residual_messages(ResidualLevels(Size({place: 3.0}, {place: 5.0}), {place: 0.3}))
+    messages = residual_messages(ResidualLevels(ResidualSizes({place: 3.0}, {place: 5.0}), {place: 0.3}))
     assert list(messages) == [place]
     message = messages[place]
     assert (message.joint, message.side, message.noise, message.rmse_before) == ("joint_1", "motor", 0.3, 3.0)

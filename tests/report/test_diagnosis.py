@@ -21,9 +21,9 @@ from elastic_arm.cli.diagnose import diagnose_command, print_diagnosis, write_di
 from elastic_arm.cli.several_values import SeveralValues, spelled_out
 from elastic_arm.cli.simulate import simulate
 from elastic_arm.diagnosis.corrected_robot import repaired_robot
-from elastic_arm.diagnosis.followup import followed_up
-from elastic_arm.diagnosis.format import confidence, meaning, sizes
-from elastic_arm.diagnosis.inference.estimates import Estimate
+from elastic_arm.diagnosis.follow_up import follow_up
+from elastic_arm.diagnosis.format import estimates_text, probability_text, verdict_sentence
+from elastic_arm.diagnosis.inference.estimates import ParameterEstimate
 from elastic_arm.diagnosis.pipeline import Question, diagnose
 from elastic_arm.diagnosis.result import SEPARATING, Diagnosis
 from elastic_arm.effects import EFFECTS
@@ -47,7 +47,7 @@ def run(*arguments: object) -> Result:
 def two_causes() -> Diagnosis:
     recordings = [record(motion, FRICTION, ERROR, seed=k) for k, motion in enumerate(motions())]
     question = Question(ROBOT, effects=(EFFECTS["coulomb_friction"], EFFECTS["transmission_error"]))
-    return followed_up(diagnose([recordings[0]], question, [recordings[1]]), rng=np.random.default_rng(0))
+    return follow_up(diagnose([recordings[0]], question, [recordings[1]]), rng=np.random.default_rng(0))
 
 
 @pytest.mark.browser
@@ -93,7 +93,7 @@ def test_result_beyond_the_contract_is_plain_json(two_causes: Diagnosis, tmp_pat
 def test_report_of_a_clean_arm_speaks_of_no_cause(tmp_path: Path) -> None:
     """Where there is no gap, the report shows residuals and noise, and nothing before and after."""
     recordings = [record(motion, seed=k) for k, motion in enumerate(motions())]
-    found = followed_up(diagnose([recordings[0]], Question(ROBOT, effects=()), [recordings[1]]), rng=None)
+    found = follow_up(diagnose([recordings[0]], Question(ROBOT, effects=()), [recordings[1]]), rng=None)
     page = write_gap_report(tmp_path / "report.html", found).read_text()
     titles = re.findall(r"<h2>([^<]*)</h2>", page)
     assert "none: recording and model agree" in page
@@ -144,8 +144,8 @@ def shown(found: Diagnosis, folder: Path, monkeypatch: pytest.MonkeyPatch, **scr
 
 def test_causes_are_readable_on_a_narrow_screen(two_causes: Diagnosis, monkeypatch: pytest.MonkeyPatch) -> None:
     """On 80 columns no line is longer, and a size as real arms have it stands on one line with deviation and unit."""
-    offset = {"offset": Estimate(-0.6656, 0.02628, "Nm")}
-    tilt = {"x": Estimate(-0.01668, 0.001152, "rad"), "y": Estimate(-0.007061, 0.001386, "rad")}
+    offset = {"offset": ParameterEstimate(-0.6656, 0.02628, "Nm")}
+    tilt = {"x": ParameterEstimate(-0.01668, 0.001152, "rad"), "y": ParameterEstimate(-0.007061, 0.001386, "rad")}
     first, second = two_causes.causes
     causes = (
         replace(first, effect="joint_torque_offset", joint="lwr_0_joint", parameters=offset),
@@ -163,11 +163,11 @@ def test_causes_are_readable_on_a_narrow_screen(two_causes: Diagnosis, monkeypat
 def test_piped_causes_are_a_line_each(two_causes: Diagnosis, monkeypatch: pytest.MonkeyPatch) -> None:
     """Where no screen ends the line, a cause stands on one with all its sizes, and no sentence is broken."""
     lines = shown(two_causes, Path("diagnosis"), monkeypatch, width=UNLIMITED)
-    assert lines[0] == f"explained: {meaning(two_causes)}"
+    assert lines[0] == f"explained: {verdict_sentence(two_causes)}"
     for cause in two_causes.causes:
         (line,) = [line for line in lines if line.startswith(f"{cause.effect}  ")]
-        assert sizes(cause.parameters) in line
-        assert line.endswith(confidence(cause.confidence))
+        assert estimates_text(cause.parameters) in line
+        assert line.endswith(probability_text(cause.confidence))
 
 
 def test_numbers_that_puzzle_are_explained_beside_them(

@@ -16,10 +16,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elastic_arm.diagnosis.context import DiagnosisContext
-from elastic_arm.diagnosis.design.predicted_experiment import Rehearsal, Surroundings
-from elastic_arm.diagnosis.design.proposal import Pair, Proposal
+from elastic_arm.diagnosis.design.predicted_experiment import ExperimentConditions, PredictedExperiment
+from elastic_arm.diagnosis.design.proposal import PairSeparation, Proposal
 from elastic_arm.diagnosis.result import Cause
-from elastic_arm.diagnosis.selection.regressor_library import Entry
+from elastic_arm.diagnosis.selection.regressor_library import Candidate
 from elastic_arm.diagnosis.selection.stepwise import misfit
 from elastic_arm.dynamics import Model
 from elastic_arm.effects.model import Parameter
@@ -47,7 +47,7 @@ DEPENDENT = 1e-6  # relative singular value below which columns say the same
 
 
 @dataclass(frozen=True)
-class Contender:
+class CompetingEffect:
     """One explanation of a cause's part of the gap.
 
     Parameters
@@ -80,53 +80,53 @@ class Contender:
         return np.hstack([columns(self.family, point) for point in points])
 
 
-def propose(material: DiagnosisContext, causes: Sequence[Cause], *, rng: np.random.Generator) -> Proposal | None:
+def propose(context: DiagnosisContext, causes: Sequence[Cause], *, rng: np.random.Generator) -> Proposal | None:
     """Return the motion that separates causes from their alternatives best; None where there are no alternatives.
 
     Parameters
     ----------
-    material, causes
+    context, causes
         Of the diagnosis.
     rng
         Draws the motions.
     """
-    doubts = _doubts(material, causes)
-    if not doubts:
+    ambiguous = _ambiguous_pairs(context, causes)
+    if not ambiguous:
         return None
-    whites = [_recorded(evidence) for evidence in material.bank.sets]
+    whites = [_recorded(data) for data in context.library.sets]
     # What no explanation reaches stays beside both, and makes either less sure.
-    scale = misfit(material.bank, [*material.given, *material.entries])
-    here = (np.sum([_separations(doubts, columns) for columns in whites], axis=0) / scale).tolist()
-    named = [((d[0].effect, d[0].joint), (d[1].effect, d[1].joint)) for d in doubts]
-    limits = MotionLimits.of(material.model.robot)
-    around = Surroundings.of(material.model, material.bank.sets[0])
+    scale = misfit(context.library, [*context.given, *context.selected])
+    here = (np.sum([_separations(ambiguous, columns) for columns in whites], axis=0) / scale).tolist()
+    named = [((d[0].effect, d[0].joint), (d[1].effect, d[1].joint)) for d in ambiguous]
+    limits = MotionLimits.of(context.model.robot)
+    around = ExperimentConditions.of(context.model, context.library.sets[0])
 
     def judge(trajectory: FourierTrajectory) -> list[float]:
-        return [value / scale for value in _separations(doubts, Rehearsal(around, trajectory).white)]
+        return [value / scale for value in _separations(ambiguous, PredictedExperiment(around, trajectory).white)]
 
     try:
-        best, values, count = _search(material.model, limits, judge, rng)
+        best, values, count = _search(context.model, limits, judge, rng)
     except ExcitationError as error:
-        pairs = [Pair(*names, value) for names, value in zip(named, here, strict=True)]
+        pairs = [PairSeparation(*names, value) for names, value in zip(named, here, strict=True)]
         return Proposal(None, tuple(pairs), 0, (*limits.assumed, str(error)))
-    pairs = [Pair(*names, *both) for names, *both in zip(named, here, values, strict=True)]
+    pairs = [PairSeparation(*names, *both) for names, *both in zip(named, here, values, strict=True)]
     return Proposal(best, tuple(pairs), count, limits.assumed)
 
 
-Doubt = tuple[Contender, Contender, tuple[Contender, ...]]
+AmbiguousPair = tuple[CompetingEffect, CompetingEffect, tuple[CompetingEffect, ...]]
 
 
-def separation(doubt: Doubt, columns: Columns) -> float:
+def separation(pair: AmbiguousPair, columns: Columns) -> float:
     """Log-likelihood by which a recording is expected to decide between two explanations, whichever is true.
 
     Parameters
     ----------
-    doubt
+    pair
         The two, and what acts beside them in either case.
     columns
         Makes whitened columns for the recording.
     """
-    one, other, beside = doubt
+    one, other, beside = pair
     always = [contender.reach(columns) for contender in beside]
     found = []
     for true, wrong in ((one, other), (other, one)):
@@ -137,7 +137,7 @@ def separation(doubt: Doubt, columns: Columns) -> float:
     return min(found)
 
 
-def _separations(doubts: Sequence[Doubt], columns: Columns) -> list[float]:
+def _separations(ambiguous: Sequence[AmbiguousPair], columns: Columns) -> list[float]:
     """Return the separation of every pair; explanations that several share are worked out once."""
     known: dict[tuple[Feature, tuple[float, ...]], Array] = {}
 
@@ -147,7 +147,7 @@ def _separations(doubts: Sequence[Doubt], columns: Columns) -> list[float]:
             known[key] = columns(feature, searched)
         return known[key]
 
-    return [separation(doubt, remembered) for doubt in doubts]
+    return [separation(pair, remembered) for pair in ambiguous]
 
 
 def _unexplained(target: Array, columns: Array) -> float:
@@ -196,39 +196,39 @@ def _moved(motion: FourierTrajectory, limits: MotionLimits, rng: np.random.Gener
     return limits.fitted(moved, 0.98)
 
 
-def _recorded(evidence: WhitenedData) -> Columns:
-    return lambda feature, searched: evidence.whiten(evidence.plain(feature, searched))
+def _recorded(data: WhitenedData) -> Columns:
+    return lambda feature, searched: data.whiten(data.plain(feature, searched))
 
 
-def _doubts(material: DiagnosisContext, causes: Sequence[Cause]) -> list[Doubt]:
+def _ambiguous_pairs(context: DiagnosisContext, causes: Sequence[Cause]) -> list[AmbiguousPair]:
     """Return causes and alternatives, most probable alternatives first."""
-    own = [_of_cause(material, entry, cause) for entry, cause in zip(material.entries, causes, strict=True)]
-    found: list[tuple[float, Doubt]] = []
+    own = [_of_cause(context, candidate, cause) for candidate, cause in zip(context.selected, causes, strict=True)]
+    found: list[tuple[float, AmbiguousPair]] = []
     for k, cause in enumerate(causes):
         beside = (*own[:k], *own[k + 1 :])
-        others = [*material.given, *material.entries[:k], *material.entries[k + 1 :]]
-        for alternative, entry in zip(cause.alternatives, material.rivals[k], strict=False):
-            rival = _of_rival(material, entry, others)
+        others = [*context.given, *context.selected[:k], *context.selected[k + 1 :]]
+        for alternative, candidate in zip(cause.alternatives, context.rivals[k], strict=False):
+            rival = _of_rival(context, candidate, others)
             found.append((alternative.confidence, (own[k], rival, beside)))
     found.sort(key=lambda pair: -pair[0])
-    return [doubt for _, doubt in found[:MOST_PAIRS]]
+    return [pair for _, pair in found[:MOST_PAIRS]]
 
 
-def _of_cause(material: DiagnosisContext, entry: Entry, cause: Cause) -> Contender:
+def _of_cause(context: DiagnosisContext, candidate: Candidate, cause: Cause) -> CompetingEffect:
     """Return a cause as it was polished; a refit combines the columns of its linear form."""
-    forms = [e.feature for e in material.bank.entries if e.feature.key == entry.feature.key]
-    family = next((f for f in forms if not isinstance(f, Whole)), entry.feature)
+    forms = [e.feature for e in context.library.candidates if e.feature.key == candidate.feature.key]
+    family = next((f for f in forms if not isinstance(f, Whole)), candidate.feature)
     values = [np.atleast_1d(cause.active.numbers[p.name]) for p in family.searched]
     around = tuple(float(v) for v in np.concatenate([*values, np.zeros(0)]))
-    at = entry.searched or ()
-    beta = material.bank.fit(0, [entry])
-    return Contender(cause.effect, cause.joint, entry.feature, at, beta, family, around)
+    at = candidate.searched or ()
+    beta = context.library.fit(0, [candidate])
+    return CompetingEffect(cause.effect, cause.joint, candidate.feature, at, beta, family, around)
 
 
-def _of_rival(material: DiagnosisContext, entry: Entry, others: Sequence[Entry]) -> Contender:
-    beta = material.bank.fit(0, [*others, entry])[-len(entry.index) :]
-    feature, at = entry.feature, entry.searched or ()
-    return Contender(feature.effect.id, feature.joint, feature, at, beta, feature, at)
+def _of_rival(context: DiagnosisContext, candidate: Candidate, others: Sequence[Candidate]) -> CompetingEffect:
+    beta = context.library.fit(0, [*others, candidate])[-len(candidate.index) :]
+    feature, at = candidate.feature, candidate.searched or ()
+    return CompetingEffect(feature.effect.id, feature.joint, feature, at, beta, feature, at)
 
 
 def _neighbours(searched: Sequence[Parameter], around: Sequence[float]) -> list[tuple[float, ...]]:

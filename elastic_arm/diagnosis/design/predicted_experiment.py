@@ -21,7 +21,7 @@ RATE = 500.0  # Hz, enough for ripple of the rotor's fourth order at full speed
 
 
 @dataclass(frozen=True)
-class Surroundings:
+class ExperimentConditions:
     """What a new recording would share with one that was made.
 
     Parameters
@@ -45,13 +45,13 @@ class Surroundings:
     acceleration_cutoff: float
 
     @staticmethod
-    def of(model: Model, evidence: WhitenedData) -> Surroundings:
+    def of(model: Model, data: WhitenedData) -> ExperimentConditions:
         """Take them from the longest stretch of a data set."""
-        part = max(evidence.parts, key=lambda p: len(p.stretch.t))
-        return Surroundings(model, evidence.layout, part.noise, evidence.band.cutoff, part.signals.cutoff)
+        part = max(data.parts, key=lambda p: len(p.stretch.t))
+        return ExperimentConditions(model, data.layout, part.noise, data.band.cutoff, part.signals.cutoff)
 
 
-class Rehearsal:
+class PredictedExperiment:
     """A trajectory as it would be recorded, without noise.
 
     Parameters
@@ -62,7 +62,7 @@ class Rehearsal:
         Of the motor side; the links follow as far as the drives' stiffness makes them.
     """
 
-    def __init__(self, surroundings: Surroundings, trajectory: FourierTrajectory) -> None:
+    def __init__(self, surroundings: ExperimentConditions, trajectory: FourierTrajectory) -> None:
         self._surroundings = surroundings
         model = surroundings.model
         self._rate = min(RATE, surroundings.noise.rate)

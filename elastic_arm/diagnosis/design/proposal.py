@@ -11,7 +11,7 @@ DECIDES = 12.0  # log-likelihood from which a recording decides, as the diagnosi
 
 
 @dataclass(frozen=True)
-class Pair:
+class PairSeparation:
     """Two explanations, and how far a recording tells them apart: log-likelihoods on this one, and expected."""
 
     cause: tuple[str, str | None]
@@ -53,7 +53,7 @@ class Proposal:
     """
 
     trajectory: FourierTrajectory | None
-    pairs: tuple[Pair, ...]
+    pairs: tuple[PairSeparation, ...]
     candidates: int
     notes: tuple[str, ...] = ()
 

@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 from scipy.stats import chi2
 
 from elastic_arm.diagnosis.context import DiagnosisContext
-from elastic_arm.diagnosis.inference.estimates import Estimate, estimates, polish
-from elastic_arm.diagnosis.selection.regressor_library import Entry, RegressorLibrary
+from elastic_arm.diagnosis.inference.estimates import ParameterEstimate, estimates, polish
+from elastic_arm.diagnosis.selection.regressor_library import Candidate, RegressorLibrary
 from elastic_arm.effects.model import Parameter, Role
 from elastic_arm.estimation.observation import Observation
 from elastic_arm.estimation.whitening import WhitenedData
@@ -28,7 +28,7 @@ SAME = 0.02  # of the effect's size: values closer than this count as equal, how
 
 
 @dataclass(frozen=True)
-class Finding:
+class RecordingEstimate:
     """A cause in one recording.
 
     Parameters
@@ -42,7 +42,7 @@ class Finding:
     """
 
     source: str
-    parameters: Mapping[str, Estimate]
+    parameters: Mapping[str, ParameterEstimate]
     gain: float
 
 
@@ -65,7 +65,7 @@ class Agreement:
 
     effect: str
     joint: str | None
-    findings: tuple[Finding, ...]
+    findings: tuple[RecordingEstimate, ...]
     chi_square: float | None
     freedom: int
     probability: float | None
@@ -104,47 +104,51 @@ class Agreement:
         }
 
 
-def agreements(material: DiagnosisContext) -> tuple[Agreement, ...]:
+def agreements(context: DiagnosisContext) -> tuple[Agreement, ...]:
     """Refit all causes on every recording alone, and compare; empty for a single recording.
 
     Recordings that judged count like those that were fitted. The last thirds of recordings, where these judged, are
     part of them.
     """
-    recordings = _recordings(material)
-    if len(recordings) < 2 or not material.entries:
+    recordings = _recordings(context)
+    if len(recordings) < 2 or not context.selected:
         return ()
-    everything = [*material.given, *material.entries]
-    found = [_findings(material, group, everything) for group in recordings]
-    first = len(material.given)
-    return tuple(_compared(entry, [of_one[first + k] for of_one in found]) for k, entry in enumerate(material.entries))
+    everything = [*context.given, *context.selected]
+    found = [_findings(context, group, everything) for group in recordings]
+    first = len(context.given)
+    return tuple(
+        _compared(candidate, [of_one[first + k] for of_one in found]) for k, candidate in enumerate(context.selected)
+    )
 
 
-def _recordings(material: DiagnosisContext) -> list[list[Observation]]:
+def _recordings(context: DiagnosisContext) -> list[list[Observation]]:
     """Return the observations of each recording."""
-    fitted, judging = material.seen
-    if material.held_back:
+    fitted, judging = context.seen
+    if context.held_back:
         return [list(pair) for pair in zip(fitted, judging, strict=True)]
     return [[one] for one in (*fitted, *judging)]
 
 
-def _findings(material: DiagnosisContext, group: Sequence[Observation], entries: Sequence[Entry]) -> list[Finding]:
-    evidence = WhitenedData(material.model, group, material.validate.layout, material.validate.band)
-    bank = RegressorLibrary(evidence, evidence)
-    own = [bank.add(entry.feature, entry.searched, fixed=entry.fixed) for entry in entries]
-    bank.close()
-    own = polish(bank, own)
-    beta = bank.fit(0, own)
-    whole = bank.gain(0, own, beta)
+def _findings(
+    context: DiagnosisContext, group: Sequence[Observation], selected: Sequence[Candidate]
+) -> list[RecordingEstimate]:
+    data = WhitenedData(context.model, group, context.validate.layout, context.validate.band)
+    library = RegressorLibrary(data, data)
+    own = [library.add(candidate.feature, candidate.searched, fixed=candidate.fixed) for candidate in selected]
+    library.close()
+    own = polish(library, own)
+    beta = library.fit(0, own)
+    whole = library.gain(0, own, beta)
     found = []
-    for k, values in enumerate(estimates(bank, own)):
+    for k, values in enumerate(estimates(library, own)):
         others = [*own[:k], *own[k + 1 :]]
-        gain = whole - bank.gain(0, others, bank.fit(0, others))
-        found.append(Finding(group[0].source, values, gain))
+        gain = whole - library.gain(0, others, library.fit(0, others))
+        found.append(RecordingEstimate(group[0].source, values, gain))
     return found
 
 
-def _compared(entry: Entry, findings: Sequence[Finding]) -> Agreement:
-    effect, joint = entry.feature.effect, entry.feature.joint
+def _compared(candidate: Candidate, findings: Sequence[RecordingEstimate]) -> Agreement:
+    effect, joint = candidate.feature.effect, candidate.feature.joint
     tried = [numbers for p in effect.parameters for numbers in _components(p, findings)]
     if not tried:
         return Agreement(effect.id, joint, tuple(findings), None, 0, None, None)
@@ -154,7 +158,7 @@ def _compared(entry: Entry, findings: Sequence[Finding]) -> Agreement:
     return Agreement(effect.id, joint, tuple(findings), scatter, len(findings) - 1, probability, spread)
 
 
-def _components(parameter: Parameter, findings: Sequence[Finding]) -> list[tuple[float, float]]:
+def _components(parameter: Parameter, findings: Sequence[RecordingEstimate]) -> list[tuple[float, float]]:
     """Return chi-square and relative spread of each number of a parameter that every recording determines."""
     found = []
     for j in range(parameter.size):

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from scipy.optimize import least_squares
 from scipy.stats import chi2
 
-from elastic_arm.diagnosis.selection.regressor_library import Entry, RegressorLibrary
+from elastic_arm.diagnosis.selection.regressor_library import Candidate, RegressorLibrary
 from elastic_arm.effects.model import Parameter
 
 Array = NDArray[np.float64]
@@ -22,7 +22,7 @@ UNDETERMINED = 1e-9  # relative eigenvalue below which a combination of paramete
 
 
 @dataclass(frozen=True)
-class Estimate:
+class ParameterEstimate:
     """A parameter with its standard deviation (None: not determined); several numbers for a vector."""
 
     value: Any
@@ -30,19 +30,19 @@ class Estimate:
     unit: str
 
 
-def polish(bank: RegressorLibrary, entries: Sequence[Entry]) -> list[Entry]:
+def polish(library: RegressorLibrary, selected: Sequence[Candidate]) -> list[Candidate]:
     """Bring all parameters of all causes to the joint least-squares optimum on the identification data.
 
     The search takes laws as linear in most parameters and optimises the others one by one; here every law is taken as
     it is. Whole orders stay.
     """
-    beta, wholes, k = bank.fit(0, entries), [], 0
-    for entry in entries:
-        size = entry.columns.stop - entry.columns.start
-        wholes.append(_whole(bank, entry, beta[k : k + size]))
+    beta, wholes, k = library.fit(0, selected), [], 0
+    for candidate in selected:
+        size = candidate.columns.stop - candidate.columns.start
+        wholes.append(_whole(library, candidate, beta[k : k + size]))
         k += size
-    bank.close()
-    problem = _Problem(bank, wholes)
+    library.close()
+    problem = _Problem(library, wholes)
     if not problem.scales.size:
         return wholes
     bounds = (problem.lowest, np.inf)
@@ -51,21 +51,21 @@ def polish(bank: RegressorLibrary, entries: Sequence[Entry]) -> list[Entry]:
     if found.cost >= 0.5 * float(np.sum(problem.left(problem.start) ** 2)):
         return wholes
     polished = [
-        bank.add(entry.feature, values, fixed=True)
-        for entry, values in zip(wholes, problem.values(found.x), strict=True)
+        library.add(candidate.feature, values, fixed=True)
+        for candidate, values in zip(wholes, problem.values(found.x), strict=True)
     ]
-    bank.close()
+    library.close()
     return polished
 
 
-def estimates(bank: RegressorLibrary, entries: Sequence[Entry]) -> list[dict[str, Estimate]]:
+def estimates(library: RegressorLibrary, selected: Sequence[Candidate]) -> list[dict[str, ParameterEstimate]]:
     """Return the parameters of polished causes with standard deviations.
 
     These are the larger of what the noise (times what is left beyond it) implies, and of what the scores of whole
     blocks of the recording imply, which sees errors that are coloured.
     """
-    problem = _Problem(bank, entries)
-    evidence, left = bank.sets[0], problem.left(problem.start)
+    problem = _Problem(library, selected)
+    data, left = library.sets[0], problem.left(problem.start)
     jacobian = problem.jacobian()
     length = np.maximum(np.linalg.norm(jacobian, axis=0), 1e-300)
     unit = jacobian / length
@@ -73,25 +73,25 @@ def estimates(bank: RegressorLibrary, entries: Sequence[Entry]) -> list[dict[str
     acts = values > UNDETERMINED * (values[-1] if len(values) else 0.0)
     inverse = (vectors[:, acts] / values[acts]) @ vectors[:, acts].T
     lost = np.sum(vectors[:, ~acts] ** 2, axis=1) > 1e-3
-    spread = max(1.0, float(left @ left) / max(1.0, evidence.freedom - len(length)))
-    by_blocks = np.diag(inverse @ _scatter(evidence.blocks, unit, left, len(length)) @ inverse)
+    spread = max(1.0, float(left @ left) / max(1.0, data.freedom - len(length)))
+    by_blocks = np.diag(inverse @ _scatter(data.blocks, unit, left, len(length)) @ inverse)
     variance = np.maximum(np.maximum(spread * np.diag(inverse), by_blocks), 0.0)
     deviation = np.where(lost | (length <= 1e-300), np.nan, np.sqrt(variance) / length) * problem.scales
     return problem.named(deviation)
 
 
-def certain(bank: RegressorLibrary, entries: Sequence[Entry]) -> list[bool]:
+def certain(library: RegressorLibrary, selected: Sequence[Candidate]) -> list[bool]:
     """Whether each polished cause's parameters together differ from no effect (chi-square, 95 %).
 
     Of a link's mass, centre and inertia perhaps none is known by itself, and yet some combination of them is. Each
     combination is as uncertain as the noise makes it, or as blocks of the recording do, whichever is more.
     """
-    problem = _Problem(bank, entries)
-    left, jacobian, blocks = problem.left(problem.start), problem.jacobian(), bank.sets[0].blocks
-    spread = max(1.0, float(left @ left) / max(1.0, bank.sets[0].freedom - jacobian.shape[1]))
+    problem = _Problem(library, selected)
+    left, jacobian, blocks = problem.left(problem.start), problem.jacobian(), library.sets[0].blocks
+    spread = max(1.0, float(left @ left) / max(1.0, library.sets[0].freedom - jacobian.shape[1]))
     owner, away = np.array([k for k, _ in problem.free], dtype=int), problem.away()
     found = []
-    for k in range(len(entries)):
+    for k in range(len(selected)):
         own, others = jacobian[:, owner == k], jacobian[:, owner != k]
         own = own - others @ np.linalg.lstsq(others, own, rcond=UNDETERMINED)[0]
         u, s, _ = np.linalg.svd(own, full_matrices=False)
@@ -111,15 +111,15 @@ def _scatter(blocks: NDArray[np.intp], columns: Array, left: Array, fitted: int)
     return covariance
 
 
-def several(estimate: dict[str, Estimate]) -> bool:
+def several(estimate: dict[str, ParameterEstimate]) -> bool:
     """Whether a cause has more than one number to estimate."""
     return sum(np.size(e.value) for e in estimate.values() if not (np.ndim(e.std) == 0 and e.std == 0.0)) > 1
 
 
-def differs(estimate: dict[str, Estimate], entry: Entry) -> bool:
+def differs(estimate: dict[str, ParameterEstimate], candidate: Candidate) -> bool:
     """Whether the interval (95 %) of a cause's parameters excludes no effect; any of several numbers is enough."""
     checked = False
-    for p in entry.feature.effect.parameters:
+    for p in candidate.feature.effect.parameters:
         if p.neutral is None:
             continue
         checked = True
@@ -130,46 +130,46 @@ def differs(estimate: dict[str, Estimate], entry: Entry) -> bool:
     return not checked
 
 
-def _whole(bank: RegressorLibrary, entry: Entry, beta: Array) -> Entry:
+def _whole(library: RegressorLibrary, candidate: Candidate, beta: Array) -> Candidate:
     """Return a cause as its law at the parameters that its columns' coefficients mean."""
-    feature = entry.feature
+    feature = candidate.feature
     whole = feature.whole()
-    if whole is feature and entry.fixed:
-        return entry
-    values = feature.parameters([] if feature.fixed else [float(b) for b in beta], entry.searched or ())
+    if whole is feature and candidate.fixed:
+        return candidate
+    values = feature.parameters([] if feature.fixed else [float(b) for b in beta], candidate.searched or ())
     parts = [np.maximum(np.atleast_1d(values[p.name]), _lowest(p)) for p in feature.effect.parameters]
     flat = np.concatenate(parts or [np.zeros(0)])
-    return bank.add(whole, tuple(float(v) for v in flat), fixed=True)
+    return library.add(whole, tuple(float(v) for v in flat), fixed=True)
 
 
 class _Problem:
     """Least squares over all parameters of all causes, in units of their scales, around the present values."""
 
-    def __init__(self, bank: RegressorLibrary, entries: Sequence[Entry]) -> None:
-        self._bank, self._entries = bank, list(entries)
-        self._y = bank.matrix(0, [0])[:, 0]
+    def __init__(self, library: RegressorLibrary, selected: Sequence[Candidate]) -> None:
+        self._library, self._selected = library, list(selected)
+        self._y = library.matrix(0, [0])[:, 0]
         self._cache: dict[tuple[int, tuple[float, ...]], Array] = {}
-        # Where each free number stands: (entry, component).
-        self.free = [(k, j) for k, entry in enumerate(entries) for j in _free_components(entry)]
-        self.scales = np.array([_scale(entries[k], j) for k, j in self.free])
+        # Where each free number stands: (candidate, component).
+        self.free = [(k, j) for k, candidate in enumerate(selected) for j in _free_components(candidate)]
+        self.scales = np.array([_scale(selected[k], j) for k, j in self.free])
         self.start = np.ones(len(self.free))
-        least = [_lowest(_component(entries[k], j)) for k, j in self.free]
-        now = [(entries[k].searched or ())[j] for k, j in self.free]
+        least = [_lowest(_component(selected[k], j)) for k, j in self.free]
+        now = [(selected[k].searched or ())[j] for k, j in self.free]
         self.lowest = np.array([1.0 + (a - b) / s for a, b, s in zip(least, now, self.scales, strict=True)])
 
     def away(self) -> Array:
         """Return how far (numbers,) each free number is from no effect, in units of its scale."""
         found = []
         for (k, j), scale in zip(self.free, self.scales, strict=True):
-            entry = self._entries[k]
-            neutral = _component(entry, j).neutral
+            candidate = self._selected[k]
+            neutral = _component(candidate, j).neutral
             # A phase, a speed, a position: no value of it means no effect.
-            found.append(0.0 if neutral is None else ((entry.searched or ())[j] - neutral) / scale)
+            found.append(0.0 if neutral is None else ((candidate.searched or ())[j] - neutral) / scale)
         return np.array(found)
 
     def values(self, z: Array) -> list[tuple[float, ...]]:
         """Return the parameters of all causes."""
-        moved = [list(entry.searched or ()) for entry in self._entries]
+        moved = [list(candidate.searched or ()) for candidate in self._selected]
         for (k, j), scale, value in zip(self.free, self.scales, z, strict=True):
             moved[k][j] += scale * (value - 1.0)
         return [tuple(float(v) for v in values) for values in moved]
@@ -190,18 +190,22 @@ class _Problem:
             columns.append((self.left(self.start - step) - self.left(self.start + step)) / (2 * STEP))
         return np.stack(columns, axis=1) if columns else np.zeros((len(self._y), 0))
 
-    def named(self, deviation: Array) -> list[dict[str, Estimate]]:
+    def named(self, deviation: Array) -> list[dict[str, ParameterEstimate]]:
         """Return all parameters by name, with these standard deviations (numbers,); nan where not determined."""
         stds: dict[tuple[int, int], float | None] = {
             place: (float(d) if np.isfinite(d) else None) for place, d in zip(self.free, deviation, strict=True)
         }
         found = []
-        for k, entry in enumerate(self._entries):
-            values, j, own = entry.searched or (), 0, {}
-            for p in entry.feature.effect.parameters if len(values) else ():
+        for k, candidate in enumerate(self._selected):
+            values, j, own = candidate.searched or (), 0, {}
+            for p in candidate.feature.effect.parameters if len(values) else ():
                 part = [float(v) for v in values[j : j + p.size]]
                 spread = [stds.get((k, j + i), 0.0) for i in range(p.size)]
-                own[p.name] = Estimate(part[0], spread[0], p.unit) if p.size == 1 else Estimate(part, spread, p.unit)
+                own[p.name] = (
+                    ParameterEstimate(part[0], spread[0], p.unit)
+                    if p.size == 1
+                    else ParameterEstimate(part, spread, p.unit)
+                )
                 j += p.size
             found.append(own)
         return found
@@ -209,7 +213,7 @@ class _Problem:
     def _column(self, k: int, values: tuple[float, ...]) -> Array:
         key = (k, values)
         if key not in self._cache:
-            columns = self._bank.columns(0, self._entries[k].feature, values)
+            columns = self._library.columns(0, self._selected[k].feature, values)
             if len(self._cache) > 200:
                 self._cache.clear()
             self._cache[key] = columns.sum(axis=1)
@@ -224,20 +228,20 @@ def _lowest(parameter: Parameter) -> float:
     return 0.0 if parameter.low > 0.0 and neutral == 0.0 else -np.inf
 
 
-def _free_components(entry: Entry) -> list[int]:
-    names = [p.name for p in entry.feature.searched for _ in range(p.size)]
+def _free_components(candidate: Candidate) -> list[int]:
+    names = [p.name for p in candidate.feature.searched for _ in range(p.size)]
     return [j for j, name in enumerate(names) if name != "order"]
 
 
-def _scale(entry: Entry, j: int) -> float:
-    """Size of a parameter: its own, or a hundredth of its plausible range where it is nearly nothing."""
-    parameter, value = _component(entry, j), (entry.searched or ())[j]
+def _scale(candidate: Candidate, j: int) -> float:
+    """ResidualSizes of a parameter: its own, or a hundredth of its plausible range where it is nearly nothing."""
+    parameter, value = _component(candidate, j), (candidate.searched or ())[j]
     neutral = parameter.neutral or 0.0
     if parameter.low > 0 and neutral == 0.0:
         return max(abs(value), 1e-3 * parameter.low)
     return max(abs(value - neutral), 1e-4 * (parameter.high - parameter.low))
 
 
-def _component(entry: Entry, j: int) -> Parameter:
+def _component(candidate: Candidate, j: int) -> Parameter:
     """Return the parameter to which component j of a cause's numbers belongs."""
-    return [p for p in entry.feature.searched for _ in range(p.size)][j]
+    return [p for p in candidate.feature.searched for _ in range(p.size)][j]

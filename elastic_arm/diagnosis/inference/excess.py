@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import chi2
 
-from elastic_arm.diagnosis.selection.regressor_library import Entry
+from elastic_arm.diagnosis.selection.regressor_library import Candidate
 from elastic_arm.errors import DiagnosisError
 from elastic_arm.estimation.band import LowPass
 from elastic_arm.estimation.residuals import block_means
@@ -32,7 +32,7 @@ CLEAR = 10.0  # clarity from which an excess is known to a tenth
 
 
 @dataclass(frozen=True)
-class Figures:
+class ResidualStatistics:
     """Sizes of all residuals in one band.
 
     Parameters
@@ -69,12 +69,12 @@ class Figures:
         uncertainty = (NOISE_GUARD - 1.0 + np.sqrt(2.0 / self.freedom)) * np.sum(self.noise[chosen] ** 2)
         return float(self.excess[chosen].sum() / uncertainty) if chosen.any() else 0.0
 
-    def of(self, significant: NDArray[np.bool_]) -> Figures:
+    def of(self, significant: NDArray[np.bool_]) -> ResidualStatistics:
         """Return the same sizes with other residuals counted as significant."""
         return replace(self, significant=significant)
 
 
-def figures(evidence: WhitenedData, values: Sequence[Array], band: float, tests: int = 1) -> Figures:
+def figures(data: WhitenedData, values: Sequence[Array], band: float, tests: int = 1) -> ResidualStatistics:
     """Measure residuals (N', R) of all stretches below `band`.
 
     Parameters
@@ -82,26 +82,28 @@ def figures(evidence: WhitenedData, values: Sequence[Array], band: float, tests:
     tests
         Number of bands in which significance is asked for; with the number of residuals, it sharpens each test.
     """
-    rate = evidence.band.kept_rate
+    rate = data.band.kept_rate
     low_pass = LowPass(band, rate)
     passed = [part for part in (low_pass.apply(v) for v in values) if len(part)]
     squares = [v**2 for v in passed]
     blocks = block_means(squares, max(1, round(BLOCK * rate)))
     together = np.concatenate(passed)
     mean = np.concatenate(squares).mean(axis=0)
-    noise = evidence.noise_std(low_pass)
+    noise = data.noise_std(low_pass)
     freedom = max(2.0, 2.0 * band * len(together) / rate)
     level = ALPHA / (tests * len(mean))
     beyond_chance = chi2.sf(freedom * mean / (NOISE_GUARD * noise**2), freedom) < level
     weights = _weights(len(blocks), np.random.default_rng(0))
     plain = mean > PLAIN * noise**2
     resampled = (weights @ blocks <= noise**2).mean(axis=0) < ALPHA
-    return Figures(
+    return ResidualStatistics(
         band, np.sqrt(mean), np.abs(together).max(axis=0), noise, freedom, blocks, beyond_chance & (resampled | plain)
     )
 
 
-def telling(candidates: Sequence[Figures], causes: Sequence[NDArray[np.bool_]] = ()) -> Figures | None:
+def select_band(
+    candidates: Sequence[ResidualStatistics], causes: Sequence[NDArray[np.bool_]] = ()
+) -> ResidualStatistics | None:
     """Return the widest band in which the excess stands clear of the noise's uncertainty, else the clearest.
 
     Parameters
@@ -110,7 +112,7 @@ def telling(candidates: Sequence[Figures], causes: Sequence[NDArray[np.bool_]] =
         (R,) each, the residuals in which each of several causes shows: the band must be clear for all of them.
     """
 
-    def of_each(f: Figures) -> list[float]:
+    def of_each(f: ResidualStatistics) -> list[float]:
         return [f.of(f.significant & rows).clarity for rows in causes] or [f.clarity]
 
     able = [f for f in candidates if f.significant.any()]
@@ -120,28 +122,28 @@ def telling(candidates: Sequence[Figures], causes: Sequence[NDArray[np.bool_]] =
     return next(clear, max(able, key=lambda f: (sum(c > 1.0 for c in of_each(f)), f.clarity)))
 
 
-def clearest(candidates: Sequence[Figures], row: int) -> Figures:
+def band_of_largest_excess(candidates: Sequence[ResidualStatistics], row: int) -> ResidualStatistics:
     """Return the band in which one residual stands highest over its noise, counted as significant there."""
     best = max(candidates, key=lambda f: f.rmse[row] / f.noise[row])
     return best.of(np.arange(len(best.rmse)) == row)
 
 
-def in_all_bands(evidence: WhitenedData, values: Sequence[Array]) -> list[Figures]:
+def statistics_in_bands(data: WhitenedData, values: Sequence[Array]) -> list[ResidualStatistics]:
     """Measure residuals in every band that is tried, widest first."""
-    rate, longest = evidence.band.kept_rate, max(len(v) for v in values)
-    cutoffs = [evidence.band.cutoff * share for share in NARROWER]
+    rate, longest = data.band.kept_rate, max(len(v) for v in values)
+    cutoffs = [data.band.cutoff * share for share in NARROWER]
     usable = [c for c in cutoffs if 2 * LowPass(c, rate).margin < longest / 2]
     if not usable:
         raise DiagnosisError("too little motion is left to judge after filtering", "Record longer without gaps")
-    return [figures(evidence, values, c, len(usable)) for c in usable]
+    return [figures(data, values, c, len(usable)) for c in usable]
 
 
-def improved(before: Figures, after: Figures) -> NDArray[np.bool_]:
+def improved(before: ResidualStatistics, after: ResidualStatistics) -> NDArray[np.bool_]:
     """Which residuals (R,) hold an excess that the causes make smaller."""
     return (before.excess > 0.0) & (after.rmse < before.rmse)
 
 
-def shrink(before: Figures, after: Figures) -> tuple[float, tuple[float, float]]:
+def shrink(before: ResidualStatistics, after: ResidualStatistics) -> tuple[float, tuple[float, float]]:
     """Share of the excess that is gone, over the residuals significant before, and its 95 % interval over blocks."""
     chosen = before.significant
     noise2 = before.noise[chosen] ** 2
@@ -159,7 +161,7 @@ def shrink(before: Figures, after: Figures) -> tuple[float, tuple[float, float]]
     return float(whole), (float(min(low, whole)), float(max(high, whole)))
 
 
-def contribution(before: Figures, without: Figures, after: Figures) -> float:
+def contribution(before: ResidualStatistics, without: ResidualStatistics, after: ResidualStatistics) -> float:
     """Return what one cause takes off the excess beside the others, as a share of the whole gap."""
     chosen = before.significant
     saved = (without.blocks - after.blocks)[:, chosen].sum(axis=1)
@@ -167,7 +169,7 @@ def contribution(before: Figures, without: Figures, after: Figures) -> float:
     return float(saved.mean() / total) if total else 0.0
 
 
-def _gap(before: Figures, after: Figures) -> float:
+def _gap(before: ResidualStatistics, after: ResidualStatistics) -> float:
     """Return the excess before, Nm²; of a gap below what its noise is known to, at least what the causes took away."""
     chosen = before.significant
     fall = float(np.sum(before.rmse[chosen] ** 2 - after.rmse[chosen] ** 2))
@@ -179,14 +181,14 @@ def lowest(sums: Array) -> float:
     return float(np.percentile(_weights(len(sums), np.random.default_rng(2)) @ sums, 2.5))
 
 
-def remaining(evidence: WhitenedData, entries: Sequence[Entry], beta: Array) -> list[Array]:
-    """Return the residuals (N', R) of all stretches that entries with these coefficients leave."""
-    left = [y.copy() for y in evidence.y]
+def remaining(data: WhitenedData, selected: Sequence[Candidate], beta: Array) -> list[Array]:
+    """Return the residuals (N', R) of all stretches that candidates with these coefficients leave."""
+    left = [y.copy() for y in data.y]
     k = 0
-    for entry in entries:
-        count = entry.columns.stop - entry.columns.start
+    for candidate in selected:
+        count = candidate.columns.stop - candidate.columns.start
         coefficients = beta[k : k + count]
-        for own, columns in zip(left, evidence.plain(entry.feature, entry.searched or ()), strict=True):
+        for own, columns in zip(left, data.plain(candidate.feature, candidate.searched or ()), strict=True):
             own -= columns @ coefficients
         k += count
     return left

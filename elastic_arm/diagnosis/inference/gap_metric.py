@@ -8,7 +8,7 @@ from typing import Protocol
 import numpy as np
 
 from elastic_arm.diagnosis.inference import excess as shrinking
-from elastic_arm.diagnosis.selection.regressor_library import Entry, RegressorLibrary
+from elastic_arm.diagnosis.selection.regressor_library import Candidate, RegressorLibrary
 
 DETECTED = 20.0  # held-out log-likelihood from which something shows although no residual stands out of the noise
 
@@ -27,16 +27,16 @@ class Measure(Protocol):
     """
 
     name: str
-    before: shrinking.Figures
+    before: shrinking.ResidualStatistics
 
-    def stands_out(self, entries: Sequence[Entry]) -> bool:
-        """Whether any residual that entries leave is more than noise by its size."""
+    def stands_out(self, selected: Sequence[Candidate]) -> bool:
+        """Whether any residual that candidates leave is more than noise by its size."""
 
-    def share(self, entries: Sequence[Entry]) -> Share:
-        """Return the share of the gap that entries take away, and its 95 % interval over blocks."""
+    def share(self, selected: Sequence[Candidate]) -> Share:
+        """Return the share of the gap that candidates take away, and its 95 % interval over blocks."""
 
-    def contribution(self, entries: Sequence[Entry], k: int) -> float:
-        """Return what entry k takes away beside the others, as a share of the whole gap."""
+    def contribution(self, selected: Sequence[Candidate], k: int) -> float:
+        """Return what candidate k takes away beside the others, as a share of the whole gap."""
 
 
 class Excess:
@@ -44,7 +44,7 @@ class Excess:
 
     Parameters
     ----------
-    bank
+    library
         Of all columns.
     before
         The residuals that the model leaves, and which of them are significant.
@@ -54,36 +54,41 @@ class Excess:
 
     name = "excess"
 
-    def __init__(self, bank: RegressorLibrary, before: shrinking.Figures, tried: Sequence[shrinking.Figures]) -> None:
-        self.bank, self.before = bank, before
-        self._after: dict[tuple[tuple[Entry, ...], float], shrinking.Figures] = {}
+    def __init__(
+        self,
+        library: RegressorLibrary,
+        before: shrinking.ResidualStatistics,
+        tried: Sequence[shrinking.ResidualStatistics],
+    ) -> None:
+        self.library, self.before = library, before
+        self._after: dict[tuple[tuple[Candidate, ...], float], shrinking.ResidualStatistics] = {}
         self._clear = [before, *(f for f in tried if f is not before and f.clarity > shrinking.CLEAR)]
 
-    def after(self, entries: Sequence[Entry], band: float | None = None) -> shrinking.Figures:
-        """Return what entries leave, in the same band if none is named."""
-        key = (tuple(entries), band or self.before.band)
+    def after(self, selected: Sequence[Candidate], band: float | None = None) -> shrinking.ResidualStatistics:
+        """Return what candidates leave, in the same band if none is named."""
+        key = (tuple(selected), band or self.before.band)
         if key not in self._after:
-            judge = self.bank.sets[1]
-            left = shrinking.remaining(judge, entries, self.bank.fit(0, entries))
+            judge = self.library.sets[1]
+            left = shrinking.remaining(judge, selected, self.library.fit(0, selected))
             self._after[key] = shrinking.figures(judge, left, key[1])
         return self._after[key]
 
-    def stands_out(self, entries: Sequence[Entry]) -> bool:
-        """Whether any residual that entries leave is more than noise by its size."""
-        return bool(self.after(entries).significant.any())
+    def stands_out(self, selected: Sequence[Candidate]) -> bool:
+        """Whether any residual that candidates leave is more than noise by its size."""
+        return bool(self.after(selected).significant.any())
 
-    def share(self, entries: Sequence[Entry]) -> Share:
-        """Return the share of the gap that entries take away, and its 95 % interval over blocks."""
-        return shrinking.shrink(self.before, self.after(entries))
+    def share(self, selected: Sequence[Candidate]) -> Share:
+        """Return the share of the gap that candidates take away, and its 95 % interval over blocks."""
+        return shrinking.shrink(self.before, self.after(selected))
 
-    def contribution(self, entries: Sequence[Entry], k: int) -> float:
-        """Return what entry k takes away beside the others, as a share of the whole gap.
+    def contribution(self, selected: Sequence[Candidate], k: int) -> float:
+        """Return what candidate k takes away beside the others, as a share of the whole gap.
 
         What is fast may be nothing in a low band, and what is slow nothing in a wide one: the band in which it is most.
         """
-        without = [*entries[:k], *entries[k + 1 :]]
+        without = [*selected[:k], *selected[k + 1 :]]
         return max(
-            shrinking.contribution(before, self.after(without, before.band), self.after(entries, before.band))
+            shrinking.contribution(before, self.after(without, before.band), self.after(selected, before.band))
             for before in self._clear
         )
 
@@ -97,7 +102,7 @@ class Likelihood:
 
     Parameters
     ----------
-    bank
+    library
         Of all columns.
     before
         The residuals that the model leaves, to be shown.
@@ -113,37 +118,37 @@ class Likelihood:
 
     def __init__(
         self,
-        bank: RegressorLibrary,
-        before: shrinking.Figures,
-        baseline: Sequence[Entry],
-        best: Sequence[Entry],
+        library: RegressorLibrary,
+        before: shrinking.ResidualStatistics,
+        baseline: Sequence[Candidate],
+        best: Sequence[Candidate],
         left: float,
     ) -> None:
-        self.bank, self.before, self.baseline = bank, before, list(baseline)
+        self.library, self.before, self.baseline = library, before, list(baseline)
         self.whole = max(self.gain(best), DETECTED) + max(left, 0.0)
 
-    def stands_out(self, entries: Sequence[Entry]) -> bool:
+    def stands_out(self, selected: Sequence[Candidate]) -> bool:
         """Return that no residual does."""
         return False
 
-    def gain(self, entries: Sequence[Entry]) -> float:
-        """Return the held-out log-likelihood that entries gain over the baseline."""
-        return self.bank.held_out(entries) - self.bank.held_out(self.baseline)
+    def gain(self, selected: Sequence[Candidate]) -> float:
+        """Return the held-out log-likelihood that candidates gain over the baseline."""
+        return self.library.held_out(selected) - self.library.held_out(self.baseline)
 
-    def share(self, entries: Sequence[Entry]) -> Share:
-        """Return the share of the gap that entries take away, and its 95 % interval over blocks.
+    def share(self, selected: Sequence[Candidate]) -> Share:
+        """Return the share of the gap that candidates take away, and its 95 % interval over blocks.
 
         At its lower end, something as large as what just stays undetected may be left.
         """
-        if len(entries) == len(self.baseline):
+        if len(selected) == len(self.baseline):
             return 0.0, (0.0, 0.0)
-        falls = 0.5 * np.concatenate(self.bank.falls(self.baseline, entries))
-        gain = self.gain(entries)
+        falls = 0.5 * np.concatenate(self.library.falls(self.baseline, selected))
+        gain = self.gain(selected)
         whole = max(self.whole, gain)
         low, high = shrinking.lowest(falls) * len(falls), -shrinking.lowest(-falls) * len(falls)
         share = gain / whole
         return share, (min(low / (whole + DETECTED), share), max(min(high / whole, 1.0), share))
 
-    def contribution(self, entries: Sequence[Entry], k: int) -> float:
-        """Return what entry k takes away beside the others, as a share of the whole gap."""
-        return (self.gain(entries) - self.gain([*entries[:k], *entries[k + 1 :]])) / self.whole
+    def contribution(self, selected: Sequence[Candidate], k: int) -> float:
+        """Return what candidate k takes away beside the others, as a share of the whole gap."""
+        return (self.gain(selected) - self.gain([*selected[:k], *selected[k + 1 :]])) / self.whole

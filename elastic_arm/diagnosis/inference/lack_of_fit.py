@@ -1,4 +1,4 @@
-"""Structure that no cause of the catalogue explains: what a residual follows all the same.
+"""LackOfFit that no cause of the catalogue explains: what a residual follows all the same.
 
 An effect that the catalogue does not hold may be far too small to make a residual stand out of its noise by size, and
 yet follow the rotor's angle, the sign of a velocity or the load as no noise does. Every regime's general columns are
@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elastic_arm.diagnosis.inference.regimes import bases
-from elastic_arm.diagnosis.selection.regressor_library import Entry, RegressorLibrary
+from elastic_arm.diagnosis.selection.regressor_library import Candidate, RegressorLibrary
 from elastic_arm.estimation.whitening import WhitenedData
 
 Array = NDArray[np.float64]
@@ -25,7 +25,7 @@ SHARED = {"link": 1.0, "drive": 1.0, "motor": -1.0}
 
 
 @dataclass(frozen=True)
-class Structure:
+class LackOfFit:
     """Where something is left, what it follows, and how sure that is.
 
     Parameters
@@ -46,68 +46,66 @@ class Structure:
     rmse: float
 
 
-def structures(
-    bank: RegressorLibrary, entries: Sequence[Entry], ratios: Sequence[tuple[float, float]]
-) -> list[Structure]:
-    """Return what stands out of what the entries leave, the strongest of each residual, strongest first.
+def lack_of_fit(
+    library: RegressorLibrary, selected: Sequence[Candidate], ratios: Sequence[tuple[float, float]]
+) -> list[LackOfFit]:
+    """Return what stands out of what the candidates leave, the strongest of each residual, strongest first.
 
     Parameters
     ----------
     ratios
         r_hd and r_tot of every joint.
     """
-    n = bank.sets[0].layout.n
-    left = [bank.remainder(which, entries, bank.fit(which, entries)) for which in (0, 1)]
-    explained = [_basis(bank.matrix(which, _numbers(entries))) for which in (0, 1)]
-    found: list[Structure] = []
+    n = library.sets[0].layout.n
+    left = [library.remainder(which, selected, library.fit(which, selected)) for which in (0, 1)]
+    explained = [_basis(library.matrix(which, _numbers(selected))) for which in (0, 1)]
+    found: list[LackOfFit] = []
     for joint in range(n):
-        shapes = {
-            of: [_shapes(evidence, of, joint, ratios[joint]) for evidence in bank.sets] for of in ("link", "motor")
-        }
-        for side in (*bank.sets[0].layout.sides, "sensor"):
-            row = _row(bank.sets[0], "link" if side == "sensor" else side, joint)
+        shapes = {of: [_shapes(data, of, joint, ratios[joint]) for data in library.sets] for of in ("link", "motor")}
+        for side in (*library.sets[0].layout.sides, "sensor"):
+            row = _row(library.sets[0], "link" if side == "sensor" else side, joint)
             thin = shapes["link" if side in ("link", "sensor") else "motor"]
             for regime in thin[0]:
-                plain = [_placed(e, side, joint, part[regime]) for e, part in zip(bank.sets, thin, strict=True)]
+                plain = [_placed(e, side, joint, part[regime]) for e, part in zip(library.sets, thin, strict=True)]
                 white = [
-                    _without(evidence.whiten(part), known)
-                    for evidence, part, known in zip(bank.sets, plain, explained, strict=True)
+                    _without(data.whiten(part), known)
+                    for data, part, known in zip(library.sets, plain, explained, strict=True)
                 ]
                 fits = [_least_squares(w, y) for w, y in zip(white, left, strict=True)]
                 gain = sum(_gain(white[which], left[which], fits[1 - which]) for which in (0, 1))
                 size = np.concatenate([part[:, row] @ fits[0] for part in plain[1]])
-                found.append(Structure(row, regime, gain, float(np.sqrt(np.mean(size**2)))))
-    strongest: dict[int, Structure] = {}
+                found.append(LackOfFit(row, regime, gain, float(np.sqrt(np.mean(size**2)))))
+    strongest: dict[int, LackOfFit] = {}
     for structure in sorted(found, key=lambda structure: -structure.gain):
         strongest.setdefault(structure.row, structure)
     return list(strongest.values())
 
 
-def _shapes(evidence: WhitenedData, of: str, joint: int, ratios: tuple[float, float]) -> dict[str, list[Array]]:
+def _shapes(data: WhitenedData, of: str, joint: int, ratios: tuple[float, float]) -> dict[str, list[Array]]:
     """Return what depends on the "link" or "motor" of a joint (N', k) in the band, by regime, one array a stretch."""
     found: dict[str, list[Array]] = {}
-    for part in evidence.parts:
-        for regime, columns in bases(part.signals, of, joint, evidence.layout.n, ratios).items():
-            found.setdefault(regime, []).append(evidence.band.apply(columns)[part.stretch.kept])
+    for part in data.parts:
+        for regime, columns in bases(part.signals, of, joint, data.layout.n, ratios).items():
+            found.setdefault(regime, []).append(data.band.apply(columns)[part.stretch.kept])
     return found
 
 
-def _placed(evidence: WhitenedData, side: str, joint: int, shapes: Sequence[Array]) -> list[Array]:
+def _placed(data: WhitenedData, side: str, joint: int, shapes: Sequence[Array]) -> list[Array]:
     """Return shapes as columns (N', R, k) of the residuals in which a side of a joint shows."""
-    layout = evidence.layout
+    layout = data.layout
     pattern = np.zeros(layout.rows)
     for name in layout.sides if side == "sensor" else (side,):
-        pattern[_row(evidence, name, joint)] = SHARED.get(name, 1.0) if side == "sensor" else 1.0
+        pattern[_row(data, name, joint)] = SHARED.get(name, 1.0) if side == "sensor" else 1.0
     return [pattern[None, :, None] * thin[:, None, :] for thin in shapes]
 
 
-def _row(evidence: WhitenedData, side: str, joint: int) -> int:
-    sides = evidence.layout.sides
-    return (sides.index(side) if side in sides else 0) * evidence.layout.n + joint
+def _row(data: WhitenedData, side: str, joint: int) -> int:
+    sides = data.layout.sides
+    return (sides.index(side) if side in sides else 0) * data.layout.n + joint
 
 
-def _numbers(entries: Sequence[Entry]) -> NDArray[np.intp]:
-    return np.concatenate([entry.index for entry in entries]) if entries else np.empty(0, dtype=int)
+def _numbers(selected: Sequence[Candidate]) -> NDArray[np.intp]:
+    return np.concatenate([candidate.index for candidate in selected]) if selected else np.empty(0, dtype=int)
 
 
 def _basis(columns: Array) -> Array:
@@ -118,7 +116,7 @@ def _basis(columns: Array) -> Array:
 
 
 def _without(columns: Array, known: Array) -> Array:
-    """Return columns less what the entries' own hold of them; nothing where only rounding would be left."""
+    """Return columns less what the selected candidates hold of them; nothing where only rounding would be left."""
     left = columns - known @ (known.T @ columns)
     left[:, np.linalg.norm(left, axis=0) < RANK * np.linalg.norm(columns, axis=0)] = 0.0
     return left

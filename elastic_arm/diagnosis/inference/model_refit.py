@@ -27,20 +27,20 @@ OWN = ("link_inertia_mismatch", "rotor_inertia_mismatch", "stiffness_mismatch", 
 
 def refitted(model: Model, observations: Sequence[Observation], layout: Layout, band: Band) -> Model:
     """Return the model with Psi fitted to whitened residuals of the observations, from the nominal values."""
-    evidence = WhitenedData(model, observations, layout, band)
+    data = WhitenedData(model, observations, layout, band)
     columns = []
-    for part in evidence.parts:
+    for part in data.parts:
         full = _columns(model, part.stretch.quiet)
         rows = np.tensordot(full, layout.transform, axes=(1, 1)).transpose(0, 2, 1)
         flat = band.apply(rows.reshape(len(rows), -1))[part.stretch.kept]
         columns.append(flat.reshape(len(flat), layout.rows, -1))
-    white = evidence.whiten(columns)
+    white = data.whiten(columns)
     # Relative changes of parameters of a kind count alike.
     scale = np.maximum(np.abs(model.Psi), 1e-3 * np.abs(model.Psi).max())
     u, s, vt = np.linalg.svd(white * scale, full_matrices=False)
-    projected = u.T @ evidence.white
-    left = float(evidence.white @ evidence.white - projected @ projected)
-    misfit = max(1.0, left / max(1.0, evidence.freedom - len(s)))
+    projected = u.T @ data.white
+    left = float(data.white @ data.white - projected @ projected)
+    misfit = max(1.0, left / max(1.0, data.freedom - len(s)))
     # What is left beyond noise is coloured: fewer rows are independent than there are.
     weight = misfit * min(misfit, COLOURED) / USUAL**2
     change = scale * (vt.T @ (s * projected / (s**2 + weight)))

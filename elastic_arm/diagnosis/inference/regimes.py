@@ -31,7 +31,7 @@ ORDERS = (1, 2, 3, 4)
 WEAK = 0.1  # share below which a regime does not describe a residual
 
 
-def shares(evidence: WhitenedData, values: Sequence[Array], row: int, ratios: tuple[float, float]) -> dict[str, float]:
+def shares(data: WhitenedData, values: Sequence[Array], row: int, ratios: tuple[float, float]) -> dict[str, float]:
     """Share of one residual's power that follows each regime.
 
     Parameters
@@ -41,22 +41,22 @@ def shares(evidence: WhitenedData, values: Sequence[Array], row: int, ratios: tu
     ratios
         r_hd and r_tot of its joint.
     """
-    n = evidence.layout.n
-    side, joint = evidence.layout.sides[row // n], row % n
+    n = data.layout.n
+    side, joint = data.layout.sides[row // n], row % n
     r = np.concatenate([v[:, row] for v in values])
-    parts = [bases(part.signals, side, joint, n, ratios) for part in evidence.parts]
+    parts = [bases(part.signals, side, joint, n, ratios) for part in data.parts]
     found: dict[str, float] = {}
     power = float(np.mean(r**2)) or 1.0
     for regime in parts[0]:
         basis = np.concatenate(
-            [evidence.band.apply(p[regime])[part.stretch.kept] for p, part in zip(parts, evidence.parts, strict=True)]
+            [data.band.apply(p[regime])[part.stretch.kept] for p, part in zip(parts, data.parts, strict=True)]
         )
         beta = np.linalg.lstsq(basis, r, rcond=1e-8)[0]
         left = float(np.mean((r - basis @ beta) ** 2))
         # A fit with more columns explains more by chance alone.
         found[regime] = max(0.0, 1.0 - left / power * len(r) / max(1, len(r) - basis.shape[1]))
-    found["start"] = _start_share(values, row, evidence.band.kept_rate)
-    found["frequency"] = _line_share(r, evidence.band.kept_rate)
+    found["start"] = _start_share(values, row, data.band.kept_rate)
+    found["frequency"] = _line_share(r, data.band.kept_rate)
     return found
 
 

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import minimize, minimize_scalar
 
-from elastic_arm.diagnosis.selection.regressor_library import Entry, RegressorLibrary
+from elastic_arm.diagnosis.selection.regressor_library import Candidate, RegressorLibrary
 from elastic_arm.effects.model import Parameter
 
 Array = NDArray[np.float64]
@@ -21,19 +21,19 @@ EVALUATIONS = 18  # of one parameter; its optimum is then known to some 0.1 %
 BEYOND = 3.0  # how far outside its plausible range a parameter may be found
 
 
-def refine(bank: RegressorLibrary, entries: Sequence[Entry], which: Entry) -> Entry:
-    """Return one of the entries with its searched parameters optimised on the identification data.
+def refine(library: RegressorLibrary, selected: Sequence[Candidate], which: Candidate) -> Candidate:
+    """Return one of the selected with its searched parameters optimised on the identification data.
 
     Whole orders stay as they are. The others stay at their coefficients' best for every value tried.
     """
     feature = which.feature
     if not feature.searched or any(p.name == "order" for p in feature.searched):
         return which
-    others = [entry for entry in entries if entry is not which]
-    project = _Projection(bank, others)
+    others = [candidate for candidate in selected if candidate is not which]
+    project = _Projection(library, others)
 
     def cost(point: Sequence[float]) -> float:
-        return project.cost(bank.columns(0, feature, tuple(float(v) for v in point)), fixed=feature.fixed)
+        return project.cost(library.columns(0, feature, tuple(float(v) for v in point)), fixed=feature.fixed)
 
     size = sum(p.size for p in feature.searched)
     if size > 1:
@@ -44,8 +44,8 @@ def refine(bank: RegressorLibrary, entries: Sequence[Entry], which: Entry) -> En
     else:
         assert which.searched is not None
         best = (_scalar(cost, feature.searched[0], which.searched[0], wide=feature.fixed and not which.fixed),)
-    refined = bank.add(feature, best, fixed=feature.fixed)
-    bank.close()
+    refined = library.add(feature, best, fixed=feature.fixed)
+    library.close()
     return refined
 
 
@@ -67,13 +67,13 @@ def _scalar(cost, parameter: Parameter, start: float, *, wide: bool) -> float:  
 class _Projection:
     """Least squares on the identification data with some columns always there."""
 
-    def __init__(self, bank: RegressorLibrary, others: Sequence[Entry]) -> None:
-        y = bank.matrix(0, [0])[:, 0]
-        for entry in others:
-            if entry.fixed:
-                y = y - bank.matrix(0, entry.index).sum(axis=1)
-        free = [entry.index for entry in others if not entry.fixed]
-        columns = bank.matrix(0, np.concatenate(free)) if free else np.zeros((len(y), 0))
+    def __init__(self, library: RegressorLibrary, others: Sequence[Candidate]) -> None:
+        y = library.matrix(0, [0])[:, 0]
+        for candidate in others:
+            if candidate.fixed:
+                y = y - library.matrix(0, candidate.index).sum(axis=1)
+        free = [candidate.index for candidate in others if not candidate.fixed]
+        columns = library.matrix(0, np.concatenate(free)) if free else np.zeros((len(y), 0))
         # Null columns and repeated ones would make the basis meaningless.
         u, s, _ = np.linalg.svd(columns / np.maximum(np.linalg.norm(columns, axis=0), 1e-300), full_matrices=False)
         self._basis = u[:, s > 1e-5 * s[0]] if len(s) else u

@@ -25,7 +25,7 @@ RANK = 1e-10  # relative eigenvalue below which a combination of columns is not 
 
 
 @dataclass(frozen=True, eq=False)
-class Entry:
+class Candidate:
     """A feature at certain values of its searched parameters.
 
     Parameters
@@ -35,7 +35,7 @@ class Entry:
     searched
         Its searched parameters; None where the columns span a whole neighbourhood of them.
     columns
-        Where its columns stand in the bank.
+        Where its columns stand in the library.
     fixed
         Whether the coefficient is 1 instead of fitted.
     """
@@ -67,30 +67,30 @@ class RegressorLibrary:
 
     def __init__(self, identify: WhitenedData, validate: WhitenedData) -> None:
         self.sets = (identify, validate)
-        self.entries: list[Entry] = []
+        self.candidates: list[Candidate] = []
         self._pending: list[list[Array]] = [[e.white[:, None]] for e in self.sets]
         self._columns = [np.empty((len(e.white), 0), order="F") for e in self.sets]
         self._grams = [np.empty((0, 0)) for _ in self.sets]
         self._filled = 0
         self._count = 1
 
-    def add(self, feature: Feature, searched: tuple[float, ...] | None = (), *, fixed: bool = False) -> Entry:
+    def add(self, feature: Feature, searched: tuple[float, ...] | None = (), *, fixed: bool = False) -> Candidate:
         """Take a feature in; :meth:`close` makes it usable."""
         blocks = [self.columns(which, feature, searched) for which in (0, 1)]
-        entry = Entry(feature, searched, slice(self._count, self._count + blocks[0].shape[1]), fixed)
+        candidate = Candidate(feature, searched, slice(self._count, self._count + blocks[0].shape[1]), fixed)
         for own, block in zip(self._pending, blocks, strict=True):
             own.append(block)
-        self._count = entry.columns.stop
-        self.entries.append(entry)
-        return entry
+        self._count = candidate.columns.stop
+        self.candidates.append(candidate)
+        return candidate
 
     def columns(self, which: int, feature: Feature, searched: tuple[float, ...] | None) -> Array:
         """Make whitened columns (rows, k) of a feature on one of the two data sets."""
-        evidence = self.sets[which]
+        data = self.sets[which]
         if searched is not None:
-            return evidence.whiten(evidence.plain(feature, searched))
+            return data.whiten(data.plain(feature, searched))
         points = np.concatenate([np.zeros((1, 3)), REACH * np.eye(3), -REACH * np.eye(3)])
-        return np.hstack([evidence.whiten(evidence.plain(feature, tuple(point))) for point in points])
+        return np.hstack([data.whiten(data.plain(feature, tuple(point))) for point in points])
 
     def close(self) -> None:
         """Bring the Gram matrices up to the columns taken in since."""
@@ -119,52 +119,54 @@ class RegressorLibrary:
         """Return columns (rows, k) by number; column 0 is the residual."""
         return self._columns[which][:, index]
 
-    def fit(self, which: int, entries: Sequence[Entry]) -> Array:
-        """Return coefficients of all columns of the entries, in order, fitted on one data set."""
-        return _fit(self._grams[which], entries)
+    def fit(self, which: int, selected: Sequence[Candidate]) -> Array:
+        """Return coefficients of all columns of the selected, in order, fitted on one data set."""
+        return _fit(self._grams[which], selected)
 
-    def gain(self, which: int, entries: Sequence[Entry], beta: Array) -> float:
+    def gain(self, which: int, selected: Sequence[Candidate], beta: Array) -> float:
         """Log-likelihood that coefficients gain on a data set over no cause."""
-        index, _ = _split(entries)
+        index, _ = _split(selected)
         gram = self._grams[which]
         return float(beta @ gram[index, 0] - 0.5 * beta @ gram[np.ix_(index, index)] @ beta)
 
-    def held_out(self, entries: Sequence[Entry]) -> float:
+    def held_out(self, selected: Sequence[Candidate]) -> float:
         """Log-likelihood gained on both data sets, each with the coefficients of the other."""
-        if not entries:
+        if not selected:
             return 0.0
-        return self.gain(1, entries, self.fit(0, entries)) + self.gain(0, entries, self.fit(1, entries))
+        return self.gain(1, selected, self.fit(0, selected)) + self.gain(0, selected, self.fit(1, selected))
 
-    def both(self, entries: Sequence[Entry]) -> float:
+    def both(self, selected: Sequence[Candidate]) -> float:
         """Log-likelihood gained on both data sets by one fit to both."""
-        index, _ = _split(entries)
+        index, _ = _split(selected)
         keep = np.append(0, index)
         gram = self._grams[0][np.ix_(keep, keep)] + self._grams[1][np.ix_(keep, keep)]
-        beta = _solution(gram, _split(entries)[1])
+        beta = _solution(gram, _split(selected)[1])
         return float(beta @ gram[1:, 0] - 0.5 * beta @ gram[1:, 1:] @ beta)
 
-    def remainder(self, which: int, entries: Sequence[Entry], beta: Array) -> Array:
-        """Return the whitened residual (rows,) that the entries leave."""
-        index, _ = _split(entries)
+    def remainder(self, which: int, selected: Sequence[Candidate], beta: Array) -> Array:
+        """Return the whitened residual (rows,) that the selected leave."""
+        index, _ = _split(selected)
         return self.matrix(which, [0])[:, 0] - self.matrix(which, index) @ beta
 
-    def falls(self, without: Sequence[Entry], entries: Sequence[Entry]) -> tuple[Array, Array]:
+    def falls(self, without: Sequence[Candidate], selected: Sequence[Candidate]) -> tuple[Array, Array]:
         """Return what the squares of the residual fall, (blocks,) of each data set, fitted on the other."""
         falls: list[Array] = []
         for which, fitted in ((0, 1), (1, 0)):
-            before, after = (self.remainder(which, some, self.fit(fitted, some)) ** 2 for some in (without, entries))
+            before, after = (self.remainder(which, some, self.fit(fitted, some)) ** 2 for some in (without, selected))
             falls.append(np.bincount(self.sets[which].blocks, before - after).astype(float))
         return falls[0], falls[1]
 
 
-def _split(entries: Sequence[Entry]) -> tuple[NDArray[np.intp], NDArray[np.bool_]]:
-    if not entries:
+def _split(selected: Sequence[Candidate]) -> tuple[NDArray[np.intp], NDArray[np.bool_]]:
+    if not selected:
         return np.empty(0, dtype=int), np.empty(0, dtype=bool)
-    return np.concatenate([entry.index for entry in entries]), np.concatenate([entry.free for entry in entries])
+    return np.concatenate([candidate.index for candidate in selected]), np.concatenate(
+        [candidate.free for candidate in selected]
+    )
 
 
-def _fit(gram: Array, entries: Sequence[Entry]) -> Array:
-    index, free = _split(entries)
+def _fit(gram: Array, selected: Sequence[Candidate]) -> Array:
+    index, free = _split(selected)
     keep = np.append(0, index)
     return _solution(gram[np.ix_(keep, keep)], free)
 
@@ -203,10 +205,10 @@ def starting_points(feature: Feature) -> list[tuple[float, ...] | None]:
 
 def build_library(identify: WhitenedData, validate: WhitenedData, features: Sequence[Feature]) -> RegressorLibrary:
     """Evaluate every feature on both data sets."""
-    bank = RegressorLibrary(identify, validate)
+    library = RegressorLibrary(identify, validate)
     for feature in features:
         for point in starting_points(feature):
             # What has no free parameter at all has a known size; what is only searched may be scaled while searching.
-            bank.add(feature, point, fixed=feature.fixed and not feature.scalable)
-    bank.close()
-    return bank
+            library.add(feature, point, fixed=feature.fixed and not feature.scalable)
+    library.close()
+    return library

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elastic_arm.diagnosis.selection.refine import refine
-from elastic_arm.diagnosis.selection.regressor_library import Entry, RegressorLibrary
+from elastic_arm.diagnosis.selection.regressor_library import Candidate, RegressorLibrary
 
 Array = NDArray[np.float64]
 Key = tuple[str, str | None, tuple[object, ...]]
@@ -37,7 +37,7 @@ CLOSE = 40.0  # log-likelihood (over the misfit) within which an alternative des
 class Rival:
     """An explanation that could stand in a cause's place, and how likely it is beside it."""
 
-    entry: Entry
+    candidate: Candidate
     odds: float
 
 
@@ -47,40 +47,40 @@ class Hypothesis:
 
     Parameters
     ----------
-    entries
+    selected
         The causes, those given by the user first.
     given
         How many of them the user gave.
     rivals
-        Alternatives of each cause, by position in `entries`.
+        Alternatives of each cause, by position in `selected`.
     """
 
-    entries: list[Entry]
+    selected: list[Candidate]
     given: int = 0
     rivals: dict[int, list[Rival]] = field(default_factory=dict)
 
 
-def misfit(bank: RegressorLibrary, entries: Sequence[Entry]) -> float:
+def misfit(library: RegressorLibrary, selected: Sequence[Candidate]) -> float:
     """Mean square of what is left, whitened, over both data sets: 1 for a complete explanation, more for others."""
-    beta = bank.fit(0, entries)
-    left = sum(float(np.sum(bank.remainder(which, entries, beta) ** 2)) for which in (0, 1))
-    return max(1.0, left / sum(e.freedom for e in bank.sets))
+    beta = library.fit(0, selected)
+    left = sum(float(np.sum(library.remainder(which, selected, beta) ** 2)) for which in (0, 1))
+    return max(1.0, left / sum(e.freedom for e in library.sets))
 
 
-def plausible(bank: RegressorLibrary, entries: Sequence[Entry]) -> bool:
+def plausible(library: RegressorLibrary, selected: Sequence[Candidate]) -> bool:
     """Whether every parameter has a sign that its effect can have (no friction that drives, no negative mass)."""
-    beta = bank.fit(0, entries)
+    beta = library.fit(0, selected)
     k = 0
-    for entry in entries:
-        count = entry.columns.stop - entry.columns.start
-        if not entry.fixed and entry.searched is not None and not _possible(entry, beta[k : k + count]):
+    for candidate in selected:
+        count = candidate.columns.stop - candidate.columns.start
+        if not candidate.fixed and candidate.searched is not None and not _possible(candidate, beta[k : k + count]):
             return False
         k += count
     return True
 
 
-def _possible(entry: Entry, beta: Array) -> bool:
-    feature = entry.feature
+def _possible(candidate: Candidate, beta: Array) -> bool:
+    feature = candidate.feature
     if feature.fixed:
         return bool(beta[0] > 0)
     if feature.phase is not None:
@@ -95,21 +95,21 @@ def _possible(entry: Entry, beta: Array) -> bool:
 
 
 class Search:
-    """The search for causes in a bank of columns."""
+    """The search for causes in a library of columns."""
 
-    def __init__(self, bank: RegressorLibrary, given: Sequence[Entry] = ()) -> None:
-        self.bank, self.given = bank, list(given)
-        self._candidates = [e for e in bank.entries if e not in self.given]
+    def __init__(self, library: RegressorLibrary, given: Sequence[Candidate] = ()) -> None:
+        self.library, self.given = library, list(given)
+        self._candidates = [e for e in library.candidates if e not in self.given]
         # One of several values tried fits by chance better than a single one: that many times less is each worth.
-        self._price = {key: np.log(count) for key, count in Counter(e.feature.key for e in bank.entries).items()}
+        self._price = {key: np.log(count) for key, count in Counter(e.feature.key for e in library.candidates).items()}
         self._patience = PATIENCE
-        self._refined: dict[tuple[Entry, frozenset[Entry]], Entry] = {}
-        total = 0.5 * sum(float(e.white @ e.white) - e.freedom for e in bank.sets)
+        self._refined: dict[tuple[Candidate, frozenset[Candidate]], Candidate] = {}
+        total = 0.5 * sum(float(e.white @ e.white) - e.freedom for e in library.sets)
         self._least = SHARE * max(total, 0.0)
 
-    def _score(self, entries: Sequence[Entry]) -> float:
+    def _score(self, selected: Sequence[Candidate]) -> float:
         """Held-out log-likelihood less what choosing among tried values is worth."""
-        return self.bank.held_out(entries) - sum(self._price[entry.feature.key] for entry in entries)
+        return self.library.held_out(selected) - sum(self._price[candidate.feature.key] for candidate in selected)
 
     def strongest(self) -> float:
         """Held-out log-likelihood that the best single cause gains, less what its tried values are worth."""
@@ -122,7 +122,7 @@ class Search:
         # The best single cause may be a wrong one that does two right ones' work, so others may begin too.
         chosen = self._grown(given)
         for score, start in self._ranked(given)[1:STARTS]:
-            if misfit(self.bank, chosen) < COMPLETE or score < 0.3 * self._score(chosen):
+            if misfit(self.library, chosen) < COMPLETE or score < 0.3 * self._score(chosen):
                 break
             chosen = max(chosen, self._grown(start), key=self._merit)
         explanation = Hypothesis(chosen, len(self.given))
@@ -130,10 +130,10 @@ class Search:
             explanation.rivals[k] = self._rivals(chosen, k)
         return explanation
 
-    def _merit(self, entries: Sequence[Entry]) -> float:
-        return self._score(entries) - ENOUGH * len(entries) * misfit(self.bank, entries)
+    def _merit(self, selected: Sequence[Candidate]) -> float:
+        return self._score(selected) - ENOUGH * len(selected) * misfit(self.library, selected)
 
-    def _grown(self, chosen: list[Entry]) -> list[Entry]:
+    def _grown(self, chosen: list[Candidate]) -> list[Candidate]:
         """Add causes one by one as long as each is worth it."""
         chosen = self._dropped(self._optimised(chosen))
         while len(chosen) - len(self.given) < MOST_CAUSES:
@@ -146,48 +146,48 @@ class Search:
             chosen = longer
         return chosen
 
-    def _worth(self, entries: Sequence[Entry]) -> float:
+    def _worth(self, selected: Sequence[Candidate]) -> float:
         """Log-likelihood that one more cause has to bring.
 
         With next to nothing left it cannot serve as a fitting basis for what another effect has done: any part counts.
         """
-        scale = misfit(self.bank, entries)
-        structural = any(not e.feature.effect.parameters for e in entries)
+        scale = misfit(self.library, selected)
+        structural = any(not e.feature.effect.parameters for e in selected)
         return max(ENOUGH * scale, 0.0 if structural or scale < COMPLETE else self._least)
 
-    def _open(self, entries: Sequence[Entry]) -> list[Entry]:
-        taken = {e.feature.key for e in entries}
+    def _open(self, selected: Sequence[Candidate]) -> list[Candidate]:
+        taken = {e.feature.key for e in selected}
         return [e for e in self._candidates if e.feature.key not in taken]
 
-    def _ranked(self, entries: Sequence[Entry]) -> list[tuple[float, list[Entry]]]:
-        """Return `entries` with each other feature added at its best, best first.
+    def _ranked(self, selected: Sequence[Candidate]) -> list[tuple[float, list[Candidate]]]:
+        """Return `selected` with each other feature added at its best, best first.
 
         What was searched alone may have gone astray for want of the newcomer, so its other values are tried again.
         """
-        others: dict[str | None, list[list[Entry]]] = {}
-        for k in range(len(self.given), len(entries)):
-            same = [e for e in self._candidates if e.feature.key == entries[k].feature.key]
+        others: dict[str | None, list[list[Candidate]]] = {}
+        for k in range(len(self.given), len(selected)):
+            same = [e for e in self._candidates if e.feature.key == selected[k].feature.key]
             if len(same) > 1:
-                tried = [[*entries[:k], e, *entries[k + 1 :]] for e in same]
-                others.setdefault(entries[k].feature.joint, []).extend(tried)
-        best: dict[Key, tuple[float, list[Entry]]] = {}
-        for entry in self._open(entries):
-            key = entry.feature.key
-            for base in [list(entries), *others.get(entry.feature.joint, [])]:
-                trial = [*base, entry]
+                tried = [[*selected[:k], e, *selected[k + 1 :]] for e in same]
+                others.setdefault(selected[k].feature.joint, []).extend(tried)
+        best: dict[Key, tuple[float, list[Candidate]]] = {}
+        for candidate in self._open(selected):
+            key = candidate.feature.key
+            for base in [list(selected), *others.get(candidate.feature.joint, [])]:
+                trial = [*base, candidate]
                 score = self._score(trial)
-                if (key not in best or score > best[key][0]) and plausible(self.bank, trial):
+                if (key not in best or score > best[key][0]) and plausible(self.library, trial):
                     best[key] = (score, trial)
         return sorted(best.values(), key=lambda pair: -pair[0])
 
-    def _best_next(self, chosen: Sequence[Entry]) -> list[Entry] | None:
+    def _best_next(self, chosen: Sequence[Candidate]) -> list[Candidate] | None:
         ranked = self._ranked(chosen)[:SHORTLIST]
         scored = []
         for score, trial in ranked:
             if score < 0.5 * ranked[0][0]:
                 break
             better = self._optimised(trial)
-            if plausible(self.bank, better):
+            if plausible(self.library, better):
                 scored.append((self._score(better), better))
         if not scored:
             return None
@@ -195,82 +195,82 @@ class Search:
         gain = score - self._score(chosen)
         return best if gain > self._worth(best) else None
 
-    def _refine(self, others: Sequence[Entry], entry: Entry) -> Entry:
-        key = (entry, frozenset(others))
-        makeshift = entry.searched is None or (entry.feature.fixed and not entry.fixed)
+    def _refine(self, others: Sequence[Candidate], candidate: Candidate) -> Candidate:
+        key = (candidate, frozenset(others))
+        makeshift = candidate.searched is None or (candidate.feature.fixed and not candidate.fixed)
         if key not in self._refined and self._patience <= 0 and not makeshift:
-            return entry
+            return candidate
         if key not in self._refined:
             self._patience -= 1
-            self._refined[key] = refine(self.bank, [*others, entry], entry)
+            self._refined[key] = refine(self.library, [*others, candidate], candidate)
         return self._refined[key]
 
-    def _exchanged(self, entries: list[Entry]) -> list[Entry]:
+    def _exchanged(self, selected: list[Candidate]) -> list[Candidate]:
         """Put another cause in the place of each as long as that explains more."""
         for _ in range(2):
             changed = False
-            for k in range(len(self.given), len(entries)):
-                others = entries[:k] + entries[k + 1 :]
-                now = self._score(entries)
+            for k in range(len(self.given), len(selected)):
+                others = selected[:k] + selected[k + 1 :]
+                now = self._score(selected)
                 for score, rough in self._ranked(others)[:SHORTLIST]:
-                    if rough[-1].feature.key == entries[k].feature.key or score < 0.5 * now:
+                    if rough[-1].feature.key == selected[k].feature.key or score < 0.5 * now:
                         continue
                     trial = [*rough[:-1], self._refine(rough[:-1], rough[-1])]
-                    if self._score(trial) > now + 3.0 and plausible(self.bank, trial):
-                        entries, changed = trial, True
+                    if self._score(trial) > now + 3.0 and plausible(self.library, trial):
+                        selected, changed = trial, True
                         break
             if not changed:
                 break
-        return entries
+        return selected
 
-    def _optimised(self, entries: Sequence[Entry]) -> list[Entry]:
+    def _optimised(self, selected: Sequence[Candidate]) -> list[Candidate]:
         """Optimise the searched parameters of all causes, one after another."""
-        entries = list(entries)
-        for k, entry in enumerate(entries):
-            better = self._refine([*entries[:k], *entries[k + 1 :]], entry)
-            trial = [*entries[:k], better, *entries[k + 1 :]]
+        selected = list(selected)
+        for k, candidate in enumerate(selected):
+            better = self._refine([*selected[:k], *selected[k + 1 :]], candidate)
+            trial = [*selected[:k], better, *selected[k + 1 :]]
             # Columns that span a neighbourhood, or were scaled while their size was searched, are no law.
-            makeshift = entry.searched is None or (entry.feature.fixed and not entry.fixed)
-            if makeshift or (better is not entry and self.bank.both(trial) > self.bank.both(entries)):
-                entries = trial
-        return entries
+            makeshift = candidate.searched is None or (candidate.feature.fixed and not candidate.fixed)
+            if makeshift or (better is not candidate and self.library.both(trial) > self.library.both(selected)):
+                selected = trial
+        return selected
 
-    def _dropped(self, entries: list[Entry]) -> list[Entry]:
+    def _dropped(self, selected: list[Candidate]) -> list[Candidate]:
         """Leave out causes that the others have made superfluous."""
         k = len(self.given)
-        while k < len(entries):
-            without = entries[:k] + entries[k + 1 :]
-            if self._score(entries) - self._score(without) < self._worth(entries):
-                entries = without
+        while k < len(selected):
+            without = selected[:k] + selected[k + 1 :]
+            if self._score(selected) - self._score(without) < self._worth(selected):
+                selected = without
                 k = len(self.given)
             else:
                 k += 1
-        return entries
+        return selected
 
-    def _rivals(self, chosen: Sequence[Entry], k: int) -> list[Rival]:
+    def _rivals(self, chosen: Sequence[Candidate], k: int) -> list[Rival]:
         """Return what could stand in the place of cause k, with its odds against it."""
         others = [*chosen[:k], *chosen[k + 1 :]]
-        scale = misfit(self.bank, chosen)
+        scale = misfit(self.library, chosen)
         score = self._score(chosen)
         rivals: list[Rival] = []
-        for rough, (*_, entry) in self._ranked(others):
-            if entry.feature.key == chosen[k].feature.key:
+        for rough, (*_, candidate) in self._ranked(others):
+            if candidate.feature.key == chosen[k].feature.key:
                 continue
             if (score - rough) / scale > 1e3 * CLOSE and len(rivals) >= 2:
                 break
-            better = self._refine(others, entry) if (score - rough) / scale < 1e3 * CLOSE else entry
+            better = self._refine(others, candidate) if (score - rough) / scale < 1e3 * CLOSE else candidate
             trial = [*others, better]
-            if not plausible(self.bank, trial):
+            if not plausible(self.library, trial):
                 continue
             odds = self._odds(chosen, trial, scale)
             if odds > 1e-4:
                 rivals.append(Rival(better, odds))
         return sorted(rivals, key=lambda rival: -rival.odds)
 
-    def _odds(self, chosen: Sequence[Entry], trial: Sequence[Entry], scale: float) -> float:
+    def _odds(self, chosen: Sequence[Candidate], trial: Sequence[Candidate], scale: float) -> float:
         """Odds of a trial explanation: by likelihood over the misfit, or by how often blocks prefer it, if more."""
         behind = (self._score(chosen) - self._score(trial)) / scale
-        blocks = np.concatenate(self.bank.falls(trial, chosen))
+        blocks = np.concatenate(self.library.falls(trial, chosen))
         weights = np.random.default_rng(0).multinomial(len(blocks), np.full(len(blocks), 1 / len(blocks)), RESAMPLES)
         share = float(np.mean(weights @ blocks <= 0.0))
         return float(max(np.exp(-np.clip(behind, 0.0, 700.0)), min(1.0, share / max(1.0 - share, 0.5))))

@@ -13,7 +13,7 @@ from elastic_arm.diagnosis.inference.prediction import predict
 from elastic_arm.diagnosis.result import SEPARATING, Alternative, Cause, Diagnosis
 
 
-def followed_up(found: Diagnosis, *, rng: np.random.Generator | None) -> Diagnosis:
+def follow_up(found: Diagnosis, *, rng: np.random.Generator | None) -> Diagnosis:
     """Return a diagnosis with prediction errors, agreement over recordings and, where causes are in doubt, a motion.
 
     Parameters
@@ -23,15 +23,15 @@ def followed_up(found: Diagnosis, *, rng: np.random.Generator | None) -> Diagnos
     rng
         Draws the motions that are proposed; None to propose none.
     """
-    material = found.material
-    if material is None:
+    context = found.context
+    if context is None:
         return found
-    proposal = None if rng is None else propose(material, found.causes, rng=rng)
+    proposal = None if rng is None else propose(context, found.causes, rng=rng)
     return replace(
         found,
         causes=tuple(_told_apart(cause, proposal) for cause in found.causes),
-        prediction=predict(material, [cause.active for cause in found.causes]),
-        agreements=agreements(material),
+        prediction=predict(context, [cause.active for cause in found.causes]),
+        agreements=agreements(context),
         proposal=proposal,
     )
 
