@@ -24,7 +24,7 @@ from elastic_arm.recording.writing import write_recording
 
 bag_app = typer.Typer(name="bag", help="Look into, check, mend and make recordings.", no_args_is_help=True)
 
-BagPath = Annotated[Path, typer.Argument(help="rosbag2 folder or .mcap file.", show_default=False)]
+BagPath = Annotated[Path, typer.Argument(help="rosbag2 folder, .mcap or .db3 file.", show_default=False)]
 Channels = Annotated[Path | None, typer.Option(help="Channel map (YAML) of a foreign bag; see docs/channel_maps.md.")]
 Json = Annotated[bool, typer.Option("--json", help="Print JSON, for scripts.")]
 

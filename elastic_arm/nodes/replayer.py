@@ -34,7 +34,7 @@ class Replayer(ArmNode):
 
     def __init__(self) -> None:
         super().__init__("replayer")
-        self._bag = declare(self, "bag", "", "Bag to play: rosbag2 folder or .mcap file")
+        self._bag = declare(self, "bag", "", "Bag to play: rosbag2 folder, .mcap or .db3 file")
         wanted = declare_texts(self, "topics", "Topics to play; empty: all that are understood")
         self._rate = declare(self, "rate", 1.0, "Times the speed of the recording", between=(0.01, 100.0), live=True)
         self._loop = declare(self, "loop", False, "Begin again at the end", live=True)

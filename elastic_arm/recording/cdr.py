@@ -17,9 +17,8 @@ from rosbags.interfaces import Nodetype
 from rosbags.typesys.store import Typestore
 
 from elastic_arm.errors import RecordingError
-from elastic_arm.recording.storage.mcap_scan import MESSAGE_HEAD, RECORD_HEAD, Bytes, Offsets, column, offsets_of
+from elastic_arm.recording.spans import Bytes, Offsets, Spans, column, offsets_of
 
-_RECORD_SIZE = 1 - MESSAGE_HEAD  # where a message's record says its length, seen from the message
 _ORIGIN = 4  # alignment counts from behind the encapsulation header
 _NUMBERS = {
     **{name: name for name in ("int8", "uint8", "int16", "uint16", "int32", "uint32", "int64", "uint64")},
@@ -83,14 +82,14 @@ class Layout:
                 self.words.append((begin, f"<u{width}", value))
                 begin += width
 
-    def matches(self, buffer: Bytes, where: Offsets | slice) -> NDArray[np.bool_]:
-        """Say which of the messages at `where` have this layout and these names."""
-        # The length stands in the head of the message's record; only messages of this one reach as far as the words.
-        same = column(buffer, "<u8", where, _RECORD_SIZE) == self.size + MESSAGE_HEAD - RECORD_HEAD
+    def matches(self, spans: Spans) -> NDArray[np.bool_]:
+        """(N,) True for the messages that have this layout and these names."""
+        # Only messages of this length reach as far as the words.
+        same: NDArray[np.bool_] = spans.size == self.size
         if same.all():
-            return self._alike(buffer, where)
+            return self._alike(spans.buffer, spans.begin)
         long = np.flatnonzero(same)
-        same[long] = self._alike(buffer, offsets_of(where)[long])
+        same[long] = self._alike(spans.buffer, offsets_of(spans.begin)[long])
         return same
 
     def _alike(self, buffer: Bytes, where: Offsets | slice) -> NDArray[np.bool_]:
@@ -100,8 +99,8 @@ class Layout:
             same &= column(buffer, dtype, where, begin) == value
         return same
 
-    def values(self, buffer: Bytes, where: Offsets | slice, path: str) -> NDArray:
-        """(N, count) numbers of field `path` in the messages at `where`.
+    def values(self, spans: Spans, path: str) -> NDArray:
+        """(N, count) numbers of field `path` in messages of this layout.
 
         Raises
         ------
@@ -109,18 +108,17 @@ class Layout:
             If the messages have no such field of numbers.
         """
         numbers = self.numbers[path]
-        count = len(range(where.start, where.stop, where.step)) if isinstance(where, slice) else len(where)
-        found = np.empty((count, numbers.count), numbers.dtype)
-        self.values_into(buffer, where, path, found)
+        found = np.empty((len(spans), numbers.count), numbers.dtype)
+        self.values_into(spans, path, found)
         return found
 
-    def values_into(self, buffer: Bytes, where: Offsets | slice, path: str, target: NDArray) -> None:
+    def values_into(self, spans: Spans, path: str, target: NDArray) -> None:
         """Put what :meth:`values` returns into `target`, (N, count) contiguous."""
         numbers = self.numbers[path]
         if numbers.count and len(target):
             # One opaque item per message is copied faster than `count` numbers.
             items = f"V{numbers.count * numbers.dtype.itemsize}"
-            target.view(items)[:, 0] = column(buffer, items, where, numbers.at)
+            target.view(items)[:, 0] = column(spans.buffer, items, spans.begin, numbers.at)
 
 
 def layout_of(data: memoryview, type_name: str, store: Typestore) -> Layout:
@@ -157,10 +155,8 @@ class Layouts:
         self.known: dict[int, list[Layout]] = {}
         self._latest: Layout | None = None
 
-    def groups(self, buffer: Bytes, where: Offsets | slice) -> Iterator[tuple[Layout, Offsets | None]]:
-        """Yield the layouts that occur among the messages at `where`, each with the indices of its messages.
-
-        None stands for all of them. The messages must stand in records, as in an MCAP file.
+    def groups(self, spans: Spans) -> Iterator[tuple[Layout, Offsets | None]]:
+        """Yield the layouts that occur among messages, each with the indices of its messages; None for all of them.
 
         Raises
         ------
@@ -168,25 +164,23 @@ class Layouts:
             If a message does not fit its type.
         """
         # Nearly always all messages of a block are like those before: then nothing has to be picked out.
-        if self._latest is not None and self._latest.matches(buffer, where).all():
+        if self._latest is not None and self._latest.matches(spans).all():
             yield self._latest, None
             return
-        offsets = offsets_of(where)
-        left = np.arange(len(offsets))
+        left = np.arange(len(spans))
         while len(left):
-            self._latest = self._of(buffer, int(offsets[left[0]]))
-            match = self._latest.matches(buffer, offsets[left])
-            yield self._latest, None if len(left) == len(offsets) and match.all() else left[match]
+            self._latest = self._of(spans.at(left[:1]))
+            match = self._latest.matches(spans.at(left))
+            yield self._latest, None if len(left) == len(spans) and match.all() else left[match]
             left = left[~match]
 
-    def _of(self, buffer: Bytes, begin: int) -> Layout:
+    def _of(self, one: Spans) -> Layout:
         """Return the layout of one message: a known one, or a new one by walking it."""
-        size = int(column(buffer, "<u8", np.array([begin]), _RECORD_SIZE)[0]) - (MESSAGE_HEAD - RECORD_HEAD)
-        known = self.known.setdefault(size, [])
+        pattern = one.message(0)
+        known = self.known.setdefault(len(pattern), [])
         for layout in known:
-            if layout.matches(buffer, np.array([begin])).all():
+            if layout.matches(one).all():
                 return layout
-        pattern = buffer.data[begin : begin + size]
         layout = layout_of(pattern, self.type_name, self.store)
         layout.learn(pattern)
         known.append(layout)

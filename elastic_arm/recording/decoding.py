@@ -9,8 +9,9 @@ from elastic_arm.errors import RecordingError
 from elastic_arm.recording import cdr, message_types
 from elastic_arm.recording.series import Piece, Series
 from elastic_arm.recording.sides import Stamps
-from elastic_arm.recording.storage.mcap import Block, McapFile
-from elastic_arm.recording.storage.mcap_scan import MESSAGE_HEAD, Bytes, Offsets, column, offsets_of, shifted
+from elastic_arm.recording.spans import Spans
+from elastic_arm.recording.storage.interface import BagFile, Block
+from elastic_arm.recording.storage.metadata import Topic
 
 _SECONDS, _NANOSECONDS = "header.stamp.sec", "header.stamp.nanosec"
 _FIRST = 1024  # messages room is made for when nothing is known
@@ -28,30 +29,38 @@ class Decoder:
     def __init__(self, topic: str, type_name: str) -> None:
         self.topic, self.type_name = topic, type_name
         self._count = 0
-        self._layouts: dict[bytes, cdr.Layouts] = {}
+        self._layouts: dict[str, cdr.Layouts] = {}
         self._tables: dict[int, _Table] = {}
 
-    def add(self, file: McapFile, channel: int, block: Block) -> None:
-        """Decode the messages of `channel` in `block`.
+    def add(self, file: BagFile, channel: int, block: Block) -> None:
+        """Decode the messages of one channel in a block.
+
+        Parameters
+        ----------
+        file
+            The file of the block, for the type of the messages.
+        channel
+            One whose topic is :attr:`topic`.
+        block
+            That holds the messages.
 
         Raises
         ------
         RecordingError
             If a message does not fit its type.
         """
-        block = _evened(block, channel)
-        where, log_ns = shifted(block.where(channel), MESSAGE_HEAD), block.log_ns(channel)
+        spans, log_ns = block.spans(channel).in_a_row(), block.log_ns(channel)
         rows = np.arange(self._count, self._count + len(log_ns))
         expected = file.expected(channel)
         try:
-            for layout, index in self._types(file, channel).groups(block.buffer, where):
+            for layout, index in self._types(file.topic(channel)).groups(spans):
                 if id(layout) not in self._tables:
                     self._tables[id(layout)] = _Table(layout, max(expected, _FIRST) if index is None else _FIRST)
                 table = self._tables[id(layout)]
                 if index is None:
-                    table.append(block.buffer, where, rows, log_ns)
+                    table.append(spans, rows, log_ns)
                 else:
-                    table.append(block.buffer, offsets_of(where)[index], rows[index], log_ns[index])
+                    table.append(spans.at(index), rows[index], log_ns[index])
         except RecordingError as error:
             raise RecordingError(f"{file.path}, {self.topic}: {error.problem}", error.remedy) from None
         self._count += len(rows)
@@ -60,26 +69,12 @@ class Decoder:
         """Return all messages decoded so far."""
         return Series(self.topic, self.type_name, [table.piece() for table in self._tables.values()], self._count)
 
-    def _types(self, file: McapFile, channel: int) -> cdr.Layouts:
-        schema = file.schemas.get(file.channels[channel].schema_id)
-        if schema is None:
+    def _types(self, topic: Topic) -> cdr.Layouts:
+        if not topic.type_name:
             raise RecordingError("the file does not say the type of its messages", "Record with message definitions.")
-        if schema.data not in self._layouts:
-            self._layouts[schema.data] = cdr.Layouts(schema.name, message_types.types_of(schema))
-        return self._layouts[schema.data]
-
-
-def _evened(block: Block, channel: int) -> Block:
-    """Put messages of one size that stand at irregular places in a row: one copy spares gathering each field."""
-    offsets = block.messages[channel]
-    if len(offsets) < 2 or isinstance(block.where(channel), slice):
-        return block
-    sizes = block.sizes(channel)
-    if not (sizes == sizes[0]).all():
-        return block
-    width = int(sizes[0]) + MESSAGE_HEAD
-    buffer = column(block.buffer, f"V{width}", offsets).view(np.uint8)
-    return Block(buffer, {channel: np.arange(0, len(buffer), width)})
+        if topic.definition not in self._layouts:
+            self._layouts[topic.definition] = cdr.Layouts(topic.type_name, message_types.types_of(topic))
+        return self._layouts[topic.definition]
 
 
 class _Table:
@@ -96,17 +91,17 @@ class _Table:
             if numbers.dtype.kind == "f" or "time_from_start" in path
         }
 
-    def append(self, buffer: Bytes, where: Offsets | slice, rows: Stamps, log_ns: Stamps) -> None:
-        """Decode the messages at `where`."""
+    def append(self, spans: Spans, rows: Stamps, log_ns: Stamps) -> None:
+        """Decode messages; `rows` are their places among the topic's messages."""
         spot = slice(self.count, self.count + len(rows))
         self._reserve(spot.stop)
         self.columns["rows"][spot], self.columns["log_ns"][spot] = rows, log_ns
         if "stamp_ns" in self.columns:
             stamps = self.columns["stamp_ns"][spot]
-            np.multiply(self.layout.values(buffer, where, _SECONDS)[:, 0], 1_000_000_000, out=stamps, dtype=np.int64)
-            stamps += self.layout.values(buffer, where, _NANOSECONDS)[:, 0]
+            np.multiply(self.layout.values(spans, _SECONDS)[:, 0], 1_000_000_000, out=stamps, dtype=np.int64)
+            stamps += self.layout.values(spans, _NANOSECONDS)[:, 0]
         for path, target in self.values.items():
-            self.layout.values_into(buffer, where, path, target[spot])
+            self.layout.values_into(spans, path, target[spot])
         self.count = spot.stop
 
     def piece(self) -> Piece:

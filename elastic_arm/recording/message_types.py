@@ -5,11 +5,11 @@ from __future__ import annotations
 from functools import lru_cache
 from importlib import resources
 
-from mcap.records import Schema
 from rosbags.typesys import Stores, TypesysError, get_types_from_idl, get_types_from_msg, get_typestore
 from rosbags.typesys.store import Typestore
 
 from elastic_arm.errors import RecordingError
+from elastic_arm.recording.storage.metadata import Topic
 
 OWN_PACKAGE = "elastic_arm_msgs"
 
@@ -27,6 +27,11 @@ def typestore() -> Typestore:
     return store
 
 
+def known(type_name: str) -> bool:
+    """Whether a type is one of ROS's own or of elastic_arm_msgs."""
+    return type_name in typestore().fielddefs
+
+
 def definition(type_name: str) -> tuple[str, str]:
     """Return the full ros2msg text of a type, with all it is made of, and its RIHS01 hash.
 
@@ -36,7 +41,7 @@ def definition(type_name: str) -> tuple[str, str]:
         If the type is not known.
     """
     store = typestore()
-    if type_name not in store.fielddefs:
+    if not known(type_name):
         raise RecordingError(f"message type {type_name} is not known", "Give its definition with the topic.")
     text, _ = store.generate_msgdef(type_name, ros_version=2)
     return text, store.hash_rihs01(type_name)
@@ -55,15 +60,17 @@ def _registered(name: str, encoding: str, text: str) -> Typestore:
     return store
 
 
-def types_of(schema: Schema) -> Typestore:
-    """Return the types that a schema of a bag defines.
+def types_of(topic: Topic) -> Typestore:
+    """Return the types that a topic's messages are made of: as the bag defines them, or else the known ones.
 
     Raises
     ------
     RecordingError
         If the definition cannot be read, or is missing and the type is not a known one.
     """
-    store = _registered(schema.name, schema.encoding, schema.data.decode(errors="replace"))
-    if schema.name not in store.fielddefs:
-        raise RecordingError(f"message type {schema.name} is not defined in the bag", "Record it with its definition.")
+    store = _registered(topic.type_name, topic.encoding, topic.definition)
+    if topic.type_name not in store.fielddefs:
+        raise RecordingError(
+            f"message type {topic.type_name} is not defined in the bag", "Record it with its definition."
+        )
     return store

@@ -20,7 +20,7 @@ from elastic_arm.recording.recording import Recording
 from elastic_arm.recording.series import Piece, Series
 from elastic_arm.recording.sides import Side
 from elastic_arm.recording.storage.bag import Bag, open_bag
-from elastic_arm.recording.storage.mcap import Block, McapFile
+from elastic_arm.recording.storage.interface import BagFile, Block
 from elastic_arm.recording.timebase import pair
 from elastic_arm.recording.topics import (
     JOINT_STATES,
@@ -65,17 +65,27 @@ class Content:
     messages: int = 0
     damage: list[str] = field(default_factory=list)
 
-    def take(self, file: McapFile, block: Block, wanted: Collection[str]) -> None:
-        """Decode what is wanted of a block."""
-        for channel in block.messages:
-            topic, type_name = file.topic(channel)
-            self.topics[topic] = type_name
-            self.messages += len(block.messages[channel])
-            if topic in wanted:
-                self.decoders.setdefault(topic, Decoder(topic, type_name)).add(file, channel, block)
-            elif topic == ROBOT_DESCRIPTION and type_name == TYPES[ROBOT_DESCRIPTION]:
-                data = block.data(channel, -1)
-                begin, end = cdr.layout_of(data, type_name, message_types.typestore()).text["data"]
+    def take(self, file: BagFile, block: Block, wanted: Collection[str]) -> None:
+        """Decode a block.
+
+        Parameters
+        ----------
+        file
+            The file of the block.
+        block
+            Messages of any topics.
+        wanted
+            The topics to decode; of the others messages are counted alone.
+        """
+        for channel, count in block.counts().items():
+            topic = file.topic(channel)
+            self.topics[topic.name] = topic.type_name
+            self.messages += count
+            if topic.name in wanted:
+                self.decoders.setdefault(topic.name, Decoder(topic.name, topic.type_name)).add(file, channel, block)
+            elif topic.name == ROBOT_DESCRIPTION and topic.type_name == TYPES[ROBOT_DESCRIPTION]:
+                data = block.spans(channel).message(-1)
+                begin, end = cdr.layout_of(data, topic.type_name, message_types.typestore()).text["data"]
                 self.robot_description = bytes(data[begin:end]).decode(errors="replace")
 
 
@@ -89,7 +99,7 @@ def read_recording(
     Parameters
     ----------
     path
-        A rosbag2 folder, an .mcap file, or several of them (parts of one run, or its topics).
+        A rosbag2 folder, an .mcap or .db3 file, or several of them (parts of one run, or its topics).
     channels
         A channel map or its file, for bags that use other names, units or signs.
     joints

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import struct
 import time
 from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor
@@ -11,16 +10,13 @@ from types import TracebackType
 from typing import Self
 
 import numpy as np
-from mcap.opcode import Opcode
 
 from elastic_arm.errors import RecordingError
 from elastic_arm.recording import message_types
-from elastic_arm.recording.storage.mcap_scan import MESSAGE_HEAD
+from elastic_arm.recording.storage.mcap_records import message_head
 from elastic_arm.recording.storage.mcap_sink import Compression, McapSink, pack
 from elastic_arm.recording.storage.metadata import Topic, offered_qos
 from elastic_arm.recording.writing import finish_bag
-
-_HEAD = struct.Struct("<BQHIQQ")
 
 
 class StreamWriter:
@@ -99,7 +95,7 @@ class StreamWriter:
         if name in self._ids:
             return
         if definition is None:
-            definition, type_hash = message_types.definition(type_name)
+            definition, type_hash = message_types.definition(type_name) if message_types.known(type_name) else ("", "")
         offered = offered_qos(name) if qos is None else qos
         channel = self._sink.add_topic(Topic(name, type_name, definition, type_hash, offered))
         self._ids[name] = channel
@@ -124,9 +120,9 @@ class StreamWriter:
         times, offsets = self._index.setdefault(channel, ([], []))
         times.append(log_ns)
         offsets.append(self._size)
-        size = len(data) + MESSAGE_HEAD - 9
-        self._parts += (_HEAD.pack(Opcode.MESSAGE, size, channel, sequence & 0xFFFFFFFF, log_ns, sent), data)
-        self._size += size + 9
+        head = message_head(len(data), channel, sequence, log_ns, sent)
+        self._parts += (head, data)
+        self._size += len(head) + len(data)
         if self._size >= self._chunk_bytes:
             self.flush()
         else:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import struct
 from collections import deque
 from collections.abc import Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
@@ -14,15 +13,15 @@ from typing import Any
 
 import numpy as np
 import yaml
-from mcap.opcode import Opcode
 
 from elastic_arm.errors import RecordingError
 from elastic_arm.recording import cdr, message_types
 from elastic_arm.recording.inspection.quality import check_times
 from elastic_arm.recording.recording import Recording
 from elastic_arm.recording.sides import Array, Side, Stamps
+from elastic_arm.recording.spans import Bytes, Offsets, place
 from elastic_arm.recording.storage.bag import METADATA
-from elastic_arm.recording.storage.mcap_scan import MESSAGE_HEAD, Bytes, Offsets, place, progression
+from elastic_arm.recording.storage.mcap_records import MESSAGE_HEAD, lay_messages
 from elastic_arm.recording.storage.mcap_sink import Compression, McapSink, Packed, pack
 from elastic_arm.recording.storage.metadata import METADATA_KEY, Topic, metadata, offered_qos
 from elastic_arm.recording.topics import (
@@ -64,23 +63,30 @@ class Stream:
         return MESSAGE_HEAD + len(self.template)
 
     def lay(self, buffer: Bytes, offsets: Offsets, rows: slice, channel: int) -> None:
-        """Lay the messages of `rows` into `buffer`, beginning at `offsets`."""
-        where = progression(offsets)
+        """Lay messages into the bytes of a chunk.
+
+        Parameters
+        ----------
+        buffer
+            The bytes of the chunk.
+        offsets
+            (N,) where their records begin.
+        rows
+            Which messages.
+        channel
+            Of the topic in the file.
+        """
         stamps = self.stamp_ns[rows]
-        head = struct.pack("<BQHIQQ", Opcode.MESSAGE, self.size - 9, channel, 0, 0, 0)
-        place(buffer, where, 0, np.frombuffer(head + self.template, f"V{self.size}"))
-        place(buffer, where, 11, np.arange(rows.start, rows.stop, dtype="<u4"))
-        place(buffer, where, 15, stamps)
-        place(buffer, where, 23, stamps)
+        where = lay_messages(buffer, offsets, self.template, channel=channel, first=rows.start, stamp_ns=stamps)
         layout = cdr.layout_of(memoryview(self.template), TYPES[self.topic], message_types.typestore())
         if "header.stamp.sec" in layout.numbers:
             seconds, nanoseconds = np.divmod(stamps, 1_000_000_000)
-            place(buffer, where, MESSAGE_HEAD + layout.numbers["header.stamp.sec"].at, seconds.astype("<i4"))
-            place(buffer, where, MESSAGE_HEAD + layout.numbers["header.stamp.nanosec"].at, nanoseconds.astype("<u4"))
+            place(buffer, where, layout.numbers["header.stamp.sec"].at, seconds.astype("<i4"))
+            place(buffer, where, layout.numbers["header.stamp.nanosec"].at, nanoseconds.astype("<u4"))
         for path, values in self.values.items():
             numbers = np.ascontiguousarray(values[rows], dtype="<f8")
             items = numbers.view(f"V{numbers.shape[1] * 8}")[:, 0]
-            place(buffer, where, MESSAGE_HEAD + layout.numbers[path].at, items)
+            place(buffer, where, layout.numbers[path].at, items)
 
 
 def write_recording(path: str | Path, recording: Recording, compression: Compression = "zstd") -> Path:

@@ -50,11 +50,14 @@ def joint_state(
 
 
 def write_foreign(
-    folder: Path, messages: Iterable[tuple[str, str, int, bytes]], configure: Callable[[Writer], None] | None = None
+    folder: Path,
+    messages: Iterable[tuple[str, str, int, bytes]],
+    configure: Callable[[Writer], None] | None = None,
+    storage: StoragePlugin = StoragePlugin.MCAP,
 ) -> Path:
     """Write (topic, type, log time, bytes) with rosbags' own writer."""
     shutil.rmtree(folder, ignore_errors=True)
-    writer = Writer(folder, version=9, storage_plugin=StoragePlugin.MCAP)
+    writer = Writer(folder, version=9, storage_plugin=storage)
     if configure is not None:
         configure(writer)
     connections: dict[str, object] = {}
@@ -64,6 +67,13 @@ def write_foreign(
                 connections[topic] = writer.add_connection(topic, type_name, typestore=message_types.typestore())
             writer.write(connections[topic], log_ns, data)
     return folder
+
+
+def write_sqlite(
+    folder: Path, messages: Iterable[tuple[str, str, int, bytes]], configure: Callable[[Writer], None] | None = None
+) -> Path:
+    """The same, stored with SQLite."""
+    return write_foreign(folder, messages, configure, StoragePlugin.SQLITE3)
 
 
 def states(topic: str, stamp_ns: Iterable[int], names: Sequence[str] = JOINTS) -> list[tuple[str, str, int, bytes]]:

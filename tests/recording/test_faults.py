@@ -197,14 +197,6 @@ def test_what_is_no_bag_is_refused(tmp_path: Path, content: bytes | None, words:
             use(file)
 
 
-def test_sqlite_bags_are_refused_with_the_way_out(tmp_path: Path) -> None:
-    """A bag stored as SQLite is refused, naming the conversion."""
-    (tmp_path / "bag").mkdir()
-    (tmp_path / "bag" / "bag_0.db3").write_bytes(b"SQLite format 3\x00")
-    with pytest.raises(RecordingError, match="ros2 bag convert"):
-        read_recording(tmp_path / "bag")
-
-
 @pytest.mark.parametrize("share", [0.3, 0.9, 0.999])
 def test_a_truncated_bag_is_read_up_to_the_tear(tmp_path: Path, rng: np.random.Generator, share: float) -> None:
     """A file cut off anywhere gives all whole chunks before the cut, says so, and can be made whole."""

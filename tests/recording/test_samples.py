@@ -9,7 +9,8 @@ from hypothesis import strategies as st
 
 from elastic_arm.errors import RecordingError
 from elastic_arm.recording import Recording, Side
-from elastic_arm.recording.storage.mcap_scan import progression, scan
+from elastic_arm.recording.spans import progression
+from elastic_arm.recording.storage.mcap_scan import scan
 from tests.helpers.bags import JOINTS, START_NS, side, stamps, two_sided
 
 

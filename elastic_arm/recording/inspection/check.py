@@ -84,7 +84,7 @@ def check_bag(path: str | Path, channels: ChannelMap | None = None, joints: Sequ
     Parameters
     ----------
     path
-        Bag folder or .mcap file.
+        Bag folder, .mcap or .db3 file.
     channels
         A channel map, for a foreign bag.
     joints
@@ -104,7 +104,8 @@ def check_bag(path: str | Path, channels: ChannelMap | None = None, joints: Sequ
         report.add("error", "undecodable", str(error))
         return report
     for damage in content.damage:
-        report.add("error", "missing_metadata" if damage.endswith("metadata.yaml is missing") else "damaged", damage)
+        missing = damage.endswith("metadata.yaml is missing")
+        report.add(*(("warning", "missing_metadata") if missing else ("error", "damaged")), damage)
     _check_counts(bag, content, report)
     if not content.topics:
         report.add("error", "empty", "the bag holds no messages")

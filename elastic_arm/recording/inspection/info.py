@@ -40,7 +40,7 @@ class BagInfo:
     files
         Names, with sizes in bytes.
     compression
-        Of its chunks: "none", "lz4", "zstd", "unchunked", or several.
+        Of its chunks or files: "none", "lz4", "zstd", "unchunked", or several.
     topics
         In order of appearance.
     joints, channels
@@ -96,17 +96,16 @@ def bag_info(path: str | Path, channels: ChannelMap | None = None) -> BagInfo:
     topics: dict[str, TopicInfo] = {}
     kinds: set[str] = set()
     for file in bag.files:
-        kinds |= {chunk.compression or "none" for chunk in file.chunks}
-        kinds |= {"unchunked"} if len(file.loose) else set()
+        kinds |= file.packing()
         for block in file.blocks(strict=False):
-            for channel_id, offsets in block.messages.items():
-                name, type_name = file.topic(channel_id)
-                log_ns = block.log_ns(channel_id)
+            for channel, count in block.counts().items():
+                described, log_ns = file.topic(channel), block.log_ns(channel)
                 first, last = int(log_ns.min()), int(log_ns.max())
-                topic = topics.setdefault(name, TopicInfo(name, type_name, 0, first, last))
-                topic.count += len(offsets)
+                topic = TopicInfo(described.name, described.type_name, 0, first, last)
+                topic = topics.setdefault(described.name, topic)
+                topic.count += count
                 topic.first_ns, topic.last_ns = min(topic.first_ns, first), max(topic.last_ns, last)
-    sizes = {file.path.name: len(file.buffer) for file in bag.files}
+    sizes = {file.path.name: file.size for file in bag.files}
     info = BagInfo(str(path), sizes, sorted(kinds), list(topics.values()), damage=bag.all_damage())
     try:
         recording = read_recording(path, channels)

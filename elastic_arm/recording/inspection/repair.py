@@ -14,7 +14,7 @@ from elastic_arm.errors import RecordingError
 from elastic_arm.recording.reading import read_content
 from elastic_arm.recording.series import Series
 from elastic_arm.recording.sides import Stamps
-from elastic_arm.recording.storage.bag import open_bag
+from elastic_arm.recording.storage.bag import bag_stem, open_bag
 from elastic_arm.recording.storage.messages import read_messages, read_topics
 from elastic_arm.recording.stream_writer import StreamWriter
 from elastic_arm.recording.topics import JOINT_STATES, JOINT_TORQUES, MOTOR_STATES, TYPES
@@ -50,7 +50,7 @@ def repair_bag(path: str | Path, out: str | Path | None = None) -> Repair:
     Parameters
     ----------
     path
-        Bag folder or .mcap file.
+        Bag folder, .mcap or .db3 file.
     out
         New folder; `<name>_repaired` beside the bag by default.
 
@@ -60,8 +60,7 @@ def repair_bag(path: str | Path, out: str | Path | None = None) -> Repair:
         If nothing can be read, or the new bag cannot be written.
     """
     path = Path(path)
-    stem = path.name.split(".mcap")[0]
-    repair = Repair(Path(out) if out is not None else path.with_name(f"{stem}_repaired"))
+    repair = Repair(Path(out) if out is not None else path.with_name(f"{bag_stem(path)}_repaired"))
     content = read_content([open_bag(path)], _MENDED, strict=False)
     if not content.messages:
         raise RecordingError(f"{path}: nothing in it can be saved", "Record again.")
@@ -74,7 +73,8 @@ def repair_bag(path: str | Path, out: str | Path | None = None) -> Repair:
     seen: Counter[str] = Counter()
     with StreamWriter(repair.path, sync_every=float("inf")) as writer:
         for topic in read_topics(path):
-            writer.add_topic(topic.name, topic.type_name, topic.definition, topic.type_hash, topic.qos)
+            # Without a definition in the bag the writer takes the type's known one.
+            writer.add_topic(topic.name, topic.type_name, topic.definition or None, topic.type_hash, topic.qos)
         for message in read_messages(path, strict=False):
             number = seen[message.topic]
             seen[message.topic] += 1

@@ -1,7 +1,8 @@
-"""The files of a bag: a rosbag2 folder, or a bare MCAP file."""
+"""The files of a bag: a rosbag2 folder, or a bare file, of any storage format."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -9,13 +10,17 @@ from typing import Any
 import yaml
 
 from elastic_arm.errors import RecordingError
-from elastic_arm.recording.storage.mcap import McapFile, open_mcap
+from elastic_arm.recording.storage.interface import BagFile
+from elastic_arm.recording.storage.mcap import open_mcap
 from elastic_arm.recording.storage.metadata import METADATA_KEY
+from elastic_arm.recording.storage.sqlite import open_sqlite
 
 METADATA = "metadata.yaml"
 # Written in C where the library has it: in Python, reading this file takes as long as a hundred thousand messages.
 _LOADER = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
-_SUFFIXES = (".mcap", ".mcap.zstd", ".mcap.zst")
+_OPENERS: dict[str, Callable[[Path], BagFile]] = {".mcap": open_mcap, ".db3": open_sqlite}
+_PACKED = ("", ".zstd", ".zst")
+_REMEDY = "Give a rosbag2 folder, an .mcap or a .db3 file."
 
 
 @dataclass
@@ -27,15 +32,15 @@ class Bag:
     path
         The folder or file.
     files
-        Its MCAP files in time order.
+        Its files in time order.
     metadata
-        What metadata.yaml says; None for a bare file, or where it is missing.
+        The content of metadata.yaml; None for a bare file, or where it is missing.
     damage
         What is wrong with the bag as a whole, in words.
     """
 
     path: Path
-    files: list[McapFile]
+    files: list[BagFile]
     metadata: dict[str, Any] | None = None
     damage: list[str] = field(default_factory=list)
 
@@ -62,21 +67,19 @@ def open_bag(path: str | Path) -> Bag:
 
 def _opened(path: Path) -> Bag:
     if not path.exists():
-        raise RecordingError(f"{path} does not exist", "Give a rosbag2 folder or an .mcap file.")
+        raise RecordingError(f"{path} does not exist", _REMEDY)
     if path.is_file():
         if path.name == METADATA:
             return open_bag(path.parent)
-        if path.suffix == ".db3":
-            raise _sqlite(path)
-        return Bag(path, [open_mcap(path)])
-    present = sorted((entry for entry in path.iterdir() if entry.name.endswith(_SUFFIXES)), key=_number)
+        return Bag(path, [_open_file(path)])
+    present = sorted((entry for entry in path.iterdir() if _storage(entry)), key=_number)
     metadata, damage = _read_metadata(path)
     if not present:
-        if any(entry.suffix == ".db3" for entry in path.iterdir()):
-            raise _sqlite(path)
-        raise RecordingError(f"{path} holds no .mcap file", "Give a rosbag2 folder or an .mcap file.")
+        raise RecordingError(f"{path} holds no .mcap or .db3 file", _REMEDY)
     if metadata is None:
-        return Bag(path, [open_mcap(file) for file in present], None, damage)
+        if len({_storage(file) for file in present}) > 1:
+            raise RecordingError(f"{path} holds .mcap and .db3 files", "Name the one to be read.")
+        return Bag(path, [_open_file(file) for file in present], None, damage)
     if str(metadata.get("compression_mode")).lower() == "message":
         raise RecordingError(
             f"{path} compresses each message by itself", "Convert it with ros2 bag convert to storage compression."
@@ -85,7 +88,7 @@ def _opened(path: Path) -> Bag:
     damage += [f"{file} is named in {METADATA} and missing" for file in listed if not file.exists()]
     damage += [f"{file} is not named in {METADATA}" for file in present if file not in listed]
     files = [file for file in listed if file.exists()] + [file for file in present if file not in listed]
-    return Bag(path, [open_mcap(file) for file in files], metadata, damage)
+    return Bag(path, [_open_file(file) for file in files], metadata, damage)
 
 
 def _read_metadata(folder: Path) -> tuple[dict[str, Any] | None, list[str]]:
@@ -104,12 +107,20 @@ def _read_metadata(folder: Path) -> tuple[dict[str, Any] | None, list[str]]:
 
 def _number(file: Path) -> tuple[str, int]:
     # rosbag2 numbers the files of a bag: run_2.mcap comes before run_10.mcap.
-    stem, _, number = file.name.split(".mcap")[0].rpartition("_")
+    stem, _, number = bag_stem(file).rpartition("_")
     return (stem, int(number)) if number.isdigit() else (file.name, 0)
 
 
-def _sqlite(path: Path) -> RecordingError:
-    return RecordingError(
-        f"{path} is stored as SQLite, not MCAP",
-        "Convert it: ros2 bag convert, with storage_id mcap.",
-    )
+def bag_stem(path: Path) -> str:
+    """Return the name of a bag or of a file of one, without what names its format."""
+    storage = _storage(path)
+    return path.name.split(storage)[0] if storage else path.name
+
+
+def _storage(path: Path) -> str:
+    """Return the suffix that names the storage format of a file; empty where it is no file of a bag."""
+    return next((kind for kind in _OPENERS for packed in _PACKED if path.name.endswith(kind + packed)), "")
+
+
+def _open_file(path: Path) -> BagFile:
+    return _OPENERS.get(_storage(path), open_mcap)(path)

@@ -23,17 +23,11 @@ from mcap.exceptions import McapError
 from mcap.opcode import Opcode
 
 from elastic_arm.errors import RecordingError
-from elastic_arm.recording.storage.mcap_scan import (
-    MESSAGE_HEAD,
-    RECORD_HEAD,
-    Bytes,
-    Offsets,
-    Record,
-    Scan,
-    column,
-    progression,
-    scan,
-)
+from elastic_arm.recording.spans import Bytes, Offsets, Spans, column, progression, shifted
+from elastic_arm.recording.storage.interface import LATEST_NS
+from elastic_arm.recording.storage.mcap_records import MESSAGE_HEAD, RECORD_HEAD
+from elastic_arm.recording.storage.mcap_scan import Record, Scan, scan
+from elastic_arm.recording.storage.metadata import Topic
 
 MAGIC = b"\x89MCAP0\r\n"
 _PARSED: dict[int, Any] = {
@@ -62,15 +56,30 @@ class Chunk(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Block:
-    """Plain bytes and the message records in them, by channel id; of an unchunked file, or of one chunk."""
+class McapBlock:
+    """The messages of one chunk, or of an unchunked file.
+
+    Parameters
+    ----------
+    buffer
+        Plain bytes.
+    messages
+        Where the message records begin, by channel.
+    horizon_ns
+        No message of a later block was logged before this.
+    """
 
     buffer: Bytes
     messages: dict[int, Offsets]
+    horizon_ns: int = LATEST_NS
     _where: dict[int, Offsets | slice] = field(default_factory=dict)
 
+    def counts(self) -> dict[int, int]:
+        """Return how many messages of each channel there are."""
+        return {channel: len(offsets) for channel, offsets in self.messages.items()}
+
     def where(self, channel: int) -> Offsets | slice:
-        """The messages of a channel; a slice where they are equally spaced."""
+        """The records of a channel; a slice where they are equally spaced."""
         if channel not in self._where:
             self._where[channel] = progression(self.messages[channel])
         return self._where[channel]
@@ -79,16 +88,15 @@ class Block:
         """(N,) log times of the messages of a channel."""
         return column(self.buffer, "<u8", self.where(channel), 15).astype(np.int64)
 
-    def sizes(self, channel: int) -> Offsets:
-        """(N,) lengths of the messages of a channel."""
-        return column(self.buffer, "<u8", self.where(channel), 1).astype(np.int64) - (MESSAGE_HEAD - 9)
+    def publish_ns(self, channel: int) -> Offsets:
+        """(N,) times at which the messages of a channel were sent."""
+        return column(self.buffer, "<u8", self.where(channel), 23).astype(np.int64)
 
-    def data(self, channel: int, index: int) -> memoryview:
-        """Bytes of one message."""
-        at = self.messages[channel][[index]]
-        begin = int(at[0]) + MESSAGE_HEAD
-        size = int(column(self.buffer, "<u8", at, 1)[0]) - (MESSAGE_HEAD - 9)
-        return self.buffer.data[begin : begin + size]
+    def spans(self, channel: int) -> Spans:
+        """Return where the messages of a channel lie, behind the heads of their records."""
+        where = self.where(channel)
+        size = column(self.buffer, "<u8", where, 1).astype(np.int64) - (MESSAGE_HEAD - RECORD_HEAD)
+        return Spans(self.buffer, shifted(where, MESSAGE_HEAD), size)
 
 
 @dataclass
@@ -122,8 +130,22 @@ class McapFile:
     damage: list[str] = field(default_factory=list)
     loose: Offsets = field(default_factory=lambda: np.empty(0, np.int64))
 
-    def topic(self, channel: int) -> tuple[str, str]:
-        """Return the topic of a channel and its type; an empty type where the file gives no schema.
+    @property
+    def size(self) -> int:
+        """Bytes on disk."""
+        return self.path.stat().st_size
+
+    def packing(self) -> set[str]:
+        """Return how its chunks are packed."""
+        kinds = {chunk.compression or "none" for chunk in self.chunks}
+        return kinds | ({"unchunked"} if len(self.loose) else set())
+
+    def topics(self) -> list[Topic]:
+        """Return the topics described so far."""
+        return [self.topic(channel) for channel in self.channels]
+
+    def topic(self, channel: int) -> Topic:
+        """Return the topic of a channel; with an empty type where the file gives no schema.
 
         Raises
         ------
@@ -135,14 +157,21 @@ class McapFile:
                 f"{self.path}: messages of channel {channel}, which the file does not describe", "Record again."
             )
         described = self.channels[channel]
-        schema = self.schemas.get(described.schema_id)
-        return described.topic, schema.name if schema is not None else ""
+        schema = self.schemas.get(described.schema_id, records.Schema(0, b"", "", ""))
+        return Topic(
+            described.topic,
+            schema.name,
+            schema.data.decode(errors="replace"),
+            described.metadata.get("topic_type_hash", ""),
+            described.metadata.get("offered_qos_profiles", ""),
+            schema.encoding,
+        )
 
     def expected(self, channel: int) -> int:
         """Return how many messages the summary promises on a channel; 0 where nothing is known."""
         return self.statistics.channel_message_counts.get(channel, 0) if self.statistics is not None else 0
 
-    def blocks(self, strict: bool = True) -> Iterator[Block]:
+    def blocks(self, strict: bool = True) -> Iterator[McapBlock]:
         """Yield the messages, block by block in file order; slow chunks are unpacked ahead in threads.
 
         Parameters
@@ -155,10 +184,12 @@ class McapFile:
         RecordingError
             If a chunk is damaged.
         """
+        starts = np.array([*(chunk.start_ns for chunk in self.chunks), LATEST_NS], np.int64)
+        first, *horizons = np.minimum.accumulate(starts[::-1])[::-1].tolist()
         if len(self.loose):
-            yield self._block(self.buffer, Scan(self.loose, [], len(self.buffer)))
-        for chunk, unpacked in zip(self.chunks, self._unpacked_chunks(), strict=True):
-            block = unpacked if isinstance(unpacked, RecordingError) else self._chunk_block(chunk, unpacked)
+            yield self._block(self.buffer, Scan(self.loose, [], len(self.buffer)), first)
+        for chunk, unpacked, horizon in zip(self.chunks, self._unpacked_chunks(), horizons, strict=True):
+            block = unpacked if isinstance(unpacked, RecordingError) else self._chunk_block(chunk, unpacked, horizon)
             if not isinstance(block, RecordingError):
                 yield block
             elif strict:
@@ -191,8 +222,8 @@ class McapFile:
             return self._chunk_error(chunk, "its checksum does not match")
         return plain
 
-    def _chunk_block(self, chunk: Chunk, plain: Bytes) -> Block | RecordingError:
-        indexed = _indexed(self.buffer, chunk.indexes, plain)
+    def _chunk_block(self, chunk: Chunk, plain: Bytes, horizon_ns: int) -> McapBlock | RecordingError:
+        indexed = _indexed(self.buffer, chunk.indexes, plain, horizon_ns)
         if indexed is not None:
             return indexed
         found = scan(plain, 0, len(plain))
@@ -200,7 +231,7 @@ class McapFile:
             self._parse(found.others, plain)
         except _BAD_RECORD as error:
             return self._chunk_error(chunk, f"a bad record in it: {error}")
-        return self._block(plain, found)
+        return self._block(plain, found, horizon_ns)
 
     def _chunk_error(self, chunk: Chunk, reason: str) -> RecordingError:
         return RecordingError(
@@ -208,12 +239,12 @@ class McapFile:
             f"Save what can be saved with: elastic-arm bag check --repair {self.path}",
         )
 
-    def _block(self, buffer: Bytes, found: Scan) -> Block:
+    def _block(self, buffer: Bytes, found: Scan, horizon_ns: int) -> McapBlock:
         channel = column(buffer, "<u2", found.messages, 9)
         present = [int(c) for c in np.flatnonzero(np.bincount(channel))] if len(channel) else []
         if len(present) == 1:
-            return Block(buffer, {present[0]: found.messages})
-        return Block(buffer, {c: found.messages[channel == c] for c in present})
+            return McapBlock(buffer, {present[0]: found.messages}, horizon_ns)
+        return McapBlock(buffer, {c: found.messages[channel == c] for c in present}, horizon_ns)
 
     def _parse(self, others: list[Record], buffer: Bytes) -> None:
         for found in others:
@@ -257,7 +288,7 @@ def open_mcap(path: Path) -> McapFile:
     if not len(buffer):
         raise RecordingError(f"{path} is empty", "Record again: nothing was written.")
     if buffer[:8].tobytes() != MAGIC:
-        raise RecordingError(f"{path} is no MCAP file", "Give a rosbag2 folder or an .mcap file.")
+        raise RecordingError(f"{path} is no MCAP file", "Give a rosbag2 folder, an .mcap or a .db3 file.")
     file = McapFile(path, buffer)
     whole = len(buffer) >= 16 and buffer[-8:].tobytes() == MAGIC
     found = scan(buffer, 8, len(buffer) - 8 if whole else len(buffer))
@@ -284,12 +315,12 @@ def _chunk(buffer: Bytes, begin: int) -> Chunk:
     return Chunk(at + 8, at + 8 + packed, size, crc, compression, start_ns, end_ns, [])
 
 
-def _indexed(file: Bytes, indexes: list[Record], plain: Bytes) -> Block | None:
+def _indexed(file: Bytes, indexes: list[Record], plain: Bytes, horizon_ns: int) -> McapBlock | None:
     """Return the messages of a chunk by its indexes; None unless these account for every byte of it.
 
     Where topics come in no regular turn this spares the walk from record to record.
     """
-    block = Block(plain, {})
+    block = McapBlock(plain, {}, horizon_ns)
     covered = 0
     for _, begin, end in indexes:
         channel = int.from_bytes(file[begin : begin + 2], "little")

@@ -13,13 +13,10 @@ from typing import NamedTuple
 
 import numpy as np
 from mcap.opcode import Opcode
-from numpy.typing import NDArray
 
-Bytes = NDArray[np.uint8]
-Offsets = NDArray[np.int64]
+from elastic_arm.recording.spans import Bytes, Offsets, column
+from elastic_arm.recording.storage.mcap_records import RECORD_HEAD
 
-RECORD_HEAD = 9  # kind and length
-MESSAGE_HEAD = 31  # kind, length, channel, sequence, log time, publish time
 _HEAD = struct.Struct("<BQ")
 # Kind, length and channel, which are the same in each round: eleven bytes as two overlapping words.
 _KEY = (("<u4", 0), ("<u8", 3))
@@ -53,50 +50,6 @@ class Scan:
     messages: Offsets
     others: list[Record]
     end: int
-
-
-def column(buffer: Bytes, dtype: str | np.dtype, offsets: Offsets | slice, at: int = 0) -> NDArray:
-    """Return the items of type `dtype` that lie `at` bytes after each of `offsets`.
-
-    A slice gives a strided view over the bytes (no copy), an index array a gathered copy.
-    """
-    if isinstance(offsets, slice):
-        # The same as a slice of all places, in one step: this is called some twenty times a chunk.
-        count = len(range(offsets.start, offsets.stop, offsets.step))
-        return np.ndarray((count,), dtype, buffer, offsets.start + at, (offsets.step,))
-    return _everywhere(buffer, np.dtype(dtype))[offsets + at]
-
-
-def place(buffer: Bytes, offsets: Offsets | slice, at: int, items: NDArray) -> None:
-    """Put `items` into `buffer`, each `at` bytes after its offset; one item alone goes to all offsets."""
-    _everywhere(buffer, items.dtype)[shifted(offsets, at)] = items
-
-
-def _everywhere(buffer: Bytes, dtype: np.dtype) -> NDArray:
-    # Every byte is a possible beginning, so offsets of any alignment are a slice or an index of this view.
-    return np.ndarray((max(len(buffer) - dtype.itemsize + 1, 0),), dtype, buffer=buffer, strides=(1,))
-
-
-def shifted(offsets: Offsets | slice, at: int) -> Offsets | slice:
-    """Return `offsets`, each `at` bytes further on."""
-    if isinstance(offsets, slice):
-        return slice(offsets.start + at, offsets.stop + at, offsets.step)
-    return offsets + at
-
-
-def progression(offsets: Offsets) -> Offsets | slice:
-    """Return `offsets` as a slice if they are equally spaced, so that they can be viewed instead of gathered."""
-    if len(offsets) < 2:
-        return offsets
-    step = int(offsets[1] - offsets[0])
-    if step > 0 and int(offsets[-1] - offsets[0]) == step * (len(offsets) - 1) and np.all(np.diff(offsets) == step):
-        return slice(int(offsets[0]), int(offsets[-1]) + 1, step)
-    return offsets
-
-
-def offsets_of(where: Offsets | slice) -> Offsets:
-    """Return what :func:`progression` may have made a slice of."""
-    return np.arange(where.start, where.stop, where.step) if isinstance(where, slice) else where
 
 
 def scan(buffer: Bytes, begin: int, end: int) -> Scan:

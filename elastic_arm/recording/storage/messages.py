@@ -7,12 +7,9 @@ from collections.abc import Collection, Iterator, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
-import numpy as np
-from mcap.records import Schema
-
+from elastic_arm.recording.spans import offsets_of
 from elastic_arm.recording.storage.bag import open_bag
-from elastic_arm.recording.storage.mcap import Block, McapFile
-from elastic_arm.recording.storage.mcap_scan import MESSAGE_HEAD, column
+from elastic_arm.recording.storage.interface import BagFile, Block
 from elastic_arm.recording.storage.metadata import Topic
 
 
@@ -63,42 +60,33 @@ def read_topics(path: str | Path) -> list[Topic]:
     """
     found: dict[str, Topic] = {}
     for file in open_bag(path).files:
-        if any(channel.schema_id not in file.schemas for channel in file.channels.values()) or not file.channels:
+        if not all(topic.type_name for topic in file.topics()) or not file.topics():
             for _ in file.blocks(strict=False):
                 pass
-        for channel in file.channels.values():
-            schema = file.schemas.get(channel.schema_id, Schema(0, b"", "", ""))
-            offered = channel.metadata.get("offered_qos_profiles", "")
-            type_hash = channel.metadata.get("topic_type_hash", "")
-            definition = schema.data.decode(errors="replace")
-            found.setdefault(channel.topic, Topic(channel.topic, schema.name, definition, type_hash, offered))
+        for topic in file.topics():
+            found.setdefault(topic.name, topic)
     return list(found.values())
 
 
-def _of_file(file: McapFile, topics: Collection[str] | None, strict: bool) -> Iterator[Message]:
-    starts = np.array([chunk.start_ns for chunk in file.chunks], np.int64)
-    # No later block begins before this: what is older can go out.
-    horizon = np.minimum.accumulate(starts[::-1])[::-1].tolist()
-    if not len(file.loose):
-        horizon = horizon[1:]
+def _of_file(file: BagFile, topics: Collection[str] | None, strict: bool) -> Iterator[Message]:
     waiting: list[tuple[int, int, int, Message]] = []
     for number, block in enumerate(file.blocks(strict)):
         for offset, message in _of_block(file, block, topics):
             heapq.heappush(waiting, (message.log_ns, number, offset, message))
-        while number < len(horizon) and waiting and waiting[0][0] < horizon[number]:
+        while waiting and waiting[0][0] < block.horizon_ns:
             yield heapq.heappop(waiting)[-1]
     while waiting:
         yield heapq.heappop(waiting)[-1]
 
 
-def _of_block(file: McapFile, block: Block, topics: Collection[str] | None) -> Iterator[tuple[int, Message]]:
-    view = block.buffer.data
-    for channel_id, offsets in block.messages.items():
-        topic, type_name = file.topic(channel_id)
-        if topics is not None and topic not in topics:
+def _of_block(file: BagFile, block: Block, topics: Collection[str] | None) -> Iterator[tuple[int, Message]]:
+    for channel in block.counts():
+        topic = file.topic(channel)
+        if topics is not None and topic.name not in topics:
             continue
-        published = column(block.buffer, "<u8", offsets, 23)
-        columns = (offsets, block.sizes(channel_id), block.log_ns(channel_id), published)
-        for offset, size, log_ns, publish_ns in zip(*(part.tolist() for part in columns), strict=True):
-            data = bytes(view[offset + MESSAGE_HEAD : offset + MESSAGE_HEAD + size])
-            yield offset, Message(log_ns, publish_ns, topic, type_name, data)
+        spans = block.spans(channel)
+        view = spans.buffer.data
+        columns = (offsets_of(spans.begin), spans.size, block.log_ns(channel), block.publish_ns(channel))
+        for begin, size, log_ns, publish_ns in zip(*(part.tolist() for part in columns), strict=True):
+            data = bytes(view[begin : begin + size])
+            yield begin, Message(log_ns, publish_ns, topic.name, topic.type_name, data)

@@ -17,13 +17,26 @@ _FOREVER = {"sec": 9223372036, "nsec": 854775807}
 
 @dataclass(frozen=True)
 class Topic:
-    """A topic of a bag: name, type, the type's definition and hash, and the quality of service offered (YAML)."""
+    """A topic of a bag.
+
+    Parameters
+    ----------
+    name, type_name
+        `/joint_states`, `sensor_msgs/msg/JointState`; an empty type where the file does not hold it.
+    definition, encoding
+        Text that defines the type, empty where the file holds none, and its language: "ros2msg" or "ros2idl".
+    type_hash
+        RIHS01 hash of the type; may be empty.
+    qos
+        Quality of service offered, as YAML.
+    """
 
     name: str
     type_name: str
     definition: str
     type_hash: str
     qos: str
+    encoding: str = ""
 
 
 @dataclass(frozen=True)

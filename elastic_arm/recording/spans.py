@@ -1,0 +1,117 @@
+"""Where messages lie among plain bytes, and whole columns of numbers at these places."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+Bytes = NDArray[np.uint8]
+Offsets = NDArray[np.int64]
+
+
+@dataclass(frozen=True)
+class Spans:
+    """Messages among plain bytes.
+
+    Parameters
+    ----------
+    buffer
+        The bytes.
+    begin
+        (N,) where each message begins; a slice where they are equally spaced.
+    size
+        (N,) their lengths in bytes.
+    """
+
+    buffer: Bytes
+    begin: Offsets | slice
+    size: Offsets
+
+    def __len__(self) -> int:
+        return len(self.size)
+
+    def message(self, index: int) -> memoryview:
+        """Return the bytes of one message."""
+        begin = int(offsets_of(self.begin)[index])
+        return self.buffer.data[begin : begin + int(self.size[index])]
+
+    def at(self, index: Offsets) -> Spans:
+        """Return the messages chosen by indices."""
+        return Spans(self.buffer, offsets_of(self.begin)[index], self.size[index])
+
+    def in_a_row(self) -> Spans:
+        """Put messages of one size that stand at irregular places in a row: one copy spares gathering each field."""
+        if len(self) < 2 or isinstance(self.begin, slice) or not (self.size == self.size[0]).all():
+            return self
+        width = int(self.size[0])
+        buffer = column(self.buffer, f"V{width}", self.begin).view(np.uint8)
+        return Spans(buffer, slice(0, len(buffer), width), self.size)
+
+
+def column(buffer: Bytes, dtype: str | np.dtype, offsets: Offsets | slice, at: int = 0) -> NDArray:
+    """Return the items that lie at the same distance behind each of some places.
+
+    A slice gives a strided view over the bytes (no copy), an index array a gathered copy.
+
+    Parameters
+    ----------
+    buffer
+        The bytes.
+    dtype
+        Type of the items.
+    offsets
+        (N,) the places.
+    at
+        The distance, in bytes.
+    """
+    if isinstance(offsets, slice):
+        # The same as a slice of all places, in one step: this is called some twenty times a chunk.
+        count = len(range(offsets.start, offsets.stop, offsets.step))
+        return np.ndarray((count,), dtype, buffer, offsets.start + at, (offsets.step,))
+    return _everywhere(buffer, np.dtype(dtype))[offsets + at]
+
+
+def place(buffer: Bytes, offsets: Offsets | slice, at: int, items: NDArray) -> None:
+    """Put items into a buffer, each at the same distance behind its place.
+
+    Parameters
+    ----------
+    buffer
+        The bytes to change.
+    offsets
+        (N,) the places.
+    at
+        The distance, in bytes.
+    items
+        (N,) items, or one alone that goes to all places.
+    """
+    _everywhere(buffer, items.dtype)[shifted(offsets, at)] = items
+
+
+def _everywhere(buffer: Bytes, dtype: np.dtype) -> NDArray:
+    # Every byte is a possible beginning, so offsets of any alignment are a slice or an index of this view.
+    return np.ndarray((max(len(buffer) - dtype.itemsize + 1, 0),), dtype, buffer=buffer, strides=(1,))
+
+
+def shifted(offsets: Offsets | slice, at: int) -> Offsets | slice:
+    """Return `offsets`, each `at` bytes further on."""
+    if isinstance(offsets, slice):
+        return slice(offsets.start + at, offsets.stop + at, offsets.step)
+    return offsets + at
+
+
+def progression(offsets: Offsets) -> Offsets | slice:
+    """Return `offsets` as a slice if they are equally spaced, so that they can be viewed instead of gathered."""
+    if len(offsets) < 2:
+        return offsets
+    step = int(offsets[1] - offsets[0])
+    if step > 0 and int(offsets[-1] - offsets[0]) == step * (len(offsets) - 1) and np.all(np.diff(offsets) == step):
+        return slice(int(offsets[0]), int(offsets[-1]) + 1, step)
+    return offsets
+
+
+def offsets_of(where: Offsets | slice) -> Offsets:
+    """Return what :func:`progression` may have made a slice of."""
+    return np.arange(where.start, where.stop, where.step) if isinstance(where, slice) else where

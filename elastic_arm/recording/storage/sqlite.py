@@ -1,0 +1,238 @@
+"""Bags that rosbag2 stored with SQLite (.db3): plain, or compressed as a file with zstd."""
+
+from __future__ import annotations
+
+import sqlite3
+from collections.abc import Iterator, Sequence
+from contextlib import closing
+from dataclasses import dataclass, field
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+import zstandard
+
+from elastic_arm.errors import RecordingError
+from elastic_arm.recording.spans import Bytes, Offsets, Spans, progression
+from elastic_arm.recording.storage.metadata import Topic
+
+_MAGIC = b"SQLite format 3\0"
+_ROWS = 16384  # of a block
+_REMEDY = "Give a rosbag2 folder, an .mcap or a .db3 file."
+# By timestamp: an index holds that order, so that nothing is sorted. Rows of one timestamp come as they were written.
+_MESSAGES = (
+    "SELECT topic_id, timestamp, data FROM messages WHERE typeof(data) = 'blob' AND typeof(timestamp) = 'integer' "
+    "ORDER BY timestamp, id"
+)
+
+
+@dataclass(frozen=True)
+class SqliteBlock:
+    """Messages in a row, in the order of their timestamps.
+
+    Parameters
+    ----------
+    buffer
+        Their bytes, one message after the other.
+    channel, stamp_ns, size
+        (N,) of each message.
+    """
+
+    buffer: Bytes
+    channel: Offsets
+    stamp_ns: Offsets
+    size: Offsets
+
+    @property
+    def horizon_ns(self) -> int:
+        """No later message was received before this."""
+        return int(self.stamp_ns[-1])
+
+    def counts(self) -> dict[int, int]:
+        """Return how many messages of each channel there are."""
+        channels, counts = np.unique(self.channel, return_counts=True)
+        return dict(zip(channels.tolist(), counts.tolist(), strict=True))
+
+    def spans(self, channel: int) -> Spans:
+        """Return where the messages of a channel lie."""
+        chosen = self.channel == channel
+        return Spans(self.buffer, progression(self._begin[chosen]), self.size[chosen])
+
+    def log_ns(self, channel: int) -> Offsets:
+        """(N,) when the messages of a channel were received."""
+        return self.stamp_ns[self.channel == channel]
+
+    def publish_ns(self, channel: int) -> Offsets:
+        """(N,) the same: this format holds one time a message."""
+        return self.log_ns(channel)
+
+    @cached_property
+    def _begin(self) -> Offsets:
+        return np.cumsum(self.size) - self.size
+
+
+@dataclass
+class SqliteFile:
+    """A .db3 file: its topics, and its messages block by block.
+
+    Parameters
+    ----------
+    path
+        The file.
+    image
+        Its plain content where the file is compressed; None where SQLite reads the file itself.
+    channels
+        Its topics by their numbers in the file.
+    damage
+        What is wrong with the file, in words; empty for a whole one.
+    """
+
+    path: Path
+    image: bytes | None = None
+    channels: dict[int, Topic] = field(default_factory=dict)
+    damage: list[str] = field(default_factory=list)
+
+    @property
+    def size(self) -> int:
+        """Bytes on disk."""
+        return self.path.stat().st_size
+
+    def packing(self) -> set[str]:
+        """Return how the file is packed."""
+        return {"none" if self.image is None else "zstd"}
+
+    def topics(self) -> list[Topic]:
+        """Return its topics."""
+        return list(self.channels.values())
+
+    def topic(self, channel: int) -> Topic:
+        """Return the topic of a channel.
+
+        Raises
+        ------
+        RecordingError
+            If the file does not describe the channel.
+        """
+        if channel not in self.channels:
+            raise RecordingError(
+                f"{self.path}: messages of topic number {channel}, which the file does not describe", "Record again."
+            )
+        return self.channels[channel]
+
+    def expected(self, _: int) -> int:
+        """Return 0: to count the messages takes as long as to read them."""
+        return 0
+
+    def blocks(self, strict: bool = True) -> Iterator[SqliteBlock]:
+        """Yield the messages in the order of their timestamps.
+
+        Parameters
+        ----------
+        strict
+            Raise for a damaged file; otherwise note the damage and end with the last row that can be read.
+
+        Raises
+        ------
+        RecordingError
+            If the file is damaged.
+        """
+        rows: list[tuple[int, int, bytes]] = []
+        try:
+            with closing(self.connect()) as database:
+                for row in database.execute(_MESSAGES):
+                    rows.append(row)
+                    if len(rows) == _ROWS:
+                        yield _block(rows)
+                        rows.clear()
+        except sqlite3.Error as error:
+            problem = f"{self.path}: the database is damaged ({error})"
+            if strict:
+                raise RecordingError(
+                    problem, f"Save what can be saved with: elastic-arm bag check --repair {self.path}"
+                ) from None
+            self.damage.append(problem)
+        if rows:
+            yield _block(rows)
+
+    def connect(self) -> sqlite3.Connection:
+        """Open the database for reading alone.
+
+        Raises
+        ------
+        sqlite3.Error
+            If it cannot be opened.
+        """
+        if self.image is not None:
+            database = sqlite3.connect(":memory:", check_same_thread=False)
+            database.deserialize(self.image)
+            return database
+        # A killed recorder may leave a write-ahead log that holds the last messages. Without one the file is whole as
+        # it is, and is read without locks: it may lie on a medium that cannot be written.
+        log = self.path.with_name(f"{self.path.name}-wal")
+        options = "mode=ro" if log.exists() and log.stat().st_size else "mode=ro&immutable=1"
+        return sqlite3.connect(f"{self.path.resolve().as_uri()}?{options}", uri=True, check_same_thread=False)
+
+
+def open_sqlite(path: Path) -> SqliteFile:
+    """Open a .db3 file.
+
+    Raises
+    ------
+    RecordingError
+        If the file is missing, empty, or no SQLite bag.
+    """
+    file = SqliteFile(path, _unpacked(path))
+    head = _head(path) if file.image is None else file.image[: len(_MAGIC)]
+    if not head:
+        raise RecordingError(f"{path} is empty", "Record again: nothing was written.")
+    if head != _MAGIC:
+        raise RecordingError(f"{path} is no SQLite file", _REMEDY)
+    try:
+        with closing(file.connect()) as database:
+            file.channels = _channels(database, path)
+    except sqlite3.Error as error:
+        raise RecordingError(f"{path} is damaged ({error})", "Record again.") from None
+    return file
+
+
+def _unpacked(path: Path) -> bytes | None:
+    if path.suffix not in (".zstd", ".zst"):
+        return None
+    try:
+        return zstandard.ZstdDecompressor().decompressobj().decompress(path.read_bytes())
+    except zstandard.ZstdError as error:
+        raise RecordingError(f"{path} cannot be read: {error}", "Copy it again: it is not whole.") from None
+
+
+def _head(path: Path) -> bytes:
+    with open(path, "rb") as file:
+        return file.read(len(_MAGIC))
+
+
+def _channels(database: sqlite3.Connection, path: Path) -> dict[int, Topic]:
+    """Read the table of topics, whose columns grew with the versions of rosbag2."""
+    if not {"id", "topic_id", "timestamp", "data"} <= _columns(database, "messages"):
+        raise RecordingError(f"{path} is a SQLite file and no bag", _REMEDY)
+    there = _columns(database, "topics")
+    wanted = ("id", "name", "type", "offered_qos_profiles", "type_description_hash")
+    chosen = ", ".join(name if name in there else "''" for name in wanted)
+    definitions = {}
+    if _columns(database, "message_definitions"):
+        query = "SELECT topic_type, encoding, encoded_message_definition FROM message_definitions"
+        definitions = {name: (encoding, text) for name, encoding, text in database.execute(query)}
+    channels = {}
+    for number, name, type_name, qos, type_hash in database.execute(f"SELECT {chosen} FROM topics ORDER BY id"):
+        encoding, text = definitions.get(type_name, ("", ""))
+        channels[number] = Topic(name, type_name, text, type_hash, qos, encoding)
+    return channels
+
+
+def _columns(database: sqlite3.Connection, table: str) -> set[str]:
+    return {row[1] for row in database.execute(f"PRAGMA table_info({table})")}
+
+
+def _block(rows: Sequence[tuple[int, int, bytes]]) -> SqliteBlock:
+    channel, stamp_ns, data = zip(*rows, strict=True)
+    size = np.fromiter(map(len, data), np.int64, len(data))
+    buffer = np.frombuffer(b"".join(data), np.uint8)
+    return SqliteBlock(buffer, np.array(channel, np.int64), np.array(stamp_ns, np.int64), size)
