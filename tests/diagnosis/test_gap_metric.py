@@ -17,7 +17,7 @@ from elastic_arm.diagnosis.pipeline import Question, diagnose
 from elastic_arm.diagnosis.result import Diagnosis
 from elastic_arm.diagnosis.selection.stepwise import Hypothesis, Rival
 from elastic_arm.robot import load_robot
-from elastic_arm.studies.blind_challenge.draw import Order, draw_item
+from elastic_arm.studies.blind_challenge.arm_sampling import Order, sample_arm
 from elastic_arm.studies.blind_challenge.hidden_arms.hidden_arm import HiddenArm
 
 ROBOT = load_robot(None)
@@ -26,7 +26,7 @@ ROBOT = load_robot(None)
 def diagnosed(effects: tuple[str, ...], seed: int, size: float) -> Diagnosis:
     """Diagnose a hidden arm of another engine with effects of so many bounds."""
     rng = np.random.default_rng(seed)
-    item, motions = draw_item(Order("arm", effects, (seed,), (12.0, 8.0), (size, size)), ROBOT, rng)
+    item, motions = sample_arm(Order("arm", effects, (seed,), (12.0, 8.0), (size, size)), ROBOT, rng)
     arm = HiddenArm(ROBOT, item.faults)
     identify, validate = (arm.record(motion, item.instruments, rng) for motion in motions)
     return diagnose([identify], Question(ROBOT), [validate])

@@ -13,12 +13,12 @@ from elastic_arm.diagnosis.pipeline import Question, diagnose
 from elastic_arm.errors import DiagnosisError
 from elastic_arm.recording import Recording, Samples
 from elastic_arm.robot import load_robot
-from elastic_arm.studies.blind_challenge.hidden_arms.instruments import Instruments
+from elastic_arm.studies.blind_challenge.hidden_arms.sensor_models import SensorModel
 from tests.helpers.hidden_arms import recordings
 
 ROBOT = load_robot(None)
 COULOMB = ("coulomb_friction", 1, "motor", "torque", 6.0)
-NOISY = Instruments(encoder_noise=1e-6)
+NOISY = SensorModel(encoder_noise=1e-6)
 
 
 @pytest.fixture(scope="module")

@@ -18,7 +18,7 @@ from elastic_arm.errors import DiagnosisError, ElasticArmError
 from elastic_arm.recording import Recording
 from elastic_arm.report.diagnosis import write_gap_report
 from elastic_arm.robot import load_robot, save_robot
-from elastic_arm.studies.blind_challenge.hidden_arms.instruments import Instruments
+from elastic_arm.studies.blind_challenge.hidden_arms.sensor_models import SensorModel
 from tests.helpers.hidden_arms import fault, recordings
 
 ROBOT = load_robot(None)
@@ -32,10 +32,10 @@ def asked(pair: tuple[Recording, Recording], **question: object) -> Diagnosis:
 
 @pytest.mark.parametrize(
     "instruments",
-    [Instruments(), Instruments(encoder_noise=5e-6), Instruments(encoder_step=6e-6, jitter=2e-5)],
+    [SensorModel(), SensorModel(encoder_noise=5e-6), SensorModel(encoder_step=6e-6, jitter=2e-5)],
     ids=["exact encoders", "noisy encoders", "quantised and jittered"],
 )
-def test_clean_arm_has_no_cause(instruments: Instruments) -> None:
+def test_clean_arm_has_no_cause(instruments: SensorModel) -> None:
     """A recording of the nominal arm is called `none`, whatever its sensors."""
     found = asked(recordings(instruments=instruments))
     assert (found.verdict, found.causes, found.shrink) == ("none", (), None)
@@ -43,14 +43,14 @@ def test_clean_arm_has_no_cause(instruments: Instruments) -> None:
 
 def test_residuals_of_a_clean_arm_are_as_large_as_the_noise_says() -> None:
     """The noise estimated from the channels is that of each residual, within its sampling error."""
-    found = asked(recordings(instruments=Instruments(encoder_noise=3e-6)))
+    found = asked(recordings(instruments=SensorModel(encoder_noise=3e-6)))
     for place, noise in found.noise.items():
         assert found.before.rmse[place] == pytest.approx(noise, rel=0.12)
 
 
 def test_coulomb_friction_is_named_placed_and_sized() -> None:
     """Friction on motor 2 is the one cause, its interval holds the truth, and the gap is gone on another motion."""
-    found = asked(recordings(COULOMB, instruments=Instruments(encoder_noise=1e-6)))
+    found = asked(recordings(COULOMB, instruments=SensorModel(encoder_noise=1e-6)))
     assert found.verdict == "explained"
     assert [(c.effect, c.joint, c.sides) for c in found.causes] == [("coulomb_friction", "joint_2", ("motor",))]
     torque = found.causes[0].parameters["torque"]
@@ -119,7 +119,7 @@ def test_lag_of_one_sample_is_no_cause_and_of_four_is() -> None:
 
 def test_missing_sensors_leave_what_the_rest_can_say() -> None:
     """Without joint torque sensors, or with the motor side alone, friction is still found."""
-    pair = recordings(COULOMB, instruments=Instruments(encoder_noise=1e-6))
+    pair = recordings(COULOMB, instruments=SensorModel(encoder_noise=1e-6))
     without = tuple(replace(r, link=replace(r.link, effort=None)) for r in pair)  # type: ignore[type-var]
     alone = tuple(replace(r, link=None) for r in pair)
     for given, missing in ((without, {"drive"}), (alone, {"link", "drive"})):
@@ -139,7 +139,7 @@ def test_what_simpler_models_lack_is_named(model: str, expected: set[str]) -> No
 
 def test_known_effect_counts_as_part_of_the_model() -> None:
     """With --with the friction that the user knows is fitted first, and nothing is left to explain."""
-    pair = recordings(COULOMB, instruments=Instruments(encoder_noise=1e-6))
+    pair = recordings(COULOMB, instruments=SensorModel(encoder_noise=1e-6))
     found = asked(pair, given=known_effects(["coulomb_friction:joint_2"], ROBOT))
     assert (found.verdict, found.causes) == ("none", ())
 
@@ -156,13 +156,13 @@ def test_bearings_that_tilt_are_named_alone(scale: float) -> None:
 
 def test_refit_leaves_structure() -> None:
     """A wrong torque gain of the model's own numbers goes into the refit; friction stays a cause."""
-    found = asked(recordings(COULOMB, instruments=Instruments(encoder_noise=1e-6)), refit=True)
+    found = asked(recordings(COULOMB, instruments=SensorModel(encoder_noise=1e-6)), refit=True)
     assert [(c.effect, c.joint) for c in found.causes] == [("coulomb_friction", "joint_2")]
 
 
 def test_result_is_what_the_contract_says(tmp_path: Path) -> None:
     """The file loads, holds the contract's fields, and the arm with the causes in it loads as well."""
-    found = asked(recordings(COULOMB, instruments=Instruments(encoder_noise=1e-6)))
+    found = asked(recordings(COULOMB, instruments=SensorModel(encoder_noise=1e-6)))
     data = json.loads(found.save(tmp_path / "diagnosis.json").read_text())
     assert data["schema"] == "elastic_arm/diagnosis/1"
     assert set(data["recordings"]) == {"identify", "validate", "independent_motion"}

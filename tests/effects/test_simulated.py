@@ -12,8 +12,8 @@ from elastic_arm.excitation import FourierTrajectory
 from elastic_arm.robot import load_robot
 from elastic_arm.sensors import Sensors
 from elastic_arm.simulation import Simulator
+from elastic_arm.studies.blind_challenge.hidden_arms.effect_laws import Fault
 from elastic_arm.studies.blind_challenge.hidden_arms.hidden_arm import HiddenArm
-from elastic_arm.studies.blind_challenge.hidden_arms.laws import Fault
 from tests.helpers.effect_samples import INSTANCES, contribution, law_function, random_motion
 
 RATE = 1000.0

@@ -8,16 +8,16 @@ import numpy as np
 
 from elastic_arm.recording import Recording
 from elastic_arm.robot import load_robot
-from elastic_arm.studies.blind_challenge.hidden_arms.hidden_arm import Course, HiddenArm
-from elastic_arm.studies.blind_challenge.hidden_arms.instruments import Instruments, measure
-from elastic_arm.studies.blind_challenge.hidden_arms.laws import Fault
+from elastic_arm.studies.blind_challenge.hidden_arms.effect_laws import Fault
+from elastic_arm.studies.blind_challenge.hidden_arms.hidden_arm import HiddenArm, TrueChannels
 from elastic_arm.studies.blind_challenge.hidden_arms.motion import random_motion
+from elastic_arm.studies.blind_challenge.hidden_arms.sensor_models import SensorModel, measure
 
 SECONDS = (8.0, 6.0)
 
 
 @cache
-def courses(*faults: tuple[object, ...]) -> tuple[Course, Course]:
+def courses(*faults: tuple[object, ...]) -> tuple[TrueChannels, TrueChannels]:
     """Return two motions of an arm with faults given as (effect, joint, side, name, value, name, value, …)."""
     rng = np.random.default_rng(5)
     arm = HiddenArm(load_robot(None), [fault(*f) for f in faults])
@@ -33,14 +33,14 @@ def fault(effect: str, joint: int | None, side: str, *numbers: object, channels:
 def recordings(
     *mechanical: tuple[object, ...],
     sensors: tuple[Fault, ...] = (),
-    instruments: Instruments | None = None,
+    instruments: SensorModel | None = None,
     seed: int = 1,
 ) -> tuple[Recording, Recording]:
     """Return what the sensors make of the courses: one recording to fit, one to judge."""
     rng = np.random.default_rng(seed)
     robot = load_robot(None)
     made = [
-        measure(course, robot.joint_names, sensors, instruments or Instruments(), rng)
+        measure(course, robot.joint_names, sensors, instruments or SensorModel(), rng)
         for course in courses(*mechanical)
     ]
     return made[0], made[1]

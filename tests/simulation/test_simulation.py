@@ -15,7 +15,7 @@ from elastic_arm.excitation import FourierTrajectory
 from elastic_arm.robot import Robot, load_robot, to_urdf
 from elastic_arm.sensors import Encoder, Sensors, TorqueSensor
 from elastic_arm.simulation import Controller, Simulator, simulate
-from elastic_arm.studies.blind_challenge.hidden_arms.tree import Tree
+from elastic_arm.studies.blind_challenge.hidden_arms.kinematic_tree import KinematicTree
 
 RATE = 1000.0
 
@@ -96,7 +96,7 @@ def test_error_over_ten_seconds_is_below_1e_minus_8_rad(arm):
 @pytest.mark.parametrize("bearings", [False, True])
 def test_motion_agrees_with_pinocchio(arm, bearings):
     """An arm of separate bodies in Pinocchio, reduced by its gears, moves alike under the same torques."""
-    tree = Tree(arm, bearings=bearings)
+    tree = KinematicTree(arm, bearings=bearings)
     simulator = Simulator(arm, bearings=bearings, sensors=Sensors.exact(), q0=swing().q0, substeps=20)
     command = np.random.default_rng(0).normal(0, 60.0, (60, 3)) + simulator.carry.command
     truth, _ = simulator.drive(command)

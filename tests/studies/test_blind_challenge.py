@@ -16,21 +16,21 @@ from elastic_arm.effects import EFFECTS
 from elastic_arm.errors import DiagnosisError
 from elastic_arm.robot import load_robot
 from elastic_arm.studies.blind_challenge import campaign
+from elastic_arm.studies.blind_challenge.answer_scoring import score_answer
+from elastic_arm.studies.blind_challenge.arm_sampling import SamplingRequest, sample_arm
 from elastic_arm.studies.blind_challenge.command import challenge_app
-from elastic_arm.studies.blind_challenge.draft import STRUCTURAL, draw_draft
-from elastic_arm.studies.blind_challenge.draw import Order, draw_item
+from elastic_arm.studies.blind_challenge.detectability import Detectability, sized
+from elastic_arm.studies.blind_challenge.effect_sampling import STRUCTURAL, sample_effect
+from elastic_arm.studies.blind_challenge.hidden_arms.effect_laws import Fault
 from elastic_arm.studies.blind_challenge.hidden_arms.hidden_arm import HiddenArm
-from elastic_arm.studies.blind_challenge.hidden_arms.instruments import Instruments
-from elastic_arm.studies.blind_challenge.hidden_arms.laws import Fault
+from elastic_arm.studies.blind_challenge.hidden_arms.kinematic_tree import KinematicTree
 from elastic_arm.studies.blind_challenge.hidden_arms.motion import random_motion
-from elastic_arm.studies.blind_challenge.hidden_arms.tree import Tree
-from elastic_arm.studies.blind_challenge.marks import marks
-from elastic_arm.studies.blind_challenge.score import _beside, score
-from elastic_arm.studies.blind_challenge.seal import NAME, open_sealed, seal, seal_piece
-from elastic_arm.studies.blind_challenge.shares import Share, calibration, detection
-from elastic_arm.studies.blind_challenge.sizes import Yardstick, sized
+from elastic_arm.studies.blind_challenge.hidden_arms.sensor_models import SensorModel
+from elastic_arm.studies.blind_challenge.parallel_jobs import Failure, mapped
+from elastic_arm.studies.blind_challenge.proportions import Proportion, calibration, detection
+from elastic_arm.studies.blind_challenge.scoring import _beside, score
+from elastic_arm.studies.blind_challenge.sealed_truth import NAME, open_sealed, seal, seal_piece
 from elastic_arm.studies.blind_challenge.summary import markdown
-from elastic_arm.studies.blind_challenge.workers import Failure, mapped
 
 ROBOT = load_robot(None)
 
@@ -39,7 +39,7 @@ ROBOT = load_robot(None)
 def test_hidden_tree_agrees_with_the_projects_own_derivation(bearings: bool) -> None:
     """Two engines that share no code give the same torques for the same motion, to rounding."""
     rng = np.random.default_rng(0)
-    tree, model = Tree(ROBOT, bearings=bearings), build_model(ROBOT, bearings=bearings)
+    tree, model = KinematicTree(ROBOT, bearings=bearings), build_model(ROBOT, bearings=bearings)
     x, dx, ddx = (0.3 * rng.standard_normal((3, tree.dof)) for _ in range(3))
     still = np.zeros_like(x)
     # What hangs on stiffness and damping is not the tree's.
@@ -52,7 +52,7 @@ def test_hidden_tree_agrees_with_the_projects_own_derivation(bearings: bool) -> 
 
 def test_hidden_tree_has_the_papers_coupling() -> None:
     """S_11 and S_23 are the constants of (8), and the mass matrix is that of inverse dynamics."""
-    tree = Tree(ROBOT)
+    tree = KinematicTree(ROBOT)
     x = np.array([0.3, -0.5, 0.7, 0.3, -0.5, 0.7])
     M, _ = tree.terms(x, np.zeros(6))
     columns = [tree.torque(x, np.zeros(6), e) - tree.torque(x, np.zeros(6), np.zeros(6)) for e in np.eye(6)]
@@ -78,7 +78,7 @@ def test_compiled_hidden_arm_moves_as_pinocchio_says(fault: Fault) -> None:
     course = arm.run(random_motion(np.random.default_rng(8), 3, 2.0))  # raises where the engines differ
     assert np.isfinite(course.tau_J).all()
     wrong = HiddenArm(ROBOT, [fault])
-    wrong.tree = Tree(ROBOT.with_(gravity=(0.0, 0.0, -9.0)), bearings=fault.effect == "bearing_compliance")
+    wrong.tree = KinematicTree(ROBOT.with_(gravity=(0.0, 0.0, -9.0)), bearings=fault.effect == "bearing_compliance")
     with pytest.raises(Exception, match="not Pinocchio's"):
         wrong.run(random_motion(np.random.default_rng(8), 3, 2.0))
 
@@ -107,8 +107,8 @@ def test_sealed_truth_opens_only_unchanged(tmp_path: Path) -> None:
 def test_bound_of_an_offset_is_that_of_a_mean() -> None:
     """The smallest known offset of tau_m is the noise over the square root of the number of samples."""
     rng = np.random.default_rng(1)
-    yardstick = Yardstick(ROBOT, random_motion(rng, 3, 20.0), Instruments(), rng)
-    amount, signal = sized(draw_draft("motor_torque_offset", 3, rng), 30.0, yardstick)
+    detectability = Detectability(ROBOT, random_motion(rng, 3, 20.0), SensorModel(), rng)
+    amount, signal = sized(sample_effect("motor_torque_offset", 3, rng), 30.0, detectability)
     assert signal.distance == pytest.approx(30.0, rel=0.03)
     # The diagnosis leaves out the ends, and gives each equation a hundredth of the noise's power besides.
     assert amount / signal.distance == pytest.approx(0.26 / np.sqrt(20000.0), rel=0.03)
@@ -120,8 +120,8 @@ def test_a_bound_follows_the_items_own_motion() -> None:
     for speed in (0.5, 1.0):
         rng = np.random.default_rng(6)
         motion = random_motion(rng, 3, 6.0, speed=speed, acceleration=100.0, reach=1.5)
-        draft = draw_draft("viscous_friction", 3, np.random.default_rng(0))
-        amount, signal = sized(draft, 50.0, Yardstick(ROBOT, motion, Instruments(), rng))
+        draft = sample_effect("viscous_friction", 3, np.random.default_rng(0))
+        amount, signal = sized(draft, 50.0, Detectability(ROBOT, motion, SensorModel(), rng))
         bounds.append(amount / signal.distance)
     assert bounds[0] / bounds[1] == pytest.approx(2.0, rel=0.05)
 
@@ -130,13 +130,13 @@ def test_a_bound_follows_the_items_own_motion() -> None:
 def test_every_effect_is_drawn_at_the_wanted_multiple_of_its_bound(effect: str) -> None:
     """Sizes are what was asked over the bound, or at an end of the plausible range, which the item then says."""
     rng = np.random.default_rng([4, *effect.encode()])
-    item, _ = draw_item(Order("arm", (effect,), (0,), (5.0, 4.0), (40.0, 40.0)), ROBOT, rng)
+    item, _ = sample_arm(SamplingRequest("arm", (effect,), (0,), (5.0, 4.0), (40.0, 40.0)), ROBOT, rng)
     assert item.faults[0].effect == effect
     if effect in STRUCTURAL:
         assert item.model == STRUCTURAL[effect] and item.multiple[0] > 10.0
         return
     assert item.bound[0] is not None
-    low, high = draw_draft(effect, 3, rng).limits()
+    low, high = sample_effect(effect, 3, rng).limits()
     amount = item.bound[0] * item.multiple[0]
     at_an_end = amount <= 1.001 * low or amount >= 0.999 * high
     assert item.multiple[0] == pytest.approx(40.0, rel=0.05) or at_an_end
@@ -146,14 +146,14 @@ def test_of_two_effects_neither_is_lost_in_the_others_gap() -> None:
     """Each of two effects makes at least one hundredth of the gap, which is what the contract counts as a cause."""
     rng = np.random.default_rng(12)
     effects = ("coulomb_friction", "joint_torque_offset")
-    item, _ = draw_item(Order("arm", effects, (0,), (5.0, 4.0)), ROBOT, rng)
+    item, _ = sample_arm(SamplingRequest("arm", effects, (0,), (5.0, 4.0)), ROBOT, rng)
     assert sum(item.share) == pytest.approx(1.0)
     assert min(item.share) > 0.01 and min(item.multiple) >= 9.5
 
 
 def test_small_campaign_is_made_resumed_answered_and_scored(tmp_path: Path) -> None:
     """A dozen recordings: what is made and answered stays, clean arms are called none, the score holds every arm."""
-    settings = campaign.Settings(
+    settings = campaign.ChallengeSettings(
         seed=3, per_effect=1, clean=2, pairs=1, seconds=5.0, validate_seconds=4.0,
         effects=("motor_torque_offset", "viscous_friction", "encoder_offset"), ratio=(60.0, 200.0),
     )  # fmt: skip
@@ -178,12 +178,12 @@ def test_small_campaign_is_made_resumed_answered_and_scored(tmp_path: Path) -> N
     page = (tmp_path / "report.html").read_text()
     assert "What was named for what" in page and page.count("<svg") >= 4
     with pytest.raises(DiagnosisError, match="another challenge"):
-        campaign.create(tmp_path, campaign.Settings(seed=4))
+        campaign.create(tmp_path, campaign.ChallengeSettings(seed=4))
 
 
 def test_an_effect_out_of_the_catalogue_is_not_named(tmp_path: Path) -> None:
     """The withheld diagnosis stands beside the first, and does not name the effect that it was not given."""
-    settings = campaign.Settings(
+    settings = campaign.ChallengeSettings(
         seed=1, clean=0, pairs=0, seconds=5.0, validate_seconds=4.0, effects=("torque_ripple",), ratio=(100.0, 200.0)
     )
     campaign.create(tmp_path, settings)
@@ -241,10 +241,10 @@ def test_a_declared_alternative_counts_as_found_and_an_undeclared_one_does_not()
     """The truth among the alternatives is right when its confidence is that of a declaration."""
     other = {"effect": "coulomb_friction", "joint": "joint_2", "confidence": 0.3, "separated_by": ""}
     joints = ROBOT.joint_names
-    declared = marks(_entry(), _answer("load_dependent_friction", "joint_2", alternatives=[other]), joints)
+    declared = score_answer(_entry(), _answer("load_dependent_friction", "joint_2", alternatives=[other]), joints)
     assert declared["effect_right"] and not declared["effect_itself"] and not declared["cause_right"][0]
     faint = other | {"confidence": 0.01}
-    assert not marks(_entry(), _answer("load_dependent_friction", "joint_2", alternatives=[faint]), joints)[
+    assert not score_answer(_entry(), _answer("load_dependent_friction", "joint_2", alternatives=[faint]), joints)[
         "effect_right"
     ]
 
@@ -252,15 +252,15 @@ def test_a_declared_alternative_counts_as_found_and_an_undeclared_one_does_not()
 def test_joint_side_and_interval_are_judged_apart() -> None:
     """Right effect on the wrong joint, on the wrong side, or with too narrow an interval: each is its own mistake."""
     joints = ROBOT.joint_names
-    right = marks(_entry(), _answer("coulomb_friction", "joint_2"), joints)
+    right = score_answer(_entry(), _answer("coulomb_friction", "joint_2"), joints)
     assert right["effect_right"] and right["joint_right"] and right["side_right"]
     assert (right["covered"], right["intervals"]) == (1, 1)
-    elsewhere = marks(_entry(), _answer("coulomb_friction", "joint_3"), joints)
+    elsewhere = score_answer(_entry(), _answer("coulomb_friction", "joint_3"), joints)
     assert not elsewhere["effect_right"] and not elsewhere["joint_right"]
-    beside = marks(_entry(side="link"), _answer("coulomb_friction", "joint_2"), joints)
+    beside = score_answer(_entry(side="link"), _answer("coulomb_friction", "joint_2"), joints)
     assert beside["effect_right"] and not beside["side_right"]
     narrow = {"torque": {"value": 2.1, "std": 0.01, "unit": "Nm"}}
-    assert marks(_entry(), _answer("coulomb_friction", "joint_2", parameters=narrow), joints)["covered"] == 0
+    assert score_answer(_entry(), _answer("coulomb_friction", "joint_2", parameters=narrow), joints)["covered"] == 0
 
 
 def test_a_delay_is_right_on_its_side_only_in_its_channels() -> None:
@@ -273,7 +273,7 @@ def test_a_delay_is_right_on_its_side_only_in_its_channels() -> None:
         (["link_encoder", "motor_torque"], False),
     ):
         chosen = {"delay": delay, "channels": {"value": channels, "std": None, "unit": ""}}
-        found = marks(truth, _answer("time_delay", "joint_2", parameters=chosen), ROBOT.joint_names)
+        found = score_answer(truth, _answer("time_delay", "joint_2", parameters=chosen), ROBOT.joint_names)
         assert found["effect_right"] and found["side_right"] is right
 
 
@@ -283,7 +283,7 @@ def test_a_model_that_lacks_two_things_may_be_told_both() -> None:
     answer = _answer("spline_inertia", None, parameters={})
     answer["causes"].append(answer["causes"][0] | {"effect": "inertia_coupling"})
     for model, right in (("mod1", [True, True]), ("mod3", [True, False])):
-        found = marks(spline | {"model": model}, answer, ROBOT.joint_names)
+        found = score_answer(spline | {"model": model}, answer, ROBOT.joint_names)
         assert found["cause_right"] == right and found["alone"] is all(right)
 
 
@@ -298,7 +298,7 @@ def test_a_refused_diagnosis_is_a_wrong_answer(tmp_path: Path, monkeypatch: pyte
     name, problem = campaign._diagnose((str(tmp_path), "a", "mod3", ""))
     assert name == "a" and "too little motion" in problem
     answer = json.loads(campaign.answer_path(tmp_path, "a").read_text())
-    found = marks(_entry(), answer, ROBOT.joint_names)
+    found = score_answer(_entry(), answer, ROBOT.joint_names)
     assert (found["verdict"], found["effect_right"], found["none"], found["unknown"]) == (
         "refused",
         False,
@@ -320,7 +320,7 @@ def test_what_the_rest_explains_of_a_faint_gap_is_measured_beside_the_effect_its
 
 def test_shares_carry_binomial_intervals() -> None:
     """Twenty of twenty is a share of one, whose interval begins near 0.83."""
-    share = Share(20, 20)
+    share = Proportion(20, 20)
     assert share.value == 1.0
     assert share.interval == pytest.approx((0.8316, 1.0), abs=1e-3)
 

@@ -20,10 +20,10 @@ from elastic_arm.effects import EFFECTS
 from elastic_arm.errors import DiagnosisError, RecordingError
 from elastic_arm.recording import read_recording, write_recording
 from elastic_arm.robot import Robot, load_robot
-from elastic_arm.studies.blind_challenge.draw import HIGHEST, LOWEST, Order, draw_item
+from elastic_arm.studies.blind_challenge.arm_sampling import HIGHEST, LOWEST, SamplingRequest, sample_arm
 from elastic_arm.studies.blind_challenge.hidden_arms.hidden_arm import HiddenArm
-from elastic_arm.studies.blind_challenge.seal import NAME, drop_pieces, open_sealed, pieces, seal, seal_piece
-from elastic_arm.studies.blind_challenge.workers import Failure, mapped
+from elastic_arm.studies.blind_challenge.parallel_jobs import Failure, mapped
+from elastic_arm.studies.blind_challenge.sealed_truth import NAME, drop_pieces, open_sealed, pieces, seal, seal_piece
 
 MANIFEST = "challenge.json"
 SEVERAL = tuple(e for e in EFFECTS if e not in ("spline_inertia", "inertia_coupling", "bearing_compliance"))
@@ -36,7 +36,7 @@ Report = Callable[[int, int], None]
 
 
 @dataclass(frozen=True)
-class Settings:
+class ChallengeSettings:
     """What a challenge consists of.
 
     Parameters
@@ -63,8 +63,8 @@ class Settings:
     ratio: tuple[float, float] = (LOWEST, HIGHEST)
     effects: tuple[str, ...] = ()
 
-    def orders(self) -> list[Order]:
-        """Return what is to be drawn, in an order that tells nothing."""
+    def requests(self) -> list[SamplingRequest]:
+        """Return what is to be drawn, in a random order."""
         alone = self.effects or tuple(EFFECTS)
         together = [e for e in SEVERAL if e in alone]
         rng = np.random.default_rng(self.seed)
@@ -75,20 +75,25 @@ class Settings:
             kinds += [tuple(str(e) for e in rng.choice(together, count, replace=False)) for _ in range(times)]
         durations = (self.seconds, self.validate_seconds)
         return [
-            Order(f"arm_{k:04d}", kinds[i], (self.seed, int(i)), durations, self.ratio)
+            SamplingRequest(f"arm_{k:04d}", kinds[i], (self.seed, int(i)), durations, self.ratio)
             for k, i in enumerate(rng.permutation(len(kinds)))
         ]
 
 
 def create(
-    folder: Path, settings: Settings, *, workers: int = 0, scheduler: str | None = None, report: Report | None = None
+    folder: Path,
+    settings: ChallengeSettings,
+    *,
+    workers: int = 0,
+    scheduler: str | None = None,
+    report: Report | None = None,
 ) -> str:
     """Draw hidden arms and record them; return the SHA-256 of the sealed truth.
 
     Parameters
     ----------
     workers, scheduler
-        See :func:`~elastic_arm.studies.blind_challenge.workers.mapped`.
+        See :func:`~elastic_arm.studies.blind_challenge.parallel_jobs.mapped`.
 
     Raises
     ------
@@ -103,20 +108,20 @@ def create(
             raise DiagnosisError(f"{folder} holds another challenge", "Choose another folder")
         if "truth_sha256" in known:
             return str(known["truth_sha256"])
-    orders = settings.orders()
-    if not orders:
+    requests = settings.requests()
+    if not requests:
         raise DiagnosisError("a challenge of no arms", "Ask for some: --per-effect, --clean, --pairs or --triples")
     folder.mkdir(parents=True, exist_ok=True)
-    manifest = {"settings": plain, "items": [{"name": o.name, "model": o.model} for o in orders]}
+    manifest = {"settings": plain, "items": [{"name": o.name, "model": o.model} for o in requests]}
     _write(manifest_path, manifest)
     made = pieces(folder)
-    jobs = [(str(folder), order) for order in orders if order.name not in made]
+    jobs = [(str(folder), request) for request in requests if request.name not in made]
     for done, outcome in enumerate(mapped(_record, jobs, workers, scheduler), 1):
         if isinstance(outcome, Failure):
             raise DiagnosisError(f"{outcome.job[1].name} was not recorded: {outcome.problem}", "Report this")
         if report:
             report(done, len(jobs))
-    digest = seal(folder, [o.name for o in orders])
+    digest = seal(folder, [o.name for o in requests])
     _write(manifest_path, manifest | {"truth_sha256": digest})
     drop_pieces(folder)
     return digest
@@ -205,10 +210,10 @@ def _bags(folder: Path, name: str) -> tuple[Path, Path]:
     return folder / "bags" / f"{name}_identify", folder / "bags" / f"{name}_validate"
 
 
-def _record(job: tuple[str, Order]) -> str:
-    folder, order = Path(job[0]), job[1]
-    rng = np.random.default_rng(order.seed)
-    item, motions = draw_item(order, _robot(), rng)
+def _record(job: tuple[str, SamplingRequest]) -> str:
+    folder, request = Path(job[0]), job[1]
+    rng = np.random.default_rng(request.seed)
+    item, motions = sample_arm(request, _robot(), rng)
     arm = HiddenArm(_robot(), item.faults)
     for bag, motion in zip(_bags(folder, item.name), motions, strict=True):
         recording = arm.record(motion, item.instruments, rng)

@@ -17,7 +17,7 @@ from elastic_arm.cli.console import err, out, print_json, reports_errors
 from elastic_arm.cli.outputs import claim_folder
 from elastic_arm.effects.catalogue import find
 from elastic_arm.studies.blind_challenge import campaign
-from elastic_arm.studies.blind_challenge.score import score as score_answers
+from elastic_arm.studies.blind_challenge.scoring import score as score_answers
 from elastic_arm.studies.blind_challenge.summary import effect_rows, markdown, question_rows
 
 challenge_app = typer.Typer(
@@ -53,7 +53,7 @@ def create(
     Example: elastic-arm challenge create blind --seed 7 --per-effect 2
     """
     claim_folder(folder, (), force=True, option="FOLDER")
-    settings = campaign.Settings(
+    settings = campaign.ChallengeSettings(
         seed=seed,
         per_effect=per_effect,
         clean=clean,

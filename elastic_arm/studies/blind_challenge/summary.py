@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-from elastic_arm.studies.blind_challenge.score import TARGET_SECONDS, TARGET_SHRINK, TARGETS
+from elastic_arm.studies.blind_challenge.scoring import TARGET_SECONDS, TARGET_SHRINK, TARGETS
 
 QUESTIONS = ("question", "right", "of", "share", "95 % interval", "to reach")
 EFFECTS = (

@@ -11,13 +11,13 @@ from scipy.interpolate import CubicSpline
 from elastic_arm.errors import SimulationError
 from elastic_arm.recording import Recording
 from elastic_arm.robot import Component, Inertia, Robot, Transmission
-from elastic_arm.studies.blind_challenge.hidden_arms.course import Course
-from elastic_arm.studies.blind_challenge.hidden_arms.engine import Run, engine_of
-from elastic_arm.studies.blind_challenge.hidden_arms.instruments import Instruments, measure
-from elastic_arm.studies.blind_challenge.hidden_arms.laws import Fault, joint_numbers
+from elastic_arm.studies.blind_challenge.hidden_arms.compiled_arm import StateHistory, compiled_arm
+from elastic_arm.studies.blind_challenge.hidden_arms.effect_laws import Fault, joint_numbers
+from elastic_arm.studies.blind_challenge.hidden_arms.kinematic_tree import KinematicTree
 from elastic_arm.studies.blind_challenge.hidden_arms.motion import MultiSine
 from elastic_arm.studies.blind_challenge.hidden_arms.recursion import inertial_numbers
-from elastic_arm.studies.blind_challenge.hidden_arms.tree import Tree
+from elastic_arm.studies.blind_challenge.hidden_arms.sensor_models import SensorModel, measure
+from elastic_arm.studies.blind_challenge.hidden_arms.true_channels import TrueChannels
 
 RATE = 1000.0
 SUBSTEPS = 4  # RK4 steps a sample; those between also give tau_J for its mean over the sample interval
@@ -47,8 +47,8 @@ class HiddenArm:
         soft = by_effect.get("bearing_compliance")
         tilt = by_effect.get("base_tilt")
         angles = (tilt.parameters["x"], tilt.parameters["y"]) if tilt else (0.0, 0.0)
-        self.tree = Tree(self.robot, bearings=soft is not None, base_tilt=angles)
-        self._engine = engine_of(robot, soft is not None)
+        self.tree = KinematicTree(self.robot, bearings=soft is not None, base_tilt=angles)
+        self._engine = compiled_arm(robot, soft is not None)
         self.substeps = BEARING_SUBSTEPS if soft else SUBSTEPS
         self._h = 1.0 / RATE / self.substeps
         gears = [joint.transmission for joint in self.robot.joints if joint.transmission]
@@ -60,7 +60,7 @@ class HiddenArm:
         numbers["standstill"] = self._standstill(numbers) if standstill is None else np.full(n, standstill)
         numbers["armature"] = self._armature = self._added_inertia()
         # Gravity turns the other way in the frame of a tilted base.
-        base = Tree(self.robot, bearings=soft is not None)
+        base = KinematicTree(self.robot, bearings=soft is not None)
         gravity = rotation(*angles).T @ np.asarray(robot.gravity, dtype=float)
         tilts = self._tilts(soft.parameters["stiffness_scale"]) if soft else np.zeros(0)
         self._parameters = np.concatenate([inertial_numbers(base), gravity, *numbers.values(), tilts])
@@ -95,7 +95,7 @@ class HiddenArm:
         """Return the rate of a state (coordinates, velocities, hystereses) under motor torques u (n,)."""
         return self._engine.rate(state, u, self._parameters)[0]
 
-    def run(self, motion: MultiSine) -> Course:
+    def run(self, motion: MultiSine) -> TrueChannels:
         """Follow a motion from rest.
 
         Raises
@@ -120,9 +120,9 @@ class HiddenArm:
         tau_m = 0.5 * (found.commands[1:N] + found.commands[: N - 1])
         x, dx = found.states[1:N, :dof], found.states[1:N, dof : 2 * dof]
         tau_J = _means(found.torques, self.substeps)
-        return Course(t[1:N], x[:, :n], dx[:, :n], x[:, n : 2 * n], dx[:, n : 2 * n], tau_J, tau_m)
+        return TrueChannels(t[1:N], x[:, :n], dx[:, :n], x[:, n : 2 * n], dx[:, n : 2 * n], tau_J, tau_m)
 
-    def _check(self, found: Run) -> None:
+    def _check(self, found: StateHistory) -> None:
         """Compare the forces along a run with Pinocchio's for the same motion."""
         n, dof = self.n, self.tree.dof
         for k in np.linspace(0, len(found.states) - 1, CHECKED).astype(int):
@@ -137,14 +137,14 @@ class HiddenArm:
                     "Report this: the challenge's engine is wrong",
                 )
 
-    def record(self, motion: MultiSine, instruments: Instruments, rng: np.random.Generator) -> Recording:
+    def record(self, motion: MultiSine, instruments: SensorModel, rng: np.random.Generator) -> Recording:
         """Follow a motion and return what the sensors say."""
         course = self.run(motion)
         return measure(course, self.nominal.joint_names, self.faults, instruments, rng)
 
     def _feed_forward(self, q: np.ndarray, dq: np.ndarray, ddq: np.ndarray) -> np.ndarray:
         """Torque (N, n) of the arm as if its joints were stiff, from the nominal numbers."""
-        tree = Tree(self.nominal)
+        tree = KinematicTree(self.nominal)
         # The motion is slow: every tenth sample tells the torque to 1e-6 of itself.
         k = np.arange(len(q))
         some = np.append(k[:-1:10], k[-1])

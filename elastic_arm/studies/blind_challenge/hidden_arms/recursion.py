@@ -13,13 +13,13 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from elastic_arm.studies.blind_challenge.hidden_arms.tree import Tree
+from elastic_arm.studies.blind_challenge.hidden_arms.kinematic_tree import KinematicTree
 
 NUMBERS = 10  # of a body: mass, centre of mass, inertia about it (xx, xy, xz, yy, yz, zz)
 AXES = {"JointModelRX": 0, "JointModelRY": 1, "JointModelRZ": 2}
 
 
-def inertial_numbers(tree: Tree) -> np.ndarray:
+def inertial_numbers(tree: KinematicTree) -> np.ndarray:
     """Return the numbers (10 bodies,) of all bodies of a tree."""
     rows = [[b.mass, *b.lever, *np.asarray(b.inertia)[np.triu_indices(3)]] for b in list(tree.model.inertias)[1:]]
     return np.array(rows).ravel()
@@ -38,7 +38,7 @@ class _Body:
     a: Any
 
 
-def inverse_dynamics(tree: Tree, numbers: Any, gravity: Any, x: Any, dx: Any, ddx: Any) -> Any:
+def inverse_dynamics(tree: KinematicTree, numbers: Any, gravity: Any, x: Any, dx: Any, ddx: Any) -> Any:
     """Return the generalized forces (dof,) of a motion.
 
     Parameters
@@ -71,7 +71,7 @@ def inverse_dynamics(tree: Tree, numbers: Any, gravity: Any, x: Any, dx: Any, dd
     return G.T @ ca.vertcat(*reversed(tau))
 
 
-def _moved(tree: Tree, i: int, bodies: list[_Body], q: Any, v: Any, a: Any) -> _Body:
+def _moved(tree: KinematicTree, i: int, bodies: list[_Body], q: Any, v: Any, a: Any) -> _Body:
     parent = bodies[tree.model.parents[i]]
     placement = tree.model.jointPlacements[i]
     k = AXES[tree.model.joints[i].shortname()]

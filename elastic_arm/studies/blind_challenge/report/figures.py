@@ -8,8 +8,8 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from elastic_arm.report.style import BLUE, GREEN, GREY, ORANGE, SKY, VERMILION, new_figure, style
-from elastic_arm.studies.blind_challenge.score import TARGETS
-from elastic_arm.studies.blind_challenge.shares import DETECTED, Curve
+from elastic_arm.studies.blind_challenge.proportions import DETECTED, DetectionCurve
+from elastic_arm.studies.blind_challenge.scoring import TARGETS
 
 COLUMNS = 5
 MADE_UP = ("wrong joint", "unknown", "none")  # answers that name no effect, or not in the right place
@@ -93,7 +93,7 @@ def _curve(ax: Any, found: dict[str, Any], effect: str) -> None:
     fit = found["by_effect"][effect]["detected"]
     if fit is not None and fit["misses"]:
         size = np.geomspace(1.0, 1000.0, 200)
-        curve = Curve(fit["middle"], fit["slope"], fit["multiple"], *fit["interval"])
+        curve = DetectionCurve(fit["middle"], fit["slope"], fit["multiple"], *fit["interval"])
         ax.plot(size, curve(size), color=GREY, linewidth=1.0)
         ax.axvspan(*np.clip(fit["interval"], 1.0, 1000.0), color=ORANGE, alpha=0.15, linewidth=0)
         ax.plot(fit["multiple"], DETECTED, "o", color=ORANGE, markersize=4)

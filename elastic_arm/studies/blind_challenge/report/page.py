@@ -8,7 +8,7 @@ from typing import Any
 from elastic_arm.report.html import Block, Figure, Section, Table, Text, write_report
 from elastic_arm.studies.blind_challenge import summary
 from elastic_arm.studies.blind_challenge.report import figures
-from elastic_arm.studies.blind_challenge.score import TARGET_SECONDS, TARGET_SHRINK, TARGETS
+from elastic_arm.studies.blind_challenge.scoring import TARGET_SECONDS, TARGET_SHRINK, TARGETS
 
 
 def write_challenge_report(path: str | Path, found: dict[str, Any]) -> Path:

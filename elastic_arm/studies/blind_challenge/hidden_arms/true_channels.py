@@ -8,7 +8,7 @@ import numpy as np
 
 
 @dataclass(frozen=True)
-class Course:
+class TrueChannels:
     """What really happened, at the samples.
 
     Parameters

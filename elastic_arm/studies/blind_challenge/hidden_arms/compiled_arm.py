@@ -1,4 +1,4 @@
-"""Forward simulation of hidden arms, compiled: bodies by :mod:`.recursion`, effects by :mod:`.laws`.
+"""Forward simulation of hidden arms, compiled: bodies by :mod:`.recursion`, effects by :mod:`.effect_laws`.
 
 Every number of arm and effects is an argument, so that one library serves all arms of one build.
 """
@@ -16,9 +16,9 @@ from numpy.typing import NDArray
 
 from elastic_arm.codegen import kernels
 from elastic_arm.robot import Robot
-from elastic_arm.studies.blind_challenge.hidden_arms import laws
+from elastic_arm.studies.blind_challenge.hidden_arms import effect_laws
+from elastic_arm.studies.blind_challenge.hidden_arms.kinematic_tree import KinematicTree
 from elastic_arm.studies.blind_challenge.hidden_arms.recursion import NUMBERS, inverse_dynamics
-from elastic_arm.studies.blind_challenge.hidden_arms.tree import Tree
 
 Array = NDArray[np.float64]
 
@@ -66,7 +66,7 @@ void run(long samples, long substeps, double h, const double* parameters, const 
 
 
 @dataclass(frozen=True)
-class Run:
+class StateHistory:
     """What a simulation gives.
 
     Parameters
@@ -84,7 +84,7 @@ class Run:
     torques: Array
 
 
-class Engine:
+class CompiledArm:
     """Equations of motion of an arm with whatever effects, compiled.
 
     Parameters
@@ -102,7 +102,7 @@ class Engine:
 
     def __init__(self, robot: Robot, *, bearings: bool) -> None:
         self.n = robot.n
-        function = _equations(Tree(robot, bearings=bearings))
+        function = _equations(KinematicTree(robot, bearings=bearings))
         self.states, self.inputs = function.size1_in(0), sum(function.size1_in(k) for k in range(3))
         self.outputs = sum(function.size1_out(k) for k in range(3))
         self.dof = (self.states - self.n) // 2
@@ -126,7 +126,7 @@ class Engine:
         gains: tuple[Array, Array],
         rate: float,
         substeps: int,
-    ) -> Run:
+    ) -> StateHistory:
         """Follow a reference from a state.
 
         Parameters
@@ -139,7 +139,7 @@ class Engine:
             Samples a second, steps a sample.
         """
         N = len(reference[0])
-        found = Run(np.empty((N, self.states)), np.empty((N, self.n)), np.empty((N, substeps, self.n)))
+        found = StateHistory(np.empty((N, self.states)), np.empty((N, self.n)), np.empty((N, substeps, self.n)))
         given = [np.ascontiguousarray(a, dtype=float) for a in (parameters, *reference, *gains)]
         arrays = [*given, np.array(state, dtype=float), found.states, found.commands, found.torques]
         h = ctypes.c_double(1.0 / rate / substeps)
@@ -148,22 +148,22 @@ class Engine:
 
 
 @lru_cache(maxsize=8)
-def engine_of(robot: Robot, bearings: bool) -> Engine:
+def compiled_arm(robot: Robot, bearings: bool) -> CompiledArm:
     """Return the engine of an arm, made once."""
-    return Engine(robot, bearings=bearings)
+    return CompiledArm(robot, bearings=bearings)
 
 
-def _equations(tree: Tree) -> Any:
+def _equations(tree: KinematicTree) -> Any:
     n, dof = tree.n, tree.dof
     y, u = ca.SX.sym("y", 2 * dof + n), ca.SX.sym("u", n)
     numbers, gravity = ca.SX.sym("numbers", NUMBERS * len(tree.gears)), ca.SX.sym("gravity", 3)
-    joints = {name: ca.SX.sym(name, n) for name in laws.NUMBERS}
+    joints = {name: ca.SX.sym(name, n) for name in effect_laws.NUMBERS}
     tilts = ca.SX.sym("tilts", 2 * (dof - 2 * n))
     x, dx, z = y[:dof], y[dof : 2 * dof], y[2 * dof :]
-    tau_J, lever, dz = laws.joint_torque(joints, x[:n], x[n : 2 * n], dx[:n], dx[n : 2 * n], z)
-    link = tau_J - laws.friction(joints, "link", dx[:n], tau_J)
-    motor = u + laws.ripple(joints, x[n : 2 * n]) - lever * tau_J
-    motor -= laws.friction(joints, "motor", dx[n : 2 * n], tau_J)
+    tau_J, lever, dz = effect_laws.joint_torque(joints, x[:n], x[n : 2 * n], dx[:n], dx[n : 2 * n], z)
+    link = tau_J - effect_laws.friction(joints, "link", dx[:n], tau_J)
+    motor = u + effect_laws.ripple(joints, x[n : 2 * n]) - lever * tau_J
+    motor -= effect_laws.friction(joints, "motor", dx[n : 2 * n], tau_J)
     held = -(tilts[: dof - 2 * n] * x[2 * n :] + tilts[dof - 2 * n :] * dx[2 * n :])
     f = ca.vertcat(link, motor, held)
     ddx = ca.SX.sym("ddx", dof)

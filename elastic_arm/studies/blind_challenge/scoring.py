@@ -12,12 +12,12 @@ import numpy as np
 
 from elastic_arm.effects import EFFECTS
 from elastic_arm.robot import load_robot
+from elastic_arm.studies.blind_challenge.answer_scoring import score_answer
+from elastic_arm.studies.blind_challenge.arm_sampling import LOWEST
 from elastic_arm.studies.blind_challenge.campaign import answer_path, load_manifest
-from elastic_arm.studies.blind_challenge.draft import SIZE
-from elastic_arm.studies.blind_challenge.draw import LOWEST
-from elastic_arm.studies.blind_challenge.marks import marks
-from elastic_arm.studies.blind_challenge.seal import open_sealed
-from elastic_arm.studies.blind_challenge.shares import Share, calibration, detection
+from elastic_arm.studies.blind_challenge.effect_sampling import SIZE
+from elastic_arm.studies.blind_challenge.proportions import Proportion, calibration, detection
+from elastic_arm.studies.blind_challenge.sealed_truth import open_sealed
 
 Line = dict[str, Any]
 
@@ -65,7 +65,9 @@ def score(folders: Path | Sequence[Path]) -> dict[str, Any]:
         "open": total - len(lines),
         "code": dict(Counter(x["code"] for x in lines)),
         "shares": {name: s.to_dict() for name, s in _shares(lines, large, withheld).items()},
-        "below": {q: Share.of([x[k] for x in single if x["multiple"] < LOWEST]).to_dict() for q, k in _SINGLE.items()},
+        "below": {
+            q: Proportion.of([x[k] for x in single if x["multiple"] < LOWEST]).to_dict() for q, k in _SINGLE.items()
+        },
         "faint": len(large) - len(shrinks),
         "median_shrink": float(np.median(shrinks)) if shrinks else None,
         "seconds": _times(lines),
@@ -89,19 +91,19 @@ _SINGLE = {
 }
 
 
-def _shares(lines: Sequence[Line], large: Sequence[Line], withheld: Sequence[Line]) -> dict[str, Share]:
+def _shares(lines: Sequence[Line], large: Sequence[Line], withheld: Sequence[Line]) -> dict[str, Proportion]:
     several = {n: [x for x in lines if len(x["truth"]) == n] for n in (2, 3)}
     clear = {n: [x["effect_right"] for x in several[n] if not _faint(x)] for n in several}
     faint = [x["effect_right"] for n in several for x in several[n] if _faint(x)]
     due = [x["unknown"] for x in withheld if _due(x)]
     return {
-        **{question: Share.of([x[key] for x in large]) for question, key in _SINGLE.items()},
-        "clean called none": Share.of([x["none"] for x in lines if not x["truth"]]),
-        "both right when two act": Share.of(clear[2]),
-        "all right when three act": Share.of(clear[3]),
-        "all right, one of several faint": Share.of(faint),
-        "unknown where due": Share.of(due),
-        "intervals cover": Share(sum(x["covered"] for x in large), sum(x["intervals"] for x in large)),
+        **{question: Proportion.of([x[key] for x in large]) for question, key in _SINGLE.items()},
+        "clean called none": Proportion.of([x["none"] for x in lines if not x["truth"]]),
+        "both right when two act": Proportion.of(clear[2]),
+        "all right when three act": Proportion.of(clear[3]),
+        "all right, one of several faint": Proportion.of(faint),
+        "unknown where due": Proportion.of(due),
+        "intervals cover": Proportion(sum(x["covered"] for x in large), sum(x["intervals"] for x in large)),
     }
 
 
@@ -109,7 +111,7 @@ def _lines(folder: Path, truth: Sequence[dict[str, Any]], *, withheld: bool) -> 
     joints = load_robot(None).joint_names
     paths = [answer_path(folder, entry["name"], withheld=withheld) for entry in truth]
     return [
-        marks(entry, json.loads(path.read_text()), joints)
+        score_answer(entry, json.loads(path.read_text()), joints)
         for entry, path in zip(truth, paths, strict=True)
         if path.is_file()
     ]
@@ -163,8 +165,8 @@ def _effect(lines: Sequence[Line]) -> dict[str, Any]:
     typical = float(np.median(bounds)) if bounds else None
     missed = [x["multiple"] for x in large if not x["effect_right"]]
     return {
-        **{question: Share.of([x[key] for x in large]).to_dict() for question, key in _SINGLE.items()},
-        "intervals cover": Share(sum(x["covered"] for x in large), sum(x["intervals"] for x in large)).to_dict(),
+        **{question: Proportion.of([x[key] for x in large]).to_dict() for question, key in _SINGLE.items()},
+        "intervals cover": Proportion(sum(x["covered"] for x in large), sum(x["intervals"] for x in large)).to_dict(),
         "median shrink": float(np.median(_shrinks(large))) if _shrinks(large) else None,
         "below ten bounds": len(lines) - len(large),
         "largest multiple missed": max(missed, default=None),
@@ -186,7 +188,7 @@ def _without(lines: Sequence[Line]) -> dict[str, Any]:
     named = Counter(x["named"][0] for x in large if not _due(x) and x["named"])
     wrong = Counter(x["named"][0] if x["named"] else x["verdict"] for x in due if not x["unknown"])
     return {
-        "unknown where due": Share.of([x["unknown"] for x in due]).to_dict(),
+        "unknown where due": Proportion.of([x["unknown"] for x in due]).to_dict(),
         "explained by others": len(large) - len(due),
         "by whom": dict(named.most_common()),
         "instead of unknown": dict(wrong.most_common()),

@@ -1,6 +1,6 @@
-"""What the hidden arms have: motions, sensors, effects, joints and sizes, each drawn from the item's own seed.
+"""What the hidden arms have: motions, sensors, effects, joints and sizes, each drawn from the arm's own seed.
 
-Sizes are drawn relative to the smallest that theory allows to be detected on the item's own motion (:mod:`.sizes`).
+Sizes are multiples of the smallest that theory allows to be detected on the arm's own motion (:mod:`.detectability`).
 """
 
 from __future__ import annotations
@@ -12,11 +12,11 @@ from typing import Any
 import numpy as np
 
 from elastic_arm.robot import Robot
-from elastic_arm.studies.blind_challenge.draft import STRUCTURAL, Draft, draw_draft
-from elastic_arm.studies.blind_challenge.hidden_arms.instruments import Instruments
-from elastic_arm.studies.blind_challenge.hidden_arms.laws import Fault
+from elastic_arm.studies.blind_challenge.detectability import Detectability, EffectSignal, sized
+from elastic_arm.studies.blind_challenge.effect_sampling import STRUCTURAL, SampledEffect, sample_effect
+from elastic_arm.studies.blind_challenge.hidden_arms.effect_laws import Fault
 from elastic_arm.studies.blind_challenge.hidden_arms.motion import MultiSine, random_motion
-from elastic_arm.studies.blind_challenge.sizes import Signal, Yardstick, sized
+from elastic_arm.studies.blind_challenge.hidden_arms.sensor_models import SensorModel
 
 LOWEST, HIGHEST = 10.0, 300.0  # bounds
 SPREAD = 2.0  # factor by which effects on one arm may differ from their common level
@@ -24,7 +24,7 @@ LEAST_SHARE = 0.03  # of the gap that each of several effects has, where sizes a
 
 
 @dataclass(frozen=True)
-class Item:
+class ArmSpecification:
     """One hidden arm: what is to be recorded.
 
     Parameters
@@ -48,7 +48,7 @@ class Item:
     name: str
     model: str
     faults: tuple[Fault, ...]
-    instruments: Instruments
+    instruments: SensorModel
     multiple: tuple[float, ...] = ()
     bound: tuple[float | None, ...] = ()
     share: tuple[float, ...] = ()
@@ -59,7 +59,7 @@ class Item:
 
 
 @dataclass(frozen=True)
-class Order:
+class SamplingRequest:
     """What is asked of one draw.
 
     Parameters
@@ -88,25 +88,30 @@ class Order:
         return next((STRUCTURAL[e] for e in self.effects if e in STRUCTURAL), "mod3")
 
 
-def draw_item(order: Order, robot: Robot, rng: np.random.Generator) -> tuple[Item, tuple[MultiSine, MultiSine]]:
+def sample_arm(
+    request: SamplingRequest, robot: Robot, rng: np.random.Generator
+) -> tuple[ArmSpecification, tuple[MultiSine, MultiSine]]:
     """Draw one hidden arm and its two motions."""
-    instruments = draw_instruments(rng)
-    fitted, judging = (random_motion(rng, robot.n, s) for s in order.seconds)
-    if not order.effects:
-        return Item(order.name, order.model, (), instruments), (fitted, judging)
-    yardstick = Yardstick(robot, fitted, instruments, rng)
-    if order.model != "mod3":
-        distance = yardstick.signal((), order.model).distance
-        faults = tuple(Fault(e, None) for e in order.effects)
-        return Item(order.name, order.model, faults, instruments, (distance,), (None,), (1.0,)), (fitted, judging)
-    drafts = [draw_draft(effect, robot.n, rng) for effect in order.effects]
-    level = np.exp(rng.uniform(*np.log(order.ratio)))
+    instruments = sample_sensors(rng)
+    fitted, judging = (random_motion(rng, robot.n, s) for s in request.seconds)
+    if not request.effects:
+        return ArmSpecification(request.name, request.model, (), instruments), (fitted, judging)
+    detectability = Detectability(robot, fitted, instruments, rng)
+    if request.model != "mod3":
+        distance = detectability.signal((), request.model).distance
+        faults = tuple(Fault(e, None) for e in request.effects)
+        return ArmSpecification(request.name, request.model, faults, instruments, (distance,), (None,), (1.0,)), (
+            fitted,
+            judging,
+        )
+    drafts = [sample_effect(effect, robot.n, rng) for effect in request.effects]
+    level = np.exp(rng.uniform(*np.log(request.ratio)))
     wanted = [level * np.exp(rng.uniform(-1, 1) * np.log(SPREAD)) if len(drafts) > 1 else level for _ in drafts]
-    amounts, signals = _balanced(drafts, [max(w, order.ratio[0]) for w in wanted], yardstick)
+    amounts, signals = _balanced(drafts, [max(w, request.ratio[0]) for w in wanted], detectability)
     excess = np.array([s.excess for s in signals])
-    item = Item(
-        order.name,
-        order.model,
+    item = ArmSpecification(
+        request.name,
+        request.model,
         tuple(d.sized(a) for d, a in zip(drafts, amounts, strict=True)),
         instruments,
         tuple(s.distance for s in signals),
@@ -117,23 +122,25 @@ def draw_item(order: Order, robot: Robot, rng: np.random.Generator) -> tuple[Ite
 
 
 def _balanced(
-    drafts: Sequence[Draft], wanted: Sequence[float], yardstick: Yardstick
-) -> tuple[list[float], list[Signal]]:
+    drafts: Sequence[SampledEffect], wanted: Sequence[float], detectability: Detectability
+) -> tuple[list[float], list[EffectSignal]]:
     """Size effects; of several, enlarge those that would be lost in the gap that the others make."""
-    found = [sized(draft, w, yardstick) for draft, w in zip(drafts, wanted, strict=True)]
+    found = [sized(draft, w, detectability) for draft, w in zip(drafts, wanted, strict=True)]
     total = sum(signal.excess for _, signal in found)
     for k, (_, signal) in enumerate(found):
         share = signal.excess / total
         if share < LEAST_SHARE:
-            found[k] = sized(drafts[k], signal.distance * float(np.sqrt(LEAST_SHARE / max(share, 1e-12))), yardstick)
+            found[k] = sized(
+                drafts[k], signal.distance * float(np.sqrt(LEAST_SHARE / max(share, 1e-12))), detectability
+            )
     return [amount for amount, _ in found], [signal for _, signal in found]
 
 
-def draw_instruments(rng: np.random.Generator) -> Instruments:
+def sample_sensors(rng: np.random.Generator) -> SensorModel:
     """Draw sensors: half of them with noisy, quantised encoders and jittered stamps."""
     if rng.random() < 0.5:
-        return Instruments()
-    return Instruments(
+        return SensorModel()
+    return SensorModel(
         encoder_noise=float(10 ** rng.uniform(-6, -5)),
         encoder_step=float(2 * np.pi / 2 ** rng.integers(20, 24)),
         jitter=float(rng.choice([0.0, 2e-5])),

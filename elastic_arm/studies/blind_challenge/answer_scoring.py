@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from elastic_arm.effects import EFFECTS
-from elastic_arm.studies.blind_challenge.hidden_arms.laws import Fault
+from elastic_arm.studies.blind_challenge.hidden_arms.effect_laws import Fault
 
 DECLARED = 0.05  # an alternative with this confidence counts as declared
 
@@ -22,7 +22,7 @@ def contract_parameters(fault: Fault) -> dict[str, Any]:
     return values
 
 
-def marks(entry: dict[str, Any], answer: dict[str, Any], joints: Sequence[str]) -> dict[str, Any]:
+def score_answer(entry: dict[str, Any], answer: dict[str, Any], joints: Sequence[str]) -> dict[str, Any]:
     """Return what an answer is worth.
 
     Parameters

@@ -33,7 +33,7 @@ def pinocchio() -> Any:
     return pin
 
 
-class Tree:
+class KinematicTree:
     """Rigid-body tree of a robot with transmissions, reduced by the gears.
 
     Parameters

@@ -9,7 +9,7 @@ import numpy as np
 
 from elastic_arm.effects import EFFECTS
 from elastic_arm.effects.model import Role
-from elastic_arm.studies.blind_challenge.hidden_arms.laws import Fault
+from elastic_arm.studies.blind_challenge.hidden_arms.effect_laws import Fault
 
 # Of each effect: the parameter that is its size.
 SIZE = {
@@ -47,7 +47,7 @@ DELAYS = (1.5e-3, 0.01)  # s: a lag of one sample or less is no cause
 
 
 @dataclass(frozen=True)
-class Draft:
+class SampledEffect:
     """An effect without its size.
 
     Parameters
@@ -96,7 +96,7 @@ class Draft:
         return float(np.sqrt(low * high)) if low > 1e-9 else 1e-3 * high
 
 
-def draw_draft(effect: str, n: int, rng: np.random.Generator) -> Draft:
+def sample_effect(effect: str, n: int, rng: np.random.Generator) -> SampledEffect:
     """Draw where an effect sits, its form, and its parameters other than the size."""
     joint = None if effect in WHOLE_ARM else int(rng.integers(n))
     side = str(rng.choice(["motor", "link"])) if effect in SIDED else "motor"
@@ -107,7 +107,7 @@ def draw_draft(effect: str, n: int, rng: np.random.Generator) -> Draft:
     signed = effect == "link_inertia_mismatch" or SIZE[effect] in SIGNED
     sign = float(rng.choice([-1.0, 1.0])) if signed else 1.0
     fault = Fault(effect, joint, _others(effect, rng), side, channels)
-    return Draft(fault, sign, float(rng.uniform(-np.pi, np.pi)))
+    return SampledEffect(fault, sign, float(rng.uniform(-np.pi, np.pi)))
 
 
 def _others(effect: str, rng: np.random.Generator) -> dict[str, float]:

@@ -21,22 +21,22 @@ from elastic_arm.estimation.resampling import Clock
 from elastic_arm.estimation.residuals import Layout
 from elastic_arm.estimation.whitening import WhitenedData
 from elastic_arm.robot import Robot
-from elastic_arm.studies.blind_challenge.draft import Draft
-from elastic_arm.studies.blind_challenge.hidden_arms.course import Course
+from elastic_arm.studies.blind_challenge.effect_sampling import SampledEffect
+from elastic_arm.studies.blind_challenge.hidden_arms.effect_laws import Fault
 from elastic_arm.studies.blind_challenge.hidden_arms.hidden_arm import HiddenArm
-from elastic_arm.studies.blind_challenge.hidden_arms.instruments import Instruments, measure
-from elastic_arm.studies.blind_challenge.hidden_arms.laws import Fault
 from elastic_arm.studies.blind_challenge.hidden_arms.motion import MultiSine
+from elastic_arm.studies.blind_challenge.hidden_arms.sensor_models import SensorModel, measure
+from elastic_arm.studies.blind_challenge.hidden_arms.true_channels import TrueChannels
 
 Array = NDArray[np.float64]
 
-EXACT = Instruments(torque_noise=0.0, velocity_noise=0.0)
+EXACT = SensorModel(torque_noise=0.0, velocity_noise=0.0)
 ROUNDS = 4  # corrections of a size whose law is not linear
 NEAR = 0.03  # of the wanted distance
 
 
 @dataclass(frozen=True)
-class Signal:
+class EffectSignal:
     """What an effect does to the residuals.
 
     Parameters
@@ -51,7 +51,7 @@ class Signal:
     excess: float
 
 
-class Yardstick:
+class Detectability:
     """Distances of hidden arms from the plain one on one motion.
 
     Parameters
@@ -64,7 +64,7 @@ class Yardstick:
         Of the noise that the sensors' quality is estimated from.
     """
 
-    def __init__(self, robot: Robot, motion: MultiSine, instruments: Instruments, rng: np.random.Generator) -> None:
+    def __init__(self, robot: Robot, motion: MultiSine, instruments: SensorModel, rng: np.random.Generator) -> None:
         self._robot, self._motion = robot, motion
         course = HiddenArm(robot).run(motion)
         self._observation = observe(measure(course, robot.joint_names, (), instruments, rng))
@@ -72,7 +72,7 @@ class Yardstick:
         self._layout, self._band = Layout.of(self._observation.pieces[0], robot.n), Band(widest_band(rate), rate)
         self._plain = self._residuals(course, (), "mod3")
 
-    def signal(self, faults: Sequence[Fault], model: str = "mod3") -> Signal:
+    def signal(self, faults: Sequence[Fault], model: str = "mod3") -> EffectSignal:
         """Simulate an arm with these effects and return how far it is from a plain one that the model describes.
 
         Raises
@@ -86,9 +86,9 @@ class Yardstick:
             # What the smoother leaves of any motion is no effect.
             white, excess = white - self._plain[0], [a - b for a, b in zip(excess, self._plain[1], strict=True)]
         square = np.concatenate(excess) ** 2
-        return Signal(float(np.linalg.norm(white)), float(square.mean(axis=0).sum()))
+        return EffectSignal(float(np.linalg.norm(white)), float(square.mean(axis=0).sum()))
 
-    def _residuals(self, course: Course, faults: Sequence[Fault], model: str) -> tuple[Array, list[Array]]:
+    def _residuals(self, course: TrueChannels, faults: Sequence[Fault], model: str) -> tuple[Array, list[Array]]:
         exact = measure(course, self._robot.joint_names, faults, EXACT, np.random.default_rng(0)).samples()
         pieces = tuple(self._observation.smoother(grid) for grid in Clock.of(exact).place(exact))
         seen = replace(self._observation, pieces=pieces, quiet=pieces)
@@ -96,13 +96,13 @@ class Yardstick:
         return evidence.white, evidence.y
 
 
-def sized(draft: Draft, wanted: float, yardstick: Yardstick) -> tuple[float, Signal]:
+def sized(draft: SampledEffect, wanted: float, detectability: Detectability) -> tuple[float, EffectSignal]:
     """Return the amount of an effect whose distance is the wanted one, within the plausible range, and its signal."""
     low, high = draft.limits()
     amount = float(np.clip(draft.typical(), low, high))
     for _ in range(ROUNDS):
         try:
-            signal = yardstick.signal([draft.sized(amount)])
+            signal = detectability.signal([draft.sized(amount)])
         except SimulationError:
             high = amount = 0.5 * amount
             continue
@@ -110,4 +110,4 @@ def sized(draft: Draft, wanted: float, yardstick: Yardstick) -> tuple[float, Sig
         if abs(better / amount - 1.0) < NEAR:
             return amount, signal
         amount = better
-    return amount, yardstick.signal([draft.sized(amount)])
+    return amount, detectability.signal([draft.sized(amount)])

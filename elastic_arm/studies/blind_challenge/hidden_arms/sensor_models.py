@@ -9,12 +9,12 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 
 from elastic_arm.recording import Recording, Side
-from elastic_arm.studies.blind_challenge.hidden_arms.course import Course
-from elastic_arm.studies.blind_challenge.hidden_arms.laws import SENSOR_EFFECTS, Fault
+from elastic_arm.studies.blind_challenge.hidden_arms.effect_laws import SENSOR_EFFECTS, Fault
+from elastic_arm.studies.blind_challenge.hidden_arms.true_channels import TrueChannels
 
 
 @dataclass(frozen=True)
-class Instruments:
+class SensorModel:
     """Quality of the sensors.
 
     Parameters
@@ -39,7 +39,11 @@ class Instruments:
 
 
 def measure(
-    course: Course, joints: Sequence[str], faults: Sequence[Fault], instruments: Instruments, rng: np.random.Generator
+    course: TrueChannels,
+    joints: Sequence[str],
+    faults: Sequence[Fault],
+    instruments: SensorModel,
+    rng: np.random.Generator,
 ) -> Recording:
     """Return the recording that the sensors make of a course."""
     t = course.t
@@ -100,7 +104,7 @@ def _delays(sensors: Sequence[Fault], channel: str, n: int) -> np.ndarray:
     return delays
 
 
-def _encoder(angle: np.ndarray, instruments: Instruments, rng: np.random.Generator) -> np.ndarray:
+def _encoder(angle: np.ndarray, instruments: SensorModel, rng: np.random.Generator) -> np.ndarray:
     angle = angle + instruments.encoder_noise * rng.standard_normal(angle.shape)
     step = instruments.encoder_step
     return np.round(angle / step) * step if step else angle

@@ -21,20 +21,20 @@ BINS = (0.0, 0.5, 0.8, 0.9, 0.95, 0.99, 1.0)
 
 
 @dataclass(frozen=True)
-class Share:
+class Proportion:
     """Successes of trials."""
 
     hits: int
     trials: int
 
     @staticmethod
-    def of(outcomes: Sequence[Any]) -> Share:
+    def of(outcomes: Sequence[Any]) -> Proportion:
         """Count outcomes that hold."""
-        return Share(sum(bool(o) for o in outcomes), len(outcomes))
+        return Proportion(sum(bool(o) for o in outcomes), len(outcomes))
 
     @property
     def value(self) -> float | None:
-        """Share, None without trials."""
+        """Share of successes, None without trials."""
         return self.hits / self.trials if self.trials else None
 
     @property
@@ -51,7 +51,7 @@ class Share:
 
 
 @dataclass(frozen=True)
-class Curve:
+class DetectionCurve:
     """Probability of detection over the size in multiples of the bound: a logistic function of its logarithm.
 
     Parameters
@@ -73,7 +73,7 @@ class Curve:
         return 1.0 / (1.0 + np.exp(-self.slope * (np.log(multiple) - self.middle)))
 
 
-def detection(multiples: Sequence[float], detected: Sequence[bool]) -> Curve | None:
+def detection(multiples: Sequence[float], detected: Sequence[bool]) -> DetectionCurve | None:
     """Fit the curve of detection; None without cases.
 
     Middle and slope are weighed on a grid by their likelihood, with no preference (in their logarithms), so that cases
@@ -91,7 +91,9 @@ def detection(multiples: Sequence[float], detected: Sequence[bool]) -> Curve | N
     below = np.cumsum(weight.ravel()[order])
     low, median, high = np.interp([0.025, 0.5, 0.975], below / below[-1], smallest[order])
     best = np.unravel_index(np.argmax(likelihood), likelihood.shape)
-    return Curve(float(MIDDLES[best[1]]), float(SLOPES[best[0]]), *(float(np.exp(v)) for v in (median, low, high)))
+    return DetectionCurve(
+        float(MIDDLES[best[1]]), float(SLOPES[best[0]]), *(float(np.exp(v)) for v in (median, low, high))
+    )
 
 
 def calibration(confidences: Sequence[float], right: Sequence[bool]) -> list[dict[str, Any]]:
@@ -101,6 +103,6 @@ def calibration(confidences: Sequence[float], right: Sequence[bool]) -> list[dic
     for low, high in itertools.pairwise(BINS):
         inside = (given >= low) & ((given < high) | (high == BINS[-1]))
         if inside.any():
-            share = Share(int(held[inside].sum()), int(inside.sum()))
+            share = Proportion(int(held[inside].sum()), int(inside.sum()))
             rows.append({"from": low, "to": high, "mean_confidence": float(given[inside].mean()), **share.to_dict()})
     return rows
