@@ -53,13 +53,13 @@ def ours(
     """Job: samples of ten steps under held torques."""
     simulator = Simulator(robot, bearings=bearings, sensors=Sensors.exact(), engine=engine, effects=effects)
     reference = np.zeros((samples, 3 * robot.n))
-    reference[:, 2 * robot.n :] = simulator.carry.command
+    reference[:, 2 * robot.n :] = simulator.state.command
     loop = simulator._loop
     loop.gains[:2] = 0.0
 
     def job() -> int:
         simulator.reset(np.zeros(robot.n))
-        done = simulator.engine.run(loop, reference, simulator.carry)
+        done = simulator.integrator.run(loop, reference, simulator.state)
         return 2 * loop.half_steps * len(done.y)
 
     return job
@@ -110,9 +110,9 @@ def fallen(robot: Robot, step: float, bearings: bool) -> np.ndarray:
     simulator = Simulator(
         robot, bearings=bearings, sensors=Sensors.exact(), rate=rate, substeps=2 * round(0.5 / (rate * step))
     )
-    simulator.carry.y[:] = 0.0
+    simulator.state.y[:] = 0.0
     simulator.drive(np.zeros((round(FALL * rate), robot.n)))
-    return simulator.carry.y[: robot.n].copy()
+    return simulator.state.y[: robot.n].copy()
 
 
 def compare(robot: Robot, bearings: bool) -> None:

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import ctypes
+import functools
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 
-from elastic_arm.codegen.compiler import build_once
-from elastic_arm.codegen.emit_block import block_identity, emit_block
+from elastic_arm.codegen.compiler import build, build_once
+from elastic_arm.codegen.emit_block import LANES, block_identity, emit_block, gram_source
 from elastic_arm.codegen.parallel import in_chunks
 from elastic_arm.codegen.program import Program
 
@@ -41,6 +43,7 @@ class CEngine:
         self.library.dense.argtypes = [ctypes.c_long, _ARRAY, _ARRAY, _ARRAY, ctypes.c_int]
         self.library.prepare_shared.argtypes = [_ARRAY, _ARRAY]
         self.library.prepared_size.restype = ctypes.c_long
+        self.library.information.argtypes = [ctypes.c_long, *[_ARRAY] * 6]
         self._is_shared = [name in set(shared) for name, _ in program.inputs]
 
     def run(self, arrays: Sequence[np.ndarray], outputs: Sequence[np.ndarray], *, fresh: bool) -> None:
@@ -54,6 +57,29 @@ class CEngine:
                 raise MemoryError("no memory for a block of samples")
 
         in_chunks(len(outputs[0]), chunk)
+
+    def row_products(
+        self, arrays: Sequence[np.ndarray], y: np.ndarray, entries: int
+    ) -> list[tuple[np.ndarray, np.ndarray]]:
+        """Return hi, lo (entries, lanes) of each part of the samples, in their order; see :meth:`Kernel.row_products`.
+
+        The order, and so every bit of the sum, does not depend on which thread ends first.
+        """
+        prepared = self.prepare(arrays)
+        accumulate = ctypes.cast(_add_rows(), _ARRAY)
+        sums: dict[int, tuple[np.ndarray, np.ndarray]] = {}
+
+        def chunk(start: int, stop: int) -> None:
+            hi, lo = (self.allocate(entries, LANES) for _ in range(2))
+            hi[:], lo[:] = 0.0, 0.0
+            addresses = [array.ctypes.data for array in (prepared, y[start:stop])]
+            into = [array.ctypes.data for array in (hi, lo)]
+            if self.library.information(stop - start, self.inputs(arrays, start), *addresses, accumulate, *into):
+                raise MemoryError("no memory for a tile of samples")
+            sums[start] = hi, lo
+
+        in_chunks(len(y), chunk)
+        return [sums[start] for start in sorted(sums)]
 
     @staticmethod
     def allocate(samples: int, size: int) -> np.ndarray:
@@ -74,6 +100,11 @@ class CEngine:
         return pointers(
             [array if shared else array[start:] for array, shared in zip(arrays, self._is_shared, strict=True)]
         )
+
+
+@functools.cache
+def _add_rows() -> Any:
+    return build(gram_source()).add_rows
 
 
 def _way(outputs: Sequence[np.ndarray], fresh: bool) -> int:

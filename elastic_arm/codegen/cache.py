@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import contextlib
+import functools
+import hashlib
 import os
 import tempfile
 from collections.abc import Iterator
@@ -37,3 +39,10 @@ def whole(path: Path) -> Iterator[Path]:
         passing.replace(path)
     finally:
         passing.unlink(missing_ok=True)
+
+
+@functools.cache
+def source_digest(*sources: Path) -> str:
+    """Digest of Python files, and of all those below folders: what was derived by other source is derived again."""
+    files = [path for source in sources for path in (sorted(source.rglob("*.py")) if source.is_dir() else [source])]
+    return hashlib.sha256(b"".join(path.read_bytes() for path in files)).hexdigest()

@@ -3,25 +3,33 @@
 from __future__ import annotations
 
 import contextlib
-import functools
 import hashlib
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import casadi as ca
 
-from elastic_arm.codegen.cache import cache_folder, whole
-
-# Whose text shapes the functions: a changed law or recursion must not find what the old one derived.
-_SOURCES = ("codegen", "dynamics", "effects", "simulation")
+from elastic_arm.codegen.cache import cache_folder, source_digest, whole
 
 
-def stored(key: str, derive: Callable[[], list[ca.Function]]) -> list[ca.Function]:
+def stored(key: str, derive: Callable[[], list[ca.Function]], sources: Sequence[Path]) -> list[ca.Function]:
     """Return the functions known under `key`, derived and stored where they are not known yet.
 
-    A cache that cannot be read or written costs time, nothing else.
+    Parameters
+    ----------
+    key
+        Everything that `derive` depends on besides source.
+    derive
+        Called where the functions are not in the cache.
+    sources
+        Python files, or folders of them, that shape the functions: a changed law must not find what the old one gave.
+
+    Notes
+    -----
+    A cache that cannot be read or written costs time, never a result.
     """
-    name = hashlib.sha256(f"{key}:{ca.CasadiMeta.version()}:{_digest()}".encode()).hexdigest()[:32]
+    digest = source_digest(*sources)
+    name = hashlib.sha256(f"{key}:{ca.CasadiMeta.version()}:{digest}".encode()).hexdigest()[:32]
     path = cache_folder() / f"{name}.casadi"
     if path.exists():
         try:
@@ -41,10 +49,3 @@ def _read(path: Path) -> list[ca.Function]:
 def _write(path: Path, functions: list[ca.Function]) -> None:
     serializer = ca.FileSerializer(str(path))
     serializer.pack(functions)  # on disk when the serializer goes
-
-
-@functools.cache
-def _digest() -> str:
-    package = Path(__file__).parent.parent
-    files = sorted(path for folder in _SOURCES for path in (package / folder).rglob("*.py"))
-    return hashlib.sha256(b"".join(path.read_bytes() for path in files)).hexdigest()

@@ -81,6 +81,30 @@ class Kernel:
         shaped = tuple(array.reshape(shape) for array, shape in zip(flat, shapes, strict=True))
         return shaped if len(shaped) > 1 else shaped[0]
 
+    def row_products(
+        self, arrays: Sequence[np.ndarray], y: np.ndarray, entries: int
+    ) -> list[tuple[np.ndarray, np.ndarray]] | None:
+        """Sum the products of each row's structurally non-zero entries, and y, beyond the working precision.
+
+        The matrix itself, the first output, is never stored.
+
+        Parameters
+        ----------
+        arrays
+            Inputs as :meth:`check` returns them.
+        y : (N, rows)
+            A further entry of each row, the last.
+        entries
+            Products in all: those of the lower triangle of each row's matrix, row after row.
+
+        Returns
+        -------
+        list of (hi, lo), or None
+            Each (entries, lanes), of parts of the samples; the sum over parts and lanes is hi + lo. None where the
+            engine has no such sum.
+        """
+        return self.engine.row_products(arrays, y, entries) if isinstance(self.engine, CEngine) else None
+
     def _shapes(self, samples: int) -> list[tuple[int, ...]]:
         return [(samples, out.size) if out.shape[1] == 1 else (samples, *out.shape) for out in self.program.outputs]
 

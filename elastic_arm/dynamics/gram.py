@@ -8,18 +8,11 @@ and only the columns that are not structurally null enter.
 
 from __future__ import annotations
 
-import ctypes
-import functools
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 
-from elastic_arm.codegen.c_engine import CEngine
-from elastic_arm.codegen.compiler import build
-from elastic_arm.codegen.emit_block import LANES, gram_source
 from elastic_arm.codegen.kernels import Kernel
-from elastic_arm.codegen.parallel import in_chunks
 from elastic_arm.dynamics.double_double import Pair, add
 
 _CHUNK = 1024
@@ -75,11 +68,8 @@ class Information:
         measured = np.ascontiguousarray(y, dtype=float)
         if measured.shape != (samples, self.rows):
             raise ValueError(f"y has shape {measured.shape}, but must be {(samples, self.rows)}")
-        engine = self._kernel.engine
-        if isinstance(engine, CEngine):
-            parts = _sum_compiled(engine, ready, measured, len(self._hi))
-        else:
-            parts = self._sum_numpy(arrays, measured)
+        lanes = self._kernel.row_products(ready, measured, len(self._hi))
+        parts = self._sum_numpy(arrays, measured) if lanes is None else map(_sum_lanes, lanes)
         for hi, lo in parts:
             self._hi, self._lo = add((self._hi, self._lo), (hi, lo))
         self.samples += samples
@@ -156,32 +146,10 @@ def _cut(matrix: np.ndarray) -> list[np.ndarray]:
     return slices
 
 
-def _sum_compiled(engine: CEngine, arrays: Sequence[np.ndarray], y: np.ndarray, entries: int) -> list[Pair]:
-    """Sums of each thread's part, lanes added up, in the order of the samples: whichever thread ends first."""
-    prepared = engine.prepare(arrays)
-    sums: dict[int, Pair] = {}
-
-    def chunk(start: int, stop: int) -> None:
-        hi, lo = (engine.allocate(entries, LANES) for _ in range(2))
-        hi[:], lo[:] = 0.0, 0.0
-        information = engine.library.information
-        pointer = ctypes.c_void_p
-        information.argtypes = [ctypes.c_long, *[pointer] * 6]
-        addresses = [array.ctypes.data for array in (prepared, y[start:stop])]
-        accumulate = ctypes.cast(_add_rows(), pointer)
-        if information(
-            stop - start, engine.inputs(arrays, start), *addresses, accumulate, hi.ctypes.data, lo.ctypes.data
-        ):
-            raise MemoryError("no memory for a tile of samples")
-        while hi.shape[1] > 1:
-            half = hi.shape[1] // 2
-            hi, lo = add((hi[:, :half], lo[:, :half]), (hi[:, half:], lo[:, half:]))
-        sums[start] = hi[:, 0], lo[:, 0]
-
-    in_chunks(len(y), chunk)
-    return [sums[start] for start in sorted(sums)]
-
-
-@functools.cache
-def _add_rows() -> Any:
-    return build(gram_source()).add_rows
+def _sum_lanes(part: Pair) -> Pair:
+    """Add up the lanes of hi, lo (entries, lanes)."""
+    hi, lo = part
+    while hi.shape[1] > 1:
+        half = hi.shape[1] // 2
+        hi, lo = add((hi[:, :half], lo[:, :half]), (hi[:, half:], lo[:, half:]))
+    return hi[:, 0], lo[:, 0]

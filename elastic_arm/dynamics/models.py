@@ -1,8 +1,9 @@
-"""An arm's equations of motion over arrays of samples: the door to this room."""
+"""An arm's equations of motion over arrays of samples."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -19,6 +20,8 @@ if TYPE_CHECKING:
     import casadi
 
 Columns = Sequence[int] | NDArray[np.intp]
+# What shapes a derived program besides the bodies.
+_DERIVED_BY = tuple(Path(__file__).with_name(f"{name}.py") for name in ("bodies", "recursion", "derivation"))
 TERMS = ("M", "S", "B", "c", "c1", "c2", "g")
 
 
@@ -158,7 +161,7 @@ class Model:
         """Compiled function of that name; of the regressor, only `columns`."""
         key = (name, None if columns is None else tuple(int(c) for c in columns))
         if key not in self._kernels:
-            program = cached_program(f"{name}:{self.bodies.fingerprint()}", lambda: self.function(name))
+            program = cached_program(f"{name}:{self.bodies.fingerprint()}", lambda: self.function(name), _DERIVED_BY)
             if key[1] is not None:
                 program = program.columns("Phi", key[1])
             self._kernels[key] = kernels.make(program, self._engine, shared=("Psi",))

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
 from elastic_arm.codegen import kernels
-from elastic_arm.codegen.recursion import Scan
+from elastic_arm.codegen.recursion import Recursion
 from elastic_arm.effects.equations import ArmEquations
 from elastic_arm.effects.model import Effect, EffectInstance, Parameter, Role, Scope
 from elastic_arm.effects.motion import Contribution, SymbolicMotion
@@ -224,7 +224,7 @@ class _Compiled:
     kernel: kernels.Kernel
     places: NDArray[np.intp]
     searched: int
-    rates: Scan | None = None
+    rates: Recursion | None = None
 
     def states(self, signals: Signals, searched: Array) -> Array:
         """Run the internal states (N, s) over the samples, by the exponential Euler rule."""
@@ -274,7 +274,7 @@ def _compile(feature: Feature) -> _Compiled:
     kernel = kernels.compile(function, "numpy", shared=("searched",)) if kept else None
     rates = None
     if states:
-        rates = _scan(contribution, states, symbols, argument, equations)
+        rates = _recursion(contribution, states, symbols, argument, equations)
     return _Compiled(kernel, np.array(kept, dtype=int), searched.numel(), rates)  # type: ignore[arg-type]
 
 
@@ -306,7 +306,9 @@ def _columns(feature: Feature, rows: Any, numbers: Mapping[str, Any]) -> Any:
     )
 
 
-def _scan(contribution: Contribution, states: Mapping[str, Any], symbols: Any, searched: Any, equations: Any) -> Scan:
+def _recursion(
+    contribution: Contribution, states: Mapping[str, Any], symbols: Any, searched: Any, equations: Any
+) -> Recursion:
     """One step of the internal states: exact where their rate is linear in them over the step."""
     z = ca.vertcat(*states.values())
     rate = ca.vertcat(*(contribution.rates[name] for name in states))
@@ -317,4 +319,4 @@ def _scan(contribution: Contribution, states: Mapping[str, Any], symbols: Any, s
     factor = ca.if_else(ca.fabs(stiffness) < 1e-8, 1.0, ca.expm1(stiffness) / (stiffness + (ca.fabs(stiffness) < 1e-8)))
     arguments, constants = ca.vertcat(*symbols.values()), ca.vertcat(searched, h)
     step = ca.Function("step", [z, arguments, constants], [z + h * factor * rate])
-    return Scan(step)
+    return Recursion(step)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import OrderedDict
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Any
 
 import casadi as ca
@@ -18,6 +19,8 @@ from elastic_arm.effects.model import EffectInstance
 from elastic_arm.effects.motion import Contribution, SymbolicMotion
 
 SX = ca.SX
+# Folders of what shapes the functions that are kept on disk.
+SOURCES = tuple(Path(__file__).parents[1] / name for name in ("codegen", "dynamics", "effects", "simulation"))
 
 
 @dataclass(frozen=True)
@@ -39,7 +42,7 @@ class System:
     friction
         (x, dx, z, tau_m, Psi, p, speed) -> derivative of the left side by the signs of the velocities (dof, 2n), and
         the mass matrix.
-    engines
+    integrators
         Made of it so far, by name; shared by all systems of its shape.
     """
 
@@ -50,7 +53,7 @@ class System:
     balance: ca.Function
     stiffness_of_balance: ca.Function
     friction: ca.Function
-    engines: dict[str, Any]
+    integrators: dict[str, Any]
 
     @property
     def n(self) -> int:
@@ -83,9 +86,11 @@ def assemble(equations: ArmEquations, instances: Sequence[EffectInstance]) -> Sy
     shape, acting = _shape(equations, instances), EffectSet(instances, equations.robot)
     if shape not in _known:
         # On disk an arm of its own is worth keeping; every arm with effects and numbers of its own would fill it.
-        functions = _derive(equations, acting) if instances else stored(shape, lambda: _derive(equations, acting))
+        functions = (
+            _derive(equations, acting) if instances else stored(shape, lambda: _derive(equations, acting), SOURCES)
+        )
         named: dict[str, Any] = dict(zip(_DERIVED, functions, strict=True))
-        _known[shape] = System(equations, acting, engines={}, **named)
+        _known[shape] = System(equations, acting, integrators={}, **named)
         if len(_known) > _MOST_KNOWN:
             _known.popitem(last=False)
     return replace(_known[shape], equations=equations, acting=acting)

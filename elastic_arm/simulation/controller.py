@@ -13,6 +13,7 @@ from elastic_arm.codegen.function_cache import stored
 from elastic_arm.effects.equations import ArmEquations
 from elastic_arm.errors import SimulationError
 from elastic_arm.robot import Robot
+from elastic_arm.simulation.assembly import SOURCES
 
 Array = NDArray[np.float64]
 Feedforward = Callable[[Array, Array, Array], Array]
@@ -126,7 +127,7 @@ def _together(equations: ArmEquations) -> ca.Function:
     """(q, dq, ddq, Psi) -> sum of both sides' torques (n,) when link and motor move alike."""
     shape = equations.bodies.fingerprint()
     if shape not in _known:
-        (_known[shape],) = stored(f"together:{shape}", lambda: [_derive_together(equations)])
+        (_known[shape],) = stored(f"together:{shape}", lambda: [_derive_together(equations)], SOURCES)
     return _known[shape]
 
 

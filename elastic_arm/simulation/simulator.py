@@ -16,8 +16,8 @@ from elastic_arm.robot import Robot
 from elastic_arm.sensors import SensorBank, Sensors
 from elastic_arm.simulation.assembly import System, assemble
 from elastic_arm.simulation.controller import Controller, tuned
-from elastic_arm.simulation.engine import Carry, Course, Loop, make_engine
 from elastic_arm.simulation.equilibrium import equilibrium
+from elastic_arm.simulation.integrator import ClosedLoop, IntegratorState, Solution, make_integrator
 
 Array = NDArray[np.float64]
 
@@ -146,7 +146,7 @@ class Simulator:
             active.joint_indices(self.robot)
             stage = active.effect.enter(stage, active)
         self.system: System = assemble(ArmEquations(stage.robot, self._model, bearings=stage.bearings), stage.laws)
-        self.engine = make_engine(self.system, self._engine_name)
+        self.integrator = make_integrator(self.system, self._engine_name)
         self.sensors = SensorBank(stage.sensors, self.robot.n, self.rate, self._rng)
 
     def reset(self, q0: Array, dq0: Array | None = None) -> None:
@@ -165,9 +165,9 @@ class Simulator:
         constants = self.system.evaluate_constants(self.sign_speed)
         limits = [np.inf if j.limits.torque is None else j.limits.torque for j in self.robot.joints]
         gains = np.array([self.controller.kp, self.controller.kd, limits])
-        self._loop = Loop(constants, gains, 1.0 / self.rate, self._substeps // 2)
+        self._loop = ClosedLoop(constants, gains, 1.0 / self.rate, self._substeps // 2)
         self.place(x[:n], x[n : 2 * n], dq0, dq0, command=hold, z=z)
-        self.carry.y[2 * n : len(x)] = x[2 * n :]
+        self.state.y[2 * n : len(x)] = x[2 * n :]
 
     @property
     def t(self) -> float:
@@ -222,7 +222,7 @@ class Simulator:
         z = np.zeros(self.system.states) if z is None else np.asarray(z, dtype=float)
         held = np.zeros(self.robot.n) if command is None else np.array(command, dtype=float)
         tau_J = np.array(self.system.accelerations(x, dx, z, held, self._loop.constants)[2]).ravel()
-        self.carry = Carry(np.concatenate([x, dx, z]), 0.5 * tau_J / self.rate, held)
+        self.state = IntegratorState(np.concatenate([x, dx, z]), 0.5 * tau_J / self.rate, held)
 
     def change_effects(self, effects: Sequence[EffectInstance]) -> None:
         """Go on from the present motion with other effects; internal states of effects start anew.
@@ -242,34 +242,34 @@ class Simulator:
             raise
 
     def _change_effects(self, effects: Sequence[EffectInstance]) -> None:
-        x, dx = (self.carry.y[k * self.system.dof : (k + 1) * self.system.dof] for k in (0, 1))
-        command, half = self.carry.command, self.carry.half
+        x, dx = (self.state.y[k * self.system.dof : (k + 1) * self.system.dof] for k in (0, 1))
+        command, half = self.state.command, self.state.half
         self._build(effects)
         dof = self.system.dof
         x, dx = (np.pad(values[:dof], (0, max(0, dof - len(values)))) for values in (x, dx))
         self.reset(x[self.robot.n : 2 * self.robot.n] if self.robot.elastic else x)
-        self.carry = Carry(np.concatenate([x, dx, np.zeros(self.system.states)]), half, command)
+        self.state = IntegratorState(np.concatenate([x, dx, np.zeros(self.system.states)]), half, command)
 
-    def _advance(self, loop: Loop, reference: Array) -> tuple[Truth, dict[str, Array]]:
-        course = self.engine.run(loop, reference, self.carry)
-        if len(course.y) < len(reference):
-            self._explain(course)
-        truth = self._truth(course)
-        self._samples += len(course.y)
+    def _advance(self, loop: ClosedLoop, reference: Array) -> tuple[Truth, dict[str, Array]]:
+        solution = self.integrator.run(loop, reference, self.state)
+        if len(solution.y) < len(reference):
+            self._explain(solution)
+        truth = self._truth(solution)
+        self._samples += len(solution.y)
         return truth, self.sensors.read(truth.channels())
 
-    def _truth(self, course: Course) -> Truth:
+    def _truth(self, solution: Solution) -> Truth:
         dof = self.system.dof
-        t = (self._samples + np.arange(len(course.y))) / self.rate
-        x, dx, z = course.y[:, :dof], course.y[:, dof : 2 * dof], course.y[:, 2 * dof :]
-        return Truth(t, x, dx, z, course.tau_J, course.tau_m, course.command, self.robot.n)
+        t = (self._samples + np.arange(len(solution.y))) / self.rate
+        x, dx, z = solution.y[:, :dof], solution.y[:, dof : 2 * dof], solution.y[:, 2 * dof :]
+        return Truth(t, x, dx, z, solution.tau_J, solution.tau_m, solution.command, self.robot.n)
 
-    def _explain(self, course: Course) -> None:
+    def _explain(self, solution: Solution) -> None:
         """Name time and joint of a motion that left the finite numbers."""
-        last = course.y[-1] if len(course.y) else self.carry.y
+        last = solution.y[-1] if len(solution.y) else self.state.y
         dof, n = self.system.dof, self.robot.n
         joint = self.robot.joint_names[int(np.nan_to_num(np.abs(last[dof : 2 * dof]), nan=np.inf).argmax()) % n]
-        time = (self._samples + len(course.y)) / self.rate
+        time = (self._samples + len(solution.y)) / self.rate
         raise SimulationError(
             f"the motion left the finite numbers {time:.3f} s after the start, first at {joint}",
             "Take more substeps, weaker gains of the controller, or check the effects: "

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from elastic_arm.codegen import recursion as scan
+from elastic_arm.codegen import recursion
 from elastic_arm.diagnosis import inquiry
 from elastic_arm.diagnosis.inference.estimates import ParameterEstimate, certain, differs, estimates
 from elastic_arm.diagnosis.inference.excess import CLEAR, ResidualStatistics, band_of_largest_excess, select_band
@@ -191,9 +191,9 @@ def test_internal_states_are_the_same_without_a_compiler(samples: int, monkeypat
         expected.append(now)
         first = constants[0] * now[0] + one[0] - 0.1 * abs(one[1]) * now[0]
         now = np.array([first, constants[1] * now[1] + now[0] * one[2]])
-    compiled = scan.Scan(step).run(arguments, constants)
-    monkeypatch.setattr(scan, "find_compiler", lambda: None)
-    plain = scan.Scan(step)
+    compiled = recursion.Recursion(step).run(arguments, constants)
+    monkeypatch.setattr(recursion, "find_compiler", lambda: None)
+    plain = recursion.Recursion(step)
     assert plain._compiled is None
     for found in (compiled, plain.run(arguments, constants)):
         np.testing.assert_allclose(found, expected, rtol=1e-12, atol=1e-12)

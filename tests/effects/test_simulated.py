@@ -225,7 +225,7 @@ def test_dry_friction_holds_a_joint_nearly_still(arm):
     """A torque below Coulomb's leaves the vertical axis creeping below the regularisation speed; one above moves it."""
     simulator = Simulator(arm, effects=[parse("coulomb_friction:joint_1:torque=20")], sensors=Sensors.exact())
     push = np.array([10.0, 0.0, 0.0])
-    held, _ = simulator.drive(np.tile(simulator.carry.command + push, (500, 1)))
+    held, _ = simulator.drive(np.tile(simulator.state.command + push, (500, 1)))
     assert np.abs(held.dtheta[:, 0]).max() < simulator.sign_speed[3]
     moved, _ = simulator.drive(np.tile(held.command[-1] + 2 * push, (500, 1)))
     assert moved.dtheta[-1, 0] > 100 * simulator.sign_speed[3]
@@ -237,7 +237,7 @@ def test_friction_that_outruns_the_integrator_is_widened(arm):
     simulator = Simulator(light, effects=[parse("coulomb_friction:joint_1:torque=20")], sensors=Sensors.exact())
     assert simulator.sign_speed[3] > 1e-3 and simulator.sign_speed[4] == 1e-4
     push = np.array([10.0, 0.0, 0.0])
-    truth, _ = simulator.drive(np.tile(simulator.carry.command + push, (300, 1)))
+    truth, _ = simulator.drive(np.tile(simulator.state.command + push, (300, 1)))
     assert np.abs(np.diff(truth.dtheta[-50:, 0])).max() < 1e-6
 
 
@@ -298,8 +298,8 @@ def test_bearing_compliance_frees_the_tilts(arm):
 def test_a_tilted_base_loads_the_vertical_axis(arm):
     """At rest a tilt shows on the first joint, which gravity otherwise cannot reach."""
     q0 = np.array([0.5, 0.5, 0.5])
-    level = Simulator(arm, sensors=Sensors.exact(), q0=q0).carry.command
-    tilted = Simulator(arm, effects=[parse("base_tilt:x=0.02")], sensors=Sensors.exact(), q0=q0).carry.command
+    level = Simulator(arm, sensors=Sensors.exact(), q0=q0).state.command
+    tilted = Simulator(arm, effects=[parse("base_tilt:x=0.02")], sensors=Sensors.exact(), q0=q0).state.command
     assert abs(level[0]) < 1e-9 and abs(tilted[0]) > 1.0
 
 

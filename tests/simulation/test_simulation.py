@@ -98,7 +98,7 @@ def test_motion_agrees_with_pinocchio(arm, bearings):
     """An arm of separate bodies in Pinocchio, reduced by its gears, moves alike under the same torques."""
     tree = KinematicTree(arm, bearings=bearings)
     simulator = Simulator(arm, bearings=bearings, sensors=Sensors.exact(), q0=swing().q0, substeps=20)
-    command = np.random.default_rng(0).normal(0, 60.0, (60, 3)) + simulator.carry.command
+    command = np.random.default_rng(0).normal(0, 60.0, (60, 3)) + simulator.state.command
     truth, _ = simulator.drive(command)
     dof = truth.x.shape[1]
 
@@ -191,7 +191,7 @@ def test_without_a_compiler_the_simulation_works_and_says_that_it_is_slower(arm,
     """No compiler: another engine, and a warning with the remedy."""
     monkeypatch.setenv("CC", "")
     simulator = Simulator(arm, q0=np.zeros(3))
-    assert simulator.engine.name == "casadi"
+    assert simulator.integrator.name == "casadi"
     assert "slower" in caplog.text
     truth, _ = simulator.follow(*reference(0.02))
     assert np.isfinite(truth.x).all()
@@ -218,7 +218,7 @@ def test_the_arm_starts_in_equilibrium(arm, bearings):
     """Held by the torque of its start, the arm hangs in its drives and does not move."""
     q0 = np.array([0.3, -0.4, 0.5])
     simulator = Simulator(arm, bearings=bearings, sensors=Sensors.exact(), q0=q0)
-    truth, _ = simulator.drive(np.tile(simulator.carry.command, (200, 1)))
+    truth, _ = simulator.drive(np.tile(simulator.state.command, (200, 1)))
     assert np.abs(truth.x - truth.x[0]).max() < 1e-10
     assert np.abs(truth.q[0] - q0).max() > 1e-4
     gravity = build_model(arm).terms(truth.x[:1, :6], np.zeros((1, 6)))["g"]
@@ -271,7 +271,7 @@ def test_the_tuned_controller_is_stable_at_every_ratio_and_rate(arm, ratio, rate
     robot = arm.with_ratio(ratio)
     still = np.tile(swing().q0, (round(4 * rate), 1))
     simulator = Simulator(robot, sensors=Sensors.exact(), rate=rate, substeps=int(10000 / rate), q0=still[0])
-    simulator.carry.y[6:12] += 0.05
+    simulator.state.y[6:12] += 0.05
     truth, _ = simulator.follow(still, 0 * still, 0 * still)
     excursion = np.abs(truth.theta - truth.theta[-1])
     assert excursion[-len(still) // 8 :].max() < 0.1 * excursion.max()
@@ -303,7 +303,7 @@ def test_effects_change_while_the_arm_moves(arm):
     q, dq, ddq = reference(0.6)
     simulator = Simulator(arm, sensors=Sensors.exact(), q0=swing().q0)
     simulator.follow(q[:300], dq[:300], ddq[:300])
-    before = simulator.carry.y.copy()
+    before = simulator.state.y.copy()
     simulator.change_effects([parse("hysteresis:joint_2:torque=5,width=1e-4"), parse("bearing_compliance")])
     truth, _ = simulator.follow(q[300:], dq[300:], ddq[300:])
     assert np.array_equal(truth.x[0, :6], before[:6]) and np.array_equal(truth.dx[0, :6], before[6:12])
@@ -397,12 +397,12 @@ def test_derived_functions_are_found_again(tmp_path, monkeypatch):
         derived.append(1)
         return [ca.Function("f", [x], [2 * x]), ca.Function("g", [x], [ca.sin(x)])]
 
-    stored("key", derive)
-    f, g = stored("key", derive)
+    stored("key", derive, ())
+    f, g = stored("key", derive, ())
     assert len(derived) == 1 and float(f(3)) == 6 and float(g(0)) == 0
     (file,) = tmp_path.glob("*.casadi")
     file.write_bytes(file.read_bytes()[:40])
-    f, _ = stored("key", derive)
+    f, _ = stored("key", derive, ())
     assert len(derived) == 2 and float(f(3)) == 6
 
 

@@ -1,4 +1,4 @@
-"""Engines that run a closed loop from sample to sample: in C, and without a compiler in CasADi's own machine (slower).
+"""Integrators of a closed loop from sample to sample: in C, and without a compiler by CasADi's interpreter (slower).
 
 Both integrate with the classical Runge-Kutta scheme of fourth order and hold the command between samples. The mean of
 tau_J over a sample interval is a state of its own, so it is as exact as the motion.
@@ -16,9 +16,8 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
-from elastic_arm.codegen.compiler import build, find_compiler
-from elastic_arm.codegen.emit_c import emit_scalar
-from elastic_arm.codegen.program import from_casadi
+from elastic_arm.codegen.compiler import find_compiler
+from elastic_arm.codegen.loop import build_loop
 from elastic_arm.errors import SimulationError
 from elastic_arm.simulation.assembly import System
 
@@ -27,7 +26,7 @@ log = logging.getLogger(__name__)
 
 
 @dataclass
-class Carry:
+class IntegratorState:
     """What passes from one sample to the next.
 
     Parameters
@@ -46,8 +45,18 @@ class Carry:
 
 
 @dataclass(frozen=True)
-class Course:
-    """What happened at each sample: y (N, 2 dof + states), and (N, n) in Nm the means and the command that follows."""
+class Solution:
+    """The motion at each sample, and the torques around it.
+
+    Parameters
+    ----------
+    y : (N, 2 dof + states)
+        As in :class:`IntegratorState`.
+    tau_J, tau_m : (N, n)
+        Means over the sample interval centred on the sample, Nm.
+    command : (N, n)
+        Motor torque held from the sample on, Nm.
+    """
 
     y: Array
     tau_J: Array
@@ -56,8 +65,20 @@ class Course:
 
 
 @dataclass(frozen=True)
-class Loop:
-    """What holds during a run: constants of the system, gains (3, n) of kp, kd and torque limit, period (s), steps."""
+class ClosedLoop:
+    """What does not change during a run.
+
+    Parameters
+    ----------
+    constants
+        Of the system, as its function of that name gives them.
+    gains : (3, n)
+        kp in Nm/rad, kd in Nms/rad, torque limit in Nm.
+    period
+        Of the samples, s.
+    half_steps
+        Integration steps in half a period.
+    """
 
     constants: Array
     gains: Array
@@ -65,25 +86,25 @@ class Loop:
     half_steps: int
 
 
-class Engine(Protocol):
-    """Runs samples."""
+class Integrator(Protocol):
+    """Advances a closed loop over samples."""
 
     name: str
 
-    def run(self, loop: Loop, reference: Array, carry: Carry) -> Course:
-        """Advance `carry` over `reference` (N, 3n): theta, dtheta, feed-forward torque.
+    def run(self, loop: ClosedLoop, reference: Array, state: IntegratorState) -> Solution:
+        """Advance `state` over `reference` (N, 3n): theta, dtheta, feed-forward torque.
 
-        Where numbers stop being finite the course ends early.
+        Where numbers stop being finite the solution ends early.
         """
 
 
-def make_engine(system: System, name: str | None = None) -> Engine:
-    """Return the engine "c" or "casadi"; the fastest that this machine has when None.
+def make_integrator(system: System, name: str | None = None) -> Integrator:
+    """Return the integrator "c" or "casadi"; the faster that this machine has when None.
 
     Raises
     ------
     SimulationError
-        If there is no engine of that name.
+        If there is no integrator of that name.
     """
     if name not in (None, "c", "casadi"):
         raise SimulationError(f"there is no engine {name!r}", "Choose c or casadi, or None for the faster one.")
@@ -91,13 +112,13 @@ def make_engine(system: System, name: str | None = None) -> Engine:
         name = "c" if find_compiler() else "casadi"
         if name == "casadi":
             log.warning("no C compiler was found: the simulation runs about fifty times slower. Install gcc or clang.")
-    if name not in system.engines:
-        system.engines[name] = CEngine(system) if name == "c" else CasadiEngine(system)
-    engine: Engine = system.engines[name]
-    return engine
+    if name not in system.integrators:
+        system.integrators[name] = CompiledIntegrator(system) if name == "c" else CasadiIntegrator(system)
+    integrator: Integrator = system.integrators[name]
+    return integrator
 
 
-class CEngine:
+class CompiledIntegrator:
     """All samples in one call of compiled, straight-line code."""
 
     name = "c"
@@ -110,31 +131,29 @@ class CEngine:
             "JOINTS": system.n,
             "CONSTANTS": system.constants.numel_out(0),
         }
-        source = emit_scalar(from_casadi(system.accelerations), "accelerations")
-        source += "".join(f"#define {name} {size}\n" for name, size in sizes.items())
-        source += (resources.files("elastic_arm.simulation") / "rollout.c").read_text(encoding="utf-8")
-        self._rollout = build(source).rollout
+        loop = (resources.files("elastic_arm.simulation") / "rollout.c").read_text(encoding="utf-8")
+        self._rollout = build_loop(system.accelerations, "accelerations", loop, sizes).rollout
         self._rollout.argtypes = [ctypes.c_long, ctypes.c_long, ctypes.c_double, *[ctypes.c_void_p] * 5]
         self._rollout.restype = ctypes.c_long
 
-    def run(self, loop: Loop, reference: Array, carry: Carry) -> Course:
-        """See :meth:`Engine.run`."""
+    def run(self, loop: ClosedLoop, reference: Array, state: IntegratorState) -> Solution:
+        """See :meth:`Integrator.run`."""
         ode, n = self._ode, self._n
-        state = np.concatenate([carry.y, carry.half, carry.command])
+        passed = np.concatenate([state.y, state.half, state.command])
         out = np.empty((len(reference), ode + 3 * n))
-        arrays = [np.ascontiguousarray(a, dtype=float) for a in (loop.constants, loop.gains, reference, state)]
+        arrays = [np.ascontiguousarray(a, dtype=float) for a in (loop.constants, loop.gains, reference, passed)]
         addresses = [a.ctypes.data for a in (*arrays, out)]
         done = self._rollout(len(reference), loop.half_steps, loop.period, *addresses)
-        state = arrays[-1]
-        carry.y, carry.half, carry.command = state[:ode], state[ode : ode + n], state[ode + n :]
-        return _course(out[:done], ode, n)
+        passed = arrays[-1]
+        state.y, state.half, state.command = passed[:ode], passed[ode : ode + n], passed[ode + n :]
+        return _solution(out[:done], ode, n)
 
 
-def _course(rows: Array, ode: int, n: int) -> Course:
-    return Course(rows[:, :ode], rows[:, ode : ode + n], rows[:, ode + n : ode + 2 * n], rows[:, ode + 2 * n :])
+def _solution(rows: Array, ode: int, n: int) -> Solution:
+    return Solution(rows[:, :ode], rows[:, ode : ode + n], rows[:, ode + n : ode + 2 * n], rows[:, ode + 2 * n :])
 
 
-class CasadiEngine:
+class CasadiIntegrator:
     """One call a half interval; needs no compiler."""
 
     name = "casadi"
@@ -157,8 +176,8 @@ class CasadiEngine:
         self._step = step
         self._half: dict[int, ca.Function] = {}
 
-    def run(self, loop: Loop, reference: Array, carry: Carry) -> Course:
-        """See :meth:`Engine.run`."""
+    def run(self, loop: ClosedLoop, reference: Array, state: IntegratorState) -> Solution:
+        """See :meth:`Integrator.run`."""
         n, ode = self._n, self._ode
         motor = n if self._dof > n else 0
         half = self._half.setdefault(loop.half_steps, self._step.fold(loop.half_steps))
@@ -166,7 +185,7 @@ class CasadiEngine:
         kp, kd, limit = loop.gains
         rows = []
         for theta, dtheta, torque in reference.reshape(len(reference), 3, n):
-            y = carry.y
+            y = state.y
             torque = torque + kp * (theta - y[motor : motor + n])
             torque = torque + kd * (dtheta - y[self._dof + motor : self._dof + motor + n])
             command = np.clip(torque, -limit, limit)
@@ -174,7 +193,7 @@ class CasadiEngine:
             end = np.array(half(np.append(middle[:ode], np.zeros(n)), command, loop.constants, h)).ravel()
             if not np.isfinite(end).all():
                 break
-            mean_J = (carry.half + middle[ode:]) / loop.period
-            rows.append(np.concatenate([y, mean_J, 0.5 * (carry.command + command), command]))
-            carry.y, carry.half, carry.command = end[:ode], end[ode:], command
-        return _course(np.array(rows).reshape(-1, ode + 3 * n), ode, n)
+            mean_J = (state.half + middle[ode:]) / loop.period
+            rows.append(np.concatenate([y, mean_J, 0.5 * (state.command + command), command]))
+            state.y, state.half, state.command = end[:ode], end[ode:], command
+        return _solution(np.array(rows).reshape(-1, ode + 3 * n), ode, n)
