@@ -21,8 +21,8 @@ from rosbags.highlevel import AnyReader
 
 from benchmarks.bench_regressor import PinocchioLoop
 from elastic_arm.dynamics import Model, build_model
-from elastic_arm.estimation.equations import Equations
-from elastic_arm.estimation.smoother import Motion
+from elastic_arm.estimation.base_regression import BaseRegression
+from elastic_arm.estimation.motion import Motion
 from elastic_arm.identification import identify
 from elastic_arm.identification.least_squares import Blocks, fit
 from elastic_arm.recording import Recording, Side, read_recording, write_recording
@@ -66,8 +66,8 @@ class FromArrays:
 
     def __init__(self, model: Model, count: int) -> None:
         self.model = model
-        self.columns = Equations(model, ("q", "theta", "tau_m")).base.columns
-        self.true = Equations(model, ("q", "theta", "tau_m")).base.T @ model.Psi
+        self.columns = BaseRegression(model, ("q", "theta", "tau_m")).base.columns
+        self.true = BaseRegression(model, ("q", "theta", "tau_m")).base.T @ model.Psi
         motion = random_motion(model, count, np.random.default_rng(0))
         self.states = [
             np.hstack([getattr(motion, rate + "q"), getattr(motion, rate + "theta")]) for rate in ("", "d", "dd")

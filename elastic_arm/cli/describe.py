@@ -16,7 +16,7 @@ from elastic_arm.dynamics import build_model
 from elastic_arm.effects import robot_effects
 from elastic_arm.errors import EffectError, OutputError
 from elastic_arm.estimation.base_parameters import BaseParameters
-from elastic_arm.estimation.equations import Equations
+from elastic_arm.estimation.base_regression import BaseRegression
 from elastic_arm.robot import Robot, load_robot, robot_to_dict, to_urdf
 
 RobotFile = Annotated[Path | None, typer.Option("--robot", help="Arm file or URDF; the nominal arm by default.")]
@@ -77,7 +77,7 @@ def load_arm(path: Path | None) -> Robot:
 def base_of(model: Any) -> BaseParameters:
     """Return the base parameters of (10): both encoders and the motor torque."""
     channels = ("q", "theta", "tau_m") if model.robot.elastic else ("q", "tau_m")
-    return Equations(model, channels, joints=model.robot.joint_names).base
+    return BaseRegression(model, channels, joints=model.robot.joint_names).base
 
 
 def _print_robot(robot: Robot) -> None:

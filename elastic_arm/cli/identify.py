@@ -15,8 +15,8 @@ from rich.table import Table
 from elastic_arm.cli.console import err, out, print_json, refuse_repeated, reports_errors, spare
 from elastic_arm.cli.describe import RobotFile, load_arm
 from elastic_arm.cli.outputs import Force, claim_folder
-from elastic_arm.estimation.equations import Equations
-from elastic_arm.estimation.smoother import Motion
+from elastic_arm.estimation.base_regression import BaseRegression
+from elastic_arm.estimation.motion import Motion
 from elastic_arm.formatting import rounded
 from elastic_arm.identification import Estimate, Identification, identify_with, parse_laws
 from elastic_arm.recording import ChannelMap, Recording, load_channels, read_recording
@@ -107,7 +107,7 @@ def identify(
         _print(result, out_dir)
 
 
-def _write(result: Identification, sections_of: tuple[Equations, Motion], out_dir: Path) -> None:
+def _write(result: Identification, sections_of: tuple[BaseRegression, Motion], out_dir: Path) -> None:
     # Matplotlib is slow to import, and only reports need it.
     from elastic_arm.report.html import write_report
     from elastic_arm.report.identification import sections

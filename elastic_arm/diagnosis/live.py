@@ -21,8 +21,10 @@ from elastic_arm.dynamics import build_model
 from elastic_arm.effects.text import known_effects
 from elastic_arm.errors import DiagnosisError
 from elastic_arm.estimation.band import Band, LowPass
+from elastic_arm.estimation.equations import EquationSet
 from elastic_arm.estimation.observation import observe, widest_band
-from elastic_arm.estimation.residuals import Layout, noise_model, residuals
+from elastic_arm.estimation.residuals import residuals
+from elastic_arm.estimation.whitening import noise_model
 from elastic_arm.recording import Recording, Samples, Side
 from elastic_arm.robot import load_robot
 
@@ -153,7 +155,7 @@ class LiveDiagnosis:
         """
         model = self._model
         observation = observe(usable(recording.select(self.question.robot.joint_names)))
-        layout = Layout.of(observation.pieces[0], model.n)
+        layout = EquationSet.direct(observation.pieces[0].recorded, model.n)
         alone = len(layout.sides) == 1 and model.robot.elastic
         widest = widest_band(observation.rate)
         band = Band(min(widest, ONE_ENCODER) if alone else widest, observation.rate)

@@ -20,8 +20,8 @@ from elastic_arm.effects import EFFECTS, Effect, EffectInstance, robot_effects
 from elastic_arm.effects.equations import ArmEquations
 from elastic_arm.errors import DiagnosisError
 from elastic_arm.estimation.band import Band
+from elastic_arm.estimation.equations import EquationSet
 from elastic_arm.estimation.observation import Observation, observe, widest_band
-from elastic_arm.estimation.residuals import Layout
 from elastic_arm.estimation.whitening import WhitenedData
 from elastic_arm.recording import Recording
 from elastic_arm.robot import Robot
@@ -108,9 +108,9 @@ def diagnose(recordings: Sequence[Recording], question: Question, validate: Sequ
     )
 
 
-def _common(observations: Sequence[Observation], n: int, *, elastic: bool) -> tuple[Layout, Band]:
+def _common(observations: Sequence[Observation], n: int, *, elastic: bool) -> tuple[EquationSet, Band]:
     """Return equations and band that all recordings allow."""
-    layouts = [Layout.of(o.pieces[0], n) for o in observations]
+    layouts = [EquationSet.direct(o.pieces[0].recorded, n) for o in observations]
     if any(layout.sides != layouts[0].sides for layout in layouts):
         raise DiagnosisError(
             "the recordings do not hold the same channels", "Diagnose those with equal channels together"

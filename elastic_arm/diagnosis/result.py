@@ -12,7 +12,7 @@ import numpy as np
 
 from elastic_arm.diagnosis.inference.estimates import ParameterEstimate
 from elastic_arm.errors import DiagnosisError
-from elastic_arm.estimation.residuals import SIDES
+from elastic_arm.estimation.equations import SIDES
 
 if TYPE_CHECKING:
     from elastic_arm.diagnosis.context import DiagnosisContext

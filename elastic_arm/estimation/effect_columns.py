@@ -22,7 +22,7 @@ from elastic_arm.effects.equations import ArmEquations
 from elastic_arm.effects.model import Effect, EffectInstance, Parameter, Role, Scope
 from elastic_arm.effects.motion import Contribution, SymbolicMotion
 from elastic_arm.errors import EffectError
-from elastic_arm.estimation.residuals import CompletedMotion
+from elastic_arm.estimation.motion import CompletedMotion
 
 Array = NDArray[np.float64]
 INPUTS = ("x", "dx", "ddx", "tau_J", "tau_m", "dtau_J", "dtau_m", "sign_link", "sign_motor")

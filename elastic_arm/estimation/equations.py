@@ -1,249 +1,180 @@
-"""Which equations a recording allows, and their rows.
+"""Which equations the recorded channels allow, as combinations of three residual rows a joint.
 
-With both encoders the rows are the two lines of (1), and a third where joint torque sensors exist::
+With every channel recorded there are three residuals of each joint, from (1) and the drive's law::
 
-    link    0     = M q'' + S theta'' + c + c1 + g + K (q - theta) + D (q' - theta')
-    motor   tau_m = S' q'' + B theta'' + c2 + K (theta - q) + D (theta' - q')
-    drive   tau_J = K (theta - q) + D (theta' - q')
+    link    tau_J - (M q'' + S theta'' + c + c1 + g)
+    drive   tau_J - K (theta - q) - D (theta' - q')
+    motor   tau_m - (S' q'' + B theta'' + c2) - tau_J
 
-Written so, the noises of the three are independent: encoders in the first, motor torque in the second, joint torque in
-the third. The first two alone are (10). With the encoders of one side only, theta = q, and what remains is
+A missing channel cancels from some combinations of them and spoils the others. Of those that remain an
+:class:`EquationSet` takes one of two bases:
 
-    joint   tau_J = M q'' + S q'' + c + c1 + g
-    whole   tau_m = (M + S + S' + B) q'' + c + c1 + c2 + g
-
-Laws of the arm beyond the model add columns: what they add to the residuals of link, drive and motor side
-(`contract` of the gap diagnosis) is carried over to these rows.
+direct
+    The rows as they stand where their channels are there, so that each keeps its place in the arm. They share the noise
+    of tau_J, which the covariance of :mod:`.whitening` accounts for.
+independent
+    Rows that share no torque sensor, so that each can be weighted by itself: with both encoders the lines of (1),
+    `link - drive` (which holds no torque) and `drive + motor` (tau_m), and the drive's law (tau_J); with the encoders
+    of one side only theta = q, and `link` gives tau_J, `link + motor` tau_m.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
-from elastic_arm.dynamics import Model
-from elastic_arm.dynamics.double_double import Pair
-from elastic_arm.dynamics.gram import Information, gram
 from elastic_arm.errors import IdentificationError
-from elastic_arm.estimation.base_parameters import BaseParameters, find_base
-from elastic_arm.estimation.smoother import Motion
 
 Array = NDArray[np.float64]
+Channels = Collection[str]
 
-RESIDUALS = ("link", "drive", "motor")
-# What each row is made of: (link line, motor line) of the model, and (link, drive, motor) residuals of extra columns.
-_MODEL_LINES = {"link": (1, 0), "motor": (0, 1), "drive": (0, 0), "joint": (1, 0), "whole": (1, 1)}
-_EXTRA_LINES = {
-    "link": (1, -1, 0),
-    "motor": (0, 1, 1),
-    "drive": (0, 1, 0),
-    "joint": (1, 0, 0),
-    "whole": (1, 0, 1),
-}
-_MEASURED = {"link": None, "motor": "tau_m", "drive": "tau_J", "joint": "tau_J", "whole": "tau_m"}
-RANDOM_STATES = 200
+SIDES = ("link", "drive", "motor")
+TORQUES = ("tau_J", "tau_m")
+# Coefficients of tau_J and tau_m in the rows link, drive, motor.
+_TORQUE_COEFFICIENTS = np.array([[1, 0], [1, 0], [-1, 1]])
 
 
 @dataclass(frozen=True)
-class Column:
-    """A column beyond the model's own: one parameter of a law that is linear in it.
+class Equation:
+    """One equation of a joint.
 
     Parameters
     ----------
-    name, unit
-        Of the parameter, e.g. `coulomb_friction:joint_2.torque`, Nm.
-    values
-        Motion -> residual name ("link", "drive", "motor") -> (N, n) Nm per unit of the parameter. Residuals that it
-        does not touch may be left out.
-    nominal
-        Value in the nominal arm.
+    name
+        "link", "drive", "motor"; with the encoders of one side only "joint" (up to tau_J) and "whole" (up to tau_m).
+    combination
+        Coefficients of the residuals link, drive and motor in it.
     """
 
     name: str
-    unit: str
-    values: Callable[[Motion], dict[str, Array]]
-    nominal: float = 0.0
+    combination: tuple[int, int, int]
+
+    @property
+    def torque(self) -> str | None:
+        """Channel that it is an equation for; None where it holds no torque, or the difference of both."""
+        held = np.array(self.combination) @ _TORQUE_COEFFICIENTS
+        found = [name for name, coefficient in zip(TORQUES, held, strict=True) if coefficient]
+        return found[0] if len(found) == 1 else None
+
+    @property
+    def lines(self) -> tuple[int, int, int]:
+        """Coefficients in it of the link's and the motor's line of (1), springs included, and of the spring torque.
+
+        The lines hold the spring with opposite signs; the residuals hold the torque sensor in its place.
+        """
+        link, drive, motor = self.combination
+        return link, motor, link + drive - motor
 
 
-class Equations:
-    """The rows of a recording's equations in base parameters.
+_DIRECT = {side: Equation(side, (int(side == "link"), int(side == "drive"), int(side == "motor"))) for side in SIDES}
+# Without joint torque sensors the drive's law stands in for them.
+_WITHOUT_SENSOR = {"link": Equation("link", (1, -1, 0)), "motor": Equation("motor", (0, 1, 1))}
+# One encoder alone, no joint torque sensor: the arm as a whole, its springs bridged.
+_BRIDGED = Equation("motor", (1, 0, 1))
+_INDEPENDENT = {
+    **_WITHOUT_SENSOR,
+    "drive": _DIRECT["drive"],
+    "joint": Equation("joint", (1, 0, 0)),
+    "whole": Equation("whole", (1, 0, 1)),
+}
+
+
+@dataclass(frozen=True)
+class EquationSet:
+    """The usable equations, row by row: those of one name for all joints, then the next.
 
     Parameters
     ----------
-    model
-        Bearings locked.
-    recorded
-        Names of the recorded channels among q, theta, tau_J, tau_m.
-    columns
-        Laws beyond the model.
-    joints
-        Names.
-
-    Raises
-    ------
-    IdentificationError
-        If the channels allow no equation.
+    n
+        Joints.
+    entries
+        Equation and joint index of each row.
     """
 
-    def __init__(
-        self, model: Model, recorded: Sequence[str], columns: Sequence[Column] = (), joints: Sequence[str] = ()
-    ) -> None:
-        self.model = model
-        self.n = model.n
-        self.elastic = model.robot.elastic
-        self.columns = tuple(columns)
-        self.sides = _sides(frozenset(recorded), self.elastic)
-        self.joints = tuple(joints) or tuple(f"joint_{i + 1}" for i in range(self.n))
-        self.groups = tuple((side, joint) for side in self.sides for joint in self.joints)
-        own = model.parameters
-        self.names = tuple(p.name for p in own) + tuple(c.name for c in columns)
-        self.units = tuple(p.unit for p in own) + tuple(c.unit for c in columns)
-        self.nominal: Array = np.array([p.nominal for p in own] + [c.nominal for c in columns])
-        self._springs = np.array([k for k, p in enumerate(own) if p.name.rpartition(".")[2] in ("K", "D")], dtype=int)
-        self._own = len(own)
-        self.base: BaseParameters = self._find_base()
+    n: int
+    entries: tuple[tuple[Equation, int], ...]
 
-    def rows(self, motion: Motion) -> Array:
-        """Return regressor columns of the base parameters and, last, the measured side: (groups, N, B + 1)."""
-        wanted = self.base.columns
-        own, extra = wanted[wanted < self._own], wanted[wanted >= self._own] - self._own
-        phi = self._all_rows(motion, own, extra)
-        measured = [self._measured(motion, side) for side in self.sides]
-        return np.concatenate([phi, np.concatenate(measured)[..., None]], axis=-1)
+    @classmethod
+    def direct(cls, recorded: Channels | Sequence[Channels], n: int) -> EquationSet:
+        """Return the residuals themselves as far as their channels were recorded.
 
-    def information(self, motion: Motion) -> Pair:
-        """Return [Phi y]'[Phi y] of all groups, hi and lo (groups, B + 1, B + 1), in twice the working precision."""
-        # Equations that no line of the model stands for alone: sums of both, or one line measured twice.
-        if self.columns or ("whole" in self.sides and (self.elastic or "joint" in self.sides)):
-            rows = self.rows(motion)
-            parts = [gram(group) for group in rows]
-            return np.stack([hi for hi, _ in parts]), np.stack([lo for _, lo in parts])
-        both = self._both_sides(motion)
-        x, dx, ddx = (self._coordinates(both, name) for name in ("", "d", "dd"))
-        measured = [self._measured(motion, side).T for side in self.sides if side != "drive"]
-        y = np.zeros((len(motion), self.model.dof))
-        y[:, : self.n * len(measured)] = np.hstack(measured)[:, : y.shape[1]]
-        total = self._sums
-        total.reset()
-        total.add(x, dx, ddx, y=y)
-        hi, lo = total.grams()
-        own = self.n * len(measured)
-        if "drive" not in self.sides:
-            return hi[:own], lo[:own]
-        drive = self._drive_information(x, dx, self._measured(motion, "drive"))
-        return np.concatenate([hi[:own], drive[0]]), np.concatenate([lo[:own], drive[1]])
+        Parameters
+        ----------
+        recorded
+            Names among q, theta, tau_J, tau_m: one set for all joints, or a sequence of n sets.
+        n
+            Joints.
+
+        Raises
+        ------
+        IdentificationError
+            If the channels allow no equation.
+        """
+        return cls._of([_direct(frozenset(names)) for names in _of_joints(recorded, n)], tuple(SIDES))
+
+    @classmethod
+    def independent(cls, recorded: Channels | Sequence[Channels], n: int, *, elastic: bool = True) -> EquationSet:
+        """Return equations whose noises are independent.
+
+        Parameters
+        ----------
+        recorded
+            Names among q, theta, tau_J, tau_m: one set for all joints, or a sequence of n sets.
+        n
+            Joints.
+        elastic
+            Whether the joints have transmissions; without them both encoders read one angle.
+
+        Raises
+        ------
+        IdentificationError
+            If the channels allow no equation.
+        """
+        found = [_independent(frozenset(names), elastic=elastic) for names in _of_joints(recorded, n)]
+        return cls._of(found, tuple(_INDEPENDENT))
+
+    @classmethod
+    def _of(cls, found: Sequence[dict[str, Equation]], order: Sequence[str]) -> EquationSet:
+        entries = tuple((own[name], joint) for name in order for joint, own in enumerate(found) if name in own)
+        return cls(len(found), entries)
+
+    @property
+    def sides(self) -> tuple[str, ...]:
+        """Names of the equations, each once."""
+        return tuple(dict.fromkeys(equation.name for equation, _ in self.entries))
+
+    @property
+    def rows(self) -> int:
+        """Number of rows R."""
+        return len(self.entries)
+
+    def equation(self, side: str) -> Equation:
+        """Return the equation of a name, as its first joint has it."""
+        return next(equation for equation, _ in self.entries if equation.name == side)
 
     @cached_property
-    def _sums(self) -> Information:
-        """Sums of the base columns, used again and again: to set them up takes as long as a thousand samples."""
-        return self.model.accumulator(self.base.columns)
+    def transform(self) -> Array:
+        """From the full rows [link, drive, motor], n each, to the usable ones: (R, 3 n)."""
+        transform = np.zeros((self.rows, 3 * self.n))
+        for row, (equation, joint) in enumerate(self.entries):
+            transform[row, joint :: self.n] = equation.combination
+        return transform
 
-    def _drive_information(self, x: Array, dx: Array, tau_J: Array) -> Pair:
-        """Return the sums of the drive rows: their only columns are deflections and their rates."""
-        width = len(self.base) + 1
-        hi, lo = np.zeros((2, self.n, width, width))
-        n = self.n
-        for i, (K, D) in enumerate(self._drive_columns()):
-            columns = np.stack([x[:, n + i] - x[:, i], dx[:, n + i] - dx[:, i], tau_J[i]])
-            # Three columns that are far from dependent: working precision will do.
-            hi[np.ix_([i], [K, D, width - 1], [K, D, width - 1])] = (columns @ columns.T)[None]
-        return hi, lo
-
-    def _drive_columns(self) -> list[tuple[int, int]]:
-        """Return the places of K and D of each joint among the base columns."""
-        place = {self.names[c]: k for k, c in enumerate(self.base.columns.tolist())}
-        joints = self.model.robot.joint_names
-        return [(place[f"{joint}.K"], place[f"{joint}.D"]) for joint in joints]
-
-    def predict(self, motion: Motion, Psi_base: Array) -> dict[str, Array]:
-        """Return the right sides of all equations, side -> (N, n) Nm, for base parameters `Psi_base`."""
-        rows = self.rows(motion)[..., :-1] @ Psi_base
-        return {side: rows[k * self.n : (k + 1) * self.n].T for k, side in enumerate(self.sides)}
-
-    def measured(self, motion: Motion) -> dict[str, Array]:
-        """Return the left sides of all equations, side -> (N, n) Nm."""
-        return {side: self._measured(motion, side).T for side in self.sides}
-
-    def _measured(self, motion: Motion, side: str) -> Array:
-        channel = _MEASURED[side]
-        if channel is None:
-            return np.zeros((self.n, len(motion)))
-        values: Array = getattr(motion, channel)
-        return values.T
-
-    def laws(self, motion: Motion) -> Array:
-        """Return the columns of the laws beyond the model, (N, 3 n, k) for link, drive and motor residuals."""
-        motion = self._both_sides(motion)
-        stacked = np.zeros((len(motion), 3 * self.n, len(self.columns)))
-        for k, column in enumerate(self.columns):
-            for residual, values in column.values(motion).items():
-                first = RESIDUALS.index(residual) * self.n
-                stacked[:, first : first + self.n, k] = values
-        return stacked
-
-    def _all_rows(self, motion: Motion, own: NDArray[np.intp], extra: NDArray[np.intp]) -> Array:
-        """Return rows (groups, N, columns) of the model's parameters `own` and of the laws `extra`."""
-        laws = motion.laws if motion.laws is not None else self.laws(motion)
-        motion = self._both_sides(motion)
-        x, dx, ddx = (self._coordinates(motion, name) for name in ("", "d", "dd"))
-        phi = self.model.regressor(x, dx, ddx, columns=own)
-        by_residual = laws[:, :, extra].transpose(1, 0, 2).reshape(3, self.n, len(motion), len(extra))
-        blocks = []
-        for side in self.sides:
-            block = np.empty((self.n, len(motion), len(own) + len(extra)))
-            block[:, :, : len(own)] = 0.0
-            self._fill_own(block[:, :, : len(own)], phi, side, own)
-            block[:, :, len(own) :] = np.tensordot(np.array(_EXTRA_LINES[side], dtype=float), by_residual, 1)
-            blocks.append(block)
-        return np.concatenate(blocks)
-
-    def _fill_own(self, block: Array, phi: Array, side: str, own: NDArray[np.intp]) -> None:
-        by_line = phi.transpose(1, 0, 2)
-        if side == "drive":
-            springs = np.flatnonzero(np.isin(own, self._springs))
-            block[:, :, springs] = -by_line[: self.n, :, springs]
-            return
-        link, motor = _MODEL_LINES[side]
-        if link:
-            block += by_line[: self.n]
-        if motor and self.elastic:
-            block += by_line[self.n : 2 * self.n]
-
-    def _both_sides(self, motion: Motion) -> Motion:
-        if motion.q is None:
-            return replace(motion, q=motion.theta, dq=motion.dtheta, ddq=motion.ddtheta)
-        if motion.theta is None or "joint" in self.sides or "whole" in self.sides:
-            return replace(motion, theta=motion.q, dtheta=motion.dq, ddtheta=motion.ddq)
-        return motion
-
-    def _coordinates(self, motion: Motion, rate: str) -> Array:
-        q, theta = getattr(motion, rate + "q"), getattr(motion, rate + "theta")
-        return np.hstack([q, theta]) if self.elastic else q
-
-    def _find_base(self) -> BaseParameters:
-        phi = self._all_rows(self._random_motion(), np.arange(self._own), np.arange(len(self.columns)))
-        return find_base(phi.reshape(-1, phi.shape[-1]), self.names, self.units)
-
-    def _random_motion(self) -> Motion:
-        """Return random states: what is dependent at these is dependent always."""
-        rng = np.random.default_rng(2024)
-        shape = (RANDOM_STATES, self.n)
-        q: Array = rng.uniform(-np.pi, np.pi, shape)
-        dq, ddq, dtheta, ddtheta, tau_J, tau_m = rng.standard_normal((6, *shape))
-        t: Array = np.linspace(0.0, 1.0, RANDOM_STATES)
-        motion = Motion(t, q, dq, ddq, tau_J=tau_J, tau_m=tau_m)
-        if "link" in self.sides:
-            theta = q + 0.1 * rng.standard_normal(shape)
-            motion = replace(motion, theta=theta, dtheta=dtheta, ddtheta=ddtheta)
-        return motion
+    def combine(self, columns: Array) -> Array:
+        """Carry columns (N, 3 n, k) of the full rows over to the usable ones, (N, R, k)."""
+        return np.tensordot(columns, self.transform, axes=(1, 1)).transpose(0, 2, 1)
 
 
-def _sides(recorded: frozenset[str], elastic: bool) -> tuple[str, ...]:
-    """Return the equations that these channels allow."""
+def _of_joints(recorded: Channels | Sequence[Channels], n: int) -> list[Channels]:
+    per_joint = isinstance(recorded, Sequence) and not all(isinstance(entry, str) for entry in recorded)
+    return list(recorded) if per_joint else [recorded] * n  # type: ignore[list-item]
+
+
+def _require_channels(recorded: frozenset[str]) -> None:
     if not recorded & {"q", "theta"}:
         raise IdentificationError("no positions were recorded", "Record /joint_states or /motor_states.")
     if not recorded & {"tau_J", "tau_m"}:
@@ -251,6 +182,31 @@ def _sides(recorded: frozenset[str], elastic: bool) -> tuple[str, ...]:
             "no torque was recorded: neither tau_J (effort of /joint_states) nor tau_m (effort of /motor_states)",
             "Record a torque, or map a motor current with a channel map.",
         )
+
+
+def _direct(recorded: frozenset[str]) -> dict[str, Equation]:
+    """Return the residuals of one joint that hold no missing channel, by name."""
+    _require_channels(recorded)
+    both = {"q", "theta"} <= recorded
+    if "tau_J" in recorded:
+        needed = {"link": {"q"}, "drive": {"q", "theta"}, "motor": {"theta", "tau_m"}}
+        found = {side: _DIRECT[side] for side, channels in needed.items() if channels <= recorded}
+    elif both:
+        found = {side: _WITHOUT_SENSOR[side] for side in ("link", *(("motor",) if "tau_m" in recorded else ()))}
+    else:
+        found = {"motor": _BRIDGED}
+    if not found:
+        raise IdentificationError(
+            "motor angles and joint torques alone allow no equation", "Record link angles or motor torques as well."
+        )
+    return found
+
+
+def _independent(recorded: frozenset[str], *, elastic: bool) -> dict[str, Equation]:
+    """Return the equations of one joint with independent noises, by name."""
+    _require_channels(recorded)
     if elastic and {"q", "theta"} <= recorded:
-        return ("link", *(("motor",) if "tau_m" in recorded else ()), *(("drive",) if "tau_J" in recorded else ()))
-    return (*(("joint",) if "tau_J" in recorded else ()), *(("whole",) if "tau_m" in recorded else ()))
+        names = {"link": "q", "motor": "tau_m", "drive": "tau_J"}
+    else:
+        names = {"joint": "tau_J", "whole": "tau_m"}
+    return {name: _INDEPENDENT[name] for name, channel in names.items() if channel in recorded}

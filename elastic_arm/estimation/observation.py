@@ -13,9 +13,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elastic_arm.errors import DiagnosisError
+from elastic_arm.estimation.motion import Motion
 from elastic_arm.estimation.noise import HIGHEST_CUTOFF, ORDER, estimate_noise
 from elastic_arm.estimation.resampling import Clock, Grid
-from elastic_arm.estimation.smoother import Motion, Smoother
+from elastic_arm.estimation.smoother import Smoother
 from elastic_arm.recording import Recording
 
 Array = NDArray[np.float64]

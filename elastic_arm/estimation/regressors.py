@@ -15,8 +15,9 @@ from elastic_arm.effects.catalogue import find
 from elastic_arm.effects.effect_set import law_joints
 from elastic_arm.effects.equations import ArmEquations
 from elastic_arm.errors import IdentificationError
-from elastic_arm.estimation.equations import RESIDUALS, Column
-from elastic_arm.estimation.smoother import Motion
+from elastic_arm.estimation.base_regression import Column
+from elastic_arm.estimation.equations import SIDES
+from elastic_arm.estimation.motion import Motion
 from elastic_arm.robot import Robot
 
 Array = NDArray[np.float64]
@@ -100,7 +101,7 @@ class _Evaluator:
         """Return column k by residual."""
         if self.last is None or self.last[0] is not motion:
             self.last = motion, self.columns(motion)
-        return dict(zip(RESIDUALS, np.split(self.last[1][:, :, k], 3, axis=1), strict=True))
+        return dict(zip(SIDES, np.split(self.last[1][:, :, k], 3, axis=1), strict=True))
 
     def columns(self, motion: Motion) -> Array:
         """Return all columns (N, 3 n, k)."""

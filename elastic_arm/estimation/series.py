@@ -15,8 +15,9 @@ from numpy.typing import NDArray
 from scipy.optimize import minimize_scalar
 
 from elastic_arm.errors import IdentificationError
+from elastic_arm.estimation.motion import Motion
 from elastic_arm.estimation.resampling import Grid
-from elastic_arm.estimation.smoother import Motion, instantaneous
+from elastic_arm.estimation.smoother import instantaneous
 
 Array = NDArray[np.float64]
 

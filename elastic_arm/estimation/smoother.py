@@ -10,14 +10,14 @@ torques: an equation stays an equation.
 from __future__ import annotations
 
 import functools
-from dataclasses import dataclass, fields, replace
-from typing import Any
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from elastic_arm.errors import IdentificationError
 from elastic_arm.estimation.convolution import convolve
+from elastic_arm.estimation.motion import Motion
 from elastic_arm.estimation.noise import ORDER, SideNoise, StateNoise, estimate_noise
 from elastic_arm.estimation.resampling import Grid
 
@@ -30,63 +30,6 @@ NEGLIGIBLE = 1e-3
 # So many samples in a period of the cutoff show what the smoother lets through, all but 1e-4 of its noise.
 SAMPLES_A_PERIOD = 6.0
 MOST_THINNING = 64
-
-
-@dataclass(frozen=True)
-class Motion:
-    """Motion and torques after the derivative stage; the rows of all equations are made of it.
-
-    Parameters
-    ----------
-    t
-        (N,) s.
-    q, dq, ddq, theta, dtheta, ddtheta
-        (N, n), or None for a side that was not recorded.
-    tau_J, tau_m
-        (N, n) Nm, passed through the same filter as the motion, or None.
-    laws
-        (N, 3 n, k) columns of laws beyond the model, for link, drive and motor residuals, passed through the same
-        filter too (a law may jump where the motion does not); None where they are to be evaluated as they stand.
-    noise
-        Of positions and their derivatives; None where they are taken for exact.
-    every
-        How many samples of the recording each of these stands for.
-    """
-
-    t: Array
-    q: Array | None = None
-    dq: Array | None = None
-    ddq: Array | None = None
-    theta: Array | None = None
-    dtheta: Array | None = None
-    ddtheta: Array | None = None
-    tau_J: Array | None = None
-    tau_m: Array | None = None
-    laws: Array | None = None
-    noise: StateNoise | None = None
-    every: int = 1
-
-    def __len__(self) -> int:
-        return len(self.t)
-
-    def __getitem__(self, part: slice | NDArray[np.intp]) -> Motion:
-        kept: dict[str, Any] = {name: values[part] for name, values in self.channels().items()}
-        return replace(self, **kept)
-
-    def channels(self) -> dict[str, Array]:
-        """Return what is there for every sample, by name."""
-        kept = {f.name: getattr(self, f.name) for f in fields(self) if f.name not in ("noise", "every")}
-        return {name: values for name, values in kept.items() if values is not None}
-
-    @staticmethod
-    def joined(parts: list[Motion]) -> Motion:
-        """Put parts with the same channels, noise and spacing one after another."""
-        if len(parts) == 1:
-            return parts[0]
-        whole: dict[str, Any] = {
-            name: np.concatenate([getattr(part, name) for part in parts]) for name in parts[0].channels()
-        }
-        return Motion(**whole, noise=parts[0].noise, every=parts[0].every)
 
 
 @dataclass(frozen=True)

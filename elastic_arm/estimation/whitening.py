@@ -1,13 +1,15 @@
-"""Residuals and columns of one data set, plain and whitened.
+"""The noise of the residuals, and residuals and columns of regressors whitened by it.
 
 Whitened rows have white noise of variance one, whatever the channels' noise and however the equations share it. So half
-their sum of squares is a likelihood, and what is left of it after a fit says by itself whether the fit is complete.
+their sum of squares is a negative log-likelihood, and its excess over the number of rows measures lack of fit.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,8 +17,10 @@ from numpy.typing import NDArray
 from elastic_arm.dynamics import Model
 from elastic_arm.estimation.band import Band, LowPass
 from elastic_arm.estimation.effect_columns import Feature, Signals
+from elastic_arm.estimation.equations import EquationSet
+from elastic_arm.estimation.motion import drive_constants
 from elastic_arm.estimation.observation import Observation
-from elastic_arm.estimation.residuals import Layout, NoiseModel, Stretch, noise_model, residuals
+from elastic_arm.estimation.residuals import Stretch, residuals
 
 Array = NDArray[np.float64]
 
@@ -24,6 +28,99 @@ EDGE = 10  # rows at the ends of a stretch that the whitening, being circular, s
 BLOCK = 0.5  # s; longer than the arm's memory in the residuals
 SLOWEST = 5e-4  # rad/s: slower than this a joint counts as standing, whatever the noise
 STANDING = 3.0  # standard deviations of velocity noise below which a joint counts as standing
+NOISE_FREQUENCIES = 400
+# Poses at which the inertia is looked up for the way of encoder noise into the residuals.
+POSES = 12
+# Part of the torque channels' noise that every equation is given on its own: without it, exact encoders would make the
+# difference of two equations that share a torque sensor exact too, and rounding in the filters would look like physics.
+FLOOR = 0.1
+
+
+@dataclass(frozen=True)
+class NoiseModel:
+    """Joint noise of all usable rows over frequency, from the noise of the channels.
+
+    The noise of tau_J is common to the three equations (+, +, -), that of an encoder to those it enters.
+
+    Parameters
+    ----------
+    f
+        (F,) Hz, equally spaced from 0 to half the kept rate.
+    covariance
+        (F, R, R) complex, Nm²; white noise of 1 Nm a sample is the identity.
+    rate
+        Samples per second of the recording.
+    """
+
+    f: Array
+    covariance: NDArray[np.complex128]
+    rate: float
+
+    def std(self, low_pass: LowPass) -> Array:
+        """Return the standard deviation (R,) of each residual behind a low pass."""
+        density = np.real(np.einsum("frr->fr", self.covariance)) * low_pass.gain(self.f)[:, None] ** 2
+        width = self.f[1] - self.f[0]
+        return np.sqrt(np.trapezoid(density, dx=width, axis=0) * 2.0 / self.rate)
+
+    def whitener(self, f: NDArray[Any]) -> NDArray[np.complex128]:
+        """Return W (F', R, R) with W covariance W^H = 1 at f (F',) Hz within the band."""
+        index = np.clip(np.rint(f / (self.f[1] - self.f[0])).astype(int), 0, len(self.f) - 1)
+        return self._whitener[index]
+
+    @cached_property
+    def _whitener(self) -> NDArray[np.complex128]:
+        return np.asarray(np.linalg.inv(np.linalg.cholesky(self.covariance)), dtype=np.complex128)
+
+
+def noise_model(
+    model: Model, observation: Observation, equations: EquationSet, band: Band, *, floor: float = FLOOR
+) -> NoiseModel:
+    """Propagate the channels' noise into the usable residuals.
+
+    Parameters
+    ----------
+    floor
+        Share of the torque noise that each equation gets besides, 0 for the noise itself.
+    """
+    n = equations.n
+    f = np.linspace(0.0, band.kept_rate / 2, NOISE_FREQUENCIES)
+    s = 2j * np.pi * f[:, None, None]
+    K, D = (np.diag(v) for v in drive_constants(model))
+    one, zero = np.eye(n), np.zeros((n, n))
+    ones = np.ones((len(f), 1, 1))
+    drive = K + s * D
+    torque = np.hstack([observation.torque_spectrum(c, f, n) for c in ("tau_J", "tau_m")])
+    position = np.hstack([observation.position_spectrum(side, f) for side in ("link", "motor")])
+    spectrum = np.hstack([torque, position])
+    covariance = np.zeros((len(f), equations.rows, equations.rows), dtype=complex)
+    poses = _inertias(model, observation)
+    for M, S, B in poses:
+        # Rows link, drive, motor of the full three; columns tau_J, tau_m, q, theta.
+        rows = [
+            [ones * one, ones * zero, -(s**2) * M, -(s**2) * S],
+            [ones * one, ones * zero, drive, -drive],
+            [ones * -one, ones * one, -(s**2) * S.T, -(s**2) * B],
+        ]
+        way = equations.transform @ np.concatenate([np.concatenate(row, axis=2) for row in rows], axis=1)
+        covariance += (way * spectrum[:, None, :]) @ way.conj().transpose(0, 2, 1) / len(poses)
+    level = np.max(torque.mean(axis=0)) if torque.any() else 0.0
+    extra = floor**2 * level + 1e-8
+    covariance = covariance + extra * np.eye(equations.rows)
+    return NoiseModel(f, covariance, observation.rate)
+
+
+def _inertias(model: Model, observation: Observation) -> list[tuple[Array, Array, Array]]:
+    """Return M, S, B at poses along the motion: the way of the encoders' noise changes with the pose."""
+    n = model.n
+    motion = max(observation.pieces, key=len)
+    position = motion.q if motion.q is not None else motion.theta
+    assert position is not None
+    poses = position[:: max(1, len(motion) // POSES)]
+    if not model.robot.elastic:
+        none = np.zeros((n, n))
+        return [(M, none, none) for M in model.mass_matrix(poses)]
+    whole = model.mass_matrix(np.hstack([poses, poses]))
+    return [(m[:n, :n], m[:n, n:], m[n:, n:]) for m in whole]
 
 
 @dataclass(frozen=True)
@@ -48,7 +145,7 @@ class WhitenedData:
         Usable equations, and where they are looked at.
     """
 
-    def __init__(self, model: Model, observations: Sequence[Observation], layout: Layout, band: Band) -> None:
+    def __init__(self, model: Model, observations: Sequence[Observation], layout: EquationSet, band: Band) -> None:
         self.layout, self.band = layout, band
         self.parts: list[Part] = []
         self.pure: list[NoiseModel] = []
@@ -80,7 +177,7 @@ class WhitenedData:
         columns = []
         for part in self.parts:
             full = feature.columns(part.signals, searched)
-            rows = np.tensordot(full, self.layout.transform, axes=(1, 1)).transpose(0, 2, 1)
+            rows = self.layout.combine(full)
             N, R, k = rows.shape
             flat = rows.reshape(N, R * k)
             used = np.flatnonzero(flat.any(axis=0))
@@ -130,3 +227,12 @@ def _standstill(observation: Observation, f: Array, n: int) -> tuple[Array, Arra
         std = np.sqrt(density.sum(axis=0) * (f[1] - f[0]) * 2 / observation.rate)
         speeds.append(np.maximum(STANDING * std, SLOWEST) * np.ones(n))
     return speeds[0], speeds[1]
+
+
+def block_means(squares: Sequence[Array], length: int) -> Array:
+    """Return means (blocks, k) of consecutive blocks of `length` rows of each part."""
+    blocks: list[Array] = []
+    for part in squares:
+        count = max(1, len(part) // length)
+        blocks.extend(np.mean(piece, axis=0) for piece in np.array_split(part, count))
+    return np.array(blocks)

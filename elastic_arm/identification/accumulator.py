@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from elastic_arm.estimation.equations import Equations
-from elastic_arm.estimation.errors_in_variables import noise_sums
-from elastic_arm.estimation.smoother import Motion
+from elastic_arm.estimation.base_regression import BaseRegression
+from elastic_arm.estimation.motion import Motion
+from elastic_arm.identification.errors_in_variables import noise_sums
 from elastic_arm.identification.least_squares import Blocks
 from elastic_arm.identification.verdict import Liveliness
 
@@ -19,7 +19,7 @@ MOST_SPOKEN_FOR = 4
 class Accumulator:
     """Rows of the equations, block by block; the last samples wait until their block is full."""
 
-    def __init__(self, equations: Equations) -> None:
+    def __init__(self, equations: BaseRegression) -> None:
         self.equations = equations
         self.blocks = Blocks(len(equations.groups), len(equations.base) + 1)
         self.lively = Liveliness()

@@ -22,7 +22,7 @@ from elastic_arm.dynamics.bodies import Body, inertial_parameters
 from elastic_arm.dynamics.composition import inertia_from
 from elastic_arm.effects import EffectInstance
 from elastic_arm.errors import IdentificationError
-from elastic_arm.estimation.equations import Equations
+from elastic_arm.estimation.base_regression import BaseRegression
 from elastic_arm.identification.least_squares import Fit
 from elastic_arm.robot import Robot
 
@@ -80,7 +80,7 @@ class _Chart:
 
 
 def consistent(
-    fit: Fit, equations: Equations, independent_samples: float | None = None, trust: float | None = None
+    fit: Fit, equations: BaseRegression, independent_samples: float | None = None, trust: float | None = None
 ) -> Consistent:
     """Find the physically consistent parameters that fit best, close to the nominal where the data say nothing.
 
@@ -111,7 +111,9 @@ def consistent(
     return Consistent(Psi, trust, float(np.linalg.norm(apart) / size / np.sqrt(max(fit.samples, 1))))
 
 
-def identified_robot(robot: Robot, equations: Equations, Psi: Array, effects: Sequence[EffectInstance] = ()) -> Robot:
+def identified_robot(
+    robot: Robot, equations: BaseRegression, Psi: Array, effects: Sequence[EffectInstance] = ()
+) -> Robot:
     """Return the arm with these parameters, laws beyond the model among its effects."""
     value = dict(zip(equations.names, Psi.tolist(), strict=True))
     for joint in robot.joints:
@@ -145,7 +147,7 @@ def _with_values(active: EffectInstance, robot: Robot, value: dict[str, float]) 
     return active.with_parameters(**found).to_dict()
 
 
-def _link_alone(robot: Robot, equations: Equations, joint: str, value: dict[str, float]) -> Array:
+def _link_alone(robot: Robot, equations: BaseRegression, joint: str, value: dict[str, float]) -> Array:
     """Return the ten parameters of a joint's link, without the spline where the model folds that into it."""
     link_name = robot.joints[robot.joint_names.index(joint)].link_name
     body = next(b for b in equations.model.bodies.bodies if b.name == link_name)
@@ -153,7 +155,7 @@ def _link_alone(robot: Robot, equations: Equations, joint: str, value: dict[str,
     return total - _folded(robot, equations, body)
 
 
-def _folded(robot: Robot, equations: Equations, body: Body) -> Array:
+def _folded(robot: Robot, equations: BaseRegression, body: Body) -> Array:
     """Return what the nominal body has beyond the link itself: the folded spline of mod1, else nothing."""
     link = next(j.link for j in robot.joints if j.link_name == body.name)
     own = inertial_parameters(link.mass, link.com, link.inertia)
@@ -170,7 +172,7 @@ def pseudo_inertia(ten: Array) -> Array:
 _PAIRS = ((0, 0), (0, 1), (0, 2), (0, 3), (1, 1), (1, 2), (1, 3), (2, 2), (2, 3), (3, 3))
 
 
-def _chart(equations: Equations) -> _Chart:
+def _chart(equations: BaseRegression) -> _Chart:
     """Put parameters into coordinates in which the nominal is x0 and every step of size one is as bold."""
     names = equations.names
     robot = equations.model.robot
@@ -239,7 +241,7 @@ def _solid_chart(nominal: Array) -> Array:
     return np.array([[mass, 0.0, 0.0], [0.0, 0.0, 0.0], [0.0, radial, axial], [0.0, 2.0 * radial, 0.0]])
 
 
-def _data(fit: Fit, equations: Equations, chart: _Chart, independent_samples: float) -> tuple[Array, Array]:
+def _data(fit: Fit, equations: BaseRegression, chart: _Chart, independent_samples: float) -> tuple[Array, Array]:
     """Return A, b: the recording says A (x - x0) = b with unit noise.
 
     Errors are coloured: their effect on the estimate is larger than white ones' by a factor known from the blocks, and

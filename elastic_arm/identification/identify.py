@@ -13,12 +13,13 @@ from numpy.typing import NDArray
 from elastic_arm.dynamics import build_model
 from elastic_arm.effects import EffectInstance
 from elastic_arm.errors import IdentificationError
-from elastic_arm.estimation.equations import Equations
+from elastic_arm.estimation.base_regression import BaseRegression
+from elastic_arm.estimation.motion import Motion
 from elastic_arm.estimation.noise import estimate_noise
 from elastic_arm.estimation.regressors import DEFAULT_SIGN_SPEED, SIGN_SPEEDS, is_dry, law_columns
 from elastic_arm.estimation.resampling import Clock, Grid
 from elastic_arm.estimation.series import FourierFit, fourier_motion, period_of, repeats
-from elastic_arm.estimation.smoother import Motion, Smoother, design_smoother
+from elastic_arm.estimation.smoother import Smoother, design_smoother
 from elastic_arm.identification.consistency import consistent as find_consistent
 from elastic_arm.identification.consistency import identified_robot
 from elastic_arm.identification.result import Identification
@@ -60,7 +61,7 @@ class Derived:
 
 
 def differentiate(
-    samples: Samples, method: Method = "auto", *, period: float | None = None, equations: Equations | None = None
+    samples: Samples, method: Method = "auto", *, period: float | None = None, equations: BaseRegression | None = None
 ) -> Derived:
     """Take a recording through the derivative stage.
 
@@ -213,7 +214,7 @@ def identify_with(
     return result, identifier, next(derived[0].motions)
 
 
-def _require_traces(equations: Equations) -> None:
+def _require_traces(equations: BaseRegression) -> None:
     own = len(equations.names) - len(equations.columns)
     unseen = [c.name for k, c in enumerate(equations.columns, own) if not equations.base.T[:, k].any()]
     if unseen:
@@ -245,7 +246,7 @@ def with_consistency(
     )
 
 
-def residuals(equations: Equations, Psi_base: Array, motions: Sequence[Motion]) -> dict[str, dict[str, float]]:
+def residuals(equations: BaseRegression, Psi_base: Array, motions: Sequence[Motion]) -> dict[str, dict[str, float]]:
     """Return equation -> joint -> rms of measured less predicted, Nm, in the band of the derivative stage."""
     squares = {side: np.zeros(equations.n) for side in equations.sides}
     samples = sum(len(motion) for motion in motions)

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elastic_arm.errors import IdentificationError
-from elastic_arm.estimation.equations import Equations
+from elastic_arm.estimation.base_regression import BaseRegression
 from elastic_arm.identification.least_squares import Fit
 from elastic_arm.identification.verdict import Excitation, directions, relative_std, verdicts
 from elastic_arm.robot import Robot, save_robot
@@ -265,7 +265,7 @@ def gain(std: Array, surer: Identification) -> Gain:
 
 
 def result_of(
-    fit: Fit, equations: Equations, judged: Excitation, *, recordings: tuple[str, ...], methods: tuple[str, ...]
+    fit: Fit, equations: BaseRegression, judged: Excitation, *, recordings: tuple[str, ...], methods: tuple[str, ...]
 ) -> Identification:
     """Put a fit into words."""
     base = equations.base

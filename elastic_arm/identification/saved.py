@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elastic_arm.errors import IdentificationError
-from elastic_arm.estimation.equations import Equations
+from elastic_arm.estimation.base_regression import BaseRegression
 from elastic_arm.estimation.noise import SideNoise
 from elastic_arm.estimation.resampling import Clock
 from elastic_arm.estimation.smoother import Smoother
@@ -46,7 +46,7 @@ class Sums(NamedTuple):
     clock: Clock | None
 
 
-def write_sums(path: str | Path, equations: Equations, sums: Sums) -> None:
+def write_sums(path: str | Path, equations: BaseRegression, sums: Sums) -> None:
     """Write sums to an npz file.
 
     Raises
@@ -79,7 +79,7 @@ def recorded_in(path: str | Path) -> frozenset[str]:
     return frozenset(_read(path)[0]["recorded"])
 
 
-def read_sums(path: str | Path, equations: Equations) -> Sums:
+def read_sums(path: str | Path, equations: BaseRegression) -> Sums:
     """Read sums of the same equations.
 
     Raises
@@ -111,7 +111,7 @@ def read_sums(path: str | Path, equations: Equations) -> Sums:
     )
 
 
-def _identity(equations: Equations) -> dict[str, Any]:
+def _identity(equations: BaseRegression) -> dict[str, Any]:
     """Return what must agree: then the base parameters do, too, up to the numbers of the description."""
     return {
         "robot": equations.model.robot.name,

@@ -12,9 +12,9 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from elastic_arm.estimation.equations import Equations
+from elastic_arm.estimation.base_regression import BaseRegression
+from elastic_arm.estimation.motion import Motion
 from elastic_arm.estimation.series import FourierFit
-from elastic_arm.estimation.smoother import Motion
 from elastic_arm.identification.least_squares import Fit
 
 Array = NDArray[np.float64]
@@ -26,7 +26,7 @@ STEP = 1e-4
 
 
 def series_covariance(
-    equations: Equations, fit: Fit, motion: Motion, link: FourierFit | None, motor: FourierFit | None
+    equations: BaseRegression, fit: Fit, motion: Motion, link: FourierFit | None, motor: FourierFit | None
 ) -> Array:
     """Return what the errors of the series add to the covariance (B, B) of the base parameters.
 
@@ -61,7 +61,7 @@ def series_covariance(
     return np.asarray(inverse @ meat @ inverse)
 
 
-def _change(equations: Equations, Psi: Array, motion: Motion, channel: str, j: int) -> Array:
+def _change(equations: BaseRegression, Psi: Array, motion: Motion, channel: str, j: int) -> Array:
     """Return the derivative of all predicted rows (groups, N) by a channel of joint j."""
     values: Array = getattr(motion, channel)
     step = STEP * float(np.std(values[:, j])) + 1e-9
@@ -69,7 +69,9 @@ def _change(equations: Equations, Psi: Array, motion: Motion, channel: str, j: i
     return (ahead - behind) / (2.0 * step)
 
 
-def _predicted(equations: Equations, Psi: Array, motion: Motion, channel: str, j: int, step: float) -> Iterator[Array]:
+def _predicted(
+    equations: BaseRegression, Psi: Array, motion: Motion, channel: str, j: int, step: float
+) -> Iterator[Array]:
     values = getattr(motion, channel).copy()
     values[:, j] += step
     predicted = equations.predict(replace(motion, **{channel: values}), Psi)

@@ -11,9 +11,10 @@ from numpy.typing import NDArray
 
 from elastic_arm.dynamics import Model
 from elastic_arm.errors import IdentificationError
-from elastic_arm.estimation.equations import Column, Equations
+from elastic_arm.estimation.base_regression import BaseRegression, Column
+from elastic_arm.estimation.motion import Motion
 from elastic_arm.estimation.resampling import Clock, Grid, Placing, joined, part
-from elastic_arm.estimation.smoother import Motion, Smoother, design_smoother
+from elastic_arm.estimation.smoother import Smoother, design_smoother
 from elastic_arm.identification.accumulator import BLOCK, Accumulator
 from elastic_arm.identification.least_squares import Fit, fit
 from elastic_arm.identification.result import Identification, result_of
@@ -28,7 +29,7 @@ CALIBRATION_SECONDS = 4.0
 SENSED = ("q", "theta", "tau_J", "tau_m")
 
 
-def smoothed(smoother: Smoother, grid: Grid, equations: Equations) -> Motion:
+def smoothed(smoother: Smoother, grid: Grid, equations: BaseRegression) -> Motion:
     """Smooth a regular piece, with the laws beyond the model passed through the same filter."""
     every = smoother.thinning
     if not equations.columns:
@@ -143,7 +144,7 @@ class Identifier:
         self.paused = False
 
     @property
-    def equations(self) -> Equations:
+    def equations(self) -> BaseRegression:
         """The equations in use.
 
         Raises
@@ -158,7 +159,7 @@ class Identifier:
         """How much the motion moves."""
         return self._ready().liveliness
 
-    def expect(self, channels: Samples | Motion) -> Equations:
+    def expect(self, channels: Samples | Motion) -> BaseRegression:
         """Choose the equations by the channels that are there, and return them.
 
         Raises
@@ -168,7 +169,7 @@ class Identifier:
         """
         recorded = frozenset(name for name in SENSED if getattr(channels, name) is not None)
         if self.accumulator is None:
-            self.accumulator = Accumulator(Equations(self.model, sorted(recorded), self.columns, self.joints))
+            self.accumulator = Accumulator(BaseRegression(self.model, sorted(recorded), self.columns, self.joints))
             self._recorded = recorded
         if recorded != self._recorded:
             raise IdentificationError(
@@ -269,7 +270,7 @@ class Identifier:
             If the file holds no sums, or those of another arm or model.
         """
         recorded = recorded_in(path)
-        accumulator = Accumulator(Equations(self.model, sorted(recorded), self.columns, self.joints))
+        accumulator = Accumulator(BaseRegression(self.model, sorted(recorded), self.columns, self.joints))
         known = read_sums(path, accumulator.equations)
         self.reset()
         accumulator.blocks, accumulator.lively = known.blocks, known.liveliness

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from elastic_arm.estimation.equations import Equations
-from elastic_arm.estimation.smoother import Motion
+from elastic_arm.estimation.base_regression import BaseRegression
+from elastic_arm.estimation.motion import Motion
 from elastic_arm.identification.least_squares import Blocks, triangular
 
 Array = NDArray[np.float64]
@@ -96,7 +96,7 @@ class Liveliness:
         return max(2.0 * self.frequency * self.seconds, 1.0)
 
 
-def natural_scales(equations: Equations) -> Array:
+def natural_scales(equations: BaseRegression) -> Array:
     """Return the size that each base parameter can be expected to have, (B,).
 
     The nominal value, or, where that happens to be small, what is usual for its body: its largest first moment or
@@ -116,7 +116,7 @@ def natural_scales(equations: Equations) -> Array:
 
 
 def excitation(
-    blocks: Blocks, equations: Equations, liveliness: Liveliness, torque_noise: float = TORQUE_NOISE
+    blocks: Blocks, equations: BaseRegression, liveliness: Liveliness, torque_noise: float = TORQUE_NOISE
 ) -> Excitation:
     """Judge the motion of a recording; the torques are not looked at.
 
@@ -164,7 +164,7 @@ def verdicts(relative_std: Array) -> tuple[str, ...]:
     return tuple("well" if s <= WELL else "poorly" if s <= POORLY else "not" for s in relative_std)
 
 
-def relative_std(equations: Equations, Psi_base: Array, std: Array) -> Array:
+def relative_std(equations: BaseRegression, Psi_base: Array, std: Array) -> Array:
     """Return the standard deviations over natural scale, over the estimate itself for laws beyond the model."""
     scale = natural_scales(equations)
     scale = np.where(np.isfinite(scale), scale, np.maximum(np.abs(Psi_base), 1e-300))

@@ -15,7 +15,7 @@ from sensor_msgs.msg import JointState
 from std_srvs.srv import SetBool, Trigger
 
 from elastic_arm.errors import ElasticArmError, IdentificationError
-from elastic_arm.estimation.smoother import Motion
+from elastic_arm.estimation.motion import Motion
 from elastic_arm.identification import identifier_of, parse_laws
 from elastic_arm.identification.least_squares import Fit
 from elastic_arm.nodes.support import graph

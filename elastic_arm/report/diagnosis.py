@@ -20,7 +20,7 @@ from elastic_arm.diagnosis.format import (
 from elastic_arm.diagnosis.inference.across_recordings import Agreement
 from elastic_arm.diagnosis.result import SEPARATING, Cause, Diagnosis
 from elastic_arm.effects import EFFECTS
-from elastic_arm.estimation.residuals import SIDES
+from elastic_arm.estimation.equations import SIDES
 from elastic_arm.report import diagnosis_figures as figures
 from elastic_arm.report.html import Block, Figure, Section, Table, Text, write_report
 

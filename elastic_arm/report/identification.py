@@ -8,8 +8,8 @@ import numpy as np
 from matplotlib.figure import Figure as MplFigure
 from matplotlib.patches import Patch
 
-from elastic_arm.estimation.equations import Equations
-from elastic_arm.estimation.smoother import Motion
+from elastic_arm.estimation.base_regression import BaseRegression
+from elastic_arm.estimation.motion import Motion
 from elastic_arm.formatting import rounded
 from elastic_arm.identification import Identification
 from elastic_arm.identification.verdict import POORLY, WELL
@@ -52,7 +52,7 @@ def identifiability(result: Identification) -> MplFigure:
     return figure
 
 
-def torques(equations: Equations, motion: Motion, result: Identification) -> MplFigure:
+def torques(equations: BaseRegression, motion: Motion, result: Identification) -> MplFigure:
     """Draw measured torques, what the nominal and the identified arm predict, and what is left."""
     measured = equations.measured(motion)
     sides = [side for side in equations.sides if side != "link"] or list(equations.sides)
@@ -72,7 +72,7 @@ def torques(equations: Equations, motion: Motion, result: Identification) -> Mpl
     return figure
 
 
-def residuals(equations: Equations, motion: Motion, result: Identification) -> MplFigure:
+def residuals(equations: BaseRegression, motion: Motion, result: Identification) -> MplFigure:
     """Draw what the identified arm leaves, per joint and equation."""
     measured, found = equations.measured(motion), equations.predict(motion, result.Psi_base)
     with style():
@@ -88,7 +88,7 @@ def residuals(equations: Equations, motion: Motion, result: Identification) -> M
 
 
 def sections(
-    result: Identification, equations: Equations | None = None, motion: Motion | None = None
+    result: Identification, equations: BaseRegression | None = None, motion: Motion | None = None
 ) -> Sequence[Section]:
     """Return the report: verdict first, then parameters, fit and validation.
 

@@ -7,7 +7,7 @@ import pytest
 
 from elastic_arm.dynamics import Model, build_model
 from elastic_arm.estimation.base_parameters import find_base
-from elastic_arm.estimation.equations import Equations
+from elastic_arm.estimation.base_regression import BaseRegression
 from elastic_arm.robot import load_robot
 
 BOTH = ("q", "theta", "tau_J", "tau_m")
@@ -28,7 +28,7 @@ def states(model: Model, rng: np.random.Generator, rigid: bool = False) -> list[
 
 def test_base_parameters_give_the_same_torques_as_all_parameters(model: Model) -> None:
     """Phi Psi = Phi_base T Psi at states the base was not found at."""
-    base = Equations(model, BOTH).base
+    base = BaseRegression(model, BOTH).base
     rng = np.random.default_rng(11)
     phi = model.regressor(*states(model, rng))
     Psi = rng.standard_normal(len(model.Psi))
@@ -38,7 +38,7 @@ def test_base_parameters_give_the_same_torques_as_all_parameters(model: Model) -
 
 def test_base_columns_are_independent(model: Model) -> None:
     """The base regressor at random states has full rank, clear of rounding."""
-    base = Equations(model, BOTH).base
+    base = BaseRegression(model, BOTH).base
     phi = model.regressor(*states(model, np.random.default_rng(12)))[:, :, base.columns].reshape(-1, len(base))
     values = np.linalg.svd(phi / np.linalg.norm(phi, axis=0), compute_uv=False)
     assert values[-1] > 1e-4 * values[0]
@@ -46,14 +46,14 @@ def test_base_columns_are_independent(model: Model) -> None:
 
 def test_the_full_model_of_the_arm_has_26_base_parameters() -> None:
     """mod3 with locked bearings has rank 26, as an independent count found; K and D are six of them."""
-    base = Equations(build_model(load_robot(None), "mod3"), BOTH).base
+    base = BaseRegression(build_model(load_robot(None), "mod3"), BOTH).base
     assert len(base) == 26
     assert sum(name.endswith((".K", ".D")) for name in base.names) == 6
 
 
 def test_one_encoder_side_sees_fewer_parameters(model: Model) -> None:
     """With theta = q there are no deflections, so K and D drop out and the rest regroups exactly."""
-    equations = Equations(model, ("theta", "tau_m"))
+    equations = BaseRegression(model, ("theta", "tau_m"))
     base, n = equations.base, model.n
     assert not any(name.endswith((".K", ".D")) for name in base.names)
     rng = np.random.default_rng(13)
@@ -66,7 +66,7 @@ def test_one_encoder_side_sees_fewer_parameters(model: Model) -> None:
 
 def test_names_are_the_combinations(model: Model) -> None:
     """A name lists exactly the parameters of its row of T, its own first."""
-    equations = Equations(model, BOTH)
+    equations = BaseRegression(model, BOTH)
     base = equations.base
     for name, row, column in zip(base.names, base.T, base.columns, strict=True):
         assert name.startswith(equations.names[column])
@@ -76,7 +76,7 @@ def test_names_are_the_combinations(model: Model) -> None:
 
 def test_coefficients_are_readable_numbers() -> None:
     """The mass of link 3 enters the inertia of link 2 with the square of its length, written as such."""
-    base = Equations(build_model(load_robot(None), "mod3"), BOTH).base
+    base = BaseRegression(build_model(load_robot(None), "mod3"), BOTH).base
     assert any("0.5625 link_3.m" in name for name in base.names)
     assert any("131769 joint_2.rotor.Izz + 14641 joint_2.wave_generator.Izz" in name for name in base.names)
 

@@ -9,7 +9,7 @@ import pytest
 
 from elastic_arm.dynamics import Model, build_model
 from elastic_arm.errors import ExcitationError
-from elastic_arm.estimation.equations import Equations
+from elastic_arm.estimation.base_regression import BaseRegression
 from elastic_arm.excitation import (
     CRITERIA,
     BaseRegressor,
@@ -39,7 +39,7 @@ def mod3(arm: Robot) -> Model:
 
 @pytest.fixture(scope="module")
 def columns(mod3: Model) -> np.ndarray:
-    return Equations(mod3, ("q", "theta", "tau_m")).base.columns
+    return BaseRegression(mod3, ("q", "theta", "tau_m")).base.columns
 
 
 @pytest.fixture(scope="module")
@@ -104,7 +104,7 @@ def test_what_only_a_soft_arm_could_tell_apart_is_left_out(mod3: Model, arm: Rob
     assert len(names) == 1
     assert names[0].startswith("joint_1.")
     mod1 = build_model(arm, "mod1")
-    own = Equations(mod1, ("q", "theta", "tau_m")).base.columns
+    own = BaseRegression(mod1, ("q", "theta", "tau_m")).base.columns
     W = np.concatenate([BaseRegressor(mod1, own)(motion) for motion in motions])
     assert len(distinct_columns(W)) == len(own)
 
@@ -169,7 +169,7 @@ def test_an_arm_of_five_rigid_joints_is_excited() -> None:
     """Nothing is made for three joints or for transmissions; the floor is left out, as this arm is drawn at random."""
     robot = random_arm(5, np.random.default_rng(8), elastic=False)
     model = build_model(robot, engine="numpy")
-    base = Equations(model, ("q", "tau_m"), joints=robot.joint_names).base
+    base = BaseRegression(model, ("q", "tau_m"), joints=robot.joint_names).base
     limits = MotionLimits.of(robot, workspace=Workspace.of(robot, floor=None, radius=0.01))
     result = optimise(
         model, limits, base.columns, rng=np.random.default_rng(0), evaluations=60, random=5, shape=Shape(harmonics=3)

@@ -10,9 +10,10 @@ import pytest
 
 from elastic_arm.dynamics import Model, build_model
 from elastic_arm.errors import IdentificationError
-from elastic_arm.estimation.equations import Equations
+from elastic_arm.estimation.base_regression import BaseRegression
+from elastic_arm.estimation.motion import Motion
 from elastic_arm.estimation.resampling import Clock, part
-from elastic_arm.estimation.smoother import Motion, design_smoother
+from elastic_arm.estimation.smoother import design_smoother
 from elastic_arm.identification import Identification, Identifier, compare, gain, identifier_of, identify, parse_laws
 from elastic_arm.identification.stream import smoothed
 from elastic_arm.identification.verdict import relative_std
@@ -65,7 +66,7 @@ def test_both_torques_identify_an_arm_described_as_rigid(samples: Samples) -> No
     rigid = parse_urdf(to_urdf(load_robot(None)))
     found = identify(recorded(samples), rigid, consistent=False)
     assert set(found.noise) == {"joint", "whole"}
-    equations = Equations(build_model(rigid), ("q", "theta", "tau_J", "tau_m"), joints=rigid.joint_names)
+    equations = BaseRegression(build_model(rigid), ("q", "theta", "tau_J", "tau_m"), joints=rigid.joint_names)
     q, dq, ddq, tau_J, tau_m = np.random.default_rng(3).standard_normal((5, 50, rigid.n))
     motion = Motion(np.arange(50.0), q, dq, ddq, tau_J=tau_J, tau_m=tau_m)
     rows = equations.rows(motion)

@@ -10,9 +10,10 @@ from numpy.typing import NDArray
 
 from elastic_arm.dynamics import Model
 from elastic_arm.estimation.effect_columns import Feature, Signals
-from elastic_arm.estimation.residuals import Layout, NoiseModel, completed, raw_residuals
-from elastic_arm.estimation.smoother import Motion
-from elastic_arm.estimation.whitening import SLOWEST, WhitenedData
+from elastic_arm.estimation.equations import EquationSet
+from elastic_arm.estimation.motion import Motion, completed
+from elastic_arm.estimation.residuals import raw_residuals
+from elastic_arm.estimation.whitening import SLOWEST, NoiseModel, WhitenedData
 from elastic_arm.excitation import FourierTrajectory
 
 Array = NDArray[np.float64]
@@ -39,7 +40,7 @@ class ExperimentConditions:
     """
 
     model: Model
-    layout: Layout
+    layout: EquationSet
     noise: NoiseModel
     cutoff: float
     acceleration_cutoff: float
@@ -80,7 +81,7 @@ class PredictedExperiment:
         """Return a feature's columns (rows, k), white noise of variance one a row; null outside the band."""
         around = self._surroundings
         full = feature.columns(self._signals, searched)
-        rows = np.tensordot(full, around.layout.transform, axes=(1, 1)).transpose(0, 2, 1)
+        rows = around.layout.combine(full)
         f = np.fft.rfftfreq(len(rows), 1.0 / self._rate)
         inside = f <= around.cutoff
         spectrum = around.noise.whitener(f[inside]) @ np.fft.rfft(rows, axis=0)[inside]

@@ -12,8 +12,7 @@ from scipy.stats import chi2
 from elastic_arm.diagnosis.selection.regressor_library import Candidate
 from elastic_arm.errors import DiagnosisError
 from elastic_arm.estimation.band import LowPass
-from elastic_arm.estimation.residuals import block_means
-from elastic_arm.estimation.whitening import BLOCK, WhitenedData
+from elastic_arm.estimation.whitening import BLOCK, WhitenedData, block_means
 
 Array = NDArray[np.float64]
 

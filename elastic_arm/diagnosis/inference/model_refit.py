@@ -13,8 +13,9 @@ from numpy.typing import NDArray
 
 from elastic_arm.dynamics import Model, build_model
 from elastic_arm.estimation.band import Band
+from elastic_arm.estimation.equations import EquationSet
+from elastic_arm.estimation.motion import CompletedMotion
 from elastic_arm.estimation.observation import Observation
-from elastic_arm.estimation.residuals import CompletedMotion, Layout
 from elastic_arm.estimation.whitening import WhitenedData
 
 Array = NDArray[np.float64]
@@ -25,13 +26,13 @@ COLOURED = 50.0  # most that coloured residuals are discounted
 OWN = ("link_inertia_mismatch", "rotor_inertia_mismatch", "stiffness_mismatch", "damping_mismatch", "payload")
 
 
-def refitted(model: Model, observations: Sequence[Observation], layout: Layout, band: Band) -> Model:
+def refitted(model: Model, observations: Sequence[Observation], layout: EquationSet, band: Band) -> Model:
     """Return the model with Psi fitted to whitened residuals of the observations, from the nominal values."""
     data = WhitenedData(model, observations, layout, band)
     columns = []
     for part in data.parts:
         full = _columns(model, part.stretch.quiet)
-        rows = np.tensordot(full, layout.transform, axes=(1, 1)).transpose(0, 2, 1)
+        rows = layout.combine(full)
         flat = band.apply(rows.reshape(len(rows), -1))[part.stretch.kept]
         columns.append(flat.reshape(len(flat), layout.rows, -1))
     white = data.whiten(columns)
@@ -55,9 +56,7 @@ def _columns(model: Model, motion: CompletedMotion) -> Array:
     if not model.robot.elastic:
         link = model.regressor(motion.q, motion.dq, motion.ddq)
         return np.concatenate([link, np.zeros((N, 2 * n, link.shape[2]))], axis=1)
-    x, dx, ddx = (
-        np.hstack(pair) for pair in ((motion.q, motion.theta), (motion.dq, motion.dtheta), (motion.ddq, motion.ddtheta))
-    )
+    x, dx, ddx = (motion.coordinates(rate) for rate in ("", "d", "dd"))
     phi = model.regressor(x, dx, ddx)
     drive = np.zeros((N, n, phi.shape[2]))
     for i, spring in enumerate(s for s in model.bodies.springs if s.against is not None):

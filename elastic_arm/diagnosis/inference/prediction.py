@@ -22,7 +22,7 @@ from elastic_arm.dynamics import Model, build_model
 from elastic_arm.effects import EffectInstance
 from elastic_arm.effects.equations import ArmEquations
 from elastic_arm.effects.model import Plant
-from elastic_arm.estimation.residuals import CompletedMotion, drive_constants
+from elastic_arm.estimation.motion import CompletedMotion, drive_constants
 from elastic_arm.sensors import Sensors
 from elastic_arm.simulation.assembly import System, assemble
 from elastic_arm.simulation.simulator import SIGN_SPEED, sign_speed

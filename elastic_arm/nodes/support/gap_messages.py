@@ -9,7 +9,7 @@ from typing import Any
 from elastic_arm_msgs.msg import GapAlternative, GapCause, GapDiagnosis, GapParameter, GapPlace, GapResidual
 
 from elastic_arm.diagnosis.live import ResidualLevels
-from elastic_arm.estimation.residuals import SIDES
+from elastic_arm.estimation.equations import SIDES
 
 
 def diagnosis_message(found: Mapping[str, Any]) -> GapDiagnosis:

@@ -16,9 +16,9 @@ from numpy.typing import NDArray
 from elastic_arm.dynamics import build_model
 from elastic_arm.errors import SimulationError
 from elastic_arm.estimation.band import Band
+from elastic_arm.estimation.equations import EquationSet
 from elastic_arm.estimation.observation import observe, widest_band
 from elastic_arm.estimation.resampling import Clock
-from elastic_arm.estimation.residuals import Layout
 from elastic_arm.estimation.whitening import WhitenedData
 from elastic_arm.robot import Robot
 from elastic_arm.studies.blind_challenge.effect_sampling import SampledEffect
@@ -69,7 +69,8 @@ class Detectability:
         course = HiddenArm(robot).run(motion)
         self._observation = observe(measure(course, robot.joint_names, (), instruments, rng))
         rate = self._observation.rate
-        self._layout, self._band = Layout.of(self._observation.pieces[0], robot.n), Band(widest_band(rate), rate)
+        self._layout = EquationSet.direct(self._observation.pieces[0].recorded, robot.n)
+        self._band = Band(widest_band(rate), rate)
         self._plain = self._residuals(course, (), "mod3")
 
     def signal(self, faults: Sequence[Fault], model: str = "mod3") -> EffectSignal:

@@ -9,8 +9,8 @@ import numpy as np
 from scipy.stats import spearmanr
 
 from elastic_arm.dynamics import build_model
-from elastic_arm.estimation.equations import Equations
-from elastic_arm.estimation.smoother import Motion
+from elastic_arm.estimation.base_regression import BaseRegression
+from elastic_arm.estimation.motion import Motion
 from elastic_arm.excitation.criteria import distinct_columns
 from elastic_arm.identification.least_squares import Fit, fit
 from elastic_arm.identification.stream import Accumulator
@@ -53,7 +53,7 @@ class Problem:
 
     def __init__(self, robot: Robot, model: str) -> None:
         self.model = build_model(robot, model)
-        self.equations = Equations(self.model, ("q", "theta", "tau_m"), joints=robot.joint_names)
+        self.equations = BaseRegression(self.model, ("q", "theta", "tau_m"), joints=robot.joint_names)
         base = self.equations.base
         self.names = base.names
         self.true = base.T @ self.equations.nominal

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from elastic_arm.dynamics import build_model
-from elastic_arm.estimation.equations import Equations
+from elastic_arm.estimation.base_regression import BaseRegression
 from elastic_arm.identification.consistency import consistent
 from elastic_arm.identification.least_squares import Fit
 from elastic_arm.robot.description import Component, Inertia, Joint, Robot
@@ -30,7 +30,7 @@ class Recovered:
     guess: np.ndarray
 
 
-def recover(fit: Fit, equations: Equations, guesses: int, seed: int) -> Recovered:
+def recover(fit: Fit, equations: BaseRegression, guesses: int, seed: int) -> Recovered:
     """Draw individual parameters from a fit with physical consistency, beginning at wrong descriptions.
 
     Parameters
@@ -49,7 +49,7 @@ def recover(fit: Fit, equations: Equations, guesses: int, seed: int) -> Recovere
     found, before = [], []
     for _ in range(guesses):
         guess = build_model(perturbed(model.robot, rng), model.name)
-        wrong = Equations(guess, ("q", "theta", "tau_m"), joints=equations.joints)
+        wrong = BaseRegression(guess, ("q", "theta", "tau_m"), joints=equations.joints)
         with warnings.catch_warnings():
             # "Solution may be inaccurate": however accurate, it is scored against the truth.
             warnings.simplefilter("ignore", UserWarning)

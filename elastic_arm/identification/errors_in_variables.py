@@ -14,9 +14,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from elastic_arm.estimation.equations import Equations
+from elastic_arm.estimation.base_regression import BaseRegression
+from elastic_arm.estimation.motion import Motion
 from elastic_arm.estimation.noise import StateNoise
-from elastic_arm.estimation.smoother import Motion
 
 Array = NDArray[np.float64]
 
@@ -42,7 +42,7 @@ class _Directions:
     offsets: dict[str, Array]
 
 
-def noise_sums(equations: Equations, motion: Motion, every: int, first: int) -> Array | None:
+def noise_sums(equations: BaseRegression, motion: Motion, every: int, first: int) -> Array | None:
     """Return what the noise of `motion` adds on the average to [Phi y]'[Phi y] of all groups.
 
     Parameters

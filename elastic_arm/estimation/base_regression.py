@@ -1,0 +1,232 @@
+"""The equations of a recording as a linear regression in base parameters: rows, sums of their products, predictions.
+
+With both encoders the rows are the two lines of (1), and a third where joint torque sensors exist::
+
+    link    0     = M q'' + S theta'' + c + c1 + g + K (q - theta) + D (q' - theta')
+    motor   tau_m = S' q'' + B theta'' + c2 + K (theta - q) + D (theta' - q')
+    drive   tau_J = K (theta - q) + D (theta' - q')
+
+Written so, the noises of the three are independent: encoders in the first, motor torque in the second, joint torque in
+the third. The first two alone are (10). With the encoders of one side only, theta = q, and what remains is
+
+    joint   tau_J = M q'' + S q'' + c + c1 + g
+    whole   tau_m = (M + S + S' + B) q'' + c + c1 + c2 + g
+
+These are the independent equations of :mod:`.equations`. Laws beyond the model add columns: what they add to the
+residuals of link, drive and motor side is carried over to these rows.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from elastic_arm.dynamics import Model
+from elastic_arm.dynamics.double_double import Pair
+from elastic_arm.dynamics.gram import Information, gram
+from elastic_arm.estimation.base_parameters import BaseParameters, find_base
+from elastic_arm.estimation.equations import SIDES, EquationSet
+from elastic_arm.estimation.motion import Motion
+
+Array = NDArray[np.float64]
+
+RANDOM_STATES = 200
+
+
+@dataclass(frozen=True)
+class Column:
+    """A column beyond the model's own: one parameter of a law that is linear in it.
+
+    Parameters
+    ----------
+    name, unit
+        Of the parameter, e.g. `coulomb_friction:joint_2.torque`, Nm.
+    values
+        Motion -> residual name ("link", "drive", "motor") -> (N, n) Nm per unit of the parameter. Residuals that it
+        does not touch may be left out.
+    nominal
+        Value in the nominal arm.
+    """
+
+    name: str
+    unit: str
+    values: Callable[[Motion], dict[str, Array]]
+    nominal: float = 0.0
+
+
+class BaseRegression:
+    """The rows of a recording's equations in base parameters.
+
+    Parameters
+    ----------
+    model
+        Bearings locked.
+    recorded
+        Names of the recorded channels among q, theta, tau_J, tau_m.
+    columns
+        Laws beyond the model.
+    joints
+        Names.
+
+    Raises
+    ------
+    IdentificationError
+        If the channels allow no equation.
+    """
+
+    def __init__(
+        self, model: Model, recorded: Sequence[str], columns: Sequence[Column] = (), joints: Sequence[str] = ()
+    ) -> None:
+        self.model = model
+        self.n = model.n
+        self.elastic = model.robot.elastic
+        self.columns = tuple(columns)
+        self.equations = EquationSet.independent(frozenset(recorded), self.n, elastic=self.elastic)
+        self.sides = self.equations.sides
+        self.joints = tuple(joints) or tuple(f"joint_{i + 1}" for i in range(self.n))
+        self.groups = tuple((side, joint) for side in self.sides for joint in self.joints)
+        own = model.parameters
+        self.names = tuple(p.name for p in own) + tuple(c.name for c in columns)
+        self.units = tuple(p.unit for p in own) + tuple(c.unit for c in columns)
+        self.nominal: Array = np.array([p.nominal for p in own] + [c.nominal for c in columns])
+        self._springs = np.array([k for k, p in enumerate(own) if p.name.rpartition(".")[2] in ("K", "D")], dtype=int)
+        self._own = len(own)
+        self.base: BaseParameters = self._find_base()
+
+    def rows(self, motion: Motion) -> Array:
+        """Return regressor columns of the base parameters and, last, the measured side: (groups, N, B + 1)."""
+        wanted = self.base.columns
+        own, extra = wanted[wanted < self._own], wanted[wanted >= self._own] - self._own
+        phi = self._all_rows(motion, own, extra)
+        measured = [self._measured(motion, side) for side in self.sides]
+        return np.concatenate([phi, np.concatenate(measured)[..., None]], axis=-1)
+
+    def information(self, motion: Motion) -> Pair:
+        """Return [Phi y]'[Phi y] of all groups, hi and lo (groups, B + 1, B + 1), in twice the working precision."""
+        # Equations that no line of the model stands for alone: sums of both, or one line measured twice.
+        if self.columns or ("whole" in self.sides and (self.elastic or "joint" in self.sides)):
+            rows = self.rows(motion)
+            parts = [gram(group) for group in rows]
+            return np.stack([hi for hi, _ in parts]), np.stack([lo for _, lo in parts])
+        both = self._both_sides(motion)
+        x, dx, ddx = (self._coordinates(both, name) for name in ("", "d", "dd"))
+        measured = [self._measured(motion, side).T for side in self.sides if side != "drive"]
+        y = np.zeros((len(motion), self.model.dof))
+        y[:, : self.n * len(measured)] = np.hstack(measured)[:, : y.shape[1]]
+        total = self._sums
+        total.reset()
+        total.add(x, dx, ddx, y=y)
+        hi, lo = total.grams()
+        own = self.n * len(measured)
+        if "drive" not in self.sides:
+            return hi[:own], lo[:own]
+        drive = self._drive_information(x, dx, self._measured(motion, "drive"))
+        return np.concatenate([hi[:own], drive[0]]), np.concatenate([lo[:own], drive[1]])
+
+    @cached_property
+    def _sums(self) -> Information:
+        """Sums of the base columns, used again and again: to set them up takes as long as a thousand samples."""
+        return self.model.accumulator(self.base.columns)
+
+    def _drive_information(self, x: Array, dx: Array, tau_J: Array) -> Pair:
+        """Return the sums of the drive rows: their only columns are deflections and their rates."""
+        width = len(self.base) + 1
+        hi, lo = np.zeros((2, self.n, width, width))
+        n = self.n
+        for i, (K, D) in enumerate(self._drive_columns()):
+            columns = np.stack([x[:, n + i] - x[:, i], dx[:, n + i] - dx[:, i], tau_J[i]])
+            # Three columns that are far from dependent: working precision will do.
+            hi[np.ix_([i], [K, D, width - 1], [K, D, width - 1])] = (columns @ columns.T)[None]
+        return hi, lo
+
+    def _drive_columns(self) -> list[tuple[int, int]]:
+        """Return the places of K and D of each joint among the base columns."""
+        place = {self.names[c]: k for k, c in enumerate(self.base.columns.tolist())}
+        joints = self.model.robot.joint_names
+        return [(place[f"{joint}.K"], place[f"{joint}.D"]) for joint in joints]
+
+    def predict(self, motion: Motion, Psi_base: Array) -> dict[str, Array]:
+        """Return the right sides of all equations, side -> (N, n) Nm, for base parameters `Psi_base`."""
+        rows = self.rows(motion)[..., :-1] @ Psi_base
+        return {side: rows[k * self.n : (k + 1) * self.n].T for k, side in enumerate(self.sides)}
+
+    def measured(self, motion: Motion) -> dict[str, Array]:
+        """Return the left sides of all equations, side -> (N, n) Nm."""
+        return {side: self._measured(motion, side).T for side in self.sides}
+
+    def _measured(self, motion: Motion, side: str) -> Array:
+        channel = self.equations.equation(side).torque
+        if channel is None:
+            return np.zeros((self.n, len(motion)))
+        values: Array = getattr(motion, channel)
+        return values.T
+
+    def laws(self, motion: Motion) -> Array:
+        """Return the columns of the laws beyond the model, (N, 3 n, k) for link, drive and motor residuals."""
+        motion = self._both_sides(motion)
+        stacked = np.zeros((len(motion), 3 * self.n, len(self.columns)))
+        for k, column in enumerate(self.columns):
+            for residual, values in column.values(motion).items():
+                first = SIDES.index(residual) * self.n
+                stacked[:, first : first + self.n, k] = values
+        return stacked
+
+    def _all_rows(self, motion: Motion, own: NDArray[np.intp], extra: NDArray[np.intp]) -> Array:
+        """Return rows (groups, N, columns) of the model's parameters `own` and of the laws `extra`."""
+        laws = motion.laws if motion.laws is not None else self.laws(motion)
+        motion = self._both_sides(motion)
+        x, dx, ddx = (self._coordinates(motion, name) for name in ("", "d", "dd"))
+        phi = self.model.regressor(x, dx, ddx, columns=own)
+        by_residual = laws[:, :, extra].transpose(1, 0, 2).reshape(3, self.n, len(motion), len(extra))
+        blocks = []
+        for side in self.sides:
+            block = np.empty((self.n, len(motion), len(own) + len(extra)))
+            block[:, :, : len(own)] = 0.0
+            self._fill_own(block[:, :, : len(own)], phi, side, own)
+            combination = np.array(self.equations.equation(side).combination, dtype=float)
+            block[:, :, len(own) :] = np.tensordot(combination, by_residual, 1)
+            blocks.append(block)
+        return np.concatenate(blocks)
+
+    def _fill_own(self, block: Array, phi: Array, side: str, own: NDArray[np.intp]) -> None:
+        by_line = phi.transpose(1, 0, 2)
+        link, motor, spring = self.equations.equation(side).lines
+        if link:
+            block += by_line[: self.n]
+        if motor and self.elastic:
+            block += by_line[self.n : 2 * self.n]
+        if spring:
+            springs = np.flatnonzero(np.isin(own, self._springs))
+            block[:, :, springs] -= by_line[: self.n, :, springs]
+
+    def _both_sides(self, motion: Motion) -> Motion:
+        if motion.q is None:
+            return replace(motion, q=motion.theta, dq=motion.dtheta, ddq=motion.ddtheta)
+        if motion.theta is None or "joint" in self.sides or "whole" in self.sides:
+            return replace(motion, theta=motion.q, dtheta=motion.dq, ddtheta=motion.ddq)
+        return motion
+
+    def _coordinates(self, motion: Motion, rate: str) -> Array:
+        q, theta = getattr(motion, rate + "q"), getattr(motion, rate + "theta")
+        return np.hstack([q, theta]) if self.elastic else q
+
+    def _find_base(self) -> BaseParameters:
+        phi = self._all_rows(self._random_motion(), np.arange(self._own), np.arange(len(self.columns)))
+        return find_base(phi.reshape(-1, phi.shape[-1]), self.names, self.units)
+
+    def _random_motion(self) -> Motion:
+        """Return random states: what is dependent at these is dependent always."""
+        rng = np.random.default_rng(2024)
+        shape = (RANDOM_STATES, self.n)
+        q: Array = rng.uniform(-np.pi, np.pi, shape)
+        dq, ddq, dtheta, ddtheta, tau_J, tau_m = rng.standard_normal((6, *shape))
+        t: Array = np.linspace(0.0, 1.0, RANDOM_STATES)
+        motion = Motion(t, q, dq, ddq, tau_J=tau_J, tau_m=tau_m)
+        if "link" in self.sides:
+            theta = q + 0.1 * rng.standard_normal(shape)
+            motion = replace(motion, theta=theta, dtheta=dtheta, ddtheta=ddtheta)
+        return motion

@@ -1,0 +1,140 @@
+"""The smoothed motion of a recording, and what stands in for channels that were not recorded."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields, replace
+from typing import Any, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from elastic_arm.dynamics import Model
+from elastic_arm.errors import DiagnosisError
+from elastic_arm.estimation.noise import StateNoise
+
+Array = NDArray[np.float64]
+
+STIFF = 12.0  # Hz, up to which the deflection behind a single encoder follows the load
+PADDING = 500  # samples
+
+
+@dataclass(frozen=True)
+class Motion:
+    """Motion and torques after the derivative stage; the rows of all equations are made of it.
+
+    Parameters
+    ----------
+    t
+        (N,) s.
+    q, dq, ddq, theta, dtheta, ddtheta
+        (N, n), or None for a side that was not recorded.
+    tau_J, tau_m
+        (N, n) Nm, passed through the same filter as the motion, or None.
+    laws
+        (N, 3 n, k) columns of laws beyond the model, for link, drive and motor residuals, passed through the same
+        filter too (a law may jump where the motion does not); None where they are to be evaluated as they stand.
+    noise
+        Of positions and their derivatives; None where they are taken for exact.
+    every
+        How many samples of the recording each of these stands for.
+    """
+
+    t: Array
+    q: Array | None = None
+    dq: Array | None = None
+    ddq: Array | None = None
+    theta: Array | None = None
+    dtheta: Array | None = None
+    ddtheta: Array | None = None
+    tau_J: Array | None = None
+    tau_m: Array | None = None
+    laws: Array | None = None
+    noise: StateNoise | None = None
+    every: int = 1
+
+    def __len__(self) -> int:
+        return len(self.t)
+
+    def __getitem__(self, part: slice | NDArray[np.intp]) -> Self:
+        kept: dict[str, Any] = {name: values[part] for name, values in self.channels().items()}
+        return replace(self, **kept)
+
+    @property
+    def recorded(self) -> frozenset[str]:
+        """Names of the channels that are there, among q, theta, tau_J, tau_m."""
+        return frozenset(self.channels()) & {"q", "theta", "tau_J", "tau_m"}
+
+    def channels(self) -> dict[str, Array]:
+        """Return what is there for every sample, by name."""
+        kept = {f.name: getattr(self, f.name) for f in fields(self) if f.name not in ("noise", "every")}
+        return {name: values for name, values in kept.items() if values is not None}
+
+    @staticmethod
+    def joined(parts: list[Motion]) -> Motion:
+        """Put parts with the same channels, noise and spacing one after another."""
+        if len(parts) == 1:
+            return parts[0]
+        whole: dict[str, Any] = {
+            name: np.concatenate([getattr(part, name) for part in parts]) for name in parts[0].channels()
+        }
+        return Motion(**whole, noise=parts[0].noise, every=parts[0].every)
+
+
+@dataclass(frozen=True)
+class CompletedMotion(Motion):
+    """Motion with every channel, as :func:`completed` makes it: of the same class, its fields typed as present."""
+
+    q: Array
+    dq: Array
+    ddq: Array
+    theta: Array
+    dtheta: Array
+    ddtheta: Array
+    tau_J: Array
+    tau_m: Array
+
+    def coordinates(self, rate: str = "", *, elastic: bool = True) -> Array:
+        """Return generalized coordinates [q, theta] (N, 2 n) or [q], or their `rate` "d" or "dd"."""
+        q, theta = getattr(self, rate + "q"), getattr(self, rate + "theta")
+        return np.hstack([q, theta]) if elastic else q
+
+
+def completed(motion: Motion, model: Model) -> CompletedMotion:
+    """Fill in missing channels by what cancels from the usable rows."""
+    K, D = drive_constants(model)
+    link, motor = (motion.q, motion.dq, motion.ddq), (motion.theta, motion.dtheta, motion.ddtheta)
+    q, dq, ddq = (own if own is not None else other for own, other in zip(link, motor, strict=True))
+    if motion.q is None and model.robot.elastic and q is not None and dq is not None and ddq is not None:
+        wound = _deflection(model, motion.t, q, dq, ddq)
+        q, dq, ddq = q - wound[0], dq - wound[1], ddq - wound[2]
+    theta, dtheta, ddtheta = (own if own is not None else other for own, other in zip(motor, link, strict=True))
+    if q is None or dq is None or ddq is None or theta is None or dtheta is None or ddtheta is None:
+        raise DiagnosisError("the recording holds no positions", "Record /motor_states or /joint_states with positions")
+    tau_J = motion.tau_J if motion.tau_J is not None else K * (theta - q) + D * (dtheta - dq)
+    tau_m = motion.tau_m if motion.tau_m is not None else np.zeros_like(tau_J)
+    return CompletedMotion(motion.t, q, dq, ddq, theta, dtheta, ddtheta, tau_J, tau_m)
+
+
+def _deflection(model: Model, t: Array, q: Array, dq: Array, ddq: Array) -> tuple[Array, Array, Array]:
+    """Deflection of the drives (N, n), and two derivatives, under the load that the arm would be if it were stiff.
+
+    It stands in for the link encoder at low frequencies, where the load hardly depends on the deflection.
+    """
+    n = model.n
+    K, D = drive_constants(model)
+    load = model.inverse_dynamics(*(np.hstack([v, v]) for v in (q, dq, ddq)))[:, :n]
+    padded = np.pad(load, ((PADDING, PADDING), (0, 0)), mode="reflect")
+    f = np.fft.rfftfreq(len(padded), t[1] - t[0])[:, None]
+    s = 2j * np.pi * f
+    wound = np.fft.rfft(padded, axis=0) * np.exp(-0.5 * (f / STIFF) ** 2) / (K + s * D)
+    kept = slice(PADDING, PADDING + len(load))
+    found = [np.fft.irfft(wound * s**k, len(padded), axis=0)[kept] for k in range(3)]
+    return found[0], found[1], found[2]
+
+
+def drive_constants(model: Model) -> tuple[Array, Array]:
+    """Return K (n,) Nm/rad and D (n,) Nm s/rad of the model; nothing for an arm without transmissions."""
+    drives = [spring for spring in model.bodies.springs if spring.against is not None]
+    if not drives:
+        return np.zeros(model.n), np.zeros(model.n)
+    return model.Psi[[spring.stiffness for spring in drives]], model.Psi[[spring.damping for spring in drives]]

@@ -1,0 +1,57 @@
+"""The smoothed motion of a recording: parts, joining, and what stands in for missing channels."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from elastic_arm.dynamics import build_model
+from elastic_arm.errors import DiagnosisError
+from elastic_arm.estimation.equations import EquationSet
+from elastic_arm.estimation.motion import CompletedMotion, Motion, completed, drive_constants
+from elastic_arm.estimation.residuals import raw_residuals
+from elastic_arm.robot import load_robot
+from tests.helpers.smooth_motion import smooth_motion
+
+MODEL = build_model(load_robot(None), "mod3")
+
+
+def test_parts_joined_are_the_whole() -> None:
+    """Cutting a motion and joining the parts changes nothing."""
+    whole = smooth_motion(MODEL, samples=50)
+    again = Motion.joined([whole[:20], whole[20:]])
+    for name, values in whole.channels().items():
+        np.testing.assert_array_equal(getattr(again, name), values)
+    assert len(whole[10:15]) == 5
+    assert replace(whole, theta=None).recorded == {"q", "tau_J", "tau_m"}
+
+
+@pytest.mark.parametrize("missing", ["tau_J", "tau_m"])
+def test_what_stands_in_for_a_torque_cancels_from_the_usable_rows(missing: str) -> None:
+    """The usable residuals of a completed motion are those that the missing torque has no part in."""
+    whole = smooth_motion(MODEL, samples=50)
+    part = replace(whole, **{missing: None})
+    equations = EquationSet.direct(part.recorded, MODEL.n)
+    full, standing_in = (raw_residuals(MODEL, completed(m, MODEL)) @ equations.transform.T for m in (whole, part))
+    np.testing.assert_allclose(standing_in, full, atol=1e-9 * np.abs(full).max())
+
+
+def test_a_missing_link_encoder_is_made_up_from_the_load_at_low_frequency() -> None:
+    """Behind a slow motor the link follows by the static deflection, load over stiffness."""
+    t, w, one = np.arange(4000) * 1e-3, 2 * np.pi * 0.25, np.ones(MODEL.n)
+    theta, dtheta = np.outer(0.3 * np.sin(w * t), one), np.outer(0.3 * w * np.cos(w * t), one)
+    ddtheta = -(w**2) * theta
+    found = completed(Motion(t, theta=theta, dtheta=dtheta, ddtheta=ddtheta, tau_m=theta), MODEL)
+    assert isinstance(found, CompletedMotion)
+    load = MODEL.inverse_dynamics(*(np.hstack([v, v]) for v in (theta, dtheta, ddtheta)))[:, : MODEL.n]
+    middle = slice(1000, 3000)
+    expected = load[middle] / drive_constants(MODEL)[0]
+    np.testing.assert_allclose((found.theta - found.q)[middle], expected, atol=0.05 * np.abs(expected).max())
+
+
+def test_without_positions_nothing_is_completed() -> None:
+    """The error says what to record."""
+    with pytest.raises(DiagnosisError, match="positions"):
+        completed(Motion(np.arange(3.0), tau_m=np.zeros((3, 3))), MODEL)
