@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 from elastic_arm.diagnosis.result import Diagnosis
+from elastic_arm.effects.model import MODELS
 from elastic_arm.robot import Robot
 
 
 def repaired_robot(robot: Robot, diagnosis: Diagnosis) -> Robot:
     """Return the nominal arm with the effects that the diagnosis found, besides those that counted as known.
 
-    Known are those of the arm file and of the user, at the sizes that were fitted, and lags of a sample or less.
+    What a model variant has is left out: take that variant. Known are those of the arm file and of the user, at the
+    sizes that were fitted, and what is ordinary, such as lags of a sample.
     """
-    model_has_them = ("spline_inertia", "inertia_coupling")
     context = diagnosis.context
     known = robot.effects if context is None else [active.to_dict() for active in context.known]
-    found = [c.active.to_dict() for c in diagnosis.causes if c.effect not in model_has_them]
+    found = [c.active.to_dict() for c in diagnosis.causes if c.active.effect.lacked_by == MODELS]
     return robot.with_(effects=(*known, *found))

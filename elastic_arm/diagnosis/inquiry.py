@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,7 +18,7 @@ from elastic_arm.diagnosis.result import Alternative, Cause, Diagnosis, Residual
 from elastic_arm.diagnosis.selection.regressor_library import Candidate, RegressorLibrary
 from elastic_arm.diagnosis.selection.stepwise import ENOUGH, Hypothesis, Rival, Search, misfit
 from elastic_arm.dynamics import Model
-from elastic_arm.effects import EffectInstance
+from elastic_arm.effects import Effect, EffectInstance
 from elastic_arm.estimation.effect_columns import Feature
 from elastic_arm.estimation.observation import Observation
 
@@ -115,7 +115,7 @@ class Inquiry:
         by_size = shrinking.select_band(shrinking.statistics_in_bands(self.judge, self._left(self.given)))
         if by_size is None and search.strongest() <= DETECTED:
             return Hypothesis(list(self.given), len(self.given))
-        return self._without_lags(search.run())
+        return self._without_ordinary(search.run())
 
     def _measure(self, explanation: Hypothesis) -> Measure:
         """Return what the gap is measured by: residuals where any stands out by its size, else likelihood."""
@@ -172,27 +172,30 @@ class Inquiry:
     def _left(self, selected: Sequence[Candidate]) -> list[Array]:
         return shrinking.remaining(self.judge, selected, self.library.fit(0, selected))
 
-    def _without_lags(self, explanation: Hypothesis) -> Hypothesis:
-        """Count lags of a sample or less as part of the model: they are no cause."""
+    def _without_ordinary(self, explanation: Hypothesis) -> Hypothesis:
+        """Count what every real arm has, such as lags of a sample, as part of the model: it is no cause."""
         estimated = estimates(self.library, polish(self.library, explanation.selected))
-        lags, causes = [], []
+        ordinary_ones, causes = [], []
         for k in range(explanation.given, len(explanation.selected)):
             candidate, values = explanation.selected[k], estimated[k]
-            delay = values.get("delay")
-            is_lag = candidate.feature.effect.id == "time_delay" and delay is not None
-            if is_lag and abs(delay.value) <= 1.0 / self.rate + 2 * delay.std:  # type: ignore[union-attr]
-                channels = ", ".join(candidate.feature.choices["channels"])
-                where = candidate.feature.joint or "all joints"
-                self.notes.append(
-                    f"{channels} of {where} lags by {1e3 * delay.value:.2f} ms, a sample or less: "  # type: ignore[union-attr]
-                    "taken into account, no cause."
-                )
-                lags.append(k)
+            ordinary = candidate.feature.effect.ordinary
+            if ordinary is not None and self._is_ordinary(candidate.feature.effect, values):
+                numbers = {name: estimate.value for name, estimate in values.items()}
+                place = candidate.feature.joint or "all joints"
+                self.notes.append(ordinary.note({**numbers, **candidate.feature.choices}, place))
+                ordinary_ones.append(k)
             else:
                 causes.append(k)
-        order = [*range(explanation.given), *lags, *causes]
+        order = [*range(explanation.given), *ordinary_ones, *causes]
         moved = {order.index(k): v for k, v in explanation.rivals.items() if k in causes}
-        return Hypothesis([explanation.selected[k] for k in order], explanation.given + len(lags), moved)
+        return Hypothesis([explanation.selected[k] for k in order], explanation.given + len(ordinary_ones), moved)
+
+    def _is_ordinary(self, effect: Effect, values: Mapping[str, ParameterEstimate]) -> bool:
+        """Whether there is no more of an effect, to two standard deviations, than any real arm has."""
+        if effect.ordinary is None or effect.ordinary.parameter not in values:
+            return False
+        found, neutral = values[effect.ordinary.parameter], effect.parameter(effect.ordinary.parameter).neutral or 0.0
+        return bool(abs(found.value - neutral) <= effect.ordinary.most(self.rate) + 2 * (found.std or 0.0))
 
     def _judged(self, explanation: Hypothesis, measure: Measure) -> Hypothesis:
         """Leave out, worst first, causes that do not pass the contract's conditions."""

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from elastic_arm.diagnosis.data.preprocessing import needs_motion, standing, usable
 from elastic_arm.diagnosis.data.split import independent, split
-from elastic_arm.diagnosis.inference.model_refit import OWN, refitted
+from elastic_arm.diagnosis.inference.model_refit import refitted
 from elastic_arm.diagnosis.inquiry import Inquiry
 from elastic_arm.diagnosis.result import Diagnosis
 from elastic_arm.diagnosis.selection.candidates import feature_of, features
@@ -81,7 +81,8 @@ def diagnose(recordings: Sequence[Recording], question: Question, validate: Sequ
     effects = question.effects
     if question.refit:
         model = refitted(model, seen[0], layout, band)
-        effects = tuple(e for e in effects if e.id not in OWN)
+        # Of errors of the model's own parameters nothing is left.
+        effects = tuple(e for e in effects if not e.model_parameter)
     identify, judge = (WhitenedData(model, part, layout, band) for part in seen)
     for part, data in zip(("fit", "judge"), (identify, judge), strict=True):
         if not data.parts:

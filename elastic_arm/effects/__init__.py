@@ -4,8 +4,9 @@ A file of this folder that holds an `EFFECT` is in the catalogue; adding an effe
 """
 
 from elastic_arm.effects.catalogue import EFFECTS, from_dict, parse, robot_effects
-from elastic_arm.effects.model import Choice, Confusion, Effect, EffectInstance, Parameter, Role, Scope
+from elastic_arm.effects.model import Confusion, Effect, EffectInstance, Scope
 from elastic_arm.effects.motion import Contribution, SymbolicMotion
+from elastic_arm.effects.parameters import Choice, Parameter, Role
 
 __all__ = [
     "EFFECTS",

@@ -10,7 +10,8 @@ from types import MappingProxyType
 from typing import Any
 
 from elastic_arm.effects import library
-from elastic_arm.effects.model import Choice, Effect, EffectInstance
+from elastic_arm.effects.model import Effect, EffectInstance
+from elastic_arm.effects.parameters import Choice
 from elastic_arm.errors import EffectError
 from elastic_arm.robot import Robot
 

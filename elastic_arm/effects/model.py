@@ -11,7 +11,6 @@ equations of motion. What differs between kinds of effects is only how they ente
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from enum import Enum
@@ -20,6 +19,8 @@ from typing import Any
 import casadi as ca
 
 from elastic_arm.effects.motion import Contribution, SymbolicMotion
+from elastic_arm.effects.parameters import Choice, Parameter, Role, combinations
+from elastic_arm.effects.regressor import RegressorOf
 from elastic_arm.errors import EffectError
 from elastic_arm.robot import Robot
 from elastic_arm.sensors import Sensors
@@ -27,17 +28,12 @@ from elastic_arm.sensors import Sensors
 Value = float | tuple[float, ...] | tuple[str, ...] | str
 Law = Callable[[SymbolicMotion, int, Mapping[str, Any]], Contribution]
 
-
-class Role(Enum):
-    """How the diagnosis gets at a parameter.
-
-    LINEAR: its column is the law's derivative at no effect. PHASE: with the linear parameter named first, the law is
-    linear in (amplitude cos phase, amplitude sin phase). SEARCHED: only by trying values.
-    """
-
-    LINEAR = "linear"
-    PHASE = "phase"
-    SEARCHED = "searched"
+MODELS = ("mod1", "mod2", "mod3")
+SIDES = ("link", "drive", "motor")
+REGIMES = (
+    "always", "velocity_reversal", "low_speed", "high_speed", "acceleration", "load", "position", "rotor_angle",
+    "wave_generator_angle", "frequency", "start", "drift",
+)  # fmt: skip
 
 
 class Scope(Enum):
@@ -50,102 +46,31 @@ class Scope(Enum):
 
 
 @dataclass(frozen=True)
-class Parameter:
-    """A number in a law.
-
-    Parameters
-    ----------
-    name, unit, meaning
-        As in `diagnosis.json`; what it is, in a few words.
-    low, high
-        Plausible range: what an engineer would believe of an industrial arm.
-    role
-        How it is found.
-    neutral
-        Its value for no effect; None where the effect vanishes through another parameter alone.
-    default
-        Taken when it is not given; None where it must be.
-    size
-        Number of components: 3 for a vector.
-    above
-        Physical bound: values must be larger.
-    least
-        What a real arm has at least: who states the effect may not go below it. A fit may, and so shows that the
-        nominal arm has too much of it.
-    from_coefficient
-        Exact value for the coefficient of its column; None for `neutral + coefficient`.
-    """
-
-    name: str
-    unit: str
-    low: float
-    high: float
-    role: Role = Role.LINEAR
-    neutral: float | None = None
-    default: float | tuple[float, ...] | None = None
-    meaning: str = ""
-    size: int = 1
-    above: float = -math.inf
-    least: float = -math.inf
-    from_coefficient: Callable[[float], float] | None = None
-
-    def value_of(self, coefficient: float) -> float:
-        """Return the parameter's value for the coefficient that a fit gave its column."""
-        if self.from_coefficient is not None:
-            return self.from_coefficient(coefficient)
-        return (self.neutral or 0.0) + coefficient
-
-    def checked(self, value: Any, of: str) -> float | tuple[float, ...]:
-        """Return `value` as a number, or a tuple of them for a vector; EffectError where it makes no sense."""
-        numbers = tuple(value) if isinstance(value, list | tuple) else (value,)
-        what = "a number" if self.size == 1 else f"{self.size} numbers"
-        unit = f" in {self.unit}" if self.unit != "1" else ""
-        try:
-            numbers = tuple(float(v) for v in numbers)
-        except (TypeError, ValueError):
-            numbers = ()
-        if len(numbers) != self.size or not all(math.isfinite(v) for v in numbers):
-            raise EffectError(f"{of}: {self.name} is {value!r}", f"Give {what}{unit}.")
-        if any(v <= self.above for v in numbers):
-            raise EffectError(f"{of}: {self.name} is {value!r}", f"It must be above {self.above:g}{unit}.")
-        return numbers[0] if self.size == 1 else numbers
-
-
-@dataclass(frozen=True)
-class Choice:
-    """Something about an effect that is no number: the side it acts on, the channels it delays."""
-
-    name: str
-    values: tuple[str, ...]
-    default: str | tuple[str, ...]
-    several: bool = False
-
-    def checked(self, value: Any, of: str) -> str | tuple[str, ...]:
-        """Return the choice, a tuple where several may be made; EffectError where there is no such choice."""
-        chosen = (value,) if isinstance(value, str) else tuple(value)
-        wrong = [v for v in chosen if v not in self.values]
-        if wrong or not chosen or (len(chosen) > 1 and not self.several):
-            raise EffectError(f"{of}: {self.name} is {value!r}", f"Choose {self._offer()}.")
-        return tuple(v for v in self.values if v in chosen) if self.several else chosen[0]
-
-    def combinations(self) -> Iterator[str | tuple[str, ...]]:
-        """Return the single choices, and all together where several may be made."""
-        for value in self.values:
-            yield (value,) if self.several else value
-        if self.several:
-            yield self.values
-
-    def _offer(self) -> str:
-        return ("any of " if self.several else "one of ") + ", ".join(self.values)
-
-
-@dataclass(frozen=True)
 class Confusion:
     """Another effect that a recording may not tell from this one: when, and which motion would."""
 
     effect: str
     when: str
     separated_by: str
+
+
+@dataclass(frozen=True)
+class Ordinary:
+    """Up to which size an effect is ordinary: every real arm has as much, so it is counted as part of the model.
+
+    Parameters
+    ----------
+    parameter
+        Which says how much there is.
+    most
+        (sample rate in Hz) -> largest ordinary distance from no effect, in the parameter's unit.
+    note
+        (parameters and choices, place) -> what the diagnosis notes of it.
+    """
+
+    parameter: str
+    most: Callable[[float], float]
+    note: Callable[[Mapping[str, Any], str], str]
 
 
 @dataclass(frozen=True)
@@ -195,6 +120,24 @@ class Effect:
         joint then find in the deflection.
     confusions
         What it may be mistaken for.
+    magnitude
+        Names of the parameters that are its size: one, or several that are the components of one; the first parameter
+        where none is named.
+    needs_motion
+        Whether it shows by the motion of its own joint alone. A drive is wound where its joint stands still, too.
+    model_parameter
+        Whether it is an error of the model's own parameters: where these are identified first, nothing of it is left.
+    lacked_by
+        Model variants that lack it.
+    ordinary
+        Up to which size it is no cause; None where any size is one.
+    regressor
+        (equations of an arm) -> its regressor, where the derivatives of the law are not enough.
+
+    Raises
+    ------
+    EffectError
+        If the entries contradict each other.
     """
 
     id: str
@@ -211,6 +154,46 @@ class Effect:
     twist: Callable[[SymbolicMotion, int, Mapping[str, Any]], tuple[ca.SX, ca.SX]] | None = None
     sides_of: Callable[[Mapping[str, Any]], tuple[str, ...]] | None = None
     confusions: tuple[Confusion, ...] = ()
+    magnitude: tuple[str, ...] = ()
+    needs_motion: bool = False
+    model_parameter: bool = False
+    lacked_by: tuple[str, ...] = MODELS
+    ordinary: Ordinary | None = None
+    regressor: RegressorOf | None = None
+
+    def __post_init__(self) -> None:
+        if not self.magnitude and self.parameters:
+            object.__setattr__(self, "magnitude", (self.parameters[0].name,))
+        for problem, remedy in self._contradictions():
+            raise EffectError(f"effect {self.id}: {problem}", remedy)
+
+    def _contradictions(self) -> Iterator[tuple[str, str]]:
+        """Yield what is wrong with the entries, and what to do about it."""
+        if not self.id.isidentifier():
+            yield f"{self.id!r} is no id", "Take lower-case letters, digits and _, such as gravity_spring."
+        names = [*self.names, *self.states]
+        if twice := next((name for name in names if names.count(name) > 1), None):
+            yield f"{twice} stands for two things", "Give parameters, choices and states names of their own."
+        if missing := [text for text in ("formula", "description", "signature") if not getattr(self, text)]:
+            yield f"its {missing[0]} is empty", "Write it in a sentence: the reports show it."
+        for what, given, known in (
+            ("sides", self.sides, SIDES), ("regime", (self.regime,), REGIMES), ("lacked_by", self.lacked_by, MODELS),
+            ("magnitude", self.magnitude, tuple(p.name for p in self.parameters)),
+            ("ordinary.parameter", (self.ordinary.parameter,) if self.ordinary else (), self.magnitude),
+        ):  # fmt: skip
+            if unknown := [value for value in given if value not in known]:
+                yield f"{what} holds {unknown[0]!r}", f"Take of {', '.join(known) or 'nothing: it has no parameter'}."
+        if not self.sides or not self.lacked_by:
+            yield "it shows in no equation or no model", f"Name sides, of {', '.join(SIDES)}, and models that lack it."
+        linear = [p for p in self.parameters if p.role is Role.LINEAR]
+        phases = [p for p in self.parameters if p.role is Role.PHASE]
+        if phases and (len(linear) != 1 or linear[0].size != 1 or len(phases) > 1):
+            yield (
+                f"its phase {phases[0].name} needs exactly one amplitude",
+                "Give one parameter of role LINEAR before the one of role PHASE.",
+            )
+        if self.regressor is not None and (linear or phases):
+            yield "a regressor of its own has searched parameters only", "Give each role=Role.SEARCHED."
 
     def parameter(self, name: str) -> Parameter:
         """Return a parameter by name."""
@@ -226,25 +209,29 @@ class Effect:
         """Names of all parameters and choices."""
         return tuple(entry.name for entry in self.entries)
 
-    def enter(self, stage: Plant, active: EffectInstance) -> Plant:
+    def added_to(self, plant: Plant, instance: EffectInstance) -> Plant:
         """Return the arm with the effect in it."""
-        return replace(stage, laws=(*stage.laws, active))
+        return replace(plant, laws=(*plant.laws, instance))
+
+    def places(self, robot: Robot) -> tuple[str | None, ...]:
+        """Return the names of the joints on which it can sit, None for the whole arm."""
+        joints = robot.joint_names
+        return {
+            Scope.EACH: joints,
+            Scope.LAST: joints[-1:],
+            Scope.ARM: (None,),
+            Scope.EACH_OR_ARM: (None, *joints),
+        }[self.scope]
 
     def candidates(self, robot: Robot) -> Iterator[EffectInstance]:
         """Return the effect at every place and in every choice, at no effect where it has such a value.
 
         Parameters without a neutral value stand at their default, or in the middle of their plausible range.
         """
-        joints: list[str | None] = list(robot.joint_names)
-        if self.scope is Scope.LAST:
-            joints = joints[-1:]
-        elif self.scope is Scope.ARM:
-            joints = [None]
-        elif self.scope is Scope.EACH_OR_ARM:
-            joints = [None, *joints]
-        for joint in joints:
-            for chosen in _combinations(self.choices):
-                yield EffectInstance(self, joint, {**{p.name: _start(p) for p in self.parameters}, **chosen})
+        start = {p.name: p.start() for p in self.parameters}
+        for joint in self.places(robot):
+            for chosen in combinations(self.choices):
+                yield EffectInstance(self, joint, {**start, **chosen})
 
 
 @dataclass(frozen=True)
@@ -259,12 +246,12 @@ class SensorEffect(Effect):
 
     change: Callable[[Sensors, int, int, Mapping[str, Any]], Sensors] = field(kw_only=True)
 
-    def enter(self, stage: Plant, active: EffectInstance) -> Plant:
+    def added_to(self, plant: Plant, instance: EffectInstance) -> Plant:
         """Return the arm with its sensors changed."""
-        sensors, n = stage.sensors, stage.robot.n
-        for i in active.joint_indices(stage.robot):
-            sensors = self.change(sensors, i, n, active.parameters)
-        return replace(stage, sensors=sensors)
+        sensors, n = plant.sensors, plant.robot.n
+        for i in instance.joint_indices(plant.robot):
+            sensors = self.change(sensors, i, n, instance.parameters)
+        return replace(plant, sensors=sensors)
 
 
 @dataclass(frozen=True)
@@ -274,14 +261,14 @@ class StructuralEffect(Effect):
     Parameters
     ----------
     change
-        (stage, parameters) -> stage.
+        (plant, parameters) -> plant.
     """
 
     change: Callable[[Plant, Mapping[str, Any]], Plant] = field(kw_only=True)
 
-    def enter(self, stage: Plant, active: EffectInstance) -> Plant:
+    def added_to(self, plant: Plant, instance: EffectInstance) -> Plant:
         """Return the arm with its parts changed."""
-        return self.change(stage, active.parameters)
+        return self.change(plant, instance.parameters)
 
 
 @dataclass(frozen=True)
@@ -376,17 +363,3 @@ def _text(value: Value) -> str:
     if isinstance(value, tuple):
         return ("+" if isinstance(value[0], str) else "/").join(_text(v) for v in value)
     return value if isinstance(value, str) else f"{value:.9g}"
-
-
-def _start(parameter: Parameter) -> Value:
-    middle = math.sqrt(parameter.low * parameter.high) if parameter.low > 0 else (parameter.low + parameter.high) / 2
-    return next(v for v in (parameter.default, parameter.neutral, middle) if v is not None)
-
-
-def _combinations(choices: tuple[Choice, ...]) -> Iterator[dict[str, Value]]:
-    if not choices:
-        yield {}
-        return
-    for value in choices[0].combinations():
-        for rest in _combinations(choices[1:]):
-            yield {choices[0].name: value, **rest}

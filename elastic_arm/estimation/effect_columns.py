@@ -19,8 +19,9 @@ from scipy.interpolate import CubicSpline
 from elastic_arm.codegen import kernels
 from elastic_arm.codegen.recursion import Recursion
 from elastic_arm.effects.equations import ArmEquations
-from elastic_arm.effects.model import Effect, EffectInstance, Parameter, Role, Scope
+from elastic_arm.effects.model import Effect, EffectInstance, Scope
 from elastic_arm.effects.motion import Contribution, SymbolicMotion
+from elastic_arm.effects.parameters import Parameter, Role
 from elastic_arm.errors import EffectError
 from elastic_arm.estimation.motion import CompletedMotion
 

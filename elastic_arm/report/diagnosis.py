@@ -19,7 +19,6 @@ from elastic_arm.diagnosis.format import (
 )
 from elastic_arm.diagnosis.inference.across_recordings import Agreement
 from elastic_arm.diagnosis.result import SEPARATING, Cause, Diagnosis
-from elastic_arm.effects import EFFECTS
 from elastic_arm.estimation.equations import SIDES
 from elastic_arm.report import diagnosis_figures as figures
 from elastic_arm.report.html import Block, Figure, Section, Table, Text, write_report
@@ -136,7 +135,7 @@ def _how_far(found: Diagnosis) -> list[Block]:
 
 
 def _cause(found: Diagnosis, cause: Cause, k: int, context: DiagnosisContext) -> list[Block]:
-    effect = EFFECTS[cause.effect]
+    effect = cause.active.effect
     row = _loudest(context, k)
     side, joint = context.validate.layout.sides[row // len(found.joints)], found.joints[row % len(found.joints)]
     caption = (
@@ -146,7 +145,7 @@ def _cause(found: Diagnosis, cause: Cause, k: int, context: DiagnosisContext) ->
     return [
         Text(f"{effect.description} Law: {effect.formula}."),
         Text(f"How it shows: {effect.signature}"),
-        Figure(figures.residual_figure(found, context, row, context.alone[k], cause.effect), caption),
+        Figure(figures.residual_figure(found, context, row, context.alone[k], cause.effect, effect.regime), caption),
     ]
 
 

@@ -34,7 +34,6 @@ BEFORE, CAUSE, AFTER = GREY, VERMILION, BLUE
 POINTS = 1500  # of a cloud
 UNIT = {"excess": "the excess over noise", "likelihood": "its log-likelihood"}  # of a gap, by how it is measured
 BRIGHTEST = 100.0  # residual over noise at which the map's colour ends
-WIDEST_TURN = {"torque_ripple": "rotor"}  # effects that repeat with the rotor; the others with the wave generator
 
 
 def title(cause: Cause) -> str:
@@ -101,7 +100,7 @@ def ladder(found: Diagnosis) -> MplFigure:
 
 
 def residual_figure(
-    found: Diagnosis, context: DiagnosisContext, row: int, left: Sequence[Array], cause: str | None
+    found: Diagnosis, context: DiagnosisContext, row: int, left: Sequence[Array], cause: str | None, regime: str = ""
 ) -> MplFigure:
     """Draw a residual against time, frequency, velocity, position and angle, with what was added laid over.
 
@@ -113,6 +112,8 @@ def residual_figure(
         What is left of all residuals, one array (N', R) a stretch.
     cause
         What it is that was added; None where nothing was.
+    regime
+        In which it shows most: what follows the rotor is drawn over the angle of the rotor.
     """
     n = len(found.joints)
     side, i = context.validate.layout.sides[row // n], row % n
@@ -123,7 +124,7 @@ def residual_figure(
     moving = "link" if side == "link" else "motor"
     speed, angle = (motion.dq, motion.q) if side == "link" else (motion.dtheta, motion.theta)
     w, q = (np.interp(t, motion.t, values[:, i]) for values in (speed, angle))
-    turn, turning = _turn(found, context, i, np.interp(t, motion.t, motion.theta[:, i]), cause)
+    turn, turning = _turn(found, context, i, np.interp(t, motion.t, motion.theta[:, i]), regime)
     with style():
         figure, _ = new_figure(size=(10.4, 5.4))
         figure.clear()
@@ -164,12 +165,12 @@ def _draw_cloud(ax: Axes, x: Array, before: Array, cause: Array | None) -> None:
         ax.plot(x[::step], cause[::step], ".", color=CAUSE, ms=2.2, alpha=0.7, mew=0, rasterized=True)
 
 
-def _turn(found: Diagnosis, context: DiagnosisContext, i: int, theta: Array, cause: str | None) -> tuple[Array, str]:
+def _turn(found: Diagnosis, context: DiagnosisContext, i: int, theta: Array, regime: str) -> tuple[Array, str]:
     """Return the angle within a turn of what turns fast, and its name: wave generator, rotor, or the joint itself."""
     gear = context.model.robot.joints[i].transmission
     if gear is None:
         return np.mod(theta, 2 * np.pi), "joint angle within a turn [rad]"
-    rotor = cause in WIDEST_TURN
+    rotor = regime == "rotor_angle"
     ratio = gear.r_tot if rotor else gear.harmonic_drive_ratio
     name = "rotor" if rotor else "wave generator"
     return np.mod(ratio * theta, 2 * np.pi), f"{name} angle within a turn [rad]"

@@ -141,13 +141,13 @@ class Simulator:
     def _build(self, effects: Sequence[EffectInstance]) -> None:
         """Put arm, effects and sensors together."""
         self.effects = (*robot_effects(self.robot), *effects)
-        stage = Plant(self.robot, self._given_sensors, self._bearings)
+        plant = Plant(self.robot, self._given_sensors, self._bearings)
         for active in self.effects:
             active.joint_indices(self.robot)
-            stage = active.effect.enter(stage, active)
-        self.system: System = assemble(ArmEquations(stage.robot, self._model, bearings=stage.bearings), stage.laws)
+            plant = active.effect.added_to(plant, active)
+        self.system: System = assemble(ArmEquations(plant.robot, self._model, bearings=plant.bearings), plant.laws)
         self.integrator = make_integrator(self.system, self._engine_name)
-        self.sensors = SensorBank(stage.sensors, self.robot.n, self.rate, self._rng)
+        self.sensors = SensorBank(plant.sensors, self.robot.n, self.rate, self._rng)
 
     def reset(self, q0: Array, dq0: Array | None = None) -> None:
         """Put the motors at `q0` (n,), links where gravity leaves them, at rest or at velocities `dq0` (n,)."""

@@ -18,7 +18,8 @@ from elastic_arm.robot import load_robot, save_robot
 from tests.helpers.effect_samples import INSTANCES, contribution, random_motion
 
 OF_A_NEW_EFFECT = """
-from elastic_arm.effects.model import Effect, Parameter
+from elastic_arm.effects.model import Effect
+from elastic_arm.effects.parameters import Parameter
 
 EFFECT = Effect(
     id="magnetic_hand",

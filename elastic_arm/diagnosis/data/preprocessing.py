@@ -19,7 +19,6 @@ from elastic_arm.recording import Recording, Samples, Side
 
 Array = NDArray[np.float64]
 
-MOVING = ("velocity_reversal", "low_speed", "high_speed", "acceleration", "rotor_angle", "wave_generator_angle")
 TORQUES = {"link": "joint torque (effort of the link side)", "motor": "motor torque (effort of the motor side)"}
 AVERAGED = 0.02  # s; clocks are compared on means over as long
 NOTICED = 1e-5  # s over the recording: less moves nothing that could be measured
@@ -49,8 +48,7 @@ def standing(recording: Recording) -> list[str]:
 
 def needs_motion(feature: Feature) -> bool:
     """Whether an effect shows by the motion of its joint alone; a drive winds up where the joint stands still, too."""
-    moving = feature.effect.regime in MOVING or feature.effect.id.endswith("_friction")
-    return moving and "drive" not in feature.sides
+    return feature.effect.needs_motion and "drive" not in feature.sides
 
 
 def _live(recording: Recording) -> Recording:

@@ -22,7 +22,7 @@ from elastic_arm.diagnosis.result import Cause
 from elastic_arm.diagnosis.selection.regressor_library import Candidate
 from elastic_arm.diagnosis.selection.stepwise import misfit
 from elastic_arm.dynamics import Model
-from elastic_arm.effects.model import Parameter
+from elastic_arm.effects.parameters import Parameter
 from elastic_arm.errors import ExcitationError
 from elastic_arm.estimation.effect_columns import Feature, Whole
 from elastic_arm.estimation.whitening import WhitenedData
@@ -42,7 +42,7 @@ STEPS = 60  # random steps from the best one
 STRIDE = 0.25  # of the amplitudes
 # A refit may move a searched parameter: columns at these multiples, or at these distances (m), span what it can do.
 NEIGHBOURS = (0.6, 1.0, 1.6)
-APART = 0.05
+APART = 0.05  # of the range
 DEPENDENT = 1e-6  # relative singular value below which columns say the same
 
 
@@ -237,9 +237,12 @@ def _neighbours(searched: Sequence[Parameter], around: Sequence[float]) -> list[
     k = 0
     for p in searched:
         for j in range(k, k + p.size):
-            if p.name == "order":
+            if p.integer:
                 continue
-            steps = [around[j] + d for d in (-APART, APART)] if p.size > 1 else [around[j] * m for m in NEIGHBOURS]
+            steps = [around[j] * m for m in NEIGHBOURS]
+            if not p.logarithmic:
+                apart = APART * (p.high - p.low)
+                steps = [around[j] - apart, around[j] + apart]
             points += [(*around[:j], step, *around[j + 1 :]) for step in steps if step != around[j]]
         k += p.size
     return points

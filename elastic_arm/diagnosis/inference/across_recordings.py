@@ -17,7 +17,7 @@ from scipy.stats import chi2
 from elastic_arm.diagnosis.context import DiagnosisContext
 from elastic_arm.diagnosis.inference.estimates import ParameterEstimate, estimates, polish
 from elastic_arm.diagnosis.selection.regressor_library import Candidate, RegressorLibrary
-from elastic_arm.effects.model import Parameter, Role
+from elastic_arm.effects.parameters import Parameter, Role
 from elastic_arm.estimation.observation import Observation
 from elastic_arm.estimation.whitening import WhitenedData
 

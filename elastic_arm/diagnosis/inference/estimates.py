@@ -12,7 +12,7 @@ from scipy.optimize import least_squares
 from scipy.stats import chi2
 
 from elastic_arm.diagnosis.selection.regressor_library import Candidate, RegressorLibrary
-from elastic_arm.effects.model import Parameter
+from elastic_arm.effects.parameters import Parameter
 
 Array = NDArray[np.float64]
 
@@ -229,8 +229,8 @@ def _lowest(parameter: Parameter) -> float:
 
 
 def _free_components(candidate: Candidate) -> list[int]:
-    names = [p.name for p in candidate.feature.searched for _ in range(p.size)]
-    return [j for j, name in enumerate(names) if name != "order"]
+    components = [p for p in candidate.feature.searched for _ in range(p.size)]
+    return [j for j, p in enumerate(components) if not p.integer]
 
 
 def _scale(candidate: Candidate, j: int) -> float:

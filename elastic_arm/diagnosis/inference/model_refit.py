@@ -22,8 +22,6 @@ Array = NDArray[np.float64]
 
 USUAL = 0.3  # relative error of a nominal parameter: what the recording does not determine stays near nominal
 COLOURED = 50.0  # most that coloured residuals are discounted
-# Effects that are errors of the model's own parameters: after a refit they have nothing left to say.
-OWN = ("link_inertia_mismatch", "rotor_inertia_mismatch", "stiffness_mismatch", "damping_mismatch", "payload")
 
 
 def refitted(model: Model, observations: Sequence[Observation], layout: EquationSet, band: Band) -> Model:

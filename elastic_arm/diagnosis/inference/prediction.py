@@ -164,13 +164,13 @@ class _Arm:
     """
 
     def __init__(self, model: Model, acting: Sequence[EffectInstance], period: float, *, motored: bool) -> None:
-        stage = Plant(model.robot, Sensors.exact())
+        plant = Plant(model.robot, Sensors.exact())
         for active in acting:
-            stage = active.effect.enter(stage, active)
-        self._equations = ArmEquations(stage.robot, model.name, bearings=stage.bearings)
-        self._sensors, self._period, self._motored = stage.sensors, period, motored
+            plant = active.effect.added_to(plant, active)
+        self._equations = ArmEquations(plant.robot, model.name, bearings=plant.bearings)
+        self._sensors, self._period, self._motored = plant.sensors, period, motored
         self._substeps = 1
-        self._system: System = assemble(self._equations, stage.laws)
+        self._system: System = assemble(self._equations, plant.laws)
         fitted = dict(zip((p.name for p in model.parameters), model.Psi - _nominal(model), strict=True))
         self._Psi = self._equations.nominal + [fitted.get(p.name, 0.0) for p in self._equations.bodies.parameters]
         self._K = drive_constants(model)[0]

@@ -3,11 +3,46 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
 
-from elastic_arm.diagnosis.selection.bearing_tilts import Tilting
+import numpy as np
+from numpy.typing import NDArray
+
 from elastic_arm.effects.equations import ArmEquations
-from elastic_arm.effects.model import Effect, EffectInstance, StructuralEffect
-from elastic_arm.estimation.effect_columns import Feature
+from elastic_arm.effects.model import Effect, EffectInstance
+from elastic_arm.effects.regressor import Regressor
+from elastic_arm.estimation.effect_columns import Feature, Signals
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class OwnRegressor(Feature):
+    """An effect whose file computes its regressor: at each value of its parameters the size is known."""
+
+    @property
+    def scalable(self) -> bool:
+        """False: its size follows from its parameters."""
+        return False
+
+    @cached_property
+    def _regressor(self) -> Regressor:
+        assert self.effect.regressor is not None
+        return self.effect.regressor(self.equations)
+
+    @property
+    def acts(self) -> bool:
+        """Whether the arm has what the effect acts in."""
+        return self._regressor.acts
+
+    def whole(self) -> Feature:
+        """Return itself: its column is the effect at given values of all its parameters already."""
+        return self
+
+    def columns(self, signals: Signals, searched: Sequence[float] = ()) -> Array:
+        """Return what the effect adds to the residuals, (N, 3 n, 1)."""
+        return self._regressor.residuals(signals, self.parameters((), searched))[:, :, None]
 
 
 def features(equations: ArmEquations, effects: Sequence[Effect]) -> list[Feature]:
@@ -28,5 +63,5 @@ def feature_of(active: EffectInstance, equations: ArmEquations) -> Feature:
     """Return the feature of an effect on an arm."""
     effect = active.effect
     chosen = {c.name: active.parameters[c.name] for c in effect.choices}
-    kind = Tilting if isinstance(effect, StructuralEffect) else Feature
+    kind = Feature if effect.regressor is None else OwnRegressor
     return kind(effect, active.joint, chosen, equations)

@@ -6,19 +6,23 @@ feature at a time are left to SciPy's optimisers.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import minimize, minimize_scalar
 
 from elastic_arm.diagnosis.selection.regressor_library import Candidate, RegressorLibrary
-from elastic_arm.effects.model import Parameter
+from elastic_arm.effects.parameters import Parameter
 
 Array = NDArray[np.float64]
 
 EVALUATIONS = 18  # of one parameter; its optimum is then known to some 0.1 %
 BEYOND = 3.0  # how far outside its plausible range a parameter may be found
+WIDE_STEP, SMALL_STEP = 0.2, 0.02  # of half a range: first steps from its middle, and from a value that was tried
+NEAR = 2e-3  # of half a range: how near the optimum a search over several numbers ends
+Cost = Callable[[Sequence[float]], float]
 
 
 def refine(library: RegressorLibrary, selected: Sequence[Candidate], which: Candidate) -> Candidate:
@@ -27,7 +31,8 @@ def refine(library: RegressorLibrary, selected: Sequence[Candidate], which: Cand
     Whole orders stay as they are. The others stay at their coefficients' best for every value tried.
     """
     feature = which.feature
-    if not feature.searched or any(p.name == "order" for p in feature.searched):
+    free = [p for p in feature.searched for _ in range(p.size)]
+    if not free or any(p.integer for p in free):
         return which
     others = [candidate for candidate in selected if candidate is not which]
     project = _Projection(library, others)
@@ -35,33 +40,71 @@ def refine(library: RegressorLibrary, selected: Sequence[Candidate], which: Cand
     def cost(point: Sequence[float]) -> float:
         return project.cost(library.columns(0, feature, tuple(float(v) for v in point)), fixed=feature.fixed)
 
-    size = sum(p.size for p in feature.searched)
-    if size > 1:
-        start = np.zeros(size) if which.searched is None else np.array(which.searched)
-        simplex = np.vstack([start, start + (0.1 if which.searched is None else 0.01) * np.eye(size)])
-        options = {"initial_simplex": simplex, "xatol": 1e-3, "fatol": 0.5, "maxfev": 90}
-        best = tuple(float(v) for v in minimize(cost, start, method="Nelder-Mead", options=options).x)
+    if len(free) > 1:
+        best = _together(cost, free, which.searched)
     else:
         assert which.searched is not None
-        best = (_scalar(cost, feature.searched[0], which.searched[0], wide=feature.fixed and not which.fixed),)
+        best = (_scalar(cost, free[0], which.searched[0], wide=feature.fixed and not which.fixed),)
     refined = library.add(feature, best, fixed=feature.fixed)
     library.close()
     return refined
 
 
-def _scalar(cost, parameter: Parameter, start: float, *, wide: bool) -> float:  # type: ignore[no-untyped-def]
-    low, high = np.log(parameter.low / BEYOND), np.log(parameter.high * BEYOND)
+def _together(cost: Cost, free: Sequence[Parameter], start: tuple[float, ...] | None) -> tuple[float, ...]:
+    """Return the best values of several numbers, from the best of those tried or the middle of their ranges."""
+    axes = [_Axis.of(p) for p in free]
+    half = np.array([(axis.high - axis.low) / 2 for axis in axes])
+    first = np.array([(axis.low + axis.high) / 2 for axis in axes])
+    if start is not None:
+        first = np.array([axis.at(value) for axis, value in zip(axes, start, strict=True)])
+
+    def values(point: Array) -> tuple[float, ...]:
+        return tuple(axis.value(float(v)) for axis, v in zip(axes, point, strict=True))
+
+    simplex = np.vstack([first, first + np.diag((WIDE_STEP if start is None else SMALL_STEP) * half)])
+    options = {"initial_simplex": simplex, "xatol": NEAR * half.min(), "fatol": 0.5, "maxfev": 90}
+    return values(minimize(lambda point: cost(values(point)), first, method="Nelder-Mead", options=options).x)
+
+
+def _scalar(cost: Cost, parameter: Parameter, start: float, *, wide: bool) -> float:
+    axis = _Axis.of(parameter, beyond=BEYOND)
+    low, high = axis.low, axis.high
     if wide:
         # A scaled column told the shape, not the size: look at the whole range first.
         tried = np.linspace(low, high, EVALUATIONS)
-        centre = tried[int(np.argmin([cost((float(np.exp(v)),)) for v in tried]))]
+        centre = tried[int(np.argmin([cost((axis.value(v),)) for v in tried]))]
         width = 1.5 * (tried[1] - tried[0])
     else:
-        centre, width = np.log(start), 1.2 * (high - low) / 7
+        centre, width = axis.at(start), 1.2 * (high - low) / 7
     bounds = (max(low, centre - width), min(high, centre + width))
-    options = {"maxiter": EVALUATIONS, "xatol": 1e-4}
-    found = minimize_scalar(lambda v: cost((float(np.exp(v)),)), bounds=bounds, method="bounded", options=options)
-    return float(np.exp(found.x))
+    options = {"maxiter": EVALUATIONS, "xatol": 1e-4 if axis.logarithmic else 1e-4 * (high - low)}
+    found = minimize_scalar(lambda v: cost((axis.value(v),)), bounds=bounds, method="bounded", options=options)
+    return axis.value(found.x)
+
+
+@dataclass(frozen=True)
+class _Axis:
+    """A parameter's range as the optimiser moves in it: the number, or its logarithm."""
+
+    low: float
+    high: float
+    logarithmic: bool
+
+    @staticmethod
+    def of(p: Parameter, beyond: float = 1.0) -> _Axis:
+        """Take a parameter's range, widened by a factor."""
+        if p.logarithmic:
+            return _Axis(float(np.log(p.low / beyond)), float(np.log(p.high * beyond)), True)
+        middle, half = (p.low + p.high) / 2, beyond * (p.high - p.low) / 2
+        return _Axis(middle - half, middle + half, False)
+
+    def at(self, value: float) -> float:
+        """Return where a value lies."""
+        return float(np.log(value)) if self.logarithmic else value
+
+    def value(self, place: float) -> float:
+        """Return the value at a place."""
+        return float(np.exp(place)) if self.logarithmic else float(place)
 
 
 class _Projection:

@@ -9,10 +9,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import product
 
 import numpy as np
 from numpy.typing import NDArray
 
+from elastic_arm.effects.parameters import Parameter
 from elastic_arm.estimation.effect_columns import Feature
 from elastic_arm.estimation.whitening import WhitenedData
 
@@ -20,7 +22,8 @@ Array = NDArray[np.float64]
 
 ORDERS = 12  # whole orders of ripple and transmission error that are tried
 GRID = 7  # values tried of every other searched parameter
-REACH = 0.3  # m: points at which the columns of a searched position are taken
+COARSE_GRID = 5  # of each of several
+REACH = 0.6  # of half a range: where the columns of several searched numbers are taken around its middle
 RANK = 1e-10  # relative eigenvalue below which a combination of columns is not determined
 
 
@@ -89,7 +92,7 @@ class RegressorLibrary:
         data = self.sets[which]
         if searched is not None:
             return data.whiten(data.plain(feature, searched))
-        points = np.concatenate([np.zeros((1, 3)), REACH * np.eye(3), -REACH * np.eye(3)])
+        points = _neighbourhood(feature)
         return np.hstack([data.whiten(data.plain(feature, tuple(point))) for point in points])
 
     def close(self) -> None:
@@ -195,12 +198,26 @@ def starting_points(feature: Feature) -> list[tuple[float, ...] | None]:
         return [()]
     if any(p.size > 1 for p in feature.searched):
         return [None]
-    (parameter,) = feature.searched
-    if parameter.name == "order":
-        return [(float(k),) for k in range(max(1, int(parameter.low)), min(ORDERS, int(parameter.high)) + 1)]
-    if parameter.low > 0:
-        return [(float(v),) for v in np.geomspace(parameter.low, parameter.high, GRID)]
-    return [(float(v),) for v in np.linspace(parameter.low, parameter.high, GRID)]
+    points = GRID if len(feature.searched) == 1 else COARSE_GRID
+    return list(product(*(_tried(parameter, points) for parameter in feature.searched)))
+
+
+def _tried(parameter: Parameter, points: int) -> list[float]:
+    """Return values of one searched parameter, spread over its range."""
+    low, high = parameter.low, parameter.high
+    if parameter.integer:
+        first = int(np.ceil(low))
+        return [float(k) for k in range(first, min(first + ORDERS - 1, int(high)) + 1)]
+    spread = np.geomspace if parameter.logarithmic else np.linspace
+    return [float(v) for v in spread(low, high, points)]
+
+
+def _neighbourhood(feature: Feature) -> Array:
+    """Return points (2 k + 1, k) around the middle of the ranges of k searched numbers."""
+    components = [p for p in feature.searched for _ in range(p.size)]
+    middle = np.array([(p.low + p.high) / 2 for p in components])
+    reach = np.diag([REACH * (p.high - p.low) / 2 for p in components])
+    return np.concatenate([middle[None], middle + reach, middle - reach])
 
 
 def build_library(identify: WhitenedData, validate: WhitenedData, features: Sequence[Feature]) -> RegressorLibrary:

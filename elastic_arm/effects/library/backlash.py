@@ -5,8 +5,9 @@ from typing import Any
 
 import casadi as ca
 
-from elastic_arm.effects.model import Confusion, Effect, Parameter, Role
+from elastic_arm.effects.model import Confusion, Effect
 from elastic_arm.effects.motion import Contribution, SymbolicMotion
+from elastic_arm.effects.parameters import Parameter, Role
 
 
 def law(motion: SymbolicMotion, i: int, p: Mapping[str, Any]) -> Contribution:

@@ -5,8 +5,9 @@ from typing import Any
 
 import casadi as ca
 
-from elastic_arm.effects.model import Confusion, Effect, Parameter, Scope
+from elastic_arm.effects.model import Confusion, Effect, Scope
 from elastic_arm.effects.motion import Contribution, SymbolicMotion
+from elastic_arm.effects.parameters import Parameter
 
 
 def law(motion: SymbolicMotion, i: int, p: Mapping[str, Any]) -> Contribution:
@@ -29,6 +30,7 @@ EFFECT = Effect(
         Parameter("x", "rad", -0.1, 0.1, neutral=0.0, default=0.0, meaning="a"),
         Parameter("y", "rad", -0.1, 0.1, neutral=0.0, default=0.0, meaning="b"),
     ),
+    magnitude=("x", "y"),
     scope=Scope.ARM,
     sides=("link",),
     regime="position",

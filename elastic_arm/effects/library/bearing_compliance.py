@@ -7,8 +7,10 @@ from typing import Any
 import casadi as ca
 
 from elastic_arm.effects.equations import ArmEquations
-from elastic_arm.effects.model import Effect, Parameter, Plant, Role, Scope, StructuralEffect
+from elastic_arm.effects.library.tilts import TiltRegressor
+from elastic_arm.effects.model import Effect, Plant, Scope, StructuralEffect
 from elastic_arm.effects.motion import Contribution, SymbolicMotion
+from elastic_arm.effects.parameters import Parameter, Role
 from elastic_arm.errors import EffectError
 from elastic_arm.robot import Robot
 
@@ -57,16 +59,16 @@ def _check(robot: Robot) -> None:
             )
 
 
-def change(stage: Plant, p: Mapping[str, Any]) -> Plant:
+def change(plant: Plant, p: Mapping[str, Any]) -> Plant:
     """Free the tilts q_x, q_y, with the arm file's bearings times the scale."""
-    _check(stage.robot)
+    _check(plant.robot)
     joints = []
-    for joint in stage.robot.joints:
+    for joint in plant.robot.joints:
         gear = joint.transmission
         if gear is not None and gear.bearing is not None:
             bearing = replace(gear.bearing, stiffness=gear.bearing.stiffness * p["stiffness_scale"])
             joints.append(replace(joint, transmission=replace(gear, bearing=bearing)))
-    return replace(stage, robot=stage.robot.with_(joints=tuple(joints)), bearings=True)
+    return replace(plant, robot=plant.robot.with_(joints=tuple(joints)), bearings=True)
 
 
 EFFECT: Effect = StructuralEffect(
@@ -77,11 +79,20 @@ EFFECT: Effect = StructuralEffect(
     law=law,
     parameters=(
         Parameter(
-            "stiffness_scale", "1", 0.01, 10.0, role=Role.SEARCHED, default=1.0, above=0.0, meaning="true / arm file"
+            "stiffness_scale",
+            "1",
+            0.01,
+            10.0,
+            role=Role.SEARCHED,
+            default=1.0,
+            above=0.0,
+            inverse=True,
+            meaning="true / arm file",
         ),
     ),
     scope=Scope.ARM,
     sides=("link",),
     regime="frequency",
     change=change,
+    regressor=TiltRegressor,
 )

@@ -3,8 +3,9 @@
 from collections.abc import Mapping
 from typing import Any
 
-from elastic_arm.effects.model import Confusion, Effect, Parameter
+from elastic_arm.effects.model import Confusion, Effect
 from elastic_arm.effects.motion import Contribution, SymbolicMotion
+from elastic_arm.effects.parameters import Parameter
 
 
 def law(motion: SymbolicMotion, i: int, p: Mapping[str, Any]) -> Contribution:
@@ -22,6 +23,7 @@ EFFECT = Effect(
     parameters=(Parameter("damping", "1", 0.1, 10.0, neutral=1.0, least=0.0, meaning="true / nominal D"),),
     sides=("drive",),
     regime="frequency",
+    model_parameter=True,
     confusions=(
         Confusion(
             "time_delay",

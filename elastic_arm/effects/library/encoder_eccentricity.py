@@ -5,8 +5,9 @@ from typing import Any
 
 import casadi as ca
 
-from elastic_arm.effects.model import Confusion, Effect, Parameter, Role, SensorEffect
+from elastic_arm.effects.model import Confusion, Effect, SensorEffect
 from elastic_arm.effects.motion import Contribution, SymbolicMotion
+from elastic_arm.effects.parameters import Parameter, Role
 from elastic_arm.sensors import Sensors
 
 

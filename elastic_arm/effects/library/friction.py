@@ -7,8 +7,9 @@ from typing import Any
 
 import casadi as ca
 
-from elastic_arm.effects.model import Choice, Law
+from elastic_arm.effects.model import Law
 from elastic_arm.effects.motion import Contribution, SymbolicMotion
+from elastic_arm.effects.parameters import Choice
 
 SIDE = Choice("side", ("motor", "link"), "motor")
 

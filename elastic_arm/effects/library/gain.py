@@ -7,7 +7,7 @@ from typing import Any
 
 import casadi as ca
 
-from elastic_arm.effects.model import Parameter
+from elastic_arm.effects.parameters import Parameter
 from elastic_arm.sensors import Sensors
 
 # The error is linear in 1 - 1/gain, which is the coefficient that a fit gives its column.

@@ -5,8 +5,9 @@ from typing import Any
 
 import casadi as ca
 
-from elastic_arm.effects.model import Confusion, Effect, Parameter, Role
+from elastic_arm.effects.model import Confusion, Effect
 from elastic_arm.effects.motion import Contribution, SymbolicMotion
+from elastic_arm.effects.parameters import Parameter, Role
 
 
 def law(motion: SymbolicMotion, i: int, p: Mapping[str, Any]) -> Contribution:
@@ -24,8 +25,20 @@ EFFECT = Effect(
     "the direction of winding and changes over a deflection of about the width.",
     law=law,
     parameters=(
-        Parameter("torque", "Nm", 0.1, 50.0, neutral=0.0, least=0.0, meaning="H, half the loop's height"),
-        Parameter("width", "rad", 2e-6, 2e-3, role=Role.SEARCHED, above=0.0, meaning="w_h"),
+        Parameter(
+            "torque", "Nm", 0.1, 50.0, neutral=0.0, least=0.0, example=(5.0, 20.0), meaning="H, half the loop's height"
+        ),
+        Parameter(
+            "width",
+            "rad",
+            2e-6,
+            2e-3,
+            role=Role.SEARCHED,
+            above=0.0,
+            draw=(3e-5, 3e-4),
+            example=(2e-4, 1e-3),
+            meaning="w_h",
+        ),
     ),
     sides=("drive",),
     regime="velocity_reversal",

@@ -26,6 +26,8 @@ EFFECT = Effect(
     scope=Scope.ARM,
     sides=("link", "motor"),
     regime="acceleration",
+    needs_motion=True,
+    lacked_by=("mod1", "mod2"),
     confusions=(
         Confusion(
             "rotor_inertia_mismatch",

@@ -3,8 +3,9 @@
 from collections.abc import Mapping
 from typing import Any
 
-from elastic_arm.effects.model import Confusion, Effect, Parameter, SensorEffect
+from elastic_arm.effects.model import Confusion, Effect, SensorEffect
 from elastic_arm.effects.motion import Contribution, SymbolicMotion
+from elastic_arm.effects.parameters import Parameter
 from elastic_arm.sensors import Sensors
 
 
@@ -24,7 +25,7 @@ EFFECT: Effect = SensorEffect(
     description="The zero of the joint torque sensor is off.",
     signature="All three residuals of the joint are shifted by a constant, that of the motor the other way.",
     law=law,
-    parameters=(Parameter("offset", "Nm", -50.0, 50.0, neutral=0.0, meaning="recorded - true"),),
+    parameters=(Parameter("offset", "Nm", -50.0, 50.0, neutral=0.0, example=(2.0, 6.0), meaning="recorded - true"),),
     sides=("link", "drive", "motor"),
     regime="always",
     change=change,

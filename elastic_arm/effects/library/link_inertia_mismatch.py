@@ -6,8 +6,9 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from elastic_arm.effects.model import Confusion, Effect, Parameter
+from elastic_arm.effects.model import Confusion, Effect
 from elastic_arm.effects.motion import Contribution, SymbolicMotion
+from elastic_arm.effects.parameters import Parameter
 
 
 def law(motion: SymbolicMotion, i: int, p: Mapping[str, Any]) -> Contribution:
@@ -49,6 +50,7 @@ EFFECT = Effect(
     ),
     sides=("link",),
     regime="load",
+    model_parameter=True,
     confusions=(
         Confusion(
             "payload",

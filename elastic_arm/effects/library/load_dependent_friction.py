@@ -5,8 +5,9 @@ from typing import Any
 
 import casadi as ca
 
-from elastic_arm.effects.model import Confusion, Effect, Parameter
+from elastic_arm.effects.model import Confusion, Effect
 from elastic_arm.effects.motion import Contribution, SymbolicMotion
+from elastic_arm.effects.parameters import Parameter
 
 
 def law(motion: SymbolicMotion, i: int, p: Mapping[str, Any]) -> Contribution:
@@ -23,6 +24,7 @@ EFFECT = Effect(
     parameters=(Parameter("coefficient", "1", 0.002, 0.2, neutral=0.0, least=0.0, meaning="mu"),),
     sides=("motor",),
     regime="load",
+    needs_motion=True,
     confusions=(
         Confusion(
             "coulomb_friction",

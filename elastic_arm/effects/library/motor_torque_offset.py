@@ -3,8 +3,9 @@
 from collections.abc import Mapping
 from typing import Any
 
-from elastic_arm.effects.model import Confusion, Effect, Parameter, SensorEffect
+from elastic_arm.effects.model import Confusion, Effect, SensorEffect
 from elastic_arm.effects.motion import Contribution, SymbolicMotion
+from elastic_arm.effects.parameters import Parameter
 from elastic_arm.sensors import Sensors
 
 

@@ -5,8 +5,9 @@ from typing import Any
 
 import casadi as ca
 
-from elastic_arm.effects.model import Confusion, Effect, Parameter, Role, Scope
+from elastic_arm.effects.model import Confusion, Effect, Scope
 from elastic_arm.effects.motion import Contribution, SymbolicMotion
+from elastic_arm.effects.parameters import Parameter, Role
 
 
 def law(motion: SymbolicMotion, i: int, p: Mapping[str, Any]) -> Contribution:
@@ -24,11 +25,22 @@ EFFECT = Effect(
     law=law,
     parameters=(
         Parameter("mass", "kg", 0.05, 50.0, neutral=0.0, least=0.0, meaning="m"),
-        Parameter("position", "m", -0.5, 0.5, role=Role.SEARCHED, default=(0.0, 0.0, 0.0), size=3, meaning="p, in O_n"),
+        Parameter(
+            "position",
+            "m",
+            -0.5,
+            0.5,
+            role=Role.SEARCHED,
+            default=(0.0, 0.0, 0.0),
+            size=3,
+            draw=(-0.15, 0.15),
+            meaning="p, in O_n",
+        ),
     ),
     scope=Scope.LAST,
     sides=("link",),
     regime="load",
+    model_parameter=True,
     confusions=(
         Confusion(
             "link_inertia_mismatch",

@@ -3,8 +3,9 @@
 from collections.abc import Mapping
 from typing import Any
 
-from elastic_arm.effects.model import Confusion, Effect, Parameter
+from elastic_arm.effects.model import Confusion, Effect
 from elastic_arm.effects.motion import Contribution, SymbolicMotion
+from elastic_arm.effects.parameters import Parameter
 
 
 def law(motion: SymbolicMotion, i: int, p: Mapping[str, Any]) -> Contribution:
@@ -22,6 +23,8 @@ EFFECT = Effect(
     parameters=(Parameter("inertia", "1", 0.5, 2.0, neutral=1.0, above=0.0, meaning="true / nominal B_ii"),),
     sides=("motor",),
     regime="acceleration",
+    needs_motion=True,
+    model_parameter=True,
     confusions=(
         Confusion(
             "motor_torque_gain",

@@ -27,4 +27,6 @@ EFFECT = Effect(
     scope=Scope.ARM,
     sides=("link", "motor"),
     regime="acceleration",
+    needs_motion=True,
+    lacked_by=("mod1",),
 )

@@ -3,8 +3,9 @@
 from collections.abc import Mapping
 from typing import Any
 
-from elastic_arm.effects.model import Confusion, Effect, Parameter
+from elastic_arm.effects.model import Confusion, Effect
 from elastic_arm.effects.motion import Contribution, SymbolicMotion
+from elastic_arm.effects.parameters import Parameter
 
 
 def law(motion: SymbolicMotion, i: int, p: Mapping[str, Any]) -> Contribution:
@@ -19,9 +20,12 @@ EFFECT = Effect(
     description="The drive's stiffness differs from the nominal one.",
     signature="The drive residual is a straight line over the deflection.",
     law=law,
-    parameters=(Parameter("stiffness", "1", 0.5, 2.0, neutral=1.0, above=0.0, meaning="true / nominal K"),),
+    parameters=(
+        Parameter("stiffness", "1", 0.5, 2.0, neutral=1.0, above=0.0, example=(0.75, 0.9), meaning="true / nominal K"),
+    ),
     sides=("drive",),
     regime="load",
+    model_parameter=True,
     confusions=(
         Confusion(
             "joint_torque_gain",

@@ -3,7 +3,8 @@
 import casadi as ca
 
 from elastic_arm.effects.library.friction import SIDE, chosen_side, resisting
-from elastic_arm.effects.model import Confusion, Effect, Parameter, Role
+from elastic_arm.effects.model import Confusion, Effect
+from elastic_arm.effects.parameters import Parameter, Role
 
 EFFECT = Effect(
     id="stribeck_friction",
@@ -13,12 +14,13 @@ EFFECT = Effect(
     law=resisting(lambda w, sign, p: p["torque"] * ca.exp(-((w / p["speed"]) ** 2)) * sign),
     parameters=(
         Parameter("torque", "Nm", 0.1, 50.0, neutral=0.0, least=0.0, meaning="F_s - F_c, the excess at standstill"),
-        Parameter("speed", "rad/s", 0.005, 0.5, role=Role.SEARCHED, above=0.0, meaning="v_s"),
+        Parameter("speed", "rad/s", 0.005, 0.5, role=Role.SEARCHED, above=0.0, draw=(0.02, 0.2), meaning="v_s"),
     ),
     choices=(SIDE,),
     sides=("motor", "link"),
     sides_of=chosen_side,
     regime="low_speed",
+    needs_motion=True,
     confusions=(
         Confusion(
             "coulomb_friction",

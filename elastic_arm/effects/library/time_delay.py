@@ -3,8 +3,9 @@
 from collections.abc import Mapping
 from typing import Any
 
-from elastic_arm.effects.model import Choice, Confusion, Effect, Parameter, Scope, SensorEffect
+from elastic_arm.effects.model import Confusion, Effect, Ordinary, Scope, SensorEffect
 from elastic_arm.effects.motion import Contribution, SymbolicMotion
+from elastic_arm.effects.parameters import Choice, Parameter
 from elastic_arm.sensors import Sensors
 
 # What each late channel does to the residuals, per second of delay, to first order.
@@ -41,6 +42,12 @@ def sides_of(p: Mapping[str, Any]) -> tuple[str, ...]:
     return tuple(s for s in ("link", "drive", "motor") if any(s in _SIDES[c] for c in p["channels"]))
 
 
+def note(p: Mapping[str, Any], place: str) -> str:
+    """Say what is counted as part of the model: a lag of a sample or less."""
+    late = f"{', '.join(p['channels'])} of {place} lags by {1e3 * p['delay']:.2f} ms"
+    return f"{late}, a sample or less: taken into account, no cause."
+
+
 EFFECT: Effect = SensorEffect(
     id="time_delay",
     formula="named channels recorded(t) = true(t - delay), late against the motor encoder",
@@ -48,7 +55,16 @@ EFFECT: Effect = SensorEffect(
     signature="The residual follows the rate of what is late: zero where it stands still, largest where it changes.",
     law=law,
     parameters=(
-        Parameter("delay", "s", 1e-4, 0.05, neutral=0.0, above=-1e-12, meaning="late against the motor encoder"),
+        Parameter(
+            "delay",
+            "s",
+            1e-4,
+            0.05,
+            neutral=0.0,
+            above=-1e-12,
+            draw=(1.5e-3, 0.01),
+            meaning="late against the motor encoder",
+        ),
     ),
     choices=(Choice("channels", tuple(_SIDES), ("joint_torque",), several=True),),
     scope=Scope.EACH_OR_ARM,
@@ -56,6 +72,7 @@ EFFECT: Effect = SensorEffect(
     sides_of=sides_of,
     regime="frequency",
     change=change,
+    ordinary=Ordinary("delay", lambda rate: 1.0 / rate, note),
     confusions=(
         Confusion(
             "damping_mismatch",

@@ -5,8 +5,9 @@ from typing import Any
 
 import casadi as ca
 
-from elastic_arm.effects.model import Confusion, Effect, Parameter, Role
+from elastic_arm.effects.model import Confusion, Effect
 from elastic_arm.effects.motion import Contribution, SymbolicMotion
+from elastic_arm.effects.parameters import Parameter, Role
 
 
 def law(motion: SymbolicMotion, i: int, p: Mapping[str, Any]) -> Contribution:
@@ -24,10 +25,22 @@ EFFECT = Effect(
     parameters=(
         Parameter("amplitude", "Nm", 0.1, 50.0, neutral=0.0, meaning="A, at the harmonic-drive output"),
         Parameter("phase", "rad", -3.141592653589793, 3.141592653589793, role=Role.PHASE, default=0.0, meaning="phi"),
-        Parameter("order", "1", 0.5, 48.0, role=Role.SEARCHED, default=1.0, above=0.0, meaning="k, per rotor turn"),
+        Parameter(
+            "order",
+            "1",
+            0.5,
+            48.0,
+            role=Role.SEARCHED,
+            default=1.0,
+            above=0.0,
+            integer=True,
+            draw=(1, 3),
+            meaning="k, per rotor turn",
+        ),
     ),
     sides=("motor",),
     regime="rotor_angle",
+    needs_motion=True,
     confusions=(
         Confusion(
             "transmission_error",

@@ -5,8 +5,9 @@ from typing import Any
 
 import casadi as ca
 
-from elastic_arm.effects.model import Confusion, Effect, Parameter, Role
+from elastic_arm.effects.model import Confusion, Effect
 from elastic_arm.effects.motion import Contribution, SymbolicMotion
+from elastic_arm.effects.parameters import Parameter, Role
 
 
 def slope(motion: SymbolicMotion, i: int, p: Mapping[str, Any]) -> ca.SX:
@@ -41,10 +42,27 @@ EFFECT = Effect(
     "strike the elastic resonance; the motor feels it in proportion to the load.",
     law=law,
     parameters=(
-        Parameter("amplitude", "rad", 1e-6, 1e-3, neutral=0.0, meaning="A"),
-        Parameter("phase", "rad", -3.141592653589793, 3.141592653589793, role=Role.PHASE, default=0.0, meaning="phi"),
+        Parameter("amplitude", "rad", 1e-6, 1e-3, neutral=0.0, example=(2e-5, 1e-4), meaning="A"),
         Parameter(
-            "order", "1", 0.5, 8.0, role=Role.SEARCHED, default=2.0, above=0.0, meaning="k, per wave-generator turn"
+            "phase",
+            "rad",
+            -3.141592653589793,
+            3.141592653589793,
+            role=Role.PHASE,
+            default=0.0,
+            example=(-3.0, 3.0),
+            meaning="phi",
+        ),
+        Parameter(
+            "order",
+            "1",
+            0.5,
+            8.0,
+            role=Role.SEARCHED,
+            default=2.0,
+            above=0.0,
+            integer=True,
+            meaning="k, per wave-generator turn",
         ),
     ),
     sides=("drive", "motor"),

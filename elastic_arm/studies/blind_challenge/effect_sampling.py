@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from elastic_arm.effects import EFFECTS
-from elastic_arm.effects.model import Role
+from elastic_arm.effects.parameters import Role
 from elastic_arm.studies.blind_challenge.hidden_arms.effect_laws import Fault
 
 # Of each effect: the parameter that is its size.

@@ -1,4 +1,4 @@
-"""Bearing compliance as a feature: tilts that the model holds at zero, estimated from the moments that press on them.
+"""The regressor of bearing compliance: tilts that the model holds at zero, estimated from the bearings' moments.
 
 The law adds nothing to the residuals of the locked arm, as the tilts are coordinates of their own. What they do
 follows in steps: the moments about the tilting axes move the tilts against the bearings' stiffness, damping and the
@@ -8,8 +8,7 @@ all poses; each further one mends the tilts by the moment that is missing then.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
 from functools import cached_property
 
 import numpy as np
@@ -17,7 +16,8 @@ from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
 from elastic_arm.dynamics import Model, build_model
-from elastic_arm.estimation.effect_columns import Feature, Signals
+from elastic_arm.effects.equations import ArmEquations
+from elastic_arm.effects.regressor import Signals
 
 Array = NDArray[np.float64]
 
@@ -31,24 +31,17 @@ RATE = 250.0  # Hz, more than the motion that columns are made of holds
 STEPS = 4
 
 
-@dataclass(frozen=True, eq=False)
-class Tilting(Feature):
+class TiltRegressor:
     """The bearings of all joints, with `stiffness_scale` times the stiffness of the arm file."""
 
-    @property
-    def scalable(self) -> bool:
-        """False: at each stiffness the size of the effect is known."""
-        return False
+    def __init__(self, equations: ArmEquations) -> None:
+        self.equations = equations
 
     @property
     def acts(self) -> bool:
         """Whether the arm file describes bearings."""
         robot = self.equations.robot
         return all(joint.transmission is not None and joint.transmission.bearing for joint in robot.joints)
-
-    def whole(self) -> Feature:
-        """Return itself: its column is the law already."""
-        return self
 
     @cached_property
     def _model(self) -> Model:
@@ -60,9 +53,9 @@ class Tilting(Feature):
         bearings = [gear.bearing for gear in gears if gear is not None and gear.bearing is not None]
         return np.array([b.stiffness for b in bearings * 2]), np.array([b.damping for b in bearings * 2])
 
-    def columns(self, signals: Signals, searched: Sequence[float] = ()) -> Array:
-        """Return what the tilts add to the residuals, (N, 3 n, 1)."""
-        n, scale = self.equations.robot.n, float(searched[0])
+    def residuals(self, signals: Signals, values: Mapping[str, float]) -> Array:
+        """Return what the tilts add to the residuals, (N, 3 n)."""
+        n, scale = self.equations.robot.n, float(values["stiffness_scale"])
         thin = slice(None, None, max(1, int((1.0 / RATE) / (signals.t[1] - signals.t[0]))))
         t, motion = signals.t[thin], [signals.values[name][thin] for name in ("x", "dx", "ddx")]
         tilts = np.zeros((3, len(t), 2 * n))
@@ -73,7 +66,7 @@ class Tilting(Feature):
             tilts = tilts + _driven(-missing, t, response)
             moving = self._left_side(motion, tilts)
         change = CubicSpline(t, (moving - rest)[:, : 2 * n])(signals.t)
-        return np.concatenate([change[:, :n], np.zeros((len(change), n)), change[:, n:]], axis=1)[:, :, None]
+        return np.concatenate([change[:, :n], np.zeros((len(change), n)), change[:, n:]], axis=1)
 
     def _left_side(self, motion: Sequence[Array], tilts: Array) -> Array:
         return self._model.inverse_dynamics(*(np.hstack(pair) for pair in zip(motion, tilts, strict=True)))

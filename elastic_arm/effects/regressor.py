@@ -1,0 +1,51 @@
+"""A regressor of an effect's own, for effects whose law over a sample's motion is not enough.
+
+Most effects need none: the derivative of the law is their column. Where an effect's torque follows from the whole
+recording (tilts that swing, a state that is filtered), the effect's file computes it over all samples at once.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from elastic_arm.effects.equations import ArmEquations
+
+Array = NDArray[np.float64]
+
+
+class Signals(Protocol):
+    """The motion of a recording.
+
+    `t` is (N,) s; `values` holds (N, dof) x, dx, ddx and (N, n) tau_J, tau_m, dtau_J, dtau_m, sign_link, sign_motor;
+    `cutoff` is the frequency in Hz up to which accelerations are motion rather than noise.
+    """
+
+    @property
+    def t(self) -> Array:
+        """Times (N,), s."""
+
+    @property
+    def values(self) -> Mapping[str, Array]:
+        """Signals (N, …) by name."""
+
+    @property
+    def cutoff(self) -> float:
+        """Hz."""
+
+
+class Regressor(Protocol):
+    """What an effect adds to the residuals of one arm."""
+
+    @property
+    def acts(self) -> bool:
+        """Whether the arm has what the effect acts in."""
+
+    def residuals(self, signals: Signals, values: Mapping[str, float]) -> Array:
+        """Return the torques (N, 3 n) added to link, drive and motor residuals at values of the parameters."""
+
+
+RegressorOf = Callable[[ArmEquations], Regressor]
