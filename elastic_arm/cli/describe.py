@@ -28,6 +28,7 @@ def describe(
     model: Annotated[str, typer.Option(help="mod1, mod2 or mod3.")] = "mod3",
     base: Annotated[bool, typer.Option("--base", help="List the base parameters.")] = False,
     urdf: Annotated[Path | None, typer.Option(help="Write the arm as URDF to this file.")] = None,
+    chain: Annotated[str | None, typer.Option(help="First and last link of the arm in a URDF: base:tip.")] = None,
     json: Annotated[bool, typer.Option("--json", help="Print JSON, for scripts.")] = False,
     force: Force = False,
 ) -> None:
@@ -38,10 +39,12 @@ def describe(
         elastic-arm describe --base
 
         elastic-arm describe --robot my_arm.urdf --json
+
+        elastic-arm describe --robot arm_with_gripper.urdf --chain base_link:tool_link --urdf arm_alone.urdf
     """
     if urdf is not None:
         claim_file(urdf, force=force, option="--urdf")
-    robot = load_arm(robot_file)
+    robot = load_arm(robot_file, chain)
     told = build_model(robot, model)
     parameters = base_of(told)
     if urdf is not None:
@@ -58,15 +61,15 @@ def describe(
         out.print(f"URDF written to {escape(str(urdf))}")
 
 
-def load_arm(path: Path | None) -> Robot:
-    """Read a robot description, and make sure that the effects it lists exist.
+def load_arm(path: Path | None, chain: str | None = None) -> Robot:
+    """Read a robot description, of a URDF the part that `chain` names, and check that the effects it lists exist.
 
     Raises
     ------
     RobotError, EffectError
         Naming the file.
     """
-    robot = load_robot(path)
+    robot = load_robot(path, chain)
     try:
         robot_effects(robot)
     except EffectError as error:

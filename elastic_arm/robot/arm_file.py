@@ -145,9 +145,13 @@ class ArmEntry(_Entry):
 
 
 class OverlayEntry(_Entry):
-    """A URDF and what it cannot say; `transmissions` and `limits` by the URDF's joint names."""
+    """A URDF and what it cannot hold.
+
+    `chain` is the arm's first and last link, base:tip; `transmissions` and `limits` are by the URDF's joint names.
+    """
 
     urdf: Name
+    chain: Annotated[str, Field(pattern=r"^[^:]+:[^:]+$")] | None = None
     name: Name | None = None
     gravity: Vector | None = None
     transmissions: dict[str, TransmissionEntry] = {}

@@ -23,6 +23,7 @@ from elastic_arm.robot.arm_file import (
 from elastic_arm.robot.description import DH, Bearing, Component, Inertia, Joint, Limits, Robot, Transmission
 from elastic_arm.robot.parts import located
 from elastic_arm.robot.urdf import read_urdf
+from elastic_arm.robot.urdf_tree import Chain
 
 NOMINAL_ARM = Path(__file__).parent / "data" / "arm.yaml"
 
@@ -39,14 +40,16 @@ REMEDY = "Give an arm file, which starts with name, gravity, base and joints, or
 REFERENCE = "the nominal arm.yaml shows every field"
 
 
-def load_robot(path: str | Path | None = None) -> Robot:
+def load_robot(path: str | Path | None = None, chain: str | None = None) -> Robot:
     """Read a robot description.
 
     Parameters
     ----------
     path
         An arm file (``.yaml``, ``.yml``), a ``.urdf``, or an overlay: YAML that names a ``urdf`` and adds what a URDF
-        cannot say (``transmissions`` and ``limits`` by joint). The nominal three-joint arm when None.
+        cannot hold (``transmissions`` and ``limits`` by joint). The nominal three-joint arm when None.
+    chain
+        The arm's first and last link as ``base:tip``, for a URDF that holds more than the arm.
 
     Raises
     ------
@@ -55,7 +58,9 @@ def load_robot(path: str | Path | None = None) -> Robot:
     """
     path = NOMINAL_ARM if path is None else Path(path)
     if path.suffix.lower() in (".urdf", ".xml"):
-        return read_urdf(path)
+        return read_urdf(path, None if chain is None else _chain(chain))
+    if chain is not None:
+        raise RobotError(f"{path}: chain {chain} goes with a URDF alone", "Leave it out, or give the URDF.")
     content = read_fields(path, RobotError, REMEDY)
     try:
         entry = (OverlayEntry if "urdf" in content else ArmEntry).model_validate(content)
@@ -90,7 +95,7 @@ def _robot(entry: ArmEntry) -> Robot:
 
 def _overlaid(entry: OverlayEntry, folder: Path) -> Robot:
     """Return the URDF's robot with what the overlay adds; limits that it does not state stay the URDF's."""
-    robot = read_urdf(folder / entry.urdf)
+    robot = read_urdf(folder / entry.urdf, None if entry.chain is None else _chain(entry.chain))
     for name in entry.transmissions:
         if name not in robot.joint_names:
             known = ", ".join(robot.joint_names)
@@ -106,9 +111,16 @@ def _overlaid(entry: OverlayEntry, folder: Path) -> Robot:
             stated = {what: value for what, value in limits.model_dump().items() if value is not None}
             changed = [joint.limits for joint in robot.joints if joint.name == name]
             robot = robot.with_joint(name, limits=replace(changed[0], **stated) if changed else Limits(**stated))
-    others = entry.model_dump(exclude={"urdf", "transmissions", "limits"}, exclude_none=True)
+    others = entry.model_dump(exclude={"urdf", "chain", "transmissions", "limits"}, exclude_none=True)
     notes = tuple(note for note in robot.notes if not (robot.elastic and note.startswith("<transmission>")))
     return robot.with_(**others, notes=notes)
+
+
+def _chain(text: str) -> Chain:
+    first, colon, last = text.partition(":")
+    if not (first and colon and last):
+        raise RobotError(f"chain is {text!r}", "Give the arm's first and last link as base:tip.")
+    return first, last
 
 
 def _base(entry: BaseEntry) -> tuple[DH | None, np.ndarray]:

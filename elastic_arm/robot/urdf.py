@@ -19,7 +19,6 @@ from elastic_arm.robot.kinematics import lumped, moved
 from elastic_arm.robot.parts import located
 from elastic_arm.robot.urdf_elements import (
     attribute,
-    by_name,
     child_of,
     number,
     parse,
@@ -28,13 +27,14 @@ from elastic_arm.robot.urdf_elements import (
     vector,
     z_onto,
 )
+from elastic_arm.robot.urdf_tree import Chain, UrdfTree
 
 Array = NDArray[np.float64]
 
 REVOLUTE = ("revolute", "continuous")
 
 
-def read_urdf(path: str | Path) -> Robot:
+def read_urdf(path: str | Path, chain: Chain | None = None) -> Robot:
     """Read a URDF file; see :func:`parse_urdf`."""
     try:
         text = Path(path).read_bytes()
@@ -43,37 +43,42 @@ def read_urdf(path: str | Path) -> Robot:
     except OSError as error:
         raise RobotError(f"{path}: cannot be read ({error.strerror})", "Give the path of a URDF") from error
     with located(f"{path}: "):
-        return parse_urdf(text)
+        return parse_urdf(text, chain)
 
 
-def parse_urdf(text: str | bytes) -> Robot:
+def parse_urdf(text: str | bytes, chain: Chain | None = None) -> Robot:
     """Make a robot of URDF text.
 
     Fixed joints join their child's inertia to their parent, continuous joints are revolute ones without limits, a link
-    without inertial has no mass. Each such reading leaves a sentence in ``Robot.notes``.
+    without inertial has no mass, and an inertia without mass none; joints of a gripper, which mimic one another, are
+    held at zero. Each such reading leaves a sentence in ``Robot.notes``.
+
+    Parameters
+    ----------
+    text
+        The URDF.
+    chain
+        First and last link of the arm, where the URDF holds more: what stands on the last link, and all other moving
+        branches, are left out.
 
     Raises
     ------
     RobotError
         If it is no URDF of a serial chain of revolute joints; names the element, the reason and the remedy.
     """
-    return _Reading(parse(text)).robot()
+    return _Reading(parse(text), chain).robot()
 
 
 class _Reading:
     """One pass over a URDF, from the root link outward."""
 
-    def __init__(self, tree: ET.Element) -> None:
-        self._tree = tree
-        self._notes: list[str] = []
-        self._links = by_name(tree, "link")
-        self._elements = by_name(tree, "joint")
-        self._children: dict[str, list[ET.Element]] = {name: [] for name in self._links}
-        self._check_joints()
+    def __init__(self, root: ET.Element, chain: Chain | None) -> None:
+        self._element = root
+        self._tree = UrdfTree(root, chain)
+        self._notes: list[str] = self._tree.notes()
 
     def robot(self) -> Robot:
-        root = self._root()
-        base, onward = self._rigid(root, np.eye(4))
+        base, onward = self._rigid(self._tree.first, np.eye(4))
         joints: list[Joint] = []
         while (step := self._only(onward)) is not None:
             element, carried = step
@@ -87,55 +92,29 @@ class _Reading:
                 f"link {joints[-1].link_name!r} and what is fixed to it have no mass",
                 "Give the last link an <inertial>, or make its joint fixed",
             )
-        name = self._tree.get("name") or "robot"
-        return Robot(name, tuple(joints), base_mass=base.mass, notes=tuple(self._notes))
+        name = self._element.get("name") or "robot"
+        stand = self._stand()
+        return Robot(name, tuple(joints), base_placement=stand, base_mass=base.mass, notes=tuple(self._notes))
 
-    def _check_joints(self) -> None:
-        parents: dict[str, str] = {}
-        for name, element in self._elements.items():
-            kind = element.get("type")
-            if kind not in (*REVOLUTE, "fixed"):
-                raise RobotError(
-                    f"joint {name!r} is {kind or 'of no type'}",
-                    "Only revolute, continuous and fixed joints are handled: make it fixed or take it out",
-                )
-            if element.find("mimic") is not None:
-                raise RobotError(f"joint {name!r} mimics another", "Make it fixed or take its branch out")
-            parent, child = (attribute(child_of(element, what, name), "link", name) for what in ("parent", "child"))
-            for link in (parent, child):
-                if link not in self._links:
-                    raise RobotError(f"joint {name!r} names the link {link!r}, which is not there", "Mend the name")
-            if child in parents:
-                raise RobotError(
-                    f"link {child!r} is the child of joints {parents[child]!r} and {name!r}",
-                    "A serial arm has no loops: take one of the joints out",
-                )
-            parents[child] = name
-            self._children[parent].append(element)
-        self._parents = parents
-
-    def _root(self) -> str:
-        roots = [name for name in self._links if name not in self._parents]
-        if len(roots) != 1:
-            which = ", ".join(roots) or "none"
-            raise RobotError(f"there must be one root link, but there are {len(roots)} ({which})", "Connect the links")
-        reached = roots[:]
-        for link in reached:
-            reached += [self._moves(element) for element in self._children[link]]
-        if loop := sorted(set(self._links) - set(reached)):
-            raise RobotError(f"links {', '.join(loop)} form a loop", "Connect the links to the root as a chain")
-        return roots[0]
+    def _stand(self) -> Array:
+        """Return where the arm's first link stands in the root link, whose frame gravity is given in."""
+        placement = np.eye(4)
+        for name in self._tree.path_to(self._tree.first):
+            placement = placement @ self._origin(self._tree.joints[name], f"joint {name!r}")
+        return placement
 
     def _rigid(self, link: str, placement: Array) -> tuple[Inertia, list[tuple[ET.Element, Array]]]:
         """Gather a link at `placement` and all that is fixed to it; return also the moving joints it carries."""
         bodies, onward = [self._inertia(link, placement)], []
-        for element in self._children[link]:
+        for element in self._tree.children[link]:
             name, child = str(element.get("name")), self._moves(element)
-            if element.get("type") != "fixed":
+            if name in self._tree.left_out:
+                continue
+            if self._tree.moves(name):
                 onward.append((element, placement))
                 continue
             body, further = self._rigid(child, placement @ self._origin(element, f"joint {name!r}"))
-            if body.mass > 0.0:
+            if body.mass > 0.0 and name not in self._tree.held:
                 self._notes.append(f"joint {name!r} is fixed: link {child!r} ({body.mass:g} kg) is part of {link!r}")
             bodies.append(body)
             onward += further
@@ -146,12 +125,20 @@ class _Reading:
             names = ", ".join(repr(element.get("name")) for element, _ in onward)
             raise RobotError(
                 f"the chain branches: joints {names} move from one body",
-                "Only serial arms are handled: keep one branch and make the joints of the others fixed",
+                "Name the arm's first and last link (chain base:tip), or make the joints of the other branches fixed",
             )
         return onward[0] if onward else None
 
     def _joint(self, element: ET.Element, carried: Array) -> tuple[Joint, list[tuple[ET.Element, Array]]]:
         name, child = str(element.get("name")), self._moves(element)
+        kind = element.get("type")
+        if kind not in REVOLUTE:
+            raise RobotError(
+                f"joint {name!r} is {kind or 'of no type'}",
+                "Only revolute, continuous and fixed joints are handled: make it fixed or take it out",
+            )
+        if element.find("mimic") is not None:
+            raise RobotError(f"joint {name!r} mimics another", "Make it fixed or take its branch out")
         turn = np.eye(4)
         turn[:3, :3] = z_onto(self._axis(element, name))
         body, onward = self._rigid(child, np.eye(4))
@@ -165,7 +152,7 @@ class _Reading:
         return str(child_of(element, "child", str(element.get("name"))).get("link"))
 
     def _inertia(self, link: str, placement: Array) -> Inertia:
-        inertial = self._links[link].find("inertial")
+        inertial = self._tree.links[link].find("inertial")
         if inertial is None:
             return Inertia(0.0, np.zeros(3), np.zeros((3, 3)))
         where = f"link {link!r}"
@@ -176,8 +163,10 @@ class _Reading:
         origin = self._origin(inertial, where)
         tensor = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
         with located(f"{where}: "):
-            if mass == 0.0 and not tensor.any():
-                return Inertia(0.0, np.zeros(3), tensor)
+            if mass == 0.0:
+                if tensor.any():
+                    self._notes.append(f"{where} has an inertia and no mass: it counts as massless")
+                return Inertia(0.0, np.zeros(3), np.zeros((3, 3)))
             return moved(Inertia(mass, np.zeros(3), tensor), placement @ origin)
 
     def _limits(self, element: ET.Element, name: str) -> Limits:
@@ -222,8 +211,8 @@ class _Reading:
         return placement
 
     def _note_unused(self) -> None:
-        rubbing = [n for n, e in self._elements.items() if e.find("dynamics") is not None]
+        rubbing = [n for n, e in self._tree.joints.items() if e.find("dynamics") is not None]
         if rubbing:
             self._notes.append(f"<dynamics> (damping, friction) of {', '.join(rubbing)} is not part of the models")
-        if self._tree.find("transmission") is not None:
+        if self._element.find("transmission") is not None:
             self._notes.append("<transmission> states no stiffness: the joints are taken as rigid")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import mujoco
@@ -16,6 +17,7 @@ from elastic_arm.robot.kinematics import link_placements, lumped, moved
 from elastic_arm.robot.urdf import parse_urdf
 
 KUKA = Path(__file__).parents[3] / "shared" / "data" / "kuka_lwr4" / "kuka_lwr4.urdf"
+KINOVA = KUKA.parents[1] / "kinova_gen3" / "gen3_2f85.urdf"
 INERTIAL = (
     '<inertial><origin xyz="0.1 0.02 -0.03" rpy="0.3 -0.2 0.5"/><mass value="2"/>'
     '<inertia ixx="0.03" ixy="0.001" ixz="-0.002" iyy="0.04" iyz="0.003" izz="0.05"/></inertial>'
@@ -216,6 +218,76 @@ def test_right_angles_written_with_few_digits_are_exact() -> None:
     assert any("1.5708" in note for note in robot.notes)
 
 
+def with_gripper(kind: str = "revolute") -> str:
+    """Two joints and a gripper on a flange: a finger, a second one that mimics it, and a tip on the first."""
+    finger = joint("left", "palm", "left_finger", kind)
+    return two_joints(
+        link("flange", ""), joint("mount", "b", "flange", "fixed", ""),
+        link("palm"), joint("hand", "flange", "palm", "fixed", ""),
+        link("left_finger"), link("right_finger"), link("tip"), finger,
+        joint("right", "palm", "right_finger", kind, '<mimic joint="left" multiplier="-1"/>' + LIMIT),
+        joint("tips", "left_finger", "tip", kind, '<mimic joint="left"/>' + LIMIT),
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize("kind", ["revolute", "prismatic"])
+def test_a_gripper_is_held_at_zero_and_a_note_names_it(kind: str) -> None:
+    """Joints that mimic one another are part of the link that carries them, as where they are fixed."""
+    robot = parse_urdf(with_gripper(kind))
+    assert robot.joint_names == ("one", "two")
+    assert_same_dynamics(robot, re.sub(r'("(?:left|right|tips)" type=)"\w+"', r'\1"fixed"', with_gripper(kind)))
+    assert any("left, right, tips mimic one another" in note and "(6 kg)" in note for note in robot.notes)
+
+
+def test_a_chain_leaves_out_what_stands_on_its_tip() -> None:
+    """With the flange as tip the gripper is no part of the arm, and a note names its links and mass."""
+    robot = parse_urdf(with_gripper("planar"), ("foot", "flange"))
+    assert_same_dynamics(robot, two_joints())
+    assert any("left_finger, palm, right_finger, tip (8 kg)" in note for note in robot.notes)
+
+
+def test_a_chain_leaves_out_other_branches_and_keeps_gravity() -> None:
+    """One arm of two on a tilted torso: its dynamics are those of Pinocchio with the torso and the other arm fixed."""
+    text = urdf(
+        link("foot"), link("torso"), link("a"), link("b"), link("c"), link("camera"),
+        joint("mast", "foot", "torso", "fixed", "", '<origin xyz="0 0 1" rpy="0.4 0.3 -0.2"/>'),
+        joint("one", "torso", "a"), joint("two", "a", "b"), joint("other", "torso", "c"),
+        joint("eye", "a", "camera", "fixed", ""),
+    )  # fmt: skip
+    robot = parse_urdf(text, ("torso", "b"))
+    assert robot.joint_names == ("one", "two")
+    assert_same_dynamics(robot, text.replace('"other" type="revolute"', '"other" type="fixed"'))
+
+
+@pytest.mark.parametrize(
+    ("chain", "problem"), [(("foot", "no"), "no link 'no'"), (("b", "a"), "'a' does not stand on 'b'")]
+)
+def test_a_chain_that_is_no_path_is_refused(chain: tuple[str, str], problem: str) -> None:
+    """Links that are not there, or not one on the other, make no arm."""
+    with pytest.raises(RobotError) as caught:
+        parse_urdf(two_joints(), chain)
+    assert problem in caught.value.problem
+
+
+def test_an_inertia_without_mass_counts_for_nothing() -> None:
+    """A frame with mass 0 and a stray inertia is massless, and a note names it."""
+    stray = INERTIAL.replace('mass value="2"', 'mass value="0"')
+    robot = parse_urdf(two_joints().replace(link("a"), link("a", stray)))
+    assert robot.joints[0].link.mass == 0.0
+    assert not robot.joints[0].link.inertia.any()
+    assert any("'a' has an inertia and no mass" in note for note in robot.notes)
+
+
+@pytest.mark.skipif(not KINOVA.exists(), reason=f"{KINOVA} is not there")
+@pytest.mark.parametrize(("chain", "mass"), [(None, 1.857), ("gen3_base_link:gen3_end_effector_link", 0.936)])
+def test_the_kinova_arm_with_its_gripper_loads(chain: str | None, mass: float) -> None:
+    """A vendor's URDF with a gripper and a camera loads as it is, or without the gripper by its chain."""
+    robot = load_robot(KINOVA, chain)
+    assert robot.n == 7
+    assert robot.joints[-1].link.mass == pytest.approx(mass, abs=0.001)
+    assert build_model(robot, engine="numpy").dof == 7
+
+
 REFUSED = {
     "prismatic": (two_joints().replace('name="two" type="revolute"', 'name="two" type="prismatic"'), "'two' is prism"),
     "floating": (two_joints().replace('name="one" type="revolute"', 'name="one" type="floating"'), "'one' is floating"),
@@ -298,6 +370,7 @@ def test_the_documented_overlay_loads(tmp_path: Path) -> None:
     text = (Path(__file__).parents[2] / "docs" / "robots.md").read_text()
     (tmp_path / "overlay.yaml").write_text(text.split("```yaml\n")[1].split("```")[0])
     urdf = two_joints().replace('"one"', '"shoulder"').replace('"two"', '"elbow"').replace('"a"', '"upper_arm"')
+    urdf = urdf.replace('"foot"', '"base_link"').replace('"b"', '"tool_link"')
     (tmp_path / "arm.urdf").write_text(urdf)
     robot = load_robot(tmp_path / "overlay.yaml")
     assert robot.joint_names == ("shoulder", "elbow")
