@@ -1,7 +1,7 @@
 """Every error a user can meet.
 
-One base class, so that a door (command line, node) catches exactly these and nothing else. Each error says what is
-wrong and what to do about it, and carries the values that were wrong as attributes.
+One base class, so that an entry point (command line, node) catches exactly these and nothing else. Each error states
+what is wrong and what to do about it, and carries the values that were wrong as attributes.
 """
 
 from __future__ import annotations

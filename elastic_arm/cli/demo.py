@@ -37,8 +37,8 @@ START = 120.0
 
 
 @dataclass(frozen=True)
-class Course:
-    """What the identifier said while the arm moved: one entry an estimate."""
+class EstimateHistory:
+    """Estimates of the identifier while the arm moved: one entry an estimate."""
 
     lines: tuple[dict[str, Any], ...]
 
@@ -122,7 +122,7 @@ def _excite(nominal: Robot, file: Path, seed: int) -> ExcitationResult:
     return result
 
 
-def _live(folder: Path, motion: FourierTrajectory, seed: int, speed: float) -> Course:
+def _live(folder: Path, motion: FourierTrajectory, seed: int, speed: float) -> EstimateHistory:
     """Run the graph until the trajectory has been streamed; return what the identifier said."""
     domain = int(os.environ.get("ROS_DOMAIN_ID", 1 + os.getpid() % 100))
     lines: list[dict[str, Any]] = []
@@ -147,7 +147,7 @@ def _live(folder: Path, motion: FourierTrajectory, seed: int, speed: float) -> C
         live.update(_progress(lines, motion.duration))
     if not lines:
         raise GraphError("the identifier made no estimate", f"Its words are in {nodes.log('identifier')}.")
-    return Course(tuple(lines))
+    return EstimateHistory(tuple(lines))
 
 
 def _progress(lines: list[dict[str, Any]], duration: float) -> Table:
@@ -173,7 +173,7 @@ def _truth(identified: Identification, true_arm: Robot) -> np.ndarray:
     return np.array([parameter.true for parameter in compare(identified, true_arm)])
 
 
-def _compare(offline: Identification, course: Course, truth: np.ndarray) -> None:
+def _compare(offline: Identification, course: EstimateHistory, truth: np.ndarray) -> None:
     online = dict(zip(course.last["name"], zip(course.last["value"], course.last["std"], strict=True), strict=True))
     values, stds = (np.array([online[e.name][k] for e in offline.estimates], dtype=float) for k in (0, 1))
     on, off = (values - truth) / stds, (offline.Psi_base - truth) / offline.std
@@ -208,7 +208,7 @@ def _compare(offline: Identification, course: Course, truth: np.ndarray) -> None
 def _report(
     path: Path,
     search: ExcitationResult,
-    course: Course,
+    course: EstimateHistory,
     offline: Identification,
     truth: np.ndarray,
     recording: Recording,

@@ -108,6 +108,15 @@ def write_diagnosis(found: Diagnosis, robot: Robot, folder: Path) -> None:
     """Write diagnosis.json, report.html and, where there are any, the arm with its causes and the motion proposed.
 
     What an earlier diagnosis left in the folder is replaced.
+
+    Parameters
+    ----------
+    found
+        Of :func:`~elastic_arm.diagnosis.pipeline.diagnose`.
+    robot
+        The nominal arm, to which the causes are added.
+    folder
+        Made where it does not exist.
     """
     # Matplotlib is slow to import, and only reports need it.
     from elastic_arm.report.diagnosis import write_gap_report

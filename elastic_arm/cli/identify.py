@@ -27,7 +27,7 @@ COLOURS = {"well": "green", "poorly": "yellow", "not": "red"}
 
 
 class Derivatives(StrEnum):
-    """Where accelerations come from."""
+    """Sources of the accelerations: smoother or Fourier series."""
 
     auto = "auto"
     smoother = "smoother"

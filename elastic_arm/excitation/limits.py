@@ -164,7 +164,7 @@ class LimitUse:
 
     @property
     def excess(self) -> Array:
-        """How far each limit is broken, not above 0 where it is kept: four shares and two lacks of room in m, (6,)."""
+        """Violation of each limit (6,), not above 0 where it is kept: four shares, and two clearances in m."""
         shares = [float(getattr(self, kind).max()) - 1.0 for kind in self.kinds]
         gaps = [-1.0 if np.isinf(gap) else self.margin - gap for gap in (self.floor, self.links)]
         return np.array(shares + gaps)
@@ -241,9 +241,9 @@ def check_limits(limits: MotionLimits, model: Model, trajectory: FourierTrajecto
     return use
 
 
-def _ratio(swing: Array, room: Array) -> Array:
-    """Return swing / room; huge where there is no room for a swing."""
-    return np.where(swing <= 0.0, 0.0, swing / np.maximum(room, 1e-9))
+def _ratio(swing: Array, clearance: Array) -> Array:
+    """Return swing over clearance; huge where there is no clearance."""
+    return np.where(swing <= 0.0, 0.0, swing / np.maximum(clearance, 1e-9))
 
 
 def _words(default: float, name: str) -> str:

@@ -1,4 +1,4 @@
-"""Recordings: one currency, held in rosbag2 MCAP bags.
+"""Recordings: the interchange type of the suite, stored in rosbag2 bags.
 
 `Recording` is what the rest of the suite sees; nothing downstream knows whether the arm was real.
 """

@@ -1,4 +1,4 @@
-"""The one currency: a recording of an arm, whoever made it."""
+"""The interchange type: a recording of an arm, real or simulated."""
 
 from __future__ import annotations
 

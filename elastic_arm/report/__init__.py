@@ -1,1 +1,1 @@
-"""The only room that draws: figures (matplotlib) and self-contained HTML reports (Jinja)."""
+"""Figures (matplotlib) and self-contained HTML reports (Jinja): the only package that draws, but for the studies."""

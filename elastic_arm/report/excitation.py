@@ -147,7 +147,17 @@ def joint_motion(trajectory: FourierTrajectory, limits: MotionLimits) -> MplFigu
 
 
 def tip_path(trajectory: FourierTrajectory, robot: Robot, workspace: Workspace | None = None) -> MplFigure:
-    """Draw the path of the last link's frame from the side and from above, with the arm in some poses and the floor."""
+    """Draw the path of the last link's frame from the side and from above, with the arm in some poses and the floor.
+
+    Parameters
+    ----------
+    trajectory
+        Of the links.
+    robot
+        Whose kinematics are drawn.
+    workspace
+        Floor and walls; None where the robot has none.
+    """
     q, _, _ = trajectory.evaluate(np.linspace(0.0, trajectory.duration, POINTS))
     points = link_points(robot, q)
     poses = points[np.linspace(0, POINTS - 1, POSES, dtype=int)]

@@ -53,7 +53,17 @@ def identifiability(result: Identification) -> MplFigure:
 
 
 def torques(equations: BaseRegression, motion: Motion, result: Identification) -> MplFigure:
-    """Draw measured torques, what the nominal and the identified arm predict, and what is left."""
+    """Draw measured torques, what the nominal and the identified arm predict, and what is left.
+
+    Parameters
+    ----------
+    equations
+        Of the identification.
+    motion
+        Smoothed samples of the recording.
+    result
+        The identified parameters.
+    """
     measured = equations.measured(motion)
     sides = [side for side in equations.sides if side != "link"] or list(equations.sides)
     nominal = equations.predict(motion, equations.base.T @ equations.nominal)
@@ -73,7 +83,17 @@ def torques(equations: BaseRegression, motion: Motion, result: Identification) -
 
 
 def residuals(equations: BaseRegression, motion: Motion, result: Identification) -> MplFigure:
-    """Draw what the identified arm leaves, per joint and equation."""
+    """Draw what the identified arm leaves, per joint and equation.
+
+    Parameters
+    ----------
+    equations
+        Of the identification.
+    motion
+        Smoothed samples of the recording.
+    result
+        The identified parameters.
+    """
     measured, found = equations.measured(motion), equations.predict(motion, result.Psi_base)
     with style():
         figure, axes = new_figure(equations.n, 1, size=(8.4, 1.35 * equations.n), sharex=True)

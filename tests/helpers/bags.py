@@ -1,4 +1,4 @@
-"""Bags for the tests of the recording room, some written by libraries that are not ours."""
+"""Bags for the tests of the recording package, some written by libraries that are not ours."""
 
 from __future__ import annotations
 

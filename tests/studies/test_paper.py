@@ -26,7 +26,7 @@ from elastic_arm.studies.paper.coupling import symbolic_coupling
 from elastic_arm.studies.paper.export import export
 from elastic_arm.studies.paper.identification_study import shares, smallness
 from elastic_arm.studies.paper.report.page import write_paper_report
-from elastic_arm.studies.paper.study import QUICK, Result, run_study, studied_ratios
+from elastic_arm.studies.paper.study import QUICK, StudyResult, run_study, studied_ratios
 from elastic_arm.studies.paper.virtual_prototype.motions import StepRamp
 
 # A claim that flips is a failing test, whichever way it flips.
@@ -51,13 +51,13 @@ VERDICTS = {
 
 
 @pytest.fixture(scope="module")
-def result() -> Result:
+def result() -> StudyResult:
     """The study in its quick mode."""
     return run_study(load_robot(None), QUICK, workers=1, seed=1, stage=lambda name, count: lambda: None)
 
 
 @pytest.fixture(scope="module")
-def claims(result: Result) -> dict[str, Claim]:
+def claims(result: StudyResult) -> dict[str, Claim]:
     """The verdicts by key."""
     return {claim.key: claim for claim in judge(result)}
 
@@ -75,7 +75,7 @@ def test_every_claim_has_a_deciding_number(claims: dict[str, Claim]) -> None:
 
 
 def test_report_holds_every_claim_and_figure_and_needs_no_network(
-    result: Result, claims: dict[str, Claim], tmp_path: Path
+    result: StudyResult, claims: dict[str, Claim], tmp_path: Path
 ) -> None:
     """One HTML file with inline vector drawings and nothing to fetch."""
     page = write_paper_report(result, list(claims.values()), tmp_path / "report.html").read_text(encoding="utf-8")
@@ -87,7 +87,7 @@ def test_report_holds_every_claim_and_figure_and_needs_no_network(
 
 
 def test_numbers_are_written_beside_the_report_and_read_back(
-    result: Result, claims: dict[str, Claim], tmp_path: Path
+    result: StudyResult, claims: dict[str, Claim], tmp_path: Path
 ) -> None:
     """JSON without NaN, and CSV whose metrics are those of the figures."""
     files = export(result, list(claims.values()), tmp_path)
@@ -99,24 +99,24 @@ def test_numbers_are_written_beside_the_report_and_read_back(
     assert [float(row["e_max"]) for row in rows] == expected
 
 
-def test_searched_excitation_is_conditioned_better_than_where_it_began(result: Result) -> None:
+def test_searched_excitation_is_conditioned_better_than_where_it_began(result: StudyResult) -> None:
     """For each model, and better than the median random trajectory."""
     for excited in result.excited.values():
         assert excited.condition < excited.unoptimised <= np.median(excited.random)
 
 
-def test_high_errors_belong_to_coefficients_that_move_little_torque(result: Result) -> None:
+def test_high_errors_belong_to_coefficients_that_move_little_torque(result: StudyResult) -> None:
     """For every model the rank correlation of error and torque is clearly negative."""
     assert all(smallness(estimate)[1] < -0.5 for estimate in result.estimates)
 
 
-def test_mod3_has_no_error_of_its_own(result: Result) -> None:
+def test_mod3_has_no_error_of_its_own(result: StudyResult) -> None:
     """With locked bushings and no noise its identified coefficients are the true ones; those of mod1 are not."""
     assert np.abs(result.estimate("mod3").model_error).max() < 1e-2
     assert np.abs(result.estimate("mod1").model_error).max() > 1.0
 
 
-def test_links_follow_better_under_mod3(result: Result) -> None:
+def test_links_follow_better_under_mod3(result: StudyResult) -> None:
     """Feed-forward of the identified mod3 leaves less than half the joints' error of mod1's and mod2's."""
     errors = {t.feedforward: t.joints_rms for t in result.tracking if t.r_tot == result.highest}
     assert errors["identified mod3"] < 0.5 * min(errors["identified mod1"], errors["identified mod2"])
@@ -184,7 +184,7 @@ def test_inverted_command_fulfils_the_equations_of_motion() -> None:
 def test_feedforward_does_not_depend_on_a_step_that_divides_nothing() -> None:
     """A step of 0.28 ms, of which no whole number makes a sample, gives what 0.25 ms gives."""
     robot = load_robot(None).with_ratio(363)
-    law = feedforward.Law("true", 363.0, "mod3", build_model(robot, "mod3").Psi)
+    law = feedforward.FeedforwardLaw("true", 363.0, "mod3", build_model(robot, "mod3").Psi)
     reference = feedforward.reference(robot.n, 1.0, 0.3, np.random.default_rng(2))
     odd, even = (
         feedforward.assess(robot, law, reference, frequency=10.0, settle=0.0, step=step) for step in (2.8e-4, 2.5e-4)

@@ -91,7 +91,17 @@ class SamplingRequest:
 def sample_arm(
     request: SamplingRequest, robot: Robot, rng: np.random.Generator
 ) -> tuple[ArmSpecification, tuple[MultiSine, MultiSine]]:
-    """Draw one hidden arm and its two motions."""
+    """Draw one hidden arm and its two motions.
+
+    Parameters
+    ----------
+    request
+        What is to be drawn.
+    robot
+        The nominal arm.
+    rng
+        Seeded with the request's own seed.
+    """
     instruments = sample_sensors(rng)
     fitted, judging = (random_motion(rng, robot.n, s) for s in request.seconds)
     if not request.effects:

@@ -184,7 +184,17 @@ def load_manifest(folder: Path) -> dict[str, Any]:
 
 
 def answer_path(folder: Path, name: str, *, withheld: bool = False) -> Path:
-    """Where the diagnosis of an item stands."""
+    """Where the diagnosis of an item stands.
+
+    Parameters
+    ----------
+    folder
+        Of the challenge.
+    name
+        Of the arm.
+    withheld
+        Whether the diagnosis had the arm's effect taken out of the catalogue.
+    """
     return folder / ("withheld" if withheld else "answers") / f"{name}.json"
 
 

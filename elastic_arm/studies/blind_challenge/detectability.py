@@ -98,7 +98,17 @@ class Detectability:
 
 
 def sized(draft: SampledEffect, wanted: float, detectability: Detectability) -> tuple[float, EffectSignal]:
-    """Return the amount of an effect whose distance is the wanted one, within the plausible range, and its signal."""
+    """Return the amount of an effect whose distance is the wanted one, within the plausible range, and its signal.
+
+    Parameters
+    ----------
+    draft
+        The effect without its size.
+    wanted
+        Whitened distance: size over its Cramér-Rao bound.
+    detectability
+        Measures distances on the arm's own motion.
+    """
     low, high = draft.limits()
     amount = float(np.clip(draft.typical(), low, high))
     for _ in range(ROUNDS):

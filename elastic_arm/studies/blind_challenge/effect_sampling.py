@@ -97,7 +97,17 @@ class SampledEffect:
 
 
 def sample_effect(effect: str, n: int, rng: np.random.Generator) -> SampledEffect:
-    """Draw where an effect sits, its form, and its parameters other than the size."""
+    """Draw where an effect sits, its form, and its parameters other than the size.
+
+    Parameters
+    ----------
+    effect
+        Its id.
+    n
+        Number of joints.
+    rng
+        Draws joint, side, channels and parameters.
+    """
     joint = None if effect in WHOLE_ARM else int(rng.integers(n))
     side = str(rng.choice(["motor", "link"])) if effect in SIDED else "motor"
     channels: tuple[str, ...] = ()

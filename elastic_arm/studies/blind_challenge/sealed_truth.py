@@ -21,7 +21,17 @@ PIECES = "truth"
 
 
 def seal_piece(folder: Path, name: str, truth: dict[str, Any]) -> None:
-    """Write the truth of one arm so that nobody reads it by accident."""
+    """Write the truth of one arm so that nobody reads it by accident.
+
+    Parameters
+    ----------
+    folder
+        Of the challenge.
+    name
+        Of the arm.
+    truth
+        As plain data.
+    """
     path = folder / PIECES / f"{name}.sealed"
     path.parent.mkdir(parents=True, exist_ok=True)
     part = path.with_suffix(".part")

@@ -9,7 +9,7 @@ import numpy as np
 
 from elastic_arm.dynamics import Model, build_model
 from elastic_arm.robot.description import Robot
-from elastic_arm.studies.paper.virtual_prototype.prototype import Run
+from elastic_arm.studies.paper.virtual_prototype.prototype import PrototypeRun
 
 MODELS = ("mod1", "mod2", "mod3")
 PROTOTYPE = "mod_ad"
@@ -29,18 +29,26 @@ class Torques:
 
 
 @dataclass(frozen=True)
-class Comparison:
+class ModelComparison:
     """One motion of the prototype at one ratio, and what each model says of it.
 
     `torques` holds mod1, mod2, mod3 and mod_ad, whose tau_l is zero: its link is in equilibrium by construction.
     """
 
     r_tot: float
-    run: Run
+    run: PrototypeRun
     torques: Mapping[str, Torques]
 
     def error(self, model: str, reference: str, side: str) -> np.ndarray:
-        """Return a model's torque less the reference's (N, n), Nm."""
+        """Return a model's torque less the reference's (N, n), Nm.
+
+        Parameters
+        ----------
+        model, reference
+            Keys of `torques`.
+        side
+            "motor" or "link".
+        """
         return self.torques[model].side(side) - self.torques[reference].side(side)
 
 
@@ -57,7 +65,7 @@ class Metric:
     e_rmse: float
 
 
-def model_torques(model: Model, run: Run) -> Torques:
+def model_torques(model: Model, run: PrototypeRun) -> Torques:
     """Evaluate both rows of (1) on the prototype's motion: tau_m, and the first row's residual tau_l.
 
     A model with bearings is given their tilts too; its tau_l is the residual of the rows of q.
@@ -67,14 +75,24 @@ def model_torques(model: Model, run: Run) -> Torques:
     return Torques(motor=forces[:, n : 2 * n], link=forces[:, :n])
 
 
-def compare(robot: Robot, r_tot: float, run: Run) -> Comparison:
-    """Evaluate mod1, mod2 and mod3 of `robot` (with its ratio already set to `r_tot`) on a run of the prototype."""
+def compare(robot: Robot, r_tot: float, run: PrototypeRun) -> ModelComparison:
+    """Evaluate mod1, mod2 and mod3 of `robot` (with its ratio already set to `r_tot`) on a run of the prototype.
+
+    Parameters
+    ----------
+    robot
+        With its ratio set to `r_tot`.
+    r_tot
+        Total ratio.
+    run
+        Of the prototype.
+    """
     torques = {name: model_torques(build_model(robot, name), run) for name in MODELS}
     torques[PROTOTYPE] = Torques(motor=run.tau_m, link=np.zeros_like(run.tau_m))
-    return Comparison(r_tot, run, torques)
+    return ModelComparison(r_tot, run, torques)
 
 
-def metrics(comparisons: list[Comparison], reference: str) -> list[Metric]:
+def metrics(comparisons: list[ModelComparison], reference: str) -> list[Metric]:
     """Return e_max and e_rmse per ratio, side, joint and model against mod3 (Fig. 4b) or mod_ad (Fig. 4c)."""
     models = [name for name in MODELS if name != reference]
     rows = []
@@ -91,7 +109,7 @@ def metrics(comparisons: list[Comparison], reference: str) -> list[Metric]:
 
 
 @dataclass(frozen=True)
-class Line:
+class LinearTrend:
     """A least-squares line of an error over r_tot: at r_tot = 0, per unit of r_tot, and the share it explains."""
 
     constant: float
@@ -99,11 +117,21 @@ class Line:
     r_squared: float
 
 
-def line_over_ratio(rows: list[Metric], model: str, side: str, joint: int) -> Line:
-    """Fit e_max = constant + slope r_tot for one model, side and joint."""
+def line_over_ratio(rows: list[Metric], model: str, side: str, joint: int) -> LinearTrend:
+    """Fit e_max = constant + slope r_tot for one model, side and joint.
+
+    Parameters
+    ----------
+    rows
+        Metrics over the ratios.
+    model, side
+        Whose rows are fitted.
+    joint
+        From 1.
+    """
     picked = [row for row in rows if (row.model, row.side, row.joint) == (model, side, joint)]
     r_tot, e_max = np.array([row.r_tot for row in picked]), np.array([row.e_max for row in picked])
     slope, constant = np.polyfit(r_tot, e_max, 1)
     spread = float(((e_max - e_max.mean()) ** 2).sum())
     missed = float(((e_max - constant - slope * r_tot) ** 2).sum())
-    return Line(float(constant), float(slope), 1.0 - missed / spread if spread > 0.0 else 1.0)
+    return LinearTrend(float(constant), float(slope), 1.0 - missed / spread if spread > 0.0 else 1.0)

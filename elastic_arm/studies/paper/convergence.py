@@ -16,7 +16,7 @@ from elastic_arm.studies.paper.virtual_prototype.prototype import Prototype
 
 
 @dataclass(frozen=True)
-class Check:
+class ConvergenceCheck:
     """One setting and the largest deviation it leaves, Nm.
 
     `tau_m` is against the reference named by the table; `tau_l` is mod3's link-side residual where there is one.
@@ -27,33 +27,68 @@ class Check:
     tau_l: float | None = None
 
 
-def over_steps(robot: Robot, steps: tuple[float, ...], motion: StepRamp) -> list[Check]:
-    """Compare tau_m at each integration step with that at the last, the finest."""
+def over_steps(robot: Robot, steps: tuple[float, ...], motion: StepRamp) -> list[ConvergenceCheck]:
+    """Compare tau_m at each integration step with that at the last, the finest.
+
+    Parameters
+    ----------
+    robot
+        With bearings.
+    steps
+        Integration steps, s, the finest last.
+    motion
+        Imposed at the rotors.
+    """
     prototype = Prototype(robot)
     torques = [prototype.follow(motion, step=step).tau_m for step in steps]
-    return [Check(step, float(np.abs(tau_m - torques[-1]).max())) for step, tau_m in zip(steps, torques, strict=True)][
-        :-1
-    ]
+    return [
+        ConvergenceCheck(step, float(np.abs(tau_m - torques[-1]).max()))
+        for step, tau_m in zip(steps, torques, strict=True)
+    ][:-1]
 
 
-def over_couplers(robot: Robot, frequencies: tuple[float, ...], motion: StepRamp, step: float) -> list[Check]:
+def over_couplers(
+    robot: Robot, frequencies: tuple[float, ...], motion: StepRamp, step: float
+) -> list[ConvergenceCheck]:
     """Compare tau_m of soft couplers (engine constraints, rad/s) with that of exact ones.
 
     On a ramp without jumps of acceleration: no coupler of finite stiffness follows a jump.
+
+    Parameters
+    ----------
+    robot
+        With bearings.
+    frequencies
+        Of the soft couplers, rad/s.
+    motion
+        Imposed at the rotors; its shape is replaced by one without jumps of acceleration.
+    step
+        Integration step, s.
     """
     motion = replace(motion, shape=QUINTIC)
     exact = Prototype(robot).follow(motion, step=step)
     checks = []
     for frequency in frequencies:
         tau_m, _ = SoftCouplers(robot, frequency).follow(motion, step=step)
-        checks.append(Check(frequency, float(np.abs(tau_m - exact.tau_m[: len(tau_m)]).max())))
+        checks.append(ConvergenceCheck(frequency, float(np.abs(tau_m - exact.tau_m[: len(tau_m)]).max())))
     return checks
 
 
-def over_bushings(robot: Robot, scales: tuple[float, ...], motion: StepRamp, step: float) -> list[Check]:
+def over_bushings(robot: Robot, scales: tuple[float, ...], motion: StepRamp, step: float) -> list[ConvergenceCheck]:
     """Compare mod3 with the prototype as the bushing grows stiff; an infinite scale has it locked.
 
     On a ramp without jumps of acceleration, after which bearings of any stiffness would ring.
+
+    Parameters
+    ----------
+    robot
+        With bearings.
+    scales
+        Factors of the bushing's stiffness.
+    motion
+        Imposed at the rotors; its shape is replaced by one without jumps of acceleration.
+    step
+        Integration step at scale 1, s.
     """
     motion = replace(motion, shape=QUINTIC)
     mod3 = build_model(robot, "mod3")
@@ -64,6 +99,8 @@ def over_bushings(robot: Robot, scales: tuple[float, ...], motion: StepRamp, ste
         run = Prototype(robot, bushing).follow(motion, step=fine)
         torques = model_torques(mod3, run)
         checks.append(
-            Check(float(scale), float(np.abs(torques.motor - run.tau_m).max()), float(np.abs(torques.link).max()))
+            ConvergenceCheck(
+                float(scale), float(np.abs(torques.motor - run.tau_m).max()), float(np.abs(torques.link).max())
+            )
         )
     return checks

@@ -8,14 +8,14 @@ import numpy as np
 
 from elastic_arm.excitation import ExcitationResult, FourierTrajectory, MotionLimits, Shape, optimise
 from elastic_arm.robot.description import Robot
-from elastic_arm.studies.paper.identification_study import Problem
+from elastic_arm.studies.paper.identification_study import CoefficientFit
 
 SHAPE = Shape(harmonics=5, period=10.0, ramp=1.0)
 """The paper's duration of 10 s, between smooth ramps."""
 
 
 @dataclass(frozen=True)
-class Excited:
+class ExcitationSearch:
     """A search's outcome in condition numbers of the base regressor.
 
     Parameters
@@ -43,7 +43,7 @@ class Excited:
     limits: tuple[str, ...]
 
 
-def excite(robot: Robot, model: str, evaluations: int, random: int, seed: int) -> Excited:
+def excite(robot: Robot, model: str, evaluations: int, random: int, seed: int) -> ExcitationSearch:
     """Search the motion within the robot's limits whose regressor of `model` is conditioned best.
 
     Parameters
@@ -51,14 +51,14 @@ def excite(robot: Robot, model: str, evaluations: int, random: int, seed: int) -
     evaluations, random
         Budget of the search, and number of random motions to start from and compare with.
     """
-    problem = Problem(robot, model)
+    problem = CoefficientFit(robot, model)
     limits = MotionLimits.of(robot)
     columns = [int(c) for c in problem.equations.base.columns]
     rng = np.random.default_rng(seed)
     found: ExcitationResult = optimise(
         problem.model, limits, columns, rng=rng, shape=SHAPE, evaluations=evaluations, random=random
     )
-    return Excited(
+    return ExcitationSearch(
         found.trajectory,
         found.condition_after,
         found.condition_before,

@@ -15,13 +15,22 @@ import numpy as np
 from elastic_arm.errors import OutputError
 from elastic_arm.studies.paper.claims.all_claims import Claim
 from elastic_arm.studies.paper.identification_study import shares
-from elastic_arm.studies.paper.study import Result
+from elastic_arm.studies.paper.study import StudyResult
 
 SCHEMA = "elastic_arm/paper/1"
 
 
-def export(result: Result, claims: list[Claim], folder: Path) -> list[Path]:
+def export(result: StudyResult, claims: list[Claim], folder: Path) -> list[Path]:
     """Write the study's numbers.
+
+    Parameters
+    ----------
+    result
+        Of the study.
+    claims
+        With their verdicts.
+    folder
+        Made where it does not exist.
 
     Returns
     -------
@@ -54,7 +63,7 @@ def export(result: Result, claims: list[Claim], folder: Path) -> list[Path]:
     return [whole, *files]
 
 
-def as_dict(result: Result, claims: list[Claim]) -> dict[str, Any]:
+def as_dict(result: StudyResult, claims: list[Claim]) -> dict[str, Any]:
     """Return the study as plain data for JSON."""
     return _plain(
         {
@@ -86,7 +95,7 @@ def as_dict(result: Result, claims: list[Claim]) -> dict[str, Any]:
     )
 
 
-def _excited(result: Result, model: str) -> dict[str, Any]:
+def _excited(result: StudyResult, model: str) -> dict[str, Any]:
     e = result.excited[model]
     trajectory = {name: getattr(e.trajectory, name) for name in ("omega", "a", "b", "q0", "duration", "ramp")}
     return {
@@ -100,7 +109,7 @@ def _excited(result: Result, model: str) -> dict[str, Any]:
     }
 
 
-def _shares(result: Result) -> list[dict[str, Any]]:
+def _shares(result: StudyResult) -> list[dict[str, Any]]:
     rows = []
     for e in result.estimates:
         row = {"model": e.model, "r_tot": e.r_tot, "parameters": e.estimable, "coefficients": len(e.names)}
@@ -116,7 +125,7 @@ def _shares(result: Result) -> list[dict[str, Any]]:
     return rows
 
 
-def _coefficients(result: Result) -> list[dict[str, Any]]:
+def _coefficients(result: StudyResult) -> list[dict[str, Any]]:
     columns = ("true", "estimate", "error", "model_error", "bushing_error", "noise_spread", "fast_error")
     return [
         {"model": e.model, "r_tot": e.r_tot, "coefficient": name}
@@ -126,7 +135,7 @@ def _coefficients(result: Result) -> list[dict[str, Any]]:
     ]
 
 
-def _torques(result: Result) -> list[dict[str, Any]]:
+def _torques(result: StudyResult) -> list[dict[str, Any]]:
     """Return the curves of Figs. 3 and 4a, a row a sample."""
     top = result.at_highest()
     columns = {"t": top.run.t}

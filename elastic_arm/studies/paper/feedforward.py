@@ -31,7 +31,7 @@ class Command:
 
 
 @dataclass(frozen=True)
-class Law:
+class FeedforwardLaw:
     """A feed-forward: its name, the ratio it is for, a model and its parameters; no torque at all where Psi is None."""
 
     name: str
@@ -66,7 +66,19 @@ def together(runs: Sequence[Tracking]) -> Tracking:
 
 
 def invert(model: Model, Psi: np.ndarray, q: tuple[np.ndarray, np.ndarray, np.ndarray], period: float) -> Command:
-    """Return the command that drives a model's link along one period of q, dq, ddq (M, n)."""
+    """Return the command that drives a model's link along one period of q, dq, ddq (M, n).
+
+    Parameters
+    ----------
+    model
+        Elastic, without bearings.
+    Psi
+        Its parameters (P,).
+    q
+        Link angles, velocities and accelerations over one period, (M, n) each.
+    period
+        s.
+    """
     n, names = model.n, [parameter.name.rpartition(".")[2] for parameter in model.parameters]
     K, D = (Psi[[k for k, name in enumerate(names) if name == letter]] for letter in ("K", "D"))
     loose = np.where([name in ("K", "D") for name in names], 0.0, Psi)
@@ -81,7 +93,17 @@ def invert(model: Model, Psi: np.ndarray, q: tuple[np.ndarray, np.ndarray, np.nd
 
 
 def gains(model: Model, frequency: float, at: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return proportional and derivative gains (n,) for a natural frequency (rad/s) and damping ratio 0.7."""
+    """Return proportional and derivative gains (n,) for a natural frequency (rad/s) and damping ratio 0.7.
+
+    Parameters
+    ----------
+    model
+        Whose inertia counts.
+    frequency
+        Natural frequency, rad/s.
+    at
+        Pose (n,), rad.
+    """
     n = model.n
     mass = np.diag(model.mass_matrix(np.concatenate([at, at])[None])[0])
     inertia = mass[:n] + mass[n:]
@@ -89,7 +111,19 @@ def gains(model: Model, frequency: float, at: np.ndarray) -> tuple[np.ndarray, n
 
 
 def reference(n: int, period: float, duration: float, rng: np.random.Generator) -> FourierTrajectory:
-    """Make a motion that no identification saw: three harmonics, at most 0.4 rad from zero per joint and 0.8 rad/s."""
+    """Make a motion that no identification saw: three harmonics, at most 0.4 rad from zero per joint and 0.8 rad/s.
+
+    Parameters
+    ----------
+    n
+        Number of joints.
+    period
+        s.
+    duration
+        Recorded time, s; one period is added before it.
+    rng
+        Draws the coefficients.
+    """
     harmonics = 3
     a, b = rng.standard_normal((2, n, harmonics))
     frequency = 2.0 * np.pi / period * np.arange(1, harmonics + 1)
@@ -99,7 +133,7 @@ def reference(n: int, period: float, duration: float, rng: np.random.Generator) 
 
 
 def assess(
-    robot: Robot, law: Law, reference: FourierTrajectory, *, frequency: float, settle: float, step: float
+    robot: Robot, law: FeedforwardLaw, reference: FourierTrajectory, *, frequency: float, settle: float, step: float
 ) -> Tracking:
     """Drive the prototype along a reference under a feed-forward law and compare.
 
@@ -142,7 +176,7 @@ def assess(
     )
 
 
-def _command(robot: Robot, law: Law, q: tuple[np.ndarray, np.ndarray, np.ndarray], period: float) -> Command:
+def _command(robot: Robot, law: FeedforwardLaw, q: tuple[np.ndarray, np.ndarray, np.ndarray], period: float) -> Command:
     """Invert the law's model along one period; without one, tell the motor the link's motion and send no torque."""
     if law.Psi is None:
         return Command(q[0], q[1], np.zeros_like(q[0]))

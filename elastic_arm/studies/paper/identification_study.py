@@ -15,8 +15,8 @@ from elastic_arm.excitation.criteria import distinct_columns
 from elastic_arm.identification.least_squares import Fit, fit
 from elastic_arm.identification.stream import Accumulator
 from elastic_arm.robot.description import Robot
-from elastic_arm.studies.paper.individual import Recovered, recover
-from elastic_arm.studies.paper.virtual_prototype.prototype import Run
+from elastic_arm.studies.paper.individual import RecoveredParameters, recover
+from elastic_arm.studies.paper.virtual_prototype.prototype import PrototypeRun
 
 PAPER_STRIDE = 100  # of the 1 kHz samples: the paper's 10 Hz
 GUESS_SEED = 7
@@ -24,7 +24,7 @@ LOW, MID = 20.5, 50.5  # the paper's 0-20 %, 21-50 %, 51-100 %, read as rounded 
 
 
 @dataclass(frozen=True)
-class Shares:
+class ErrorShares:
     """Percentages of the coefficients whose relative error is low, mid, high; `beyond` 100 % is a part of high."""
 
     low: float
@@ -33,14 +33,14 @@ class Shares:
     beyond: float
 
 
-def shares(error: np.ndarray) -> Shares:
+def shares(error: np.ndarray) -> ErrorShares:
     """Sort relative errors (coefficients,), in percent, into the paper's categories."""
     size = np.abs(error)
     low, mid, beyond = size < LOW, (size >= LOW) & (size < MID), size > 100.0
-    return Shares(*(100.0 * float(part.mean()) for part in (low, mid, ~(low | mid), beyond)))
+    return ErrorShares(*(100.0 * float(part.mean()) for part in (low, mid, ~(low | mid), beyond)))
 
 
-class Problem:
+class CoefficientFit:
     """One model's regression (10) in base parameters; the truth is the description's numbers in the same combinations.
 
     Parameters
@@ -66,7 +66,19 @@ class Problem:
         return fit(data.snapshot(), weighted)
 
     def with_noise(self, motion: Motion, std: float, seeds: int, rng: np.random.Generator) -> list[Fit]:
-        """Return fits with independent Gaussian noise of `std` Nm on every measured torque."""
+        """Return fits with independent Gaussian noise of `std` Nm on every measured torque.
+
+        Parameters
+        ----------
+        motion
+            The prototype's samples, without noise.
+        std
+            Nm.
+        seeds
+            Number of noise realisations.
+        rng
+            Of the noise.
+        """
         assert motion.tau_m is not None
         torque = motion.tau_m
         noisy = (replace(motion, tau_m=torque + std * rng.standard_normal(torque.shape)) for _ in range(seeds))
@@ -88,6 +100,15 @@ def merged_error(found: Fit, true: np.ndarray, kept: np.ndarray) -> np.ndarray:
 
     Base parameters are what *some* state tells apart. Where no ordinary motion does, as at high ratios, (11) is blown
     up along that direction; a numerical rank decision would have merged such columns, and this does.
+
+    Parameters
+    ----------
+    found
+        Fit of all coefficients.
+    true
+        True coefficients (B,).
+    kept
+        Indices (K,) of the coefficients that remain.
     """
     R, z = found.factor[:, :-1], found.factor[:, -1]
     lost = np.setdiff1d(np.arange(len(true)), kept)
@@ -98,7 +119,7 @@ def merged_error(found: Fit, true: np.ndarray, kept: np.ndarray) -> np.ndarray:
 
 
 @dataclass(frozen=True)
-class Estimate:
+class CoefficientEstimate:
     """One model at one ratio.
 
     All errors are in percent of the true coefficient, (B,): `error` as in the paper (10 Hz, no noise), `model_error`
@@ -121,14 +142,14 @@ class Estimate:
     fast_error: np.ndarray
     fast_noise_spread: np.ndarray
     merged_error: np.ndarray
-    merged_noisy_shares: tuple[Shares, ...]
-    noisy_shares: tuple[Shares, ...]
-    fast_noisy_shares: tuple[Shares, ...]
+    merged_noisy_shares: tuple[ErrorShares, ...]
+    noisy_shares: tuple[ErrorShares, ...]
+    fast_noisy_shares: tuple[ErrorShares, ...]
     torque: np.ndarray
     residual: float
     condition: float
     Psi: np.ndarray
-    individual: Recovered
+    individual: RecoveredParameters
 
     @property
     def bushing_error(self) -> np.ndarray:
@@ -136,7 +157,7 @@ class Estimate:
         return self.error - self.model_error
 
     @property
-    def shares(self) -> Shares:
+    def shares(self) -> ErrorShares:
         """Fig. 5."""
         return shares(self.error)
 
@@ -145,14 +166,14 @@ def study(
     robot: Robot,
     model: str,
     r_tot: float,
-    run: Run,
-    locked: Run,
+    run: PrototypeRun,
+    locked: PrototypeRun,
     *,
     noise: float,
     seeds: tuple[int, int],
     guesses: int,
     rng: np.random.Generator,
-) -> Estimate:
+) -> CoefficientEstimate:
     """Identify one model from the prototype's run.
 
     Parameters
@@ -168,7 +189,7 @@ def study(
     guesses
         Number of wrong descriptions from which individual parameters are recovered.
     """
-    problem = Problem(robot, model)
+    problem = CoefficientFit(robot, model)
     fast = motion_of(run)
     slow, slow_locked = fast[_ten_hertz(run)], motion_of(locked)[_ten_hertz(locked)]
     plain = problem.fit(slow, weighted=False)
@@ -177,7 +198,7 @@ def study(
     kept = distinct_columns(plain.factor[:, :-1])
     rows = problem.equations.rows(slow)
     left = rows[:, :, -1] - rows[:, :, :-1] @ plain.Psi
-    return Estimate(
+    return CoefficientEstimate(
         model=model,
         r_tot=r_tot,
         names=problem.names,
@@ -201,7 +222,7 @@ def study(
     )
 
 
-def smallness(estimate: Estimate) -> tuple[float, float]:
+def smallness(estimate: CoefficientEstimate) -> tuple[float, float]:
     """Return Spearman's rank correlation of a coefficient's error with its true size, and with its torque.
 
     Negative where the large errors belong to small coefficients. The size is in SI units whatever the kind, as the
@@ -212,7 +233,7 @@ def smallness(estimate: Estimate) -> tuple[float, float]:
     return float(size), float(spearmanr(estimate.torque, error).statistic)
 
 
-def motion_of(run: Run) -> Motion:
+def motion_of(run: PrototypeRun) -> Motion:
     """Return a run as the identification's motion."""
     return Motion(
         t=run.t,
@@ -227,12 +248,12 @@ def motion_of(run: Run) -> Motion:
     )
 
 
-def _ten_hertz(run: Run) -> slice:
+def _ten_hertz(run: PrototypeRun) -> slice:
     """Return the paper's samples: 10 Hz, the last one left out, so that 10 s are 100 samples."""
     return slice(0, len(run.t) - 1, PAPER_STRIDE)
 
 
-def mean_shares(many: Sequence[Shares]) -> tuple[Shares, Shares]:
+def mean_shares(many: Sequence[ErrorShares]) -> tuple[ErrorShares, ErrorShares]:
     """Return mean and standard deviation of shares over seeds."""
     table = np.array([(s.low, s.mid, s.high, s.beyond) for s in many])
-    return Shares(*map(float, table.mean(0))), Shares(*map(float, table.std(0)))
+    return ErrorShares(*map(float, table.mean(0))), ErrorShares(*map(float, table.std(0)))

@@ -22,7 +22,7 @@ SPREAD = 0.3
 
 
 @dataclass(frozen=True)
-class Recovered:
+class RecoveredParameters:
     """Errors of the individual parameters in percent (parameters,), medians over the guesses; `guess` those before."""
 
     names: tuple[str, ...]
@@ -30,7 +30,7 @@ class Recovered:
     guess: np.ndarray
 
 
-def recover(fit: Fit, equations: BaseRegression, guesses: int, seed: int) -> Recovered:
+def recover(fit: Fit, equations: BaseRegression, guesses: int, seed: int) -> RecoveredParameters:
     """Draw individual parameters from a fit with physical consistency, beginning at wrong descriptions.
 
     Parameters
@@ -58,7 +58,9 @@ def recover(fit: Fit, equations: BaseRegression, guesses: int, seed: int) -> Rec
     true = equations.nominal
     there = np.flatnonzero(np.abs(true) > 0.0)
     after, prior = (100.0 * np.abs(np.array(rows)[:, there] / true[there] - 1.0) for rows in (found, before))
-    return Recovered(tuple(equations.names[k] for k in there), np.median(after, axis=0), np.median(prior, axis=0))
+    return RecoveredParameters(
+        tuple(equations.names[k] for k in there), np.median(after, axis=0), np.median(prior, axis=0)
+    )
 
 
 def perturbed(robot: Robot, rng: np.random.Generator) -> Robot:

@@ -13,7 +13,7 @@ Task = Callable[[], Any]
 Advance = Callable[[], None]
 
 
-class Crew:
+class ProcessPool:
     """Processes that run tasks; a context.
 
     Parameters
@@ -29,7 +29,7 @@ class Crew:
             context = multiprocessing.get_context("spawn")
             self._pool = ProcessPoolExecutor(workers, mp_context=context, initializer=_one_thread_each)
 
-    def __enter__(self) -> Crew:
+    def __enter__(self) -> ProcessPool:
         return self
 
     def __exit__(

@@ -13,22 +13,22 @@ from elastic_arm.dynamics import build_model
 from elastic_arm.errors import RobotError
 from elastic_arm.robot.description import Robot
 from elastic_arm.studies.paper import comparison, convergence, cost, feedforward
-from elastic_arm.studies.paper.comparison import MODELS, Comparison, Metric
+from elastic_arm.studies.paper.comparison import MODELS, Metric, ModelComparison
 from elastic_arm.studies.paper.coupling import SymbolicCoupling, symbolic_coupling
-from elastic_arm.studies.paper.excitations import Excited, excite
-from elastic_arm.studies.paper.identification_study import Estimate
+from elastic_arm.studies.paper.excitations import ExcitationSearch, excite
+from elastic_arm.studies.paper.identification_study import CoefficientEstimate
 from elastic_arm.studies.paper.identification_study import study as identify
-from elastic_arm.studies.paper.parallel import Advance, Crew
+from elastic_arm.studies.paper.parallel import Advance, ProcessPool
 from elastic_arm.studies.paper.virtual_prototype.mechanism import Bushing, engine, transmissions
 from elastic_arm.studies.paper.virtual_prototype.motions import QUINTIC, ImposedMotion, PeriodicMotion, StepRamp
-from elastic_arm.studies.paper.virtual_prototype.prototype import Prototype, Run
+from elastic_arm.studies.paper.virtual_prototype.prototype import Prototype, PrototypeRun
 
-Plant = Callable[[str, int], Advance]
+StageStart = Callable[[str, int], Advance]
 """Called with a stage's name and its number of tasks; returns what to call after each task."""
 
 
 @dataclass(frozen=True)
-class Settings:
+class StudySettings:
     """How much work the study does.
 
     Parameters
@@ -70,7 +70,7 @@ class Settings:
     motions: int
 
 
-FULL = Settings(
+FULL = StudySettings(
     step=1e-4,
     excitation_step=2e-4,
     poses=5,
@@ -85,7 +85,7 @@ FULL = Settings(
     tracking=4.0,
     motions=3,
 )
-QUICK = Settings(
+QUICK = StudySettings(
     step=2e-4,
     excitation_step=2.5e-4,
     poses=1,
@@ -108,7 +108,7 @@ TRACKING_PERIOD = 4.0
 
 
 @dataclass
-class Result:
+class StudyResult:
     """All numbers of the study; the report draws from here and nothing else.
 
     `comparisons` are the ramps over the ratios, `poses` those from other poses at the highest one, and `smooth` a ramp
@@ -116,19 +116,19 @@ class Result:
     """
 
     robot: Robot
-    settings: Settings
+    settings: StudySettings
     ratios: tuple[float, ...]
-    comparisons: list[Comparison]
-    poses: list[tuple[np.ndarray, Comparison]]
-    smooth: Comparison
+    comparisons: list[ModelComparison]
+    poses: list[tuple[np.ndarray, ModelComparison]]
+    smooth: ModelComparison
     against_mod3: list[Metric]
     against_prototype: list[Metric]
     inertial: Mapping[str, np.ndarray]
-    convergence: Mapping[str, list[convergence.Check]]
+    convergence: Mapping[str, list[convergence.ConvergenceCheck]]
     coupling: SymbolicCoupling
     tilted_coupling: SymbolicCoupling
-    excited: Mapping[str, Excited]
-    estimates: list[Estimate]
+    excited: Mapping[str, ExcitationSearch]
+    estimates: list[CoefficientEstimate]
     tracking: list[feedforward.Tracking]
     costs: list[cost.Cost]
     engine: str
@@ -139,11 +139,11 @@ class Result:
         """The largest total ratio."""
         return self.ratios[-1]
 
-    def at_highest(self) -> Comparison:
+    def at_highest(self) -> ModelComparison:
         """Return the ramp of Figs. 3 and 4a."""
         return self.comparisons[-1]
 
-    def estimate(self, model: str, r_tot: float | None = None) -> Estimate:
+    def estimate(self, model: str, r_tot: float | None = None) -> CoefficientEstimate:
         """Return one model's identification, at the highest ratio unless told."""
         wanted = self.highest if r_tot is None else r_tot
         return next(e for e in self.estimates if (e.model, e.r_tot) == (model, wanted))
@@ -166,7 +166,7 @@ def studied_ratios(robot: Robot) -> tuple[float, ...]:
     return tuple(sorted(robot.total_ratios_studied))
 
 
-def run_study(robot: Robot, settings: Settings, *, workers: int, seed: int, stage: Plant) -> Result:
+def run_study(robot: Robot, settings: StudySettings, *, workers: int, seed: int, stage: StageStart) -> StudyResult:
     """Reproduce the paper.
 
     Parameters
@@ -198,12 +198,12 @@ def run_study(robot: Robot, settings: Settings, *, workers: int, seed: int, stag
         return stage(name, count)
 
     starts = [np.zeros(robot.n), *rng.uniform(-1.0, 1.0, (settings.poses - 1, robot.n))]
-    with Crew(workers) as crew:
-        ramps = _ramps(arms, starts, settings, crew, timed)
-        checks = _convergence(top, settings, crew, timed)
-        excited = _excite(top, settings, crew, rng, timed)
-        estimates = _identify(arms, excited, settings, crew, rng, timed)
-        tracking = _track(arms, estimates, settings, crew, rng, timed)
+    with ProcessPool(workers) as pool:
+        ramps = _ramps(arms, starts, settings, pool, timed)
+        checks = _convergence(top, settings, pool, timed)
+        excited = _excite(top, settings, pool, rng, timed)
+        estimates = _identify(arms, excited, settings, pool, rng, timed)
+        tracking = _track(arms, estimates, settings, pool, rng, timed)
     smooth = comparison.compare(top, ratios[-1], ramps.pop())
     comparisons = [comparison.compare(arms[r], r, run) for r, run in zip(ratios, ramps, strict=False)]
     others = zip(starts[1:], ramps[len(ratios) :], strict=True)
@@ -215,7 +215,7 @@ def run_study(robot: Robot, settings: Settings, *, workers: int, seed: int, stag
         advance()
     costs = cost.measure(top, rng)
     advance()
-    result = Result(
+    result = StudyResult(
         robot=robot,
         settings=settings,
         ratios=ratios,
@@ -238,13 +238,25 @@ def run_study(robot: Robot, settings: Settings, *, workers: int, seed: int, stag
     return result
 
 
-def follow(robot: Robot, bushing: Bushing, motion: ImposedMotion, step: float) -> Run:
-    """Build a prototype and let it follow a motion, at `step` or what its bushings bear: one task of the study."""
+def follow(robot: Robot, bushing: Bushing, motion: ImposedMotion, step: float) -> PrototypeRun:
+    """Build a prototype and let it follow a motion, at `step` or what its bushings bear: one task of the study.
+
+    Parameters
+    ----------
+    robot
+        With bearings.
+    bushing
+        Numbers of the bushing.
+    motion
+        Imposed at the rotors.
+    step
+        Largest integration step, s.
+    """
     prototype = Prototype(robot, bushing)
     return prototype.follow(motion, step=min(step, prototype.stable_step()))
 
 
-def motor_terms(robot: Robot, run: Run) -> dict[str, np.ndarray]:
+def motor_terms(robot: Robot, run: PrototypeRun) -> dict[str, np.ndarray]:
     """Return the parts of tau_m (1), mod3, on a run: rms per joint (n,) of B ddtheta, S' ddq, c2 and the drive."""
     model = build_model(robot, "mod3")
     x, dx, _ = run.coordinates()
@@ -259,17 +271,19 @@ def motor_terms(robot: Robot, run: Run) -> dict[str, np.ndarray]:
 
 
 def _ramps(
-    arms: Mapping[float, Robot], starts: list[np.ndarray], settings: Settings, crew: Crew, stage: Plant
-) -> list[Run]:
+    arms: Mapping[float, Robot], starts: list[np.ndarray], settings: StudySettings, pool: ProcessPool, stage: StageStart
+) -> list[PrototypeRun]:
     """Run the step ramp over all ratios, at the highest from the other poses too, and there without jumps."""
     tasks = [partial(follow, arm, Bushing(), StepRamp(starts[0]), settings.step) for arm in arms.values()]
     top = list(arms.values())[-1]
     tasks += [partial(follow, top, Bushing(), StepRamp(start), settings.step) for start in starts[1:]]
     tasks.append(partial(follow, top, Bushing(), StepRamp(starts[0], shape=QUINTIC), settings.step))
-    return crew.run(tasks, stage("step ramps of the prototype", len(tasks)))
+    return pool.run(tasks, stage("step ramps of the prototype", len(tasks)))
 
 
-def _convergence(robot: Robot, settings: Settings, crew: Crew, stage: Plant) -> dict[str, list[convergence.Check]]:
+def _convergence(
+    robot: Robot, settings: StudySettings, pool: ProcessPool, stage: StageStart
+) -> dict[str, list[convergence.ConvergenceCheck]]:
     ramp = StepRamp(np.zeros(robot.n), hold=0.05)
     tasks = [
         partial(convergence.over_steps, robot, settings.step_sizes, ramp),
@@ -280,27 +294,29 @@ def _convergence(robot: Robot, settings: Settings, crew: Crew, stage: Plant) -> 
         ),
         partial(convergence.over_bushings, robot, (np.inf,), ramp, settings.step),
     ]
-    steps, couplers, *bushings = crew.run(tasks, stage("convergence of the prototype", len(tasks)))
+    steps, couplers, *bushings = pool.run(tasks, stage("convergence of the prototype", len(tasks)))
     return {"step": steps, "coupler": couplers, "bushing": [check for part in bushings for check in part]}
 
 
-def _excite(robot: Robot, settings: Settings, crew: Crew, rng: np.random.Generator, stage: Plant) -> dict[str, Excited]:
+def _excite(
+    robot: Robot, settings: StudySettings, pool: ProcessPool, rng: np.random.Generator, stage: StageStart
+) -> dict[str, ExcitationSearch]:
     seeds = rng.integers(2**31, size=len(MODELS))
     tasks = [
         partial(excite, robot, model, settings.evaluations, settings.random_trajectories, int(seed))
         for model, seed in zip(MODELS, seeds, strict=True)
     ]
-    return dict(zip(MODELS, crew.run(tasks, stage("search of the excitations", len(tasks))), strict=True))
+    return dict(zip(MODELS, pool.run(tasks, stage("search of the excitations", len(tasks))), strict=True))
 
 
 def _identify(
     arms: Mapping[float, Robot],
-    excited: Mapping[str, Excited],
-    settings: Settings,
-    crew: Crew,
+    excited: Mapping[str, ExcitationSearch],
+    settings: StudySettings,
+    pool: ProcessPool,
     rng: np.random.Generator,
-    stage: Plant,
-) -> list[Estimate]:
+    stage: StageStart,
+) -> list[CoefficientEstimate]:
     """Identify each model from the run of its own trajectory, at each ratio chosen."""
     ratios = [list(arms)[k] for k in settings.identified]
     pairs = [(r_tot, model) for r_tot in ratios for model in MODELS]
@@ -316,10 +332,12 @@ def _identify(
         )
         for r_tot, model in pairs
     ]
-    return crew.run(tasks, stage("excitation runs and identification", len(tasks)))
+    return pool.run(tasks, stage("excitation runs and identification", len(tasks)))
 
 
-def _identify_one(robot: Robot, model: str, r_tot: float, excited: Excited, settings: Settings, seed: int) -> Estimate:
+def _identify_one(
+    robot: Robot, model: str, r_tot: float, excited: ExcitationSearch, settings: StudySettings, seed: int
+) -> CoefficientEstimate:
     motion = PeriodicMotion(excited.trajectory)
     run = follow(robot, Bushing(), motion, settings.excitation_step)
     locked = follow(robot, Bushing(locked=True), motion, LOCKED_STEP)
@@ -338,11 +356,11 @@ def _identify_one(robot: Robot, model: str, r_tot: float, excited: Excited, sett
 
 def _track(
     arms: Mapping[float, Robot],
-    estimates: list[Estimate],
-    settings: Settings,
-    crew: Crew,
+    estimates: list[CoefficientEstimate],
+    settings: StudySettings,
+    pool: ProcessPool,
     rng: np.random.Generator,
-    stage: Plant,
+    stage: StageStart,
 ) -> list[feedforward.Tracking]:
     """Drive the prototype under feed-forward of each identified model at the lowest and highest ratio identified."""
     known = sorted({e.r_tot for e in estimates})
@@ -353,7 +371,7 @@ def _track(
         truth = build_model(arms[r_tot], "mod3").Psi
         laws = [(f"identified {e.model}", e.model, e.Psi) for e in estimates if e.r_tot == r_tot]
         for name, model, Psi in [("none", "mod3", None), *laws, ("true mod3", "mod3", truth)]:
-            law = feedforward.Law(name, r_tot, model, Psi)
+            law = feedforward.FeedforwardLaw(name, r_tot, model, Psi)
             for motion in motions:
                 tasks.append(
                     partial(
@@ -366,7 +384,7 @@ def _track(
                         step=settings.excitation_step,
                     )
                 )
-    runs = crew.run(tasks, stage("feed-forward of the prototype", len(tasks)))
+    runs = pool.run(tasks, stage("feed-forward of the prototype", len(tasks)))
     return [feedforward.together(runs[k : k + len(motions)]) for k in range(0, len(runs), len(motions))]
 
 

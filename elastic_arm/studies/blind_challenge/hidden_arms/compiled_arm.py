@@ -113,7 +113,17 @@ class CompiledArm:
         self._library = kernels.build(kernels.emit_c(function, "rate") + loop)
 
     def rate(self, state: Array, u: Array, parameters: Array) -> tuple[Array, Array, Array]:
-        """Return the state's rate, tau_J (n,), and the forces (dof,) that act on the bodies."""
+        """Return the state's rate, tau_J (n,), and the forces (dof,) that act on the bodies.
+
+        Parameters
+        ----------
+        state
+            Coordinates, velocities and states of the hystereses, (S,).
+        u
+            Motor torques (n,), Nm.
+        parameters
+            All numbers of arm and effects, in the order of the compiled function.
+        """
         out = np.empty(self.outputs)
         self._library.evaluate(_pointer(np.concatenate([state, u, parameters])), _pointer(out))
         return out[: self.states], out[self.states : self.states + self.n], out[self.states + self.n :]

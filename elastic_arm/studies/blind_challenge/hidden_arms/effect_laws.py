@@ -120,6 +120,17 @@ def friction(s: Mapping[str, Any], side: str, w: Any, tau_J: Any) -> Any:
     """Return the torque (n,) that resists the motion w of the motor or the link side.
 
     The sign of a velocity is smoothed below `standstill`, far below any motion of a recording.
+
+    Parameters
+    ----------
+    s
+        The :data:`NUMBERS` as symbols.
+    side
+        "motor" or "link".
+    w
+        Velocity of that side (n,), rad/s.
+    tau_J
+        Joint torque (n,), Nm.
     """
     dry = s[f"coulomb_{side}"] + s[f"load_{side}"] * ca.fabs(tau_J)
     dry += s[f"stribeck_{side}"] * ca.exp(-((w / s[f"stribeck_speed_{side}"]) ** 2))

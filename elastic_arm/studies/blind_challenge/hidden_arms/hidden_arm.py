@@ -138,7 +138,17 @@ class HiddenArm:
                 )
 
     def record(self, motion: MultiSine, instruments: SensorModel, rng: np.random.Generator) -> Recording:
-        """Follow a motion and return what the sensors say."""
+        """Follow a motion and return what the sensors say.
+
+        Parameters
+        ----------
+        motion
+            Reference of the motors.
+        instruments
+            Quality of the sensors.
+        rng
+            Of the noise.
+        """
         course = self.run(motion)
         return measure(course, self.nominal.joint_names, self.faults, instruments, rng)
 

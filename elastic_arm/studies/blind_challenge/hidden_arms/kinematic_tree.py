@@ -110,7 +110,13 @@ class KinematicTree:
         return self.gears.T @ full @ self.gears, self.gears.T @ bias
 
     def torque(self, x: np.ndarray, dx: np.ndarray, ddx: np.ndarray) -> np.ndarray:
-        """Return M ddx + h (dof,), without stiffness and damping."""
+        """Return M ddx + h (dof,), without stiffness and damping.
+
+        Parameters
+        ----------
+        x, dx, ddx
+            Generalized coordinates and derivatives (dof,).
+        """
         G = self.gears
         return G.T @ self._pin.rnea(self.model, self._data, G @ x, G @ dx, G @ ddx)
 

@@ -68,6 +68,17 @@ def random_motion(
     """Draw a motion whose peaks stay within `speed` (rad/s), `acceleration` (rad/s²) and `reach` (rad) of zero.
 
     Harmonics reach up to about 1 Hz, and amplitudes fall with frequency so that speed, not position, is shared.
+
+    Parameters
+    ----------
+    rng
+        Draws the motion.
+    n
+        Number of joints.
+    duration
+        s.
+    speed, acceleration, reach
+        Bounds of the peaks, rad/s, rad/s², rad.
     """
     omega = 2 * np.pi / rng.uniform(7.0, 10.0)
     k = np.arange(1, HARMONICS + 1)
@@ -77,5 +88,5 @@ def random_motion(
     q, dq, ddq = motion.evaluate(np.linspace(0.0, duration, 2000))
     peaks = np.stack([np.abs(q).max(0) / (0.8 * reach), np.abs(dq).max(0) / speed, np.abs(ddq).max(0) / acceleration])
     scale = rng.uniform(0.75, 1.0, n) / peaks.max(0)
-    room = reach - scale * np.abs(q).max(0)
-    return MultiSine(omega, amplitude * scale[:, None], phase, rng.uniform(-1, 1, n) * room, duration)
+    margin = reach - scale * np.abs(q).max(0)
+    return MultiSine(omega, amplitude * scale[:, None], phase, rng.uniform(-1, 1, n) * margin, duration)

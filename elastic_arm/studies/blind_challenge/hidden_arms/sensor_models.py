@@ -45,7 +45,21 @@ def measure(
     instruments: SensorModel,
     rng: np.random.Generator,
 ) -> Recording:
-    """Return the recording that the sensors make of a course."""
+    """Return the recording that the sensors make of a course.
+
+    Parameters
+    ----------
+    course
+        The true motion and torques.
+    joints
+        Names.
+    faults
+        Effects of the arm; those of its sensors act here.
+    instruments
+        Quality of the sensors.
+    rng
+        Of the noise.
+    """
     t = course.t
     late = np.clip(instruments.jitter * rng.standard_normal(len(t)), -0.3e-3, 0.3e-3)
     taken = t + late

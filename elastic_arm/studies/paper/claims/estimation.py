@@ -9,11 +9,11 @@ import numpy as np
 
 from elastic_arm.studies.paper.claims.claim import Claim, verdict
 from elastic_arm.studies.paper.comparison import MODELS
-from elastic_arm.studies.paper.identification_study import Shares, mean_shares, shares, smallness
-from elastic_arm.studies.paper.study import Result
+from elastic_arm.studies.paper.identification_study import ErrorShares, mean_shares, shares, smallness
+from elastic_arm.studies.paper.study import StudyResult
 
 
-def _counts(result: Result) -> Claim:
+def _counts(result: StudyResult) -> Claim:
     found = {m: result.estimate(m) for m in MODELS}
     ours = [found[m].estimable for m in ("mod2", "mod3", "mod1")]
     text = "; ".join(f"{m}: {found[m].estimable} parameters in {len(found[m].names)} coefficients" for m in MODELS)
@@ -27,13 +27,13 @@ def _counts(result: Result) -> Claim:
     )
 
 
-def _orders(many: list[Shares]) -> list[bool]:
+def _orders(many: list[ErrorShares]) -> list[bool]:
     """Tell whether low errors grow and high ones shrink from each model to the next."""
     pairs = list(itertools.pairwise(many))
     return [one.low < two.low for one, two in pairs] + [one.high > two.high for one, two in pairs]
 
 
-def _shares(result: Result) -> Claim:
+def _shares(result: StudyResult) -> Claim:
     found = [result.estimate(m) for m in MODELS]
     merged = [shares(e.merged_error) for e in found]
     texts = [
@@ -51,7 +51,7 @@ def _shares(result: Result) -> Claim:
     )
 
 
-def _mod1_mostly_high(result: Result) -> Claim:
+def _mod1_mostly_high(result: StudyResult) -> Claim:
     high = result.estimate("mod1").shares.high
     return Claim(
         "mod1_mostly_high",
@@ -63,7 +63,7 @@ def _mod1_mostly_high(result: Result) -> Claim:
     )
 
 
-def _small_coefficients(result: Result) -> Claim:
+def _small_coefficients(result: StudyResult) -> Claim:
     numbers = {m: smallness(result.estimate(m)) for m in MODELS}
     text = "; ".join(
         f"{m}: {size:.2f} with the value, {torque:.2f} with its torque" for m, (size, torque) in numbers.items()
@@ -77,7 +77,7 @@ def _small_coefficients(result: Result) -> Claim:
     )
 
 
-def _individual(result: Result) -> Claim:
+def _individual(result: StudyResult) -> Claim:
     medians = {m: float(np.median(result.estimate(m).individual.error)) for m in MODELS}
     return Claim(
         "individual_order",
@@ -89,7 +89,7 @@ def _individual(result: Result) -> Claim:
     )
 
 
-def _noise_is_minor(result: Result) -> Claim:
+def _noise_is_minor(result: StudyResult) -> Claim:
     found = {m: result.estimate(m) for m in MODELS}
     plain = {m: mean_shares(e.noisy_shares)[0].low - e.shares.low for m, e in found.items()}
     merged = {m: mean_shares(e.merged_noisy_shares)[0].low - shares(e.merged_error).low for m, e in found.items()}
@@ -104,7 +104,7 @@ def _noise_is_minor(result: Result) -> Claim:
     )
 
 
-def _accuracy(result: Result) -> Claim:
+def _accuracy(result: StudyResult) -> Claim:
     named = {(t.feedforward, t.r_tot): t for t in result.tracking}
     known = sorted({t.r_tot for t in result.tracking})
     parts, text = [], []
@@ -123,7 +123,7 @@ def _accuracy(result: Result) -> Claim:
     )
 
 
-ESTIMATION_RULES: tuple[Callable[[Result], Claim], ...] = (
+ESTIMATION_RULES: tuple[Callable[[StudyResult], Claim], ...] = (
     _counts,
     _shares,
     _mod1_mostly_high,

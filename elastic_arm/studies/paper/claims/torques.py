@@ -12,7 +12,7 @@ import numpy as np
 
 from elastic_arm.studies.paper.claims.claim import Claim, listed, verdict
 from elastic_arm.studies.paper.comparison import MODELS, PROTOTYPE, Metric, line_over_ratio
-from elastic_arm.studies.paper.study import Result
+from elastic_arm.studies.paper.study import StudyResult
 
 SENSOR_NOISE = 0.26  # Nm, VII-1
 LINEAR = 0.99  # share of the variation over r_tot that a line must explain
@@ -26,7 +26,7 @@ def _of(rows: list[Metric], model: str, side: str, joint: int) -> list[Metric]:
     return [row for row in rows if (row.model, row.side, row.joint) == (model, side, joint)]
 
 
-def _mod3_follows(result: Result) -> Claim:
+def _mod3_follows(result: StudyResult) -> Claim:
     top = result.at_highest()
     error = np.abs(top.error("mod3", "mod_ad", "motor")).max(axis=0)
     span = np.ptp(top.run.tau_m, axis=0)
@@ -40,7 +40,7 @@ def _mod3_follows(result: Result) -> Claim:
     )
 
 
-def _link_not_zero(result: Result) -> Claim:
+def _link_not_zero(result: StudyResult) -> Claim:
     top = result.at_highest()
     left = np.abs(top.torques["mod3"].link).max(axis=0)
     locked = next(c for c in result.convergence["bushing"] if np.isinf(c.setting)).tau_l or 0.0
@@ -54,7 +54,7 @@ def _link_not_zero(result: Result) -> Claim:
     )
 
 
-def _simple_drive_in_motor_torque(result: Result) -> Claim:
+def _simple_drive_in_motor_torque(result: StudyResult) -> Claim:
     top = result.at_highest()
     difference = _rms(top.error("mod1", "mod2", "motor"))
     share = difference / _rms(top.run.tau_m)
@@ -68,7 +68,7 @@ def _simple_drive_in_motor_torque(result: Result) -> Claim:
     )
 
 
-def _detailed_drive_in_link_torque(result: Result) -> Claim:
+def _detailed_drive_in_link_torque(result: StudyResult) -> Claim:
     wins = []
     for joint in range(1, result.robot.n + 1):
         pairs = zip(
@@ -88,7 +88,7 @@ def _detailed_drive_in_link_torque(result: Result) -> Claim:
     )
 
 
-def _linear_in_ratio(result: Result) -> Claim:
+def _linear_in_ratio(result: StudyResult) -> Claim:
     fits = [
         line_over_ratio(result.against_mod3, model, "link", joint).r_squared
         for model in ("mod1", "mod2")
@@ -103,7 +103,7 @@ def _linear_in_ratio(result: Result) -> Claim:
     )
 
 
-def _difference_linear(result: Result) -> Claim:
+def _difference_linear(result: StudyResult) -> Claim:
     gaps = []
     for joint in range(result.robot.n - 1):
         rms = [_rms(c.error("mod1", "mod2", "link"))[joint] for c in result.comparisons]
@@ -118,7 +118,7 @@ def _difference_linear(result: Result) -> Claim:
     )
 
 
-def _last_joint(result: Result) -> Claim:
+def _last_joint(result: StudyResult) -> Claim:
     n = result.robot.n
     one = np.array([row.e_max for row in _of(result.against_mod3, "mod1", "link", n)])
     two = np.array([row.e_max for row in _of(result.against_mod3, "mod2", "link", n)])
@@ -131,7 +131,7 @@ def _last_joint(result: Result) -> Claim:
     )
 
 
-def _shape_of_coupling(result: Result) -> Claim:
+def _shape_of_coupling(result: StudyResult) -> Claim:
     n = result.robot.n
     S, tilted = result.coupling.matrix, result.tilted_coupling.matrix
     zero = all(S[i, j] == 0 for i in range(n) for j in range(n) if (j < i) or (j == i and i > 0))
@@ -153,7 +153,7 @@ def _shape_of_coupling(result: Result) -> Claim:
     )
 
 
-def _coupling_halves_motor_error(result: Result) -> Claim:
+def _coupling_halves_motor_error(result: StudyResult) -> Claim:
     n = result.robot.n
     gains = []
     for joint in range(1, n + 1):
@@ -170,7 +170,7 @@ def _coupling_halves_motor_error(result: Result) -> Claim:
     )
 
 
-def _mod3_linear(result: Result) -> Claim:
+def _mod3_linear(result: StudyResult) -> Claim:
     fits = [line_over_ratio(result.against_prototype, "mod3", "motor", joint) for joint in range(1, result.robot.n + 1)]
     return Claim(
         "motor_mod3_linear",
@@ -182,7 +182,7 @@ def _mod3_linear(result: Result) -> Claim:
     )
 
 
-def _link_minimal(result: Result) -> Claim:
+def _link_minimal(result: StudyResult) -> Claim:
     n = result.robot.n
     step = [[_of(result.against_prototype, m, "link", j + 1)[-1].e_rmse for m in MODELS] for j in range(n)]
     smooth = np.array([_rms(result.smooth.error(m, PROTOTYPE, "link")) for m in MODELS]).T.tolist()
@@ -198,7 +198,7 @@ def _link_minimal(result: Result) -> Claim:
     )
 
 
-def _last_link_identical(result: Result) -> Claim:
+def _last_link_identical(result: StudyResult) -> Claim:
     gap = max(float(np.abs(c.error("mod2", "mod3", "link")[:, -1]).max()) for c in result.comparisons)
     return Claim(
         "link_last_identical",
@@ -209,7 +209,7 @@ def _last_link_identical(result: Result) -> Claim:
     )
 
 
-def _motor_inertia_dominates(result: Result) -> Claim:
+def _motor_inertia_dominates(result: StudyResult) -> Claim:
     B, S, drive = (result.inertial[k] for k in ("B ddtheta", "S' ddq", "K (theta - q) + D (dtheta - dq)"))
     return Claim(
         "B_dominates",
@@ -221,7 +221,7 @@ def _motor_inertia_dominates(result: Result) -> Claim:
     )
 
 
-def _largest_motor_errors(result: Result) -> np.ndarray:
+def _largest_motor_errors(result: StudyResult) -> np.ndarray:
     """Largest e_max over models and ratios of each joint's tau^m, (n,), mod1 and mod2 with respect to mod3."""
     return np.array(
         [
@@ -231,7 +231,7 @@ def _largest_motor_errors(result: Result) -> np.ndarray:
     )
 
 
-def _first_joint_bound(result: Result) -> Claim:
+def _first_joint_bound(result: StudyResult) -> Claim:
     largest = _largest_motor_errors(result)
     return Claim(
         "motor_first_below_half",
@@ -242,7 +242,7 @@ def _first_joint_bound(result: Result) -> Claim:
     )
 
 
-def _only_first_below_noise(result: Result) -> Claim:
+def _only_first_below_noise(result: StudyResult) -> Claim:
     largest = _largest_motor_errors(result)
     below = largest < 0.5
     return Claim(
@@ -256,7 +256,7 @@ def _only_first_below_noise(result: Result) -> Claim:
     )
 
 
-TORQUE_RULES: tuple[Callable[[Result], Claim], ...] = (
+TORQUE_RULES: tuple[Callable[[StudyResult], Claim], ...] = (
     _mod3_follows,
     _link_not_zero,
     _simple_drive_in_motor_torque,

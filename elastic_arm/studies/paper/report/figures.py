@@ -8,9 +8,9 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
 from elastic_arm.report.style import BLUE, GREEN, GREY, ORANGE, PURPLE, VERMILION, new_figure, style
-from elastic_arm.studies.paper.comparison import MODELS, PROTOTYPE, SIDES, Comparison, Metric
-from elastic_arm.studies.paper.identification_study import Estimate, Shares, mean_shares
-from elastic_arm.studies.paper.study import Result
+from elastic_arm.studies.paper.comparison import MODELS, PROTOTYPE, SIDES, Metric, ModelComparison
+from elastic_arm.studies.paper.identification_study import CoefficientEstimate, ErrorShares, mean_shares
+from elastic_arm.studies.paper.study import StudyResult
 
 COLOURS = {"mod1": VERMILION, "mod2": ORANGE, "mod3": BLUE, PROTOTYPE: GREY}
 LABELS = {"mod1": "mod$_1$", "mod2": "mod$_2$", "mod3": "mod$_3$", PROTOTYPE: "mod$_{ad}$"}
@@ -23,7 +23,7 @@ def torque_name(side: str, joint: int) -> str:
     return rf"$\tau_{{{joint}}}^{{{SYMBOLS[side]}}}$"
 
 
-def torques(comparison: Comparison, models: tuple[str, ...], *, differences: bool = False) -> Figure:
+def torques(comparison: ModelComparison, models: tuple[str, ...], *, differences: bool = False) -> Figure:
     """Draw tau^m and tau^l of models over time (Figs. 3 and 4a).
 
     Parameters
@@ -44,7 +44,7 @@ def torques(comparison: Comparison, models: tuple[str, ...], *, differences: boo
     return figure
 
 
-def _curves(ax: Axes, comparison: Comparison, models: tuple[str, ...], side: str, joint: int) -> None:
+def _curves(ax: Axes, comparison: ModelComparison, models: tuple[str, ...], side: str, joint: int) -> None:
     for model in models:
         width = 2.6 if model == PROTOTYPE else 1.2
         values = comparison.torques[model].side(side)[:, joint]
@@ -52,7 +52,7 @@ def _curves(ax: Axes, comparison: Comparison, models: tuple[str, ...], side: str
     ax.set_title(torque_name(side, joint + 1) + " [Nm]", loc="left")
 
 
-def _difference_curves(ax: Axes, comparison: Comparison, joint: int) -> None:
+def _difference_curves(ax: Axes, comparison: ModelComparison, joint: int) -> None:
     for model in ("mod1", "mod2"):
         values = comparison.error(model, "mod3", "motor")[:, joint]
         ax.plot(comparison.run.t, values, color=COLOURS[model], ls=DASHES[model], label=LABELS[model])
@@ -60,7 +60,19 @@ def _difference_curves(ax: Axes, comparison: Comparison, joint: int) -> None:
 
 
 def stacked_metrics(metrics: list[Metric], models: tuple[str, ...], ratios: tuple[float, ...], n: int) -> Figure:
-    """Draw e_max (bottom) and e_rmse (top) as stacked bars over r_tot, per side and joint (Figs. 4b and 4c)."""
+    """Draw e_max (bottom) and e_rmse (top) as stacked bars over r_tot, per side and joint (Figs. 4b and 4c).
+
+    Parameters
+    ----------
+    metrics
+        Of all models.
+    models
+        Drawn beside each other.
+    ratios
+        Drawn along the axis.
+    n
+        Number of joints.
+    """
     table = {(m.side, m.joint, m.r_tot, m.model): m for m in metrics}
     width = 0.8 / len(models)
     with style():
@@ -94,7 +106,7 @@ def _keep_zero_flat(ax: Axes) -> None:
         ax.set_ylim(0.0, 1e-3)
 
 
-def convergence(result: Result) -> Figure:
+def convergence(result: StudyResult) -> Figure:
     """Draw what step size, coupler stiffness and bushing stiffness leave."""
     labels = {
         "step": ("integration step [s]", "change of $\\tau^m$ from the finest step [Nm]"),
@@ -117,7 +129,7 @@ def convergence(result: Result) -> Figure:
     return figure
 
 
-def excitation_search(result: Result) -> Figure:
+def excitation_search(result: StudyResult) -> Figure:
     """Draw each search's course beside the condition numbers of random trajectories."""
     with style():
         figure, axes = new_figure(1, len(MODELS), size=(11.0, 3.2), sharey=True)
@@ -136,7 +148,7 @@ def excitation_search(result: Result) -> Figure:
     return figure
 
 
-def excitation_motion(result: Result, model: str) -> Figure:
+def excitation_motion(result: StudyResult, model: str) -> Figure:
     """Draw one period of a searched trajectory."""
     trajectory = result.excited[model].trajectory
     t = np.linspace(0.0, trajectory.period, 500)
@@ -155,7 +167,7 @@ def excitation_motion(result: Result, model: str) -> Figure:
 _CATEGORIES = (("low", "0–20 %", GREEN), ("mid", "21–50 %", ORANGE), ("high", "51 % and more", VERMILION))
 
 
-def shares_of(estimates: list[Estimate]) -> Figure:
+def shares_of(estimates: list[CoefficientEstimate]) -> Figure:
     """Draw Fig. 5: shares of the coefficients per error category, a group a category, a bar a model."""
     with style():
         figure, axes = new_figure(1, 1, size=(6.4, 3.2))
@@ -172,7 +184,7 @@ def shares_of(estimates: list[Estimate]) -> Figure:
     return figure
 
 
-def shares_over(result: Result) -> Figure:
+def shares_over(result: StudyResult) -> Figure:
     """Draw the shares over the ratios: without noise, with noise at 10 Hz, with noise at 1 kHz."""
     ratios = sorted({estimate.r_tot for estimate in result.estimates})
     with style():
@@ -191,12 +203,12 @@ def shares_over(result: Result) -> Figure:
     return figure
 
 
-def _spread(many: list[tuple[Shares, ...]]) -> tuple[list[Shares], list[Shares]]:
+def _spread(many: list[tuple[ErrorShares, ...]]) -> tuple[list[ErrorShares], list[ErrorShares]]:
     pairs = [mean_shares(seeds) for seeds in many]
     return [pair[0] for pair in pairs], [pair[1] for pair in pairs]
 
 
-def _share_bars(ax: Axes, means: list[Shares], spreads: list[Shares] | None = None) -> None:
+def _share_bars(ax: Axes, means: list[ErrorShares], spreads: list[ErrorShares] | None = None) -> None:
     bottom = np.zeros(len(means))
     for name, _, colour in _CATEGORIES:
         values = np.array([getattr(share, name) for share in means])
@@ -208,7 +220,7 @@ def _share_bars(ax: Axes, means: list[Shares], spreads: list[Shares] | None = No
     ax.set_ylim(0, 115)
 
 
-def error_sources(estimates: list[Estimate]) -> Figure:
+def error_sources(estimates: list[CoefficientEstimate]) -> Figure:
     """Draw, per coefficient, the model's own error, what the bushing adds, and the spread under noise."""
     with style():
         figure, axes = new_figure(1, len(estimates), size=(11.0, 4.2), sharey=True)
@@ -231,7 +243,7 @@ def error_sources(estimates: list[Estimate]) -> Figure:
     return figure
 
 
-def smallness(estimates: list[Estimate]) -> Figure:
+def smallness(estimates: list[CoefficientEstimate]) -> Figure:
     """Draw each coefficient's error against the torque it contributes."""
     with style():
         figure, axes = new_figure(1, 2, size=(9.0, 3.2), sharey=True)
@@ -246,7 +258,7 @@ def smallness(estimates: list[Estimate]) -> Figure:
     return figure
 
 
-def tracking(result: Result) -> Figure:
+def tracking(result: StudyResult) -> Figure:
     """Draw the tool's error under feed-forward, per ratio; no model at all is left to the table."""
     ratios = sorted({t.r_tot for t in result.tracking})
     with style():

@@ -6,15 +6,15 @@ import numpy as np
 
 from elastic_arm.report.html import Figure, Section, Table, Text
 from elastic_arm.studies.paper.comparison import MODELS
-from elastic_arm.studies.paper.identification_study import Estimate, mean_shares, shares
+from elastic_arm.studies.paper.identification_study import CoefficientEstimate, mean_shares, shares
 from elastic_arm.studies.paper.report import figures as draw
-from elastic_arm.studies.paper.study import FEEDBACK_FREQUENCY, Result
+from elastic_arm.studies.paper.study import FEEDBACK_FREQUENCY, StudyResult
 
 PAPER_SHARES = {"mod1": (29.69, None, 62.5), "mod2": (60.53, 13.16, 26.32), "mod3": (68.42, None, 21.0)}
 PAPER_COUNTS = {"mod1": 65, "mod2": 75, "mod3": 75}
 
 
-def excitation(result: Result) -> Section:
+def excitation(result: StudyResult) -> Section:
     """The searches."""
     rows = []
     for model in MODELS:
@@ -41,7 +41,7 @@ def excitation(result: Result) -> Section:
     )
 
 
-def figure_5(result: Result) -> Section:
+def figure_5(result: StudyResult) -> Section:
     """Fig. 5 and every coefficient."""
     found = [result.estimate(m) for m in MODELS]
     rows = []
@@ -82,7 +82,7 @@ def figure_5(result: Result) -> Section:
     )
 
 
-def _coefficient_table(e: Estimate) -> Table:
+def _coefficient_table(e: CoefficientEstimate) -> Table:
     columns = (
         e.true,
         e.estimate,
@@ -108,7 +108,7 @@ def _coefficient_table(e: Estimate) -> Table:
     return Table(header, rows, caption=f"{e.model} at r_tot = {e.r_tot:g}", digits=3)
 
 
-def noise(result: Result) -> Section:
+def noise(result: StudyResult) -> Section:
     """Noise, 1 kHz, and the errors apart."""
     found = [result.estimate(m) for m in MODELS]
     rows = []
@@ -139,7 +139,7 @@ def noise(result: Result) -> Section:
     )
 
 
-def ratios(result: Result) -> Section:
+def ratios(result: StudyResult) -> Section:
     """Identification at every ratio."""
     return Section(
         "Identification over the ratios",
@@ -151,7 +151,7 @@ def ratios(result: Result) -> Section:
     )
 
 
-def individual(result: Result) -> Section:
+def individual(result: StudyResult) -> Section:
     """Individual parameters."""
     rows = []
     for e in result.estimates:
@@ -184,7 +184,7 @@ def individual(result: Result) -> Section:
     )
 
 
-def tracking(result: Result) -> Section:
+def tracking(result: StudyResult) -> Section:
     """Feed-forward."""
     rows = [
         (t.feedforward, t.r_tot, t.tool_rms, t.tool_max, t.joints_rms, t.angle_rms, t.feedback_rms)

@@ -10,14 +10,23 @@ from elastic_arm.report.html import Block, Figure, Section, Table, Text, write_r
 from elastic_arm.studies.paper.claims.all_claims import FAILS, HOLDS, IN_PART, Claim
 from elastic_arm.studies.paper.report import figures as draw
 from elastic_arm.studies.paper.report import identification, torques
-from elastic_arm.studies.paper.study import Result
+from elastic_arm.studies.paper.study import StudyResult
 from elastic_arm.studies.paper.virtual_prototype.mechanism import Bushing
 
 MARKS = {HOLDS: "✓", IN_PART: "◐", FAILS: "✗"}
 
 
-def write_paper_report(result: Result, claims: list[Claim], path: Path) -> Path:
+def write_paper_report(result: StudyResult, claims: list[Claim], path: Path) -> Path:
     """Write the study as one self-contained HTML file.
+
+    Parameters
+    ----------
+    result
+        Of the study.
+    claims
+        With their verdicts.
+    path
+        HTML file.
 
     Raises
     ------
@@ -48,7 +57,7 @@ def write_paper_report(result: Result, claims: list[Claim], path: Path) -> Path:
     return write_report(path, "The paper, reproduced", sections, subtitle=subtitle)
 
 
-def _summary(result: Result, claims: list[Claim]) -> Section:
+def _summary(result: StudyResult, claims: list[Claim]) -> Section:
     counts = {name: sum(claim.verdict == name for claim in claims) for name in (HOLDS, IN_PART, FAILS)}
     blocks: list[Block] = [
         Text(
@@ -65,7 +74,7 @@ def _summary(result: Result, claims: list[Claim]) -> Section:
     return Section("Claims", blocks)
 
 
-def _prototype(result: Result) -> Section:
+def _prototype(result: StudyResult) -> Section:
     bushing = Bushing()
     joints = [
         (
@@ -130,7 +139,7 @@ def _prototype(result: Result) -> Section:
     )
 
 
-def _cost(result: Result) -> Section:
+def _cost(result: StudyResult) -> Section:
     return Section(
         "Cost",
         [

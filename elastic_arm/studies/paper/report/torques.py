@@ -6,13 +6,13 @@ import numpy as np
 import sympy
 
 from elastic_arm.report.html import Figure, Section, Table, Text
-from elastic_arm.studies.paper.comparison import MODELS, PROTOTYPE, SIDES, Comparison, Metric
+from elastic_arm.studies.paper.comparison import MODELS, PROTOTYPE, SIDES, Metric, ModelComparison
 from elastic_arm.studies.paper.coupling import SymbolicCoupling, linearized
 from elastic_arm.studies.paper.report import figures as draw
-from elastic_arm.studies.paper.study import Result
+from elastic_arm.studies.paper.study import StudyResult
 
 
-def figure_3(result: Result) -> Section:
+def figure_3(result: StudyResult) -> Section:
     """Fig. 3."""
     return Section(
         "Fig. 3: mod3 against the prototype",
@@ -29,7 +29,7 @@ def figure_3(result: Result) -> Section:
     )
 
 
-def figure_4a(result: Result) -> Section:
+def figure_4a(result: StudyResult) -> Section:
     """Fig. 4a, and other starting poses."""
     rows = [
         (", ".join(f"{angle:.2f}" for angle in pose), *(float(v) for v in _peaks(comparison)))
@@ -51,13 +51,13 @@ def figure_4a(result: Result) -> Section:
     )
 
 
-def _peaks(comparison: Comparison) -> np.ndarray:
+def _peaks(comparison: ModelComparison) -> np.ndarray:
     return np.concatenate(
         [np.abs(comparison.error(m, PROTOTYPE, s)).max(axis=0) for m in ("mod1", "mod3") for s in ("motor", "link")]
     )
 
 
-def figure_4b(result: Result) -> Section:
+def figure_4b(result: StudyResult) -> Section:
     """Fig. 4b and its numbers."""
     models = ("mod1", "mod2")
     return Section(
@@ -72,7 +72,7 @@ def figure_4b(result: Result) -> Section:
     )
 
 
-def figure_4c(result: Result) -> Section:
+def figure_4c(result: StudyResult) -> Section:
     """Fig. 4c and its numbers."""
     smooth = [(m, s, *_rms(result.smooth.error(m, PROTOTYPE, s))) for s in SIDES for m in MODELS]
     return Section(
@@ -110,7 +110,7 @@ def _metric_table(metrics: list[Metric]) -> Table:
     return Table(header, list(rows.values()), caption="Nm, by r_tot", digits=3)
 
 
-def coupling(result: Result) -> Section:
+def coupling(result: StudyResult) -> Section:
     """S in symbols, and what tau^m is made of."""
     flat, tilted = result.coupling, result.tilted_coupling
     n = result.robot.n
@@ -156,7 +156,7 @@ def _sigma_rows(coupling: SymbolicCoupling) -> list[tuple[str, int, str, str]]:
     ]
 
 
-def _coupling_words(result: Result) -> str:
+def _coupling_words(result: StudyResult) -> str:
     flat, tilted, n = result.coupling.matrix, result.tilted_coupling.matrix, result.robot.n
     woken = [f"S_{i + 1},{j + 1}" for i in range(n) for j in range(n) if flat[i, j] == 0 and tilted[i, j] != 0]
     asleep = [f"S_{i + 1},{j + 1}" for i in range(n) for j in range(i + 1, n) if tilted[i, j] == 0]

@@ -54,6 +54,15 @@ class SoftCouplers:
     def follow(self, motion: ImposedMotion, *, step: float, rate: float = 1000.0) -> tuple[np.ndarray, np.ndarray]:
         """Servo the rotors along a motion; return tau_m and theta (N, n) as `rate` samples per second.
 
+        Parameters
+        ----------
+        motion
+            Imposed at the rotors.
+        step
+            Integration step, s.
+        rate
+            Samples a second.
+
         Raises
         ------
         SimulationError

@@ -21,7 +21,7 @@ BUSHING = ("x", "y", "z", "about_y", "about_x", "about_z")
 
 
 def engine() -> ModuleType:
-    """Return MuJoCo, which only this room needs.
+    """Return MuJoCo, which only the virtual prototype needs.
 
     Raises
     ------

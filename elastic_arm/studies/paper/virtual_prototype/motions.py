@@ -24,7 +24,7 @@ class SmoothPiece:
 
 
 class ImposedMotion(Protocol):
-    """What the prototype follows."""
+    """A motion imposed at the rotors of the prototype."""
 
     @property
     def pieces(self) -> list[SmoothPiece]:

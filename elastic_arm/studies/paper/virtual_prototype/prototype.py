@@ -32,7 +32,7 @@ RECORD_RATE = 1000.0
 
 
 @dataclass(frozen=True)
-class Run:
+class PrototypeRun:
     """What the prototype did: samples first, joints second; angles at the harmonic-drive output, rad.
 
     `q` and `tilt` are the link's angles in the paper's order Ry(q_y) Rx(q_x) Rz(q) relative to the link before; `tilt`
@@ -60,10 +60,10 @@ class Run:
         x, dx, ddx = (np.hstack(part) for part in parts)
         return x, dx, ddx
 
-    def every(self, stride: int) -> Run:
+    def every(self, stride: int) -> PrototypeRun:
         """Return the run with one sample in `stride`."""
         thinned = {name: value[::stride] for name, value in self.__dict__.items() if name != "tilt"}
-        return Run(tilt=self.tilt[:, ::stride], **thinned)
+        return PrototypeRun(tilt=self.tilt[:, ::stride], **thinned)
 
 
 @dataclass
@@ -168,7 +168,7 @@ class Prototype:
             places[k] = data.site_xpos[0]
         return places
 
-    def follow(self, motion: ImposedMotion, *, step: float = DEFAULT_STEP, rate: float = RECORD_RATE) -> Run:
+    def follow(self, motion: ImposedMotion, *, step: float = DEFAULT_STEP, rate: float = RECORD_RATE) -> PrototypeRun:
         """Impose a motion on the rotors (through the couplers) and record what the arm does.
 
         Parameters
@@ -210,7 +210,7 @@ class Prototype:
         *,
         step: float = DEFAULT_STEP,
         rate: float = RECORD_RATE,
-    ) -> Run:
+    ) -> PrototypeRun:
         """Apply torques at the harmonic-drive output (through the couplers) and record what the arm does.
 
         Parameters
@@ -243,7 +243,15 @@ class Prototype:
         return self._gather(samples)
 
     def respond(self, imposed: tuple[np.ndarray, ...], u: np.ndarray, du: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return the bushing's acceleration and the motor torque tau_m under imposed theta, dtheta, ddtheta."""
+        """Return the bushing's acceleration and the motor torque tau_m under imposed theta, dtheta, ddtheta.
+
+        Parameters
+        ----------
+        imposed
+            theta, dtheta, ddtheta (n,).
+        u, du
+            Deflections of the bushing and their rates.
+        """
         n = self.n
         theta, dtheta, ddtheta = imposed
         at = self.reduced(np.concatenate([theta, u]), np.concatenate([dtheta, du]))
@@ -262,7 +270,7 @@ class Prototype:
                 "Choose a smaller step, a softer bushing or smaller torques",
             )
 
-    def _gather(self, samples: list[_Sample]) -> Run:
+    def _gather(self, samples: list[_Sample]) -> PrototypeRun:
         """Turn the engine's coordinates into the paper's."""
         t, y, dy, ddy, tau_m, tool = (np.array(column) for column in zip(*samples, strict=True))
         full = [part @ self.T.T for part in (y, dy, ddy)]
@@ -276,7 +284,7 @@ class Prototype:
         theta = [part[:, : self.n] for part in (y, dy, ddy)]
         tilt = np.concatenate([q_x, q_y], axis=2)
         tau_J = -y[:, self._delta] * self._drive[:, 0] - dy[:, self._delta] * self._drive[:, 1]
-        return Run(t, q[0], q[1], q[2], theta[0], theta[1], theta[2], tilt, tau_m, tau_J, tool)
+        return PrototypeRun(t, q[0], q[1], q[2], theta[0], theta[1], theta[2], tilt, tau_m, tau_J, tool)
 
 
 class _Imposed:
@@ -296,7 +304,19 @@ def runge_kutta(
     ddu: np.ndarray,
     h: float,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Take one classical fourth-order step of u'' = acceleration(half step 0, 1 or 2, u, u'); `ddu` is the first."""
+    """Take one classical fourth-order step of u'' = acceleration(half step 0, 1 or 2, u, u'); `ddu` is the first.
+
+    Parameters
+    ----------
+    acceleration
+        (half step 0, 1 or 2, u, u') -> u''.
+    u, du
+        State at the beginning of the step.
+    ddu
+        Acceleration there.
+    h
+        Step, s.
+    """
     v2 = du + 0.5 * h * ddu
     a2 = acceleration(1, u + 0.5 * h * du, v2)
     v3 = du + 0.5 * h * a2
