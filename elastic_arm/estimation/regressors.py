@@ -1,29 +1,265 @@
-"""Columns of the catalogue's laws: effects whose parameters are identified beside the model's own."""
+"""From effects to columns of a regression: the one compiler of laws, and the columns that identification adds.
+
+A law is an expression. Its derivatives by the parameters that act linearly are columns of the residuals link, drive and
+motor; parameters that do not act linearly are arguments of the columns.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from functools import partial
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import partial, reduce
+from operator import add
+from typing import Any
 
 import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
+from scipy.interpolate import CubicSpline
 
 from elastic_arm.codegen import kernels
+from elastic_arm.codegen.recursion import Recursion
 from elastic_arm.effects import EffectInstance, Role, Scope, SymbolicMotion, parse
 from elastic_arm.effects.catalogue import find
 from elastic_arm.effects.effect_set import law_joints
 from elastic_arm.effects.equations import ArmEquations
+from elastic_arm.effects.model import Effect
+from elastic_arm.effects.motion import Contribution
+from elastic_arm.effects.parameters import Parameter
 from elastic_arm.errors import IdentificationError
 from elastic_arm.estimation.base_regression import Column
 from elastic_arm.estimation.equations import SIDES
-from elastic_arm.estimation.motion import Motion
+from elastic_arm.estimation.motion import CompletedMotion, Motion
 from elastic_arm.robot import Robot
 
 Array = NDArray[np.float64]
+INPUTS = ("x", "dx", "ddx", "tau_J", "tau_m", "dtau_J", "dtau_m", "sign_link", "sign_motor")
 # Dry friction turns over gradually below some speed, rad/s: presliding. A batch tries these and takes the likeliest.
 SIGN_SPEEDS = (1e-4, 1e-3, 5e-3, 2e-2)
 DEFAULT_SIGN_SPEED = 1e-3
+
+
+@dataclass(frozen=True)
+class Signals:
+    """Arguments of the laws at the recording's rate.
+
+    Parameters
+    ----------
+    t
+        (N,) s.
+    values
+        (N, …) each, by the names of :data:`INPUTS`.
+    cutoff
+        Hz up to which accelerations are motion rather than noise.
+    """
+
+    t: Array
+    values: Mapping[str, Array]
+    cutoff: float = np.inf
+
+    @staticmethod
+    def of(
+        motion: CompletedMotion, standstill: tuple[Array, Array], *, elastic: bool = True, cutoff: float = np.inf
+    ) -> Signals:
+        """Take the signals from motion over a stretch of time.
+
+        Parameters
+        ----------
+        motion
+            At equally spaced samples.
+        standstill
+            (n,) rad/s for link and motor side, below which a velocity has no sign.
+        elastic
+            Whether the arm has transmissions; x is then [q, theta], otherwise [q].
+        cutoff
+            Hz up to which accelerations are motion rather than noise.
+        """
+        rates = [CubicSpline(motion.t, torque)(motion.t, 1) for torque in (motion.tau_J, motion.tau_m)]
+        return Signals(motion.t, _values(motion, standstill, rates, elastic=elastic), cutoff)
+
+    @staticmethod
+    def of_samples(motion: CompletedMotion, standstill: tuple[Array, Array], *, elastic: bool = True) -> Signals:
+        """Take the signals from samples that need not follow one another; see :meth:`of`.
+
+        The rates of torques, which only a course of time has, are zero.
+        """
+        rates = [np.zeros_like(motion.tau_J), np.zeros_like(motion.tau_m)]
+        return Signals(motion.t, _values(motion, standstill, rates, elastic=elastic))
+
+    def arrays(self) -> list[Array]:
+        """Return the arguments in the order of :data:`INPUTS`."""
+        return [self.values[name] for name in INPUTS]
+
+
+def _values(
+    motion: CompletedMotion, standstill: tuple[Array, Array], rates: Sequence[Array], *, elastic: bool
+) -> dict[str, Array]:
+    values = {
+        "x": motion.coordinates("", elastic=elastic),
+        "dx": motion.coordinates("d", elastic=elastic),
+        "ddx": motion.coordinates("dd", elastic=elastic),
+        "tau_J": motion.tau_J,
+        "tau_m": motion.tau_m,
+        "dtau_J": rates[0],
+        "dtau_m": rates[1],
+        "sign_link": np.tanh(motion.dq / standstill[0]),
+        "sign_motor": np.tanh(motion.dtheta / standstill[1]),
+    }
+    return {name: np.ascontiguousarray(v) for name, v in values.items()}
+
+
+@dataclass(frozen=True)
+class Term:
+    """An effect whose columns are wanted.
+
+    Parameters
+    ----------
+    effect, joints
+        What, and the indices of the joints at which its law is evaluated and summed.
+    choices
+        What was chosen of the effect's choices, by name.
+    linear
+        Parameters by which the law is differentiated; without any the law itself is the one column.
+    points
+        Values of `linear` and of parameters that are neither linear nor searched, by name: one set of columns for each
+        point.
+    searched
+        Parameters that are arguments of the columns.
+    """
+
+    effect: Effect
+    joints: Sequence[int]
+    choices: Mapping[str, Any]
+    linear: Sequence[Parameter]
+    points: Sequence[Mapping[str, Any]]
+    searched: Sequence[Parameter] = ()
+
+
+class CompiledColumns:
+    """Compiled columns of effects.
+
+    Parameters
+    ----------
+    terms
+        The effects; several of them only without internal states.
+    equations
+        Of the arm without them.
+    engine
+        "numpy" for many effects that are evaluated a few times: the arm's numbers are put in, which folds constants.
+        None for code that is compiled once for all arms of a shape and runs over long recordings.
+    """
+
+    def __init__(self, terms: Sequence[Term], equations: ArmEquations, engine: str | None = "numpy") -> None:
+        self._equations = equations
+        n = equations.robot.n
+        sizes = dict.fromkeys(("x", "dx", "ddx"), equations.dof)
+        symbols = {name: ca.SX.sym(name, sizes.get(name, n)) for name in INPUTS}
+        searched = [p for term in terms for p in term.searched]
+        arguments = {p.name: ca.SX.sym(p.name, p.size) for p in searched}
+        x, dx, ddx, tau_J, tau_m, dtau_J, dtau_m, *signs = symbols.values()
+        motion = SymbolicMotion(
+            equations, x, dx, ddx, tau_J, tau_m, dtau_J, dtau_m, lambda side, i: signs[side == "motor"][i]
+        )
+        states = {name: ca.SX.sym(name) for term in terms for name in term.effect.states}
+        argument, state = _stacked(arguments, "searched"), _stacked(states, "state")
+        self._scan: Recursion | None = None
+        blocks = []
+        for term in terms:
+            numbers = {p.name: arguments.get(p.name, ca.SX.sym(p.name, p.size)) for p in term.effect.parameters}
+            contribution = _contribution(term, motion, {**numbers, **term.choices, **states})
+            blocks.append(_columns(term, contribution, numbers))
+            if term.effect.states:
+                self._scan = _recursion(contribution, states, symbols, argument, equations)
+        columns = ca.horzcat(*blocks)
+        if engine == "numpy":
+            columns = ca.substitute(columns, equations.Psi, ca.DM(equations.nominal))
+        self._shape = (int(columns.shape[0]), int(columns.shape[1]))
+        self._arguments = sum(p.size for p in searched)
+        self._compile(ca.cse(columns), symbols, argument, state, engine)
+
+    def _compile(
+        self, columns: ca.SX, symbols: Mapping[str, ca.SX], argument: ca.SX, state: ca.SX, engine: str | None
+    ) -> None:
+        """Compile the entries that are not null, and remember where they belong."""
+        flat = ca.vec(columns)
+        kept = [int(k) for k in flat.sparsity().row() if not flat[int(k)].is_zero()]
+        self.places: NDArray[np.intp] = np.array(kept, dtype=int)
+        function = ca.Function(
+            "columns",
+            [*symbols.values(), argument, state, self._equations.Psi],
+            [ca.vertcat(*(flat[k] for k in kept), ca.SX(0, 1))],
+            [*INPUTS, "searched", "state", "Psi"],
+            ["columns"],
+        )
+        self._kernel = kernels.compile(function, engine, shared=("searched", "Psi")) if kept else None
+
+    @property
+    def acts(self) -> bool:
+        """Whether any entry of the columns is not null."""
+        return len(self.places) > 0
+
+    def __call__(self, signals: Signals, searched: Sequence[float] = ()) -> Array:
+        """Evaluate the columns (N, 3 n, k) at values of the searched parameters."""
+        N, (rows, count) = len(signals.t), self._shape
+        out = np.zeros((N, rows * count))
+        if self._kernel is not None:
+            argument = np.asarray(searched, dtype=float) if self._arguments else np.zeros(1)
+            states = np.zeros((N, 1)) if self._scan is None else _states(self._scan, signals, argument)
+            out[:, self.places] = self._kernel(*signals.arrays(), argument, states, self._equations.nominal)
+        return out.reshape(N, count, rows).transpose(0, 2, 1)
+
+
+def _stacked(symbols: Mapping[str, ca.SX], name: str) -> ca.SX:
+    """Stack symbols to one column, a stand-in where there are none."""
+    return ca.vertcat(*symbols.values()) if symbols else ca.SX.sym(name, 1)
+
+
+def _contribution(term: Term, motion: SymbolicMotion, values: Mapping[str, Any]) -> Contribution:
+    return reduce(add, (term.effect.law(motion, i, values) for i in term.joints))
+
+
+def _columns(term: Term, contribution: Contribution, numbers: Mapping[str, ca.SX]) -> ca.SX:
+    """Return the columns (3 n, k) of one effect."""
+    rows = ca.vertcat(contribution.link, contribution.drive, contribution.motor)
+    if term.linear:
+        rows = ca.jacobian(rows, ca.vertcat(*(numbers[p.name] for p in term.linear)))
+    sets = []
+    for point in term.points:
+        found = rows
+        if point:
+            symbols = ca.vertcat(*(numbers[name] for name in point))
+            values = np.concatenate([np.atleast_1d(np.asarray(value, dtype=float)) for value in point.values()])
+            found = ca.substitute(found, symbols, ca.DM(values))
+        sets.append(found)
+    return ca.horzcat(*sets)
+
+
+def _recursion(
+    contribution: Contribution,
+    states: Mapping[str, ca.SX],
+    symbols: Mapping[str, ca.SX],
+    argument: ca.SX,
+    equations: ArmEquations,
+) -> Recursion:
+    """Return one step of the internal states: exact where their rate is linear in them over the step."""
+    z = ca.vertcat(*states.values())
+    rate = ca.vertcat(*(contribution.rates[name] for name in states))
+    rate = ca.substitute(rate, equations.Psi, ca.DM(equations.nominal))
+    h = ca.SX.sym("h")
+    stiffness = ca.diag(ca.jacobian(rate, z)) * h
+    # (exp(s) - 1) / s, with its limit at 0.
+    factor = ca.if_else(ca.fabs(stiffness) < 1e-8, 1.0, ca.expm1(stiffness) / (stiffness + (ca.fabs(stiffness) < 1e-8)))
+    arguments, constants = ca.vertcat(*symbols.values()), ca.vertcat(argument, h)
+    return Recursion(ca.Function("step", [z, arguments, constants], [z + h * factor * rate]))
+
+
+def _states(scan: Recursion, signals: Signals, searched: Array) -> Array:
+    """Run the internal states (N, s) over the samples, by the exponential Euler rule."""
+    h = float(signals.t[1] - signals.t[0])
+    stacked = np.hstack(signals.arrays())
+    # Over a step the rates are those of its middle.
+    stacked[:-1] = 0.5 * (stacked[:-1] + stacked[1:])
+    return scan.run(stacked, np.append(searched, h))
 
 
 def parse_laws(texts: Sequence[str], robot: Robot) -> list[EffectInstance]:
@@ -60,86 +296,67 @@ def parse_laws(texts: Sequence[str], robot: Robot) -> list[EffectInstance]:
 def law_columns(
     instances: Sequence[EffectInstance], robot: Robot, model: str = "mod3", sign_speed: float = DEFAULT_SIGN_SPEED
 ) -> list[Column]:
-    """Return one column for each linear parameter of each effect; sign(w) is tanh(w / sign_speed)."""
+    """Return one column for each linear parameter of each effect.
+
+    Parameters
+    ----------
+    instances
+        The effects; their parameters beside the linear ones are taken as given.
+    robot, model
+        The arm, and the variant of its equations, mod1, mod2 or mod3.
+    sign_speed
+        rad/s; the sign of a velocity w is tanh(w / sign_speed).
+    """
     if not instances:
         return []
-    evaluate = _Evaluator(tuple(instances), robot, model, sign_speed)
+    evaluate = _LawColumns(tuple(instances), robot, model, sign_speed)
     entries = [
-        (f"{active.effect.id}:{active.joint or robot.name}.{name}", unit)
+        (f"{active.effect.id}:{active.joint or robot.name}.{name}", p.unit)
         for active in instances
-        for name, unit, _ in _linear_entries(active)
+        for p in _linear(active.effect)
+        for name in ([p.name] if p.size == 1 else [f"{p.name}_{'xyz'[i]}" for i in range(p.size)])
     ]
     return [Column(name, unit, partial(evaluate.column, k)) for k, (name, unit) in enumerate(entries)]
 
 
 def is_dry(active: EffectInstance) -> bool:
-    """Say whether the effect's law depends on the sign of a velocity."""
+    """Return whether the effect's law depends on the sign of a velocity."""
     return active.effect.regime == "velocity_reversal"
 
 
-def _linear_entries(active: EffectInstance) -> list[tuple[str, str, int]]:
-    """Return name, unit and index among all numbers of the effect for each linear parameter."""
-    entries, index = [], 0
-    for p in active.effect.parameters:
-        for i in range(p.size):
-            if p.role is Role.LINEAR:
-                entries.append((p.name if p.size == 1 else f"{p.name}_{'xyz'[i]}", p.unit, index))
-            index += 1
-    return entries
+def _linear(effect: Effect) -> list[Parameter]:
+    return [p for p in effect.parameters if p.role is Role.LINEAR]
 
 
-class _Evaluator:
-    """All laws in one kernel; the columns of the last motion are kept, as they are asked for one by one."""
+class _LawColumns:
+    """All laws compiled together; the columns of the last motion are kept, as they are asked for one by one."""
 
     def __init__(self, instances: tuple[EffectInstance, ...], robot: Robot, model: str, sign_speed: float) -> None:
         self.robot = robot
-        self.kernel, self.nominal = _kernel(instances, robot, model)
-        self.sign_speed = np.array([sign_speed])
+        terms = [
+            Term(
+                active.effect,
+                law_joints(active, robot),
+                {c.name: active.parameters[c.name] for c in active.effect.choices},
+                _linear(active.effect),
+                [{p.name: active.parameters[p.name] for p in active.effect.parameters}],
+            )
+            for active in instances
+        ]
+        self.columns = CompiledColumns(terms, ArmEquations(robot, model), engine=None)
+        self.standstill = np.full(robot.n, sign_speed)
         self.last: tuple[Motion, Array] | None = None
 
     def column(self, k: int, motion: Motion) -> dict[str, Array]:
         """Return column k by residual."""
         if self.last is None or self.last[0] is not motion:
-            self.last = motion, self.columns(motion)
+            self.last = motion, self.columns(self._signals(motion))
         return dict(zip(SIDES, np.split(self.last[1][:, :, k], 3, axis=1), strict=True))
 
-    def columns(self, motion: Motion) -> Array:
-        """Return all columns (N, 3 n, k)."""
-        robot = self.robot
-        none = np.zeros((len(motion), robot.n))
-        pairs = [(getattr(motion, rate + "q"), getattr(motion, rate + "theta")) for rate in ("", "d", "dd")]
-        states = [np.hstack(pair) if robot.elastic else pair[0] for pair in pairs]
-        torques = [none if tau is None else tau for tau in (motion.tau_J, motion.tau_m)]
-        values = np.asarray(self.kernel(*states, *torques, self.nominal, self.sign_speed))
-        return values.reshape(len(motion), 3 * robot.n, -1)
-
-
-def _kernel(instances: tuple[EffectInstance, ...], robot: Robot, model: str) -> tuple[kernels.Kernel, Array]:
-    """Compile (x, dx, ddx, tau_J, tau_m, Psi, speed) -> contributions (3 n, k) per unit of the parameters."""
-    equations = ArmEquations(robot, model)
-    n = robot.n
-    x, dx, ddx = (ca.SX.sym(name, equations.dof) for name in ("x", "dx", "ddx"))
-    tau_J, tau_m, speed = ca.SX.sym("tau_J", n), ca.SX.sym("tau_m", n), ca.SX.sym("speed")
-    velocity = {"link": dx[:n], "motor": dx[n : 2 * n] if robot.elastic else dx[:n]}
-
-    def sign(side: str, i: int) -> ca.SX:
-        return ca.tanh(velocity[side][i] / speed)
-
-    motion = SymbolicMotion(equations, x, dx, ddx, tau_J, tau_m, ca.SX(n, 1), ca.SX(n, 1), sign)
-    columns = ca.horzcat(*(_linear_columns(active, motion) for active in instances))
-    inputs = {"x": x, "dx": dx, "ddx": ddx, "tau_J": tau_J, "tau_m": tau_m, "Psi": equations.Psi, "speed": speed}
-    function = ca.Function("laws", list(inputs.values()), [ca.sparsify(columns)], list(inputs), ["columns"])
-    return kernels.compile(function, shared=("Psi", "speed")), equations.nominal
-
-
-def _linear_columns(active: EffectInstance, motion: SymbolicMotion) -> ca.SX:
-    """Return the derivative of link, drive and motor contributions (3 n, k) by the linear parameters."""
-    symbols = {p.name: ca.SX.sym(p.name, p.size) for p in active.effect.parameters}
-    numbers = np.concatenate([np.atleast_1d(np.asarray(active.parameters[name], dtype=float)) for name in symbols])
-    p = ca.vertcat(*symbols.values())
-    total = motion.nothing()
-    for i in law_joints(active, motion.robot):
-        total += active.effect.law(motion, i, {**active.parameters, **symbols})
-    wanted = [index for _, _, index in _linear_entries(active)]
-    stacked = ca.vertcat(total.link, total.drive, total.motor)
-    return ca.substitute(ca.jacobian(stacked, p)[:, wanted], p, ca.DM(numbers))
+    def _signals(self, motion: Motion) -> Signals:
+        """Return the signals of motion that has both sides; no usable row holds a torque that is missing."""
+        none = np.zeros((len(motion), self.robot.n))
+        samples: dict[str, Any] = {"tau_J": none, "tau_m": none, **motion.channels()}
+        return Signals.of_samples(
+            CompletedMotion(**samples), (self.standstill, self.standstill), elastic=self.robot.elastic
+        )

@@ -16,10 +16,11 @@ from numpy.typing import NDArray
 
 from elastic_arm.dynamics import Model
 from elastic_arm.estimation.band import Band, LowPass
-from elastic_arm.estimation.effect_columns import Feature, Signals
+from elastic_arm.estimation.effect_columns import Feature
 from elastic_arm.estimation.equations import EquationSet
 from elastic_arm.estimation.motion import drive_constants
 from elastic_arm.estimation.observation import Observation
+from elastic_arm.estimation.regressors import Signals
 from elastic_arm.estimation.residuals import Stretch, residuals
 
 Array = NDArray[np.float64]

@@ -23,7 +23,7 @@ from elastic_arm.diagnosis.result import Alternative, Cause
 from elastic_arm.diagnosis.selection.regressor_library import Candidate, RegressorLibrary
 from elastic_arm.effects import parse
 from elastic_arm.effects.parameters import Parameter, Role
-from elastic_arm.estimation.effect_columns import Signals
+from elastic_arm.estimation.regressors import Signals
 from elastic_arm.robot import load_robot
 
 Array = NDArray[np.float64]

@@ -9,9 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elastic_arm.dynamics import Model
-from elastic_arm.estimation.effect_columns import Feature, Signals
+from elastic_arm.estimation.effect_columns import Feature
 from elastic_arm.estimation.equations import EquationSet
 from elastic_arm.estimation.motion import Motion, completed
+from elastic_arm.estimation.regressors import Signals
 from elastic_arm.estimation.residuals import raw_residuals
 from elastic_arm.estimation.whitening import SLOWEST, NoiseModel, WhitenedData
 from elastic_arm.excitation import FourierTrajectory

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import welch
 
-from elastic_arm.estimation.effect_columns import Signals
+from elastic_arm.estimation.regressors import Signals
 from elastic_arm.estimation.whitening import WhitenedData
 
 Array = NDArray[np.float64]

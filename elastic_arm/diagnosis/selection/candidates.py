@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 from elastic_arm.effects.equations import ArmEquations
 from elastic_arm.effects.model import Effect, EffectInstance
 from elastic_arm.effects.regressor import Regressor
-from elastic_arm.estimation.effect_columns import Feature, Signals
+from elastic_arm.estimation.effect_columns import Feature
+from elastic_arm.estimation.regressors import Signals
 
 Array = NDArray[np.float64]
 
