@@ -1,30 +1,26 @@
-"""Arrays of a real robot (npz, csv, mat) as a recording, by a small mapping file (docs/channel_maps.md)."""
+"""Arrays of a real robot as a recording, by a small mapping file (docs/channel_maps.md)."""
 
 from __future__ import annotations
 
-import csv
-import zipfile
-import zlib
 from collections.abc import Mapping
+from fnmatch import fnmatchcase
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
 import numpy as np
-import scipy
-from pydantic import Field, model_validator
-from scipy.io.matlab import MatReadError
+from pydantic import BeforeValidator, Field, model_validator
 
 from elastic_arm.errors import RecordingError
 from elastic_arm.input_files import read_text
+from elastic_arm.recording.foreign.array_files import load_arrays
 from elastic_arm.recording.foreign.channels import CHANNEL_NAMES, ChannelName, Scale, Strict, Unit, load_yaml, validated
 from elastic_arm.recording.inspection.quality import checked
 from elastic_arm.recording.recording import Recording
 from elastic_arm.recording.sides import Array, Side, Stamps
 
 _NS = {"s": 1e9, "ms": 1e6, "us": 1e3, "ns": 1.0}
-# What numpy, scipy and csv raise for a file that is not what its name says.
-_UNREADABLE = (OSError, ValueError, TypeError, IndexError, EOFError, zlib.error, zipfile.BadZipFile, MatReadError)
-_MATLAB_OWN = ("__header__", "__version__", "__globals__")
+# The columns of a table without names are called by their numbers.
+Key = Annotated[str, BeforeValidator(lambda key: str(key) if type(key) is int else key)]
 
 
 class Times(Strict):
@@ -42,7 +38,7 @@ class Times(Strict):
         Unix seconds of the first sample, with `rate`.
     """
 
-    key: str | None = None
+    key: Key | None = None
     unit: Literal["s", "ms", "us", "ns"] = "s"
     rate: Annotated[float, Field(gt=0)] | None = None
     start: float = 0.0
@@ -63,13 +59,14 @@ class ArrayChannel(Strict):
         Name of an array with one column a joint, or one name a joint.
     columns
         Columns of the array, one a joint; all by default.
-    unit, factor, sign, torque_constant, ratio
+    unit, offset, factor, sign, torque_constant, ratio
         As in a channel map; one for all joints, or one a joint.
     """
 
-    key: str | list[str]
+    key: Key | list[Key]
     columns: list[int] | None = None
     unit: Unit | None = None
+    offset: float | list[float] = 0.0
     factor: float | list[float] = 1.0
     sign: Literal[1, -1] | list[Literal[1, -1]] = 1
     torque_constant: float | list[float] | None = None
@@ -79,15 +76,15 @@ class ArrayChannel(Strict):
         """Return the names of all arrays used."""
         return [self.key] if isinstance(self.key, str) else self.key
 
-    def scales(self, channel: ChannelName, n: int) -> Array:
-        """(n,) factors to SI units at the harmonic-drive output.
+    def scales(self, channel: ChannelName, n: int) -> list[Scale]:
+        """Return how each of n joints' numbers become ones in SI units at the harmonic-drive output.
 
         Raises
         ------
         ValueError
             If a list is not one a joint, or the unit and the rest are at odds.
         """
-        given = {name: getattr(self, name) for name in ("factor", "sign", "torque_constant", "ratio")}
+        given = {name: getattr(self, name) for name in ("offset", "factor", "sign", "torque_constant", "ratio")}
         for name, value in given.items():
             if isinstance(value, list) and len(value) != n:
                 raise ValueError(f"{channel}.{name} has {len(value)} values for {n} joints")
@@ -96,7 +93,7 @@ class ArrayChannel(Strict):
             for joint in range(n)
         ]
         of_joint[0].check_unit(channel)
-        return np.array([scale.scale(channel) for scale in of_joint])
+        return of_joint
 
 
 class SideArrays(Strict):
@@ -123,7 +120,7 @@ class ArrayMap(Strict):
     link, motor
         The channels of each side.
     ignore
-        Arrays that are left out on purpose; any other array that is not mapped is an error.
+        Arrays that are left out on purpose, `*` and `?` as in file names; any other that is not mapped is an error.
     robot_description
         URDF file to put into the bag; relative to the mapping file.
     """
@@ -164,7 +161,7 @@ def import_arrays(path: str | Path, mapping: str | Path) -> Recording:
     Parameters
     ----------
     path
-        .npz, .csv (one header line) or .mat (up to version 7).
+        .npz, .csv or .mat (up to version 7), or a folder of such files.
     mapping
         The mapping file.
 
@@ -173,7 +170,7 @@ def import_arrays(path: str | Path, mapping: str | Path) -> Recording:
     RecordingError
         If a file cannot be read, an array is missing or has the wrong size, or numbers and times cannot be used.
     """
-    arrays, rules = _load(Path(path)), load_array_map(mapping)
+    arrays, rules = load_arrays(Path(path)), load_array_map(mapping)
     try:
         _refuse_strays(arrays, rules)
         stamp_ns = _stamps(arrays, rules)
@@ -188,41 +185,6 @@ def import_arrays(path: str | Path, mapping: str | Path) -> Recording:
     return Recording(tuple(rules.joints), link, motor, robot_description=urdf, source=str(path))
 
 
-def _load(path: Path) -> Mapping[str, np.ndarray]:
-    try:
-        match path.suffix.lower():
-            case ".npz":
-                with np.load(path, allow_pickle=False) as content:
-                    return dict(content)
-            case ".csv":
-                return _load_csv(path)
-            case ".mat":
-                content = scipy.io.loadmat(path)
-                return {name: values for name, values in content.items() if name not in _MATLAB_OWN}
-    except NotImplementedError:
-        raise RecordingError(f"{path} is a MATLAB 7.3 file", "Save it with -v7.") from None
-    except _UNREADABLE as error:
-        reason = getattr(error, "strerror", None) or error
-        raise RecordingError(f"{path} cannot be read: {reason}", "Check the path and the format.") from None
-    raise RecordingError(f"{path} is none of .npz, .csv, .mat", "Convert it to one of them.")
-
-
-def _load_csv(path: Path) -> dict[str, np.ndarray]:
-    with open(path, encoding="utf-8", newline="") as file:
-        head = file.readline()
-        delimiter = next((mark for mark in (",", ";", "\t") if mark in head), None)
-        # Blanks may come several at a time, and stand behind the comment mark that numpy writes.
-        words = head.lstrip("#").split() if delimiter is None else next(csv.reader([head], delimiter=delimiter))
-        names = [name.strip().lstrip("#").strip() for name in words]
-        rows = file.read().splitlines()
-        if not any(row.strip() for row in rows):
-            raise ValueError("there are no numbers below the first line")
-        table = np.loadtxt(rows, delimiter=delimiter, ndmin=2)
-    if table.shape[1] != len(names):
-        raise ValueError(f"{len(names)} names in the first line, {table.shape[1]} columns of numbers")
-    return {name: table[:, column] for column, name in enumerate(names)}
-
-
 def _refuse_strays(arrays: Mapping[str, np.ndarray], rules: ArrayMap) -> None:
     sides = (rules.link, rules.motor)
     used = {key for side in sides for channel in side.present().values() for key in channel.arrays()}
@@ -230,7 +192,8 @@ def _refuse_strays(arrays: Mapping[str, np.ndarray], rules: ArrayMap) -> None:
     known = ", ".join(arrays)
     if missing := sorted(used - set(arrays)):
         raise RecordingError(f"no array {', '.join(missing)}; there is {known}", "Correct the names in the mapping.")
-    if strays := sorted(set(arrays) - used - set(rules.ignore)):
+    left = set(arrays) - used
+    if strays := sorted(name for name in left if not any(fnmatchcase(name, pattern) for pattern in rules.ignore)):
         raise RecordingError(
             f"arrays {', '.join(strays)} are not mapped", "Map them, or list them under 'ignore' in the mapping."
         )
@@ -263,10 +226,11 @@ def _side(
     if not channels:
         return None
     n = len(rules.joints)
-    values: dict[str, Any] = {
-        channel: _table(arrays, source, len(stamp_ns), n) * source.scales(channel, n)
-        for channel, source in channels.items()
-    }
+    values: dict[str, Any] = {}
+    for channel, source in channels.items():
+        table = _table(arrays, source, len(stamp_ns), n)
+        scaled = [scale.applied(table[:, i], channel) for i, scale in enumerate(source.scales(channel, n))]
+        values[channel] = np.column_stack(scaled)
     return checked(Side(stamp_ns, **values), name, rules.joints)
 
 

@@ -11,6 +11,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_valida
 
 from elastic_arm.errors import RecordingError
 from elastic_arm.input_files import explain, read_fields
+from elastic_arm.recording.sides import Array
 
 SideName = Literal["link", "motor"]
 ChannelName = Literal["position", "velocity", "effort"]
@@ -49,6 +50,8 @@ class Scale(Strict):
     ----------
     unit
         Of the recorded number; `Nm_motor` is a torque at the motor shaft, `A` a motor current.
+    offset
+        Added to the recorded number, in its own unit: less what it reads at zero.
     factor, sign
         Multiply the number.
     torque_constant
@@ -58,6 +61,7 @@ class Scale(Strict):
     """
 
     unit: Unit | None = None
+    offset: float = 0.0
     factor: float = 1.0
     sign: Literal[1, -1] = 1
     torque_constant: Annotated[float, Field(gt=0)] | None = None
@@ -67,6 +71,8 @@ class Scale(Strict):
     def _consistent(self) -> Self:
         if self.factor == 0 or not math.isfinite(self.factor):
             raise ValueError("factor must be a finite number other than 0")
+        if not math.isfinite(self.offset):
+            raise ValueError("offset must be a finite number")
         if self.unit == "A" and (self.torque_constant is None or self.ratio is None):
             raise ValueError("unit A needs torque_constant (Nm/A at the motor shaft) and ratio")
         if self.unit == "Nm_motor" and self.ratio is None:
@@ -87,6 +93,10 @@ class Scale(Strict):
         si = _TO_SI[channel][self.unit or _DEFAULT_UNIT[channel]] * self.factor * self.sign
         ratio = self.ratio or 1.0
         return si * (self.torque_constant or 1.0) * ratio if channel == "effort" else si / ratio
+
+    def applied(self, recorded: Array, channel: ChannelName) -> Array:
+        """Return recorded numbers in rad, rad/s or Nm at the harmonic-drive output."""
+        return (recorded + self.offset if self.offset else recorded) * self.scale(channel)
 
 
 class Channel(Scale):

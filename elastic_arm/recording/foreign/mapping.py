@@ -81,14 +81,14 @@ def _channel(
 
 def _one(messages: Series, source: Channel, name: ChannelName) -> Array:
     if source.index is not None:
-        return messages.column(source.field, source.index) * source.scale(name)
+        return source.applied(messages.column(source.field, source.index), name)
     if not messages.names():
         if messages.width(source.field) > 1:
             raise RecordingError(
                 f"{messages.topic} has several numbers in field {source.field!r} and names none of them",
                 f"Give {source.name} its index in the channel map.",
             )
-        return messages.column(source.field, 0) * source.scale(name)
+        return source.applied(messages.column(source.field, 0), name)
     part = messages.keep(lambda piece: source.name in piece.names)
     if part.count < messages.count:
         known = ", ".join(messages.names())
@@ -101,7 +101,7 @@ def _one(messages: Series, source: Channel, name: ChannelName) -> Array:
         raise RecordingError(
             f"{messages.topic} has no numbers in field {source.field!r}", "Name another field in the channel map."
         )
-    return values[:, 0] * source.scale(name)
+    return source.applied(values[:, 0], name)
 
 
 def _times(messages: Series, channels: ChannelMap) -> Stamps:

@@ -1,0 +1,106 @@
+"""Named arrays from files: .npz, .mat with nested structs, tables with or without names, folders of such files."""
+
+from __future__ import annotations
+
+import csv
+import zipfile
+import zlib
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import scipy
+from scipy.io.matlab import MatReadError
+
+from elastic_arm.errors import RecordingError
+
+Arrays = dict[str, np.ndarray]
+
+TABLES = (".csv", ".txt", ".dat")
+# What numpy, scipy and csv raise for a file that is not what its name promises.
+_UNREADABLE = (OSError, ValueError, TypeError, IndexError, EOFError, zlib.error, zipfile.BadZipFile, MatReadError)
+_WHOLE_TABLE = ""
+
+
+def load_arrays(path: Path) -> Arrays:
+    """Read the arrays of a file, or of all files of a folder.
+
+    Fields of a MATLAB struct are called `struct.field`; the columns of a table without a line of names by their
+    numbers, from 0. In a folder a file's name without its ending stands before: `file.column`, and `file` alone for
+    a whole table without names.
+
+    Raises
+    ------
+    RecordingError
+        If it cannot be read, naming the file.
+    """
+    if not path.is_dir():
+        return {name: values for name, values in _load(path).items() if name != _WHOLE_TABLE}
+    arrays: Arrays = {}
+    for file in sorted(file for file in path.iterdir() if file.suffix.lower() in (*TABLES, ".npy", ".npz", ".mat")):
+        found = _load(file)
+        arrays |= {f"{file.stem}.{name}" if name != _WHOLE_TABLE else file.stem: v for name, v in found.items()}
+    if not arrays:
+        raise RecordingError(f"{path} holds no arrays", "Give a folder of .csv, .txt, .npy, .npz or .mat files.")
+    return arrays
+
+
+def _load(path: Path) -> Arrays:
+    kind = path.suffix.lower()
+    try:
+        if kind == ".npz":
+            with np.load(path, allow_pickle=False) as content:
+                return dict(content)
+        if kind == ".npy":
+            return {_WHOLE_TABLE: np.load(path, allow_pickle=False)}
+        if kind == ".mat":
+            content = scipy.io.loadmat(path)
+            return {name: values for top in content for name, values in _flat(top, content[top])}
+        if kind in TABLES:
+            return _load_table(path)
+    except NotImplementedError:
+        raise RecordingError(f"{path} is a MATLAB 7.3 file", "Save it with -v7.") from None
+    except _UNREADABLE as error:
+        reason = getattr(error, "strerror", None) or error
+        raise RecordingError(f"{path} cannot be read: {reason}", "Check the path and the format.") from None
+    raise RecordingError(f"{path} is none of .npz, .csv, .mat", "Convert it to one of them.")
+
+
+def _flat(name: object, values: object) -> Iterator[tuple[str, np.ndarray]]:
+    """Yield the arrays of a MATLAB variable: those of a struct's fields, or itself."""
+    # What MATLAB keeps for itself has no name, or one with two underscores in front.
+    if not isinstance(name, str) or name.startswith("__") or not isinstance(values, np.ndarray):
+        return
+    if values.dtype.names is None:
+        yield name, values
+    elif values.size == 1:
+        for field in values.dtype.names:
+            yield from _flat(f"{name}.{field}", values[field].item())
+
+
+def _load_table(path: Path) -> Arrays:
+    with open(path, encoding="utf-8", newline="") as file:
+        lines = [line for line in file.read().splitlines() if line.strip()]
+    head = lines[0] if lines else ""
+    delimiter = next((mark for mark in (",", ";", "\t") if mark in head), None)
+    # Blanks may come several at a time, and stand behind the comment mark that numpy writes.
+    words = head.lstrip("#").split() if delimiter is None else next(csv.reader([head], delimiter=delimiter))
+    names = [name.strip().lstrip("#").strip() for name in words]
+    nameless = all(_is_number(name) for name in names)
+    rows = lines if nameless else lines[1:]
+    if not rows:
+        raise ValueError("there are no numbers below the first line")
+    table = np.loadtxt(rows, delimiter=delimiter, ndmin=2)
+    if nameless:
+        return {str(column): table[:, column] for column in range(table.shape[1])} | {_WHOLE_TABLE: table}
+    if table.shape[1] != len(names):
+        raise ValueError(f"{len(names)} names in the first line, {table.shape[1]} columns of numbers")
+    return {name: table[:, column] for column, name in enumerate(names)}
+
+
+def _is_number(word: str) -> bool:
+    try:
+        float(word)
+    except ValueError:
+        return False
+    return True

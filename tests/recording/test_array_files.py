@@ -1,0 +1,141 @@
+"""Arrays as robots' makers and laboratories leave them: structs, tables without names, folders, zeros and scales."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import scipy.io
+import yaml
+
+from elastic_arm.errors import RecordingError
+from elastic_arm.recording import read_recording
+from elastic_arm.recording.foreign.array_files import load_arrays
+from elastic_arm.recording.foreign.arrays import import_arrays
+from tests.helpers.bags import JOINT_STATE, JOINTS, joint_state, stamps, write_foreign
+
+KR300 = Path(__file__).parents[3] / "shared" / "data" / "kuka_kr300" / "run_A.mat"
+
+
+def write_yaml(path: Path, content: object) -> Path:
+    """Write `content` as YAML."""
+    path.write_text(yaml.safe_dump(content, sort_keys=False))
+    return path
+
+
+def motion(count: int = 60) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Times, angles and torques of two joints."""
+    t = np.arange(count) * 0.01
+    return t, np.column_stack([np.sin(t), np.cos(t)]), np.column_stack([5 * np.cos(t), t])
+
+
+def test_fields_of_nested_structs_are_keys(tmp_path: Path) -> None:
+    """A .mat file's struct in a struct is mapped as `rec.motor.q`; other fields are ignored by a pattern."""
+    t, q, tau = motion()
+    rec = {"time": t, "motor": {"q": q.T, "tau": tau}, "name": "run A", "gains": np.eye(3)}
+    scipy.io.savemat(tmp_path / "run.mat", {"rec": rec, "para": {"u": 3.0, "v": [1, 2]}})
+    mapping = {
+        "times": {"key": "rec.time"},
+        "joints": ["a", "b"],
+        "motor": {"position": {"key": "rec.motor.q"}, "effort": {"key": "rec.motor.tau"}},
+        "ignore": ["rec.name", "rec.gain?", "para.*"],
+    }
+    recording = import_arrays(tmp_path / "run.mat", write_yaml(tmp_path / "map.yaml", mapping))
+    np.testing.assert_array_equal(recording.motor.position, q)
+    np.testing.assert_array_equal(recording.motor.effort, tau)
+    with pytest.raises(RecordingError, match=r"para\.u, para\.v are not mapped"):
+        import_arrays(tmp_path / "run.mat", write_yaml(tmp_path / "map.yaml", {**mapping, "ignore": ["rec.*"]}))
+
+
+@pytest.mark.parametrize("delimiter", [",", ";", " "])
+def test_columns_without_names_go_by_their_numbers(tmp_path: Path, delimiter: str) -> None:
+    """A table whose first line is numbers loses no sample; its columns are 0, 1, 2, ..."""
+    t, q, tau = motion()
+    np.savetxt(tmp_path / "run.csv", np.column_stack([t, q, tau, 0 * t]), fmt="%.17g", delimiter=delimiter)
+    mapping = {
+        "times": {"key": 0},
+        "joints": ["a", "b"],
+        "link": {"position": {"key": [1, 2]}},
+        "motor": {"effort": {"key": [3, 4]}},
+        "ignore": ["5"],
+    }
+    recording = import_arrays(tmp_path / "run.csv", write_yaml(tmp_path / "map.yaml", mapping))
+    np.testing.assert_array_equal(recording.link.position, q)
+    np.testing.assert_array_equal(recording.motor.effort, tau)
+
+
+def test_a_folder_of_files_is_one_set_of_arrays(tmp_path: Path) -> None:
+    """One file a quantity, one value a joint and line: each file is an array of its own name."""
+    t, q, tau = motion()
+    folder = tmp_path / "run"
+    folder.mkdir()
+    np.savetxt(folder / "q.txt", q, fmt="%.17g")
+    np.savetxt(folder / "tau.csv", tau, fmt="%.17g", delimiter=",")
+    np.save(folder / "time.npy", t)
+    (folder / "README").write_text("two joints")
+    mapping = {
+        "times": {"key": "time"},
+        "joints": ["a", "b"],
+        "link": {"position": {"key": "q"}, "effort": {"key": "tau"}},
+        "ignore": ["*.?"],
+    }
+    recording = import_arrays(folder, write_yaml(tmp_path / "map.yaml", mapping))
+    np.testing.assert_array_equal(recording.link.position, q)
+    np.testing.assert_array_equal(recording.link.effort, tau)
+    (tmp_path / "empty").mkdir()
+    with pytest.raises(RecordingError, match="holds no arrays"):
+        load_arrays(tmp_path / "empty")
+
+
+def test_an_offset_is_taken_in_the_recorded_unit(tmp_path: Path) -> None:
+    """Counts that read 2048 at zero become radians: (number + offset) x factor x unit, one for all joints or each."""
+    t, q, _ = motion()
+    np.savez(tmp_path / "run.npz", t=t, counts=np.rad2deg(q) / 0.1 + [2048, -100], volts=q * 50 + 2.5)
+    mapping = {
+        "times": {"key": "t"},
+        "joints": ["a", "b"],
+        "link": {
+            "position": {"key": "counts", "unit": "deg", "factor": 0.1, "offset": [-2048, 100]},
+            "effort": {"key": "volts", "offset": -2.5, "sign": [1, -1]},
+        },
+    }
+    recording = import_arrays(tmp_path / "run.npz", write_yaml(tmp_path / "map.yaml", mapping))
+    np.testing.assert_allclose(recording.link.position, q, rtol=0, atol=1e-12)
+    np.testing.assert_allclose(recording.link.effort, q * [50, -50], rtol=0, atol=1e-12)
+
+
+def test_a_channel_map_takes_an_offset_too(tmp_path: Path) -> None:
+    """A foreign bag's angles in degrees, 90 at the zero of the robot description."""
+    messages = [
+        ("/arm", JOINT_STATE, int(stamp), joint_state(stamp, JOINTS, [row, row, row]))
+        for row, stamp in enumerate(stamps(50))
+    ]
+    channels = {
+        "defaults": {"motor": {"position": {"topic": "/arm", "unit": "deg"}}},
+        "joints": {JOINTS[0]: {}, JOINTS[1]: {"motor": {"position": {"offset": -90, "sign": -1}}}},
+    }
+    bag = write_foreign(tmp_path / "bag", messages)
+    recording = read_recording(bag, write_yaml(tmp_path / "map.yaml", channels))
+    np.testing.assert_allclose(recording.motor.position[:, 0], np.deg2rad(np.arange(50)))
+    np.testing.assert_allclose(recording.motor.position[:, 1], np.deg2rad(90 - np.arange(50)))
+
+
+@pytest.mark.skipif(not KR300.exists(), reason="needs the recordings of a real KUKA KR300")
+def test_axes_with_two_encoders_of_a_real_arm_are_imported(tmp_path: Path) -> None:
+    """The first three of six axes of a KR300, both encoders and the torque at the motors' shafts."""
+    ratio = np.abs(scipy.io.loadmat(KR300)["para"]["u"].item().ravel()[:3]).tolist()
+    axes = {"columns": [0, 1, 2]}
+    mapping = {
+        "times": {"key": "rec.time_cont"},
+        "joints": ["a1", "a2", "a3"],
+        "link": {"position": {"key": "rec.act_pos_se_deg", "unit": "deg", **axes}},
+        "motor": {
+            "position": {"key": "rec.act_pos_mot_deg", "unit": "deg", **axes},
+            "effort": {"key": "rec.act_torque_abs_nm", "unit": "Nm_motor", "ratio": ratio, **axes},
+        },
+        "ignore": ["*"],
+    }
+    recording = import_arrays(KR300, write_yaml(tmp_path / "map.yaml", mapping))
+    assert recording.motor.position.shape == (2501, 3)
+    assert 1e-4 < np.abs(recording.motor.position - recording.link.position).max() < 1e-2
