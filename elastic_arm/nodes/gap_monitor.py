@@ -32,7 +32,7 @@ STRETCH = 3.0
 
 
 class GapMonitorNode(ArmNode):
-    """Keeps the last seconds of samples, and has them diagnosed in a process beside it."""
+    """Keeps the last seconds of samples, and has them diagnosed in a worker process."""
 
     def __init__(self) -> None:
         super().__init__("gap_monitor")
@@ -52,7 +52,7 @@ class GapMonitorNode(ArmNode):
         )
         robot = load_robot(file or None)
         known_effects(known, robot)  # a mistake is to be heard of here
-        self._aside = WorkerProcess(answering, file or None, model, known, refit)
+        self._worker = WorkerProcess(answering, file or None, model, known, refit)
         self._collector = Collector(robot.joint_names, sides)
         self._window = Window(robot.joint_names, window, source=" ".join(self._collector.inboxes))
         self._output = self.create_publisher(GapDiagnosis, topics.GAP, graph.qos(topics.GAP))
@@ -71,7 +71,7 @@ class GapMonitorNode(ArmNode):
         self._last = ""
         self._problem = ""
         self._said = ""
-        self._count = 0
+        self._count = self._restarts = 0
         self._took = 0.0
 
     def tick(self) -> float:
@@ -82,15 +82,15 @@ class GapMonitorNode(ArmNode):
             samples = self._collector.take()
             if samples is not None and not self._paused:
                 self._window.add(samples)
-            if (answer := self._aside.answer()) is not None:
+            if (answer := self._worker.answer()) is not None:
                 self._publish(answer)
-            if not self._aside.busy and not self._paused:
+            if not self._worker.busy and not self._paused:
                 self._ask(now)
         return self._due - time.monotonic()
 
     def close(self) -> None:
-        """End the process beside the node."""
-        self._aside.close()
+        """End the process that diagnoses."""
+        self._worker.close()
 
     def _ask(self, now: float) -> None:
         """Ask what is due, of samples that nobody was asked about yet."""
@@ -112,7 +112,7 @@ class GapMonitorNode(ArmNode):
         question = (what, self._window.recording(STRETCH if what == "where" else None))
         self._latest_ns = self._collector.last_ns
         self._asked = (what, self._latest_ns, now)
-        self._aside.ask(question)
+        self._worker.ask(question)
 
     def _publish(self, answer: Answer) -> None:
         if self._asked is None:
@@ -120,6 +120,9 @@ class GapMonitorNode(ArmNode):
         what, stamp_ns, began = self._asked
         self._problem = answer.problem
         if answer.problem:
+            if self._worker.restarts > self._restarts:
+                self._restarts = self._worker.restarts
+                self.get_logger().error(answer.problem)
             return
         if what == "diagnosis":
             self._took = time.monotonic() - began
@@ -169,6 +172,7 @@ class GapMonitorNode(ArmNode):
             "seconds kept": self._window.seconds,
             "diagnoses": self._count,
             "last verdict": self._said,
+            "restarts of the diagnosing process": self._worker.restarts,
             "last diagnosis took, s": self._took,
             **{f"samples {name}": count for name, count in vars(self._collector.losses).items()},
         }

@@ -9,7 +9,6 @@ from collections.abc import Sequence
 
 import numpy as np
 from elastic_arm_msgs.msg import JointTorques
-from numpy.typing import NDArray
 from rcl_interfaces.msg import SetParametersResult
 from rclpy.parameter import Parameter
 from rosgraph_msgs.msg import Clock
@@ -25,6 +24,7 @@ from elastic_arm.nodes.support.health import PERIOD, Health
 from elastic_arm.nodes.support.pacing import Pace
 from elastic_arm.nodes.support.parameters import declare, declare_numbers, declare_texts, texts
 from elastic_arm.nodes.support.reference import ReferenceQueue, Row
+from elastic_arm.nodes.support.reference_message import reference_points
 from elastic_arm.nodes.support.running import ArmNode, run
 from elastic_arm.nodes.support.wire import NANOSECONDS, Form
 from elastic_arm.recording import topics
@@ -36,7 +36,7 @@ from elastic_arm.simulation import Simulator
 CLOCK_PERIOD = 0.01
 # How long the arm waits for a stream that is behind, where it can, real seconds.
 STREAM_PATIENCE = 5.0
-# The clock that waits says its time again after so long, real seconds: whoever missed it would wait as well.
+# The clock that waits publishes its time again after so long, real seconds: whoever missed it would wait as well.
 REMINDER = 0.05
 # In real time, how much of what was missed is caught up on, seconds: a busy machine should leave no holes.
 CATCH_UP = 10.0
@@ -64,7 +64,7 @@ class SimulatorNode(ArmNode):
         )
         self._born = time.monotonic()
         names = list(self._arm.robot.joint_names)
-        self._columns = {name: column for column, name in enumerate(names)}
+        self._joints = names
         real_time = self._factor == 1.0
         self._waited = self._reminded = 0.0
         self._publish_setup(names, real_time)
@@ -150,7 +150,7 @@ class SimulatorNode(ArmNode):
         # Stamps lie on the grid of the time of day; a clock of its own begins at zero.
         self._origin_ns = time.time_ns() // self._step_ns * self._step_ns if real_time else 0
         self._step = 0 if real_time else 1  # a stamp of zero means no time at all
-        self._skipped = self._told = self._starved = 0
+        self._skipped = self._told = self._starved = self._refused = self._refused_before = 0
         self._reference = ReferenceQueue(self._start, self._origin_ns, self._step_ns)
         self._pace = Pace(self._arm.rate, self._factor, CATCH_UP if real_time else MAKE_GOOD)
         self._pace.wait(time.monotonic())
@@ -217,28 +217,18 @@ class SimulatorNode(ArmNode):
             self._clock_output.publish(self._clock_form.filled(stamp))
 
     def _follow(self, message: JointTrajectory) -> None:
-        """Take streamed points."""
+        """Take streamed points; what cannot be followed is refused, and the arm goes on as before."""
         try:
-            order = [message.joint_names.index(name) for name in self._columns]
-        except ValueError:
-            self.get_logger().error(
-                f"{topics.REFERENCE} names {', '.join(message.joint_names)}; this arm has {', '.join(self._columns)}",
-                throttle_duration_sec=5.0,
-            )
-            return
-        if not message.points:
+            after_ns, points = reference_points(message, self._joints)
+        except GraphError as error:
+            self._refused += 1
+            self.get_logger().error(f"refused a message on {topics.REFERENCE} that {error}", throttle_duration_sec=5.0)
             return
         stamp = message.header.stamp
         begin = stamp.sec * NANOSECONDS + stamp.nanosec
         if begin == 0:  # at once, by the convention of trajectories
             begin = self._origin_ns + (self._step + 1) * self._step_ns
-        after = [point.time_from_start for point in message.points]
-        stamps = np.array([begin + t.sec * NANOSECONDS + t.nanosec for t in after], dtype=np.int64)
-        columns = [_column(message, field, order) for field in ("positions", "velocities", "accelerations")]
-        if not np.all(np.isfinite(columns)) or np.any(np.diff(stamps) <= 0):
-            self.get_logger().error(f"{topics.REFERENCE}: points that are not finite, or out of order", once=True)
-            return
-        self._reference.add(stamps, Row(*columns))
+        self._reference.add(begin + after_ns, points)
 
     def _change(self, parameters: Sequence[Parameter]) -> SetParametersResult:
         """Change the speed or the effects while running."""
@@ -282,6 +272,10 @@ class SimulatorNode(ArmNode):
             self._starved = reference.starved
         elif delay > 0:
             problems.append(f"the reference came late: it is followed {delay:.3g} s behind its stamps")
+        if self._refused > self._refused_before:
+            count = self._refused - self._refused_before
+            problems.append(f"{count} messages on {topics.REFERENCE} refused: they cannot be followed")
+            self._refused_before = self._refused
         figures = {
             "rate, Hz": pace * self._arm.rate * self._factor,
             "behind the clock, s": behind,
@@ -289,14 +283,9 @@ class SimulatorNode(ArmNode):
             "behind the reference, s": delay,
             "reference points too late": reference.late,
             "streams broken off": reference.starved,
+            "reference messages refused": self._refused,
         }
         self._health.report(problems, "pace held", figures)
-
-
-def _column(message: JointTrajectory, field: str, order: list[int]) -> NDArray[np.float64]:
-    """Return one field of all points, (N, n) in the arm's order; zeros where it is not given."""
-    rows = [getattr(point, field) or [0.0] * len(order) for point in message.points]
-    return np.array(rows, dtype=float)[:, order]
 
 
 def main() -> None:

@@ -19,7 +19,7 @@ from std_srvs.srv import SetBool, Trigger
 from elastic_arm.diagnosis.inference.estimates import ParameterEstimate
 from elastic_arm.diagnosis.live import ResidualLevels
 from elastic_arm.diagnosis.result import ResidualSizes
-from elastic_arm.errors import DiagnosisError, GraphError
+from elastic_arm.errors import DiagnosisError
 from elastic_arm.excitation import FourierTrajectory
 from elastic_arm.nodes.support.gap_messages import diagnosis_message, in_words, residual_messages
 from elastic_arm.nodes.support.worker_process import Answer, WorkerProcess
@@ -44,44 +44,49 @@ def halving(least: int) -> Callable[[int], Any]:
     return halve
 
 
-def answer_of(aside: WorkerProcess) -> Answer:
+def answer_of(worker: WorkerProcess) -> Answer:
     end = time.monotonic() + 30.0
-    while (answer := aside.answer()) is None:
+    while (answer := worker.answer()) is None:
         assert time.monotonic() < end, "no answer"
         time.sleep(0.01)
     return answer
 
 
 @pytest.fixture
-def aside() -> Iterator[WorkerProcess]:
+def worker() -> Iterator[WorkerProcess]:
     made = WorkerProcess(halving, 2)
     yield made
     made.close()
 
 
-def test_questions_are_answered_in_another_process(aside: WorkerProcess) -> None:
+def test_questions_are_answered_in_another_process(worker: WorkerProcess) -> None:
     """The answer comes from a process of its own, and until then the asker goes on."""
-    assert aside.answer() is None
-    aside.ask(8)
-    assert aside.busy
-    process, half = answer_of(aside).value
+    assert worker.answer() is None
+    worker.ask(8)
+    assert worker.busy
+    process, half = answer_of(worker).value
     assert (process != os.getpid(), half) == (True, 4.0)
-    assert not aside.busy
+    assert not worker.busy
 
 
-def test_a_question_that_cannot_be_answered_is_said_in_words(aside: WorkerProcess) -> None:
+def test_a_question_that_cannot_be_answered_is_said_in_words(worker: WorkerProcess) -> None:
     """An error of the library is an answer; the next question is answered again."""
-    aside.ask(1)
-    assert answer_of(aside) == Answer(problem="1 is too small. Take more.")
-    aside.ask(4)
-    assert answer_of(aside).value[1] == 2.0
+    worker.ask(1)
+    assert answer_of(worker) == Answer(problem="1 is too small. Take more.")
+    worker.ask(4)
+    assert answer_of(worker).value[1] == 2.0
 
 
-def test_a_process_that_dies_is_noticed(aside: WorkerProcess) -> None:
-    """Its end is an error that names the exit code, not a silence."""
-    aside.ask(0)
-    with pytest.raises(GraphError, match="code 3"):
-        answer_of(aside)
+def test_a_process_that_dies_is_started_again(worker: WorkerProcess) -> None:
+    """Its end is a problem that names the exit code and is counted; the next question is answered by a new process."""
+    worker.ask(8)
+    first, _ = answer_of(worker).value
+    worker.ask(0)
+    assert "code 3" in answer_of(worker).problem
+    assert (worker.busy, worker.restarts) == (False, 1)
+    worker.ask(4)
+    second, half = answer_of(worker).value
+    assert half == 2.0 and second != first
 
 
 # Messages

@@ -17,9 +17,11 @@ from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 from std_srvs.srv import SetBool, Trigger
+from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 from elastic_arm.excitation import FourierTrajectory
 from elastic_arm.identification import Identification, chi_square, identifier_of
+from elastic_arm.nodes.support.graph import qos
 from elastic_arm.recording import read_recording
 from elastic_arm.robot import load_robot
 from tests.helpers.ros_graph import Graph, NodeProcess, ros_graph
@@ -320,6 +322,33 @@ def test_the_identifier_obeys_its_services(graph: Graph, run: Run) -> None:
     graph.until(lambda: "paused" in status["said"], "the pause is reported")
     assert graph.call(Trigger, "/identifier/reset", Trigger.Request()).success
     graph.until(lambda: status["samples used"] == "0", "all is forgotten")
+
+
+def test_malformed_references_are_counted_and_the_arm_goes_on(graph: Graph) -> None:
+    """Ragged, empty and non-finite messages end no process: the arm stands where it was, and they are counted."""
+    states = graph.listen(JointState, "/motor_states")
+    counted: list[int] = []
+
+    def note(message: DiagnosticArray) -> None:
+        figures = {v.key: v.value for v in message.status[0].values}
+        if "reference messages refused" in figures:
+            counted.append(int(figures["reference messages refused"]))
+
+    graph.peer.create_subscription(DiagnosticArray, "/diagnostics", note, 100)
+    simulator = graph.start("simulator", torque_noise=0.0)
+    output = graph.peer.create_publisher(JointTrajectory, "/reference", qos("/reference"))
+    graph.until(lambda: output.get_subscription_count() and states, "the arm listens")
+    began = np.array(states[-1].position)
+    bad = [[0.1], [], [0.1, float("nan"), 0.1], [0.1, 0.2, 0.3, 0.4]]
+    for positions in bad:
+        output.publish(JointTrajectory(joint_names=JOINTS, points=[JointTrajectoryPoint(positions=positions)]))
+    output.publish(JointTrajectory(joint_names=JOINTS))
+    graph.until(lambda: counted and counted[-1] == len(bad) + 1, "all are counted")
+    count = len(states)
+    graph.until(lambda: len(states) > count + 100, "the arm goes on")
+    np.testing.assert_allclose(states[-1].position, began, atol=1e-3)
+    assert simulator.stop() == 0
+    assert "Traceback" not in simulator.output
 
 
 MISTAKES = {

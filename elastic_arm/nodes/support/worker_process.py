@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from multiprocessing.connection import Connection
 from typing import Any
 
-from elastic_arm.errors import ElasticArmError, GraphError
+from elastic_arm.errors import ElasticArmError
 
 # How much lower the priority is: what a busy machine lacks is taken from here first.
 NICE = 5
@@ -36,18 +36,28 @@ class WorkerProcess:
         Called in the process with `args`; returns what answers questions. Both are importable by name.
     args
         What the process needs to know; questions and answers go through a pipe, so all are plain data.
+
+    Attributes
+    ----------
+    restarts
+        How often the process died, and was started again.
     """
 
     def __init__(self, make: Callable[..., Callable[[Any], Any]], *args: Any) -> None:
-        # A fork would take the threads' locks of the middleware along.
-        context = multiprocessing.get_context("spawn")
-        self._pipe, theirs = context.Pipe()
-        self._process = context.Process(target=_serve, args=(theirs, make, args), daemon=True)
-        self._process.start()
-        theirs.close()
+        self._make, self._args = make, args
+        self._start()
         # A process of low priority takes its time to fetch a question, too.
         self._courier = ThreadPoolExecutor(1)
         self._answer: Future[Answer] | None = None
+        self.restarts = 0
+
+    def _start(self) -> None:
+        # A fork would take the threads' locks of the middleware along.
+        context = multiprocessing.get_context("spawn")
+        self._pipe, theirs = context.Pipe()
+        self._process = context.Process(target=_serve, args=(theirs, self._make, self._args), daemon=True)
+        self._process.start()
+        theirs.close()
 
     @property
     def busy(self) -> bool:
@@ -62,10 +72,7 @@ class WorkerProcess:
     def answer(self) -> Answer | None:
         """Return the answer if it is there; None if it is not.
 
-        Raises
-        ------
-        GraphError
-            If the process has died.
+        Where the process has died over the question, the answer is that problem, and a new process takes the next one.
         """
         if self._answer is None or not self._answer.done():
             return None
@@ -74,16 +81,21 @@ class WorkerProcess:
             return answered.result()
         except (EOFError, OSError):
             self._process.join(PATIENCE)
-            raise GraphError(
-                f"the process beside the node ended with code {self._process.exitcode}",
-                "Start the node again; what the process wrote stands above.",
-            ) from None
+            problem = f"the process that answers ended with code {self._process.exitcode} and was started again"
+            self._end()
+            self._start()
+            self.restarts += 1
+            return Answer(problem=problem)
 
     def close(self) -> None:
         """End the process, whatever it is at."""
+        self._end()
+        self._courier.shutdown(wait=False, cancel_futures=True)
+
+    def _end(self) -> None:
         self._process.terminate()
         self._process.join(PATIENCE)
-        self._courier.shutdown(wait=False, cancel_futures=True)
+        self._pipe.close()
 
     def _exchange(self, question: Any) -> Answer:
         self._pipe.send(question)
