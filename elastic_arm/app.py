@@ -1,39 +1,115 @@
-"""The `elastic-arm` application: gathers the subcommands."""
+"""The `elastic-arm` application: gathers the subcommands, and imports one when it runs."""
 
 from __future__ import annotations
 
+from importlib import import_module
+from typing import Any, NamedTuple
+
 import typer
+from typer.core import TyperCommand
 
 from elastic_arm import __version__
-from elastic_arm.cli.bag import bag_app
-from elastic_arm.cli.demo import demo
-from elastic_arm.cli.describe import describe
-from elastic_arm.cli.diagnose import diagnose_command
-from elastic_arm.cli.excite import excite
-from elastic_arm.cli.identify import identify
 from elastic_arm.cli.several_values import SeveralValues
-from elastic_arm.cli.simulate import simulate
 from elastic_arm.cli.usage import Application
-from elastic_arm.studies.blind_challenge.command import challenge_app
-from elastic_arm.studies.paper.command import paper
+
+
+class Subcommand(NamedTuple):
+    """Where a subcommand is defined, and its line in the help of the application.
+
+    Parameters
+    ----------
+    module, attribute
+        A function, or a `typer.Typer` with subcommands of its own.
+    summary
+        The first sentence of its docstring, known before its module is imported.
+    kind
+        Class of the command.
+    """
+
+    module: str
+    attribute: str
+    summary: str
+    kind: type[TyperCommand] = TyperCommand
+
+
+SUBCOMMANDS = {
+    "describe": Subcommand(
+        "cli.describe",
+        "describe",
+        "Show an arm: joints, limits, masses, transmissions, and what a model of it has to identify.",
+    ),
+    "excite": Subcommand(
+        "cli.excite",
+        "excite",
+        "Find a Fourier trajectory whose motion tells the arm's parameters apart best, within all limits.",
+    ),
+    "simulate": Subcommand(
+        "cli.simulate", "simulate", "Let a simulated arm follow a trajectory, and record it as a bag."
+    ),
+    "bag": Subcommand("cli.bag", "bag_app", "Look into, check, mend and make recordings."),
+    "identify": Subcommand("cli.identify", "identify", "Identify an arm's parameters from recordings."),
+    "diagnose": Subcommand(
+        "cli.diagnose",
+        "diagnose_command",
+        "Say where a recording and a model part, which effect the model lacks, and how far the gap shrinks with it.",
+        SeveralValues,
+    ),
+    "challenge": Subcommand(
+        "studies.blind_challenge.command",
+        "challenge_app",
+        "Check the diagnosis on arms whose effect is withheld from it.",
+    ),
+    "paper": Subcommand(
+        "studies.paper.command",
+        "paper",
+        "Reproduce the paper: mod1, mod2, mod3 against a virtual prototype, over the ratios, down to the parameters.",
+    ),
+    "demo": Subcommand(
+        "cli.demo",
+        "demo",
+        "Move an arm in a live ROS 2 graph, record it, and identify it: live, and again from the bag.",
+    ),
+}
+
+
+def load(name: str) -> Any:
+    """Import a subcommand and return it as a command of typer's."""
+    found = SUBCOMMANDS[name]
+    defined = getattr(import_module(f"elastic_arm.{found.module}"), found.attribute)
+    holder = typer.Typer(rich_markup_mode="rich")
+    if isinstance(defined, typer.Typer):
+        holder.add_typer(defined, name=name)
+    else:
+        holder.command(name, cls=found.kind)(defined)
+    return typer.main.get_group(holder).commands[name]
+
+
+class LazyApplication(Application):
+    """The application, which knows of its subcommands no more than name and summary until one is called."""
+
+    def resolve_command(self, ctx: Any, args: list[str]) -> Any:
+        """Put the subcommand that is called in its placeholder's place."""
+        if args and args[0] in SUBCOMMANDS:
+            self.commands[args[0]] = load(args[0])
+        return super().resolve_command(ctx, args)
+
 
 app = typer.Typer(
     name="elastic-arm",
-    cls=Application,
+    cls=LazyApplication,
     help="Emulate an elastic-joint arm, identify it, and say where and why a model and a real arm differ.",
     no_args_is_help=True,
     rich_markup_mode="rich",
     pretty_exceptions_enable=False,
 )
-app.command()(describe)
-app.command()(excite)
-app.command()(simulate)
-app.add_typer(bag_app)
-app.command()(identify)
-app.command("diagnose", cls=SeveralValues)(diagnose_command)
-app.add_typer(challenge_app)
-app.command()(paper)
-app.command()(demo)
+
+
+def _placeholder() -> None:
+    """Stand for a subcommand that is not imported yet."""
+
+
+for _name, _subcommand in SUBCOMMANDS.items():
+    app.command(_name, help=_subcommand.summary)(_placeholder)
 
 
 def _version(value: bool) -> None:

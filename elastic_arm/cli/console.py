@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import functools
 import json
+import re
 import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -24,10 +25,20 @@ UNLIMITED = 10_000  # columns where no screen ends the line
 LEAST = 12  # columns of a name that is cut
 
 
+class PipeConsole(Console):
+    """A console for pipes and files: every line stays whole, and ends where its text ends."""
+
+    def print(self, *objects: Any, **options: Any) -> None:
+        """Print, without the blanks that fill up the last column of a table."""
+        with self.capture() as captured:
+            super().print(*objects, **options)
+        self.file.write(re.sub(r" +$", "", captured.get(), flags=re.MULTILINE))
+
+
 def _console(*, stderr: bool) -> Console:
-    """Return a console that wraps and shortens for a screen alone: in a pipe or a file every line stays whole."""
+    """Return a console that wraps and shortens for a screen alone."""
     console = Console(stderr=stderr, highlight=False)
-    return console if console.is_terminal else Console(stderr=stderr, highlight=False, width=UNLIMITED)
+    return console if console.is_terminal else PipeConsole(stderr=stderr, highlight=False, width=UNLIMITED)
 
 
 out = _console(stderr=False)

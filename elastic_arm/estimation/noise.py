@@ -13,11 +13,8 @@ from dataclasses import dataclass
 from math import factorial
 
 import numpy as np
+import scipy  # its parts are loaded when they are used
 from numpy.typing import NDArray
-from scipy.linalg import solve_discrete_are
-from scipy.optimize import minimize
-from scipy.signal import lfilter, welch
-from scipy.stats import chi2
 
 Array = NDArray[np.float64]
 
@@ -117,7 +114,9 @@ def estimate_noise(position: Array, velocity: Array | None, rate: float) -> Side
     ]
     start = np.array(min(grid, key=lambda z: cost(np.array(z), few)))
     simplex = start + np.array([[0.0, 0.0], [0.4, 0.0], [0.0, 0.8]])
-    best = minimize(cost, start, method="Nelder-Mead", options={"initial_simplex": simplex, "xatol": 0.05, "fatol": 1})
+    best = scipy.optimize.minimize(
+        cost, start, method="Nelder-Mead", options={"initial_simplex": simplex, "xatol": 0.05, "fatol": 1}
+    )
     z = best.x
     cutoff, ratio = float(np.exp(np.clip(z[0], lowest, highest))), _ratio(z, v)
     variance = _concentrated(y, v, cutoff, ratio)[1]
@@ -163,7 +162,7 @@ class _Spectrum:
         """Return the highest frequency, Hz, at which some joint stands out of white noise of `std` (n,)."""
         # Overlapping windows are not independent: count two of three.
         freedom = 2 * max(1, round(self.windows / 1.5))
-        threshold = chi2.ppf(1.0 - 1e-3 / self.power.size, freedom) / freedom
+        threshold = scipy.stats.chi2.ppf(1.0 - 1e-3 / self.power.size, freedom) / freedom
         out = np.any(self.power > threshold * 2.0 * std**2 / self.rate, axis=1)
         return float(self.frequency[np.max(np.flatnonzero(out), initial=0)])
 
@@ -175,7 +174,7 @@ class _Spectrum:
 
 def _spectrum(values: Array, rate: float) -> _Spectrum:
     length = min(len(values), round(SPECTRUM_SECONDS * rate))
-    frequency, power = welch(values, rate, ("kaiser", KAISER_BETA), length, axis=0)
+    frequency, power = scipy.signal.welch(values, rate, ("kaiser", KAISER_BETA), length, axis=0)
     return _Spectrum(rate, frequency, power, max(1, 2 * (len(values) // length) - 1))
 
 
@@ -238,7 +237,7 @@ def _steady_state(cutoff: float, ratio: float | None) -> tuple[Array, Array, Arr
     process = np.outer(scale, scale) / (down[:, None] + down[None, :] + 1)
     c = _observation(cutoff, ratio)
     noise = np.diag([1.0] if ratio is None else [1.0, ratio**2])
-    p = solve_discrete_are(transition.T, c.T, process, noise)
+    p = scipy.linalg.solve_discrete_are(transition.T, c.T, process, noise)
     s = c @ p @ c.T + noise
     return np.linalg.solve(s, c @ p).T, transition, s
 
@@ -266,6 +265,6 @@ def _innovations(y: Array, transition: Array, gain: Array, c: Array) -> Array:
     modal[0] = first @ inverse.T
     for k, value in enumerate(values):
         start = value * modal[:1, :, k]
-        modal[1:, :, k] = lfilter([1.0], [1.0, -value], drive[:-1, :, k], axis=0, zi=start)[0]
+        modal[1:, :, k] = scipy.signal.lfilter([1.0], [1.0, -value], drive[:-1, :, k], axis=0, zi=start)[0]
     predicted = (modal @ (c @ vectors).T).real
     return y - predicted

@@ -3,15 +3,19 @@
 from __future__ import annotations
 
 import json
+import subprocess
+import sys
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 import yaml
+from rich.table import Table
 from typer.testing import CliRunner, Result
 
-from elastic_arm.app import app
+from elastic_arm.app import SUBCOMMANDS, app, load
+from elastic_arm.cli.console import UNLIMITED, PipeConsole
 from elastic_arm.excitation import load_trajectory
 from elastic_arm.recording import write_recording
 from elastic_arm.robot import load_robot, to_urdf
@@ -282,3 +286,35 @@ def test_missing_channel_maps_and_arrays_are_said_without_numbers_of_the_system(
     (tmp_path / "map.yaml").write_text("joints: [a]\ntimes: {rate: 100}\n")
     said = refusal("bag", "import", tmp_path / "none.npz", "--map", tmp_path / "map.yaml", "--out", tmp_path / "i")
     assert "No such file" in said
+
+
+def test_summaries_are_the_first_sentences_of_the_subcommands() -> None:
+    """What the help of the application shows of a subcommand is what the subcommand itself begins with."""
+    for name, subcommand in SUBCOMMANDS.items():
+        first = str(load(name).help).split("\n\n")[0]
+        assert " ".join(first.split()) == subcommand.summary
+
+
+def test_help_imports_no_library_of_a_subcommand() -> None:
+    """The help of the application needs neither NumPy nor CasADi."""
+    lines = (
+        "import sys",
+        "from typer.testing import CliRunner",
+        "from elastic_arm.app import app",
+        "CliRunner().invoke(app, ['--help'])",
+        "heavy = ('numpy', 'casadi', 'scipy', 'matplotlib', 'cvxpy', 'rosbags', 'pydantic')",
+        "sys.exit(' '.join(name for name in heavy if name in sys.modules) or None)",
+    )
+    done = subprocess.run([sys.executable, "-c", "\n".join(lines)], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+
+
+def test_a_table_in_a_pipe_is_not_padded(capsys: pytest.CaptureFixture[str]) -> None:
+    """In a pipe a row ends with its last word, however wide another row is, and no word is cut."""
+    table = Table("number", "name", box=None)
+    table.add_row("1", "a")
+    table.add_row("2", "b" * 400)
+    PipeConsole(width=UNLIMITED).print(table)
+    lines = capsys.readouterr().out.splitlines()
+    assert len(lines) == 3 and lines == [line.rstrip() for line in lines]
+    assert lines[2].endswith("b" * 400)

@@ -12,8 +12,8 @@ from collections.abc import Mapping, Sequence
 from functools import cached_property
 
 import numpy as np
+import scipy  # its parts are loaded when they are used
 from numpy.typing import NDArray
-from scipy.interpolate import CubicSpline
 
 from elastic_arm.dynamics import Model, build_model
 from elastic_arm.effects.equations import ArmEquations
@@ -65,7 +65,7 @@ class TiltRegressor:
             missing = moving[:, 2 * n :] + (scale - 1.0) * self._bearings[0] * tilts[0]
             tilts = tilts + _driven(-missing, t, response)
             moving = self._left_side(motion, tilts)
-        change = CubicSpline(t, (moving - rest)[:, : 2 * n])(signals.t)
+        change = scipy.interpolate.CubicSpline(t, (moving - rest)[:, : 2 * n])(signals.t)
         return np.concatenate([change[:, :n], np.zeros((len(change), n)), change[:, n:]], axis=1)
 
     def _left_side(self, motion: Sequence[Array], tilts: Array) -> Array:
