@@ -8,9 +8,10 @@ from __future__ import annotations
 
 import ctypes
 import logging
+from collections.abc import Callable
 from dataclasses import dataclass
 from importlib import resources
-from typing import Protocol
+from typing import Any, Protocol
 
 import casadi as ca
 import numpy as np
@@ -153,6 +154,24 @@ def _solution(rows: Array, ode: int, n: int) -> Solution:
     return Solution(rows[:, :ode], rows[:, ode : ode + n], rows[:, ode + n : ode + 2 * n], rows[:, ode + 2 * n :])
 
 
+def runge_kutta_step(rate: Callable[[Any], Any], y: Any, h: Any) -> Any:
+    """Return the state a step later by the classical Runge-Kutta scheme of fourth order.
+
+    Parameters
+    ----------
+    rate
+        State -> its time derivative, under inputs that are constant over the step.
+    y
+        State, a NumPy array or a CasADi expression of any shape.
+    h
+        Step, s.
+    """
+    k1 = rate(y)
+    k2 = rate(y + h / 2 * k1)
+    k3 = rate(y + h / 2 * k2)
+    return y + h / 6 * (k1 + 2 * (k2 + k3) + rate(y + h * k3))
+
+
 class CasadiIntegrator:
     """One call a half interval; needs no compiler."""
 
@@ -168,11 +187,7 @@ class CasadiIntegrator:
             x, dx, z = at[: self._dof], at[self._dof : 2 * self._dof], at[2 * self._dof : self._ode]
             return ca.vertcat(dx, *system.accelerations(x, dx, z, command, constants))
 
-        k1 = rate(y)
-        k2 = rate(y + h / 2 * k1)
-        k3 = rate(y + h / 2 * k2)
-        k4 = rate(y + h * k3)
-        step = ca.Function("step", [y, command, constants, h], [y + h / 6 * (k1 + 2 * (k2 + k3) + k4)])
+        step = ca.Function("step", [y, command, constants, h], [runge_kutta_step(rate, y, h)])
         self._step = step
         self._half: dict[int, ca.Function] = {}
 

@@ -1,0 +1,181 @@
+"""Many short predictions at once: from measured states on, motor torque in, angles out.
+
+The arm is put into the measured state at many instants and driven by the measured motor torque from each of them. All
+starts are integrated in one call a step, with the equations and the scheme of the simulator.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Protocol
+
+import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
+from scipy.interpolate import CubicSpline
+
+from elastic_arm.dynamics import build_model
+from elastic_arm.effects import EffectInstance
+from elastic_arm.effects.equations import ArmEquations
+from elastic_arm.simulation.assembly import System, assemble
+from elastic_arm.simulation.integrator import runge_kutta_step
+from elastic_arm.simulation.simulator import SIGN_SPEED, sign_speed
+
+Array = NDArray[np.float64]
+
+LONGEST_STEP = 1e-3  # s
+SHARPEST = 1.0  # rad of the fastest vibration in a step; Runge-Kutta is stable up to 2.8 without damping, less with it
+DEFLECTION_STEPS = 12  # of a fixed point that contracts as true over nominal stiffness comes near to one
+
+
+class MeasuredMotion(Protocol):
+    """A measured motion: times (N,) s, and (N, n) angles, rates, accelerations of both sides, and torques, Nm."""
+
+    @property
+    def t(self) -> Array: ...
+    @property
+    def q(self) -> Array: ...
+    @property
+    def dq(self) -> Array: ...
+    @property
+    def ddq(self) -> Array: ...
+    @property
+    def theta(self) -> Array: ...
+    @property
+    def dtheta(self) -> Array: ...
+    @property
+    def ddtheta(self) -> Array: ...
+    @property
+    def tau_J(self) -> Array: ...
+    @property
+    def tau_m(self) -> Array: ...
+
+
+class BatchPrediction:
+    """An arm that can be put into many measured states at once and driven from there.
+
+    Parameters
+    ----------
+    equations
+        Of the arm.
+    laws
+        Effects that act in it.
+    Psi
+        (P,) parameters of the equations.
+    stiffness
+        (n,) Nm/rad, roughly that of the drives: the deflection at the start is found with it, by iteration.
+    period
+        s between the samples of the measured motion.
+    """
+
+    def __init__(
+        self, equations: ArmEquations, laws: Sequence[EffectInstance], Psi: Array, stiffness: Array, period: float
+    ) -> None:
+        self._equations, self._Psi, self._K, self._period = equations, Psi, stiffness, period
+        self._system: System = assemble(equations, laws)
+        self._substeps = 1
+        self._rate: ca.Function | None = None
+        self._constants = np.zeros(0)
+
+    def angles(self, motion: MeasuredMotion, begins: NDArray[np.intp], steps: Sequence[int]) -> tuple[Array, Array]:
+        """Predict the angles some samples after each start.
+
+        Parameters
+        ----------
+        motion
+            Gives the states to start from, and the motor torque: over a sample the mean of its two ends.
+        begins
+            (S,) samples from which is predicted.
+        steps
+            (H,) samples ahead, rising.
+
+        Returns
+        -------
+        q, theta
+            (S, H, n) rad.
+        """
+        n = self._system.n
+        y = self._start(motion, begins)
+        torque = 0.5 * (motion.tau_m[:-1] + motion.tau_m[1:])
+        link, motor = [], []
+        for k in range(1, steps[-1] + 1):
+            y = self._advance(y, torque[begins + k - 1])
+            if k in steps:
+                link.append(y[:, :n])
+                motor.append(y[:, n : 2 * n] if self._system.dof > n else y[:, :n])
+        return np.stack(link, axis=1), np.stack(motor, axis=1)
+
+    def _start(self, motion: MeasuredMotion, begins: NDArray[np.intp]) -> Array:
+        """Return states (S, 2 dof + states): measured motors, links behind them by the measured joint torque."""
+        x, dx = self._coordinates(motion)
+        self._prepare(len(begins), x[begins[0]], motion.tau_m[begins[0]])
+        y = np.hstack([values[begins] for values in (x, dx, self._internal_states(motion, x, dx))])
+        if self._system.dof > self._system.n:
+            for _ in range(DEFLECTION_STEPS):
+                excess = self._evaluate(y, motion.tau_m[begins])[2] - motion.tau_J[begins]
+                y[:, : self._system.n] += excess / self._K
+        return y
+
+    def _coordinates(self, motion: MeasuredMotion) -> tuple[Array, Array]:
+        """Return x, dx (N, dof) along the motion; bearings tilt by the moments that the motion puts on them."""
+        if not self._equations.robot.elastic:
+            return motion.q, motion.dq
+        pairs = ((motion.q, motion.theta), (motion.dq, motion.dtheta), (motion.ddq, motion.ddtheta))
+        x, dx, ddx = (np.hstack(pair) for pair in pairs)
+        tilts = self._system.dof - x.shape[1]
+        if not tilts:
+            return x, dx
+        whole = build_model(self._equations.robot, self._equations.model_name, bearings=True)
+        at, rate, acceleration = (np.pad(v, ((0, 0), (0, tilts))) for v in (x, dx, ddx))
+        bearings = [(s.coordinate, s.stiffness) for s in self._equations.bodies.springs if s.against is None]
+        stiffness = [index for _, index in sorted(bearings)]
+        tilt = -whole.inverse_dynamics(at, rate, acceleration, self._Psi)[:, -tilts:] / self._Psi[stiffness]
+        return np.hstack([x, tilt]), np.hstack([dx, CubicSpline(motion.t, tilt)(motion.t, 1)])
+
+    def _internal_states(self, motion: MeasuredMotion, x: Array, dx: Array) -> Array:
+        """Return internal states of effects (N, states) along the measured motion; they begin at zero."""
+        system = self._system
+        if not system.states:
+            return np.zeros((len(x), 0))
+        given = [ca.SX.sym(f"given_{k}", *system.accelerations.size_in(k)) for k in (2, 0, 1, 3, 4)]
+        z, rest = given[0], given[1:]
+        rate = system.accelerations(rest[0], rest[1], z, *rest[2:])[1]
+        course = ca.Function("step", given, [z + self._period * rate]).mapaccum(len(x) - 1)
+        known = [values[:-1].T for values in (x, dx, motion.tau_m)]
+        z_later = course(np.zeros(system.states), *known, np.repeat(self._constants[:, :1], len(x) - 1, axis=1))
+        return np.vstack([np.zeros((1, system.states)), np.array(z_later).T])
+
+    def _prepare(self, starts: int, x: Array, torque: Array) -> None:
+        """Make the equations of all starts one call, and choose the step by the fastest vibration."""
+        system, z = self._system, np.zeros(self._system.states)
+        given = (self._Psi, system.acting.numbers(), np.full(2 * system.n, SIGN_SPEED))
+        rest = np.zeros_like(x)
+        stiffness = np.array(system.stiffness_of_balance(x, rest, z, *given))
+        mass = np.array(system.friction(x, rest, z, torque, *given)[1])
+        fastest = np.sqrt(np.abs(np.linalg.eigvals(np.linalg.solve(mass, stiffness))).max())
+        step = min(LONGEST_STEP, SHARPEST / fastest)
+        self._substeps = int(np.ceil(self._period / step - 1e-9))
+        speed = sign_speed(system, self._Psi, x, z, torque, self._period / self._substeps)
+        constants = system.constants(self._Psi, system.acting.numbers(), speed)
+        self._constants = np.repeat(np.array(constants).reshape(-1, 1), starts, axis=1)
+        self._rate = system.accelerations.map(starts)
+
+    def _evaluate(self, y: Array, torque: Array) -> tuple[Array, Array, Array]:
+        """Return accelerations, rates of internal states, and joint torques, starts first."""
+        dof = self._system.dof
+        parts = (y[:, :dof], y[:, dof : 2 * dof], y[:, 2 * dof :], torque)
+        assert self._rate is not None
+        ddx, dz, tau_J = self._rate(*(p.T for p in parts), self._constants)
+        return np.array(ddx).T, np.array(dz).T, np.array(tau_J).T
+
+    def _advance(self, y: Array, torque: Array) -> Array:
+        """Return the states (S, …) a sample later."""
+        dof, h = self._system.dof, self._period / self._substeps
+
+        def rate(at: Array) -> Array:
+            ddx, dz, _ = self._evaluate(at, torque)
+            return np.hstack([at[:, dof : 2 * dof], ddx, dz])
+
+        for _ in range(self._substeps):
+            y = runge_kutta_step(rate, y, h)
+        return y

@@ -1,0 +1,50 @@
+"""Many short predictions at once agree with the simulator, one run at a time."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from elastic_arm.dynamics import build_model
+from elastic_arm.effects import parse
+from elastic_arm.effects.equations import ArmEquations
+from elastic_arm.estimation.motion import completed, drive_constants
+from elastic_arm.robot import load_robot
+from elastic_arm.sensors import Sensors
+from elastic_arm.simulation import Simulator
+from elastic_arm.simulation.batch_prediction import BatchPrediction
+from elastic_arm.simulation.integrator import runge_kutta_step
+from tests.helpers.smooth_motion import smooth_motion
+
+ROBOT = load_robot(None)
+MODEL = build_model(ROBOT, "mod3")
+
+
+@pytest.mark.parametrize("effects", [(), ("viscous_friction:joint_2:coefficient=20",)])
+def test_every_start_follows_the_simulator(effects: tuple[str, ...]) -> None:
+    """From each measured state on, under the same held torques, the angles are those of the simulator."""
+    laws = [parse(text, ROBOT) for text in effects]
+    motion = completed(smooth_motion(MODEL, samples=60, period=1e-3), MODEL)
+    equations = ArmEquations(ROBOT, "mod3")
+    batch = BatchPrediction(equations, laws, equations.nominal, drive_constants(MODEL)[0], 1e-3)
+    begins, steps = np.array([3, 17, 30]), [5, 20]
+    q, theta = batch.angles(motion, begins, steps)
+    torque = 0.5 * (motion.tau_m[:-1] + motion.tau_m[1:])
+    simulator = Simulator(ROBOT, effects=laws, sensors=Sensors.exact(), rate=1000.0, rng=np.random.default_rng(0))
+    for k, begin in enumerate(begins):
+        simulator.place(motion.q[begin], motion.theta[begin], motion.dq[begin], motion.dtheta[begin])
+        truth = simulator.drive(torque[begin : begin + 21])[0]
+        np.testing.assert_allclose(q[k], truth.q[steps], atol=1e-7)
+        np.testing.assert_allclose(theta[k], truth.theta[steps], atol=1e-7)
+
+
+def test_the_step_is_of_fourth_order() -> None:
+    """Halving the step of an oscillator divides its error by about sixteen."""
+
+    def error(steps: int) -> float:
+        y = np.array([1.0, 0.0])
+        for _ in range(steps):
+            y = runge_kutta_step(lambda at: np.array([at[1], -at[0]]), y, 1.0 / steps)
+        return float(np.abs(y - [np.cos(1.0), -np.sin(1.0)]).max())
+
+    assert 15.0 < error(10) / error(20) < 18.0
