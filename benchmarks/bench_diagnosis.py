@@ -16,7 +16,7 @@ import time
 
 import numpy as np
 
-from elastic_arm.diagnosis.pipeline import Question, diagnose
+from elastic_arm.diagnosis import Question, diagnose
 from elastic_arm.dynamics import build_model
 from elastic_arm.effects import EFFECTS, EffectInstance, parse
 from elastic_arm.excitation import MotionLimits, Shape, random_trajectories

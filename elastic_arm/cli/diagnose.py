@@ -13,9 +13,9 @@ from rich.table import Table
 
 from elastic_arm.cli.console import err, out, print_json, refuse_repeated, reports_errors
 from elastic_arm.cli.outputs import claim_folder
+from elastic_arm.diagnosis import Question, diagnose, follow_up
 from elastic_arm.diagnosis.corrected_robot import repaired_robot
 from elastic_arm.diagnosis.design.proposal import Proposal
-from elastic_arm.diagnosis.follow_up import follow_up
 from elastic_arm.diagnosis.format import (
     effect_at,
     estimates_text,
@@ -26,7 +26,6 @@ from elastic_arm.diagnosis.format import (
     probability_text,
     verdict_sentence,
 )
-from elastic_arm.diagnosis.pipeline import Question, diagnose
 from elastic_arm.diagnosis.result import SEPARATING, Cause, Diagnosis
 from elastic_arm.effects.text import known_effects
 from elastic_arm.recording import Recording, load_channels, read_recording

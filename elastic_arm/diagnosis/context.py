@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elastic_arm.diagnosis.selection.regressor_library import Candidate, RegressorLibrary
+from elastic_arm.diagnosis.settings import DiagnosisSettings
 from elastic_arm.dynamics import Model
 from elastic_arm.effects import EffectInstance
 from elastic_arm.estimation.observation import Observation
@@ -44,6 +45,8 @@ class DiagnosisContext:
         What counted as part of the model, as candidates and as the simulator takes it.
     rivals
         What competes with each cause, by position in the causes, most probable first.
+    settings
+        All thresholds.
     """
 
     model: Model
@@ -59,3 +62,4 @@ class DiagnosisContext:
     given: tuple[Candidate, ...]
     known: tuple[EffectInstance, ...]
     rivals: tuple[tuple[Candidate, ...], ...]
+    settings: DiagnosisSettings

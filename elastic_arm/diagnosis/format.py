@@ -1,4 +1,4 @@
-"""What a diagnosis says, in words and in numbers as a reader takes them."""
+"""The words of a diagnosis: sentences, notes, and numbers as text."""
 
 from __future__ import annotations
 
@@ -14,13 +14,52 @@ if TYPE_CHECKING:
     from elastic_arm.diagnosis.inference.prediction import Prediction
     from elastic_arm.diagnosis.result import Cause, Diagnosis
     from elastic_arm.effects import EffectInstance
+    from elastic_arm.estimation.effect_columns import Feature
 
+# Of the display, no decision of the diagnosis.
 DOUBTFUL = 0.9  # of a cause's and its strongest alternative's confidence: with less, both are named
 NAMED = 4  # causes that the verdict names
 DOUBT = 0.001  # that stays with every confidence and every alternative
 _SAME_EFFECT = "motion in which these joints move one at a time"
 _FAINT = "all equations together show it, on motion that no fit has seen"
 _OTHERWISE = "motion that covers more of the joint's range, speeds and loads, slowly and fast"
+
+
+REFITTED = (
+    "The model's own numbers were refitted; an arm file with the causes keeps those of the description "
+    "(`elastic-arm identify` writes an arm that has them)."
+)
+REPEATED_MOTION = "The validation data repeat the motion of the fit: it is not an independent motion."
+
+
+def standing_note(joint: str) -> str:
+    """Return the note on a joint that does not move."""
+    return f"{joint} stands still: nothing can be said of what its motion would show."
+
+
+def known_effect_note(feature: Feature, parameters: Mapping[str, ParameterEstimate]) -> str:
+    """Return the note on what an effect that counts as part of the model came out as."""
+    fitted = f", fitted with {estimates_text(parameters)}" if parameters else ""
+    return f"Known: {_of_place(feature)}{fitted}."
+
+
+def small_effect_note(feature: Feature, share: float, least: float) -> str:
+    """Return the note on an effect that is there beyond doubt and too small to be a cause.
+
+    Parameters
+    ----------
+    feature
+        The effect at its place.
+    share
+        Of the gap.
+    least
+        Share from which it would be a cause.
+    """
+    return f"{_of_place(feature)} shows as well, {share:.2%} of the gap: less than {least:.0%} is no cause."
+
+
+def _of_place(feature: Feature) -> str:
+    return f"{feature.effect.id} of {feature.joint or 'the whole arm'}"
 
 
 def separated_by(effect: Effect, other: Effect, joint: str | None, other_joint: str | None) -> str:

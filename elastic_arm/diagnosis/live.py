@@ -14,15 +14,17 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from elastic_arm.diagnosis.data.preparation import common_band
 from elastic_arm.diagnosis.data.preprocessing import usable
-from elastic_arm.diagnosis.pipeline import ONE_ENCODER, Question, diagnose
+from elastic_arm.diagnosis.pipeline import diagnose
+from elastic_arm.diagnosis.question import Question
 from elastic_arm.diagnosis.result import Diagnosis, ResidualSizes
 from elastic_arm.dynamics import build_model
 from elastic_arm.effects.text import known_effects
 from elastic_arm.errors import DiagnosisError
-from elastic_arm.estimation.band import Band, LowPass
+from elastic_arm.estimation.band import LowPass
 from elastic_arm.estimation.equations import EquationSet
-from elastic_arm.estimation.observation import observe, widest_band
+from elastic_arm.estimation.observation import observe
 from elastic_arm.estimation.residuals import residuals
 from elastic_arm.estimation.whitening import noise_model
 from elastic_arm.recording import Recording, Samples, Side
@@ -30,7 +32,7 @@ from elastic_arm.robot import load_robot
 
 Array = NDArray[np.float64]
 
-# Samples kept at most, whatever the stamps say.
+# Samples kept at most, whatever their stamps; bounds the memory.
 CAPACITY = 200_000
 CHANNELS = {"link": ("q", "dq", "tau_J"), "motor": ("theta", "dtheta", "tau_m")}
 FIELDS = ("position", "velocity", "effort")
@@ -119,7 +121,7 @@ class ResidualLevels:
 
 
 class LiveDiagnosis:
-    """What is asked again and again of an arm that moves.
+    """Diagnoses of an arm that moves.
 
     Parameters
     ----------
@@ -133,7 +135,18 @@ class LiveDiagnosis:
 
     @staticmethod
     def of(robot: str | None, model: str, known: Sequence[str], refit: bool) -> LiveDiagnosis:
-        """Make one from what a user gives: files and words.
+        """Make one from a file and effects as text.
+
+        Parameters
+        ----------
+        robot
+            Arm file or URDF; that of the package where None.
+        model
+            mod1, mod2 or mod3.
+        known
+            Effects that count as part of the model, as text.
+        refit
+            Fit the model's own parameters first.
 
         Raises
         ------
@@ -153,12 +166,10 @@ class LiveDiagnosis:
         DiagnosisError
             If there is too little motion.
         """
-        model = self._model
-        observation = observe(usable(recording.select(self.question.robot.joint_names)))
+        model, settings = self._model, self.question.settings.preprocessing
+        observation = observe(usable(recording.select(self.question.robot.joint_names), settings))
         layout = EquationSet.direct(observation.pieces[0].recorded, model.n)
-        alone = len(layout.sides) == 1 and model.robot.elastic
-        widest = widest_band(observation.rate)
-        band = Band(min(widest, ONE_ENCODER) if alone else widest, observation.rate)
+        band = common_band(layout, model, observation.rate, settings)
         stretches = residuals(model, observation, layout, band)
         if not stretches:
             raise DiagnosisError("too little motion is left after filtering", "Wait some seconds")
@@ -192,6 +203,17 @@ def answering(
     """Return what answers ("where", recording) and ("diagnosis", recording) in a process of its own.
 
     The one answer is a :class:`ResidualLevels`, the other the content of `diagnosis.json`.
+
+    Parameters
+    ----------
+    robot
+        Arm file or URDF; that of the package where None.
+    model
+        mod1, mod2 or mod3.
+    known
+        Effects that count as part of the model, as text.
+    refit
+        Fit the model's own parameters first.
     """
     live = LiveDiagnosis.of(robot, model, known, refit)
 

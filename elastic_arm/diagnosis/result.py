@@ -1,9 +1,9 @@
-"""What a diagnosis says: the content of `diagnosis.json`."""
+"""The result of a diagnosis: the content of `diagnosis.json`."""
 
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -20,6 +20,8 @@ if TYPE_CHECKING:
     from elastic_arm.diagnosis.inference.across_recordings import Agreement
     from elastic_arm.diagnosis.inference.prediction import Prediction
     from elastic_arm.effects.model import EffectInstance
+
+Key = tuple[str, str | None]  # effect and joint
 
 SCHEMA = "elastic_arm/diagnosis/1"
 SEPARATING = "separating_trajectory.yaml"  # the proposed motion, beside diagnosis.json
@@ -59,7 +61,7 @@ class Cause:
     shrink
         Share of the whole gap that goes when this cause alone is added.
     confidence
-        Probability that it is right, among the explanations that compete.
+        Probability that it is right, among the candidates that compete.
     alternatives
         The others.
     active
@@ -79,10 +81,25 @@ class Cause:
     def less_sure(self, share: float) -> Cause:
         """Return it with its own and its alternatives' confidence reduced to a share.
 
-        An incomplete explanation may owe its causes to what it lacks: it is worth the share of the gap it explains.
+        An incomplete hypothesis may owe its causes to what it lacks: it is worth the share of the gap it explains.
         """
         alternatives = tuple(replace(a, confidence=share * a.confidence) for a in self.alternatives)
         return replace(self, confidence=share * self.confidence, alternatives=alternatives)
+
+    def with_separating_file(self, decided: Collection[tuple[Key, Key]]) -> Cause:
+        """Return it with the proposed file at the alternatives that it is expected to decide on.
+
+        Parameters
+        ----------
+        decided
+            Pairs of cause and alternative, each by effect and joint, that the motion is expected to tell apart.
+        """
+
+        def with_file(other: Alternative) -> Alternative:
+            pair = (self.effect, self.joint), (other.effect, other.joint)
+            return replace(other, file=SEPARATING) if pair in decided else other
+
+        return replace(self, alternatives=tuple(with_file(other) for other in self.alternatives))
 
     def to_dict(self) -> dict[str, Any]:
         """Return it as in `diagnosis.json`."""
@@ -164,7 +181,7 @@ class Diagnosis:
         What was found, most important first, and where something is left.
     notes
         What the reader should know besides.
-    ladder
+    cumulative_shrink
         Share of the gap that is gone with the first cause, the first two, and so on.
     prediction
         How far ahead the model sees, without and with the causes.
@@ -194,7 +211,7 @@ class Diagnosis:
     causes: tuple[Cause, ...]
     unexplained: tuple[UnexplainedResidual, ...]
     notes: tuple[str, ...] = ()
-    ladder: tuple[float, ...] = ()
+    cumulative_shrink: tuple[float, ...] = ()
     prediction: Prediction | None = None
     agreements: tuple[Agreement, ...] = ()
     proposal: Proposal | None = None
@@ -224,7 +241,7 @@ class Diagnosis:
                 {"joint": p.joint, "side": p.side, "regime": p.regime, "rmse": _plain(p.rmse)} for p in self.unexplained
             ],
             "notes": list(self.notes),
-            "ladder": [_plain(rung) for rung in self.ladder],
+            "ladder": [_plain(share) for share in self.cumulative_shrink],
             "prediction": None if self.prediction is None else self.prediction.to_dict(),
             "agreement": [agreement.to_dict() for agreement in self.agreements],
             "next_motion": None if self.proposal is None else self.proposal.to_dict(SEPARATING),

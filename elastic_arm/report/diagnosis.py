@@ -131,7 +131,7 @@ def _how_far(found: Diagnosis) -> list[Block]:
         f"All causes together take {100 * (found.shrink or 0.0):.1f} % off the gap (95 % interval {100 * low:.1f} to "
         f"{100 * high:.1f} %), measured {MEASURED[found.measured_by]}, on motion that no fit has seen."
     )
-    return [Text(text), Figure(figures.ladder(found), "From top to bottom the causes are added one by one.")]
+    return [Text(text), Figure(figures.cumulative_shrink(found), "From top to bottom the causes are added one by one.")]
 
 
 def _cause(found: Diagnosis, cause: Cause, k: int, context: DiagnosisContext) -> list[Block]:

@@ -73,10 +73,10 @@ def gap_map(found: Diagnosis) -> MplFigure:
     return figure
 
 
-def ladder(found: Diagnosis) -> MplFigure:
+def cumulative_shrink(found: Diagnosis) -> MplFigure:
     """Draw what is left of the gap as causes are added one by one, and with each alone."""
     names = ["the model as it is", *(f"+ {title(c)}" for c in found.causes)]
-    left = [1.0, *(1.0 - rung for rung in found.ladder)]
+    left = [1.0, *(1.0 - share for share in found.cumulative_shrink)]
     alone = [None, *(1.0 - c.shrink for c in found.causes)]
     with style():
         figure, axes = new_figure(size=(8.6, 1.1 + 0.42 * len(names)))

@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from elastic_arm.diagnosis.follow_up import follow_up
-from elastic_arm.diagnosis.pipeline import Question, diagnose
+from elastic_arm.diagnosis import Question, diagnose, follow_up
 from elastic_arm.diagnosis.result import Diagnosis
 from elastic_arm.effects import EFFECTS
 from elastic_arm.recording import Recording

@@ -12,8 +12,9 @@ import typer
 from typer.testing import CliRunner
 
 from elastic_arm.cli.diagnose import diagnose_command
+from elastic_arm.diagnosis import Question, diagnose
 from elastic_arm.diagnosis.data.preprocessing import clock_drift, usable
-from elastic_arm.diagnosis.pipeline import Question, diagnose
+from elastic_arm.diagnosis.settings import PreprocessingSettings
 from elastic_arm.effects import EFFECTS
 from elastic_arm.errors import DiagnosisError
 from elastic_arm.excitation import FourierTrajectory
@@ -132,6 +133,6 @@ def test_clocks_that_drift_apart_are_brought_together_with_a_remark(rate: float,
 )
 def test_no_effect_of_the_drive_is_taken_for_a_drift(effect: str) -> None:
     """What bends the deflection is no clock: stamps stay as they are."""
-    recording = record(motions()[0], INSTANCES[effect][0])
-    assert clock_drift(recording.samples()) is None
-    assert usable(recording) == recording
+    recording, settings = record(motions()[0], INSTANCES[effect][0]), PreprocessingSettings()
+    assert clock_drift(recording.samples(), settings) is None
+    assert usable(recording, settings) == recording

@@ -8,25 +8,30 @@ from typing import Any
 import numpy as np
 import pytest
 
-from elastic_arm.diagnosis import inquiry
+from elastic_arm.diagnosis import Question, diagnose
+from elastic_arm.diagnosis.inference import judgement
 from elastic_arm.diagnosis.inference.estimates import ParameterEstimate
 from elastic_arm.diagnosis.inference.excess import ResidualStatistics
-from elastic_arm.diagnosis.inference.gap_metric import DETECTED, Excess, Likelihood
-from elastic_arm.diagnosis.inquiry import EXPLAINED, Inquiry
-from elastic_arm.diagnosis.pipeline import Question, diagnose
+from elastic_arm.diagnosis.inference.gap_metric import ExcessMeasure, LikelihoodMeasure
+from elastic_arm.diagnosis.inference.judgement import verdict as verdict_of
+from elastic_arm.diagnosis.inference.judgement import without_ordinary
 from elastic_arm.diagnosis.result import Diagnosis
-from elastic_arm.diagnosis.selection.stepwise import Hypothesis, Rival
+from elastic_arm.diagnosis.selection.hypothesis import Hypothesis, Rival
+from elastic_arm.diagnosis.settings import DiagnosisSettings
+from elastic_arm.effects import EFFECTS
 from elastic_arm.robot import load_robot
-from elastic_arm.studies.blind_challenge.arm_sampling import Order, sample_arm
+from elastic_arm.studies.blind_challenge.arm_sampling import SamplingRequest, sample_arm
 from elastic_arm.studies.blind_challenge.hidden_arms.hidden_arm import HiddenArm
 
 ROBOT = load_robot(None)
+SETTINGS = DiagnosisSettings()
+DETECTED, EXPLAINED = SETTINGS.significance.detected, SETTINGS.judgement.explained
 
 
 def diagnosed(effects: tuple[str, ...], seed: int, size: float) -> Diagnosis:
     """Diagnose a hidden arm of another engine with effects of so many bounds."""
     rng = np.random.default_rng(seed)
-    item, motions = sample_arm(Order("arm", effects, (seed,), (12.0, 8.0), (size, size)), ROBOT, rng)
+    item, motions = sample_arm(SamplingRequest("arm", effects, (seed,), (12.0, 8.0), (size, size)), ROBOT, rng)
     arm = HiddenArm(ROBOT, item.faults)
     identify, validate = (arm.record(motion, item.instruments, rng) for motion in motions)
     return diagnose([identify], Question(ROBOT), [validate])
@@ -63,11 +68,11 @@ class Gains:
         return np.full(24, each), np.full(16, each)
 
 
-def likelihood(left: float) -> Likelihood:
+def likelihood(left: float) -> LikelihoodMeasure:
     library: Any = Gains()
     before: Any = None
     selected: Any = [300.0, 100.0]
-    return Likelihood(library, before, [], selected, left)
+    return LikelihoodMeasure(library, before, [], selected, left, SETTINGS)
 
 
 def test_a_faint_gap_is_what_the_best_explanation_gains_and_what_it_leaves() -> None:
@@ -103,8 +108,8 @@ def test_a_cause_counts_in_the_band_in_which_it_is_most(monkeypatch: pytest.Monk
     slow, wide = figures(2.5, 1000.0), figures(40.0, 5.0)
     left = {2.5: {2: 0.0, 1: 1.0}, 40.0: {2: 0.0, 1: 1.0}}  # by band, of both causes and of the first alone
     library: Any = None
-    measure = Excess(library, slow, [wide, slow])
-    monkeypatch.setattr(Excess, "after", lambda self, selected, band: figures(band, left[band][len(selected)]))
+    measure = ExcessMeasure(library, slow, [wide, slow], SETTINGS)
+    monkeypatch.setattr(ExcessMeasure, "after", lambda self, selected, band: figures(band, left[band][len(selected)]))
     causes: Any = ["slow", "fast"]
     assert measure.contribution(causes, 1) == pytest.approx(0.2)
 
@@ -125,32 +130,29 @@ def test_a_cause_counts_in_the_band_in_which_it_is_most(monkeypatch: pytest.Monk
 )
 def test_verdict_follows_what_is_left(causes: int, shrink: float, unexplained: bool, verdict: str) -> None:
     """A tenth of the excess may be left; more only if it looks like noise; without cause or rest there is no gap."""
-    asked: Any = Inquiry.__new__(Inquiry)
-    selected: Any = ["known", *["cause"] * causes]
-    assert asked._verdict(shrink, Hypothesis(selected, given=1), unexplained=unexplained) == verdict
+    settings = SETTINGS.judgement
+    assert verdict_of(shrink, caused=causes > 0, unexplained=unexplained, settings=settings) == verdict
 
 
 def late(milliseconds: float, std: float = 0.01) -> Any:
     size = {"delay": ParameterEstimate(1e-3 * milliseconds, 1e-3 * std, "s")}
     choices = {"channels": ("joint_torque",)}
-    return SimpleNamespace(
-        size=size, feature=SimpleNamespace(effect=SimpleNamespace(id="time_delay"), joint="joint_2", choices=choices)
-    )
+    feature = SimpleNamespace(effect=EFFECTS["time_delay"], joint="joint_2", choices=choices)
+    return SimpleNamespace(size=size, feature=feature)
 
 
 def friction() -> Any:
-    return SimpleNamespace(size={}, feature=SimpleNamespace(effect=SimpleNamespace(id="coulomb_friction")))
+    return SimpleNamespace(size={}, feature=SimpleNamespace(effect=EFFECTS["coulomb_friction"]))
 
 
 def test_a_lag_of_a_sample_is_no_cause_and_a_longer_one_is(monkeypatch: pytest.MonkeyPatch) -> None:
     """Lags up to a sample move to what counts as the model and are noted; causes keep their own alternatives."""
-    monkeypatch.setattr(inquiry, "polish", lambda library, selected: selected)
-    monkeypatch.setattr(inquiry, "estimates", lambda library, selected: [candidate.size for candidate in selected])
-    asked: Any = Inquiry.__new__(Inquiry)
-    asked.library, asked.rate, asked.notes = None, 1000.0, []
+    monkeypatch.setattr(judgement, "polish", lambda library, selected, settings: selected)
+    monkeypatch.setattr(judgement, "estimates", lambda library, selected, settings: [c.size for c in selected])
+    prepared: Any = SimpleNamespace(library=None, rate=1000.0, settings=SETTINGS)
     known, drag, lag, delay = friction(), friction(), late(1.0), late(1.1)
     rivals = {1: [Rival(known, 0.1)], 2: [Rival(known, 0.2)], 3: [Rival(known, 0.3)]}
-    found = asked._without_lags(Hypothesis([known, drag, lag, delay], 1, rivals))
+    found, notes = without_ordinary(prepared, Hypothesis([known, drag, lag, delay], 1, rivals))
     assert found.selected == [known, lag, drag, delay] and found.given == 2
     assert {k: r[0].odds for k, r in found.rivals.items()} == {2: 0.1, 3: 0.3}
-    assert len(asked.notes) == 1 and "joint_torque of joint_2 lags by 1.00 ms" in asked.notes[0]
+    assert len(notes) == 1 and "joint_torque of joint_2 lags by 1.00 ms" in notes[0]

@@ -13,14 +13,16 @@ import pytest
 from numpy.typing import NDArray
 
 from elastic_arm.codegen import recursion
-from elastic_arm.diagnosis import inquiry
+from elastic_arm.diagnosis.format import small_effect_note
+from elastic_arm.diagnosis.inference import judgement
 from elastic_arm.diagnosis.inference.estimates import ParameterEstimate, certain, differs, estimates
-from elastic_arm.diagnosis.inference.excess import CLEAR, ResidualStatistics, band_of_largest_excess, select_band
-from elastic_arm.diagnosis.inference.gap_metric import DETECTED
+from elastic_arm.diagnosis.inference.excess import ResidualStatistics, band_of_largest_excess, select_band
+from elastic_arm.diagnosis.inference.judgement import is_small_effect
 from elastic_arm.diagnosis.inference.lack_of_fit import lack_of_fit
-from elastic_arm.diagnosis.inquiry import WORTH, Inquiry
 from elastic_arm.diagnosis.result import Alternative, Cause
+from elastic_arm.diagnosis.selection.hypothesis import Hypothesis
 from elastic_arm.diagnosis.selection.regressor_library import Candidate, RegressorLibrary
+from elastic_arm.diagnosis.settings import DiagnosisSettings
 from elastic_arm.effects import parse
 from elastic_arm.effects.parameters import Parameter, Role
 from elastic_arm.estimation.regressors import Signals
@@ -32,6 +34,9 @@ Torque = Callable[[Signals], Array]
 
 # --- structure that no cause explains
 
+SETTINGS = DiagnosisSettings()
+DETECTED, CLEAR = SETTINGS.significance.detected, SETTINGS.significance.clear
+WORTH, LEVEL = SETTINGS.judgement.least_shrink, SETTINGS.judgement.level
 RATIOS = [(121.0, 363.0)] * 2
 JOINT = 1
 SENSOR, MOTOR = 0.26, 0.3  # Nm, noise of the joint torque sensors, and what the motors' equations have besides
@@ -83,7 +88,7 @@ def _signals(rng: np.random.Generator) -> Signals:
 
 def library_with(torque: Torque, sides: dict[str, float]) -> RegressorLibrary:
     data: Any = [Moved(seed, torque, sides) for seed in (1, 2)]
-    library = RegressorLibrary(*data)
+    library = RegressorLibrary(*data, SETTINGS.candidates)
     library.add(cause_of(nothing), ())  # the matrices are made with the first column
     library.close()
     return library
@@ -118,10 +123,10 @@ def viscous(library: RegressorLibrary) -> Candidate:
 def test_noise_alone_has_no_structure(seed: int) -> None:
     """Of all regimes at all places none comes near what counts as detected."""
     data: Any = [Moved(10 * seed + k, nothing, {}) for k in (1, 2)]
-    library = RegressorLibrary(*data)
+    library = RegressorLibrary(*data, SETTINGS.candidates)
     library.add(cause_of(nothing), ())
     library.close()
-    assert lack_of_fit(library, [], RATIOS)[0].gain < 0.6 * DETECTED
+    assert lack_of_fit(library, [], RATIOS, SETTINGS.regimes)[0].gain < 0.6 * DETECTED
 
 
 @pytest.mark.parametrize(
@@ -136,7 +141,7 @@ def test_what_is_too_faint_to_stand_out_is_found_by_what_it_follows(regime: str,
     library = library_with(lambda s: 0.09 * shape(s), {"motor": 1.0})
     added = float(np.mean(library.sets[1].added ** 2))  # type: ignore[attr-defined]
     assert added < 0.06 * (SENSOR**2 + MOTOR**2)
-    found = lack_of_fit(library, [], RATIOS)[0]
+    found = lack_of_fit(library, [], RATIOS, SETTINGS.regimes)[0]
     assert (found.row, found.regime) == (2 * 2 + JOINT, regime)
     assert found.gain > DETECTED
     assert found.rmse == pytest.approx(np.sqrt(added), rel=0.35)
@@ -146,7 +151,9 @@ def test_an_error_of_a_torque_sensor_is_sought_in_its_three_equations_together()
     """What hides in the noise that three equations share shows by their common pattern, in no equation alone."""
     size = 0.06
     shared = {"link": 1.0, "drive": 1.0, "motor": -1.0}
-    found = lack_of_fit(library_with(lambda s: size * s.values["sign_link"][:, JOINT], shared), [], RATIOS)[0]
+    found = lack_of_fit(
+        library_with(lambda s: size * s.values["sign_link"][:, JOINT], shared), [], RATIOS, SETTINGS.regimes
+    )[0]
     assert found.gain > DETECTED
     assert (found.row, found.regime) == (JOINT, "velocity_reversal")  # said of the link's equation
     assert found.rmse == pytest.approx(size, rel=0.35)
@@ -155,16 +162,16 @@ def test_an_error_of_a_torque_sensor_is_sought_in_its_three_equations_together()
 def test_what_the_causes_explain_is_no_structure() -> None:
     """Viscous friction stands out where nothing explains it, and leaves nothing once it is a cause."""
     library = library_with(lambda s: 0.3 * velocity(s), {"motor": 1.0})
-    assert lack_of_fit(library, [], RATIOS)[0].gain > 5 * DETECTED
+    assert lack_of_fit(library, [], RATIOS, SETTINGS.regimes)[0].gain > 5 * DETECTED
     candidate = viscous(library)
     assert float(library.fit(0, [candidate])[0]) == pytest.approx(0.3, rel=0.1)
-    assert lack_of_fit(library, [candidate], RATIOS)[0].gain < DETECTED
+    assert lack_of_fit(library, [candidate], RATIOS, SETTINGS.regimes)[0].gain < DETECTED
 
 
 def test_beside_a_cause_the_rest_is_still_found() -> None:
     """Drag with the square of the speed is left over, and placed, where a fit has taken its linear part."""
     library = library_with(drag, {"motor": 1.0})
-    found = lack_of_fit(library, [viscous(library)], RATIOS)[0]
+    found = lack_of_fit(library, [viscous(library)], RATIOS, SETTINGS.regimes)[0]
     assert found.row == 2 * 2 + JOINT
     assert found.gain > DETECTED
 
@@ -172,7 +179,7 @@ def test_beside_a_cause_the_rest_is_still_found() -> None:
 def test_what_is_left_beside_a_cause_is_no_larger_than_what_was_there() -> None:
     """The size stated for what a cause leaves is of the order of the torque that was added."""
     library = library_with(drag, {"motor": 1.0})
-    found = lack_of_fit(library, [viscous(library)], RATIOS)[0]
+    found = lack_of_fit(library, [viscous(library)], RATIOS, SETTINGS.regimes)[0]
     assert found.rmse < 2.0 * float(np.sqrt(np.mean(library.sets[1].added ** 2)))  # type: ignore[attr-defined]
 
 
@@ -248,9 +255,9 @@ def test_parameters_that_are_not_determined_singly_may_be_certain_together() -> 
     laws = Laws(10.0 * common + rng.standard_normal(4000))
     values = np.linalg.lstsq(columns, laws.y, rcond=None)[0]
     candidate = candidate_of(lambda p: columns @ np.asarray(p), values, *both)
-    (estimate,) = estimates(laws, [candidate])  # type: ignore[arg-type]
-    assert not differs(estimate, candidate)
-    assert certain(laws, [candidate]) == [True]  # type: ignore[arg-type]
+    (estimate,) = estimates(laws, [candidate], SETTINGS.judgement)  # type: ignore[arg-type]
+    assert not differs(estimate, candidate, LEVEL)
+    assert certain(laws, [candidate], SETTINGS.judgement) == [True]  # type: ignore[arg-type]
 
 
 def chance_of_being_certain(law: Callable[[Sequence[float]], Array], fit: Callable[[Array], Any], *p: Parameter) -> int:
@@ -258,7 +265,7 @@ def chance_of_being_certain(law: Callable[[Sequence[float]], Array], fit: Callab
     found = 0
     for seed in range(200):
         noise = np.random.default_rng([seed, 7]).standard_normal(400)
-        found += certain(Laws(noise), [candidate_of(law, fit(noise), *p)])[0]  # type: ignore[arg-type, list-item]
+        found += certain(Laws(noise), [candidate_of(law, fit(noise), *p)], SETTINGS.judgement)[0]  # type: ignore[arg-type, list-item]
     return found
 
 
@@ -282,7 +289,7 @@ def test_coloured_noise_is_seldom_called_certain() -> None:
         candidate = candidate_of(
             lambda p: columns @ np.asarray(p), np.linalg.lstsq(columns, noise, rcond=None)[0], *numbers
         )
-        found += certain(Laws(noise), [candidate])[0]  # type: ignore[arg-type]
+        found += certain(Laws(noise), [candidate], SETTINGS.judgement)[0]  # type: ignore[arg-type]
     assert found <= 40  # as if white it would be about 130
 
 
@@ -309,8 +316,8 @@ def test_what_another_cause_can_do_makes_none_certain() -> None:
     laws = Laws(3.0 * column + rng.standard_normal(400))
     size = Parameter("size", "1", -10.0, 10.0, neutral=0.0)
     alike = [candidate_of(lambda p: p[0] * column, [1.5], size) for _ in range(2)]
-    assert certain(laws, alike) == [False, False]  # type: ignore[arg-type]
-    assert certain(laws, [candidate_of(lambda p: p[0] * column, [3.0], size)]) == [True]  # type: ignore[arg-type]
+    assert certain(laws, alike, SETTINGS.judgement) == [False, False]  # type: ignore[arg-type]
+    assert certain(laws, [candidate_of(lambda p: p[0] * column, [3.0], size)], SETTINGS.judgement) == [True]  # type: ignore[arg-type]
 
 
 # --- effects that are there and too small to be causes
@@ -331,12 +338,12 @@ def test_what_is_there_and_less_than_a_hundredth_of_the_gap_is_mentioned(
     """The note names effect, place and share; what may be chance, or is no small part, is not mentioned."""
     feature = SimpleNamespace(effect=SimpleNamespace(id="torque_ripple"), joint="joint_3")
     large, small = SimpleNamespace(gain=500.0), SimpleNamespace(feature=feature, gain=gain)
-    asked: Any = Inquiry.__new__(Inquiry)
-    asked.notes, asked.library = [], SimpleNamespace(held_out=lambda selected: sum(e.gain for e in selected))
-    monkeypatch.setattr(inquiry, "misfit", lambda library, selected: 1.0)
-    asked._mention([large, small], 1, share)
-    assert len(asked.notes) == said
-    assert all("torque_ripple of joint_3" in note and f"{share:.2%}" in note for note in asked.notes)
+    library = SimpleNamespace(held_out=lambda selected: sum(e.gain for e in selected))
+    prepared: Any = SimpleNamespace(settings=SETTINGS, library=library)
+    monkeypatch.setattr(judgement, "misfit", lambda library, selected: 1.0)
+    assert is_small_effect(prepared, Hypothesis([large, small]), 1, share) == said
+    note = small_effect_note(feature, share, WORTH)  # type: ignore[arg-type]
+    assert "torque_ripple of joint_3" in note and f"{share:.2%}" in note
 
 
 # --- the band in which several causes are judged
@@ -356,24 +363,24 @@ def rows(*shown: bool) -> NDArray[np.bool_]:
 def test_one_cause_is_judged_in_the_widest_band_that_is_clear() -> None:
     """Bands are given widest first; the first with an excess far above the noise's own uncertainty serves."""
     wide, middle, narrow = in_band(40.0, 0.5), in_band(10.0, 2.0 * CLEAR), in_band(2.5, 50.0 * CLEAR)
-    assert select_band([wide, middle, narrow]) is middle
-    assert select_band([wide.of(rows(False))]) is None
+    assert select_band([wide, middle, narrow], SETTINGS.significance) is middle
+    assert select_band([wide.of(rows(False))], SETTINGS.significance) is None
 
 
 def test_a_band_must_be_clear_for_each_of_several_causes() -> None:
     """What is plain for one cause in a wide band and for the other in a narrow one is judged in the narrow one."""
     first, second = rows(True, False), rows(False, True)
     wide, narrow = in_band(40.0, 50.0 * CLEAR, 0.1), in_band(10.0, 5.0 * CLEAR, 5.0 * CLEAR)
-    assert select_band([wide, narrow]) is wide
-    assert select_band([wide, narrow], [first]) is wide
-    assert select_band([wide, narrow], [first, second]) is narrow
+    assert select_band([wide, narrow], SETTINGS.significance) is wide
+    assert select_band([wide, narrow], SETTINGS.significance, [first]) is wide
+    assert select_band([wide, narrow], SETTINGS.significance, [first, second]) is narrow
 
 
 def test_where_no_band_is_clear_for_all_the_one_that_shows_most_causes_serves() -> None:
     """Three causes of which two show in one band and one in the other: the first, however strong the one may be."""
     each = [rows(True, False, False), rows(False, True, False), rows(False, False, True)]
     strong, many = in_band(40.0, 100.0 * CLEAR, 0.0, 0.0), in_band(10.0, 0.5, 0.5, 0.0)
-    assert select_band([strong, many], each) is many
+    assert select_band([strong, many], SETTINGS.significance, each) is many
 
 
 def test_a_trace_is_shown_in_the_band_where_it_stands_highest() -> None:

@@ -8,8 +8,8 @@ from dataclasses import fields, replace
 import numpy as np
 import pytest
 
+from elastic_arm.diagnosis import Question, diagnose
 from elastic_arm.diagnosis.live import LiveDiagnosis, Window
-from elastic_arm.diagnosis.pipeline import Question, diagnose
 from elastic_arm.errors import DiagnosisError
 from elastic_arm.recording import Recording, Samples
 from elastic_arm.robot import load_robot

@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from elastic_arm.diagnosis import Question, diagnose
 from elastic_arm.diagnosis.corrected_robot import repaired_robot
-from elastic_arm.diagnosis.pipeline import Question, diagnose
 from elastic_arm.diagnosis.result import Diagnosis
 from elastic_arm.effects import EFFECTS
 from elastic_arm.effects.text import known_effects
@@ -203,10 +203,12 @@ def test_unusable_recordings_are_refused_with_a_reason() -> None:
 def test_periodic_motion_is_said_not_to_be_independent() -> None:
     """A third that repeats the rest of the recording judges nothing new, and the result says so."""
     from elastic_arm.diagnosis.data.split import independent
+    from elastic_arm.diagnosis.settings import SplitSettings
 
     fitted, judge = recordings()
-    assert independent([fitted], [judge])
-    assert not independent([fitted], [fitted.between(2.0, 6.0)])
+    settings = SplitSettings()
+    assert independent([fitted], [judge], settings)
+    assert not independent([fitted], [fitted.between(2.0, 6.0)], settings)
 
 
 def test_unknown_effects_given_by_the_user_are_refused() -> None:

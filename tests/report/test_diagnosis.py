@@ -20,11 +20,10 @@ from elastic_arm.cli.console import UNLIMITED
 from elastic_arm.cli.diagnose import diagnose_command, print_diagnosis, write_diagnosis
 from elastic_arm.cli.several_values import SeveralValues, spelled_out
 from elastic_arm.cli.simulate import simulate
+from elastic_arm.diagnosis import Question, diagnose, follow_up
 from elastic_arm.diagnosis.corrected_robot import repaired_robot
-from elastic_arm.diagnosis.follow_up import follow_up
 from elastic_arm.diagnosis.format import estimates_text, probability_text, verdict_sentence
 from elastic_arm.diagnosis.inference.estimates import ParameterEstimate
-from elastic_arm.diagnosis.pipeline import Question, diagnose
 from elastic_arm.diagnosis.result import SEPARATING, Diagnosis
 from elastic_arm.effects import EFFECTS
 from elastic_arm.recording import read_recording, write_recording
@@ -74,10 +73,10 @@ def test_figures_and_tables_carry_units(two_causes: Diagnosis, tmp_path: Path) -
 
 def test_ladder_ends_where_all_causes_leave_the_gap(two_causes: Diagnosis) -> None:
     """The ladder rises cause by cause, begins with the first alone, and ends at the shrink of all together."""
-    assert len(two_causes.ladder) == len(two_causes.causes) == 2
-    assert two_causes.ladder[0] == pytest.approx(two_causes.causes[0].shrink)
-    assert two_causes.ladder[-1] == pytest.approx(two_causes.shrink)
-    assert two_causes.ladder[0] < two_causes.ladder[1]
+    assert len(two_causes.cumulative_shrink) == len(two_causes.causes) == 2
+    assert two_causes.cumulative_shrink[0] == pytest.approx(two_causes.causes[0].shrink)
+    assert two_causes.cumulative_shrink[-1] == pytest.approx(two_causes.shrink)
+    assert two_causes.cumulative_shrink[0] < two_causes.cumulative_shrink[1]
 
 
 def test_result_beyond_the_contract_is_plain_json(two_causes: Diagnosis, tmp_path: Path) -> None:

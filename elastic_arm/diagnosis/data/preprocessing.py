@@ -12,6 +12,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from elastic_arm.diagnosis.settings import PreprocessingSettings
 from elastic_arm.errors import DiagnosisError
 from elastic_arm.estimation.effect_columns import Feature
 from elastic_arm.estimation.resampling import STILL
@@ -20,14 +21,9 @@ from elastic_arm.recording import Recording, Samples, Side
 Array = NDArray[np.float64]
 
 TORQUES = {"link": "joint torque (effort of the link side)", "motor": "motor torque (effort of the motor side)"}
-AVERAGED = 0.02  # s; clocks are compared on means over as long
-NOTICED = 1e-5  # s over the recording: less moves nothing that could be measured
-CERTAIN = 10.0  # standard deviations
-PASSES = 3  # of estimating and taking out
-ALIKE = 0.2  # relative difference between joints up to which a drift counts as common to all
 
 
-def usable(recording: Recording) -> Recording:
+def usable(recording: Recording, settings: PreprocessingSettings) -> Recording:
     """Return the recording without dead torque channels and with its clocks brought together; its notes say so.
 
     Raises
@@ -35,7 +31,7 @@ def usable(recording: Recording) -> Recording:
     DiagnosisError
         If every torque channel is dead.
     """
-    return _one_clock(_live(recording))
+    return _one_clock(_live(recording), settings)
 
 
 def standing(recording: Recording) -> list[str]:
@@ -77,14 +73,14 @@ def _live(recording: Recording) -> Recording:
     return replace(recording, link=sides["link"], motor=sides["motor"], notes=(*recording.notes, *notes))
 
 
-def _one_clock(recording: Recording) -> Recording:
+def _one_clock(recording: Recording, settings: PreprocessingSettings) -> Recording:
     """Stamp the link side by the motor side's clock where the two drift apart."""
     link, motor = recording.link, recording.motor
     if link is None or motor is None or link.position is None or motor.position is None:
         return recording
     total, mended = 0.0, recording
-    for _ in range(PASSES):
-        drift = clock_drift(mended.samples())
+    for _ in range(settings.clock_passes):
+        drift = clock_drift(mended.samples(), settings)
         if drift is None:
             break
         total += drift
@@ -100,28 +96,28 @@ def _one_clock(recording: Recording) -> Recording:
     return replace(mended, notes=(*recording.notes, note))
 
 
-def clock_drift(samples: Samples) -> float | None:
+def clock_drift(samples: Samples, settings: PreprocessingSettings) -> float | None:
     """Return by how much the link side's clock runs faster than the motor side's (1), None where they keep together."""
     if samples.q is None or samples.theta is None:
         return None
     moves = np.ptp(samples.theta, axis=0) >= STILL
-    found = [_drift_of(samples, int(j)) for j in np.flatnonzero(moves)]
+    found = [_drift_of(samples, int(j), settings.clock_averaging) for j in np.flatnonzero(moves)]
     if not found:
         return None
     drifts, stds = (np.array(column) for column in zip(*found, strict=True))
     mean = float(np.average(drifts, weights=stds**-2.0))
     seconds = float(samples.t[-1] - samples.t[0])
-    certain = bool((np.abs(drifts) > CERTAIN * stds).all())
-    alike = bool((np.abs(drifts - mean) < ALIKE * abs(mean)).all())
-    return mean if certain and alike and abs(mean) * seconds > NOTICED else None
+    certain = bool((np.abs(drifts) > settings.clock_certainty * stds).all())
+    alike = bool((np.abs(drifts - mean) < settings.clock_agreement * abs(mean)).all())
+    return mean if certain and alike and abs(mean) * seconds > settings.clock_shift else None
 
 
-def _drift_of(samples: Samples, j: int) -> tuple[float, float]:
+def _drift_of(samples: Samples, j: int, averaging: float) -> tuple[float, float]:
     """Return what one joint says of the drift, and its standard deviation: the lag's part that grows with time."""
     assert samples.q is not None and samples.theta is not None
-    t, q, theta = (_averaged(samples.t, v) for v in (samples.t, samples.q[:, j], samples.theta[:, j]))
+    t, q, theta = (_averaged(samples.t, v, averaging) for v in (samples.t, samples.q[:, j], samples.theta[:, j]))
     torques = [c for c in (samples.tau_J, samples.tau_m) if c is not None][:1]
-    loads = [_averaged(samples.t, c[:, j]) for c in torques]
+    loads = [_averaged(samples.t, c[:, j], averaging) for c in torques]
     v = np.gradient(theta, t)
     later = (t - t.mean()) * v
     columns = np.stack(
@@ -134,8 +130,8 @@ def _drift_of(samples: Samples, j: int) -> tuple[float, float]:
     return float(beta[0] / scale[0]), float(np.sqrt(inverse[0, 0] * left.var()) / scale[0]) + 1e-12
 
 
-def _averaged(t: Array, values: Array) -> Array:
-    """Return means over blocks of :data:`AVERAGED` seconds."""
-    length = max(1, round(AVERAGED / float(np.median(np.diff(t)))))
+def _averaged(t: Array, values: Array, seconds: float) -> Array:
+    """Return means over blocks of some seconds."""
+    length = max(1, round(seconds / float(np.median(np.diff(t)))))
     count = len(values) // length
     return values[: count * length].reshape(count, length).mean(axis=1)

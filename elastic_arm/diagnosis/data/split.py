@@ -7,21 +7,24 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from elastic_arm.diagnosis.settings import SplitSettings
 from elastic_arm.errors import DiagnosisError
 from elastic_arm.recording import Recording
 
 Array = NDArray[np.float64]
 
-HELD_BACK = 1.0 / 3.0
-SHORTEST = 2.5  # s of either part
-COARSE = 50.0  # samples per second at which motions are compared
-SHARED = 0.2  # of a validation recording that may be found in what is fitted
-ASKED = 200  # samples of a validation recording that are looked for in what is fitted
-SAME = 0.02  # difference over spread below which a motion counts as a repetition
 
-
-def split(recordings: Sequence[Recording], validate: Sequence[Recording]) -> tuple[list[Recording], list[Recording]]:
+def split(
+    recordings: Sequence[Recording], validate: Sequence[Recording], settings: SplitSettings
+) -> tuple[list[Recording], list[Recording]]:
     """Return recordings to fit and to judge: the last third of each where no validation recording is given.
+
+    Parameters
+    ----------
+    recordings, validate
+        As given by the user.
+    settings
+        What is held back, and what counts as the same recording.
 
     Raises
     ------
@@ -32,39 +35,49 @@ def split(recordings: Sequence[Recording], validate: Sequence[Recording]) -> tup
         raise DiagnosisError("no recording is given", "Name a bag")
     if validate:
         for judge in validate:
-            if any(_contains(r, judge) for r in recordings):
+            if any(_contains(r, judge, settings) for r in recordings):
                 raise DiagnosisError(
                     f"{judge.source or 'the validation recording'} is also what is fitted",
                     "Validate on another recording, or leave --validate out: the last third then judges",
                 )
         return list(recordings), list(validate)
+    least = settings.shortest / settings.held_back
     for r in recordings:
-        if r.duration * HELD_BACK < SHORTEST:
+        if r.duration * settings.held_back < settings.shortest:
             raise DiagnosisError(
                 f"{r.source or 'the recording'} lasts {r.duration:.1f} s, too short to hold a third back for judging",
-                f"Record at least {SHORTEST / HELD_BACK:.0f} s, or give another recording with --validate",
+                f"Record at least {least:.0f} s, or give another recording with --validate",
             )
-    ends = [r.duration * (1.0 - HELD_BACK) for r in recordings]
+    ends = [r.duration * (1.0 - settings.held_back) for r in recordings]
     first = [r.between(0.0, end) for r, end in zip(recordings, ends, strict=True)]
     rest = [r.between(end, r.duration + 1.0) for r, end in zip(recordings, ends, strict=True)]
     return first, rest
 
 
-def independent(identify: Sequence[Recording], validate: Sequence[Recording]) -> bool:
-    """Whether the judging motion is another one than the fitted ones, not a repetition at another time."""
-    return not any(_repeats(_course(v), _course(r)) for v in validate for r in identify)
+def independent(identify: Sequence[Recording], validate: Sequence[Recording], settings: SplitSettings) -> bool:
+    """Whether the judging motion is another one than the fitted ones, not a repetition at another time.
+
+    Parameters
+    ----------
+    identify, validate
+        The two parts.
+    settings
+        When a motion counts as a repetition.
+    """
+    rate, alike = settings.comparison_rate, settings.repeated
+    return not any(_repeats(_course(v, rate), _course(r, rate), alike) for v in validate for r in identify)
 
 
-def _course(recording: Recording) -> Array:
+def _course(recording: Recording, rate: float) -> Array:
     samples = recording.samples()
     position = samples.theta if samples.theta is not None else samples.q
     if position is None:
         raise DiagnosisError(f"{recording.source or 'the recording'} holds no positions", "Record positions")
-    t = np.arange(samples.t[0], samples.t[-1], 1.0 / COARSE)
+    t = np.arange(samples.t[0], samples.t[-1], 1.0 / rate)
     return np.stack([np.interp(t, samples.t, column) for column in position.T], axis=1)
 
 
-def _repeats(part: Array, whole: Array) -> bool:
+def _repeats(part: Array, whole: Array, alike: float) -> bool:
     """Whether `part` is found somewhere in `whole`: least mean-square distance over all shifts."""
     if len(part) > len(whole):
         part, whole = whole, part
@@ -79,17 +92,17 @@ def _repeats(part: Array, whole: Array) -> bool:
     energy = np.cumsum(np.vstack([np.zeros(whole.shape[1]), whole**2]), axis=0)
     windows = energy[len(part) :] - energy[: len(energy) - len(part)]
     distance = (windows + np.sum(part**2, axis=0) - 2 * product[shifts]).sum(axis=1) / part.size
-    return bool(distance.min() < SAME**2 * spread)
+    return bool(distance.min() < alike**2 * spread)
 
 
-def _contains(recording: Recording, part: Recording) -> bool:
+def _contains(recording: Recording, part: Recording, settings: SplitSettings) -> bool:
     """Whether much of `part` was taken from `recording`, whatever its stamps: noise does not repeat itself."""
     whole, own = _rows(recording), _rows(part)
     if whole.shape[1] != own.shape[1] or not len(own):
         return False
     known = {row.tobytes() for row in whole}
-    asked = own[:: max(1, len(own) // ASKED)]
-    return sum(row.tobytes() in known for row in asked) > SHARED * len(asked)
+    asked = own[:: max(1, len(own) // settings.rows_compared)]
+    return sum(row.tobytes() in known for row in asked) > settings.shared * len(asked)
 
 
 def _rows(recording: Recording) -> Array:

@@ -1,9 +1,9 @@
-"""What next: the motion within the arm's limits that tells explanations apart which this recording does not.
+"""The motion within the arm's limits that discriminates between a cause and its alternatives.
 
-If one of two explanations is true, the other, refitted to the same motion, leaves something unexplained. Half the
-square of what it leaves, in units of the noise (and of what neither explains), is the log-likelihood by which a
-recording of that motion is expected to decide. Motions are drawn, judged by it, and the best is improved by small
-random steps.
+If one of two effects is there, the other, refitted to the same motion, leaves a remainder. With whitened columns s of
+the true effect and X of what a refit can combine, the expected log-likelihood ratio is half the squared norm of the
+remainder, 0.5 |s - X X^+ s|^2, over the misfit that no hypothesis explains (the discrimination criterion of Atkinson
+and Fedorov 1975, T-optimality). Motions are drawn, judged by it, and the best is improved by random steps.
 """
 
 from __future__ import annotations
@@ -21,6 +21,7 @@ from elastic_arm.diagnosis.design.proposal import PairSeparation, Proposal
 from elastic_arm.diagnosis.result import Cause
 from elastic_arm.diagnosis.selection.regressor_library import Candidate
 from elastic_arm.diagnosis.selection.stepwise import misfit
+from elastic_arm.diagnosis.settings import DiagnosisSettings, ExperimentSettings
 from elastic_arm.dynamics import Model
 from elastic_arm.effects.parameters import Parameter
 from elastic_arm.errors import ExcitationError
@@ -29,55 +30,51 @@ from elastic_arm.estimation.whitening import WhitenedData
 from elastic_arm.excitation import FourierTrajectory, MotionLimits, Shape, random_trajectories
 
 Array = NDArray[np.float64]
-# Makes whitened columns (rows, k) of a feature at values of its searched parameters.
+# Makes whitened columns (rows, k) of a feature at values of its nonlinear parameters.
 Columns = Callable[[Feature, Sequence[float]], Array]
 
-MOST_PAIRS = 6
-SECONDS = 20.0
-# Slow and fast, smooth and rich motions; (harmonics, periods between the ramps).
-KINDS = ((2, 1), (5, 1), (5, 2), (4, 4))
-DRAWN = 16  # of each kind
-GENTLER = (1.0, 0.3)  # friction shows near standstill, inertia at full speed
-STEPS = 60  # random steps from the best one
-STRIDE = 0.25  # of the amplitudes
-# A refit may move a searched parameter: columns at these multiples, or at these distances (m), span what it can do.
-NEIGHBOURS = (0.6, 1.0, 1.6)
-APART = 0.05  # of the range
-DEPENDENT = 1e-6  # relative singular value below which columns say the same
+DEPENDENT = 1e-6  # relative singular value below which a combination of columns is not determined; numerical
 
 
 @dataclass(frozen=True)
 class CompetingEffect:
-    """One explanation of a cause's part of the gap.
+    """One of the effects that may cause a part of the gap.
 
     Parameters
     ----------
     effect, joint
-        Its name.
-    law, at, coefficients
-        The feature whose columns, at these searched values and with these coefficients, are what it adds.
-    family, around
-        The feature and the searched values that a refit starts from.
+        Its name and place.
+    feature, searched, coefficients
+        Its columns at these nonlinear parameters, with these coefficients, are what it adds.
+    refit_feature, refit_points
+        The columns of this feature at all of these nonlinear parameters span what a refit can do.
     """
 
     effect: str
     joint: str | None
-    law: Feature
-    at: tuple[float, ...]
+    feature: Feature
+    searched: tuple[float, ...]
     coefficients: Array
-    family: Feature
-    around: tuple[float, ...]
+    refit_feature: Feature
+    refit_points: tuple[tuple[float, ...], ...]
 
-    def adds(self, columns: Columns) -> Array:
+    @property
+    def name(self) -> tuple[str, str | None]:
+        """Effect and joint."""
+        return self.effect, self.joint
+
+    def signal(self, columns: Columns) -> Array:
         """Return what it adds (rows,)."""
-        return columns(self.law, self.at) @ self.coefficients
+        return columns(self.feature, self.searched) @ self.coefficients
 
-    def reach(self, columns: Columns) -> Array:
+    def refit_columns(self, columns: Columns) -> Array:
         """Return the columns (rows, k) that a refit combines; none where its size is known."""
-        if not self.family.effect.parameters:
-            return np.zeros((len(self.adds(columns)), 0))
-        points = _neighbours(self.family.searched, self.around)
-        return np.hstack([columns(self.family, point) for point in points])
+        if not self.refit_feature.effect.parameters:
+            return np.zeros((len(self.signal(columns)), 0))
+        return np.hstack([columns(self.refit_feature, point) for point in self.refit_points])
+
+
+AmbiguousPair = tuple[CompetingEffect, CompetingEffect, tuple[CompetingEffect, ...]]
 
 
 def propose(context: DiagnosisContext, causes: Sequence[Cause], *, rng: np.random.Generator) -> Proposal | None:
@@ -90,34 +87,36 @@ def propose(context: DiagnosisContext, causes: Sequence[Cause], *, rng: np.rando
     rng
         Draws the motions.
     """
+    settings = context.settings.experiment
     ambiguous = _ambiguous_pairs(context, causes)
     if not ambiguous:
         return None
-    whites = [_recorded(data) for data in context.library.sets]
-    # What no explanation reaches stays beside both, and makes either less sure.
+    recorded = [_recorded(data) for data in context.library.sets]
+    # What no hypothesis explains stays beside both effects, and makes a decision less certain.
     scale = misfit(context.library, [*context.given, *context.selected])
-    here = (np.sum([_separations(ambiguous, columns) for columns in whites], axis=0) / scale).tolist()
-    named = [((d[0].effect, d[0].joint), (d[1].effect, d[1].joint)) for d in ambiguous]
+    here = (np.sum([_separations(ambiguous, columns) for columns in recorded], axis=0) / scale).tolist()
+    names = [(one.name, other.name) for one, other, _ in ambiguous]
     limits = MotionLimits.of(context.model.robot)
-    around = ExperimentConditions.of(context.model, context.library.sets[0])
+    conditions = ExperimentConditions.of(context.model, context.library.sets[0])
 
     def judge(trajectory: FourierTrajectory) -> list[float]:
-        return [value / scale for value in _separations(ambiguous, PredictedExperiment(around, trajectory).white)]
+        experiment = PredictedExperiment(conditions, trajectory, settings.rate)
+        return [value / scale for value in _separations(ambiguous, experiment.white)]
 
     try:
-        best, values, count = _search(context.model, limits, judge, rng)
+        best, expected, count = _search(context.model, limits, judge, settings, rng)
     except ExcitationError as error:
-        pairs = [PairSeparation(*names, value) for names, value in zip(named, here, strict=True)]
+        pairs = [PairSeparation(*pair, value) for pair, value in zip(names, here, strict=True)]
         return Proposal(None, tuple(pairs), 0, (*limits.assumed, str(error)))
-    pairs = [PairSeparation(*names, *both) for names, *both in zip(named, here, values, strict=True)]
+    pairs = [
+        PairSeparation(*pair, now, then, then >= settings.decisive)
+        for pair, now, then in zip(names, here, expected, strict=True)
+    ]
     return Proposal(best, tuple(pairs), count, limits.assumed)
 
 
-AmbiguousPair = tuple[CompetingEffect, CompetingEffect, tuple[CompetingEffect, ...]]
-
-
 def separation(pair: AmbiguousPair, columns: Columns) -> float:
-    """Log-likelihood by which a recording is expected to decide between two explanations, whichever is true.
+    """Log-likelihood by which a recording is expected to decide between two effects, whichever is there.
 
     Parameters
     ----------
@@ -127,18 +126,18 @@ def separation(pair: AmbiguousPair, columns: Columns) -> float:
         Makes whitened columns for the recording.
     """
     one, other, beside = pair
-    always = [contender.reach(columns) for contender in beside]
+    always = [effect.refit_columns(columns) for effect in beside]
     found = []
     for true, wrong in ((one, other), (other, one)):
-        target, reach = true.adds(columns), wrong.reach(columns)
+        target, reach = true.signal(columns), wrong.refit_columns(columns)
         if not reach.shape[1]:
-            target = target - wrong.adds(columns)
+            target = target - wrong.signal(columns)
         found.append(0.5 * _unexplained(target, np.hstack([reach, *always])))
     return min(found)
 
 
 def _separations(ambiguous: Sequence[AmbiguousPair], columns: Columns) -> list[float]:
-    """Return the separation of every pair; explanations that several share are worked out once."""
+    """Return the separation of every pair; columns that several share are evaluated once."""
     known: dict[tuple[Feature, tuple[float, ...]], Array] = {}
 
     def remembered(feature: Feature, searched: Sequence[float]) -> Array:
@@ -162,38 +161,46 @@ def _unexplained(target: Array, columns: Array) -> float:
 
 
 def _search(
-    model: Model, limits: MotionLimits, judge: Callable[[FourierTrajectory], list[float]], rng: np.random.Generator
+    model: Model,
+    limits: MotionLimits,
+    judge: Callable[[FourierTrajectory], list[float]],
+    settings: ExperimentSettings,
+    rng: np.random.Generator,
 ) -> tuple[FourierTrajectory, list[float], int]:
     """Return the best motion, how it separates each pair, and how many were judged."""
-    drawn = []
-    for harmonics, periods in KINDS:
-        ramp = SECONDS / 10.0
-        shape = Shape(harmonics, (SECONDS - 2 * ramp) / periods, ramp, periods)
-        drawn += random_trajectories(model, limits, DRAWN, rng=rng, shape=shape)
-    tried = [motion.scaled(share) for motion, share in product(drawn, GENTLER)]
+    drawn, ramp = [], settings.seconds / 10.0
+    for harmonics, periods in settings.kinds:
+        shape = Shape(harmonics, (settings.seconds - 2 * ramp) / periods, ramp, periods)
+        drawn += random_trajectories(model, limits, settings.drawn, rng=rng, shape=shape)
+    tried = [motion.scaled(share) for motion, share in product(drawn, settings.amplitudes)]
     scored = [(judge(motion), motion) for motion in tried]
-    values, best = max(scored, key=lambda pair: _worth(pair[0]))
-    for _ in range(STEPS):
-        moved = _moved(best, limits, rng)
+    values, best = max(scored, key=lambda pair: _criterion(pair[0]))
+    for _ in range(settings.steps):
+        moved = _moved(best, limits, settings, rng)
         if not limits.use(moved, model).kept:
             continue
         now = judge(moved)
-        if _worth(now) > _worth(values):
+        if _criterion(now) > _criterion(values):
             values, best = now, moved
-    return best, values, len(tried) + STEPS
+    return best, values, len(tried) + settings.steps
 
 
-def _worth(values: Sequence[float]) -> float:
+def _criterion(values: Sequence[float]) -> float:
     """One pair that is hard to separate counts more than another that is separated twice over."""
     return float(np.sum(np.log1p(values)))
 
 
-def _moved(motion: FourierTrajectory, limits: MotionLimits, rng: np.random.Generator) -> FourierTrajectory:
-    a, b = (values + STRIDE * np.std(values) * rng.standard_normal(values.shape) for values in (motion.a, motion.b))
-    q0 = motion.q0 + 0.1 * limits.half_range * rng.standard_normal(motion.n)
+def _moved(
+    motion: FourierTrajectory, limits: MotionLimits, settings: ExperimentSettings, rng: np.random.Generator
+) -> FourierTrajectory:
+    """Return the motion after a random step of amplitudes and centre, within the limits."""
+    a, b = (
+        values + settings.stride * np.std(values) * rng.standard_normal(values.shape) for values in (motion.a, motion.b)
+    )
+    q0 = motion.q0 + settings.centre_stride * limits.half_range * rng.standard_normal(motion.n)
     q0 = np.clip(q0, limits.position_min, limits.position_max)
     moved = FourierTrajectory(motion.omega, a, b, q0, motion.duration, motion.ramp, motion.joints)
-    return limits.fitted(moved, 0.98)
+    return limits.fitted(moved, settings.limit_use)
 
 
 def _recorded(data: WhitenedData) -> Columns:
@@ -211,38 +218,37 @@ def _ambiguous_pairs(context: DiagnosisContext, causes: Sequence[Cause]) -> list
             rival = _of_rival(context, candidate, others)
             found.append((alternative.confidence, (own[k], rival, beside)))
     found.sort(key=lambda pair: -pair[0])
-    return [pair for _, pair in found[:MOST_PAIRS]]
+    return [pair for _, pair in found[: context.settings.experiment.most_pairs]]
 
 
 def _of_cause(context: DiagnosisContext, candidate: Candidate, cause: Cause) -> CompetingEffect:
     """Return a cause as it was polished; a refit combines the columns of its linear form."""
-    forms = [e.feature for e in context.library.candidates if e.feature.key == candidate.feature.key]
-    family = next((f for f in forms if not isinstance(f, Whole)), candidate.feature)
-    values = [np.atleast_1d(cause.active.numbers[p.name]) for p in family.searched]
-    around = tuple(float(v) for v in np.concatenate([*values, np.zeros(0)]))
-    at = candidate.searched or ()
-    beta = context.library.fit(0, [candidate])
-    return CompetingEffect(cause.effect, cause.joint, candidate.feature, at, beta, family, around)
+    forms = [c.feature for c in context.library.candidates if c.feature.key == candidate.feature.key]
+    form = next((f for f in forms if not isinstance(f, Whole)), candidate.feature)
+    values = [np.atleast_1d(cause.active.numbers[p.name]) for p in form.searched]
+    points = _neighbours(form.searched, [float(v) for v in np.concatenate([*values, np.zeros(0)])], context.settings)
+    beta, searched = context.library.fit(0, [candidate]), candidate.searched or ()
+    return CompetingEffect(cause.effect, cause.joint, candidate.feature, searched, beta, form, points)
 
 
 def _of_rival(context: DiagnosisContext, candidate: Candidate, others: Sequence[Candidate]) -> CompetingEffect:
     beta = context.library.fit(0, [*others, candidate])[-len(candidate.index) :]
-    feature, at = candidate.feature, candidate.searched or ()
-    return CompetingEffect(feature.effect.id, feature.joint, feature, at, beta, feature, at)
+    feature, searched = candidate.feature, candidate.searched or ()
+    points = _neighbours(feature.searched, searched, context.settings)
+    return CompetingEffect(feature.effect.id, feature.joint, feature, searched, beta, feature, points)
 
 
-def _neighbours(searched: Sequence[Parameter], around: Sequence[float]) -> list[tuple[float, ...]]:
-    """Return values of the searched parameters near those of a fit; whole orders stay."""
-    points = [tuple(around)]
-    k = 0
-    for p in searched:
-        for j in range(k, k + p.size):
-            if p.integer:
-                continue
-            steps = [around[j] * m for m in NEIGHBOURS]
-            if not p.logarithmic:
-                apart = APART * (p.high - p.low)
-                steps = [around[j] - apart, around[j] + apart]
-            points += [(*around[:j], step, *around[j + 1 :]) for step in steps if step != around[j]]
-        k += p.size
-    return points
+def _neighbours(
+    searched: Sequence[Parameter], around: Sequence[float], settings: DiagnosisSettings
+) -> tuple[tuple[float, ...], ...]:
+    """Return values of nonlinear parameters near those of a fit; integers stay."""
+    points, experiment = [tuple(around)], settings.experiment
+    for j, p in enumerate([parameter for parameter in searched for _ in range(parameter.size)]):
+        if p.integer:
+            continue
+        steps = [around[j] * m for m in experiment.neighbours]
+        if not p.logarithmic:
+            distance = experiment.neighbour_distance * (p.high - p.low)
+            steps = [around[j] - distance, around[j] + distance]
+        points += [(*around[:j], step, *around[j + 1 :]) for step in steps if step != around[j]]
+    return tuple(points)

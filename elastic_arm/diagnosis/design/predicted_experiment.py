@@ -1,4 +1,4 @@
-"""A motion that was not made yet: what effects would add to its residuals, before any noise but with its size known."""
+"""An experiment that was not made yet: what effects would add to its residuals, over noise of known size."""
 
 from __future__ import annotations
 
@@ -18,8 +18,6 @@ from elastic_arm.estimation.whitening import SLOWEST, NoiseModel, WhitenedData
 from elastic_arm.excitation import FourierTrajectory
 
 Array = NDArray[np.float64]
-
-RATE = 500.0  # Hz, enough for ripple of the rotor's fourth order at full speed
 
 
 @dataclass(frozen=True)
@@ -58,16 +56,18 @@ class PredictedExperiment:
 
     Parameters
     ----------
-    surroundings
+    conditions
         Sensors and model.
     trajectory
         Of the motor side; the links follow as far as the drives' stiffness makes them.
+    rate
+        Highest sample rate of the prediction, Hz.
     """
 
-    def __init__(self, surroundings: ExperimentConditions, trajectory: FourierTrajectory) -> None:
-        self._surroundings = surroundings
-        model = surroundings.model
-        self._rate = min(RATE, surroundings.noise.rate)
+    def __init__(self, conditions: ExperimentConditions, trajectory: FourierTrajectory, rate: float) -> None:
+        self._conditions = conditions
+        model = conditions.model
+        self._rate = min(rate, conditions.noise.rate)
         t = np.arange(0.0, trajectory.duration, 1.0 / self._rate)
         theta, dtheta, ddtheta = trajectory.evaluate(t)
         motion = completed(Motion(t, theta=theta, dtheta=dtheta, ddtheta=ddtheta), model)
@@ -75,19 +75,19 @@ class PredictedExperiment:
         motion.tau_m[:] = -raw_residuals(model, motion)[:, 2 * model.n :]
         still = np.full(model.n, SLOWEST)
         self._signals = Signals.of(
-            motion, (still, still), elastic=model.robot.elastic, cutoff=surroundings.acceleration_cutoff
+            motion, (still, still), elastic=model.robot.elastic, cutoff=conditions.acceleration_cutoff
         )
 
     def white(self, feature: Feature, searched: Sequence[float]) -> Array:
         """Return a feature's columns (rows, k), white noise of variance one a row; null outside the band."""
-        around = self._surroundings
+        conditions = self._conditions
         full = feature.columns(self._signals, searched)
-        rows = around.layout.combine(full)
+        rows = conditions.layout.combine(full)
         f = np.fft.rfftfreq(len(rows), 1.0 / self._rate)
-        inside = f <= around.cutoff
-        spectrum = around.noise.whitener(f[inside]) @ np.fft.rfft(rows, axis=0)[inside]
+        inside = f <= conditions.cutoff
+        spectrum = conditions.noise.whitener(f[inside]) @ np.fft.rfft(rows, axis=0)[inside]
         # Parseval, with both signs of every f but 0; the noise is that of a sample of the recording.
-        spectrum *= np.sqrt(2.0 / len(rows) * around.noise.rate / self._rate)
+        spectrum *= np.sqrt(2.0 / len(rows) * conditions.noise.rate / self._rate)
         spectrum[0] /= np.sqrt(2.0)
         flat = spectrum.reshape(-1, spectrum.shape[2])
         return np.vstack([flat.real, flat.imag])

@@ -7,22 +7,26 @@ from typing import Any
 
 from elastic_arm.excitation import FourierTrajectory
 
-DECIDES = 12.0  # log-likelihood from which a recording decides, as the diagnosis itself asks of a cause
-
 
 @dataclass(frozen=True)
 class PairSeparation:
-    """Two explanations, and how far a recording tells them apart: log-likelihoods on this one, and expected."""
+    """Two effects of which one is there, and how far a recording discriminates between them.
+
+    Parameters
+    ----------
+    cause, alternative
+        Effect and joint of the two.
+    here, expected
+        Log-likelihood by which this recording decides, and by which the proposed motion is expected to, nats.
+    decides
+        Whether the proposed motion is expected to decide.
+    """
 
     cause: tuple[str, str | None]
     alternative: tuple[str, str | None]
     here: float
     expected: float = 0.0
-
-    @property
-    def decides(self) -> bool:
-        """Whether the proposed motion is expected to decide."""
-        return self.expected >= DECIDES
+    decides: bool = False
 
     def to_dict(self) -> dict[str, Any]:
         """Return it as plain data."""
@@ -61,6 +65,11 @@ class Proposal:
     def seconds(self) -> float:
         """Length of the motion, s."""
         return 0.0 if self.trajectory is None else self.trajectory.duration
+
+    @property
+    def decided(self) -> set[tuple[tuple[str, str | None], tuple[str, str | None]]]:
+        """Cause and alternative of each pair on which the motion is expected to decide."""
+        return set() if self.trajectory is None else {(p.cause, p.alternative) for p in self.pairs if p.decides}
 
     @property
     def worthwhile(self) -> bool:

@@ -17,14 +17,12 @@ from scipy.stats import chi2
 from elastic_arm.diagnosis.context import DiagnosisContext
 from elastic_arm.diagnosis.inference.estimates import ParameterEstimate, estimates, polish
 from elastic_arm.diagnosis.selection.regressor_library import Candidate, RegressorLibrary
+from elastic_arm.diagnosis.settings import AgreementSettings
 from elastic_arm.effects.parameters import Parameter, Role
 from elastic_arm.estimation.observation import Observation
 from elastic_arm.estimation.whitening import WhitenedData
 
 Array = NDArray[np.float64]
-
-ALPHA = 1e-3  # probability below which values are too far apart for chance
-SAME = 0.02  # of the effect's size: values closer than this count as equal, however sharp they are
 
 
 @dataclass(frozen=True)
@@ -61,6 +59,8 @@ class Agreement:
         of as much by chance (for as many parameters as were looked at). None where none can be compared.
     spread
         Largest distance of a value from the mean, as a share of the effect's size.
+    agrees
+        Whether the cause is there in every recording, of one size.
     """
 
     effect: str
@@ -70,15 +70,7 @@ class Agreement:
     freedom: int
     probability: float | None
     spread: float | None
-
-    @property
-    def agrees(self) -> bool:
-        """Whether the cause is there in every recording, of one size."""
-        if any(finding.gain <= 0.0 for finding in self.findings):
-            return False
-        if self.probability is None or self.spread is None:
-            return True
-        return self.probability > ALPHA or self.spread < SAME
+    agrees: bool
 
     def to_dict(self) -> dict[str, Any]:
         """Return it as plain data."""
@@ -117,7 +109,8 @@ def agreements(context: DiagnosisContext) -> tuple[Agreement, ...]:
     found = [_findings(context, group, everything) for group in recordings]
     first = len(context.given)
     return tuple(
-        _compared(candidate, [of_one[first + k] for of_one in found]) for k, candidate in enumerate(context.selected)
+        _compared(candidate, [of_one[first + k] for of_one in found], context.settings.agreement)
+        for k, candidate in enumerate(context.selected)
     )
 
 
@@ -133,29 +126,32 @@ def _findings(
     context: DiagnosisContext, group: Sequence[Observation], selected: Sequence[Candidate]
 ) -> list[RecordingEstimate]:
     data = WhitenedData(context.model, group, context.validate.layout, context.validate.band)
-    library = RegressorLibrary(data, data)
+    library = RegressorLibrary(data, data, context.settings.candidates)
+    judgement = context.settings.judgement
     own = [library.add(candidate.feature, candidate.searched, fixed=candidate.fixed) for candidate in selected]
     library.close()
-    own = polish(library, own)
+    own = polish(library, own, judgement)
     beta = library.fit(0, own)
     whole = library.gain(0, own, beta)
     found = []
-    for k, values in enumerate(estimates(library, own)):
+    for k, values in enumerate(estimates(library, own, judgement)):
         others = [*own[:k], *own[k + 1 :]]
         gain = whole - library.gain(0, others, library.fit(0, others))
         found.append(RecordingEstimate(group[0].source, values, gain))
     return found
 
 
-def _compared(candidate: Candidate, findings: Sequence[RecordingEstimate]) -> Agreement:
+def _compared(candidate: Candidate, findings: Sequence[RecordingEstimate], settings: AgreementSettings) -> Agreement:
     effect, joint = candidate.feature.effect, candidate.feature.joint
+    present = all(finding.gain > 0.0 for finding in findings)
     tried = [numbers for p in effect.parameters for numbers in _components(p, findings)]
     if not tried:
-        return Agreement(effect.id, joint, tuple(findings), None, 0, None, None)
+        return Agreement(effect.id, joint, tuple(findings), None, 0, None, None, present)
     # Of the numbers that differ by more than counts as the same, the one that differs with most certainty.
-    scatter, spread = max([numbers for numbers in tried if numbers[1] >= SAME] or tried)
+    scatter, spread = max([numbers for numbers in tried if numbers[1] >= settings.alike] or tried)
     probability = min(1.0, len(tried) * float(chi2.sf(scatter, len(findings) - 1)))
-    return Agreement(effect.id, joint, tuple(findings), scatter, len(findings) - 1, probability, spread)
+    agrees = present and (probability > settings.alpha or spread < settings.alike)
+    return Agreement(effect.id, joint, tuple(findings), scatter, len(findings) - 1, probability, spread, agrees)
 
 
 def _components(parameter: Parameter, findings: Sequence[RecordingEstimate]) -> list[tuple[float, float]]:

@@ -9,16 +9,16 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
-from scipy.stats import chi2
+from scipy.stats import chi2, norm
 
 from elastic_arm.diagnosis.selection.regressor_library import Candidate, RegressorLibrary
+from elastic_arm.diagnosis.settings import JudgementSettings
 from elastic_arm.effects.parameters import Parameter
 
 Array = NDArray[np.float64]
 
-STEP = 1e-3  # of the derivatives by parameters, in units of their scales
-CLEARANCE = 0.01  # of a parameter's distance from no effect to its physical bound
-UNDETERMINED = 1e-9  # relative eigenvalue below which a combination of parameters does not act
+STEP = 1e-3  # of the derivatives by parameters, in units of their scales; numerical
+UNDETERMINED = 1e-9  # relative eigenvalue below which a combination of parameters does not act; numerical
 
 
 @dataclass(frozen=True)
@@ -30,19 +30,25 @@ class ParameterEstimate:
     unit: str
 
 
-def polish(library: RegressorLibrary, selected: Sequence[Candidate]) -> list[Candidate]:
+def polish(library: RegressorLibrary, selected: Sequence[Candidate], settings: JudgementSettings) -> list[Candidate]:
     """Bring all parameters of all causes to the joint least-squares optimum on the identification data.
 
     The search takes laws as linear in most parameters and optimises the others one by one; here every law is taken as
-    it is. Whole orders stay.
+    it is. Integer orders stay.
+
+    Parameters
+    ----------
+    library
+        Of all columns; the polished candidates are added to it.
+    selected
+        The candidates.
+    settings
+        Clearance of physical bounds.
     """
-    beta, wholes, k = library.fit(0, selected), [], 0
-    for candidate in selected:
-        size = candidate.columns.stop - candidate.columns.start
-        wholes.append(_whole(library, candidate, beta[k : k + size]))
-        k += size
+    fitted = zip(selected, library.coefficients(selected), strict=True)
+    wholes = [_whole(library, candidate, beta, settings.bound_clearance) for candidate, beta in fitted]
     library.close()
-    problem = _Problem(library, wholes)
+    problem = _Problem(library, wholes, settings)
     if not problem.scales.size:
         return wholes
     bounds = (problem.lowest, np.inf)
@@ -58,13 +64,24 @@ def polish(library: RegressorLibrary, selected: Sequence[Candidate]) -> list[Can
     return polished
 
 
-def estimates(library: RegressorLibrary, selected: Sequence[Candidate]) -> list[dict[str, ParameterEstimate]]:
+def estimates(
+    library: RegressorLibrary, selected: Sequence[Candidate], settings: JudgementSettings
+) -> list[dict[str, ParameterEstimate]]:
     """Return the parameters of polished causes with standard deviations.
 
     These are the larger of what the noise (times what is left beyond it) implies, and of what the scores of whole
     blocks of the recording imply, which sees errors that are coloured.
+
+    Parameters
+    ----------
+    library
+        Of all columns.
+    selected
+        Polished candidates.
+    settings
+        Clearance of physical bounds.
     """
-    problem = _Problem(library, selected)
+    problem = _Problem(library, selected, settings)
     data, left = library.sets[0], problem.left(problem.start)
     jacobian = problem.jacobian()
     length = np.maximum(np.linalg.norm(jacobian, axis=0), 1e-300)
@@ -80,13 +97,22 @@ def estimates(library: RegressorLibrary, selected: Sequence[Candidate]) -> list[
     return problem.named(deviation)
 
 
-def certain(library: RegressorLibrary, selected: Sequence[Candidate]) -> list[bool]:
-    """Whether each polished cause's parameters together differ from no effect (chi-square, 95 %).
+def certain(library: RegressorLibrary, selected: Sequence[Candidate], settings: JudgementSettings) -> list[bool]:
+    """Whether each polished cause's parameters together differ from no effect (chi-square).
 
     Of a link's mass, centre and inertia perhaps none is known by itself, and yet some combination of them is. Each
     combination is as uncertain as the noise makes it, or as blocks of the recording do, whichever is more.
+
+    Parameters
+    ----------
+    library
+        Of all columns.
+    selected
+        Polished candidates.
+    settings
+        Level of the test.
     """
-    problem = _Problem(library, selected)
+    problem = _Problem(library, selected, settings)
     left, jacobian, blocks = problem.left(problem.start), problem.jacobian(), library.sets[0].blocks
     spread = max(1.0, float(left @ left) / max(1.0, library.sets[0].freedom - jacobian.shape[1]))
     owner, away = np.array([k for k, _ in problem.free], dtype=int), problem.away()
@@ -99,7 +125,7 @@ def certain(library: RegressorLibrary, selected: Sequence[Candidate]) -> list[bo
         u = u[:, :rank]
         variance = np.maximum(spread, np.diag(_scatter(blocks, u, left, jacobian.shape[1])))
         shown = u.T @ (own @ away[owner == k])
-        found.append(rank > 0 and float(np.sum(shown**2 / variance)) > chi2.ppf(0.95, rank))
+        found.append(rank > 0 and float(np.sum(shown**2 / variance)) > chi2.ppf(settings.level, rank))
     return found
 
 
@@ -116,8 +142,19 @@ def several(estimate: dict[str, ParameterEstimate]) -> bool:
     return sum(np.size(e.value) for e in estimate.values() if not (np.ndim(e.std) == 0 and e.std == 0.0)) > 1
 
 
-def differs(estimate: dict[str, ParameterEstimate], candidate: Candidate) -> bool:
-    """Whether the interval (95 %) of a cause's parameters excludes no effect; any of several numbers is enough."""
+def differs(estimate: dict[str, ParameterEstimate], candidate: Candidate, level: float) -> bool:
+    """Whether the interval of a cause's parameters excludes no effect; any of several numbers is enough.
+
+    Parameters
+    ----------
+    estimate
+        Of the candidate's parameters.
+    candidate
+        Its effect holds the values that mean no effect.
+    level
+        Probability of the interval.
+    """
+    quantile = float(norm.ppf(0.5 + 0.5 * level))
     checked = False
     for p in candidate.feature.effect.parameters:
         if p.neutral is None:
@@ -125,19 +162,19 @@ def differs(estimate: dict[str, ParameterEstimate], candidate: Candidate) -> boo
         checked = True
         values, stds = np.atleast_1d(estimate[p.name].value), np.atleast_1d(estimate[p.name].std)
         known = [s is not None for s in stds]
-        if any(abs(v - p.neutral) > 1.96 * s for v, s, k in zip(values, stds, known, strict=True) if k):
+        if any(abs(v - p.neutral) > quantile * s for v, s, k in zip(values, stds, known, strict=True) if k):
             return True
     return not checked
 
 
-def _whole(library: RegressorLibrary, candidate: Candidate, beta: Array) -> Candidate:
+def _whole(library: RegressorLibrary, candidate: Candidate, beta: Array, clearance: float) -> Candidate:
     """Return a cause as its law at the parameters that its columns' coefficients mean."""
     feature = candidate.feature
     whole = feature.whole()
     if whole is feature and candidate.fixed:
         return candidate
     values = feature.parameters([] if feature.fixed else [float(b) for b in beta], candidate.searched or ())
-    parts = [np.maximum(np.atleast_1d(values[p.name]), _lowest(p)) for p in feature.effect.parameters]
+    parts = [np.maximum(np.atleast_1d(values[p.name]), _lowest(p, clearance)) for p in feature.effect.parameters]
     flat = np.concatenate(parts or [np.zeros(0)])
     return library.add(whole, tuple(float(v) for v in flat), fixed=True)
 
@@ -145,7 +182,7 @@ def _whole(library: RegressorLibrary, candidate: Candidate, beta: Array) -> Cand
 class _Problem:
     """Least squares over all parameters of all causes, in units of their scales, around the present values."""
 
-    def __init__(self, library: RegressorLibrary, selected: Sequence[Candidate]) -> None:
+    def __init__(self, library: RegressorLibrary, selected: Sequence[Candidate], settings: JudgementSettings) -> None:
         self._library, self._selected = library, list(selected)
         self._y = library.matrix(0, [0])[:, 0]
         self._cache: dict[tuple[int, tuple[float, ...]], Array] = {}
@@ -153,7 +190,8 @@ class _Problem:
         self.free = [(k, j) for k, candidate in enumerate(selected) for j in _free_components(candidate)]
         self.scales = np.array([_scale(selected[k], j) for k, j in self.free])
         self.start = np.ones(len(self.free))
-        least = [_lowest(_component(selected[k], j)) for k, j in self.free]
+        clearance = settings.bound_clearance
+        least = [_lowest(_component(selected[k], j), clearance) for k, j in self.free]
         now = [(selected[k].searched or ())[j] for k, j in self.free]
         self.lowest = np.array([1.0 + (a - b) / s for a, b, s in zip(least, now, self.scales, strict=True)])
 
@@ -220,11 +258,11 @@ class _Problem:
         return self._cache[key]
 
 
-def _lowest(parameter: Parameter) -> float:
+def _lowest(parameter: Parameter, clearance: float) -> float:
     """Smallest value that an estimate may take: physics allows no less."""
     neutral = parameter.neutral or 0.0
     if np.isfinite(parameter.above):
-        return parameter.above + CLEARANCE * abs(neutral - parameter.above)
+        return parameter.above + clearance * abs(neutral - parameter.above)
     return 0.0 if parameter.low > 0.0 and neutral == 0.0 else -np.inf
 
 

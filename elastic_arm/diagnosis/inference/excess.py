@@ -9,25 +9,13 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import chi2
 
-from elastic_arm.diagnosis.selection.regressor_library import Candidate
+from elastic_arm.diagnosis.bootstrap import block_weights, interval
+from elastic_arm.diagnosis.settings import DiagnosisSettings, ResamplingSettings, SignificanceSettings
 from elastic_arm.errors import DiagnosisError
 from elastic_arm.estimation.band import LowPass
 from elastic_arm.estimation.whitening import BLOCK, WhitenedData, block_means
 
 Array = NDArray[np.float64]
-
-NARROWER = (
-    1.0,
-    0.25,
-    1.0 / 16.0,
-)  # shares of the band in which an excess is looked for: slow effects hide in wide ones
-ALPHA = 1e-3
-RESAMPLES = 4000
-# The noise is estimated too, its square to a few per cent, and quantised encoders are not quite white.
-NOISE_GUARD = 1.12
-# Of the noise's power: so much is no chance, even if it comes from few blocks because the arm moves in few.
-PLAIN = 2.0
-CLEAR = 10.0  # clarity from which an excess is known to a tenth
 
 
 @dataclass(frozen=True)
@@ -61,11 +49,10 @@ class ResidualStatistics:
         """What is more than noise (R,) Nm²."""
         return np.maximum(self.rmse**2 - self.noise**2, 0.0)
 
-    @property
-    def clarity(self) -> float:
-        """Excess of the significant residuals over the uncertainty of their noise's square."""
+    def clarity(self, noise_guard: float) -> float:
+        """Return the excess of the significant residuals over the uncertainty of their noise's square."""
         chosen = self.significant
-        uncertainty = (NOISE_GUARD - 1.0 + np.sqrt(2.0 / self.freedom)) * np.sum(self.noise[chosen] ** 2)
+        uncertainty = (noise_guard - 1.0 + np.sqrt(2.0 / self.freedom)) * np.sum(self.noise[chosen] ** 2)
         return float(self.excess[chosen].sum() / uncertainty) if chosen.any() else 0.0
 
     def of(self, significant: NDArray[np.bool_]) -> ResidualStatistics:
@@ -73,15 +60,35 @@ class ResidualStatistics:
         return replace(self, significant=significant)
 
 
-def figures(data: WhitenedData, values: Sequence[Array], band: float, tests: int = 1) -> ResidualStatistics:
-    """Measure residuals (N', R) of all stretches below `band`.
+def residual_statistics(
+    data: WhitenedData,
+    values: Sequence[Array],
+    band: float,
+    settings: DiagnosisSettings,
+    rng: np.random.Generator,
+    tests: int = 1,
+) -> ResidualStatistics:
+    """Measure residuals below a frequency, and test which hold more than noise.
+
+    A residual is significant if a chi-square test rejects noise alone, and block resampling does, too, or its power is
+    far above the noise.
 
     Parameters
     ----------
+    data
+        Of the recording; gives the noise behind the low pass.
+    values
+        Residuals (N', R) of each stretch, Nm.
+    band
+        Upper edge, Hz.
+    settings
+        Thresholds of significance and number of resamples.
+    rng
+        Draws the resamples.
     tests
         Number of bands in which significance is asked for; with the number of residuals, it sharpens each test.
     """
-    rate = data.band.kept_rate
+    significance, rate = settings.significance, data.band.kept_rate
     low_pass = LowPass(band, rate)
     passed = [part for part in (low_pass.apply(v) for v in values) if len(part)]
     squares = [v**2 for v in passed]
@@ -90,51 +97,78 @@ def figures(data: WhitenedData, values: Sequence[Array], band: float, tests: int
     mean = np.concatenate(squares).mean(axis=0)
     noise = data.noise_std(low_pass)
     freedom = max(2.0, 2.0 * band * len(together) / rate)
-    level = ALPHA / (tests * len(mean))
-    beyond_chance = chi2.sf(freedom * mean / (NOISE_GUARD * noise**2), freedom) < level
-    weights = _weights(len(blocks), np.random.default_rng(0))
-    plain = mean > PLAIN * noise**2
-    resampled = (weights @ blocks <= noise**2).mean(axis=0) < ALPHA
-    return ResidualStatistics(
-        band, np.sqrt(mean), np.abs(together).max(axis=0), noise, freedom, blocks, beyond_chance & (resampled | plain)
-    )
+    level = significance.alpha / (tests * len(mean))
+    beyond_chance = chi2.sf(freedom * mean / (significance.noise_guard * noise**2), freedom) < level
+    weights = block_weights(len(blocks), settings.resampling.draws, rng)
+    obvious = mean > significance.obvious * noise**2
+    resampled = (weights @ blocks <= noise**2).mean(axis=0) < significance.alpha
+    significant = beyond_chance & (resampled | obvious)
+    return ResidualStatistics(band, np.sqrt(mean), np.abs(together).max(axis=0), noise, freedom, blocks, significant)
+
+
+def statistics_in_bands(
+    data: WhitenedData, values: Sequence[Array], settings: DiagnosisSettings
+) -> list[ResidualStatistics]:
+    """Measure residuals in every band that is tried, widest first.
+
+    Parameters
+    ----------
+    data
+        Of the recording.
+    values
+        Residuals (N', R) of each stretch, Nm.
+    settings
+        The bands, thresholds of significance, and seeds.
+
+    Raises
+    ------
+    DiagnosisError
+        If the stretches are too short for every band.
+    """
+    rate, longest = data.band.kept_rate, max(len(v) for v in values)
+    cutoffs = [data.band.cutoff * share for share in settings.significance.bands]
+    usable = [c for c in cutoffs if 2 * LowPass(c, rate).margin < longest / 2]
+    if not usable:
+        raise DiagnosisError("too little motion is left to judge after filtering", "Record longer without gaps")
+    tests = len(usable)
+    rngs = [settings.resampling.significance_rng() for _ in usable]
+    return [residual_statistics(data, values, c, settings, rng, tests) for c, rng in zip(usable, rngs, strict=True)]
 
 
 def select_band(
-    candidates: Sequence[ResidualStatistics], causes: Sequence[NDArray[np.bool_]] = ()
+    tried: Sequence[ResidualStatistics], settings: SignificanceSettings, causes: Sequence[NDArray[np.bool_]] = ()
 ) -> ResidualStatistics | None:
     """Return the widest band in which the excess stands clear of the noise's uncertainty, else the clearest.
 
     Parameters
     ----------
+    tried
+        Statistics in all bands, widest first.
+    settings
+        What counts as clear.
     causes
         (R,) each, the residuals in which each of several causes shows: the band must be clear for all of them.
     """
 
-    def of_each(f: ResidualStatistics) -> list[float]:
-        return [f.of(f.significant & rows).clarity for rows in causes] or [f.clarity]
+    def clarities(s: ResidualStatistics) -> list[float]:
+        each = [s.of(s.significant & rows) for rows in causes] or [s]
+        return [one.clarity(settings.noise_guard) for one in each]
 
-    able = [f for f in candidates if f.significant.any()]
+    able = [s for s in tried if s.significant.any()]
     if not able:
         return None
-    clear = (f for f in able if min(of_each(f)) > CLEAR)
-    return next(clear, max(able, key=lambda f: (sum(c > 1.0 for c in of_each(f)), f.clarity)))
+    clear = (s for s in able if min(clarities(s)) > settings.clear)
+
+    def strength(s: ResidualStatistics) -> tuple[int, float]:
+        return sum(c > 1.0 for c in clarities(s)), s.clarity(settings.noise_guard)
+
+    return next(clear, max(able, key=strength))
 
 
-def band_of_largest_excess(candidates: Sequence[ResidualStatistics], row: int) -> ResidualStatistics:
+def band_of_largest_excess(tried: Sequence[ResidualStatistics], row: int) -> ResidualStatistics:
     """Return the band in which one residual stands highest over its noise, counted as significant there."""
-    best = max(candidates, key=lambda f: f.rmse[row] / f.noise[row])
+    best = max(tried, key=lambda s: s.rmse[row] / s.noise[row])
     return best.of(np.arange(len(best.rmse)) == row)
-
-
-def statistics_in_bands(data: WhitenedData, values: Sequence[Array]) -> list[ResidualStatistics]:
-    """Measure residuals in every band that is tried, widest first."""
-    rate, longest = data.band.kept_rate, max(len(v) for v in values)
-    cutoffs = [data.band.cutoff * share for share in NARROWER]
-    usable = [c for c in cutoffs if 2 * LowPass(c, rate).margin < longest / 2]
-    if not usable:
-        raise DiagnosisError("too little motion is left to judge after filtering", "Record longer without gaps")
-    return [figures(data, values, c, len(usable)) for c in usable]
 
 
 def improved(before: ResidualStatistics, after: ResidualStatistics) -> NDArray[np.bool_]:
@@ -142,26 +176,43 @@ def improved(before: ResidualStatistics, after: ResidualStatistics) -> NDArray[n
     return (before.excess > 0.0) & (after.rmse < before.rmse)
 
 
-def shrink(before: ResidualStatistics, after: ResidualStatistics) -> tuple[float, tuple[float, float]]:
-    """Share of the excess that is gone, over the residuals significant before, and its 95 % interval over blocks."""
+def shrink(
+    before: ResidualStatistics, after: ResidualStatistics, settings: ResamplingSettings, rng: np.random.Generator
+) -> tuple[float, tuple[float, float]]:
+    """Share of the excess that is gone, over the residuals significant before, and its interval over blocks.
+
+    Parameters
+    ----------
+    before, after
+        In the same band.
+    settings
+        Number of resamples, level of the interval.
+    rng
+        Draws the resamples.
+    """
     chosen = before.significant
     noise2 = before.noise[chosen] ** 2
 
     def share(weights: Array) -> Array:
-        was, now = (np.maximum(weights @ f.blocks[:, chosen] - noise2, 0.0).sum(axis=1) for f in (before, after))
+        was, now = (np.maximum(weights @ s.blocks[:, chosen] - noise2, 0.0).sum(axis=1) for s in (before, after))
         return 1.0 - now / np.maximum(was, 1e-300)
 
     total = _gap(before, after)
     if not total:
         return 0.0, (0.0, 0.0)
     whole = 1.0 - after.excess[chosen].sum() / total
-    sample = share(_weights(len(before.blocks), np.random.default_rng(1)))
-    low, high = np.percentile(sample, [2.5, 97.5])
+    low, high = interval(share(block_weights(len(before.blocks), settings.draws, rng)), settings.interval)
     return float(whole), (float(min(low, whole)), float(max(high, whole)))
 
 
 def contribution(before: ResidualStatistics, without: ResidualStatistics, after: ResidualStatistics) -> float:
-    """Return what one cause takes off the excess beside the others, as a share of the whole gap."""
+    """Return what one cause takes off the excess beside the others, as a share of the whole gap.
+
+    Parameters
+    ----------
+    before, without, after
+        Without any cause, without this one, and with all.
+    """
     chosen = before.significant
     saved = (without.blocks - after.blocks)[:, chosen].sum(axis=1)
     total = _gap(before, after)
@@ -173,26 +224,3 @@ def _gap(before: ResidualStatistics, after: ResidualStatistics) -> float:
     chosen = before.significant
     fall = float(np.sum(before.rmse[chosen] ** 2 - after.rmse[chosen] ** 2))
     return max(float(before.excess[chosen].sum()), fall + float(after.excess[chosen].sum()))
-
-
-def lowest(sums: Array) -> float:
-    """Return the lowest of 97.5 % of resamplings of whole blocks of the total of their sums (blocks,)."""
-    return float(np.percentile(_weights(len(sums), np.random.default_rng(2)) @ sums, 2.5))
-
-
-def remaining(data: WhitenedData, selected: Sequence[Candidate], beta: Array) -> list[Array]:
-    """Return the residuals (N', R) of all stretches that candidates with these coefficients leave."""
-    left = [y.copy() for y in data.y]
-    k = 0
-    for candidate in selected:
-        count = candidate.columns.stop - candidate.columns.start
-        coefficients = beta[k : k + count]
-        for own, columns in zip(left, data.plain(candidate.feature, candidate.searched or ()), strict=True):
-            own -= columns @ coefficients
-        k += count
-    return left
-
-
-def _weights(blocks: int, rng: np.random.Generator) -> Array:
-    """Rows (resamples, blocks) of weights of blocks drawn with replacement."""
-    return rng.multinomial(blocks, np.full(blocks, 1.0 / blocks), RESAMPLES) / blocks

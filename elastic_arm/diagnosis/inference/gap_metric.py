@@ -6,16 +6,76 @@ from collections.abc import Sequence
 from typing import Protocol
 
 import numpy as np
+from numpy.typing import NDArray
 
-from elastic_arm.diagnosis.inference import excess as shrinking
+from elastic_arm.diagnosis.bootstrap import lower_bound
+from elastic_arm.diagnosis.data.preparation import PreparedData
+from elastic_arm.diagnosis.inference import excess
+from elastic_arm.diagnosis.inference.excess import ResidualStatistics
+from elastic_arm.diagnosis.inference.lack_of_fit import LackOfFitTest
+from elastic_arm.diagnosis.selection.hypothesis import Hypothesis
 from elastic_arm.diagnosis.selection.regressor_library import Candidate, RegressorLibrary
-
-DETECTED = 20.0  # held-out log-likelihood from which something shows although no residual stands out of the noise
+from elastic_arm.diagnosis.settings import DiagnosisSettings
 
 Share = tuple[float, tuple[float, float]]
 
 
-class Measure(Protocol):
+def gap_measure(prepared: PreparedData, hypothesis: Hypothesis, test: LackOfFitTest) -> GapMeasure:
+    """Return what the gap is measured by: residuals where any stands out by its size, else likelihood.
+
+    Parameters
+    ----------
+    prepared
+        Data and regressors.
+    hypothesis
+        The best hypothesis of the search.
+    test
+        Finds what the hypothesis leaves.
+    """
+    settings, library = prepared.settings, prepared.library
+    residuals = library.validation_residuals(hypothesis.baseline)
+    tried = excess.statistics_in_bands(prepared.validation, residuals, settings)
+    shown = _residuals_of_causes(prepared, hypothesis)
+    if excess.select_band(tried, settings.significance) is not None:
+        marked = _marked(prepared, hypothesis, tried, shown)
+        before = excess.select_band(marked, settings.significance, shown)
+        assert before is not None  # marking takes nothing away
+        return ExcessMeasure(library, before, marked, settings)
+    unexplained = test(hypothesis.baseline)
+    before = excess.band_of_largest_excess(tried, unexplained[0].row) if unexplained else tried[0]
+    left = max((found.gain for found in test(hypothesis.selected)), default=0.0)
+    return LikelihoodMeasure(library, before, hypothesis.baseline, hypothesis.selected, left, settings)
+
+
+def _residuals_of_causes(prepared: PreparedData, hypothesis: Hypothesis) -> list[NDArray[np.bool_]]:
+    """Return the residuals (R,) that each cause changes most."""
+    library, found = prepared.library, []
+    left = library.validation_residuals(hypothesis.selected)
+    for k in hypothesis.causes:
+        without = library.validation_residuals(hypothesis.without(k))
+        power = sum(np.sum((a - b) ** 2, axis=0) for a, b in zip(without, left, strict=True))
+        found.append(power > prepared.settings.judgement.main_share * np.sum(power))
+    return found
+
+
+def _marked(
+    prepared: PreparedData,
+    hypothesis: Hypothesis,
+    tried: Sequence[ResidualStatistics],
+    shown: Sequence[NDArray[np.bool_]],
+) -> list[ResidualStatistics]:
+    """Count residuals that causes change and make smaller as significant, even if they are not by size alone."""
+    library, settings = prepared.library, prepared.settings
+    gained = library.held_out(hypothesis.selected) - library.held_out(hypothesis.baseline)
+    if not shown or gained < settings.significance.detected:
+        return list(tried)
+    residuals = library.validation_residuals(hypothesis.selected)
+    after = excess.statistics_in_bands(prepared.validation, residuals, settings)
+    anywhere = np.any(shown, axis=0)
+    return [b.of(b.significant | (anywhere & excess.improved(b, a))) for b, a in zip(tried, after, strict=True)]
+
+
+class GapMeasure(Protocol):
     """How much of the gap causes take away.
 
     Parameters
@@ -27,7 +87,7 @@ class Measure(Protocol):
     """
 
     name: str
-    before: shrinking.ResidualStatistics
+    before: ResidualStatistics
 
     def stands_out(self, selected: Sequence[Candidate]) -> bool:
         """Whether any residual that candidates leave is more than noise by its size."""
@@ -39,8 +99,8 @@ class Measure(Protocol):
         """Return what candidate k takes away beside the others, as a share of the whole gap."""
 
 
-class Excess:
-    """What significant residuals hold beyond their noise in one band of the validation data: the contract's measure.
+class ExcessMeasure:
+    """What significant residuals hold beyond their noise in one band of the validation data (docs/contract.md).
 
     Parameters
     ----------
@@ -50,6 +110,8 @@ class Excess:
         The residuals that the model leaves, and which of them are significant.
     tried
         The same in all bands.
+    settings
+        Thresholds and seeds.
     """
 
     name = "excess"
@@ -57,20 +119,22 @@ class Excess:
     def __init__(
         self,
         library: RegressorLibrary,
-        before: shrinking.ResidualStatistics,
-        tried: Sequence[shrinking.ResidualStatistics],
+        before: ResidualStatistics,
+        tried: Sequence[ResidualStatistics],
+        settings: DiagnosisSettings,
     ) -> None:
-        self.library, self.before = library, before
-        self._after: dict[tuple[tuple[Candidate, ...], float], shrinking.ResidualStatistics] = {}
-        self._clear = [before, *(f for f in tried if f is not before and f.clarity > shrinking.CLEAR)]
+        self.library, self.before, self._settings = library, before, settings
+        self._after: dict[tuple[tuple[Candidate, ...], float], ResidualStatistics] = {}
+        guard, clear = settings.significance.noise_guard, settings.significance.clear
+        self._clear = [before, *(s for s in tried if s is not before and s.clarity(guard) > clear)]
 
-    def after(self, selected: Sequence[Candidate], band: float | None = None) -> shrinking.ResidualStatistics:
+    def after(self, selected: Sequence[Candidate], band: float | None = None) -> ResidualStatistics:
         """Return what candidates leave, in the same band if none is named."""
         key = (tuple(selected), band or self.before.band)
         if key not in self._after:
-            judge = self.library.sets[1]
-            left = shrinking.remaining(judge, selected, self.library.fit(0, selected))
-            self._after[key] = shrinking.figures(judge, left, key[1])
+            left, rng = self.library.validation_residuals(selected), self._settings.resampling.significance_rng()
+            statistics = excess.residual_statistics(self.library.sets[1], left, key[1], self._settings, rng)
+            self._after[key] = statistics
         return self._after[key]
 
     def stands_out(self, selected: Sequence[Candidate]) -> bool:
@@ -79,7 +143,8 @@ class Excess:
 
     def share(self, selected: Sequence[Candidate]) -> Share:
         """Return the share of the gap that candidates take away, and its 95 % interval over blocks."""
-        return shrinking.shrink(self.before, self.after(selected))
+        resampling = self._settings.resampling
+        return excess.shrink(self.before, self.after(selected), resampling, resampling.shrink_rng())
 
     def contribution(self, selected: Sequence[Candidate], k: int) -> float:
         """Return what candidate k takes away beside the others, as a share of the whole gap.
@@ -88,17 +153,17 @@ class Excess:
         """
         without = [*selected[:k], *selected[k + 1 :]]
         return max(
-            shrinking.contribution(before, self.after(without, before.band), self.after(selected, before.band))
+            excess.contribution(before, self.after(without, before.band), self.after(selected, before.band))
             for before in self._clear
         )
 
 
-class Likelihood:
-    """What all equations together say, be each residual too noisy to show it.
+class LikelihoodMeasure:
+    """What all equations together show, where each residual is too noisy to show it.
 
     An effect may show in a combination of equations alone: the noise of a torque sensor is common to three of them. And
     a faint excess is known far worse than the fall that a cause brings, as the noise's size is an estimate. So the gap
-    is the held-out log-likelihood of the best explanation, and of the structure that it leaves.
+    is the held-out log-likelihood of the best hypothesis, and of the structure that it leaves.
 
     Parameters
     ----------
@@ -109,9 +174,11 @@ class Likelihood:
     baseline
         What counts as part of the model.
     best
-        The best explanation, the baseline first.
+        The best hypothesis, the baseline first.
     left
         Held-out log-likelihood of what `best` leaves.
+    settings
+        Thresholds and seeds.
     """
 
     name = "likelihood"
@@ -119,13 +186,14 @@ class Likelihood:
     def __init__(
         self,
         library: RegressorLibrary,
-        before: shrinking.ResidualStatistics,
+        before: ResidualStatistics,
         baseline: Sequence[Candidate],
         best: Sequence[Candidate],
         left: float,
+        settings: DiagnosisSettings,
     ) -> None:
-        self.library, self.before, self.baseline = library, before, list(baseline)
-        self.whole = max(self.gain(best), DETECTED) + max(left, 0.0)
+        self.library, self.before, self.baseline, self._settings = library, before, list(baseline), settings
+        self.whole = max(self.gain(best), settings.significance.detected) + max(left, 0.0)
 
     def stands_out(self, selected: Sequence[Candidate]) -> bool:
         """Return that no residual does."""
@@ -145,9 +213,11 @@ class Likelihood:
         falls = 0.5 * np.concatenate(self.library.falls(self.baseline, selected))
         gain = self.gain(selected)
         whole = max(self.whole, gain)
-        low, high = shrinking.lowest(falls) * len(falls), -shrinking.lowest(-falls) * len(falls)
+        resampling, detected = self._settings.resampling, self._settings.significance.detected
+        low = lower_bound(falls, resampling, resampling.fall_rng()) * len(falls)
+        high = -lower_bound(-falls, resampling, resampling.fall_rng()) * len(falls)
         share = gain / whole
-        return share, (min(low / (whole + DETECTED), share), max(min(high / whole, 1.0), share))
+        return share, (min(low / (whole + detected), share), max(min(high / whole, 1.0), share))
 
     def contribution(self, selected: Sequence[Candidate], k: int) -> float:
         """Return what candidate k takes away beside the others, as a share of the whole gap."""

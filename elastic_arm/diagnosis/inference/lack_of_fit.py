@@ -15,11 +15,12 @@ from numpy.typing import NDArray
 
 from elastic_arm.diagnosis.inference.regimes import bases
 from elastic_arm.diagnosis.selection.regressor_library import Candidate, RegressorLibrary
+from elastic_arm.diagnosis.settings import DiagnosisSettings, RegimeSettings
 from elastic_arm.estimation.whitening import WhitenedData
 
 Array = NDArray[np.float64]
 
-RANK = 1e-6  # relative singular value below which a combination of columns says nothing
+RANK = 1e-6  # relative singular value below which a combination of columns is not determined; numerical
 # A torque sensor's fault shows in the three equations that share it, with these signs, and in no single one.
 SHARED = {"link": 1.0, "drive": 1.0, "motor": -1.0}
 
@@ -46,22 +47,62 @@ class LackOfFit:
     rmse: float
 
 
+class LackOfFitTest:
+    """What hypotheses leave that is not noise, be it too faint to show by its size.
+
+    Parameters
+    ----------
+    library
+        Of all columns.
+    ratios
+        r_hd and r_tot of every joint.
+    settings
+        Least log-likelihood, and what residuals are compared with.
+    """
+
+    def __init__(
+        self, library: RegressorLibrary, ratios: Sequence[tuple[float, float]], settings: DiagnosisSettings
+    ) -> None:
+        self._library, self._ratios, self._settings = library, ratios, settings
+        self._found: dict[tuple[Candidate, ...], list[LackOfFit]] = {}
+
+    def __call__(self, selected: Sequence[Candidate]) -> list[LackOfFit]:
+        """Return what candidates leave, strongest first; each set of candidates is worked out once."""
+        key = tuple(selected)
+        if key not in self._found:
+            self._found[key] = lack_of_fit(self._library, selected, self._ratios, self._settings.regimes)
+        found, detected = self._found[key], self._settings.significance.detected
+        share = self._settings.judgement.trace_share
+        return [one for one in found if one.gain > max(detected, share * found[0].gain)]
+
+
 def lack_of_fit(
-    library: RegressorLibrary, selected: Sequence[Candidate], ratios: Sequence[tuple[float, float]]
+    library: RegressorLibrary,
+    selected: Sequence[Candidate],
+    ratios: Sequence[tuple[float, float]],
+    settings: RegimeSettings,
 ) -> list[LackOfFit]:
     """Return what stands out of what the candidates leave, the strongest of each residual, strongest first.
 
     Parameters
     ----------
+    library
+        Of all columns.
+    selected
+        The candidates, fitted together on each data set.
     ratios
         r_hd and r_tot of every joint.
+    settings
+        The shapes that residuals are compared with.
     """
     n = library.sets[0].layout.n
     left = [library.remainder(which, selected, library.fit(which, selected)) for which in (0, 1)]
     explained = [_basis(library.matrix(which, _numbers(selected))) for which in (0, 1)]
     found: list[LackOfFit] = []
     for joint in range(n):
-        shapes = {of: [_shapes(data, of, joint, ratios[joint]) for data in library.sets] for of in ("link", "motor")}
+        shapes = {
+            of: [_shapes(data, of, joint, ratios[joint], settings) for data in library.sets] for of in ("link", "motor")
+        }
         for side in (*library.sets[0].layout.sides, "sensor"):
             row = _row(library.sets[0], "link" if side == "sensor" else side, joint)
             thin = shapes["link" if side in ("link", "sensor") else "motor"]
@@ -81,11 +122,13 @@ def lack_of_fit(
     return list(strongest.values())
 
 
-def _shapes(data: WhitenedData, of: str, joint: int, ratios: tuple[float, float]) -> dict[str, list[Array]]:
+def _shapes(
+    data: WhitenedData, of: str, joint: int, ratios: tuple[float, float], settings: RegimeSettings
+) -> dict[str, list[Array]]:
     """Return what depends on the "link" or "motor" of a joint (N', k) in the band, by regime, one array a stretch."""
     found: dict[str, list[Array]] = {}
     for part in data.parts:
-        for regime, columns in bases(part.signals, of, joint, data.layout.n, ratios).items():
+        for regime, columns in bases(part.signals, of, joint, data.layout.n, ratios, settings).items():
             found.setdefault(regime, []).append(data.band.apply(columns)[part.stretch.kept])
     return found
 

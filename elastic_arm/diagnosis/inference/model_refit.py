@@ -11,6 +11,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from elastic_arm.diagnosis.settings import RefitSettings
 from elastic_arm.dynamics import Model, build_model
 from elastic_arm.estimation.band import Band
 from elastic_arm.estimation.equations import EquationSet
@@ -20,12 +21,25 @@ from elastic_arm.estimation.whitening import WhitenedData
 
 Array = NDArray[np.float64]
 
-USUAL = 0.3  # relative error of a nominal parameter: what the recording does not determine stays near nominal
-COLOURED = 50.0  # most that coloured residuals are discounted
 
+def refitted(
+    model: Model, observations: Sequence[Observation], layout: EquationSet, band: Band, settings: RefitSettings
+) -> Model:
+    """Return the model with Psi fitted to whitened residuals of the observations, from the nominal values.
 
-def refitted(model: Model, observations: Sequence[Observation], layout: EquationSet, band: Band) -> Model:
-    """Return the model with Psi fitted to whitened residuals of the observations, from the nominal values."""
+    A ridge regression: what the recording does not determine stays near its nominal value.
+
+    Parameters
+    ----------
+    model
+        The nominal model.
+    observations
+        Of the identification recordings.
+    layout, band
+        Usable equations, and where they are compared.
+    settings
+        Prior of the nominal values.
+    """
     data = WhitenedData(model, observations, layout, band)
     columns = []
     for part in data.parts:
@@ -41,7 +55,7 @@ def refitted(model: Model, observations: Sequence[Observation], layout: Equation
     left = float(data.white @ data.white - projected @ projected)
     misfit = max(1.0, left / max(1.0, data.freedom - len(s)))
     # What is left beyond noise is coloured: fewer rows are independent than there are.
-    weight = misfit * min(misfit, COLOURED) / USUAL**2
+    weight = misfit * min(misfit, settings.most_discount) / settings.nominal_error**2
     change = scale * (vt.T @ (s * projected / (s**2 + weight)))
     fitted = build_model(model.robot, model.name)
     fitted.Psi = model.Psi + change

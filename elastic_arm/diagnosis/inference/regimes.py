@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import welch
 
+from elastic_arm.diagnosis.settings import RegimeSettings
 from elastic_arm.estimation.regressors import Signals
 from elastic_arm.estimation.whitening import WhitenedData
 
@@ -27,24 +28,30 @@ REGIMES = (
     "start",
     "drift",
 )
-ORDERS = (1, 2, 3, 4)
-WEAK = 0.1  # share below which a regime does not describe a residual
 
 
-def shares(data: WhitenedData, values: Sequence[Array], row: int, ratios: tuple[float, float]) -> dict[str, float]:
+def shares(
+    data: WhitenedData, values: Sequence[Array], row: int, ratios: tuple[float, float], settings: RegimeSettings
+) -> dict[str, float]:
     """Share of one residual's power that follows each regime.
 
     Parameters
     ----------
+    data
+        The data set to which the residuals belong.
+    values
+        Residuals (N', R) of each stretch, Nm.
     row
         Which residual; its joint and side follow from the layout.
     ratios
         r_hd and r_tot of its joint.
+    settings
+        Shapes of the regimes.
     """
     n = data.layout.n
     side, joint = data.layout.sides[row // n], row % n
     r = np.concatenate([v[:, row] for v in values])
-    parts = [bases(part.signals, side, joint, n, ratios) for part in data.parts]
+    parts = [bases(part.signals, side, joint, n, ratios, settings) for part in data.parts]
     found: dict[str, float] = {}
     power = float(np.mean(r**2)) or 1.0
     for regime in parts[0]:
@@ -55,21 +62,37 @@ def shares(data: WhitenedData, values: Sequence[Array], row: int, ratios: tuple[
         left = float(np.mean((r - basis @ beta) ** 2))
         # A fit with more columns explains more by chance alone.
         found[regime] = max(0.0, 1.0 - left / power * len(r) / max(1, len(r) - basis.shape[1]))
-    found["start"] = _start_share(values, row, data.band.kept_rate)
-    found["frequency"] = _line_share(r, data.band.kept_rate)
+    found["start"] = _start_share(values, row, data.band.kept_rate, settings.start)
+    found["frequency"] = _line_share(r, data.band.kept_rate, settings.motion)
     return found
 
 
-def regime(found: dict[str, float]) -> str:
+def regime(found: dict[str, float], settings: RegimeSettings) -> str:
     """Return the regime that describes a residual best, the simpler one where two do alike."""
     best = max(found.values())
-    if best < WEAK:
+    if best < settings.weak:
         return "always"
-    return next(name for name in REGIMES if found.get(name, 0.0) > 0.9 * best)
+    return next(name for name in REGIMES if found.get(name, 0.0) > settings.alike * best)
 
 
-def bases(signals: Signals, side: str, i: int, n: int, ratios: tuple[float, float]) -> dict[str, Array]:
-    """Return the columns (N, k) at the recording's rate that a residual of joint i would follow, by regime."""
+def bases(
+    signals: Signals, side: str, i: int, n: int, ratios: tuple[float, float], settings: RegimeSettings
+) -> dict[str, Array]:
+    """Return the columns (N, k) at the recording's rate that a residual of joint i would follow, by regime.
+
+    Parameters
+    ----------
+    signals
+        Of the motion.
+    side
+        "link", or another: which velocity and sign the residual follows.
+    i, n
+        The joint, and the number of joints.
+    ratios
+        r_hd and r_tot of the joint.
+    settings
+        Shapes of the regimes.
+    """
     v = signals.values
     # Without transmissions the motor turns with the link.
     motor = n if v["x"].shape[1] > n else 0
@@ -78,12 +101,12 @@ def bases(signals: Signals, side: str, i: int, n: int, ratios: tuple[float, floa
     sign = v["sign_link" if side == "link" else "sign_motor"][:, i]
     theta, q, load = v["x"][:, motor + i], v["x"][:, i], v["tau_J"][:, i]
     typical = float(np.sqrt(np.mean(w**2))) or 1.0
-    waves = [f(k * ratios[0] * theta) for k in ORDERS for f in (np.sin, np.cos)]
-    turns = [f(k * ratios[1] * theta) for k in ORDERS for f in (np.sin, np.cos)]
+    waves = [f(k * ratios[0] * theta) for k in settings.orders for f in (np.sin, np.cos)]
+    turns = [f(k * ratios[1] * theta) for k in settings.orders for f in (np.sin, np.cos)]
     return {
         "always": np.ones((len(w), 1)),
         "velocity_reversal": sign[:, None],
-        "low_speed": np.stack([np.exp(-((w / (s * typical)) ** 2)) * sign for s in (0.1, 0.3)], axis=1),
+        "low_speed": np.stack([np.exp(-((w / (s * typical)) ** 2)) * sign for s in settings.slow], axis=1),
         "high_speed": np.stack([w, w * np.abs(w)], axis=1),
         "acceleration": a[:, None],
         "load": np.stack([load, load**3, v["dtau_J"][:, i]], axis=1),
@@ -94,20 +117,20 @@ def bases(signals: Signals, side: str, i: int, n: int, ratios: tuple[float, floa
     }
 
 
-def _start_share(values: Sequence[Array], row: int, rate: float) -> float:
-    """Share of the power in the first second beyond that second's share of the time."""
+def _start_share(values: Sequence[Array], row: int, rate: float, seconds: float) -> float:
+    """Share of the power in the first seconds beyond their share of the time."""
     first = values[0][:, row]
-    count = min(len(first), max(1, int(rate)))
+    count = min(len(first), max(1, int(seconds * rate)))
     total = sum(float(np.sum(v[:, row] ** 2)) for v in values)
     time = count / sum(len(v) for v in values)
     share = float(np.sum(first[:count] ** 2)) / total if total else 0.0
     return max(0.0, (share - time) / (1.0 - time))
 
 
-def _line_share(r: Array, rate: float) -> float:
+def _line_share(r: Array, rate: float, motion: float) -> float:
     """Share of the power within the strongest narrow line above the motion's own frequencies."""
     f, spectrum = welch(r, rate, nperseg=min(len(r), int(4 * rate)))
-    above = f > 3.0
+    above = f > motion
     if not above.any():
         return 0.0
     peak = int(np.argmax(np.where(above, spectrum, 0.0)))

@@ -14,21 +14,35 @@ from numpy.typing import NDArray
 from scipy.optimize import minimize, minimize_scalar
 
 from elastic_arm.diagnosis.selection.regressor_library import Candidate, RegressorLibrary
+from elastic_arm.diagnosis.settings import RefinementSettings
 from elastic_arm.effects.parameters import Parameter
 
 Array = NDArray[np.float64]
 
-EVALUATIONS = 18  # of one parameter; its optimum is then known to some 0.1 %
-BEYOND = 3.0  # how far outside its plausible range a parameter may be found
+# First steps and tolerance of the Nelder-Mead search; numerical.
 WIDE_STEP, SMALL_STEP = 0.2, 0.02  # of half a range: first steps from its middle, and from a value that was tried
 NEAR = 2e-3  # of half a range: how near the optimum a search over several numbers ends
 Cost = Callable[[Sequence[float]], float]
 
 
-def refine(library: RegressorLibrary, selected: Sequence[Candidate], which: Candidate) -> Candidate:
-    """Return one of the selected with its searched parameters optimised on the identification data.
+def refine(
+    library: RegressorLibrary, selected: Sequence[Candidate], which: Candidate, settings: RefinementSettings
+) -> Candidate:
+    """Return one candidate with its nonlinear parameters optimised on the identification data.
 
-    Whole orders stay as they are. The others stay at their coefficients' best for every value tried.
+    Integer parameters stay as they are. The other candidates have their best coefficients at every value tried
+    (variable projection, Golub and Pereyra 1973).
+
+    Parameters
+    ----------
+    library
+        Of all columns; the refined candidate is added to it.
+    selected
+        The hypothesis that holds the candidate.
+    which
+        The candidate.
+    settings
+        Range and number of evaluations.
     """
     feature = which.feature
     free = [p for p in feature.searched for _ in range(p.size)]
@@ -44,7 +58,8 @@ def refine(library: RegressorLibrary, selected: Sequence[Candidate], which: Cand
         best = _together(cost, free, which.searched)
     else:
         assert which.searched is not None
-        best = (_scalar(cost, free[0], which.searched[0], wide=feature.fixed and not which.fixed),)
+        scaled = feature.fixed and not which.fixed
+        best = (_scalar(cost, free[0], which.searched[0], settings, wide=scaled),)
     refined = library.add(feature, best, fixed=feature.fixed)
     library.close()
     return refined
@@ -66,18 +81,18 @@ def _together(cost: Cost, free: Sequence[Parameter], start: tuple[float, ...] | 
     return values(minimize(lambda point: cost(values(point)), first, method="Nelder-Mead", options=options).x)
 
 
-def _scalar(cost: Cost, parameter: Parameter, start: float, *, wide: bool) -> float:
-    axis = _Axis.of(parameter, beyond=BEYOND)
+def _scalar(cost: Cost, parameter: Parameter, start: float, settings: RefinementSettings, *, wide: bool) -> float:
+    axis = _Axis.of(parameter, beyond=settings.range_factor)
     low, high = axis.low, axis.high
     if wide:
-        # A scaled column told the shape, not the size: look at the whole range first.
-        tried = np.linspace(low, high, EVALUATIONS)
+        # Only the shape of a scaled column was fitted, not its size: evaluate the whole range first.
+        tried = np.linspace(low, high, settings.evaluations)
         centre = tried[int(np.argmin([cost((axis.value(v),)) for v in tried]))]
         width = 1.5 * (tried[1] - tried[0])
     else:
         centre, width = axis.at(start), 1.2 * (high - low) / 7
     bounds = (max(low, centre - width), min(high, centre + width))
-    options = {"maxiter": EVALUATIONS, "xatol": 1e-4 if axis.logarithmic else 1e-4 * (high - low)}
+    options = {"maxiter": settings.evaluations, "xatol": 1e-4 if axis.logarithmic else 1e-4 * (high - low)}
     found = minimize_scalar(lambda v: cost((axis.value(v),)), bounds=bounds, method="bounded", options=options)
     return axis.value(found.x)
 

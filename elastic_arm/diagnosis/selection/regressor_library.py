@@ -14,17 +14,14 @@ from itertools import product
 import numpy as np
 from numpy.typing import NDArray
 
+from elastic_arm.diagnosis.settings import CandidateSettings
 from elastic_arm.effects.parameters import Parameter
 from elastic_arm.estimation.effect_columns import Feature
 from elastic_arm.estimation.whitening import WhitenedData
 
 Array = NDArray[np.float64]
 
-ORDERS = 12  # whole orders of ripple and transmission error that are tried
-GRID = 7  # values tried of every other searched parameter
-COARSE_GRID = 5  # of each of several
-REACH = 0.6  # of half a range: where the columns of several searched numbers are taken around its middle
-RANK = 1e-10  # relative eigenvalue below which a combination of columns is not determined
+RANK = 1e-10  # relative eigenvalue below which a combination of columns is not determined; numerical
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,10 +63,13 @@ class RegressorLibrary:
     ----------
     identify, validate
         The data that causes are fitted on, and the data that judges them.
+    settings
+        The values of nonlinear parameters that are tried.
     """
 
-    def __init__(self, identify: WhitenedData, validate: WhitenedData) -> None:
+    def __init__(self, identify: WhitenedData, validate: WhitenedData, settings: CandidateSettings) -> None:
         self.sets = (identify, validate)
+        self._settings = settings
         self.candidates: list[Candidate] = []
         self._pending: list[list[Array]] = [[e.white[:, None]] for e in self.sets]
         self._columns = [np.empty((len(e.white), 0), order="F") for e in self.sets]
@@ -92,7 +92,7 @@ class RegressorLibrary:
         data = self.sets[which]
         if searched is not None:
             return data.whiten(data.plain(feature, searched))
-        points = _neighbourhood(feature)
+        points = _neighbourhood(feature, self._settings.reach)
         return np.hstack([data.whiten(data.plain(feature, tuple(point))) for point in points])
 
     def close(self) -> None:
@@ -125,6 +125,20 @@ class RegressorLibrary:
     def fit(self, which: int, selected: Sequence[Candidate]) -> Array:
         """Return coefficients of all columns of the selected, in order, fitted on one data set."""
         return _fit(self._grams[which], selected)
+
+    def coefficients(self, selected: Sequence[Candidate]) -> list[Array]:
+        """Return the coefficients of each candidate's columns, fitted on the identification data."""
+        ends = np.cumsum([len(candidate.index) for candidate in selected])
+        return np.split(self.fit(0, selected), ends[:-1]) if len(ends) else []
+
+    def validation_residuals(self, selected: Sequence[Candidate]) -> list[Array]:
+        """Return the residuals (N', R) of each stretch of the validation data that candidates leave, Nm."""
+        data = self.sets[1]
+        left = [y.copy() for y in data.y]
+        for candidate, beta in zip(selected, self.coefficients(selected), strict=True):
+            for own, columns in zip(left, data.plain(candidate.feature, candidate.searched or ()), strict=True):
+                own -= columns @ beta
+        return left
 
     def gain(self, which: int, selected: Sequence[Candidate], beta: Array) -> float:
         """Log-likelihood that coefficients gain on a data set over no cause."""
@@ -192,39 +206,51 @@ def _solve(gram: Array, target: Array) -> Array:
     return part @ ((part.T @ (target / scale)) / values[keep]) / scale
 
 
-def starting_points(feature: Feature) -> list[tuple[float, ...] | None]:
+def starting_points(feature: Feature, settings: CandidateSettings) -> list[tuple[float, ...] | None]:
     """Return values of the searched parameters from which a search may start."""
     if not feature.searched:
         return [()]
     if any(p.size > 1 for p in feature.searched):
         return [None]
-    points = GRID if len(feature.searched) == 1 else COARSE_GRID
-    return list(product(*(_tried(parameter, points) for parameter in feature.searched)))
+    points = settings.grid if len(feature.searched) == 1 else settings.coarse_grid
+    return list(product(*(_tried(parameter, points, settings.orders) for parameter in feature.searched)))
 
 
-def _tried(parameter: Parameter, points: int) -> list[float]:
+def _tried(parameter: Parameter, points: int, orders: int) -> list[float]:
     """Return values of one searched parameter, spread over its range."""
     low, high = parameter.low, parameter.high
     if parameter.integer:
         first = int(np.ceil(low))
-        return [float(k) for k in range(first, min(first + ORDERS - 1, int(high)) + 1)]
+        return [float(k) for k in range(first, min(first + orders - 1, int(high)) + 1)]
     spread = np.geomspace if parameter.logarithmic else np.linspace
     return [float(v) for v in spread(low, high, points)]
 
 
-def _neighbourhood(feature: Feature) -> Array:
+def _neighbourhood(feature: Feature, share: float) -> Array:
     """Return points (2 k + 1, k) around the middle of the ranges of k searched numbers."""
     components = [p for p in feature.searched for _ in range(p.size)]
     middle = np.array([(p.low + p.high) / 2 for p in components])
-    reach = np.diag([REACH * (p.high - p.low) / 2 for p in components])
+    reach = np.diag([share * (p.high - p.low) / 2 for p in components])
     return np.concatenate([middle[None], middle + reach, middle - reach])
 
 
-def build_library(identify: WhitenedData, validate: WhitenedData, features: Sequence[Feature]) -> RegressorLibrary:
-    """Evaluate every feature on both data sets."""
-    library = RegressorLibrary(identify, validate)
+def build_library(
+    identify: WhitenedData, validate: WhitenedData, features: Sequence[Feature], settings: CandidateSettings
+) -> RegressorLibrary:
+    """Evaluate every feature on both data sets.
+
+    Parameters
+    ----------
+    identify, validate
+        The data that causes are fitted on, and the data that judges them.
+    features
+        What competes.
+    settings
+        The values of nonlinear parameters that are tried.
+    """
+    library = RegressorLibrary(identify, validate, settings)
     for feature in features:
-        for point in starting_points(feature):
+        for point in starting_points(feature, settings):
             # What has no free parameter at all has a known size; what is only searched may be scaled while searching.
             library.add(feature, point, fixed=feature.fixed and not feature.scalable)
     library.close()

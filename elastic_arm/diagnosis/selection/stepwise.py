@@ -2,84 +2,52 @@
 
 Forward by the best next cause, then every cause of the set against every other, then backward. Sensor faults and
 parameter errors compete on equal terms with physics. What stops it is not significance, which with thousands of
-coloured samples every term has, but what a cause is worth: a share of the gap, on held-out motion, counted in units of
-what the best explanation so far leaves beyond noise.
+coloured samples every term has, but the gain of a cause in log-likelihood on held-out motion, in units of the misfit
+that the best hypothesis so far leaves.
 """
 
 from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
+from elastic_arm.diagnosis.bootstrap import block_counts
+from elastic_arm.diagnosis.selection.hypothesis import Hypothesis, Rival
 from elastic_arm.diagnosis.selection.refine import refine
 from elastic_arm.diagnosis.selection.regressor_library import Candidate, RegressorLibrary
+from elastic_arm.diagnosis.settings import DiagnosisSettings
 
 Array = NDArray[np.float64]
 Key = tuple[str, str | None, tuple[object, ...]]
 
-RESAMPLES = 2000
-BEYOND = 1.2  # how far outside its plausible range a ratio may be found
-PATIENCE = 30  # optimisations that one search may spend
-ENOUGH = 12.0  # log-likelihood, over the misfit that is left, that another cause must gain
-SHARE = 0.005  # of all the log-likelihood that there is to gain
-MOST_CAUSES = 16
-STARTS = 2  # single causes from which the search sets out
-COMPLETE = 1.3  # mean square of the whitened remainder up to which next to nothing is left
-SHORTLIST = 4  # candidates whose searched parameters are optimised before they are compared
-CLOSE = 40.0  # log-likelihood (over the misfit) within which an alternative deserves an optimised comparison
-
-
-@dataclass(frozen=True)
-class Rival:
-    """An explanation that could stand in a cause's place, and how likely it is beside it."""
-
-    candidate: Candidate
-    odds: float
-
-
-@dataclass
-class Hypothesis:
-    """A set of causes with the coefficients that the identification data give.
-
-    Parameters
-    ----------
-    selected
-        The causes, those given by the user first.
-    given
-        How many of them the user gave.
-    rivals
-        Alternatives of each cause, by position in `selected`.
-    """
-
-    selected: list[Candidate]
-    given: int = 0
-    rivals: dict[int, list[Rival]] = field(default_factory=dict)
-
 
 def misfit(library: RegressorLibrary, selected: Sequence[Candidate]) -> float:
-    """Mean square of what is left, whitened, over both data sets: 1 for a complete explanation, more for others."""
+    """Mean square of what is left, whitened, over both data sets: 1 for a complete hypothesis, more for others."""
     beta = library.fit(0, selected)
     left = sum(float(np.sum(library.remainder(which, selected, beta) ** 2)) for which in (0, 1))
     return max(1.0, left / sum(e.freedom for e in library.sets))
 
 
-def plausible(library: RegressorLibrary, selected: Sequence[Candidate]) -> bool:
-    """Whether every parameter has a sign that its effect can have (no friction that drives, no negative mass)."""
-    beta = library.fit(0, selected)
-    k = 0
-    for candidate in selected:
-        count = candidate.columns.stop - candidate.columns.start
-        if not candidate.fixed and candidate.searched is not None and not _possible(candidate, beta[k : k + count]):
-            return False
-        k += count
-    return True
+def plausible(library: RegressorLibrary, selected: Sequence[Candidate], ratio_factor: float) -> bool:
+    """Whether every parameter has a sign that its effect can have (no friction that drives, no negative mass).
+
+    Parameters
+    ----------
+    library
+        Of all columns.
+    selected
+        The candidates, fitted together.
+    ratio_factor
+        How far outside its plausible range a ratio may be.
+    """
+    fitted = zip(selected, library.coefficients(selected), strict=True)
+    return all(c.fixed or c.searched is None or _possible(c, beta, ratio_factor) for c, beta in fitted)
 
 
-def _possible(candidate: Candidate, beta: Array) -> bool:
+def _possible(candidate: Candidate, beta: Array, ratio_factor: float) -> bool:
     feature = candidate.feature
     if feature.fixed:
         return bool(beta[0] > 0)
@@ -90,26 +58,40 @@ def _possible(candidate: Candidate, beta: Array) -> bool:
     if first.neutral == 0.0 and first.low > 0.0:
         return value > 0.0
     if first.neutral:
-        return first.low / BEYOND < value < first.high * BEYOND
+        return first.low / ratio_factor < value < first.high * ratio_factor
     return value > first.above
 
 
-class Search:
-    """The search for causes in a library of columns."""
+class StepwiseSearch:
+    """Stepwise selection of candidates: forward, exchange, backward (Efroymson 1960), judged on held-out motion.
 
-    def __init__(self, library: RegressorLibrary, given: Sequence[Candidate] = ()) -> None:
+    Parameters
+    ----------
+    library
+        Of all columns.
+    given
+        Candidates that count as part of the model.
+    settings
+        Thresholds of the search and of the refinement.
+    """
+
+    def __init__(self, library: RegressorLibrary, given: Sequence[Candidate], settings: DiagnosisSettings) -> None:
         self.library, self.given = library, list(given)
+        self._settings, self._search = settings, settings.search
         self._candidates = [e for e in library.candidates if e not in self.given]
         # One of several values tried fits by chance better than a single one: that many times less is each worth.
         self._price = {key: np.log(count) for key, count in Counter(e.feature.key for e in library.candidates).items()}
-        self._patience = PATIENCE
+        self._refinements_left = settings.search.refinements
         self._refined: dict[tuple[Candidate, frozenset[Candidate]], Candidate] = {}
         total = 0.5 * sum(float(e.white @ e.white) - e.freedom for e in library.sets)
-        self._least = SHARE * max(total, 0.0)
+        self._least = settings.search.least_share * max(total, 0.0)
 
     def _score(self, selected: Sequence[Candidate]) -> float:
         """Held-out log-likelihood less what choosing among tried values is worth."""
         return self.library.held_out(selected) - sum(self._price[candidate.feature.key] for candidate in selected)
+
+    def _plausible(self, selected: Sequence[Candidate]) -> bool:
+        return plausible(self.library, selected, self._search.ratio_factor)
 
     def strongest(self) -> float:
         """Held-out log-likelihood that the best single cause gains, less what its tried values are worth."""
@@ -117,26 +99,26 @@ class Search:
         return max((score for score, _ in self._ranked(self.given)), default=given) - given
 
     def run(self) -> Hypothesis:
-        """Return the best explanation found."""
+        """Return the best hypothesis found."""
         given = self._optimised(self.given)
         # The best single cause may be a wrong one that does two right ones' work, so others may begin too.
         chosen = self._grown(given)
-        for score, start in self._ranked(given)[1:STARTS]:
-            if misfit(self.library, chosen) < COMPLETE or score < 0.3 * self._score(chosen):
+        for score, start in self._ranked(given)[1 : self._search.starts]:
+            if misfit(self.library, chosen) < self._search.complete or score < self._search.start_ratio * self._score(
+                chosen
+            ):
                 break
             chosen = max(chosen, self._grown(start), key=self._merit)
-        explanation = Hypothesis(chosen, len(self.given))
-        for k in range(len(self.given), len(chosen)):
-            explanation.rivals[k] = self._rivals(chosen, k)
-        return explanation
+        rivals = {k: self._rivals(chosen, k) for k in range(len(self.given), len(chosen))}
+        return Hypothesis(tuple(chosen), len(self.given), rivals)
 
     def _merit(self, selected: Sequence[Candidate]) -> float:
-        return self._score(selected) - ENOUGH * len(selected) * misfit(self.library, selected)
+        return self._score(selected) - self._search.least_gain * len(selected) * misfit(self.library, selected)
 
     def _grown(self, chosen: list[Candidate]) -> list[Candidate]:
         """Add causes one by one as long as each is worth it."""
         chosen = self._dropped(self._optimised(chosen))
-        while len(chosen) - len(self.given) < MOST_CAUSES:
+        while len(chosen) - len(self.given) < self._search.most_causes:
             best = self._best_next(chosen)
             if best is None:
                 break
@@ -153,7 +135,8 @@ class Search:
         """
         scale = misfit(self.library, selected)
         structural = any(not e.feature.effect.parameters for e in selected)
-        return max(ENOUGH * scale, 0.0 if structural or scale < COMPLETE else self._least)
+        any_part = structural or scale < self._search.complete
+        return max(self._search.least_gain * scale, 0.0 if any_part else self._least)
 
     def _open(self, selected: Sequence[Candidate]) -> list[Candidate]:
         taken = {e.feature.key for e in selected}
@@ -176,18 +159,18 @@ class Search:
             for base in [list(selected), *others.get(candidate.feature.joint, [])]:
                 trial = [*base, candidate]
                 score = self._score(trial)
-                if (key not in best or score > best[key][0]) and plausible(self.library, trial):
+                if (key not in best or score > best[key][0]) and self._plausible(trial):
                     best[key] = (score, trial)
         return sorted(best.values(), key=lambda pair: -pair[0])
 
     def _best_next(self, chosen: Sequence[Candidate]) -> list[Candidate] | None:
-        ranked = self._ranked(chosen)[:SHORTLIST]
+        ranked = self._ranked(chosen)[: self._search.shortlist]
         scored = []
         for score, trial in ranked:
-            if score < 0.5 * ranked[0][0]:
+            if score < self._search.shortlist_ratio * ranked[0][0]:
                 break
             better = self._optimised(trial)
-            if plausible(self.library, better):
+            if self._plausible(better):
                 scored.append((self._score(better), better))
         if not scored:
             return None
@@ -197,26 +180,26 @@ class Search:
 
     def _refine(self, others: Sequence[Candidate], candidate: Candidate) -> Candidate:
         key = (candidate, frozenset(others))
-        makeshift = candidate.searched is None or (candidate.feature.fixed and not candidate.fixed)
-        if key not in self._refined and self._patience <= 0 and not makeshift:
+        provisional = candidate.searched is None or (candidate.feature.fixed and not candidate.fixed)
+        if key not in self._refined and self._refinements_left <= 0 and not provisional:
             return candidate
         if key not in self._refined:
-            self._patience -= 1
-            self._refined[key] = refine(self.library, [*others, candidate], candidate)
+            self._refinements_left -= 1
+            self._refined[key] = refine(self.library, [*others, candidate], candidate, self._settings.refinement)
         return self._refined[key]
 
     def _exchanged(self, selected: list[Candidate]) -> list[Candidate]:
         """Put another cause in the place of each as long as that explains more."""
-        for _ in range(2):
+        for _ in range(self._search.exchange_passes):
             changed = False
             for k in range(len(self.given), len(selected)):
                 others = selected[:k] + selected[k + 1 :]
                 now = self._score(selected)
-                for score, rough in self._ranked(others)[:SHORTLIST]:
-                    if rough[-1].feature.key == selected[k].feature.key or score < 0.5 * now:
+                for score, rough in self._ranked(others)[: self._search.shortlist]:
+                    if rough[-1].feature.key == selected[k].feature.key or score < self._search.shortlist_ratio * now:
                         continue
                     trial = [*rough[:-1], self._refine(rough[:-1], rough[-1])]
-                    if self._score(trial) > now + 3.0 and plausible(self.library, trial):
+                    if self._score(trial) > now + self._search.exchange_gain and self._plausible(trial):
                         selected, changed = trial, True
                         break
             if not changed:
@@ -230,8 +213,8 @@ class Search:
             better = self._refine([*selected[:k], *selected[k + 1 :]], candidate)
             trial = [*selected[:k], better, *selected[k + 1 :]]
             # Columns that span a neighbourhood, or were scaled while their size was searched, are no law.
-            makeshift = candidate.searched is None or (candidate.feature.fixed and not candidate.fixed)
-            if makeshift or (better is not candidate and self.library.both(trial) > self.library.both(selected)):
+            provisional = candidate.searched is None or (candidate.feature.fixed and not candidate.fixed)
+            if provisional or (better is not candidate and self.library.both(trial) > self.library.both(selected)):
                 selected = trial
         return selected
 
@@ -251,26 +234,28 @@ class Search:
         """Return what could stand in the place of cause k, with its odds against it."""
         others = [*chosen[:k], *chosen[k + 1 :]]
         scale = misfit(self.library, chosen)
-        score = self._score(chosen)
+        score, furthest = self._score(chosen), self._search.rival_slack * self._search.rivals_compared
         rivals: list[Rival] = []
         for rough, (*_, candidate) in self._ranked(others):
             if candidate.feature.key == chosen[k].feature.key:
                 continue
-            if (score - rough) / scale > 1e3 * CLOSE and len(rivals) >= 2:
+            behind = (score - rough) / scale
+            if behind > furthest and len(rivals) >= self._search.fewest_rivals:
                 break
-            better = self._refine(others, candidate) if (score - rough) / scale < 1e3 * CLOSE else candidate
+            better = self._refine(others, candidate) if behind < furthest else candidate
             trial = [*others, better]
-            if not plausible(self.library, trial):
+            if not self._plausible(trial):
                 continue
             odds = self._odds(chosen, trial, scale)
-            if odds > 1e-4:
+            if odds > self._search.least_odds:
                 rivals.append(Rival(better, odds))
         return sorted(rivals, key=lambda rival: -rival.odds)
 
     def _odds(self, chosen: Sequence[Candidate], trial: Sequence[Candidate], scale: float) -> float:
-        """Odds of a trial explanation: by likelihood over the misfit, or by how often blocks prefer it, if more."""
+        """Odds of a trial hypothesis: by likelihood over the misfit, or by how often blocks prefer it, if more."""
         behind = (self._score(chosen) - self._score(trial)) / scale
         blocks = np.concatenate(self.library.falls(trial, chosen))
-        weights = np.random.default_rng(0).multinomial(len(blocks), np.full(len(blocks), 1 / len(blocks)), RESAMPLES)
+        resampling = self._settings.resampling
+        weights = block_counts(len(blocks), resampling.odds_draws, resampling.odds_rng())
         share = float(np.mean(weights @ blocks <= 0.0))
         return float(max(np.exp(-np.clip(behind, 0.0, 700.0)), min(1.0, share / max(1.0 - share, 0.5))))

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 import elastic_arm
-from elastic_arm.diagnosis.pipeline import Question, diagnose
+from elastic_arm.diagnosis import Question, diagnose
 from elastic_arm.effects import EFFECTS
 from elastic_arm.errors import DiagnosisError, RecordingError
 from elastic_arm.recording import read_recording, write_recording

@@ -1,0 +1,223 @@
+"""From judged and estimated causes to the result."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from elastic_arm.diagnosis import format as texts
+from elastic_arm.diagnosis.context import DiagnosisContext
+from elastic_arm.diagnosis.data.preparation import PreparedData
+from elastic_arm.diagnosis.inference.estimated_hypothesis import EstimatedHypothesis
+from elastic_arm.diagnosis.inference.excess import ResidualStatistics, residual_statistics
+from elastic_arm.diagnosis.inference.gap_metric import GapMeasure
+from elastic_arm.diagnosis.inference.judgement import Judgement, verdict
+from elastic_arm.diagnosis.inference.lack_of_fit import LackOfFit
+from elastic_arm.diagnosis.inference.regimes import regime, shares
+from elastic_arm.diagnosis.result import Alternative, Cause, Diagnosis, ResidualSizes, UnexplainedResidual
+from elastic_arm.diagnosis.selection.hypothesis import Rival
+from elastic_arm.diagnosis.selection.regressor_library import Candidate
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class RankedCause:
+    """A cause with what figures and the next experiment need of it.
+
+    Parameters
+    ----------
+    cause
+        As in the result.
+    candidate, rivals
+        As it was fitted, and what competes with it.
+    alone
+        Residuals (N', R) of each validation stretch with this cause alone added, Nm.
+    """
+
+    cause: Cause
+    candidate: Candidate
+    rivals: tuple[Candidate, ...]
+    alone: list[Array]
+
+
+def assemble(prepared: PreparedData, judgement: Judgement, estimated: EstimatedHypothesis) -> Diagnosis:
+    """Measure the gap before and after, rank the causes, and name what is left.
+
+    Parameters
+    ----------
+    prepared
+        Data and regressors.
+    judgement
+        The causes that passed, and the measure of the gap.
+    estimated
+        Their parameters.
+    """
+    settings, measure, library = prepared.settings, judgement.measure, prepared.library
+    hypothesis = estimated.hypothesis
+    ranked = ranked_causes(prepared, estimated, measure)
+    shrink, interval = measure.share(hypothesis.selected)
+    stands_out = measure.stands_out(hypothesis.selected)
+    traces = [] if stands_out else judgement.test(hypothesis.selected)
+    answer = verdict(
+        shrink,
+        caused=bool(hypothesis.causes),
+        unexplained=stands_out or bool(traces),
+        settings=settings.judgement,
+    )
+    # An incomplete hypothesis may owe its causes to what it lacks.
+    sure = max(shrink, 0.0) if answer == "unknown" else None
+    residuals = library.validation_residuals(hypothesis.selected)
+    before = measure.before
+    rng = settings.resampling.significance_rng()
+    after = residual_statistics(prepared.validation, residuals, before.band, settings, rng)
+    unexplained = _unexplained(prepared, before, after, residuals, traces) if answer == "unknown" else []
+    repeated = () if prepared.independent_motion else (texts.REPEATED_MOTION,)
+    return Diagnosis(
+        model=prepared.model.name,
+        robot=prepared.model.robot.name,
+        joints=prepared.model.robot.joint_names,
+        identify=prepared.sources[0],
+        validate=prepared.sources[1],
+        independent_motion=prepared.independent_motion,
+        band=before.band,
+        verdict=answer,
+        noise=dict(zip(prepared.places, before.noise.tolist(), strict=True)),
+        before=_sizes(prepared, before),
+        after=_sizes(prepared, after),
+        shrink=None if answer == "none" else shrink,
+        shrink_interval=None if answer == "none" else interval,
+        measured_by=measure.name,
+        log_likelihood=judgement.log_likelihood,
+        causes=tuple(r.cause if sure is None else r.cause.less_sure(sure) for r in ranked),
+        unexplained=tuple(unexplained),
+        notes=(*prepared.notes, *judgement.notes, *estimated.notes, *repeated),
+        cumulative_shrink=cumulative_shrink(measure, hypothesis.baseline, [r.candidate for r in ranked]),
+        context=_context(prepared, judgement, estimated, ranked, residuals),
+    )
+
+
+def ranked_causes(prepared: PreparedData, estimated: EstimatedHypothesis, measure: GapMeasure) -> list[RankedCause]:
+    """Return the causes, those first that shrink the gap most alone.
+
+    Parameters
+    ----------
+    prepared
+        Data and regressors.
+    estimated
+        The causes with their parameters.
+    measure
+        What the gap is measured by.
+    """
+    hypothesis, found = estimated.hypothesis, []
+    for k in hypothesis.causes:
+        candidate, rivals = hypothesis.selected[k], hypothesis.rivals.get(k, ())
+        alone = [*hypothesis.baseline, candidate]
+        cause = _cause(prepared, estimated, k, measure.share(alone)[0], rivals)
+        residuals = prepared.library.validation_residuals(alone)
+        found.append(RankedCause(cause, candidate, tuple(r.candidate for r in rivals), residuals))
+    return sorted(found, key=lambda one: -one.cause.shrink)
+
+
+def _cause(
+    prepared: PreparedData, estimated: EstimatedHypothesis, k: int, share: float, rivals: Sequence[Rival]
+) -> Cause:
+    feature, sides = estimated.hypothesis.selected[k].feature, prepared.validation.layout.sides
+    confidence = 1.0 / (1.0 + sum(r.odds for r in rivals))
+    listed = [r for r in rivals if r.odds * confidence >= prepared.settings.judgement.least_listed]
+    return Cause(
+        effect=feature.effect.id,
+        joint=feature.joint,
+        sides=tuple(side for side in feature.sides if side in sides) or feature.sides,
+        regime=feature.effect.regime,
+        parameters=estimated.parameters[k],
+        shrink=share,
+        confidence=confidence,
+        alternatives=tuple(_alternative(r, confidence, estimated.hypothesis.selected[k]) for r in listed),
+        active=estimated.instances[k],
+    )
+
+
+def _alternative(rival: Rival, confidence: float, candidate: Candidate) -> Alternative:
+    own, other = candidate.feature, rival.candidate.feature
+    motion = texts.separated_by(own.effect, other.effect, own.joint, other.joint)
+    return Alternative(other.effect.id, other.joint, rival.odds * confidence, motion)
+
+
+def cumulative_shrink(
+    measure: GapMeasure, baseline: Sequence[Candidate], causes: Sequence[Candidate]
+) -> tuple[float, ...]:
+    """Return how far the gap shrinks with the first cause, the first two, and so on.
+
+    Parameters
+    ----------
+    measure
+        What the gap is measured by.
+    baseline
+        What counts as part of the model.
+    causes
+        Most important first.
+    """
+    return tuple(measure.share([*baseline, *causes[: k + 1]])[0] for k in range(len(causes)))
+
+
+def _unexplained(
+    prepared: PreparedData,
+    before: ResidualStatistics,
+    after: ResidualStatistics,
+    residuals: Sequence[Array],
+    traces: Sequence[LackOfFit],
+) -> list[UnexplainedResidual]:
+    """Return where something is left: what follows a regime, else the residuals with most excess."""
+    places, settings = prepared.places, prepared.settings
+    if traces:
+        return [UnexplainedResidual(*places[trace.row], trace.regime, trace.rmse) for trace in traces]
+    least = settings.judgement.least_shrink * before.excess[before.significant].sum()
+    rows = [int(r) for r in np.argsort(-after.excess) if before.significant[r] and after.excess[r] > least]
+    followed = [
+        shares(prepared.validation, residuals, row, prepared.gear_ratios(row), settings.regimes) for row in rows
+    ]
+    return [
+        UnexplainedResidual(*places[row], regime(found, settings.regimes), float(after.rmse[row]))
+        for row, found in zip(rows, followed, strict=True)
+    ]
+
+
+def _sizes(prepared: PreparedData, statistics: ResidualStatistics) -> ResidualSizes:
+    def by_place(values: Array) -> dict[tuple[str, str], float]:
+        return dict(zip(prepared.places, values.tolist(), strict=True))
+
+    return ResidualSizes(by_place(statistics.rmse), by_place(statistics.peak))
+
+
+def _context(
+    prepared: PreparedData,
+    judgement: Judgement,
+    estimated: EstimatedHypothesis,
+    ranked: Sequence[RankedCause],
+    after: list[Array],
+) -> DiagnosisContext:
+    library, hypothesis = prepared.library, estimated.hypothesis
+    before = library.validation_residuals(judgement.hypothesis.baseline)
+    rows = range(len(prepared.places))
+    ratios = [prepared.gear_ratios(row) for row in rows]
+    regimes = prepared.settings.regimes
+    return DiagnosisContext(
+        model=prepared.model,
+        validate=prepared.validation,
+        before=before,
+        after=after,
+        selected=tuple(r.candidate for r in ranked),
+        alone=tuple(r.alone for r in ranked),
+        regimes=tuple(shares(prepared.validation, before, row, ratios[row], regimes) for row in rows),
+        library=library,
+        seen=prepared.observed,
+        held_back=prepared.held_back,
+        given=tuple(hypothesis.baseline),
+        known=estimated.instances[: hypothesis.given],
+        rivals=tuple(r.rivals for r in ranked),
+        settings=prepared.settings,
+    )

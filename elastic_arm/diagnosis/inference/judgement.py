@@ -1,0 +1,213 @@
+"""The judgement of a hypothesis: causes that fail the conditions of docs/contract.md are left out, worst first."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from elastic_arm.diagnosis import format as texts
+from elastic_arm.diagnosis.bootstrap import lower_bound
+from elastic_arm.diagnosis.data.preparation import PreparedData
+from elastic_arm.diagnosis.inference.estimates import ParameterEstimate, certain, differs, estimates, polish, several
+from elastic_arm.diagnosis.inference.gap_metric import GapMeasure, gap_measure
+from elastic_arm.diagnosis.inference.lack_of_fit import LackOfFitTest
+from elastic_arm.diagnosis.selection.hypothesis import Hypothesis
+from elastic_arm.diagnosis.selection.regressor_library import Candidate
+from elastic_arm.diagnosis.selection.stepwise import misfit
+from elastic_arm.diagnosis.settings import JudgementSettings
+
+
+@dataclass(frozen=True)
+class Judgement:
+    """The causes that passed.
+
+    Parameters
+    ----------
+    hypothesis
+        What is left of the hypothesis of the search.
+    measure
+        What the gap is measured by.
+    test
+        Finds what candidates leave.
+    log_likelihood
+        Held-out log-likelihood that the causes gain, nats.
+    notes
+        Ordinary imperfections, and effects too small to be causes.
+    """
+
+    hypothesis: Hypothesis
+    measure: GapMeasure
+    test: LackOfFitTest
+    log_likelihood: float
+    notes: tuple[str, ...]
+
+
+def judge(prepared: PreparedData, hypothesis: Hypothesis) -> Judgement:
+    """Keep the causes that pass: large enough, present in every resample, different from no effect."""
+    ratios = [prepared.gear_ratios(joint) for joint in range(prepared.model.n)]
+    test = LackOfFitTest(prepared.library, ratios, prepared.settings)
+    hypothesis, notes = without_ordinary(prepared, hypothesis)
+    measure = gap_measure(prepared, hypothesis, test)
+    kept, more_notes = eliminate(prepared, hypothesis, measure)
+    if len(kept.selected) < len(hypothesis.selected) and not kept.causes:
+        measure = gap_measure(prepared, kept, test)
+    gained = gain(prepared, kept.selected, kept.baseline)
+    return Judgement(kept, measure, test, gained, (*notes, *more_notes))
+
+
+def verdict(shrink: float, *, caused: bool, unexplained: bool, settings: JudgementSettings) -> str:
+    """Return whether the causes explain the gap: "none", "explained" or "unknown".
+
+    Where the gap is faint, the excess that is left is known to a part of it only: then it must look like noise.
+
+    Parameters
+    ----------
+    shrink
+        Share of the gap that the causes take away.
+    caused
+        Whether there are causes.
+    unexplained
+        Whether what is left is more than noise.
+    settings
+        How much of the gap may be left.
+    """
+    if caused and shrink >= 1.0 - settings.explained:
+        return "explained"
+    if unexplained:
+        return "unknown"
+    return "explained" if caused else "none"
+
+
+def gain(prepared: PreparedData, selected: Sequence[Candidate], without: Sequence[Candidate]) -> float:
+    """Return the held-out log-likelihood, nats, that candidates gain over others.
+
+    Parameters
+    ----------
+    prepared
+        Data and regressors.
+    selected, without
+        The two sets of candidates.
+    """
+    return prepared.library.held_out(selected) - prepared.library.held_out(without)
+
+
+def without_ordinary(prepared: PreparedData, hypothesis: Hypothesis) -> tuple[Hypothesis, list[str]]:
+    """Count what every real arm has, such as lags of a sample, as part of the model, and return notes on it."""
+    if not hypothesis.causes:
+        return hypothesis, []
+    library, settings = prepared.library, prepared.settings.judgement
+    estimated = estimates(library, polish(library, hypothesis.selected, settings), settings)
+    found = [k for k in hypothesis.causes if _is_ordinary(prepared, hypothesis.selected[k], estimated[k])]
+    order = [*range(hypothesis.given), *found, *(k for k in hypothesis.causes if k not in found)]
+    moved = {order.index(k): v for k, v in hypothesis.rivals.items() if k not in found}
+    notes = [_ordinary_note(hypothesis.selected[k], estimated[k]) for k in found]
+    return Hypothesis([hypothesis.selected[k] for k in order], hypothesis.given + len(found), moved), notes
+
+
+def _is_ordinary(prepared: PreparedData, candidate: Candidate, values: Mapping[str, ParameterEstimate]) -> bool:
+    """Whether there is no more of an effect, within its uncertainty, than every real arm has."""
+    effect = candidate.feature.effect
+    if effect.ordinary is None or effect.ordinary.parameter not in values:
+        return False
+    found, neutral = values[effect.ordinary.parameter], effect.parameter(effect.ordinary.parameter).neutral or 0.0
+    margin = prepared.settings.judgement.ordinary_deviations * (found.std or 0.0)
+    return bool(abs(found.value - neutral) <= effect.ordinary.most(prepared.rate) + margin)
+
+
+def _ordinary_note(candidate: Candidate, values: Mapping[str, ParameterEstimate]) -> str:
+    ordinary = candidate.feature.effect.ordinary
+    assert ordinary is not None
+    numbers = {name: estimate.value for name, estimate in values.items()}
+    return ordinary.note({**numbers, **candidate.feature.choices}, candidate.feature.joint or "all joints")
+
+
+def eliminate(prepared: PreparedData, hypothesis: Hypothesis, measure: GapMeasure) -> tuple[Hypothesis, list[str]]:
+    """Leave out causes that do not pass, worst first, and return notes on those too small.
+
+    Parameters
+    ----------
+    prepared
+        Data and regressors.
+    hypothesis
+        To judge.
+    measure
+        What the gap is measured by.
+    """
+    notes: list[str] = []
+    while hypothesis.causes:
+        shares = {k: measure.contribution(hypothesis.selected, k) for k in hypothesis.causes}
+        failed = {k: share for k, share in shares.items() if not passes(prepared, hypothesis, k, share)}
+        failed = failed or {k: 0.0 for k in insignificant(prepared, hypothesis) if k in hypothesis.causes}
+        if not failed:
+            break
+        worst = min(failed, key=lambda k: failed[k])
+        if is_small_effect(prepared, hypothesis, worst, failed[worst]):
+            feature, least = hypothesis.selected[worst].feature, prepared.settings.judgement.least_shrink
+            notes.append(texts.small_effect_note(feature, failed[worst], least))
+        hypothesis = hypothesis.drop(worst)
+    return hypothesis, notes
+
+
+def passes(prepared: PreparedData, hypothesis: Hypothesis, k: int, share: float) -> bool:
+    """Whether a cause is large enough, and makes the residual smaller in the resamples of both data sets.
+
+    Parameters
+    ----------
+    prepared
+        Data and regressors.
+    hypothesis
+        That holds it.
+    k
+        Its position.
+    share
+        What it takes off the gap beside the others.
+    """
+    settings, library = prepared.settings, prepared.library
+    without = hypothesis.without(k)
+    if not hypothesis.selected[k].feature.effect.parameters:
+        worth = settings.search.least_gain * misfit(library, hypothesis.selected)
+        return gain(prepared, hypothesis.selected, without) > worth
+    if share < settings.judgement.least_shrink:
+        return False
+    # What acts in few moments has few blocks that show it: then those of the fit's own motion count too, fitted on
+    # the validation data. And a cause that only some of the recordings have is one on the validation data alone.
+    on_fit, on_validation = library.falls(without, hypothesis.selected)
+    resampling = settings.resampling
+    bounds = [
+        lower_bound(falls, resampling, resampling.fall_rng())
+        for falls in (on_validation, np.append(on_fit, on_validation))
+    ]
+    return max(bounds) > 0.0
+
+
+def insignificant(prepared: PreparedData, hypothesis: Hypothesis) -> list[int]:
+    """Return the candidates whose parameters may be no effect: each, and where there are several, together."""
+    settings, library = prepared.settings.judgement, prepared.library
+    polished = polish(library, hypothesis.selected, settings)
+    estimated = estimates(library, polished, settings)
+    doubtful = [k for k, c in enumerate(hypothesis.selected) if not differs(estimated[k], c, settings.level)]
+    together = certain(library, polished, settings) if doubtful else []
+    return [k for k in doubtful if not (several(estimated[k]) and together[k])]
+
+
+def is_small_effect(prepared: PreparedData, hypothesis: Hypothesis, k: int, share: float) -> bool:
+    """Whether an effect is there beyond doubt and yet too small a part of the gap to be a cause.
+
+    Parameters
+    ----------
+    prepared
+        Data and regressors.
+    hypothesis
+        That holds it.
+    k
+        Its position.
+    share
+        What it takes off the gap beside the others.
+    """
+    settings = prepared.settings
+    if not 0.0 < share < settings.judgement.least_shrink:
+        return False
+    gained = gain(prepared, hypothesis.selected, hypothesis.without(k))
+    return gained > settings.significance.detected * misfit(prepared.library, hypothesis.selected)

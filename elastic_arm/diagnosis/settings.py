@@ -1,0 +1,223 @@
+"""Every threshold of a diagnosis, in one place, with where it comes from.
+
+A number is here if it decides something: what counts as a gap, as a cause, as alike. Tolerances of an optimiser or of a
+rank, which change no decision, stand where they are used. The origin of each number follows it:
+
+- a reference or a derivation, where there is one;
+- "convention": chosen by the authors as a round number, its effect not studied by itself;
+- "clean recordings": far above the largest value that recordings without any effect gave.
+
+What the numbers do together is measured on hidden arms that took no part in choosing them (docs/challenge_results.md).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+
+@dataclass(frozen=True)
+class SplitSettings:
+    """Which part of the recordings is fitted and which part judges."""
+
+    held_back: float = 1.0 / 3.0  # share of each recording that judges; convention
+    shortest: float = 2.5  # s of either part; five blocks of the block bootstrap, the fewest an interval can rest on
+    comparison_rate: float = 50.0  # Hz at which motions are compared; above the motions' own frequencies
+    repeated: float = 0.02  # difference over spread below which a motion counts as a repetition; convention
+    rows_compared: int = 200  # rows of a validation recording that are looked for in what is fitted; convention
+    shared: float = 0.2  # share of them that may be found there; noise repeats no row, so any share would do
+
+
+@dataclass(frozen=True)
+class PreprocessingSettings:
+    """Clocks of the two sides, and the common band of all recordings."""
+
+    clock_averaging: float = 0.02  # s; clocks are compared on means over as long; convention
+    clock_shift: float = 1e-5  # s over the recording; less changes nothing that can be measured; convention
+    clock_certainty: float = 10.0  # standard deviations of each joint's drift; coloured errors need many
+    clock_agreement: float = 0.2  # relative difference between joints up to which a drift is common to all; convention
+    clock_passes: int = 3  # of estimating and removing; convention
+    one_encoder_band: float = 5.0  # Hz; above it the deflection that a single encoder does not show changes the motion
+    rate_tolerance: float = 1.01  # ratio of sample rates that counts as one rate; convention
+
+
+@dataclass(frozen=True)
+class RefitSettings:
+    """The fit of the model's own parameters before the search, a ridge regression towards the nominal values."""
+
+    nominal_error: float = 0.3  # prior standard deviation of a nominal parameter, relative; convention for CAD inertias
+    most_discount: float = 50.0  # largest factor by which coloured residuals are discounted; convention
+
+
+@dataclass(frozen=True)
+class CandidateSettings:
+    """Values of the nonlinear parameters from which the search starts."""
+
+    orders: int = 12  # integer orders of ripple and transmission error tried; convention
+    grid: int = 7  # values tried of another parameter, before refinement; convention
+    coarse_grid: int = 5  # values tried of each of several parameters; bounds the number of candidates
+    reach: float = 0.6  # of half a range: distance of the points that span several parameters of one effect; convention
+
+
+@dataclass(frozen=True)
+class RefinementSettings:
+    """The optimisation of nonlinear parameters."""
+
+    evaluations: int = 18  # of one parameter; its optimum is then known to some 0.1 %
+    range_factor: float = 3.0  # how far outside its plausible range a nonlinear parameter may be found; convention
+
+
+@dataclass(frozen=True)
+class SearchSettings:
+    """The stepwise search, in nats of held-out log-likelihood."""
+
+    # Gain, over the misfit that is left, that a further candidate must bring. Some hundred columns compete, and
+    # choosing the best of m is worth about ln m = 6 nats; as much again is margin. Convention near that value.
+    least_gain: float = 12.0
+    least_share: float = 0.005  # of all the log-likelihood there is to gain; convention
+    most_causes: int = 16  # bounds the time
+    starts: int = 2  # single candidates from which the search sets out
+    start_ratio: float = 0.3  # least score of another start, as a share of the best hypothesis' score; convention
+    shortlist: int = 4  # candidates whose nonlinear parameters are optimised before they are compared
+    shortlist_ratio: float = 0.5  # least score on the shortlist, as a share of the best; convention
+    exchange_passes: int = 2  # of exchanging each selected candidate against all others
+    # Nats by which an exchange must improve: a Bayes factor of 20, "strong" in Kass and Raftery (1995).
+    exchange_gain: float = 3.0
+    refinements: int = 30  # optimisations that one search may spend; bounds the time
+    complete: float = 1.3  # misfit up to which next to nothing is left; whitened noise alone gives 1; convention
+    ratio_factor: float = 1.2  # how far outside its plausible range a linear ratio may be found; convention
+    rivals_compared: float = 40.0  # nats over the misfit within which a rival's refined score can still matter
+    rival_slack: float = 1e3  # factor on it before refinement, which may gain as much; convention
+    fewest_rivals: int = 2  # rivals compared in any case
+    least_odds: float = 1e-4  # odds below which a rival is not kept; a hundredth of the least that is listed
+
+
+@dataclass(frozen=True)
+class SignificanceSettings:
+    """When residuals hold more than noise."""
+
+    bands: tuple[float, ...] = (1.0, 0.25, 1.0 / 16.0)  # shares of the band tried: slow effects drown in wide ones
+    alpha: float = 1e-3  # probability of a false gap over all residuals and bands (Bonferroni)
+    noise_guard: float = 1.12  # factor on the noise power: its estimate is known to a few per cent, and is not white
+    obvious: float = 2.0  # ratio to the noise power beyond chance even if it comes from few blocks; convention
+    clear: float = 10.0  # excess over its uncertainty from which it is known to a tenth
+    detected: float = 20.0  # nats from which something is there that no residual shows; clean recordings reach 5
+
+
+@dataclass(frozen=True)
+class JudgementSettings:
+    """What a cause, and an explained gap, must satisfy."""
+
+    least_shrink: float = 0.01  # share of the whole gap; less is no cause (docs/contract.md)
+    explained: float = 0.1  # share of the excess that may be left whatever it looks like (docs/contract.md)
+    main_share: float = 0.1  # of what a cause changes; residuals with less do not judge it; convention
+    trace_share: float = 0.1  # of the strongest lack of fit; fainter ones are its images in other residuals
+    least_listed: float = 0.01  # probability of an alternative that is listed; convention
+    level: float = 0.95  # of the intervals and tests of parameters; convention
+    bound_clearance: float = 0.01  # of a parameter's distance from no effect to its physical bound; numerical
+    ordinary_deviations: float = 2.0  # by which an estimate may exceed what every arm has; convention
+
+
+@dataclass(frozen=True)
+class RegimeSettings:
+    """What a residual is compared with to name what it follows."""
+
+    orders: tuple[int, ...] = (1, 2, 3, 4)  # of the angles of rotor and wave generator; convention
+    weak: float = 0.1  # share of the power below which a regime does not describe a residual; convention
+    alike: float = 0.9  # of the best share; the simpler of the regimes that reach it is named; convention
+    slow: tuple[float, ...] = (0.1, 0.3)  # of the typical speed; widths of the two low-speed shapes
+    motion: float = 3.0  # Hz; spectral lines are looked for above the motion's own frequencies
+    start: float = 1.0  # s that count as the start
+
+
+@dataclass(frozen=True)
+class AgreementSettings:
+    """When a cause counts as equal in several recordings."""
+
+    alpha: float = 1e-3  # chi-square probability below which sizes differ by more than chance
+    alike: float = 0.02  # of the effect's size; closer values count as equal, however sharp they are; convention
+
+
+@dataclass(frozen=True)
+class ExperimentSettings:
+    """The search for the motion that discriminates."""
+
+    decisive: float = SearchSettings.least_gain  # nats from which a recording decides: what a cause must gain
+    most_pairs: int = 6  # of effects that a motion shall tell apart; bounds the time
+    seconds: float = 20.0  # length of the motion
+    kinds: tuple[tuple[int, int], ...] = ((2, 1), (5, 1), (5, 2), (4, 4))  # harmonics, periods: slow to fast
+    drawn: int = 16  # motions of each kind; bounds the time
+    amplitudes: tuple[float, ...] = (1.0, 0.3)  # friction shows near standstill, inertia at full speed
+    steps: int = 60  # random steps from the best; bounds the time
+    stride: float = 0.25  # of the amplitudes, in a step; convention
+    centre_stride: float = 0.1  # of the joints' half ranges, in a step; convention
+    limit_use: float = 0.98  # of the limits; convention
+    neighbours: tuple[float, ...] = (0.6, 1.0, 1.6)  # multiples of a nonlinear parameter that span what a refit can do
+    neighbour_distance: float = 0.05  # of the range, the same for parameters on a linear scale
+    rate: float = 500.0  # Hz; enough for ripple of the rotor's fourth order at full speed
+
+
+@dataclass(frozen=True)
+class ResamplingSettings:
+    """The block bootstrap (Künsch 1989): blocks of the recording are drawn with replacement.
+
+    Each use has a generator of its own, made anew from its seed at every call: all hypotheses are compared on the same
+    resamples (common random numbers), and an answer does not depend on what was asked before it.
+    """
+
+    draws: int = 4000  # resamples of an interval; its 2.5 % quantile is then known to 0.25 %
+    odds_draws: int = 2000  # resamples of a rival's odds; smallest odds above zero 5e-4
+    interval: float = 0.95
+    significance_seed: int = 0
+    shrink_seed: int = 1
+    fall_seed: int = 2
+    odds_seed: int = 0
+
+    def significance_rng(self) -> np.random.Generator:
+        """Return the generator for the test of significance."""
+        return np.random.default_rng(self.significance_seed)
+
+    def shrink_rng(self) -> np.random.Generator:
+        """Return the generator for the interval of the shrink."""
+        return np.random.default_rng(self.shrink_seed)
+
+    def fall_rng(self) -> np.random.Generator:
+        """Return the generator for the bound of the fall of the whitened squares."""
+        return np.random.default_rng(self.fall_seed)
+
+    def odds_rng(self) -> np.random.Generator:
+        """Return the generator for the odds of rivals."""
+        return np.random.default_rng(self.odds_seed)
+
+
+@dataclass(frozen=True)
+class DiagnosisSettings:
+    """All thresholds of a diagnosis, by the step that uses them.
+
+    Parameters
+    ----------
+    split, preprocessing, refit
+        Data: which part judges, clocks and band, the model's own parameters.
+    candidates, refinement, search
+        Selection: what competes, nonlinear parameters, the stepwise search.
+    significance, judgement, regimes, agreement
+        Inference: what is a gap, what is a cause, what a residual follows, what agrees.
+    experiment
+        Design: the next motion.
+    resampling
+        The block bootstrap and its seeds.
+    """
+
+    split: SplitSettings = field(default_factory=SplitSettings)
+    preprocessing: PreprocessingSettings = field(default_factory=PreprocessingSettings)
+    refit: RefitSettings = field(default_factory=RefitSettings)
+    candidates: CandidateSettings = field(default_factory=CandidateSettings)
+    refinement: RefinementSettings = field(default_factory=RefinementSettings)
+    search: SearchSettings = field(default_factory=SearchSettings)
+    significance: SignificanceSettings = field(default_factory=SignificanceSettings)
+    judgement: JudgementSettings = field(default_factory=JudgementSettings)
+    regimes: RegimeSettings = field(default_factory=RegimeSettings)
+    agreement: AgreementSettings = field(default_factory=AgreementSettings)
+    experiment: ExperimentSettings = field(default_factory=ExperimentSettings)
+    resampling: ResamplingSettings = field(default_factory=ResamplingSettings)
