@@ -21,6 +21,7 @@ _TIMEOUT_S = 300.0
 _FLAGS = ("-std=gnu11", "-shared", "-fPIC", "-w", "-O2", "-fno-math-errno", "-fno-trapping-math")
 # Tried in turn: with the vector mathematics of the GNU C library, for this processor only, and plain.
 _VARIANTS = (("-march=native", "-DVECTOR_MATH"), ("-march=native",), ())
+_DIGEST_BYTES = hashlib.sha256().digest_size
 _LIBRARIES = {"-DVECTOR_MATH": ("-lmvec",)}
 
 
@@ -59,12 +60,25 @@ def build_once(
     if compiler is None:
         raise KernelError("no C compiler was found", "Install gcc or clang, or set CC to one")
     library = cache_folder() / f"{_key(identity, compiler, flags)}.so"
-    if not library.exists():
+    if not _is_whole(library):
         _compile(source(), compiler, flags, library)
     try:
         return ctypes.CDLL(str(library))
     except OSError as error:
         raise KernelError(f"{library} cannot be loaded ({error})", "Delete it; it is made again") from error
+
+
+def _is_whole(library: Path) -> bool:
+    """Whether a library is there with the digest that `_compile` appended: loading half of one kills the process."""
+    try:
+        content = library.read_bytes()
+    except OSError:
+        return False
+    return len(content) > _DIGEST_BYTES and _digest(content[:-_DIGEST_BYTES]) == content[-_DIGEST_BYTES:]
+
+
+def _digest(content: bytes) -> bytes:
+    return hashlib.sha256(content).digest()
 
 
 def _key(identity: str, compiler: tuple[str, ...], flags: tuple[str, ...]) -> str:
@@ -91,7 +105,7 @@ def _processor() -> str:
 
 def _compile(source: str, compiler: tuple[str, ...], flags: tuple[str, ...], library: Path) -> None:
     try:
-        library.parent.mkdir(parents=True, exist_ok=True)
+        library.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
         with tempfile.TemporaryDirectory(dir=library.parent, prefix="build-") as folder:
             text, made = Path(folder) / "kernel.c", Path(folder) / "kernel.so"
             text.write_text(source, encoding="utf-8")
@@ -101,6 +115,10 @@ def _compile(source: str, compiler: tuple[str, ...], flags: tuple[str, ...], lib
                 command = [*compiler, *_FLAGS, *flags, *variant, str(text), "-o", str(made), *libraries, "-lm"]
                 done = subprocess.run(command, capture_output=True, text=True, timeout=_TIMEOUT_S, check=False)
                 if done.returncode == 0:
+                    # Loaders take no notice of what follows the last section.
+                    with made.open("r+b") as file:
+                        digest = _digest(file.read())
+                        file.write(digest)
                     made.replace(library)
                     return
                 messages.append(done.stderr.strip())

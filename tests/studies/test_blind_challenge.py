@@ -202,7 +202,7 @@ def _half(number: int) -> int:
 
 def test_one_failing_job_on_a_cluster_does_not_stop_the_others() -> None:
     """On a Dask cluster given by its address, every job is answered, the failing one by what went wrong."""
-    with LocalCluster(n_workers=1, threads_per_worker=1, processes=False, dashboard_address=":0") as cluster:
+    with LocalCluster(n_workers=1, threads_per_worker=1, processes=False, dashboard_address="127.0.0.1:0") as cluster:
         outcomes = list(mapped(_half, [2, 3, 8], scheduler=cluster.scheduler_address))
     failures = [o for o in outcomes if isinstance(o, Failure)]
     assert sorted(o for o in outcomes if not isinstance(o, Failure)) == [1, 4]

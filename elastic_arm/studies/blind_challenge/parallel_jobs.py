@@ -61,6 +61,6 @@ def _client(workers: int, scheduler: str | None) -> Iterator[Any]:
         with Client(scheduler) as client:
             yield client, as_completed
         return
-    cluster = LocalCluster(n_workers=workers, threads_per_worker=1, dashboard_address=":0", env=ONE_THREAD)
+    cluster = LocalCluster(n_workers=workers, threads_per_worker=1, dashboard_address="127.0.0.1:0", env=ONE_THREAD)
     with cluster, Client(cluster) as client:
         yield client, as_completed
