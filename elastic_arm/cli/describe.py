@@ -13,7 +13,7 @@ from rich.table import Table
 from elastic_arm.cli.console import out, print_json, reports_errors
 from elastic_arm.cli.outputs import Force, claim_file
 from elastic_arm.dynamics import build_model
-from elastic_arm.effects import robot_effects
+from elastic_arm.effects import Catalogue, robot_effects
 from elastic_arm.errors import EffectError, OutputError
 from elastic_arm.estimation.base_parameters import BaseParameters
 from elastic_arm.estimation.base_regression import BaseRegression
@@ -61,8 +61,16 @@ def describe(
         out.print(f"URDF written to {escape(str(urdf))}")
 
 
-def load_arm(path: Path | None, chain: str | None = None) -> Robot:
+EffectsFiles = Annotated[
+    list[Path] | None,
+    typer.Option("--effects", is_eager=True, help="Python file with effects of your own; may be given again."),
+]
+
+
+def load_arm(path: Path | None, chain: str | None = None, catalogue: Catalogue | None = None) -> Robot:
     """Read a robot description, of a URDF the part that `chain` names, and check that the effects it lists exist.
+
+    They are looked up in the catalogue, the default one when None.
 
     Raises
     ------
@@ -71,7 +79,7 @@ def load_arm(path: Path | None, chain: str | None = None) -> Robot:
     """
     robot = load_robot(path, chain)
     try:
-        robot_effects(robot)
+        robot_effects(robot, catalogue)
     except EffectError as error:
         raise EffectError(f"{path}: {error.problem}", error.remedy) from None
     return robot

@@ -12,6 +12,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from elastic_arm.cli.console import err, out, print_json, refuse_repeated, reports_errors
+from elastic_arm.cli.describe import EffectsFiles
 from elastic_arm.cli.outputs import claim_folder
 from elastic_arm.diagnosis import Question, diagnose, follow_up
 from elastic_arm.diagnosis.corrected_robot import repaired_robot
@@ -27,6 +28,7 @@ from elastic_arm.diagnosis.format import (
     verdict_sentence,
 )
 from elastic_arm.diagnosis.result import SEPARATING, Cause, Diagnosis
+from elastic_arm.effects import Catalogue
 from elastic_arm.effects.text import known_effects
 from elastic_arm.recording import Recording, load_channels, read_recording
 from elastic_arm.robot import Robot, load_robot, save_robot
@@ -46,6 +48,7 @@ def diagnose_command(
         Path | None, typer.Option("--robot", help="Nominal arm: arm file or URDF; that of the package by default.")
     ] = None,
     channels: Annotated[Path | None, typer.Option(help="Channel map of foreign bags.")] = None,
+    effects_files: EffectsFiles = None,
     with_: Annotated[
         list[str] | None,
         typer.Option(
@@ -83,6 +86,7 @@ def diagnose_command(
     refuse_repeated([*bags, *(validate or [])])
     # Before the work; a diagnosis can be made again, so an earlier one is replaced.
     claim_folder(out_dir, (), force=True)
+    catalogue = Catalogue.default().with_files(effects_files or ())
     robot = load_robot(robot_file)
     mapping = None if channels is None else load_channels(channels)
 
@@ -91,7 +95,8 @@ def diagnose_command(
 
     with err.status("reading"):
         recordings, judges = read(bags), read(validate or [])
-    question = Question(robot, model, refit=refit, given=known_effects(with_ or (), robot))
+    given = known_effects(with_ or (), robot, catalogue)
+    question = Question(robot, model, refit=refit, given=given, catalogue=catalogue)
     with err.status("diagnosing"):
         found = diagnose(recordings, question, judges)
     with err.status("predicting, comparing, proposing"):

@@ -13,8 +13,9 @@ from rich.progress import BarColumn, Progress, TextColumn
 from rich.table import Table
 
 from elastic_arm.cli.console import err, out, print_json, refuse_repeated, reports_errors, spare
-from elastic_arm.cli.describe import RobotFile, load_arm
+from elastic_arm.cli.describe import EffectsFiles, RobotFile, load_arm
 from elastic_arm.cli.outputs import Force, claim_folder
+from elastic_arm.effects import Catalogue
 from elastic_arm.estimation.base_regression import BaseRegression
 from elastic_arm.estimation.motion import Motion
 from elastic_arm.formatting import rounded
@@ -53,6 +54,7 @@ def identify(
         list[str] | None,
         typer.Option("--with", help="Law identified too: EFFECT[:JOINT][:side=link]; may be given again."),
     ] = None,
+    effects_files: EffectsFiles = None,
     channels: Annotated[Path | None, typer.Option(help="Channel map of foreign bags.")] = None,
     derivatives: Annotated[Derivatives, typer.Option(help="Where accelerations come from.")] = Derivatives.auto,
     period: Annotated[float | None, typer.Option(help="Of the motion, s, for a Fourier series.")] = None,
@@ -77,8 +79,9 @@ def identify(
     """
     claim_folder(out_dir, RESULTS, force=force)
     refuse_repeated([*bags, *(validate or [])])
-    robot = load_arm(robot_file)
-    laws = parse_laws(with_ or (), robot)
+    catalogue = Catalogue.default().with_files(effects_files or ())
+    robot = load_arm(robot_file, catalogue=catalogue)
+    laws = parse_laws(with_ or (), robot, catalogue)
     mapping = None if channels is None else load_channels(channels)
     with Progress(TextColumn("{task.description}"), BarColumn(), console=err, transient=True) as bar:
         task = bar.add_task("reading", total=1.0)

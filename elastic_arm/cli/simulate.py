@@ -14,11 +14,11 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.table import Table
 
 from elastic_arm.cli.console import err, out, print_json, reports_errors
-from elastic_arm.cli.describe import load_arm
+from elastic_arm.cli.describe import EffectsFiles, load_arm
 from elastic_arm.cli.outputs import claim_bag
 from elastic_arm.diagnosis.format import instance_text
 from elastic_arm.dynamics import build_model
-from elastic_arm.effects import EFFECTS, EffectInstance, parse
+from elastic_arm.effects import Catalogue, EffectInstance, parse
 from elastic_arm.errors import SensorError, SimulationError
 from elastic_arm.excitation import FourierTrajectory, MotionLimits, load_trajectory, random_trajectories
 from elastic_arm.recording import Recording, write_recording
@@ -31,14 +31,14 @@ DEFAULT_TRAJECTORY = "default"
 SENSORS = {"nominal": Sensors, "exact": Sensors.exact, "real": Sensors.real}
 
 
-def _list_effects(value: bool) -> None:
+def _list_effects(context: typer.Context, value: bool) -> None:
     """Print the catalogue and leave."""
     if not value:
         return
     table = Table(box=None, header_style="bold")
     for heading in ("effect", "law", "parameters", "sits on"):
         table.add_column(heading, no_wrap=heading == "effect")
-    for effect in EFFECTS.values():
+    for effect in Catalogue.default().with_files(context.params.get("effects_files") or ()).values():
         numbers = [f"{p.name} [{p.unit}]" for p in effect.parameters]
         choices = [f"{c.name} ({('+' if c.several else '|').join(c.values)})" for c in effect.choices]
         cells = (effect.id, effect.formula, ", ".join([*numbers, *choices]), effect.scope.value)
@@ -62,6 +62,7 @@ def simulate(
     effect: Annotated[
         list[str] | None, typer.Option("--effect", help="EFFECT[:JOINT][:NAME=VALUE,…]; may be given again.")
     ] = None,
+    effects_files: EffectsFiles = None,
     list_effects: Annotated[
         bool, typer.Option("--list-effects", callback=_list_effects, is_eager=True, help="Show the catalogue.")
     ] = False,
@@ -86,30 +87,23 @@ def simulate(
 
         elastic-arm simulate --effect payload:mass=5,position=0/0/0.1 --sensors real --out loaded
 
+        elastic-arm simulate --effects gravity_spring.py --effect gravity_spring:joint_2:stiffness=40,rest=0.5 --out own
+
         elastic-arm simulate --list-effects
     """
     claim_bag(out_bag)
-    robot = load_arm(robot_file)
-    nominal = robot.with_(effects=()) if nominal_file is None else load_arm(nominal_file)
+    catalogue = Catalogue.default().with_files(effects_files or ())
+    robot = load_arm(robot_file, catalogue=catalogue)
+    nominal = robot.with_(effects=()) if nominal_file is None else load_arm(nominal_file, catalogue=catalogue)
     check_same_joints(robot, nominal)
-    effects = [parse(text, robot) for text in effect or ()]
+    effects = [parse(text, robot, catalogue) for text in effect or ()]
     motion = _motion(trajectory, nominal, model, seed)
     read = _sensors(sensors, robot, noise, encoder_noise)
-    settings = {"model": model, "bearings": bearings, "duration": duration, "substeps": substeps}
+    settings: dict[str, Any] = {"model": model, "bearings": bearings, "duration": duration, "substeps": substeps}
     settings["rate"] = robot.sample_rate if rate is None else rate
+    settings |= {"nominal": nominal, "effects": effects, "sensors": read, "catalogue": catalogue}
     begin = time.perf_counter()
-    with Progress(TextColumn("simulating"), BarColumn(), TimeRemainingColumn(), console=err, transient=True) as bar:
-        task = bar.add_task("", total=None)
-        recording = run_simulation(
-            robot,
-            motion,
-            nominal=nominal,
-            effects=effects,
-            sensors=read,
-            rng=np.random.default_rng(seed),
-            progress=lambda done, total: bar.update(task, completed=done, total=total),
-            **settings,  # type: ignore[arg-type]
-        )
+    recording = _simulated(robot, motion, rng=np.random.default_rng(seed), **settings)
     seconds = time.perf_counter() - begin
     write_recording(out_bag, recording)
     summary = _summary(recording, effects, seconds)
@@ -117,6 +111,15 @@ def simulate(
         print_json({"bag": str(out_bag), "robot": robot.name, "model": model, "seed": seed, **summary})
     else:
         _print_summary(recording, effects, summary, out_bag)
+
+
+def _simulated(robot: Robot, motion: FourierTrajectory, **settings: Any) -> Recording:
+    """Simulate, with a bar of what is done."""
+    with Progress(TextColumn("simulating"), BarColumn(), TimeRemainingColumn(), console=err, transient=True) as bar:
+        task = bar.add_task("", total=None)
+        return run_simulation(
+            robot, motion, progress=lambda done, total: bar.update(task, completed=done, total=total), **settings
+        )
 
 
 def _motion(trajectory: str, robot: Robot, model: str, seed: int) -> FourierTrajectory:

@@ -18,16 +18,6 @@ from elastic_arm.recording import read_recording, write_recording
 from elastic_arm.robot import Robot
 from elastic_arm.simulation import simulate
 
-# What may be drawn: effect, and the range of each of its parameters.
-DRAWN: dict[str, dict[str, tuple[float, float]]] = {
-    "coulomb_friction": {"torque": (5.0, 20.0)},
-    "viscous_friction": {"coefficient": (5.0, 30.0)},
-    "hysteresis": {"torque": (5.0, 20.0), "width": (2e-4, 1e-3)},
-    "transmission_error": {"amplitude": (2e-5, 1e-4), "phase": (-3.0, 3.0)},
-    "stiffness_mismatch": {"stiffness": (0.75, 0.9)},
-    "joint_torque_offset": {"offset": (2.0, 6.0)},
-}
-
 
 def diagnose_withheld(folder: Path, nominal: Robot, motion: FourierTrajectory, rng: np.random.Generator) -> None:
     """Record an arm with a drawn effect on two motions, diagnose the bags, and only then say what was drawn.
@@ -55,6 +45,8 @@ def diagnose_withheld(folder: Path, nominal: Robot, motion: FourierTrajectory, r
 
 
 def _draw(robot: Robot, rng: np.random.Generator) -> EffectInstance:
-    name = str(rng.choice(sorted(DRAWN)))
-    sizes = {parameter: float(rng.uniform(*span)) for parameter, span in DRAWN[name].items()}
-    return EffectInstance(EFFECTS[name], str(rng.choice(robot.joint_names)), sizes)
+    """Draw one of the effects whose file names clear examples, its joint, and its numbers from these."""
+    drawn = {e.id: e for e in EFFECTS.values() if e.parameters and e.parameter(e.magnitude[0]).example}
+    effect = drawn[str(rng.choice(sorted(drawn)))]
+    sizes = {p.name: float(rng.uniform(*p.example)) for p in effect.parameters if p.example}
+    return EffectInstance(effect, str(rng.choice(robot.joint_names)), sizes)

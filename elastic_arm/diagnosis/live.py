@@ -20,6 +20,7 @@ from elastic_arm.diagnosis.pipeline import diagnose
 from elastic_arm.diagnosis.question import Question
 from elastic_arm.diagnosis.result import Diagnosis, ResidualSizes
 from elastic_arm.dynamics import build_model
+from elastic_arm.effects import Catalogue
 from elastic_arm.effects.text import known_effects
 from elastic_arm.errors import DiagnosisError
 from elastic_arm.estimation.band import LowPass
@@ -134,7 +135,9 @@ class LiveDiagnosis:
         self._model = build_model(question.robot, question.model)
 
     @staticmethod
-    def of(robot: str | None, model: str, known: Sequence[str], refit: bool) -> LiveDiagnosis:
+    def of(
+        robot: str | None, model: str, known: Sequence[str], refit: bool, effects_files: Sequence[str] = ()
+    ) -> LiveDiagnosis:
         """Make one from a file and effects as text.
 
         Parameters
@@ -147,6 +150,8 @@ class LiveDiagnosis:
             Effects that count as part of the model, as text.
         refit
             Fit the model's own parameters first.
+        effects_files
+            Python files with effects of the user.
 
         Raises
         ------
@@ -154,7 +159,9 @@ class LiveDiagnosis:
             If there is no such arm or effect.
         """
         arm = load_robot(robot)
-        return LiveDiagnosis(Question(arm, model, refit=refit, given=known_effects(known, arm)))
+        catalogue = Catalogue.default().with_files(effects_files)
+        given = known_effects(known, arm, catalogue)
+        return LiveDiagnosis(Question(arm, model, refit=refit, given=given, catalogue=catalogue))
 
     def where(self, recording: Recording) -> ResidualLevels:
         """Measure the residuals of a stretch of a few seconds against the model: cheap, and fits nothing.
@@ -198,7 +205,7 @@ class LiveDiagnosis:
 
 
 def answering(
-    robot: str | None, model: str, known: Sequence[str], refit: bool
+    robot: str | None, model: str, known: Sequence[str], refit: bool, effects_files: Sequence[str] = ()
 ) -> Callable[[tuple[str, Recording]], Any]:
     """Return what answers ("where", recording) and ("diagnosis", recording) in a process of its own.
 
@@ -214,8 +221,10 @@ def answering(
         Effects that count as part of the model, as text.
     refit
         Fit the model's own parameters first.
+    effects_files
+        Python files with effects of the user.
     """
-    live = LiveDiagnosis.of(robot, model, known, refit)
+    live = LiveDiagnosis.of(robot, model, known, refit, effects_files)
 
     def answer(question: tuple[str, Recording]) -> Any:
         what, recording = question

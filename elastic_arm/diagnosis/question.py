@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 from elastic_arm.diagnosis.settings import DiagnosisSettings
-from elastic_arm.effects import EFFECTS, Effect, EffectInstance
+from elastic_arm.effects import Catalogue, Effect, EffectInstance
 from elastic_arm.robot import Robot
 
 
@@ -24,7 +24,9 @@ class Question:
     given
         Effects that the user knows: like those of the arm file they count as part of the model, their sizes are fitted.
     effects
-        The catalogue that may explain the gap.
+        What may explain the gap; all of the catalogue when None.
+    catalogue
+        Where the ids of the description's effects are looked up.
     settings
         All thresholds.
     """
@@ -33,5 +35,12 @@ class Question:
     model: str = "mod3"
     refit: bool = False
     given: tuple[EffectInstance, ...] = ()
-    effects: tuple[Effect, ...] = field(default_factory=lambda: tuple(EFFECTS.values()))
+    effects: tuple[Effect, ...] | None = None
     settings: DiagnosisSettings = field(default_factory=DiagnosisSettings)
+    catalogue: Catalogue = field(default_factory=Catalogue.default)
+
+    @property
+    def candidates(self) -> tuple[Effect, ...]:
+        """What may explain the gap; of errors of the model's own parameters a refit leaves nothing."""
+        effects = tuple(self.catalogue.values()) if self.effects is None else self.effects
+        return tuple(effect for effect in effects if not (self.refit and effect.model_parameter))

@@ -1,23 +1,40 @@
-"""The catalogue of unmodelled effects: one file an effect, read by simulator, diagnosis and report alike.
+"""The catalogue of unmodelled effects: one file an effect, read by simulator, identification, diagnosis and report.
 
-A file of this folder that holds an `EFFECT` is in the catalogue; adding an effect is adding a file.
+A file of `library/` that holds an `EFFECT` is in the catalogue; a user's file is added with
+:meth:`Catalogue.with_files`. What a file imports to describe an effect is here.
 """
 
-from elastic_arm.effects.catalogue import EFFECTS, from_dict, parse, robot_effects
-from elastic_arm.effects.model import Confusion, Effect, EffectInstance, Scope
+from elastic_arm.effects.catalogue import EFFECTS, Catalogue, from_dict, robot_effects
+from elastic_arm.effects.model import (
+    Confusion,
+    Effect,
+    EffectInstance,
+    Ordinary,
+    Plant,
+    Scope,
+    SensorEffect,
+    StructuralEffect,
+)
 from elastic_arm.effects.motion import Contribution, SymbolicMotion
-from elastic_arm.effects.parameters import Choice, Parameter, Role
+from elastic_arm.effects.parameters import Choice, Parameter, Role, Scale
+from elastic_arm.effects.text import parse
 
 __all__ = [
     "EFFECTS",
+    "Catalogue",
     "Choice",
     "Confusion",
     "Contribution",
     "Effect",
     "EffectInstance",
+    "Ordinary",
     "Parameter",
+    "Plant",
     "Role",
+    "Scale",
     "Scope",
+    "SensorEffect",
+    "StructuralEffect",
     "SymbolicMotion",
     "from_dict",
     "parse",

@@ -1,112 +1,194 @@
-"""The effects of this folder by id, and effects written as text or in an arm file."""
+"""Catalogues of effects by id: those of the library, of installed packages, and of a user's own files."""
 
 from __future__ import annotations
 
 import difflib
 import importlib
+import importlib.util
 import pkgutil
-from collections.abc import Mapping
-from types import MappingProxyType
+import traceback
+from collections.abc import Iterator, Mapping, Sequence
+from functools import lru_cache
+from importlib.metadata import EntryPoint, entry_points
+from pathlib import Path
 from typing import Any
 
 from elastic_arm.effects import library
 from elastic_arm.effects.model import Effect, EffectInstance
-from elastic_arm.effects.parameters import Choice
 from elastic_arm.errors import EffectError
+from elastic_arm.input_files import read_text
 from elastic_arm.robot import Robot
 
-
-def discover() -> dict[str, Effect]:
-    """Return the `EFFECT` of every module of the library that has one, by id."""
-    found: dict[str, Effect] = {}
-    for module in sorted(m.name for m in pkgutil.iter_modules(library.__path__)):
-        effect = getattr(importlib.import_module(f"{library.__name__}.{module}"), "EFFECT", None)
-        if isinstance(effect, Effect):
-            if effect.id in found:
-                raise EffectError(f"two files of the catalogue hold {effect.id!r}", "Give each its own id.")
-            found[effect.id] = effect
-    return found
+GROUP = "elastic_arm.effects"  # entry points of installed packages: NAME = "module:EFFECT"
+# What executing a file may raise; EffectError is a ValueError, CasADi raises RuntimeError and NotImplementedError.
+_RAISED: tuple[type[Exception], ...] = (ImportError, NameError, AttributeError, TypeError, ValueError, LookupError)
+_RAISED += (ArithmeticError, RuntimeError, AssertionError, OSError)
+_EXAMPLE = "docs/adding_an_effect.md shows one."
 
 
-EFFECTS: Mapping[str, Effect] = MappingProxyType(discover())
-
-
-def find(effect_id: str) -> Effect:
-    """Return an effect by id; EffectError, with the ids that come close, where there is none."""
-    if effect_id in EFFECTS:
-        return EFFECTS[effect_id]
-    close = difflib.get_close_matches(effect_id, EFFECTS, n=3, cutoff=0.5)
-    hint = f"Did you mean {' or '.join(close)}? " if close else ""
-    raise EffectError(f"there is no effect {effect_id!r}", f"{hint}The effects: {', '.join(EFFECTS)}.")
-
-
-def parse(text: str, robot: Robot | None = None) -> EffectInstance:
-    """Read an effect as `EFFECT[:JOINT][:NAME=VALUE,…]`.
-
-    Examples: `coulomb_friction:joint_2:torque=13.9,side=link`, `base_tilt:x=0.01,y=0`,
-    `payload:mass=5,position=0/0/0.1`, `time_delay:delay=0.003,channels=joint_torque+motor_torque`.
+class Catalogue(Mapping[str, Effect]):
+    """Effects by id; never changed.
 
     Parameters
     ----------
-    text
-        The effect. Components of a vector are joined by `/`, several choices by `+`.
-    robot
-        When given, the joint is checked.
+    effects
+        In the order in which they are listed.
 
     Raises
     ------
     EffectError
-        If it cannot be read, or no real arm has such an effect; the message lists what would be valid.
+        If two have one id.
     """
-    effect_id, *rest = text.strip().split(":")
-    effect = find(effect_id.strip())
-    joint = rest.pop(0).strip() if rest and "=" not in rest[0] else None
-    if len(rest) > 1:
-        raise EffectError(f"cannot read the effect {text!r}", "Write EFFECT[:JOINT][:NAME=VALUE,NAME=VALUE].")
-    values: dict[str, Any] = {}
-    for item in filter(None, (part.strip() for part in (rest[0] if rest else "").split(","))):
-        name, equals, value = (part.strip() for part in item.partition("="))
-        if not equals or not value:
-            raise EffectError(
-                f"cannot read {item!r} in the effect {text!r}",
-                f"Write NAME=VALUE with NAME one of {', '.join(effect.names) or '(it has no parameters)'}.",
-            )
-        values[name] = _value(effect, name, value)
-    active = EffectInstance(effect, joint or None, values)
-    _refuse_impossible(active)
-    return _placed(active, robot)
+
+    def __init__(self, effects: Sequence[Effect]) -> None:
+        self._effects: dict[str, Effect] = {}
+        for effect in effects:
+            if effect.id in self._effects:
+                raise EffectError(f"the id {effect.id!r} is taken by another effect", "Give each effect its own id.")
+            self._effects[effect.id] = effect
+
+    def __getitem__(self, effect_id: str) -> Effect:
+        return self._effects[effect_id]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._effects)
+
+    def __len__(self) -> int:
+        return len(self._effects)
+
+    @staticmethod
+    def default() -> Catalogue:
+        """Return the effects of the library and of installed packages (entry points of :data:`GROUP`).
+
+        Raises
+        ------
+        EffectError
+            If an installed package's effect cannot be loaded; the message names it.
+        """
+        return _default()
+
+    def with_files(self, paths: Sequence[str | Path]) -> Catalogue:
+        """Return the catalogue with the effects of Python files added.
+
+        A file holds one effect as `EFFECT`, or several as a list `EFFECTS`.
+
+        Raises
+        ------
+        EffectError
+            If a file does not exist, cannot be executed, holds no effect, or an id is taken; the message names it.
+        """
+        found = self
+        for path in paths:
+            try:
+                found = Catalogue([*found.values(), *_of_file(Path(path))])
+            except EffectError as error:
+                named = error.problem.startswith(str(path))
+                raise EffectError(
+                    error.problem if named else f"{path}: {error.problem}", error.remedy
+                ) from error.__cause__
+        return found
+
+    def without(self, effect_id: str) -> Catalogue:
+        """Return the catalogue without an effect, if it has it."""
+        return Catalogue([effect for effect in self.values() if effect.id != effect_id])
+
+    def find(self, effect_id: str) -> Effect:
+        """Return an effect by id; EffectError, with the ids that come close, where there is none."""
+        if effect_id in self:
+            return self[effect_id]
+        close = difflib.get_close_matches(effect_id, self, n=3, cutoff=0.5)
+        hint = f"Did you mean {' or '.join(close)}? " if close else ""
+        raise EffectError(f"there is no effect {effect_id!r}", f"{hint}The effects: {', '.join(self)}.")
 
 
-def from_dict(entry: Mapping[str, Any], robot: Robot | None = None) -> EffectInstance:
-    """Read an effect as an arm file holds it: `{"effect": id, "joint": name or None, "parameters": {…}}`."""
+def discover() -> Catalogue:
+    """Return the `EFFECT` of every module of the library that has one."""
+    modules = sorted(m.name for m in pkgutil.iter_modules(library.__path__))
+    held = (getattr(importlib.import_module(f"{library.__name__}.{m}"), "EFFECT", None) for m in modules)
+    return Catalogue([effect for effect in held if isinstance(effect, Effect)])
+
+
+@lru_cache(maxsize=1)
+def _default() -> Catalogue:
+    points = sorted(entry_points(group=GROUP), key=lambda point: point.name)
+    return Catalogue([*EFFECTS.values(), *(_of_entry_point(point) for point in points)])
+
+
+def _of_entry_point(point: EntryPoint) -> Effect:
+    remedy = f"Uninstall the package {point.dist.name if point.dist else point.value}, or mend it."
+    try:
+        effect = point.load()
+    except (ImportError, AttributeError, SyntaxError, EffectError) as error:
+        raise EffectError(f"entry point {point.name} = {point.value}: {error}", remedy) from error
+    if not isinstance(effect, Effect):
+        raise EffectError(f"entry point {point.name} = {point.value} is no Effect", remedy)
+    return effect
+
+
+def _of_file(path: Path) -> list[Effect]:
+    """Execute a file and return its effects."""
+    source = read_text(path, EffectError, "Give a Python file that holds an effect.")
+    spec = importlib.util.spec_from_loader(f"elastic_arm_user_effects_{path.stem}", loader=None, origin=str(path))
+    assert spec is not None
+    module = importlib.util.module_from_spec(spec)
+    module.__file__ = str(path)
+    try:
+        exec(compile(source, str(path), "exec"), vars(module))
+    except SyntaxError as error:
+        raise EffectError(f"{path}: line {error.lineno}: {error.msg}", "Mend the Python of the file.") from error
+    except _RAISED as error:
+        raise EffectError(
+            f"{path}: line {_line_in(path, error)}: {_reason(error)}", f"Mend the file; {_EXAMPLE}"
+        ) from error
+    held = [*getattr(module, "EFFECTS", ()), *([module.EFFECT] if hasattr(module, "EFFECT") else [])]
+    if not held or not all(isinstance(effect, Effect) for effect in held):
+        what = "EFFECT is no Effect" if held else "holds no EFFECT"
+        raise EffectError(f"{path}: {what}", f"Write EFFECT = Effect(id=…, …); {_EXAMPLE}")
+    return held
+
+
+def _line_in(path: Path, error: BaseException) -> int:
+    """Return the last line of a file that an error passed through."""
+    lines = [f.lineno for f in traceback.extract_tb(error.__traceback__) if f.filename == str(path)]
+    return (lines[-1] or 0) if lines else 0
+
+
+def _reason(error: Exception) -> str:
+    return error.problem if isinstance(error, EffectError) else f"{type(error).__name__}: {error}"
+
+
+EFFECTS = discover()
+
+
+def from_dict(
+    entry: Mapping[str, Any], robot: Robot | None = None, catalogue: Catalogue | None = None
+) -> EffectInstance:
+    """Read an effect as an arm file holds it: `{"effect": id, "joint": name or None, "parameters": {…}}`.
+
+    Parameters
+    ----------
+    entry
+        The effect.
+    robot
+        When given, the joint is checked.
+    catalogue
+        Where its id is looked up; the default catalogue when None.
+
+    Raises
+    ------
+    EffectError
+        If it is no such entry, or the effect makes no sense.
+    """
     extra = set(entry) - {"effect", "joint", "parameters"}
     if "effect" not in entry or extra:
         raise EffectError(f"cannot read the effect {dict(entry)!r}", "Give effect, joint and parameters, no more.")
-    return _placed(EffectInstance(find(entry["effect"]), entry.get("joint"), entry.get("parameters") or {}), robot)
-
-
-def robot_effects(robot: Robot) -> tuple[EffectInstance, ...]:
-    """Return the effects that the robot's own description carries."""
-    return tuple(from_dict(entry, robot) for entry in robot.effects)
-
-
-def _refuse_impossible(active: EffectInstance) -> None:
-    """Refuse what no real arm has, such as friction that drives. Arm files may hold it: a fit wrote it there."""
-    for p in active.effect.parameters:
-        value: Any = active.parameters[p.name]
-        if min(value if isinstance(value, tuple) else (value,)) < p.least:
-            unit = f" {p.unit}" if p.unit != "1" else ""
-            raise EffectError(f"{active.effect.id}: {p.name} is {value:g}{unit}", f"Give {p.least:g}{unit} or more.")
-
-
-def _placed(active: EffectInstance, robot: Robot | None) -> EffectInstance:
+    effect = (catalogue or Catalogue.default()).find(entry["effect"])
+    instance = EffectInstance(effect, entry.get("joint"), entry.get("parameters") or {})
     if robot is not None:
-        active.joint_indices(robot)
-    return active
+        instance.joint_indices(robot)
+    return instance
 
 
-def _value(effect: Effect, name: str, value: str) -> Any:
-    choice = next((c for c in effect.choices if c.name == name), None)
-    if isinstance(choice, Choice):
-        return tuple(value.split("+")) if choice.several else value
-    return tuple(value.split("/")) if "/" in value else value
+def robot_effects(robot: Robot, catalogue: Catalogue | None = None) -> tuple[EffectInstance, ...]:
+    """Return the effects that the robot's own description carries."""
+    return tuple(from_dict(entry, robot, catalogue) for entry in robot.effects)

@@ -1,46 +1,169 @@
-"""Effects that the user knows, read from `--with`."""
+"""Effects written as text, `EFFECT[:JOINT][:NAME=VALUE,…]`: one grammar, read for three uses.
+
+- :func:`parse`: an effect on an arm to be simulated; all that has no default is given.
+- :func:`known_effects`: effects that a diagnosis counts as part of the model; what is not given is fitted.
+- :func:`parse_laws`: effects identified beside the model's own parameters; linear parameters need no value.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
 
-from elastic_arm.effects import EffectInstance, parse
-from elastic_arm.effects.catalogue import find
-from elastic_arm.errors import EffectError
+from elastic_arm.effects.catalogue import Catalogue
+from elastic_arm.effects.model import Effect, EffectInstance, Scope
+from elastic_arm.effects.parameters import Choice, Role
+from elastic_arm.errors import EffectError, ElasticArmError, IdentificationError
 from elastic_arm.robot import Robot
 
+_GRAMMAR = "Write EFFECT[:JOINT][:NAME=VALUE,NAME=VALUE]."
 
-def known_effects(texts: Sequence[str], robot: Robot) -> tuple[EffectInstance, ...]:
-    """Return the effects named as `EFFECT[:JOINT][:NAME=VALUE,…]`, on every joint where none is named.
 
-    Numbers that are given are where the fit starts; what is not given starts from no effect.
+@dataclass(frozen=True)
+class _Written:
+    """An effect as it was written: what is not there was not given."""
+
+    effect: Effect
+    joint: str | None
+    values: dict[str, Any]
+
+    def on(self, joint: str | None, **others: Any) -> EffectInstance:
+        """Return the effect on a joint, with other values where none was written."""
+        instance = EffectInstance(self.effect, joint, {**others, **self.values})
+        _refuse_impossible(instance, self.values)
+        return instance
+
+
+def parse(text: str, robot: Robot | None = None, catalogue: Catalogue | None = None) -> EffectInstance:
+    """Read an effect on an arm.
+
+    Examples: `payload:mass=5,position=0/0/0.1`, `base_tilt:x=0.01,y=0`,
+    `time_delay:delay=0.003,channels=joint_torque+motor_torque`.
+
+    Parameters
+    ----------
+    text
+        The effect. Components of a vector are joined by `/`, several choices by `+`.
+    robot
+        When given, the joint is checked.
+    catalogue
+        Where its id is looked up; the default catalogue when None.
+
+    Raises
+    ------
+    EffectError
+        If it cannot be read, or no real arm has such an effect; the message lists what would be valid.
+    """
+    written = _read(text, catalogue)
+    instance = written.on(written.joint)
+    if robot is not None:
+        instance.joint_indices(robot)
+    return instance
+
+
+def known_effects(texts: Sequence[str], robot: Robot, catalogue: Catalogue | None = None) -> tuple[EffectInstance, ...]:
+    """Return the effects that the user knows, on every joint where none is named.
+
+    Parameters
+    ----------
+    texts
+        The effects. Numbers that are given are where the fit starts; what is not given starts from no effect.
+    robot
+        The arm they sit on.
+    catalogue
+        Where their ids are looked up; the default catalogue when None.
 
     Raises
     ------
     EffectError
         If there is no such effect, joint or parameter.
     """
-    return tuple(active for text in texts for active in _read(text, robot))
+    found = []
+    for text in texts:
+        written = _read(text, catalogue)
+        start = {p.name: p.start() for p in written.effect.parameters}
+        for joint in _joints(written, robot):
+            instance = written.on(joint, **start)
+            instance.joint_indices(robot)
+            found.append(instance)
+    return tuple(found)
 
 
-def _read(text: str, robot: Robot) -> list[EffectInstance]:
-    head, _, values = text.partition("=")
-    effect_id, _, rest = head.strip().partition(":")
-    effect = find(effect_id)
-    if values and all(p.name in text for p in effect.parameters if p.default is None):
-        return [parse(text, robot)]
-    joint = rest.split(":")[0] if rest and "=" not in rest and not (values and ":" not in rest) else None
-    chosen = dict(item.split("=", 1) for item in text.split(":")[-1].split(",") if "=" in item)
-    unknown = [name for name in chosen if name not in effect.names]
-    if unknown:
-        raise EffectError(f"{effect_id} has no parameter {unknown[0]!r}", f"Its parameters: {', '.join(effect.names)}")
-    if joint is not None and joint not in robot.joint_names:
-        raise EffectError(f"{effect_id}: there is no joint {joint!r}", f"Use one of {', '.join(robot.joint_names)}")
-    defaults = {c.name: c.checked(chosen.get(c.name, c.default), effect_id) for c in effect.choices}
-    places = [a for a in effect.candidates(robot) if all(a.parameters[k] == v for k, v in defaults.items())]
-    named = [a for a in places if a.joint == joint]
-    if joint is None and not named:
-        named = places
-    if not named:
-        raise EffectError(f"{effect_id} cannot sit on {joint}", f"It sits on {effect.scope.value}")
-    return named
+def parse_laws(texts: Sequence[str], robot: Robot, catalogue: Catalogue | None = None) -> list[EffectInstance]:
+    """Read effects whose linear parameters are to be identified; without a joint they sit on every joint.
+
+    Parameters
+    ----------
+    texts
+        The effects.
+    robot
+        The arm they sit on.
+    catalogue
+        Where their ids are looked up; the default catalogue when None.
+
+    Raises
+    ------
+    EffectError, IdentificationError
+        If there is no such effect, or none of its parameters is linear.
+    """
+    found = []
+    for text in texts:
+        written = _read(text, catalogue, "law", IdentificationError)
+        effect = written.effect
+        linear = [p for p in effect.parameters if p.role is Role.LINEAR]
+        if not linear or effect.states:
+            raise IdentificationError(
+                f"{effect.id} is not linear in its parameters",
+                "Leave it to `elastic-arm diagnose`, which searches them.",
+            )
+        neutral = {p.name: [p.neutral or 0.0] * p.size if p.size > 1 else p.neutral or 0.0 for p in linear}
+        for joint in _joints(written, robot):
+            instance = written.on(joint, **neutral)
+            instance.joint_indices(robot)
+            found.append(instance)
+    return found
+
+
+def _joints(written: _Written, robot: Robot) -> Sequence[str | None]:
+    """Return the joint that was named; without one, every joint, or the whole arm where all are alike."""
+    if written.joint is not None:
+        return [written.joint]
+    return robot.joint_names if written.effect.scope is Scope.EACH else written.effect.places(robot)[:1]
+
+
+def _read(
+    text: str, catalogue: Catalogue | None, what: str = "effect", kind: type[ElasticArmError] = EffectError
+) -> _Written:
+    """Take a text apart; an error of `kind` calls it `what`."""
+    effect_id, *rest = text.strip().split(":")
+    effect = (Catalogue.default() if catalogue is None else catalogue).find(effect_id.strip())
+    joint = rest.pop(0).strip() if rest and "=" not in rest[0] else None
+    if len(rest) > 1:
+        raise kind(f"cannot read the {what} {text!r}", _GRAMMAR)
+    values: dict[str, Any] = {}
+    for item in filter(None, (part.strip() for part in (rest[0] if rest else "").split(","))):
+        name, equals, value = (part.strip() for part in item.partition("="))
+        if not equals or not value:
+            raise kind(
+                f"cannot read {item!r} in the {what} {text!r}",
+                f"Write NAME=VALUE with NAME one of {', '.join(effect.names) or '(it has no parameters)'}.",
+            )
+        values[name] = _value(effect, name, value)
+    return _Written(effect, joint or None, values)
+
+
+def _value(effect: Effect, name: str, value: str) -> Any:
+    choice = next((c for c in effect.choices if c.name == name), None)
+    if isinstance(choice, Choice):
+        return tuple(value.split("+")) if choice.several else value
+    return tuple(value.split("/")) if "/" in value else value
+
+
+def _refuse_impossible(instance: EffectInstance, written: dict[str, Any]) -> None:
+    """Refuse what no real arm has, such as friction that drives. Arm files may hold it: a fit wrote it there."""
+    for p in instance.effect.parameters:
+        value: Any = instance.parameters[p.name]
+        if p.name in written and min(value if isinstance(value, tuple) else (value,)) < p.least:
+            unit = f" {p.unit}" if p.unit != "1" else ""
+            raise EffectError(f"{instance.effect.id}: {p.name} is {value:g}{unit}", f"Give {p.least:g}{unit} or more.")

@@ -19,14 +19,12 @@ from scipy.interpolate import CubicSpline
 
 from elastic_arm.codegen import kernels
 from elastic_arm.codegen.recursion import Recursion
-from elastic_arm.effects import EffectInstance, Role, Scope, SymbolicMotion, parse
-from elastic_arm.effects.catalogue import find
+from elastic_arm.effects import EffectInstance, Role, SymbolicMotion
 from elastic_arm.effects.effect_set import law_joints
 from elastic_arm.effects.equations import ArmEquations
 from elastic_arm.effects.model import Effect
 from elastic_arm.effects.motion import Contribution
 from elastic_arm.effects.parameters import Parameter
-from elastic_arm.errors import IdentificationError
 from elastic_arm.estimation.base_regression import Column
 from elastic_arm.estimation.equations import SIDES
 from elastic_arm.estimation.motion import CompletedMotion, Motion
@@ -260,37 +258,6 @@ def _states(scan: Recursion, signals: Signals, searched: Array) -> Array:
     # Over a step the rates are those of its middle.
     stacked[:-1] = 0.5 * (stacked[:-1] + stacked[1:])
     return scan.run(stacked, np.append(searched, h))
-
-
-def parse_laws(texts: Sequence[str], robot: Robot) -> list[EffectInstance]:
-    """Read effects as `EFFECT[:JOINT][:NAME=VALUE,…]`; without a joint they sit on every joint.
-
-    Linear parameters need no value: they are what is identified.
-
-    Raises
-    ------
-    EffectError, IdentificationError
-        If there is no such effect, or none of its parameters is linear.
-    """
-    instances = []
-    for text in texts:
-        name, *rest = text.split(":")
-        effect = find(name)
-        joints = [part for part in rest if part and "=" not in part]
-        values = [part for part in rest if "=" in part]
-        if len(joints) > 1 or len(values) > 1:
-            raise IdentificationError(f"cannot read the law {text!r}", "Write EFFECT[:JOINT][:NAME=VALUE,NAME=VALUE].")
-        named = {part.partition("=")[0].strip() for part in ",".join(values).split(",")}
-        linear = [p for p in effect.parameters if p.role is Role.LINEAR]
-        if not linear or effect.states:
-            raise IdentificationError(
-                f"{name} is not linear in its parameters", "Leave it to `elastic-arm diagnose`, which searches them."
-            )
-        neutral = [f"{p.name}={'/'.join([str(p.neutral or 0.0)] * p.size)}" for p in linear if p.name not in named]
-        wanted = ",".join([*values, *neutral])
-        places = joints or (list(robot.joint_names) if effect.scope is Scope.EACH else [""])
-        instances += [parse(":".join(part for part in (name, place, wanted) if part), robot) for place in places]
-    return instances
 
 
 def law_columns(

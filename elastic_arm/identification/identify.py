@@ -134,7 +134,7 @@ def identify(
     model
         mod1, mod2 or mod3.
     effects
-        Laws identified beside the model's own parameters (:func:`elastic_arm.estimation.regressors.parse_laws`).
+        Laws identified beside the model's own parameters (:func:`elastic_arm.effects.text.parse_laws`).
     derivatives, period
         See :func:`differentiate`.
     weighted

@@ -13,6 +13,7 @@ from sensor_msgs.msg import JointState
 from std_srvs.srv import SetBool, Trigger
 
 from elastic_arm.diagnosis.live import ResidualLevels, Window, answering
+from elastic_arm.effects import Catalogue
 from elastic_arm.effects.text import known_effects
 from elastic_arm.nodes.support import graph
 from elastic_arm.nodes.support.collecting import Collector
@@ -39,6 +40,7 @@ class GapMonitorNode(ArmNode):
         file = declare(self, "robot", "", "Nominal arm: file (YAML) or URDF; empty: the arm of the package")
         model = declare(self, "model", "mod3", "What the arm is taken to be", choices=("mod1", "mod2", "mod3"))
         known = declare_texts(self, "known", "Effects that count as part of the model: EFFECT[:JOINT][:NAME=VALUE,…]")
+        files = declare_texts(self, "effects_files", "Python files with effects of your own, beside the catalogue")
         refit = declare(self, "refit", False, "Identify the model's own parameters before each diagnosis")
         sides = declare(self, "sides", "both", "What the arm measures", choices=("both", "link", "motor"))
         window = declare(
@@ -51,8 +53,8 @@ class GapMonitorNode(ArmNode):
             self, "residual_period", 1.0, "Between two measurements of the residuals, s", between=(0.2, 3600.0)
         )
         robot = load_robot(file or None)
-        known_effects(known, robot)  # a mistake is to be heard of here
-        self._worker = WorkerProcess(answering, file or None, model, known, refit)
+        known_effects(known, robot, Catalogue.default().with_files(files))  # a mistake is to be heard of here
+        self._worker = WorkerProcess(answering, file or None, model, known, refit, files)
         self._collector = Collector(robot.joint_names, sides)
         self._window = Window(robot.joint_names, window, source=" ".join(self._collector.inboxes))
         self._output = self.create_publisher(GapDiagnosis, topics.GAP, graph.qos(topics.GAP))

@@ -8,7 +8,7 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from elastic_arm.effects import EffectInstance
+from elastic_arm.effects import Catalogue, EffectInstance
 from elastic_arm.errors import SimulationError
 from elastic_arm.recording import Recording, Side
 from elastic_arm.robot import Robot, to_urdf
@@ -45,6 +45,7 @@ def simulate(
     substeps: int = 10,
     rng: np.random.Generator | None = None,
     engine: str | None = None,
+    catalogue: Catalogue | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> Recording:
     """Let an arm follow a trajectory, and record it.
@@ -81,7 +82,7 @@ def simulate(
     q, dq, ddq = trajectory.evaluate(t)
     settings: dict[str, Any] = {"model": model, "bearings": bearings, "effects": effects, "sensors": sensors}
     settings |= {"controller": controller, "nominal": nominal, "rate": rate, "substeps": substeps, "rng": rng}
-    simulator = Simulator(robot, **settings, q0=q[0], dq0=dq[0], engine=engine)
+    simulator = Simulator(robot, **settings, q0=q[0], dq0=dq[0], engine=engine, catalogue=catalogue)
     block = max(1, round(rate))
     parts = []
     for first in range(0, len(t), block):

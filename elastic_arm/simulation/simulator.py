@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from elastic_arm.effects import EffectInstance, robot_effects
+from elastic_arm.effects import Catalogue, EffectInstance, robot_effects
 from elastic_arm.effects.equations import ArmEquations
 from elastic_arm.effects.model import Plant
 from elastic_arm.errors import ElasticArmError, SimulationError
@@ -102,6 +102,9 @@ class Simulator:
     engine
         "c", "casadi", or None for the faster one that this machine has.
 
+    catalogue
+        Where the ids of the description's effects are looked up; the default catalogue when None.
+
     Raises
     ------
     EffectError, SimulationError
@@ -124,12 +127,14 @@ class Simulator:
         q0: Array | None = None,
         dq0: Array | None = None,
         engine: str | None = None,
+        catalogue: Catalogue | None = None,
     ) -> None:
         _check_steps(rate, substeps)
         self.nominal = robot if nominal is None else nominal
         check_same_joints(robot, self.nominal)
         self.robot, self.rate, self._substeps = robot, float(rate), substeps
         self._model, self._bearings, self._engine_name = model, bearings, engine
+        self._catalogue = catalogue
         self._given_sensors = Sensors() if sensors is None else sensors
         self.controller = tuned(self.nominal, model=model, rate=self.rate) if controller is None else controller
         self._rng = np.random.default_rng() if rng is None else rng
@@ -140,7 +145,7 @@ class Simulator:
 
     def _build(self, effects: Sequence[EffectInstance]) -> None:
         """Put arm, effects and sensors together."""
-        self.effects = (*robot_effects(self.robot), *effects)
+        self.effects = (*robot_effects(self.robot, self._catalogue), *effects)
         plant = Plant(self.robot, self._given_sensors, self._bearings)
         for active in self.effects:
             active.joint_indices(self.robot)

@@ -113,7 +113,7 @@ def prepare(recordings: Sequence[Recording], validate: Sequence[Recording], ques
     still = [joint for joint in names if all(joint in standing(r) for r in parts[0])]
     equations = ArmEquations(question.robot, question.model)
     library = build_library(*whitened, _candidates(question, equations, still), settings.candidates)
-    known = (*robot_effects(question.robot), *question.given)
+    known = (*robot_effects(question.robot, question.catalogue), *question.given)
     given = [_given(library, equations, active) for active in known if feature_of(active, equations).acts]
     notes = list(dict.fromkeys(note for part in observed for o in part for note in o.notes))
     notes += [texts.REFITTED] if question.refit else []
@@ -184,12 +184,8 @@ def common_band(layout: EquationSet, model: Model, rate: float, settings: Prepro
 
 
 def _candidates(question: Question, equations: ArmEquations, still: Sequence[str]) -> list[Feature]:
-    """Return every effect at every place where the motion can show it.
-
-    Of errors of the model's own parameters nothing is left after a refit.
-    """
-    effects = [e for e in question.effects if not (question.refit and e.model_parameter)]
-    return [f for f in features(equations, effects) if f.joint not in still or not needs_motion(f)]
+    """Return every effect at every place where the motion can show it."""
+    return [f for f in features(equations, question.candidates) if f.joint not in still or not needs_motion(f)]
 
 
 def _given(library: RegressorLibrary, equations: ArmEquations, active: EffectInstance) -> Candidate:

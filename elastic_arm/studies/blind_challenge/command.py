@@ -15,7 +15,7 @@ from rich.table import Table
 
 from elastic_arm.cli.console import err, out, print_json, reports_errors
 from elastic_arm.cli.outputs import claim_folder
-from elastic_arm.effects.catalogue import find
+from elastic_arm.effects import Catalogue
 from elastic_arm.studies.blind_challenge import campaign
 from elastic_arm.studies.blind_challenge.scoring import score as score_answers
 from elastic_arm.studies.blind_challenge.summary import effect_rows, markdown, question_rows
@@ -62,7 +62,7 @@ def create(
         seconds=seconds,
         validate_seconds=validate_seconds,
         ratio=_range(ratio),
-        effects=tuple(find(e).id for e in effect or ()),
+        effects=tuple(Catalogue.default().find(e).id for e in effect or ()),
     )
     with _bar("recording") as bar:
         digest = campaign.create(folder, settings, workers=workers, scheduler=scheduler, report=_reporter(bar))
