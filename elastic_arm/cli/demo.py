@@ -25,7 +25,7 @@ from elastic_arm.cli.withheld import diagnose_withheld
 from elastic_arm.dynamics import build_model
 from elastic_arm.errors import GraphError, OutputError
 from elastic_arm.excitation import ExcitationResult, FourierTrajectory, MotionLimits, Shape, Workspace, optimise
-from elastic_arm.identification import Identification, chi_square, compare, gain, identify
+from elastic_arm.identification import Identification, chi_square, compare, identify, std_ratio
 from elastic_arm.recording import Recording, read_recording
 from elastic_arm.robot import Robot, load_robot, save_robot, varied
 
@@ -202,7 +202,7 @@ def _compare(offline: Identification, course: EstimateHistory, truth: np.ndarray
     )
     apart = np.abs(values - offline.Psi_base) / np.hypot(stds, offline.std)
     out.print(f"online and offline apart: at most {apart.max():.2f} standard deviations")
-    out.print(escape(gain(stds, offline).words()))
+    out.print(escape(std_ratio(stds, offline).summary()))
 
 
 def _report(

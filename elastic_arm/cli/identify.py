@@ -100,7 +100,7 @@ def identify(
             weighted=weights is Weights.noise,
             consistent=consistent,
             validate=held_out,
-            says=says,
+            progress=says,
         )
         says("report", 1.0)
         _write(result, sections_of=(identifier.equations, motion), out_dir=out_dir)

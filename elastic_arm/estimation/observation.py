@@ -109,7 +109,17 @@ class Observation:
         return gain * ((share * position) ** 2 + (rest * velocity) ** 2)
 
     def torque_spectrum(self, channel: str, f: Array, n: int) -> Array:
-        """Noise of a smoothed torque channel at f (F,): (F, n), 1 = white of 1 Nm a sample."""
+        """Noise of a smoothed torque channel at f (F,): (F, n), 1 = white of 1 Nm a sample.
+
+        Parameters
+        ----------
+        channel
+            "tau_J" or "tau_m"; without noise where it was not recorded.
+        f
+            (F,) Hz.
+        n
+            Joints.
+        """
         std = {"tau_J": self.noise.tau_J, "tau_m": self.noise.tau_m}[channel]
         return self.gain(f)[:, None] ** 2 * (np.zeros(n) if std is None else std**2)
 

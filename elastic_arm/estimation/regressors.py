@@ -77,9 +77,16 @@ class Signals:
 
     @staticmethod
     def of_samples(motion: CompletedMotion, standstill: tuple[Array, Array], *, elastic: bool = True) -> Signals:
-        """Take the signals from samples that need not follow one another; see :meth:`of`.
+        """Take the signals from samples that need not follow one another: the rates of torques are zero.
 
-        The rates of torques, which only a course of time has, are zero.
+        Parameters
+        ----------
+        motion
+            At any samples.
+        standstill
+            (n,) rad/s for link and motor side, below which a velocity has no sign.
+        elastic
+            Whether the arm has transmissions; x is then [q, theta], otherwise [q].
         """
         rates = [np.zeros_like(motion.tau_J), np.zeros_like(motion.tau_m)]
         return Signals(motion.t, _values(motion, standstill, rates, elastic=elastic))

@@ -214,7 +214,17 @@ class Placing:
 
 
 def interpolate(known: Array, values: Array, wanted: Array) -> Array:
-    """Interpolate columns (N, n), known at increasing times, by the polynomial through the six nearest points."""
+    """Interpolate columns (N, n), known at increasing times, by the polynomial through the six nearest points.
+
+    Parameters
+    ----------
+    known
+        (N,) increasing times, s.
+    values
+        (N, n) at these times.
+    wanted
+        (M,) times, s.
+    """
     first = np.clip(np.searchsorted(known, wanted) - POINTS // 2, 0, len(known) - POINTS)
     index = first[:, None] + np.arange(POINTS)
     node = known[index]

@@ -60,7 +60,19 @@ class Stretch:
 
 
 def residuals(model: Model, observation: Observation, equations: EquationSet, band: Band) -> list[Stretch]:
-    """Return the residuals of every stretch of a recording."""
+    """Return the residuals of every stretch of a recording.
+
+    Parameters
+    ----------
+    model
+        The nominal model.
+    observation
+        The recording, smoothed.
+    equations
+        Usable equations, R rows.
+    band
+        In which the residuals are looked at.
+    """
     stretches = []
     for piece, calm in zip(observation.pieces, observation.quiet, strict=True):
         motion, quiet = completed(piece, model), completed(calm, model)

@@ -57,7 +57,17 @@ class Smoother:
 
     @staticmethod
     def from_noise(rate: float, link: SideNoise | None, motor: SideNoise | None, n: int) -> Smoother:
-        """Design the smoother that the estimated noise asks for: the wider of the two sides' bands."""
+        """Design the smoother by the estimated noise, with the wider of the two sides' bands.
+
+        Parameters
+        ----------
+        rate
+            Samples per second.
+        link, motor
+            Noise of the encoders; None for a side that was not recorded.
+        n
+            Joints.
+        """
         sides = [side for side in (link, motor) if side is not None]
         if not sides:
             raise IdentificationError("no positions were recorded", "Record /joint_states or /motor_states.")

@@ -8,12 +8,12 @@ from elastic_arm.estimation.base_regression import BaseRegression
 from elastic_arm.estimation.motion import Motion
 from elastic_arm.identification.errors_in_variables import noise_sums
 from elastic_arm.identification.least_squares import Blocks
-from elastic_arm.identification.verdict import Liveliness
+from elastic_arm.identification.verdict import MotionStatistics
 
 # Samples of a unit: the shortest block.
 BLOCK = 256
-# In long recordings one sample speaks for so many units in the sums of noise.
-MOST_SPOKEN_FOR = 4
+# In long recordings one sample stands for so many units in the sums of noise.
+MOST_REPRESENTED = 4
 
 
 class Accumulator:
@@ -22,7 +22,7 @@ class Accumulator:
     def __init__(self, equations: BaseRegression) -> None:
         self.equations = equations
         self.blocks = Blocks(len(equations.groups), len(equations.base) + 1)
-        self.lively = Liveliness()
+        self.statistics_of_blocks = MotionStatistics()
         self._waiting: list[Motion] = []
 
     def add(self, motion: Motion) -> None:
@@ -51,36 +51,36 @@ class Accumulator:
         return blocks
 
     @property
-    def liveliness(self) -> Liveliness:
-        """How much the motion moves, with the samples that wait."""
-        lively = replace(self.lively)
+    def statistics(self) -> MotionStatistics:
+        """Statistics of the motion, with the samples that wait."""
+        found = replace(self.statistics_of_blocks)
         if self._waiting:
-            lively.add(Motion.joined(self._waiting))
-        return lively
+            found.add(Motion.joined(self._waiting))
+        return found
 
     def _add_blocks(self, motion: Motion) -> None:
         start, unit = 0, _unit(motion)
         while start < len(motion):
             units = max(1, min((len(motion) - start) // unit, self.blocks.room))
             stop = start + units * unit
-            self.lively.add(motion[start:stop])
+            self.statistics_of_blocks.add(motion[start:stop])
             self._add_to(self.blocks, motion[start:stop], units)
             start = stop
 
     def _add_to(self, blocks: Blocks, motion: Motion, units: int) -> None:
         """Add samples, each as often as it stands for others."""
         hi, lo = self.equations.information(motion)
-        noise = noise_sums(self.equations, motion, *_spoken_for(blocks, _unit(motion)))
+        noise = noise_sums(self.equations, motion, *_thinning(blocks, _unit(motion)))
         gram = motion.every * hi, motion.every * lo
         blocks.add(gram, motion.every * len(motion), units, None if noise is None else motion.every * noise)
 
 
-def _spoken_for(blocks: Blocks, unit: int) -> tuple[int, int]:
-    """Return for how many samples one speaks in the sums of noise, and the first that speaks.
+def _thinning(blocks: Blocks, unit: int) -> tuple[int, int]:
+    """Return for how many samples one stands in the sums of noise, and the index of the first such sample.
 
     Both depend on the place in the block alone, not on how samples come.
     """
-    group = min(blocks.span, MOST_SPOKEN_FOR)
+    group = min(blocks.span, MOST_REPRESENTED)
     return group * unit, (blocks.begun % group and group - blocks.begun % group) * unit + unit // 2
 
 

@@ -80,7 +80,7 @@ class _Chart:
 
 
 def consistent(
-    fit: Fit, equations: BaseRegression, independent_samples: float | None = None, trust: float | None = None
+    fit: Fit, equations: BaseRegression, effective_samples: float | None = None, trust: float | None = None
 ) -> Consistent:
     """Find the physically consistent parameters that fit best, close to the nominal where the data say nothing.
 
@@ -90,9 +90,9 @@ def consistent(
         The unconstrained fit of the base parameters.
     equations
         Whose model and laws these are.
-    independent_samples
-        How many samples say something new (:class:`.verdict.Liveliness`): what the model misses follows the motion, and
-        its errors do not average out between them. All of them when None.
+    effective_samples
+        Number of independent samples (:class:`.verdict.MotionStatistics`): what the model misses follows the motion,
+        and its errors do not average out between them. All of them when None.
     trust
         Relative standard deviation of the nominal; the most probable one when None.
 
@@ -102,7 +102,7 @@ def consistent(
         If the solver fails.
     """
     chart = _chart(equations)
-    A, b = _data(fit, equations, chart, independent_samples or fit.samples)
+    A, b = _data(fit, equations, chart, effective_samples or fit.samples)
     trust = trust or _most_probable_trust(A, b, chart)
     x = _solve(A, b, chart, trust)
     Psi = chart.Psi0 + chart.G @ (x - chart.x0)
@@ -114,7 +114,19 @@ def consistent(
 def identified_robot(
     robot: Robot, equations: BaseRegression, Psi: Array, effects: Sequence[EffectInstance] = ()
 ) -> Robot:
-    """Return the arm with these parameters, laws beyond the model among its effects."""
+    """Return the arm with these parameters, laws beyond the model among its effects.
+
+    Parameters
+    ----------
+    robot
+        The nominal arm.
+    equations
+        Whose parameters `Psi` are.
+    Psi
+        (P,) parameters of the model, then those of the laws.
+    effects
+        The laws beyond the model.
+    """
     value = dict(zip(equations.names, Psi.tolist(), strict=True))
     for joint in robot.joints:
         changes: dict[str, object] = {"link": inertia_from(_link_alone(robot, equations, joint.name, value))}
@@ -241,14 +253,14 @@ def _solid_chart(nominal: Array) -> Array:
     return np.array([[mass, 0.0, 0.0], [0.0, 0.0, 0.0], [0.0, radial, axial], [0.0, 2.0 * radial, 0.0]])
 
 
-def _data(fit: Fit, equations: BaseRegression, chart: _Chart, independent_samples: float) -> tuple[Array, Array]:
+def _data(fit: Fit, equations: BaseRegression, chart: _Chart, effective_samples: float) -> tuple[Array, Array]:
     """Return A, b: the recording says A (x - x0) = b with unit noise.
 
     Errors are coloured: their effect on the estimate is larger than white ones' by a factor known from the blocks, and
     larger still where the motion repeats itself block after block.
     """
     coloured = float(np.median(np.diag(fit.covariance) / np.diag(fit.white_covariance)))
-    inflation = np.sqrt(max(1.0, coloured, fit.samples / independent_samples))
+    inflation = np.sqrt(max(1.0, coloured, fit.samples / effective_samples))
     # Ordinary least squares has weights of one: its rows are still in Nm.
     size = np.sqrt(np.mean((fit.weights * fit.noise) ** 2))
     scaled = fit.factor[:-1, :] / (inflation * size)

@@ -30,7 +30,7 @@ from elastic_arm.robot import Robot
 
 Array = NDArray[np.float64]
 Method = Literal["auto", "smoother", "fourier"]
-Says = Callable[[str, float], None]
+ProgressCallback = Callable[[str, float], None]
 
 # Long recordings go through the derivative stage in runs of this many samples, which stay in the cache.
 RUN = 32768
@@ -121,7 +121,7 @@ def identify(
     weighted: bool = True,
     consistent: bool = True,
     validate: Sequence[Recording] = (),
-    says: Says | None = None,
+    progress: ProgressCallback | None = None,
 ) -> Identification:
     """Identify an arm from recordings.
 
@@ -143,7 +143,7 @@ def identify(
         Also find all parameters, physically consistent and close to the nominal where the data say nothing.
     validate
         Recordings that no fit may see; the residuals on them are part of the result.
-    says
+    progress
         Called with what is being done and the share that is done.
 
     Raises
@@ -161,7 +161,7 @@ def identify(
         weighted=weighted,
         consistent=consistent,
         validate=validate,
-        says=says,
+        progress=progress,
     )[0]
 
 
@@ -176,13 +176,24 @@ def identify_with(
     weighted: bool = True,
     consistent: bool = True,
     validate: Sequence[Recording] = (),
-    says: Says | None = None,
+    progress: ProgressCallback | None = None,
 ) -> tuple[Identification, Identifier, Motion]:
-    """Identify as :func:`identify` does, and hand out the estimator and a run of motion too."""
+    """Identify as :func:`identify` does, and hand out the estimator and a run of motion too.
+
+    Parameters
+    ----------
+    recordings, robot, model, effects, derivatives, period, weighted, consistent, validate, progress
+        See :func:`identify`.
+
+    Returns
+    -------
+    result, identifier, motion
+        The result, the estimator that it came from, and the first run of smoothed motion.
+    """
     chosen = [recordings] if isinstance(recordings, Recording) else list(recordings)
     if not chosen:
         raise IdentificationError("no recording was given", "Give at least one.")
-    tell = says or (lambda what, share: None)
+    report = progress or (lambda what, share: None)
     speeds = SIGN_SPEEDS if any(is_dry(active) for active in effects) else (DEFAULT_SIGN_SPEED,)
     prepared = [recording.select(robot.joint_names).samples() for recording in chosen]
     tries = []
@@ -191,8 +202,8 @@ def identify_with(
         identifier = Identifier(build_model(robot, model), columns, joints=robot.joint_names, weighted=weighted)
         derived = []
         for j, (recording, samples) in enumerate(zip(chosen, prepared, strict=True)):
-            tell(f"equations of {recording.source}", (k * len(chosen) + j) / (len(speeds) * len(chosen)))
-            equations = identifier.expect(samples)
+            report(f"equations of {recording.source}", (k * len(chosen) + j) / (len(speeds) * len(chosen)))
+            equations = identifier.choose_equations(samples)
             _require_traces(equations)
             derived.append(differentiate(samples, derivatives, period=period, equations=equations))
             for motion in derived[-1].motions:
@@ -200,17 +211,17 @@ def identify_with(
         misfit = float(np.sum(np.log(identifier.fit().noise))) if len(speeds) > 1 else 0.0
         tries.append((misfit, speed, identifier, derived))
     _, speed, identifier, derived = min(tries, key=lambda each: each[0])
-    tell("estimate", 1.0)
+    report("estimate", 1.0)
     names, methods = tuple(r.source for r in chosen), tuple(d.method for d in derived)
     result = identifier.estimate(names, methods, _covariance(identifier, derived))
     notes = [note for r in chosen for note in r.notes]
     notes += [f"dry friction turns over within {speed:g} rad/s of standstill"] if len(speeds) > 1 else []
     result = result.with_(notes=tuple(dict.fromkeys(notes)))
     if consistent:
-        tell("physical consistency", 1.0)
+        report("physical consistency", 1.0)
         result = with_consistency(result, identifier, robot, effects)
     if validate:
-        result = _validated(result, identifier, robot, validate, tell)
+        result = _validated(result, identifier, robot, validate, report)
     return result, identifier, next(derived[0].motions)
 
 
@@ -225,7 +236,7 @@ def _require_traces(equations: BaseRegression) -> None:
 
 
 def _covariance(identifier: Identifier, derived: Sequence[Derived]) -> Array | None:
-    """Return the covariance where derivatives come from series; None where the blocks tell all of it."""
+    """Return the covariance where derivatives come from series; None where the blocks hold all of it."""
     series = [(motion, *pair) for d in derived if d.series for motion, pair in zip(d.motions, d.series, strict=True)]
     if not series:
         return None
@@ -237,8 +248,20 @@ def _covariance(identifier: Identifier, derived: Sequence[Derived]) -> Array | N
 def with_consistency(
     result: Identification, identifier: Identifier, robot: Robot, effects: Sequence[EffectInstance] = ()
 ) -> Identification:
-    """Add all parameters, physically consistent, and the arm that has them; see :mod:`.consistency` for errors."""
-    found = find_consistent(identifier.fit(), identifier.equations, identifier.liveliness.independent_samples)
+    """Add all parameters, physically consistent, and the arm that has them; see :mod:`.consistency` for errors.
+
+    Parameters
+    ----------
+    result
+        The identification so far.
+    identifier
+        The estimator that it came from.
+    robot
+        The nominal arm.
+    effects
+        Laws beyond the model.
+    """
+    found = find_consistent(identifier.fit(), identifier.equations, identifier.statistics.effective_samples)
     return result.with_(
         Psi=found.Psi,
         consistency={"trust": found.trust, "misfit": found.misfit},
@@ -247,7 +270,17 @@ def with_consistency(
 
 
 def residuals(equations: BaseRegression, Psi_base: Array, motions: Sequence[Motion]) -> dict[str, dict[str, float]]:
-    """Return equation -> joint -> rms of measured less predicted, Nm, in the band of the derivative stage."""
+    """Return equation -> joint -> rms of measured less predicted, Nm, in the band of the derivative stage.
+
+    Parameters
+    ----------
+    equations
+        In base parameters.
+    Psi_base
+        (B,) parameters to predict with.
+    motions
+        Runs of smoothed motion.
+    """
     squares = {side: np.zeros(equations.n) for side in equations.sides}
     samples = sum(len(motion) for motion in motions)
     for motion in motions:
@@ -261,7 +294,11 @@ def residuals(equations: BaseRegression, Psi_base: Array, motions: Sequence[Moti
 
 
 def _validated(
-    result: Identification, identifier: Identifier, robot: Robot, recordings: Sequence[Recording], tell: Says
+    result: Identification,
+    identifier: Identifier,
+    robot: Robot,
+    recordings: Sequence[Recording],
+    report: ProgressCallback,
 ) -> Identification:
     equations = identifier.equations
     arms = {"nominal": equations.base.T @ equations.nominal, "identified": result.Psi_base}
@@ -269,9 +306,9 @@ def _validated(
         arms["consistent"] = equations.base.T @ result.Psi
     found = {}
     for recording in recordings:
-        tell(f"validation on {recording.source}", 1.0)
+        report(f"validation on {recording.source}", 1.0)
         samples = recording.select(robot.joint_names).samples()
-        identifier.expect(samples)
+        identifier.choose_equations(samples)
         motions = list(differentiate(samples, "smoother", equations=equations).motions)
         found[recording.source] = {arm: residuals(equations, Psi, motions) for arm, Psi in arms.items()}
     return result.with_(validation=found)
@@ -280,7 +317,19 @@ def _validated(
 def identifier_of(
     robot: Robot, model: str = "mod3", effects: Sequence[EffectInstance] = (), **options: object
 ) -> Identifier:
-    """Return the stream estimator for an arm."""
+    """Return the stream estimator for an arm.
+
+    Parameters
+    ----------
+    robot
+        The nominal arm.
+    model
+        mod1, mod2 or mod3.
+    effects
+        Laws identified beside the model.
+    options
+        Of :class:`.stream.Identifier`.
+    """
     columns = law_columns(effects, robot, model)
     return Identifier(build_model(robot, model), columns, joints=robot.joint_names, **options)  # type: ignore[arg-type]
 

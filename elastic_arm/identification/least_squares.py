@@ -85,7 +85,19 @@ class Blocks:
         return self.span - self._units
 
     def add(self, gram: Pair, count: int, units: int = 1, known_noise: Array | None = None) -> None:
-        """Add the sums of the next `count` samples, which are `units` units, at most :attr:`room`."""
+        """Add the sums of the next `count` samples, which are `units` units, at most :attr:`room`.
+
+        Parameters
+        ----------
+        gram
+            [Phi y]'[Phi y] of the samples by group, hi and lo (groups, B + 1, B + 1).
+        count
+            Samples.
+        units
+            Units that they make up, at most :attr:`room`.
+        known_noise
+            Mean of what the regressors' noise adds to the sums (groups, B + 1, B + 1); none when None.
+        """
         noise = np.zeros_like(gram[0]) if known_noise is None else known_noise
         if self._units:
             self.grams[-1] = add(self.grams[-1], gram)
@@ -283,10 +295,10 @@ def _covariances(
 ) -> tuple[Array, Array]:
     """Return the covariance from the blocks' scores, and that of white errors.
 
-    The scores are mended for the share of each block in the fit (the jackknife that leaves out one block at a time, R.
-    Bell and D. McCaffrey, Survey Methodology 28 (2002) 169), without which few blocks look too quiet, and a parameter
-    that a single lively moment determines looks too sure. Both include what :data:`CLOSURE` leaves open, where
-    parameters differ by the last digits of an equation alone.
+    The scores are corrected for the share of each block in the fit (the jackknife that leaves out one block at a time,
+    R. Bell and D. McCaffrey, Survey Methodology 28 (2002) 169): else few blocks scatter too little, and a parameter
+    that one fast part of the motion determines gets too small a deviation. Both include what :data:`CLOSURE` leaves
+    open, where parameters differ by the last digits of an equation alone.
     """
     columns, scale = _equilibrated(whole)
     _, s, vt = np.linalg.svd(columns, full_matrices=False)

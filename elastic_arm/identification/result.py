@@ -1,4 +1,4 @@
-"""What an identification says: parameters with their doubts, loadable, and an arm file to simulate."""
+"""The result of an identification: parameters with standard deviations, as JSON, and as an arm file to simulate."""
 
 from __future__ import annotations
 
@@ -68,7 +68,7 @@ class Identification:
     samples, derivatives
         Number of samples used, and how derivatives were made.
     excitation
-        What was said before the fit: condition, poor, reasons, weakest.
+        Judgement of the motion before the fit: condition, poor, reasons, weakest.
     notes
         What else the user should know.
     parameter_names, T, Psi
@@ -233,15 +233,15 @@ def chi_square(identification: Identification, true: Array) -> float:
     return float(error @ np.linalg.solve(identification.covariance / np.outer(std, std), error))
 
 
-class Gain(NamedTuple):
-    """By how much one estimate of the same recording is surer than another: ratios of standard deviations.
+class StdRatio(NamedTuple):
+    """Ratios of the standard deviations of two estimates from the same recording.
 
     Parameters
     ----------
     median, largest
-        Over the base parameters; above one where the second is surer.
+        Over the base parameters; above one where the second estimate is the more precise.
     name
-        Of the base parameter that gains most.
+        Of the base parameter with the largest ratio.
     ratios
         (B,) of each.
     """
@@ -251,23 +251,33 @@ class Gain(NamedTuple):
     name: str
     ratios: Array
 
-    def words(self) -> str:
-        """Say it, as of a stream and an estimate made offline."""
+    def summary(self) -> str:
+        """Return it as text, for a stream and an estimate made offline."""
         return f"online over offline standard deviations: {self.median:.3g} (median), {self.largest:.3g} ({self.name})"
 
 
-def gain(std: Array, surer: Identification) -> Gain:
+def std_ratio(std: Array, other: Identification) -> StdRatio:
     """Compare the standard deviations (B,) of an estimate with those of another one of the same recording."""
-    finite = np.isfinite(std) & np.isfinite(surer.std)
-    ratios = np.where(finite, std / surer.std, 1.0)
+    finite = np.isfinite(std) & np.isfinite(other.std)
+    ratios = np.where(finite, std / other.std, 1.0)
     best = int(np.argmax(ratios))
-    return Gain(float(np.median(ratios)), float(ratios[best]), surer.estimates[best].name, ratios)
+    return StdRatio(float(np.median(ratios)), float(ratios[best]), other.estimates[best].name, ratios)
 
 
 def result_of(
     fit: Fit, equations: BaseRegression, judged: Excitation, *, recordings: tuple[str, ...], methods: tuple[str, ...]
 ) -> Identification:
-    """Put a fit into words."""
+    """Return the result of a fit.
+
+    Parameters
+    ----------
+    fit, equations
+        The estimate, and what it is an estimate of.
+    judged
+        The judgement of the motion before the fit.
+    recordings, methods
+        Where the samples came from, and how derivatives were made.
+    """
     base = equations.base
     relative = relative_std(equations, fit.Psi, fit.std)
     nominal = base.T @ equations.nominal

@@ -1,4 +1,4 @@
-"""The sums of a stream on disk: an npz file of plain arrays, and a header in JSON that says whose they are."""
+"""The sums of a stream on disk: an npz file of plain arrays, and a header in JSON with the model they belong to."""
 
 from __future__ import annotations
 
@@ -17,30 +17,30 @@ from elastic_arm.estimation.noise import SideNoise
 from elastic_arm.estimation.resampling import Clock
 from elastic_arm.estimation.smoother import Smoother
 from elastic_arm.identification.least_squares import Blocks
-from elastic_arm.identification.verdict import Liveliness
+from elastic_arm.identification.verdict import MotionStatistics
 
 Array = NDArray[np.float64]
 SCHEMA = "elastic_arm/identifier/1"
 
 
 class Sums(NamedTuple):
-    """What a stream knows.
+    """The sums of a stream, as they are saved.
 
     Parameters
     ----------
     recorded
         Names of the channels.
-    blocks, liveliness
+    blocks, statistics
         The sums.
     progress
         Counts of samples, by name.
     smoother, clock
-        What the samples went through; None where motion was handed in.
+        Of the derivative stage; None where motion with derivatives was added.
     """
 
     recorded: frozenset[str]
     blocks: Blocks
-    liveliness: Liveliness
+    statistics: MotionStatistics
     progress: dict[str, int]
     smoother: Smoother | None
     clock: Clock | None
@@ -48,6 +48,15 @@ class Sums(NamedTuple):
 
 def write_sums(path: str | Path, equations: BaseRegression, sums: Sums) -> None:
     """Write sums to an npz file.
+
+    Parameters
+    ----------
+    path
+        Of the file.
+    equations
+        That the sums are of: their names are saved beside them.
+    sums
+        Of a stream.
 
     Raises
     ------
@@ -62,7 +71,7 @@ def write_sums(path: str | Path, equations: BaseRegression, sums: Sums) -> None:
         "span": blocks.span,
         "counts": blocks.counts,
         "progress": sums.progress,
-        "liveliness": _plain(asdict(sums.liveliness)),
+        "statistics": _plain(asdict(sums.statistics)),
         "smoother": None if sums.smoother is None else _plain(asdict(sums.smoother)),
         "clock": None if sums.clock is None else asdict(sums.clock),
     }
@@ -100,11 +109,13 @@ def read_sums(path: str | Path, equations: BaseRegression) -> Sums:
     blocks.known_noise = list(arrays["known_noise"])
     blocks.counts = head["counts"]
     blocks.close()
-    smoother, clock, lively = head["smoother"], head["clock"], head["liveliness"]
+    smoother, clock = head["smoother"], head["clock"]
+    # Files of the first releases call them by another name.
+    statistics = head["statistics"] if "statistics" in head else head["liveliness"]
     return Sums(
         frozenset(head["recorded"]),
         blocks,
-        Liveliness(**{name: _array(value) for name, value in lively.items()}),
+        MotionStatistics(**{name: _array(value) for name, value in statistics.items()}),
         head["progress"],
         None if smoother is None else _smoother(smoother),
         None if clock is None else Clock(**clock),

@@ -19,18 +19,28 @@ from elastic_arm.identification.accumulator import BLOCK, Accumulator
 from elastic_arm.identification.least_squares import Fit, fit
 from elastic_arm.identification.result import Identification, result_of
 from elastic_arm.identification.saved import Sums, read_sums, recorded_in, write_sums
-from elastic_arm.identification.verdict import Excitation, Liveliness, excitation
+from elastic_arm.identification.verdict import Excitation, MotionStatistics, excitation
 from elastic_arm.recording import Samples
 
 Array = NDArray[np.float64]
 
-# The stream listens this long before it chooses its smoother.
+# Length of the first samples, s, from which clock and smoother are chosen.
 CALIBRATION_SECONDS = 4.0
 SENSED = ("q", "theta", "tau_J", "tau_m")
 
 
 def smoothed(smoother: Smoother, grid: Grid, equations: BaseRegression) -> Motion:
-    """Smooth a regular piece, with the laws beyond the model passed through the same filter."""
+    """Smooth a regular piece, with the laws beyond the model passed through the same filter.
+
+    Parameters
+    ----------
+    smoother
+        The derivative stage.
+    grid
+        Samples at a constant rate.
+    equations
+        Whose laws beyond the model are meant.
+    """
     every = smoother.thinning
     if not equations.columns:
         return smoother(grid, every)
@@ -43,7 +53,7 @@ def smoothed(smoother: Smoother, grid: Grid, equations: BaseRegression) -> Motio
 
 @dataclass
 class Progress:
-    """What the stream has seen.
+    """Counts of the samples of a stream.
 
     Parameters
     ----------
@@ -155,11 +165,11 @@ class Identifier:
         return self._ready().equations
 
     @property
-    def liveliness(self) -> Liveliness:
-        """How much the motion moves."""
-        return self._ready().liveliness
+    def statistics(self) -> MotionStatistics:
+        """Statistics of the motion so far."""
+        return self._ready().statistics
 
-    def expect(self, channels: Samples | Motion) -> BaseRegression:
+    def choose_equations(self, channels: Samples | Motion) -> BaseRegression:
         """Choose the equations by the channels that are there, and return them.
 
         Raises
@@ -197,13 +207,13 @@ class Identifier:
         self._piece.since = min(self._piece.since, float(samples.t[0]))
         self._piece.last = float(samples.t[-1])
         self._piece.buffer = samples if self._piece.buffer is None else joined(self._piece.buffer, samples)
-        self.expect(samples)
+        self.choose_equations(samples)
         if self._calibrated(wait=True):
             self._process()
 
     def add_motion(self, motion: Motion) -> None:
         """Take motion whose derivatives are known already."""
-        self.expect(motion)
+        self.choose_equations(motion)
         self._ready().add(motion)
         self.progress.samples += motion.every * len(motion)
 
@@ -230,7 +240,7 @@ class Identifier:
     def estimate(
         self, recordings: tuple[str, ...] = (), methods: tuple[str, ...] = (), covariance: Array | None = None
     ) -> Identification:
-        """Return the estimate with its doubts; see :meth:`fit` for errors.
+        """Return the estimate with its standard deviations and verdicts; see :meth:`fit` for errors.
 
         Parameters
         ----------
@@ -245,7 +255,7 @@ class Identifier:
     def excitation(self) -> Excitation:
         """Return what the motion so far can determine; the torques are not looked at."""
         ready = self._ready()
-        return excitation(ready.snapshot(), ready.equations, ready.liveliness)
+        return excitation(ready.snapshot(), ready.equations, ready.statistics)
 
     def save(self, path: str | Path) -> None:
         """Write the sums of all samples so far to an npz file, from which :meth:`load` goes on.
@@ -258,7 +268,7 @@ class Identifier:
             Before the first samples, or if the file cannot be written.
         """
         ready = self._ready()
-        known = Sums(self._recorded, ready.snapshot(), ready.liveliness, vars(self.progress), self.smoother, self.clock)
+        known = Sums(self._recorded, ready.snapshot(), ready.statistics, vars(self.progress), self.smoother, self.clock)
         write_sums(path, ready.equations, known)
 
     def load(self, path: str | Path) -> None:
@@ -273,7 +283,7 @@ class Identifier:
         accumulator = Accumulator(BaseRegression(self.model, sorted(recorded), self.columns, self.joints))
         known = read_sums(path, accumulator.equations)
         self.reset()
-        accumulator.blocks, accumulator.lively = known.blocks, known.liveliness
+        accumulator.blocks, accumulator.statistics_of_blocks = known.blocks, known.statistics
         self.accumulator, self._recorded = accumulator, recorded
         self.smoother, self.clock = known.smoother, known.clock
         self.progress = Progress(**known.progress)
@@ -291,7 +301,7 @@ class Identifier:
         return samples if good.all() else part(samples, np.flatnonzero(good))
 
     def _calibrated(self, wait: bool) -> bool:
-        """Choose clock and smoother once enough is heard."""
+        """Choose clock and smoother once there are enough samples."""
         if self.smoother is not None and self.clock is not None:
             return True
         buffer = self._piece.buffer

@@ -32,7 +32,7 @@ TAKES_PART = 0.3
 
 @dataclass(frozen=True)
 class Excitation:
-    """What the motion of a recording can determine, said before any fit.
+    """What the motion of a recording can determine, judged before any fit.
 
     Parameters
     ----------
@@ -56,8 +56,8 @@ class Excitation:
 
 
 @dataclass
-class Liveliness:
-    """How much a motion moves: running sums that tell how often it says something new.
+class MotionStatistics:
+    """Running sums over a motion, from which its typical frequency and its number of independent samples follow.
 
     Parameters
     ----------
@@ -91,8 +91,8 @@ class Liveliness:
         return float(np.sqrt(quickest) / (2 * np.pi))
 
     @property
-    def independent_samples(self) -> float:
-        """Number of samples that say something new: two a period of the typical frequency."""
+    def effective_samples(self) -> float:
+        """Number of independent samples: two a period of the typical frequency (Nyquist)."""
         return max(2.0 * self.frequency * self.seconds, 1.0)
 
 
@@ -116,15 +116,26 @@ def natural_scales(equations: BaseRegression) -> Array:
 
 
 def excitation(
-    blocks: Blocks, equations: BaseRegression, liveliness: Liveliness, torque_noise: float = TORQUE_NOISE
+    blocks: Blocks, equations: BaseRegression, statistics: MotionStatistics, torque_noise: float = TORQUE_NOISE
 ) -> Excitation:
     """Judge the motion of a recording; the torques are not looked at.
 
     What a model misses (friction, ripple, elasticity) follows the motion and does not average out as noise does: the
     errors of samples closer than half a period of the motion count as one.
+
+    Parameters
+    ----------
+    blocks
+        Sums of the rows.
+    equations
+        In base parameters.
+    statistics
+        Of the same motion.
+    torque_noise
+        Standard deviation of the torques, Nm.
     """
     r = blocks.total()[..., :-1]
-    crowding = np.sqrt(max(liveliness.samples / liveliness.independent_samples, 1.0))
+    crowding = np.sqrt(max(statistics.samples / statistics.effective_samples, 1.0))
     whole = triangular(r.reshape(-1, r.shape[-1]) / (torque_noise * crowding))
     size = np.linalg.norm(whole, axis=0)
     _, s, vt = np.linalg.svd(whole / np.where(size > 0, size, 1.0), full_matrices=False)
@@ -135,37 +146,47 @@ def excitation(
         relative = np.where(size > 0, spread / size, np.inf) / scales
     names = equations.base.names
     weakest = tuple(names[k] for k in np.flatnonzero(np.abs(vt[-1]) > TAKES_PART).tolist())
-    reasons = _reasons(liveliness, len(equations.groups), relative[np.isfinite(scales)], len(names))
+    reasons = _reasons(statistics, len(equations.groups), relative[np.isfinite(scales)], len(names))
     return Excitation(condition, relative, weakest, bool(reasons), reasons)
 
 
-def _reasons(liveliness: Liveliness, groups: int, relative: Array, parameters: int) -> tuple[str, ...]:
-    """Say why the excitation is poor, if it is."""
-    said = []
-    if liveliness.seconds < max(SHORTEST_SECONDS, SHORTEST_PERIODS / max(liveliness.frequency, 1e-9)):
-        said.append(
-            f"{liveliness.seconds:.2g} s of motion are too short to judge the errors by: standard deviations may be "
+def _reasons(statistics: MotionStatistics, groups: int, relative: Array, parameters: int) -> tuple[str, ...]:
+    """Return why the excitation is poor, if it is."""
+    reasons = []
+    if statistics.seconds < max(SHORTEST_SECONDS, SHORTEST_PERIODS / max(statistics.frequency, 1e-9)):
+        reasons.append(
+            f"{statistics.seconds:.2g} s of motion are too short to judge the errors by: standard deviations may be "
             "several times too small"
         )
-    rows = liveliness.independent_samples * groups
+    rows = statistics.effective_samples * groups
     if rows < ROWS_PER_PARAMETER * parameters:
-        said.append(
-            f"the motion says little that is new: at {liveliness.frequency:.2g} Hz over {liveliness.seconds:.3g} s "
+        reasons.append(
+            f"the motion has few independent samples: at {statistics.frequency:.2g} Hz over {statistics.seconds:.3g} s "
             f"it gives about {rows:.0f} independent equations for {parameters} parameters"
         )
     bad = np.count_nonzero(~(relative <= POORLY))
     if bad > POOR_SHARE * len(relative):
-        said.append(f"{bad} of {len(relative)} base parameters of the arm will stay within their expected errors")
-    return tuple(said)
+        reasons.append(f"{bad} of {len(relative)} base parameters of the arm will stay within their expected errors")
+    return tuple(reasons)
 
 
 def verdicts(relative_std: Array) -> tuple[str, ...]:
-    """Say "well", "poorly" or "not" for each relative standard deviation."""
+    """Return "well", "poorly" or "not" for each relative standard deviation."""
     return tuple("well" if s <= WELL else "poorly" if s <= POORLY else "not" for s in relative_std)
 
 
 def relative_std(equations: BaseRegression, Psi_base: Array, std: Array) -> Array:
-    """Return the standard deviations over natural scale, over the estimate itself for laws beyond the model."""
+    """Return the standard deviations over natural scale, over the estimate itself for laws beyond the model.
+
+    Parameters
+    ----------
+    equations
+        In base parameters.
+    Psi_base
+        (B,) estimates.
+    std
+        (B,) their standard deviations.
+    """
     scale = natural_scales(equations)
     scale = np.where(np.isfinite(scale), scale, np.maximum(np.abs(Psi_base), 1e-300))
     return std / scale
@@ -173,8 +194,8 @@ def relative_std(equations: BaseRegression, Psi_base: Array, std: Array) -> Arra
 
 def directions(undetermined: Array, names: Sequence[str]) -> tuple[str, ...]:
     """Name the combinations of base parameters that the data leave open."""
-    said = []
+    found = []
     for direction in undetermined:
         parts = [f"{direction[k]:+.2f} ({names[k]})" for k in np.flatnonzero(np.abs(direction) > TAKES_PART).tolist()]
-        said.append(" ".join(parts))
-    return tuple(said)
+        found.append(" ".join(parts))
+    return tuple(found)

@@ -87,7 +87,7 @@ class IdentifierNode(ArmNode):
             ("q", "dq", "ddq", "theta", "dtheta", "ddtheta", "tau_J", "tau_m"), np.zeros((2, n))
         )
         motion = Motion(t=np.arange(2.0), **channels)
-        self._identifier.expect(motion).information(motion)
+        self._identifier.choose_equations(motion).information(motion)
         self._identifier.reset()
 
     def _take(self, everything: bool = False) -> None:

@@ -14,7 +14,15 @@ from elastic_arm.estimation.base_regression import BaseRegression
 from elastic_arm.estimation.motion import Motion
 from elastic_arm.estimation.resampling import Clock, part
 from elastic_arm.estimation.smoother import design_smoother
-from elastic_arm.identification import Identification, Identifier, compare, gain, identifier_of, identify, parse_laws
+from elastic_arm.identification import (
+    Identification,
+    Identifier,
+    compare,
+    identifier_of,
+    identify,
+    parse_laws,
+    std_ratio,
+)
 from elastic_arm.identification.stream import smoothed
 from elastic_arm.identification.verdict import relative_std
 from elastic_arm.recording import Recording, Samples, Side
@@ -207,7 +215,7 @@ def test_laws_too_long_for_the_recording_and_unreadable_ones_are_refused(model: 
     grid = Clock.of(samples).place(samples)[0]
     smoother = design_smoother([grid], model.n)
     with pytest.raises(IdentificationError, match="too short for the smoother"):
-        smoothed(smoother, grid[: 3 * smoother.lag], identifier.expect(samples))
+        smoothed(smoother, grid[: 3 * smoother.lag], identifier.choose_equations(samples))
     with pytest.raises(IdentificationError, match="cannot read the law"):
         parse_laws(["viscous_friction:joint_1:coefficient=1:side=link"], model.robot)
 
@@ -236,10 +244,10 @@ def test_what_offline_gains_over_a_stream_is_said(model: Model, samples: Samples
     """The same recording's standard deviations are compared, parameter by parameter, and the greatest gain is named."""
     online = fed(model, samples, []).fit()
     offline = identify(recorded(samples), model.robot, derivatives="fourier", consistent=False)
-    found = gain(online.std, offline)
+    found = std_ratio(online.std, offline)
     assert found.ratios == pytest.approx(online.std / offline.std)
     assert found.median <= found.largest == found.ratios.max()
-    assert offline.estimates[int(np.argmax(found.ratios))].name in found.words()
+    assert offline.estimates[int(np.argmax(found.ratios))].name in found.summary()
 
 
 def test_result_survives_its_json_file(model: Model, samples: Samples, tmp_path: Path) -> None:

@@ -72,7 +72,7 @@ def test_any_cut_of_the_samples_gives_the_result_of_the_batch(kind: str, mode: s
     assert stream.progress == whole.progress
     assert np.abs((found.Psi - expected.Psi) / expected.std).max() < 1e-6
     assert found.std == pytest.approx(expected.std, rel=1e-5)
-    assert stream.liveliness.seconds == pytest.approx(whole.liveliness.seconds)
+    assert stream.statistics.seconds == pytest.approx(whole.statistics.seconds)
 
 
 def test_saved_sums_are_taken_up_where_they_were_left(tmp_path: Path) -> None:
