@@ -16,9 +16,10 @@ from elastic_arm.cli.outputs import claim_bag
 from elastic_arm.cli.processes import require_ros
 from elastic_arm.recording.foreign.arrays import import_arrays
 from elastic_arm.recording.foreign.channels import ChannelMap, load_channels
-from elastic_arm.recording.inspection.check import Report, check_bag
+from elastic_arm.recording.inspection.check import check_bag
 from elastic_arm.recording.inspection.info import BagInfo, bag_info
 from elastic_arm.recording.inspection.repair import Repair, repair_bag
+from elastic_arm.recording.inspection.report import Report
 from elastic_arm.recording.storage.mcap_sink import COMPRESSIONS, Compression
 from elastic_arm.recording.writing import write_recording
 

@@ -3,22 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from typing import Any, Literal
 
 import numpy as np
 
 from elastic_arm.errors import RecordingError
 from elastic_arm.recording.foreign.channels import ChannelMap
+from elastic_arm.recording.inspection.plausibility import implausible
 from elastic_arm.recording.inspection.quality import moment
+from elastic_arm.recording.inspection.report import Report
 from elastic_arm.recording.reading import Content, read_content, read_recording, urdf_joints
 from elastic_arm.recording.series import Series
 from elastic_arm.recording.sides import Stamps
 from elastic_arm.recording.storage.bag import Bag, open_bag
 from elastic_arm.recording.topics import JOINT_STATES, JOINT_TORQUES, MOTOR_STATES, REFERENCE, TYPES
-
-Severity = Literal["error", "warning", "note"]
 
 _STATES = (JOINT_STATES, MOTOR_STATES)
 _GAP = 2.5  # sample intervals: more is a gap, not jitter
@@ -26,56 +24,6 @@ _JITTER = 0.05  # of the sample interval
 _RATE_CHANGE = 0.2
 _SAME_RATE = 0.01  # rates this close are meant to be equal
 _DRIFT = 20e-6  # two good crystals differ by less
-
-
-@dataclass(frozen=True)
-class Finding:
-    """Something found in a bag.
-
-    Parameters
-    ----------
-    severity
-        "error": it cannot be used as it is; "warning": it can, with less accuracy; "note": good to know.
-    code
-        A word for scripts.
-    message
-        For people.
-    topic, joint, time
-        Where, as far as it is of one place; seconds from the topic's first message.
-    """
-
-    severity: Severity
-    code: str
-    message: str
-    topic: str | None = None
-    joint: str | None = None
-    time: float | None = None
-
-
-@dataclass
-class Report:
-    """All findings about a bag."""
-
-    path: str
-    findings: list[Finding] = field(default_factory=list)
-
-    @property
-    def ok(self) -> bool:
-        """Whether nothing worse than a note was found."""
-        return all(finding.severity == "note" for finding in self.findings)
-
-    @property
-    def usable(self) -> bool:
-        """Whether it can be read and used, if with less accuracy."""
-        return all(finding.severity != "error" for finding in self.findings)
-
-    def add(self, severity: Severity, code: str, message: str, **where: Any) -> None:
-        """Add a finding."""
-        self.findings.append(Finding(severity, code, message, **where))
-
-    def to_json(self) -> dict[str, Any]:
-        """Return plain data."""
-        return {"path": self.path, "ok": self.ok, "findings": [asdict(finding) for finding in self.findings]}
 
 
 def check_bag(path: str | Path, channels: ChannelMap | None = None, joints: Sequence[str] | None = None) -> Report:
@@ -123,11 +71,12 @@ def check_bag(path: str | Path, channels: ChannelMap | None = None, joints: Sequ
 
 
 def _check_whole(path: str | Path, channels: ChannelMap | None, joints: Sequence[str] | None, report: Report) -> None:
-    """Whatever reading would refuse or remark is worth saying, too."""
+    """Add what reading refuses or remarks, and what no sensors of a moving arm measure."""
     try:
         recording = read_recording(path, channels, joints)
         for note in (*recording.notes, *recording.samples().notes):
             report.add("note", "reading", note)
+        report.findings += implausible(recording)
     except RecordingError as error:
         report.add("error", "unusable", str(error))
 

@@ -1,0 +1,285 @@
+"""Numbers that are whole and finite, and yet no sensors of a moving arm measure.
+
+A position and its velocity measure one motion, so that over an interval from t to t + w
+
+    q(t + w) - q(t) = g integral(v) + tau (v(t + w) - v(t)),
+
+with gain g = 1 and lag tau = 0 of the velocity behind the position. Where g or tau differ a unit, a sign, a filter or
+a clock is not what it is taken for. A sample taken beside its stamp moves all joints along their motion by one and
+the same time, which noise of their sensors does not.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import scipy
+
+from elastic_arm.recording.inspection.report import Finding
+from elastic_arm.recording.recording import Recording
+from elastic_arm.recording.sides import Array, Side
+
+_FEWEST = 200  # samples; below, nothing is concluded
+_WINDOW = 0.02  # s over which a velocity is compared with the position's advance: above the encoders' steps
+_STILL = 1e-3  # rad/s rms below which a joint does not move
+_FASTEST = 500.0  # rad/s rms from sample to sample; beyond, the numbers are no motion of an arm
+_FOLLOWS = 0.5  # share of a velocity that its position must explain
+_SELDOM = 0.02  # share of samples at which a joint can pass a full turn
+_GAIN = 0.03  # a unit or a sign is off by more
+_HELD = 0.002  # share of repeated samples; a lost cycle in 500 is ordinary
+_REGULAR = 2e-6  # of the interval: rounding of stamps to a nanosecond or a float, no clock
+_COMMON = 0.02  # of the interval: joints advance too far together by more than that
+_AGREE = 0.3  # correlation of two groups of joints about it
+_JITTER = 0.02  # of the interval: stamps that spread more must be those of the motion
+# A torque of 16 bits, six standard deviations wide, rounds at -91 dB of its variance: no converter gives less noise.
+_NOISELESS = -95.0
+_FLAT = 10.0  # dB: white noise over the upper two thirds of the band
+_ROUNDING = -150.0  # dB: nothing is left but the rounding of floating-point numbers
+_SMOOTH_WINDOW = ("kaiser", 24.0)  # side lobes below -180 dB
+
+
+@dataclass(frozen=True)
+class _Motion:
+    """One side's positions and velocities, and how the two agree.
+
+    Parameters
+    ----------
+    t : (N,)
+        s.
+    q, v : (N, n)
+        rad and rad/s.
+    gain, lag, share, doubt : (n,)
+        g and tau (s) of the module's equation, the share of the advance that it explains, and the standard deviation of
+        tau, s; NaN for joints at rest.
+    """
+
+    t: Array
+    q: Array
+    v: Array
+    gain: Array
+    lag: Array
+    share: Array
+    doubt: Array
+
+    @property
+    def step(self) -> float:
+        """Usual sample interval, s."""
+        return float(np.median(np.diff(self.t)))
+
+
+def implausible(recording: Recording) -> list[Finding]:
+    """Return what no sensors of a moving arm measure; nothing of numbers that are no motion at all."""
+    sides = [side for side in (recording.link, recording.motor) if side is not None]
+    if not all(_is_motion(side) for side in sides):
+        return []
+    findings = _same_arrays(recording)
+    for name, side in (("link", recording.link), ("motor", recording.motor)):
+        if side is None or len(side) < _FEWEST:
+            continue
+        if side.position is not None:
+            findings += _wrapped(name, side.position, recording.joints)
+            findings += _held(name, side, recording.joints)
+        if side.position is not None and side.velocity is not None:
+            motion = _compared(side)
+            findings += _velocities(name, motion, recording.joints)
+            findings += _stamps(name, motion)
+        if side.effort is not None:
+            findings += _noiseless(name, side, recording.joints)
+    return findings
+
+
+def _compared(side: Side) -> _Motion:
+    """Fit the module's equation to every joint."""
+    assert side.position is not None and side.velocity is not None
+    t = (side.stamp_ns - side.stamp_ns[0]) * 1e-9
+    q, v = np.unwrap(side.position, axis=0), side.velocity
+    width = min(max(round(_WINDOW / float(np.median(np.diff(t)))), 1), len(t) // 20)
+    advance, mean, change = _advances(t, q, v, width)
+    fits = np.full((4, q.shape[1]), np.nan)
+    for j in range(q.shape[1]):
+        if _rms(advance[:, j]) < _STILL:
+            continue
+        columns = np.column_stack([mean[:, j], change[:, j]])
+        fit = np.linalg.lstsq(columns, advance[:, j], rcond=None)[0]
+        rest = advance[:, j] - columns @ fit
+        # Intervals overlap: only one in `width` is independent of the others.
+        doubt = np.sqrt(rest @ rest / len(rest) * width / (change[:, j] @ change[:, j]))
+        fits[:, j] = *fit, 1.0 - rest @ rest / (advance[:, j] @ advance[:, j]), doubt
+    return _Motion(t, q, v, *fits)
+
+
+def _is_motion(side: Side) -> bool:
+    if side.position is None:
+        return True
+    speed = np.diff(np.unwrap(side.position, axis=0), axis=0) / (np.diff(side.stamp_ns)[:, None] * 1e-9)
+    return bool((np.sqrt(np.mean(speed**2, axis=0)) < _FASTEST).all())
+
+
+def _rms(values: Array) -> float:
+    return float(np.sqrt(np.mean(values**2)))
+
+
+def _advances(t: Array, q: Array, v: Array, width: int) -> tuple[Array, Array, Array]:
+    """Return (N - width, n) mean rates of q, means of v and mean rates of v, over intervals of `width` samples."""
+    span = (t[width:] - t[:-width])[:, None]
+    integral = scipy.integrate.cumulative_trapezoid(v, t, axis=0, initial=0.0)
+    return tuple((x[width:] - x[:-width]) / span for x in (q, integral, v))  # type: ignore[return-value]
+
+
+def _velocities(name: str, motion: _Motion, joints: Sequence[str]) -> list[Finding]:
+    moving = np.isfinite(motion.share)
+    strange = moving & (motion.share < _FOLLOWS)
+    scaled = moving & ~strange & (np.abs(motion.gain - 1.0) > _GAIN)
+    late = moving & ~strange & (np.abs(motion.lag) > np.maximum(motion.step, 5.0 * motion.doubt))
+    findings = []
+    if strange.any():
+        message = f"{name} velocity of {_listed(joints, strange)} is not the derivative of the position"
+        findings.append(Finding("warning", "velocity", f"{message}: check the columns, units and signs"))
+    if scaled.any():
+        factors = _range(1.0 / motion.gain[scaled])
+        message = f"{name} velocity of {_listed(joints, scaled)} is {factors} times the derivative of the position"
+        findings.append(Finding("warning", "velocity", f"{message}: check units and signs"))
+    if late.any():
+        for words, chosen in (("behind", late & (motion.lag > 0.0)), ("ahead of", late & (motion.lag < 0.0))):
+            if chosen.any():
+                size = f"{_range(1e3 * np.abs(motion.lag[chosen]))} ms {words} the position"
+                message = f"{name} velocity of {_listed(joints, chosen)} is {size}: one of the two was filtered"
+                findings.append(Finding("note", "velocity_lag", message))
+    return findings
+
+
+def _wrapped(name: str, q: Array, joints: Sequence[str]) -> list[Finding]:
+    turns = np.abs(np.abs(np.diff(q, axis=0)) - 2 * np.pi) < 0.5
+    jumps = turns.any(axis=0) & (turns.mean(axis=0) < _SELDOM) & (np.abs(np.diff(q, axis=0)).max(axis=0) < 7.0)
+    if not jumps.any():
+        return []
+    message = f"{name} position of {_listed(joints, jumps)} jumps by a turn between samples"
+    return [Finding("warning", "wrapped", f"{message}: an angle that is given within one turn; unwrap it")]
+
+
+def _held(name: str, side: Side, joints: Sequence[str]) -> list[Finding]:
+    """Find positions that repeat although the joint moves by more than the encoder's steps."""
+    assert side.position is not None
+    step = np.diff(side.position, axis=0)
+    smallest = np.where(step != 0.0, np.abs(step), np.inf).min(axis=0)
+    expected = scipy.ndimage.uniform_filter1d(step, 9, axis=0)
+    noise = 1.48 * np.median(np.abs(step - expected), axis=0)
+    held = (step == 0.0) & (np.abs(expected) > 4.0 * np.maximum(smallest, noise))
+    share = held.mean(axis=0)
+    many = share > _HELD
+    if not many.any():
+        return []
+    message = f"{_range(100 * share[many])} % of the {name} positions of {_listed(joints, many)} repeat the one before"
+    remedy = "the joint moves: cycles were missed, or the channel is updated more slowly than it is stamped"
+    return [Finding("warning", "held", f"{message} while {remedy}")]
+
+
+def _stamps(name: str, motion: _Motion) -> list[Finding]:
+    """Compare the stamps with the instants that the motion of all joints implies."""
+    good = np.isfinite(motion.share) & (motion.share > 0.9)
+    if np.count_nonzero(good) < 2:
+        return []
+    interval = np.diff(motion.t)
+    t: Array = motion.step * np.arange(len(motion.t), dtype=np.float64)
+    advance, mean, change = _advances(t, motion.q[:, good], motion.v[:, good], 1)
+    rest = advance - mean * motion.gain[good] - change * motion.lag[good]
+    # Two groups of joints, each with its own answer: by how many intervals too far each sample is.
+    parts = (slice(0, None, 2), slice(1, None, 2))
+    ahead, weight = zip(*(_common(rest[:, part], mean[:, part]) for part in parts), strict=True)
+    sure = (weight[0] > np.median(weight[0])) & (weight[1] > np.median(weight[1]))
+    if np.count_nonzero(sure) < _FEWEST // 4:
+        return []
+    one, other = (part[sure] - part[sure].mean() for part in ahead)
+    both = float(np.mean(one * other))
+    if np.abs(interval / motion.step - 1.0).max() <= _REGULAR:
+        agree = both / max(float(one.std() * other.std()), 1e-300)
+        spread = np.sqrt(max(both, 0.0))
+        if agree > _AGREE and spread > _COMMON:
+            size = f"{1e6 * spread * motion.step:.3g} us (std)"
+            words = f"all joints together are {size} ahead of what their velocities give, or behind"
+            message = f"{name} side: the stamps are perfectly regular and made up: {words}"
+            return [Finding("warning", "made_up_stamps", message)]
+        return []
+    return _followed(name, interval[sure] / motion.step - 1.0, 0.5 * (one + other), motion.step)
+
+
+def _followed(name: str, jitter: Array, ahead: Array, step: float) -> list[Finding]:
+    """Find stamps that spread while the motion advances evenly: times of arrival, not of sampling."""
+    usual = np.abs(jitter) < 1.5  # no gaps
+    jitter, ahead = jitter[usual] - jitter[usual].mean(), ahead[usual]
+    power = float(jitter @ jitter)
+    if len(jitter) < _FEWEST // 4 or np.sqrt(power / len(jitter)) < _JITTER:
+        return []
+    slope = float(jitter @ ahead) / power
+    doubt = float(np.std(ahead - slope * jitter)) / np.sqrt(power)
+    if slope > 0.5 or doubt > 0.1:
+        return []
+    spread = 1e6 * step * np.sqrt(power / len(jitter))
+    message = f"{name} side: the stamps spread by {spread:.3g} us (std) and the motion does not follow them: "
+    return [Finding("warning", "arrival_stamps", f"{message}times of arrival, of samples taken regularly")]
+
+
+def _common(rest: Array, mean: Array) -> tuple[Array, Array]:
+    """Return (N,) the time by which all joints are ahead, in intervals, and its weight."""
+    weight = np.sum(mean**2, axis=1)
+    return np.sum(rest * mean, axis=1) / np.maximum(weight, 1e-300), weight
+
+
+def _noiseless(name: str, side: Side, joints: Sequence[str]) -> list[Finding]:
+    """Find torques with less noise than a converter of 16 bits: smoothed, or computed."""
+    assert side.effort is not None
+    rate = 1e9 / float(np.median(np.diff(side.stamp_ns)))
+    rows = min(1024, len(side) // 2)
+    varying = side.effort.std(axis=0) > 0.0
+    frequency, power = scipy.signal.welch(
+        side.effort, rate, _SMOOTH_WINDOW, rows, detrend="linear", axis=0, scaling="density"
+    )
+    white = np.where(varying, side.effort.var(axis=0), 1.0) / (0.5 * rate)
+    level = 10.0 * np.log10(np.maximum(power / white, 1e-30))
+    middle, top = (_band(frequency / (0.5 * rate), level, band) for band in ((0.3, 0.5), (0.7, 0.95)))
+    quiet = varying & (top < _NOISELESS)
+    flat = quiet & (middle - top < _FLAT) & (top > _ROUNDING)
+    findings = []
+    if flat.any():
+        message = f"{name} effort of {_listed(joints, flat)} has {_range(top[flat])} dB of noise"
+        remedy = "less than a converter of 16 bits: it is computed, as by a model, not measured"
+        findings.append(Finding("warning", "computed_torque", f"{message}, {remedy}"))
+    # A straight line has no spectrum to speak of.
+    smooth = quiet & ~flat & (level > _NOISELESS).any(axis=0)
+    if smooth.any():
+        ends = [frequency[np.flatnonzero(level[:, j] > _NOISELESS)[-1]] for j in np.flatnonzero(smooth)]
+        message = f"{name} effort of {_listed(joints, smooth)} holds nothing above {_range(np.array(ends))} Hz"
+        findings.append(Finding("note", "smooth_torque", f"{message}, not even noise: it was low-passed, or computed"))
+    return findings
+
+
+def _band(share: Array, level: Array, band: tuple[float, float]) -> Array:
+    return np.median(level[(share > band[0]) & (share < band[1])], axis=0)
+
+
+def _same_arrays(recording: Recording) -> list[Finding]:
+    link, motor = recording.link, recording.motor
+    if link is None or motor is None or not np.array_equal(link.stamp_ns, motor.stamp_ns):
+        return []
+    findings = []
+    for channel, words in (("position", "there is one encoder"), ("effort", "there is one torque")):
+        one, other = link.channels().get(channel), motor.channels().get(channel)
+        if one is None or other is None:
+            continue
+        same = (np.ptp(one - other, axis=0) <= 1e-12) & (np.ptp(one, axis=0) > 0.0)
+        if same.any():
+            message = f"link and motor {channel} of {_listed(recording.joints, same)} are the same numbers: {words}"
+            findings.append(Finding("warning", f"same_{channel}", message))
+    return findings
+
+
+def _listed(joints: Sequence[str], chosen: Any) -> str:
+    return "all joints" if np.all(chosen) else ", ".join(np.array(joints)[chosen])
+
+
+def _range(values: Array) -> str:
+    low, high = f"{np.min(values):.3g}", f"{np.max(values):.3g}"
+    return low if low == high else f"{low} to {high}"

@@ -1,0 +1,58 @@
+"""Findings about a bag, and all of them together."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass, field
+from typing import Any, Literal
+
+Severity = Literal["error", "warning", "note"]
+
+
+@dataclass(frozen=True)
+class Finding:
+    """Something found in a bag.
+
+    Parameters
+    ----------
+    severity
+        "error": it cannot be used as it is; "warning": it can, with less accuracy; "note": good to know.
+    code
+        A word for scripts.
+    message
+        For people.
+    topic, joint, time
+        Where, as far as it is of one place; seconds from the topic's first message.
+    """
+
+    severity: Severity
+    code: str
+    message: str
+    topic: str | None = None
+    joint: str | None = None
+    time: float | None = None
+
+
+@dataclass
+class Report:
+    """All findings about a bag."""
+
+    path: str
+    findings: list[Finding] = field(default_factory=list)
+
+    @property
+    def ok(self) -> bool:
+        """Whether nothing worse than a note was found."""
+        return all(finding.severity == "note" for finding in self.findings)
+
+    @property
+    def usable(self) -> bool:
+        """Whether it can be read and used, if with less accuracy."""
+        return all(finding.severity != "error" for finding in self.findings)
+
+    def add(self, severity: Severity, code: str, message: str, **where: Any) -> None:
+        """Add a finding."""
+        self.findings.append(Finding(severity, code, message, **where))
+
+    def to_json(self) -> dict[str, Any]:
+        """Return plain data."""
+        return {"path": self.path, "ok": self.ok, "findings": [asdict(finding) for finding in self.findings]}

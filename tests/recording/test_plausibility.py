@@ -1,0 +1,166 @@
+"""Numbers that no sensors of a moving arm measure are found; sensors with ordinary noise are not blamed."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import scipy
+
+from elastic_arm.recording import Recording, Side, read_recording, write_recording
+from elastic_arm.recording.foreign.arrays import import_arrays
+from elastic_arm.recording.inspection.check import check_bag
+from elastic_arm.recording.inspection.plausibility import implausible
+from tests.helpers.bags import JOINTS
+
+ROOT = Path(__file__).parents[2]
+SHARED = ROOT.parent / "shared" / "data"
+RATE = 500.0
+COUNT = 6000
+
+
+def motion(t: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Angles, rates and torques of three joints at the times given: sums of sinusoids below 2 Hz."""
+    w = 2 * np.pi * np.array([[0.31, 0.43, 0.57], [0.91, 1.13, 1.37]])
+    phase = np.array([[0.0, 1.0, 2.0], [0.5, 0.1, 0.9]])
+    angle = w[:, None] * t[:, None] + phase[:, None]
+    q, dq = np.sum(0.4 * np.sin(angle), axis=0), np.sum(0.4 * w[:, None] * np.cos(angle), axis=0)
+    return q, dq, 30 * np.cos(q) + 2 * np.tanh(dq) - 3 * np.sum(w[:, None] ** 2 * np.sin(angle), axis=0)
+
+
+def arm(stamped: np.ndarray | None = None, taken: np.ndarray | None = None, seed: int = 0) -> Recording:
+    """Both sides of an arm with ordinary sensors: 18-bit encoders, noisy rates and torques."""
+    rng = np.random.default_rng(seed)
+    even = np.arange(COUNT) / RATE
+    q, dq, tau = motion(even if taken is None else taken)
+    step = 2 * np.pi / 2**18
+    stamp_ns = 10**18 + np.rint((even if stamped is None else stamped) * 1e9).astype(np.int64)
+
+    def side(angle: np.ndarray) -> Side:
+        noisy = dq + 1e-3 * rng.normal(size=q.shape), tau + 0.26 * rng.normal(size=q.shape)
+        return Side(stamp_ns, np.rint(angle / step) * step, *noisy)
+
+    return Recording(JOINTS, link=side(q), motor=side(q + 3e-3 * np.cos(q)))
+
+
+def changed(recording: Recording, side: str, **channels: np.ndarray) -> Recording:
+    """The recording with some channels of one side replaced."""
+    return replace(recording, **{side: replace(getattr(recording, side), **channels)})
+
+
+def codes(recording: Recording) -> set[str]:
+    """The codes of all findings."""
+    return {finding.code for finding in implausible(recording)}
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_ordinary_sensors_are_not_blamed(seed: int) -> None:
+    """Quantised encoders, white noise and stamps that jitter with the samples give no finding."""
+    even = np.arange(COUNT) / RATE
+    late = even + np.random.default_rng(seed).normal(scale=2e-4, size=COUNT)
+    assert codes(arm(seed=seed)) == set()
+    assert codes(arm(late, late, seed)) == set()
+
+
+def test_a_velocity_in_another_unit_is_found_with_its_factor() -> None:
+    """Degrees a second in a place of radians: the factor is named; of one joint alone, that joint."""
+    recording = arm()
+    given = recording.link.velocity * [1.0, 180 / np.pi, 1.0]
+    (finding,) = implausible(changed(recording, "link", velocity=given))
+    assert (finding.severity, finding.code) == ("warning", "velocity")
+    assert "link velocity of joint_2 is 57.3 times" in finding.message
+
+
+def test_a_velocity_of_another_joint_is_found() -> None:
+    """Exchanged columns are no derivative of the position."""
+    recording = arm()
+    (finding,) = implausible(changed(recording, "motor", velocity=recording.motor.velocity[:, [1, 0, 2]]))
+    assert finding.code == "velocity"
+    assert "joint_1, joint_2 is not the derivative" in finding.message
+
+
+def test_a_late_velocity_is_found_with_its_lag() -> None:
+    """A velocity that was filtered, 8 ms behind the position, is a note."""
+    recording = arm()
+    late = np.roll(recording.link.velocity, 4, axis=0)
+    late[:4] = late[4]
+    (finding,) = implausible(changed(recording, "link", velocity=late))
+    assert (finding.severity, finding.code) == ("note", "velocity_lag")
+    assert "all joints is" in finding.message and "ms behind" in finding.message
+
+
+def test_positions_held_while_the_joint_moves_are_found() -> None:
+    """One position in fifty repeats the one before: missed cycles."""
+    recording = arm()
+    held = recording.motor.position.copy()
+    lost = np.arange(50, COUNT, 50)
+    held[lost] = held[lost - 1]
+    assert "held" in codes(changed(recording, "motor", position=held))
+
+
+def test_an_angle_within_one_turn_is_found() -> None:
+    """A position that jumps by 2 pi is to be unwrapped."""
+    recording = arm()
+    turning = recording.link.position + np.linspace(0, 40, COUNT)[:, None]
+    wrapped = np.remainder(turning, 2 * np.pi)
+    rates = recording.link.velocity + 40 / (COUNT / RATE)
+    assert codes(changed(recording, "link", position=wrapped, velocity=rates)) == {"wrapped"}
+
+
+def test_regular_stamps_on_samples_taken_irregularly_are_made_up() -> None:
+    """Samples taken 0.2 ms (std) beside their perfectly regular stamps: all joints tell of the same times."""
+    even = np.arange(COUNT) / RATE
+    assert codes(arm(even, even + np.random.default_rng(3).normal(scale=2e-4, size=COUNT))) == {"made_up_stamps"}
+
+
+def test_stamps_of_arrival_are_found() -> None:
+    """Stamps that jitter while the samples were taken regularly do not belong to the motion."""
+    even = np.arange(COUNT) / RATE
+    assert codes(arm(even + np.random.default_rng(3).normal(scale=2e-4, size=COUNT), even)) == {"arrival_stamps"}
+
+
+def test_a_smoothed_torque_is_found_with_its_band() -> None:
+    """A torque that passed a zero-phase low-pass at 5 Hz holds nothing above some 20 Hz."""
+    recording = arm()
+    sections = scipy.signal.butter(4, 5.0, fs=RATE, output="sos")
+    smooth = scipy.signal.sosfiltfilt(sections, recording.motor.effort, axis=0)
+    (finding,) = implausible(changed(recording, "motor", effort=smooth))
+    assert finding.code == "smooth_torque"
+    assert 5.0 < float(finding.message.split("above ")[1].split()[0]) < 30.0
+
+
+def test_a_model_in_the_place_of_a_sensor_is_found() -> None:
+    """A torque computed from filtered encoders has less noise than any converter."""
+    recording = arm()
+    computed = motion(np.arange(COUNT) / RATE)[2] + 1e-4 * np.random.default_rng(1).normal(size=(COUNT, 3))
+    (finding,) = implausible(changed(recording, "link", effort=computed))
+    assert (finding.severity, finding.code) == ("warning", "computed_torque")
+
+
+def test_one_encoder_given_twice_is_found() -> None:
+    """The same numbers on both sides, whatever their zero, are one encoder."""
+    recording = arm()
+    shifted = recording.motor.position + np.array([0.0, 0.3, 0.0])
+    (finding,) = implausible(changed(recording, "link", position=shifted))
+    assert finding.code == "same_position"
+    assert "all joints" in finding.message
+
+
+def test_the_check_of_a_bag_lists_them(tmp_path: Path) -> None:
+    """`bag check` ends with a warning and the joint's name."""
+    recording = arm()
+    folder = write_recording(tmp_path / "bag", changed(recording, "link", velocity=-recording.link.velocity))
+    report = check_bag(folder)
+    assert report.usable and not report.ok
+    assert any(finding.code == "velocity" and "-1 times" in finding.message for finding in report.findings)
+
+
+@pytest.mark.skipif(not SHARED.is_dir(), reason="needs the recordings of real robots")
+def test_low_passed_torques_of_real_robots_are_found() -> None:
+    """The UR10's currents and the LWR 4+'s joint torques hold nothing above 6 Hz, as is known of them."""
+    ur10 = read_recording(SHARED / "ur10" / "ur10_exciting_trajectory.db3")
+    mapping = ROOT / "examples" / "kuka_lwr4" / "import.yaml"
+    lwr4 = import_arrays(SHARED / "kuka_lwr4" / "measurements_1.npz", mapping)
+    assert codes(ur10) == codes(lwr4) == {"smooth_torque"}
