@@ -45,12 +45,12 @@ out = _console(stderr=False)
 err = _console(stderr=True)
 
 
-def say_error(error: ElasticArmError) -> None:
+def print_error(error: ElasticArmError) -> None:
     """Write an error as one line on stderr."""
     err.print(f"[bold red]error:[/] {escape(str(error))}", soft_wrap=True, markup=True)
 
 
-def spare(rows: Sequence[Sequence[str]]) -> int:
+def columns_left(rows: Sequence[Sequence[str]]) -> int:
     """Return how many columns of the screen a table of these cells leaves to one more; a few in any case."""
     taken = sum(2 + max(len(cell) for cell in column) for column in zip(*rows, strict=True))
     return max(out.width - taken, LEAST)
@@ -64,7 +64,7 @@ def reports_errors(command: Callable[P, R]) -> Callable[P, R]:
         try:
             return command(*args, **kwargs)
         except ElasticArmError as error:
-            say_error(error)
+            print_error(error)
             raise SystemExit(2) from None
 
     return wrapper

@@ -18,7 +18,7 @@ from rich.rule import Rule
 from rich.table import Table
 from scipy.stats import chi2
 
-from elastic_arm.cli.console import err, out, reports_errors, spare
+from elastic_arm.cli.console import columns_left, err, out, reports_errors
 from elastic_arm.cli.describe import base_of
 from elastic_arm.cli.processes import Nodes
 from elastic_arm.cli.withheld import diagnose_withheld
@@ -123,7 +123,7 @@ def _excite(nominal: Robot, file: Path, seed: int) -> ExcitationResult:
 
 
 def _live(folder: Path, motion: FourierTrajectory, seed: int, speed: float) -> EstimateHistory:
-    """Run the graph until the trajectory has been streamed; return what the identifier said."""
+    """Run the graph until the trajectory has been streamed; return the estimates of the identifier."""
     domain = int(os.environ.get("ROS_DOMAIN_ID", 1 + os.getpid() % 100))
     lines: list[dict[str, Any]] = []
     with Nodes(folder / "nodes", domain) as nodes, Live(console=out, refresh_per_second=4) as live:
@@ -139,14 +139,16 @@ def _live(folder: Path, motion: FourierTrajectory, seed: int, speed: float) -> E
             lines += heard
             waited += 0.0 if lines else 0.5
             if waited > motion.duration / speed + START:
-                raise GraphError("no estimate arrived", f"The nodes' words are in {folder / 'nodes'}.")
+                raise GraphError("no estimate arrived", f"The nodes' messages are in {folder / 'nodes'}.")
             live.update(_progress(lines, motion.duration))
         for name in ("simulator", "identifier", "recorder"):
             nodes.stop(name)
         lines += [json.loads(line) for line in nodes.told(0.5)]
         live.update(_progress(lines, motion.duration))
+    if not out.is_terminal:
+        out.print()  # the last line of a live display has no end in a pipe
     if not lines:
-        raise GraphError("the identifier made no estimate", f"Its words are in {nodes.log('identifier')}.")
+        raise GraphError("the identifier made no estimate", f"Its output is in {nodes.log('identifier')}.")
     return EstimateHistory(tuple(lines))
 
 
@@ -169,7 +171,7 @@ def _progress(lines: list[dict[str, Any]], duration: float) -> Table:
 
 
 def _truth(identified: Identification, true_arm: Robot) -> np.ndarray:
-    """Return the true base parameters (B,): scoring, the one place of the demo that knows the arm."""
+    """Return the true base parameters (B,): scoring, the only function of the demo that reads the true arm."""
     return np.array([parameter.true for parameter in compare(identified, true_arm)])
 
 
@@ -187,7 +189,7 @@ def _compare(offline: Identification, course: EstimateHistory, truth: np.ndarray
     )
     for heading in headings:
         table.add_column(heading, justify="right", no_wrap=True)
-    table.add_column("base parameter", no_wrap=True, overflow="ellipsis", max_width=spare([headings, *rows]))
+    table.add_column("base parameter", no_wrap=True, overflow="ellipsis", max_width=columns_left([headings, *rows]))
     for e, row in zip(offline.estimates, rows, strict=True):
         table.add_row(*row, escape(e.name))
     out.print(table)

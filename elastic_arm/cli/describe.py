@@ -1,4 +1,4 @@
-"""`elastic-arm describe`: what a robot description says, and what its models are made of."""
+"""`elastic-arm describe`: an arm as described, and the parameters of its models."""
 
 from __future__ import annotations
 
@@ -70,7 +70,14 @@ EffectsFiles = Annotated[
 def load_arm(path: Path | None, chain: str | None = None, catalogue: Catalogue | None = None) -> Robot:
     """Read a robot description, of a URDF the part that `chain` names, and check that the effects it lists exist.
 
-    They are looked up in the catalogue, the default one when None.
+    Parameters
+    ----------
+    path
+        Arm file or URDF; the nominal arm when None.
+    chain
+        First and last link of the arm in a URDF, "base:tip".
+    catalogue
+        Where effects are looked up; the default one when None.
 
     Raises
     ------

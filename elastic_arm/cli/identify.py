@@ -12,7 +12,7 @@ from rich.markup import escape
 from rich.progress import BarColumn, Progress, TextColumn
 from rich.table import Table
 
-from elastic_arm.cli.console import err, out, print_json, refuse_repeated, reports_errors, spare
+from elastic_arm.cli.console import columns_left, err, out, print_json, refuse_repeated, reports_errors
 from elastic_arm.cli.describe import EffectsFiles, RobotFile, load_arm
 from elastic_arm.cli.outputs import Force, claim_folder
 from elastic_arm.effects import Catalogue
@@ -165,14 +165,14 @@ def _print_estimates(estimates: Sequence[Estimate]) -> None:
     for heading in headings:
         table.add_column(heading, no_wrap=True, justify="left" if heading in ("unit", "verdict") else "right")
     table.add_column("parameter", overflow="fold")
-    width = spare([headings, *rows])
+    width = columns_left([headings, *rows])
     for e, (*numbers, verdict) in zip(estimates, rows, strict=True):
         table.add_row(*numbers, f"[{COLOURS[verdict]}]{verdict}[/]", escape(_fitted(e.name, width)))
     out.print(table)
 
 
 def _fitted(name: str, width: int) -> str:
-    """Return a name for a column: a combination ends early, as its beginning tells it, a law's goes on below."""
+    """Return a name for a column: that of a combination is cut, that of a law continues on the next line."""
     if len(name) <= width:
         return name
     return f"{name[: width - 1]}…" if " " in name else name.replace(".", ".\n  ")

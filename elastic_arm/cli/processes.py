@@ -79,7 +79,7 @@ class Nodes:
         threading.Thread(target=self._listen, args=(process,), daemon=True).start()
 
     def log(self, name: str) -> Path:
-        """Return the file that holds what a node said on stderr."""
+        """Return the file of a node's stderr."""
         return self._folder / f"{name}.log"
 
     def running(self, name: str) -> bool:

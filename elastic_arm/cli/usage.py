@@ -1,4 +1,4 @@
-"""Usage errors as every other error: one line that names what is wrong and what to do, and exit status 2."""
+"""Usage errors as every other error: one line with problem and remedy, and exit status 2."""
 
 from __future__ import annotations
 
@@ -9,12 +9,12 @@ from typing import Any, cast
 import typer
 from typer.core import TyperGroup
 
-from elastic_arm.cli.console import say_error
+from elastic_arm.cli.console import print_error
 from elastic_arm.errors import ElasticArmError
 
 
 class Application(TyperGroup):
-    """The commands as one application that tells in one line what it cannot make of its arguments."""
+    """The commands as one application, whose usage errors are one line."""
 
     def main(self, args: Sequence[str] | None = None, *rest: Any, **extra: Any) -> Any:
         """Run a command and end with its exit status."""
@@ -24,7 +24,7 @@ class Application(TyperGroup):
             words = " ".join(error.format_message().split()).removesuffix(".").replace("Value error, ", "")
             if words:  # none where the help has been shown instead
                 command = self._named(sys.argv[1:] if args is None else args)
-                say_error(ElasticArmError(f"{words[:1].lower()}{words[1:]}", f"See {command} --help"))
+                print_error(ElasticArmError(f"{words[:1].lower()}{words[1:]}", f"See {command} --help"))
             raise SystemExit(error.exit_code) from None
         raise SystemExit(status)
 

@@ -1,4 +1,4 @@
-"""The demonstration's last act: an arm with an effect that the diagnosis is not told."""
+"""The last part of the demonstration: an arm with an effect that is withheld from the diagnosis."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from elastic_arm.simulation import simulate
 
 
 def diagnose_withheld(folder: Path, nominal: Robot, motion: FourierTrajectory, rng: np.random.Generator) -> None:
-    """Record an arm with a drawn effect on two motions, diagnose the bags, and only then say what was drawn.
+    """Record an arm with a drawn effect on two motions, diagnose the bags, and print what was drawn afterwards.
 
     Parameters
     ----------

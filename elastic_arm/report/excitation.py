@@ -32,7 +32,7 @@ def sections(result: ExcitationResult, limits: MotionLimits, robot: Robot, left_
     Parameters
     ----------
     left_out
-        Names of base parameters that such motions tell apart for encoders next to exact alone.
+        Names of base parameters that such motions separate for nearly exact encoders alone.
     """
     median = float(np.median(result.random)) if len(result.random) else float("nan")
     verdict = (

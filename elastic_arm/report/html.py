@@ -132,7 +132,7 @@ def write_report(path: str | Path, title: str, sections: Sequence[Section], *, s
     title, subtitle
         The heading and the line below it.
     sections
-        What the report says, most important first.
+        Sections of the report, most important first.
 
     Raises
     ------

@@ -30,7 +30,7 @@ def score_answer(entry: dict[str, Any], answer: dict[str, Any], joints: Sequence
     entry
         The truth of one arm.
     answer
-        What `diagnosis.json` says of it.
+        Its `diagnosis.json`.
     joints
         Their names.
     """

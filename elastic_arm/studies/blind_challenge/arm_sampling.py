@@ -60,7 +60,7 @@ class ArmSpecification:
 
 @dataclass(frozen=True)
 class SamplingRequest:
-    """What is asked of one draw.
+    """Specification of one draw.
 
     Parameters
     ----------

@@ -23,7 +23,7 @@ Line = dict[str, Any]
 
 CAUSE = 0.01  # of the gap: less is no cause
 NEIGHBOURS = 0.9  # a withheld effect whose gap the rest explains to this share is tabled apart
-# What is to be reached; the others are told for what they are.
+# What is to be reached; the others are reported without a target.
 TARGETS = {
     "effect right": 0.95,
     "joint right": 0.98,

@@ -1,4 +1,4 @@
-"""A score in words and tables: what the screen, the report and the documents show, so that no figure is copied."""
+"""Tables of a score, for the terminal, the report and the documents alike."""
 
 from __future__ import annotations
 

@@ -18,7 +18,7 @@ SIDES = ("motor", "link")
 
 @dataclass(frozen=True)
 class Torques:
-    """What a model says of a motion: `motor` is tau_m, `link` is tau_l, each (N, n), Nm."""
+    """Torques of a model on a motion: `motor` is tau_m, `link` is tau_l, each (N, n), Nm."""
 
     motor: np.ndarray
     link: np.ndarray
@@ -30,7 +30,7 @@ class Torques:
 
 @dataclass(frozen=True)
 class ModelComparison:
-    """One motion of the prototype at one ratio, and what each model says of it.
+    """One motion of the prototype at one ratio, and the torques of each model on it.
 
     `torques` holds mod1, mod2, mod3 and mod_ad, whose tau_l is zero: its link is in equilibrium by construction.
     """

@@ -1,4 +1,4 @@
-"""Does the prototype deserve to be a reference? Step size, coupler stiffness, bushing stiffness."""
+"""Convergence of the prototype over step size, coupler stiffness and bushing stiffness."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
 """The low-inertia coupling S in symbols, as in (8) and (9), from the same recursion that the numbers use.
 
-Column j of S is what the recursion asks of the link side when motor j alone accelerates and nothing else moves.
+Column j of S is what the recursion requires of the link side when motor j alone accelerates and nothing else moves.
 """
 
 from __future__ import annotations

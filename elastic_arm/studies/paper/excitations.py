@@ -28,7 +28,7 @@ class ExcitationSearch:
     course
         (evaluation, best so far).
     indistinct
-        Names of coefficients that no ordinary motion tells from the others, left out of the condition number.
+        Names of coefficients that no ordinary motion separates from the others, left out of the condition number.
     limits
         Limits that the arm file does not state and the search assumed.
     """

@@ -155,7 +155,7 @@ def _write_csv(path: Path, rows: Sequence[dict[str, Any]]) -> Path:
 
 
 def _plain(value: Any) -> Any:
-    """Turn arrays, tuples and numbers into what JSON knows; what is not finite becomes None."""
+    """Turn arrays, tuples and numbers into JSON types; what is not finite becomes None."""
     if isinstance(value, dict):
         return {str(key): _plain(item) for key, item in value.items()}
     if isinstance(value, np.ndarray):

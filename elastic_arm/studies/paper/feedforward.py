@@ -1,6 +1,6 @@
 """What a better model buys: the prototype under feed-forward of each identified model, and where its tool goes.
 
-The feed-forward inverts an elastic model on a periodic motion q_d: the first row of (1) asks for the drive's
+The feed-forward inverts an elastic model on a periodic motion q_d: the first row of (1) requires the drive's
 deflection delta = theta - q from K delta + D delta' = M q'' + S theta'' + c + c1 + g, which a Fourier transform solves
 line by line; S theta'' makes it implicit, so it is repeated until it stands. The second row then is the torque. A weak
 controller on the motor side keeps the arm near theta_d.
@@ -177,7 +177,7 @@ def assess(
 
 
 def _command(robot: Robot, law: FeedforwardLaw, q: tuple[np.ndarray, np.ndarray, np.ndarray], period: float) -> Command:
-    """Invert the law's model along one period; without one, tell the motor the link's motion and send no torque."""
+    """Invert the law's model along one period; without one, command the link's motion to the motor and no torque."""
     if law.Psi is None:
         return Command(q[0], q[1], np.zeros_like(q[0]))
     return invert(build_model(robot, law.model), law.Psi, q, period)

@@ -98,7 +98,7 @@ class CoefficientFit:
 def merged_error(found: Fit, true: np.ndarray, kept: np.ndarray) -> np.ndarray:
     """Return Psi_err (K,) of the coefficients `kept`, the others merged into them as the data's columns depend on them.
 
-    Base parameters are what *some* state tells apart. Where no ordinary motion does, as at high ratios, (11) is blown
+    Base parameters are what *some* state separates. Where no ordinary motion does, as at high ratios, (11) is blown
     up along that direction; a numerical rank decision would have merged such columns, and this does.
 
     Parameters
@@ -124,7 +124,7 @@ class CoefficientEstimate:
 
     All errors are in percent of the true coefficient, (B,): `error` as in the paper (10 Hz, no noise), `model_error`
     the same with the bushing locked, `noise_spread` the standard deviation over seeds at 10 Hz, `fast_error` and
-    `fast_noise_spread` at 1 kHz; `merged_error` that of 10 Hz with what this motion cannot tell apart merged.
+    `fast_noise_spread` at 1 kHz; `merged_error` that of 10 Hz with what this motion cannot separate merged.
     `noisy_shares` and `merged_noisy_shares` are those of each seed. `torque` is what each coefficient contributes
     to the equations, `residual` what the fit leaves, Nm rms. `condition` is that of F with columns of unit
     length, at 10 Hz. `individual` are the individual parameters under physical consistency.

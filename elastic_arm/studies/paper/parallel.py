@@ -1,4 +1,4 @@
-"""Independent pieces of work over the machine's cores, with word of each that is done."""
+"""Independent tasks over the machine's cores, with progress."""
 
 from __future__ import annotations
 

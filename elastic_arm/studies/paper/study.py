@@ -144,7 +144,7 @@ class StudyResult:
         return self.comparisons[-1]
 
     def estimate(self, model: str, r_tot: float | None = None) -> CoefficientEstimate:
-        """Return one model's identification, at the highest ratio unless told."""
+        """Return one model's identification, at the highest ratio by default."""
         wanted = self.highest if r_tot is None else r_tot
         return next(e for e in self.estimates if (e.model, e.r_tot) == (model, wanted))
 

@@ -27,7 +27,7 @@ CONTROL_BANDWIDTH = 20.0  # rad/s
 
 
 class HiddenArm:
-    """An arm with effects that nobody but the challenge knows.
+    """An arm with effects that the diagnosis has no access to.
 
     Parameters
     ----------
@@ -138,7 +138,7 @@ class HiddenArm:
                 )
 
     def record(self, motion: MultiSine, instruments: SensorModel, rng: np.random.Generator) -> Recording:
-        """Follow a motion and return what the sensors say.
+        """Follow a motion and return the recording of the sensors.
 
         Parameters
         ----------
@@ -155,7 +155,7 @@ class HiddenArm:
     def _feed_forward(self, q: np.ndarray, dq: np.ndarray, ddq: np.ndarray) -> np.ndarray:
         """Torque (N, n) of the arm as if its joints were stiff, from the nominal numbers."""
         tree = KinematicTree(self.nominal)
-        # The motion is slow: every tenth sample tells the torque to 1e-6 of itself.
+        # The motion is slow: every tenth sample determines the torque to 1e-6 of itself.
         k = np.arange(len(q))
         some = np.append(k[:-1:10], k[-1])
         both = [np.hstack([v[some], v[some]]) for v in (q, dq, ddq)]

@@ -86,7 +86,7 @@ def _moved(tree: KinematicTree, i: int, bodies: list[_Body], q: Any, v: Any, a: 
 
 
 def _inertial(body: _Body, numbers: Any) -> tuple[Any, Any]:
-    """Force and moment about the frame's origin that a body's motion asks for."""
+    """Force and moment about the frame's origin that a body's motion requires."""
     mass, com = numbers[0], numbers[1:4]
     xx, xy, xz, yy, yz, zz = (numbers[4 + k] for k in range(6))
     inertia = ca.vertcat(ca.horzcat(xx, xy, xz), ca.horzcat(xy, yy, yz), ca.horzcat(xz, yz, zz))

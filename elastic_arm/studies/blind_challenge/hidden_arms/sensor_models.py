@@ -1,4 +1,4 @@
-"""What the hidden arm's sensors make of its motion: noise, steps, jitter, and the sensors' own faults."""
+"""Sensor models of the hidden arms: noise, resolution, jitter, and effects of the sensors themselves."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ class SensorModel:
     velocity_noise
         rad/s, white, both velocity channels.
     jitter
-        Standard deviation of the instants at which samples are taken, s; stamps tell these instants.
+        Standard deviation of the instants at which samples are taken, s; stamps are these instants.
     """
 
     torque_noise: float = 0.26

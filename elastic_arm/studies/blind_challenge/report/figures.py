@@ -144,7 +144,7 @@ def shrinkage(found: dict[str, Any]) -> Figure:
 
 
 def withheld(found: dict[str, Any]) -> Figure:
-    """What was said of arms whose effect was not in the catalogue."""
+    """Verdicts on arms whose effect was not in the catalogue."""
     effects = list(found["withheld"])
     rows = [found["withheld"][e] for e in effects]
     unknown = np.array([r["unknown where due"]["hits"] for r in rows])

@@ -18,7 +18,7 @@ def write_challenge_report(path: str | Path, found: dict[str, Any]) -> Path:
 
 
 def sections(found: dict[str, Any]) -> list[Section]:
-    """Return what the report says, most important first."""
+    """Return the sections of the report, most important first."""
     told = [Section("What was reached", _reached(found))]
     if found["confusion"]:
         caption = "Single effects of at least ten times the bound. Red numbers: an effect taken for another."

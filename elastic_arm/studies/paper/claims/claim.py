@@ -12,7 +12,7 @@ HOLDS, IN_PART, FAILS = "holds", "holds in part", "does not hold"
 
 @dataclass(frozen=True)
 class Claim:
-    """One sentence of the paper and what our numbers say of it."""
+    """A statement of the paper, and the verdict of the study on it."""
 
     key: str
     section: str

@@ -36,14 +36,14 @@ def engine() -> ModuleType:
             "Install it with: pip install 'elastic_arm[paper]'",
         ) from error
     # Its own habit is to append warnings to a file MUJOCO_LOG.TXT wherever the user works; a motion that blows up is
-    # found by what calls it, and said in an error.
+    # found by what calls it, and reported by an error.
     mujoco.set_mju_user_warning(lambda words: None)
     return mujoco
 
 
 @dataclass(frozen=True)
 class Bushing:
-    """What the arm file does not say about the bushing between spline and link.
+    """Numbers of the bushing between spline and link that the arm file does not hold.
 
     Parameters
     ----------

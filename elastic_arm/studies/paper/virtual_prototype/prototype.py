@@ -338,7 +338,7 @@ def dividing_step(step: float, rate: float = RECORD_RATE) -> float:
 
 
 def _division(duration: float, step: float, rate: float) -> tuple[int, int, float]:
-    """Return the number of steps, steps a sample, and the step, no larger than asked and dividing the samples."""
+    """Return the number of steps, steps a sample, and the step, no larger than requested and dividing the samples."""
     stride = round(1.0 / (rate * dividing_step(step, rate)))
     steps = stride * round(duration * rate)
     return steps, stride, duration / steps
