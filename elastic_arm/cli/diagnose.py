@@ -148,10 +148,10 @@ def print_diagnosis(found: Diagnosis, folder: Path) -> None:
         _print_causes(found.causes)
     for cause in found.causes:
         for other in cause.alternatives:
-            told = other.file or other.separated_by
+            motion = other.file or other.separated_by
             out.print(
                 f"instead of {effect_at(cause.effect, cause.joint)} it may be {effect_at(other.effect, other.joint)} "
-                f"({probability_text(other.confidence)}); told apart by: {escape(told)}"
+                f"({probability_text(other.confidence)}); told apart by: {escape(motion)}"
             )
     for place in found.unexplained:
         out.print(f"unexplained: {place.joint}, {place.side} side, {place.rmse:.3g} Nm, follows {place.regime}")
@@ -169,12 +169,12 @@ def _print_causes(causes: Sequence[Cause]) -> None:
     for heading in ("shrinks\nalone by" if out.is_terminal else "shrinks alone by", "confidence"):
         table.add_column(heading, no_wrap=True, justify="right")
     for cause in causes:
-        told = estimates_text(cause.parameters, "\n" if out.is_terminal else ", ")
+        size = estimates_text(cause.parameters, "\n" if out.is_terminal else ", ")
         shares = percent(cause.shrink), probability_text(cause.confidence)
-        table.add_row(cause.effect, escape(cause.joint or "whole arm"), escape(told), *shares)
+        table.add_row(cause.effect, escape(cause.joint or "whole arm"), escape(size), *shares)
     out.print(table)
-    if told := negative_shrink_note(causes):
-        out.print(told)
+    if note := negative_shrink_note(causes):
+        out.print(note)
 
 
 def _print_followed_up(found: Diagnosis) -> None:

@@ -63,7 +63,15 @@ def _of_place(feature: Feature) -> str:
 
 
 def separated_by(effect: Effect, other: Effect, joint: str | None, other_joint: str | None) -> str:
-    """Return the motion that would tell two explanations apart, from the catalogue where it knows."""
+    """Return the motion that would discriminate between two effects, from the catalogue where it holds one.
+
+    Parameters
+    ----------
+    effect, other
+        The two.
+    joint, other_joint
+        Where they act; None for the whole arm.
+    """
     for one, two in ((effect, other), (other, effect)):
         for confusion in one.confusions:
             if confusion.effect == two.id:
@@ -91,7 +99,7 @@ def _with_rival(cause: Cause) -> str:
     """Return a cause by name, with the strongest alternative where the recording leaves it in doubt."""
     name = effect_at(cause.effect, cause.joint)
     other = max(cause.alternatives, key=lambda a: a.confidence, default=None)
-    # Of an incomplete explanation all confidences are low: what counts is one against the other.
+    # Of an incomplete hypothesis all confidences are low: what counts is one against the other.
     if other is None or cause.confidence >= DOUBTFUL * (cause.confidence + other.confidence):
         return name
     return f"{name} (or {effect_at(other.effect, other.joint)}: this recording cannot tell)"

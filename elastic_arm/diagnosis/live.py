@@ -127,7 +127,7 @@ class LiveDiagnosis:
     Parameters
     ----------
     question
-        What is asked.
+        Arm, model, known effects and thresholds.
     """
 
     def __init__(self, question: Question) -> None:

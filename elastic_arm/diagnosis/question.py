@@ -1,4 +1,4 @@
-"""What is asked of recordings."""
+"""The question of a diagnosis: arm, model, known effects, catalogue and thresholds."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from elastic_arm.robot import Robot
 
 @dataclass(frozen=True)
 class Question:
-    """What is asked of the recordings.
+    """What recordings are compared with, and how.
 
     Parameters
     ----------

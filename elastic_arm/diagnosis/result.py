@@ -36,7 +36,7 @@ class Alternative:
     effect, joint, confidence
         What it is, and the probability that it is right.
     separated_by
-        The motion that would tell the two apart, in a sentence.
+        The motion that would discriminate between the two, in a sentence.
     file
         The same as a trajectory file, where one was proposed that is expected to decide.
     """
@@ -92,7 +92,7 @@ class Cause:
         Parameters
         ----------
         decided
-            Pairs of cause and alternative, each by effect and joint, that the motion is expected to tell apart.
+            Pairs of cause and alternative, each by effect and joint, on which the motion is expected to decide.
         """
 
         def with_file(other: Alternative) -> Alternative:
@@ -188,7 +188,7 @@ class Diagnosis:
     agreements
         The causes recording by recording, where there are several.
     proposal
-        The motion that would tell causes from their alternatives.
+        The motion that discriminates between causes and their alternatives.
     context
         What figures are drawn from; not written.
     """

@@ -144,7 +144,7 @@ class ExperimentSettings:
     """The search for the motion that discriminates."""
 
     decisive: float = SearchSettings.least_gain  # nats from which a recording decides: what a cause must gain
-    most_pairs: int = 6  # of effects that a motion shall tell apart; bounds the time
+    most_pairs: int = 6  # of effects between which a motion shall discriminate; bounds the time
     seconds: float = 20.0  # length of the motion
     kinds: tuple[tuple[int, int], ...] = ((2, 1), (5, 1), (5, 2), (4, 4))  # harmonics, periods: slow to fast
     drawn: int = 16  # motions of each kind; bounds the time
@@ -163,7 +163,7 @@ class ResamplingSettings:
     """The block bootstrap (Künsch 1989): blocks of the recording are drawn with replacement.
 
     Each use has a generator of its own, made anew from its seed at every call: all hypotheses are compared on the same
-    resamples (common random numbers), and an answer does not depend on what was asked before it.
+    resamples (common random numbers), and an answer does not depend on those before it.
     """
 
     draws: int = 4000  # resamples of an interval; its 2.5 % quantile is then known to 0.25 %

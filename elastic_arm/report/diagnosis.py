@@ -19,6 +19,7 @@ from elastic_arm.diagnosis.format import (
 )
 from elastic_arm.diagnosis.inference.across_recordings import Agreement
 from elastic_arm.diagnosis.result import SEPARATING, Cause, Diagnosis
+from elastic_arm.diagnosis.settings import DiagnosisSettings
 from elastic_arm.estimation.equations import SIDES
 from elastic_arm.report import diagnosis_figures as figures
 from elastic_arm.report.html import Block, Figure, Section, Table, Text, write_report
@@ -47,26 +48,26 @@ def write_gap_report(path: str | Path, found: Diagnosis) -> Path:
 
 
 def sections(found: Diagnosis) -> list[Section]:
-    """Return what the report says, most important first."""
+    """Return the sections of the report, most important first."""
     context = found.context
-    told = [Section("Verdict", _verdict(found)), Section("Where the gap lies", _where(found))]
+    shown = [Section("Verdict", _verdict(found)), Section("Where the gap lies", _where(found))]
     if found.causes:
-        told.append(Section("How far it shrinks", _how_far(found)))
+        shown.append(Section("How far it shrinks", _how_far(found)))
     if context is not None:
-        told += [Section(figures.title(c), _cause(found, c, k, context)) for k, c in enumerate(found.causes[:SHOWN])]
+        shown += [Section(figures.title(c), _cause(found, c, k, context)) for k, c in enumerate(found.causes[:SHOWN])]
         if found.unexplained:
-            told.append(Section("What is not explained", _unexplained(found, context)))
-    told.append(Section("Before and after" if found.causes else "The residuals", _sizes(found, context)))
+            shown.append(Section("What is not explained", _unexplained(found, context)))
+    shown.append(Section("Before and after" if found.causes else "The residuals", _sizes(found, context)))
     if found.prediction is not None:
-        told.append(Section("How far ahead the model sees", _prediction(found)))
+        shown.append(Section("How far ahead the model sees", _prediction(found)))
     if found.proposal is not None:
-        told.append(Section("What to move next", _next(found)))
+        shown.append(Section("What to move next", _next(found)))
     if found.agreements:
-        told.append(Section("Recording by recording", _agreement(found)))
+        shown.append(Section("Recording by recording", _agreement(found)))
     if context is not None:
-        told.append(Section("What the residuals follow", [_regimes(found, context)]))
-    told.append(Section("What this rests on", _grounds(found)))
-    return told
+        shown.append(Section("What the residuals follow", [_regimes(found, context)]))
+    shown.append(Section("What this rests on", _grounds(found)))
+    return shown
 
 
 def _verdict(found: Diagnosis) -> list[Block]:
@@ -92,8 +93,8 @@ def _verdict(found: Diagnosis) -> list[Block]:
             "confidence",
         ]
         blocks.append(Table(header, rows))
-    if told := negative_shrink_note(found.causes):
-        blocks.append(Text(told))
+    if note := negative_shrink_note(found.causes):
+        blocks.append(Text(note))
     if found.prediction is not None and found.prediction.before and found.causes:
         blocks.append(Text(prediction_sentence(found.prediction)))
     blocks += [Text(line, "warn") for line in (*_leftover(found), *_disagreements(found))]
@@ -117,7 +118,7 @@ def _values(cause: Cause) -> str:
 
 def _where(found: Diagnosis) -> list[Block]:
     text = (
-        "Each joint has three equations, and a residual each: what was measured minus what the model says. The map "
+        "Each joint has three equations, and a residual each: what was measured minus what the model gives. The map "
         f"shows it over the noise of the sensors, on validation data between 0 and {found.band:g} Hz: 1× is noise "
         "alone, red is a gap."
     )
@@ -139,7 +140,7 @@ def _cause(found: Diagnosis, cause: Cause, k: int, context: DiagnosisContext) ->
     row = _loudest(context, k)
     side, joint = context.validate.layout.sides[row // len(found.joints)], found.joints[row % len(found.joints)]
     caption = (
-        f"{joint}, {side} side, on validation data. Grey: residual of the model as it is. Red: what this cause says. "
+        f"{joint}, {side} side, on validation data. Grey: residual of the model as it is. Red: what this cause adds. "
         "Blue: what is left with this cause alone added."
     )
     return [
@@ -207,8 +208,9 @@ def _next(found: Diagnosis) -> list[Block]:
          log_likelihood_text(p.here), log_likelihood_text(p.expected), "yes" if p.decides else "no"]
         for p in proposal.pairs
     ]  # fmt: skip
-    header = ["explanation", "alternative", "this recording", "proposed motion", "expected to decide"]
-    caption = "Log-likelihood by which a recording tells the two apart; from 12 on it decides"
+    header = ["cause", "alternative", "this recording", "proposed motion", "expected to decide"]
+    least = (DiagnosisSettings() if found.context is None else found.context.settings).experiment.decisive
+    caption = f"Log-likelihood by which a recording discriminates between the two; from {least:g} on it decides"
     table = Table(header, rows, caption)
     notes: list[Block] = [Text(f"Limits: {'; '.join(proposal.notes)}.")] if proposal.notes else []
     if proposal.trajectory is None or not proposal.worthwhile:

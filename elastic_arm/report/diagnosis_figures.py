@@ -1,4 +1,4 @@
-"""The figures of a gap diagnosis: map, ladder, portraits of residuals, prediction errors, proposed motion."""
+"""The figures of a gap diagnosis: map, cumulative shrink, residuals, prediction errors, proposed motion."""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
-"""What has to be said or mended of a recording before it is diagnosed: dead torque channels, clocks that drift apart.
+"""Repairs of a recording before it is diagnosed: dead torque channels, clocks that drift apart.
 
-A channel that holds one number throughout was not recorded, whatever its message says. Two topics stamped by two clocks
-tell themselves by the twist of the drives: link and motor turn alike but for a deflection that follows the load, so a
+A channel that holds one number throughout was not recorded, whatever its message holds. Two clocks that stamp
+two topics show in the twist of the drives: link and motor turn alike but for a deflection that follows the load, so a
 lag between them that grows with time, the same on every joint, is the clocks'.
 """
 
@@ -113,7 +113,7 @@ def clock_drift(samples: Samples, settings: PreprocessingSettings) -> float | No
 
 
 def _drift_of(samples: Samples, j: int, averaging: float) -> tuple[float, float]:
-    """Return what one joint says of the drift, and its standard deviation: the lag's part that grows with time."""
+    """Return the drift that one joint shows, and its standard deviation: the lag's part that grows with time."""
     assert samples.q is not None and samples.theta is not None
     t, q, theta = (_averaged(samples.t, v, averaging) for v in (samples.t, samples.q[:, j], samples.theta[:, j]))
     torques = [c for c in (samples.tau_J, samples.tau_m) if c is not None][:1]

@@ -101,8 +101,8 @@ def _contains(recording: Recording, part: Recording, settings: SplitSettings) ->
     if whole.shape[1] != own.shape[1] or not len(own):
         return False
     known = {row.tobytes() for row in whole}
-    asked = own[:: max(1, len(own) // settings.rows_compared)]
-    return sum(row.tobytes() in known for row in asked) > settings.shared * len(asked)
+    sample = own[:: max(1, len(own) // settings.rows_compared)]
+    return sum(row.tobytes() in known for row in sample) > settings.shared * len(sample)
 
 
 def _rows(recording: Recording) -> Array:

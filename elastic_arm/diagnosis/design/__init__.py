@@ -1,1 +1,1 @@
-"""The next experiment: motion that discriminates between explanations, and what it is expected to decide."""
+"""The next experiment: motion that discriminates between competing effects, and what it is expected to decide."""

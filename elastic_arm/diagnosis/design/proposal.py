@@ -1,4 +1,4 @@
-"""A proposed motion, and the explanations that it is expected to tell apart."""
+"""A proposed motion, and the pairs of effects between which it is expected to discriminate."""
 
 from __future__ import annotations
 
@@ -42,14 +42,14 @@ class PairSeparation:
 
 @dataclass(frozen=True)
 class Proposal:
-    """A motion that is expected to tell explanations apart.
+    """A motion that is expected to discriminate between effects.
 
     Parameters
     ----------
     trajectory
         None where no motion within the limits was found.
     pairs
-        What it tells apart, and how well.
+        Between which it discriminates, and how well.
     candidates
         How many motions were judged.
     notes

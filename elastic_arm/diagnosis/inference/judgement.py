@@ -187,9 +187,9 @@ def insignificant(prepared: PreparedData, hypothesis: Hypothesis) -> list[int]:
     settings, library = prepared.settings.judgement, prepared.library
     polished = polish(library, hypothesis.selected, settings)
     estimated = estimates(library, polished, settings)
-    doubtful = [k for k, c in enumerate(hypothesis.selected) if not differs(estimated[k], c, settings.level)]
-    together = certain(library, polished, settings) if doubtful else []
-    return [k for k in doubtful if not (several(estimated[k]) and together[k])]
+    uncertain = [k for k, c in enumerate(hypothesis.selected) if not differs(estimated[k], c, settings.level)]
+    together = certain(library, polished, settings) if uncertain else []
+    return [k for k in uncertain if not (several(estimated[k]) and together[k])]
 
 
 def is_small_effect(prepared: PreparedData, hypothesis: Hypothesis, k: int, share: float) -> bool:

@@ -78,7 +78,17 @@ class RegressorLibrary:
         self._count = 1
 
     def add(self, feature: Feature, searched: tuple[float, ...] | None = (), *, fixed: bool = False) -> Candidate:
-        """Take a feature in; :meth:`close` makes it usable."""
+        """Take a feature in; :meth:`close` makes it usable.
+
+        Parameters
+        ----------
+        feature
+            Whose columns are added.
+        searched
+            Its nonlinear parameters; None for columns that span a neighbourhood of them.
+        fixed
+            Whether its coefficient is 1 instead of fitted.
+        """
         blocks = [self.columns(which, feature, searched) for which in (0, 1)]
         candidate = Candidate(feature, searched, slice(self._count, self._count + blocks[0].shape[1]), fixed)
         for own, block in zip(self._pending, blocks, strict=True):
@@ -88,7 +98,17 @@ class RegressorLibrary:
         return candidate
 
     def columns(self, which: int, feature: Feature, searched: tuple[float, ...] | None) -> Array:
-        """Make whitened columns (rows, k) of a feature on one of the two data sets."""
+        """Make whitened columns (rows, k) of a feature on one of the two data sets.
+
+        Parameters
+        ----------
+        which
+            0 for identification, 1 for validation data.
+        feature
+            The effect at its place.
+        searched
+            Its nonlinear parameters; None for columns that span a neighbourhood of them.
+        """
         data = self.sets[which]
         if searched is not None:
             return data.whiten(data.plain(feature, searched))
@@ -112,10 +132,10 @@ class RegressorLibrary:
     def _reserve(self, which: int, count: int) -> None:
         columns, gram, old = self._columns[which], self._grams[which], self._filled
         if columns.shape[1] < count:
-            room = count + count // 2
-            self._columns[which] = np.empty((len(columns), room), order="F")
+            capacity = count + count // 2
+            self._columns[which] = np.empty((len(columns), capacity), order="F")
             self._columns[which][:, :old] = columns[:, :old]
-            self._grams[which] = np.empty((room, room))
+            self._grams[which] = np.empty((capacity, capacity))
             self._grams[which][:old, :old] = gram[:old, :old]
 
     def matrix(self, which: int, index: Sequence[int] | NDArray[np.intp]) -> Array:
@@ -141,7 +161,17 @@ class RegressorLibrary:
         return left
 
     def gain(self, which: int, selected: Sequence[Candidate], beta: Array) -> float:
-        """Log-likelihood that coefficients gain on a data set over no cause."""
+        """Log-likelihood that coefficients gain on a data set over no cause, nats.
+
+        Parameters
+        ----------
+        which
+            0 for identification, 1 for validation data.
+        selected
+            The candidates.
+        beta
+            Coefficients of all their columns, in order.
+        """
         index, _ = _split(selected)
         gram = self._grams[which]
         return float(beta @ gram[index, 0] - 0.5 * beta @ gram[np.ix_(index, index)] @ beta)
@@ -161,7 +191,17 @@ class RegressorLibrary:
         return float(beta @ gram[1:, 0] - 0.5 * beta @ gram[1:, 1:] @ beta)
 
     def remainder(self, which: int, selected: Sequence[Candidate], beta: Array) -> Array:
-        """Return the whitened residual (rows,) that the selected leave."""
+        """Return the whitened residual (rows,) that candidates leave.
+
+        Parameters
+        ----------
+        which
+            0 for identification, 1 for validation data.
+        selected
+            The candidates.
+        beta
+            Coefficients of all their columns, in order.
+        """
         index, _ = _split(selected)
         return self.matrix(which, [0])[:, 0] - self.matrix(which, index) @ beta
 

@@ -1,0 +1,78 @@
+"""Which candidates pass as causes, with gains and falls made up."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from elastic_arm.diagnosis.inference import judgement
+from elastic_arm.diagnosis.inference.judgement import eliminate, passes
+from elastic_arm.diagnosis.selection.hypothesis import Hypothesis
+from elastic_arm.diagnosis.settings import DiagnosisSettings
+
+SETTINGS = DiagnosisSettings()
+
+
+def candidate(name: str, share: float, fall: float, parameters: int = 1) -> Any:
+    """A candidate that takes a share of the gap and lowers the squares of each block by so much on average."""
+    effect = SimpleNamespace(id=name, parameters=[None] * parameters)
+    return SimpleNamespace(share=share, fall=fall, feature=SimpleNamespace(effect=effect, joint="joint_1"))
+
+
+class Library:
+    """Falls of blocks and likelihoods that candidates claim."""
+
+    def falls(self, without: Any, selected: Any) -> tuple[np.ndarray, np.ndarray]:
+        (one,) = [c for c in selected if c not in without]
+        noise = np.random.default_rng(0).standard_normal(40)
+        return one.fall + noise, one.fall + noise
+
+    def held_out(self, selected: Any) -> float:
+        return float(sum(c.fall for c in selected))
+
+
+@pytest.fixture
+def prepared(monkeypatch: pytest.MonkeyPatch) -> Any:
+    monkeypatch.setattr(judgement, "misfit", lambda library, selected: 1.0)
+    monkeypatch.setattr(judgement, "insignificant", lambda prepared, hypothesis: [])
+    return SimpleNamespace(library=Library(), settings=SETTINGS)
+
+
+@pytest.mark.parametrize(
+    ("share", "fall", "expected"),
+    [(0.5, 5.0, True), (0.005, 5.0, False), (0.5, 0.0, False)],
+    ids=["a cause", "below 1 % of the gap", "not in every resample"],
+)
+def test_a_cause_is_large_enough_and_lowers_the_squares_in_every_resample(
+    share: float, fall: float, expected: bool, prepared: Any
+) -> None:
+    """Of a share of the gap and a fall that blocks agree on, neither may be missing."""
+    hypothesis = Hypothesis([candidate("one", share, fall)])
+    assert passes(prepared, hypothesis, 0, share) == expected
+
+
+def test_another_least_share_decides_otherwise(prepared: Any) -> None:
+    """What is too small at 1 % passes at 0.1 %."""
+    prepared.settings = replace(SETTINGS, judgement=replace(SETTINGS.judgement, least_shrink=0.001))
+    assert passes(prepared, Hypothesis([candidate("one", 0.005, 5.0)]), 0, 0.005)
+
+
+def test_an_effect_without_parameters_is_judged_by_likelihood(prepared: Any) -> None:
+    """It needs the gain of a selected candidate, whatever its share of the gap."""
+    for gained, expected in ((SETTINGS.search.least_gain + 1.0, True), (SETTINGS.search.least_gain - 1.0, False)):
+        assert passes(prepared, Hypothesis([candidate("coupling", 0.0, gained, 0)]), 0, 0.0) == expected
+
+
+def test_causes_that_fail_leave_worst_first_and_known_effects_stay(prepared: Any) -> None:
+    """Known effects are not judged; of the causes those that fail go, and one beyond doubt but small is noted."""
+    known, good = candidate("known", 0.0, 0.0), candidate("good", 0.6, 30.0)
+    small, noise = candidate("small", 0.004, 25.0), candidate("noise", -0.1, 0.0)
+    measure: Any = SimpleNamespace(contribution=lambda selected, k: selected[k].share)
+    left, notes = eliminate(prepared, Hypothesis([known, noise, good, small], 1), measure)
+    assert [c.feature.effect.id for c in left.selected] == ["known", "good"]
+    (note,) = notes
+    assert note == "small of joint_1 shows as well, 0.40% of the gap: less than 1% is no cause."

@@ -1,0 +1,143 @@
+"""The stepwise search and its library, on columns made up."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from elastic_arm.diagnosis.selection.hypothesis import Hypothesis, Rival
+from elastic_arm.diagnosis.selection.refine import refine
+from elastic_arm.diagnosis.selection.regressor_library import Candidate, RegressorLibrary
+from elastic_arm.diagnosis.selection.stepwise import StepwiseSearch, misfit, plausible
+from elastic_arm.diagnosis.settings import DiagnosisSettings
+from elastic_arm.effects.parameters import Parameter, Role
+
+Array = NDArray[np.float64]
+SETTINGS = DiagnosisSettings()
+ROWS = 600
+COEFFICIENT = Parameter("coefficient", "1", -10.0, 10.0, neutral=0.0)
+
+
+class Whitened:
+    """White noise, and the named columns of made-up effects with some coefficients."""
+
+    def __init__(self, seed: int, added: dict[str, float]) -> None:
+        rng = np.random.default_rng(seed)
+        self.columns = {name: rng.standard_normal(ROWS) for name in ("one", "two", "three")}
+        self.columns["both"] = self.columns["one"] + self.columns["two"]
+        noise = rng.standard_normal(ROWS)
+        self.white = noise + sum(size * self.columns[name] for name, size in added.items())
+        self.blocks = np.arange(ROWS) // 20
+        self.freedom = float(ROWS)
+        self.phase = np.linspace(0.0, 40.0, ROWS)
+
+    def plain(self, feature: Any, searched: Sequence[float]) -> Array:
+        return feature.column(self, searched)
+
+    def whiten(self, column: Array) -> Array:
+        return column[:, None]
+
+
+def feature(name: str, **changed: Any) -> Any:
+    """A feature with one linear parameter and one column."""
+    own = {"key": (name, None, ()), "linear": (COEFFICIENT,), "searched": (), "fixed": False, "phase": None}
+    effect = SimpleNamespace(id=name, parameters=(COEFFICIENT,))
+    column = lambda data, searched: data.columns[name]  # noqa: E731
+    return SimpleNamespace(**{**own, "effect": effect, "joint": None, "column": column, **changed})
+
+
+def library_of(added: dict[str, float], *names: str) -> tuple[RegressorLibrary, list[Candidate]]:
+    data: Any = [Whitened(seed, added) for seed in (1, 2)]
+    library = RegressorLibrary(*data, SETTINGS.candidates)
+    candidates = [library.add(feature(name), ()) for name in names]
+    library.close()
+    return library, candidates
+
+
+def found(added: dict[str, float], *names: str, settings: DiagnosisSettings = SETTINGS) -> list[str]:
+    library, _ = library_of(added, *names)
+    return [c.feature.effect.id for c in StepwiseSearch(library, (), settings).run().selected]
+
+
+def test_coefficients_are_those_of_least_squares() -> None:
+    """The library's Gram matrices give what a solver gives with the columns themselves."""
+    library, candidates = library_of({"one": 1.0}, "one", "two", "three")
+    columns = np.stack([library.sets[0].columns[n] for n in ("one", "two", "three")], axis=1)  # type: ignore[attr-defined]
+    expected = np.linalg.lstsq(columns, library.sets[0].white, rcond=None)[0]
+    np.testing.assert_allclose(np.concatenate(library.coefficients(candidates)), expected, rtol=1e-9)
+
+
+def test_the_effects_that_are_there_are_selected() -> None:
+    """Two of three effects act: those two are found, and in noise nothing is."""
+    assert set(found({"one": 0.6, "three": -0.5}, "one", "two", "three")) == {"one", "three"}
+    assert found({}, "one", "two", "three") == []
+
+
+def test_a_single_wrong_effect_gives_way_to_two_right_ones() -> None:
+    """A column that is the sum of two does part of the work of both; the two it stands for replace it."""
+    assert set(found({"one": 1.0, "two": 0.3}, "both", "one", "two")) in ({"one", "two"}, {"both", "one"})
+
+
+def test_a_candidate_must_gain_what_is_asked() -> None:
+    """An effect of 0.2 standard deviations gains some 20 nats: enough for 12, too little for 100."""
+    dear = replace(SETTINGS, search=replace(SETTINGS.search, least_gain=100.0))
+    assert found({"one": 0.25}, "one", "two") == ["one"]
+    assert found({"one": 0.25}, "one", "two", settings=dear) == []
+
+
+def test_rivals_are_what_nearly_explains_as_much() -> None:
+    """An effect with nearly the same column is a rival, one with an independent column is not."""
+    library, _ = library_of({"one": 0.5}, "one", "three")
+    twin = feature("twin", column=lambda data, _: data.columns["one"] + 0.05 * data.columns["two"])
+    library.add(twin, ())
+    library.close()
+    hypothesis = StepwiseSearch(library, (), SETTINGS).run()
+    assert len(hypothesis.selected) == 1
+    assert {r.candidate.feature.effect.id for r in hypothesis.rivals[0]} <= {"one", "twin"}
+    assert hypothesis.rivals[0][0].odds > 1e-3
+
+
+def test_the_misfit_of_a_complete_hypothesis_is_one() -> None:
+    """Whitened noise has unit mean square; an effect left out adds its power."""
+    library, candidates = library_of({"one": 2.0}, "one")
+    assert misfit(library, candidates) == pytest.approx(1.0, abs=0.1)
+    assert misfit(library, []) == pytest.approx(5.0, rel=0.15)
+
+
+def test_a_friction_that_drives_is_not_plausible() -> None:
+    """A parameter that cannot be negative makes a hypothesis with a negative coefficient implausible."""
+    size = Parameter("size", "Nm", 0.1, 10.0, neutral=0.0)
+    for coefficient, expected in ((1.0, True), (-1.0, False)):
+        library, _ = library_of({"one": coefficient}, "two")
+        candidate = library.add(feature("one", linear=(size,)), ())
+        library.close()
+        assert plausible(library, [candidate], SETTINGS.search.ratio_factor) == expected
+
+
+def test_refinement_finds_a_nonlinear_parameter() -> None:
+    """From the nearest value of the grid, the frequency of a wave is found to a thousandth."""
+    rate = Parameter("rate", "1", 0.5, 4.0, role=Role.SEARCHED)
+    wave = feature("wave", searched=(rate,), column=lambda data, searched: np.sin(searched[0] * data.phase))
+    data: Any = [Whitened(seed, {}) for seed in (1, 2)]
+    for one in data:
+        one.white = one.white + 2.0 * np.sin(1.07 * one.phase)
+    library = RegressorLibrary(*data, SETTINGS.candidates)
+    start = library.add(wave, (1.05,))
+    library.close()
+    refined = refine(library, [start], start, SETTINGS.refinement)
+    assert refined.searched is not None and refined.searched[0] == pytest.approx(1.07, rel=2e-3)
+
+
+def test_rivals_follow_their_cause_when_another_is_dropped() -> None:
+    """Without the first of two causes the second keeps its own rivals, at its new position."""
+    rivals: Any = {1: [Rival("a", 0.1)], 2: [Rival("b", 0.2)]}  # type: ignore[arg-type]
+    names: Any = ["known", "first", "second"]
+    left = Hypothesis(names, 1, rivals).drop(1)
+    assert (left.selected, left.baseline, list(left.causes)) == (["known", "second"], ["known"], [1])
+    assert left.rivals[1][0].odds == 0.2
