@@ -1,4 +1,4 @@
-"""Files that a user writes: read as text or YAML, and what is wrong with them said in words."""
+"""Files that a user writes: read as text or YAML, with errors that name what is wrong."""
 
 from __future__ import annotations
 
@@ -71,7 +71,7 @@ def explain(error: ValidationError, reference: str) -> tuple[str, str]:
     Parameters
     ----------
     reference
-        Clause that says where the fields are described.
+        Clause that names the description of the fields.
     """
     faults = error.errors(include_url=False)
     words = []

@@ -19,7 +19,8 @@ ROS += ("rosgraph_msgs", "sensor_msgs", "std_msgs", "std_srvs", "trajectory_msgs
 KEPT_TO: dict[str, tuple[str, ...]] = {
     **dict.fromkeys(ROS, ("nodes",)),
     "rosbags": ("recording",),
-    "mcap": ("recording",),
+    "mcap": ("recording/storage",),
+    "sqlite3": ("recording/storage",),
     "matplotlib": ("report", "studies/paper/report", "studies/blind_challenge/report"),
     "jinja2": ("report",),
     "typer": ("cli", "app.py", "studies/paper/command.py", "studies/blind_challenge/command.py"),
@@ -90,7 +91,7 @@ def test_a_module_imports_only_from_packages_above_its_own(path: Path) -> None:
 
 @named
 def test_outside_libraries_stay_in_their_package(path: Path) -> None:
-    """Only the nodes know ROS, only the recording knows MCAP, only reports draw."""
+    """Only the nodes know ROS, only the storage of recordings knows its formats, only reports draw."""
     place = path.relative_to(PACKAGE).as_posix()
     for line, name in imports_of(path):
         kept_to = KEPT_TO.get(name.split(".")[0])

@@ -39,11 +39,11 @@ def info(bag: BagPath, channels: Channels = None, json: Json = False) -> None:
 
     Example: elastic-arm bag info bags/excitation
     """
-    told = bag_info(bag, _channels(channels))
+    summary = bag_info(bag, _channels(channels))
     if json:
-        print_json(told.to_json())
+        print_json(summary.to_json())
     else:
-        _print_info(told)
+        _print_info(summary)
 
 
 @bag_app.command("check")
@@ -56,7 +56,7 @@ def check(
     channels: Channels = None,
     json: Json = False,
 ) -> None:
-    """Say what is wrong with a bag; with --repair, save what can be saved.
+    """List what is wrong with a bag; with --repair, save what can be saved.
 
     Exit status: 0 nothing wrong (with --repair: the copy can be used), 1 something is, 2 not readable at all.
 
@@ -96,11 +96,11 @@ def import_(
         raise typer.BadParameter(f"one of {', '.join(COMPRESSIONS)}", param_hint="--compression")
     claim_bag(out_folder)
     folder = write_recording(out_folder, import_arrays(arrays, mapping), chosen)
-    told = bag_info(folder)
+    summary = bag_info(folder)
     if json:
-        print_json(told.to_json())
+        print_json(summary.to_json())
     else:
-        _print_info(told)
+        _print_info(summary)
 
 
 @bag_app.command("replay")
@@ -125,8 +125,8 @@ def replay(
 def _repaired(mended: Repair | None, after: Report | None) -> dict[str, Any] | None:
     if mended is None or after is None:
         return None
-    told = {"path": str(mended.path), "kept": mended.kept, "dropped": mended.dropped}
-    return {**told, "after": after.to_json()}
+    summary = {"path": str(mended.path), "kept": mended.kept, "dropped": mended.dropped}
+    return {**summary, "after": after.to_json()}
 
 
 def _channels(path: Path | None) -> ChannelMap | None:
@@ -139,24 +139,26 @@ def _joint_names(path: Path) -> list[str]:
     return list(load_robot(path).joint_names)
 
 
-def _print_info(told: BagInfo) -> None:
-    size = sum(told.files.values())
-    files = f"{len(told.files)} file{'s' if len(told.files) != 1 else ''}"
-    out.print(f"[bold]{escape(told.path)}[/]  {files}, {_size(size)}, {', '.join(told.compression) or 'no messages'}")
-    out.print(f"{told.messages} messages in {told.duration:.6g} s")
+def _print_info(summary: BagInfo) -> None:
+    size = sum(summary.files.values())
+    files = f"{len(summary.files)} file{'s' if len(summary.files) != 1 else ''}"
+    out.print(
+        f"[bold]{escape(summary.path)}[/]  {files}, {_size(size)}, {', '.join(summary.compression) or 'no messages'}"
+    )
+    out.print(f"{summary.messages} messages in {summary.duration:.6g} s")
     table = Table(box=None, pad_edge=False, header_style="bold")
     for name in ("topic", "type"):
         table.add_column(name)
     for name in ("messages", "rate, Hz"):
         table.add_column(name, justify="right")
-    for topic in told.topics:
+    for topic in summary.topics:
         rate = "–" if topic.rate is None else f"{topic.rate:.6g}"
         table.add_row(topic.name, topic.type_name, str(topic.count), rate)
     out.print(table)
-    if told.joints:
-        out.print(f"joints    {', '.join(told.joints)}", soft_wrap=True)
-        out.print(f"channels  {', '.join(told.channels)}", soft_wrap=True)
-    for words in (*told.damage, *told.notes):
+    if summary.joints:
+        out.print(f"joints    {', '.join(summary.joints)}", soft_wrap=True)
+        out.print(f"channels  {', '.join(summary.channels)}", soft_wrap=True)
+    for words in (*summary.damage, *summary.notes):
         out.print(f"[yellow]note[/]      {escape(words)}", soft_wrap=True)
 
 

@@ -14,7 +14,7 @@ from elastic_arm.recording.storage.interface import BagFile, Block
 from elastic_arm.recording.storage.metadata import Topic
 
 _SECONDS, _NANOSECONDS = "header.stamp.sec", "header.stamp.nanosec"
-_FIRST = 1024  # messages room is made for when nothing is known
+_FIRST = 1024  # messages that a table holds at first, when nothing is known
 
 
 class Decoder:
@@ -71,7 +71,7 @@ class Decoder:
 
     def _types(self, topic: Topic) -> cdr.Layouts:
         if not topic.type_name:
-            raise RecordingError("the file does not say the type of its messages", "Record with message definitions.")
+            raise RecordingError("the file does not name the type of its messages", "Record with message definitions.")
         if topic.definition not in self._layouts:
             self._layouts[topic.definition] = cdr.Layouts(topic.type_name, message_types.types_of(topic))
         return self._layouts[topic.definition]

@@ -158,14 +158,14 @@ def _contract_recording(content: Content, wanted: Sequence[str] | None) -> Recor
     for topic, series in content.series.items():
         if series.type_name != TYPES[topic]:
             raise RecordingError(
-                f"{topic} has type {series.type_name}, not {TYPES[topic]}", "Say what it holds in a channel map."
+                f"{topic} has type {series.type_name}, not {TYPES[topic]}", "Describe it in a channel map."
             )
     states = [content.series[topic] for topic in (JOINT_STATES, MOTOR_STATES) if topic in content.series]
     if not states:
         listed = ", ".join(f"{topic} ({name})" for topic, name in content.topics.items()) or "no messages at all"
         raise RecordingError(
             f"neither {JOINT_STATES} nor {MOTOR_STATES} was recorded; there is {listed}",
-            "Record one of them, or say in a channel map (--channels) which topics hold the joints.",
+            "Record one of them, or name in a channel map (--channels) the topics that hold the joints.",
         )
     joints = _joints(states, wanted, content.robot_description)
     notes: list[str] = []

@@ -38,11 +38,11 @@ class Piece:
     values: dict[str, Array]
 
     def whole(self) -> bool:
-        """Say whether these are all messages from the first to the last."""
+        """Whether these are all messages from the first to the last."""
         return len(self.rows) > 0 and self.rows[-1] - self.rows[0] == len(self.rows) - 1
 
     def has(self, path: str) -> bool:
-        """Say whether these messages carry numbers in field `path`."""
+        """Whether these messages carry numbers in field `path`."""
         return path in self.values and self.values[path].shape[1] > 0
 
 
@@ -108,7 +108,7 @@ class Series:
         return list(dict.fromkeys(name for piece in self.pieces for name in piece.names))
 
     def has(self, path: str) -> bool:
-        """Say whether any message carries numbers in field `path`."""
+        """Whether any message carries numbers in field `path`."""
         return any(piece.has(path) for piece in self.pieces)
 
     def width(self, path: str) -> int:

@@ -24,7 +24,7 @@ class StreamWriter:
 
     Messages gather in a chunk; it is written when it is `flush_every` seconds old or holds `chunk_bytes`. A killed
     process loses that one chunk. A power cut loses what the system had not carried to the disk yet: every
-    `sync_every` seconds it is told to, in a thread of its own, as that can take longer than a queue of messages lasts.
+    `sync_every` seconds it is flushed, in a thread of its own, as that can take longer than a queue of messages lasts.
 
     Parameters
     ----------
@@ -134,7 +134,7 @@ class StreamWriter:
             self.flush()
 
     def flush(self) -> None:
-        """Write the chunk gathered so far, and tell the system to carry it to the disk if that is due."""
+        """Write the chunk gathered so far, and have the system carry it to the disk if that is due."""
         self._write_chunk()
         idle = self._syncing is None or self._syncing.done()
         if idle and self._flushed - self._synced >= self._sync_every:

@@ -83,7 +83,7 @@ def _samples(stamp_ns: Stamps, link: Side | None, motor: Side | None, notes: tup
 
 
 def _covered(wanted: Stamps, given: Stamps) -> np.ndarray:
-    """Say which of the stamps `wanted` lie between two of `given` that are not too far apart."""
+    """(N,) True for the stamps `wanted` that lie between two of `given` that are not too far apart."""
     if len(given) < 4:
         return np.zeros(len(wanted), dtype=bool)
     step = np.diff(given)

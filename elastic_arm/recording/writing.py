@@ -157,7 +157,9 @@ def finish_bag(sink: McapSink) -> None:
     try:
         file.write_text(yaml.safe_dump({METADATA_KEY: information}, sort_keys=False), encoding="utf-8")
     except OSError as error:
-        raise RecordingError(f"{file} cannot be written: {error.strerror}", "Make room, then check --repair.") from None
+        raise RecordingError(
+            f"{file} cannot be written: {error.strerror}", "Free space, then check --repair."
+        ) from None
 
 
 def _streams(recording: Recording) -> list[Stream]:
@@ -174,7 +176,7 @@ def _streams(recording: Recording) -> list[Stream]:
             message = _message(TYPES[topic], header=_header(), name=joints, **blank)
             streams.append(Stream(topic, side.stamp_ns, message, channels))
     if recording.link is not None and recording.link.effort is not None and recording.motor is None:
-        # Without a motor side nothing else says that the effort is the joint torque sensor's.
+        # Without a motor side nothing else marks the effort as the joint torque sensor's.
         streams.append(_torques(joints, recording.link.stamp_ns, recording.link.effort))
     if recording.reference is not None:
         streams.append(_reference(joints, recording.reference))

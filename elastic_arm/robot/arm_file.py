@@ -124,7 +124,7 @@ class BaseEntry(_Entry):
 
 
 class EffectEntry(_Entry):
-    """What the arm has beyond mod3; the effects' own files say which parameters there are."""
+    """What the arm has beyond mod3; the effects' own files define the parameters."""
 
     effect: Name
     joint: str | None = None

@@ -89,7 +89,7 @@ class Robot:
     effects
         What this arm has beyond mod3, as plain data: ``{"effect": id, "joint": name or None, "parameters": {...}}``.
     notes
-        What was read otherwise than written (a URDF's fixed joints, say), one sentence each; not part of an arm file.
+        What was read otherwise than written (like a URDF's fixed joints), one sentence each; not part of an arm file.
     """
 
     name: str
@@ -167,7 +167,7 @@ class Robot:
         return self.with_(joints=joints)
 
     def with_ratio(self, r_tot: float) -> Robot:
-        """Return a copy whose joints all have total ratio `r_tot`, split as the description says.
+        """Return a copy whose joints all have total ratio `r_tot`, split as in the description.
 
         Raises
         ------

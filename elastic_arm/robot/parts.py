@@ -36,7 +36,7 @@ def checked_array(values: Any, shape: tuple[int, ...], what: str) -> np.ndarray:
 
 @contextlib.contextmanager
 def located(where: str) -> Iterator[None]:
-    """Say of errors raised inside where they were met, in front of the problem."""
+    """Put where they were met in front of the problem of errors raised inside."""
     try:
         yield
     except RobotError as error:

@@ -2,7 +2,7 @@
 
 The root link is the base. Frames are kept: link i's frame is the URDF's, its joint's ``before`` and ``after`` turn z
 into the URDF's axis and back. A URDF knows no elasticity, so that the robot has no transmissions unless an overlay
-gives them (:func:`elastic_arm.robot.load_robot`). What is read otherwise than written is said in ``Robot.notes``.
+gives them (:func:`elastic_arm.robot.load_robot`). ``Robot.notes`` list what is read otherwise than written.
 """
 
 from __future__ import annotations

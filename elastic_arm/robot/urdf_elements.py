@@ -44,7 +44,9 @@ def by_name(tree: ET.Element, tag: str) -> dict[str, ET.Element]:
 def child_of(element: ET.Element, tag: str, where: str) -> ET.Element:
     child = element.find(tag)
     if child is None:
-        raise RobotError(f"{where} has no <{tag}>", f"Give it one, as the URDF specification asks of <{element.tag}>")
+        raise RobotError(
+            f"{where} has no <{tag}>", f"Give it one, as the URDF specification demands of <{element.tag}>"
+        )
     return child
 
 

@@ -78,7 +78,7 @@ class Scale(Strict):
         if self.unit == "Nm_motor" and self.ratio is None:
             raise ValueError("unit Nm_motor (torque at the motor shaft) needs ratio")
         if self.unit == "Nm" and self.ratio is not None:
-            raise ValueError("a torque with a ratio is measured at the motor shaft: say unit Nm_motor")
+            raise ValueError("a torque with a ratio is measured at the motor shaft: give unit Nm_motor")
         if self.torque_constant is not None and self.unit != "A":
             raise ValueError("torque_constant goes with unit A alone")
         return self
@@ -142,7 +142,7 @@ class SideChannels(Strict):
 
 
 class JointChannels(Strict):
-    """Both sides of a joint; `name` is what the bag calls it, for all channels that do not say otherwise."""
+    """Both sides of a joint; `name` is what the bag calls it, for all channels without a name of their own."""
 
     name: str = ""
     link: SideChannels = SideChannels()
@@ -241,7 +241,7 @@ def _merged(defaults: Any, own: Any) -> Any:
 
 
 def _filled(joint_name: str, joint: Any) -> Any:
-    """Fill in what a channel does not say: the joint's name in the bag, and the field called like the channel.
+    """Fill in what a channel leaves out: the joint's name in the bag, and the field called like the channel.
 
     What is no mapping is left as it is: the validation has the better words for it.
     """

@@ -79,8 +79,8 @@ class BagInfo:
     def to_json(self) -> dict[str, Any]:
         """Return plain data."""
         plain = asdict(self)
-        for topic, told in zip(plain["topics"], self.topics, strict=True):
-            topic["rate"] = told.rate
+        for topic, source in zip(plain["topics"], self.topics, strict=True):
+            topic["rate"] = source.rate
         return {**plain, "messages": self.messages, "start_ns": self.start_ns, "duration": self.duration}
 
 

@@ -85,7 +85,7 @@ def repair_bag(path: str | Path, out: str | Path | None = None) -> Repair:
 
 
 def _usable(series: Series, dropped: list[str]) -> NDArray[np.bool_]:
-    """Say which messages of a topic, in log order, can be used; and what is left out in `dropped`."""
+    """(N,) True for the messages of a topic, in log order, that can be used; `dropped` gets what is left out."""
     finite = np.ones(series.count, dtype=bool)
     for name, joint, values in series.all_columns():
         good = np.isfinite(values)

@@ -270,7 +270,7 @@ class McapFile:
 
 
 def open_mcap(path: Path) -> McapFile:
-    """Open an MCAP file; a torn one too, with its damage said.
+    """Open an MCAP file; a torn one too, with its damage noted.
 
     Raises
     ------

@@ -184,15 +184,15 @@ class McapSink:
 
     def _summary_section(self) -> bytes:
         counts = {channel.id: self._counts[channel.id] for channel in self._channels if self._counts[channel.id]}
-        told = self.summary()
+        written = self.summary()
         statistics = Statistics(
             attachment_count=0,
             channel_count=len(self._channels),
             channel_message_counts=counts,
             chunk_count=len(self._chunks),
             message_count=sum(counts.values()),
-            message_end_time=told.end_ns,
-            message_start_time=told.start_ns,
+            message_end_time=written.end_ns,
+            message_start_time=written.start_ns,
             metadata_count=len(self._metadata),
             schema_count=len(self._schemas),
         )
@@ -233,7 +233,7 @@ class McapSink:
         kept = sum(self._counts.values())
         return RecordingError(
             f"{self.path} cannot be written further: {error.strerror}",
-            f"The {kept} messages written before are kept; make room or choose another disk.",
+            f"The {kept} messages written before are kept; free space or choose another disk.",
         )
 
 

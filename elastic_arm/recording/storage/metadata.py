@@ -72,7 +72,7 @@ def offered_qos(topic: str) -> str:
 
 
 def metadata(topics: Sequence[Topic], files: Sequence[FileSummary]) -> dict[str, Any]:
-    """Return what metadata.yaml says under its one key."""
+    """Return the content of metadata.yaml under its one key."""
     filled = [file for file in files if file.messages]
     start = min((file.start_ns for file in filled), default=0)
     end = max((file.end_ns for file in filled), default=0)
