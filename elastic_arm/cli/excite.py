@@ -123,7 +123,7 @@ def _print_result(
         out.print(f"{result.criterion}: {result.value_before:.4g} before, [bold]{result.value_after:.4g}[/] after")
     for sentence in indistinct_words(result, base, model):
         out.print(
-            f"[yellow]left out of the search, as only encoders that are next to exact see it:[/] {escape(sentence)}",
+            f"[yellow]left out of the search, as only nearly exact encoders determine it:[/] {escape(sentence)}",
             soft_wrap=True,
         )
     out.print(_limit_table(result))

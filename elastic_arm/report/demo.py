@@ -54,7 +54,7 @@ def write(
     rows = [
         [
             e.name,
-            e.unit,
+            e.unit.replace("^2", "²"),
             e.nominal,
             float(true),
             *map(Written, rounded(e.value, e.std)),

@@ -42,7 +42,9 @@ def sections(result: ExcitationResult, limits: MotionLimits, robot: Robot, left_
     reached: list[Block] = [
         Text(verdict, "good"),
         *(
-            Text(f"In such motions only encoders next to exact tell this parameter from the others: {name}", "warn")
+            Text(
+                f"With such motions only nearly exact encoders separate this parameter from the others: {name}", "warn"
+            )
             for name in left_out
         ),
         Figure(condition_against_random(result), "Random motions and the optimised one."),
