@@ -1,0 +1,50 @@
+"""From stamped samples to a regular grid: holes, jitter, pieces."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from elastic_arm.estimation.resampling import Clock, interpolate
+from elastic_arm.recording import Samples
+
+RATE = 200.0
+
+
+def samples(t: np.ndarray) -> Samples:
+    """A smooth motion of two joints at instants t, with a torque."""
+    q = np.stack([np.sin(2.0 * t), np.cos(3.0 * t)], axis=1)
+    dq = np.stack([2.0 * np.cos(2.0 * t), -3.0 * np.sin(3.0 * t)], axis=1)
+    stamps = np.round(1e9 * t).astype(np.int64)
+    return Samples(t, q=q, dq=dq, tau_J=None, theta=None, dtheta=None, tau_m=q.copy(), stamp_ns=stamps)
+
+
+def test_interpolation_is_exact_for_polynomials_of_fifth_order() -> None:
+    """Six points determine a polynomial of fifth order."""
+    rng = np.random.default_rng(0)
+    known, wanted = np.sort(rng.uniform(0, 1, 40)), rng.uniform(0.1, 0.9, 20)
+    values, expected = (np.polynomial.Polynomial([1, -2, 3, 0.5, -1, 2])(t)[:, None] for t in (known, wanted))
+    np.testing.assert_allclose(interpolate(known, values, wanted), expected, rtol=1e-8)
+
+
+def test_a_regular_recording_is_its_own_grid() -> None:
+    """Nothing is changed where nothing has to be."""
+    taken = samples(np.arange(1000) / RATE)
+    clock = Clock.of(taken)
+    (grid,) = clock.place(taken)
+    assert clock.rate == pytest.approx(RATE) and len(grid) == 1000
+    np.testing.assert_allclose(grid.q, taken.q, atol=1e-12)
+
+
+def test_single_missing_samples_are_filled_and_gaps_cut() -> None:
+    """A hole of one sample is interpolated; after a gap of half a second a new piece begins."""
+    t = np.arange(2000) / RATE
+    kept = np.ones(2000, dtype=bool)
+    kept[300] = False
+    kept[1000:1100] = False
+    taken = samples(t[kept])
+    grids = Clock.of(taken).place(taken)
+    assert len(grids) == 2
+    first = samples(grids[0].t)
+    assert len(grids[0]) == 1000
+    np.testing.assert_allclose(grids[0].q, first.q, atol=1e-7)

@@ -1,0 +1,49 @@
+"""Fourier series fitted to a periodic motion: period, analytic derivatives, standard deviations of coefficients."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from elastic_arm.errors import IdentificationError
+from elastic_arm.estimation.resampling import Grid
+from elastic_arm.estimation.series import find_period, fourier_motion
+
+RATE, PERIOD = 250.0, 4.0
+T = np.arange(int(5 * PERIOD * RATE)) / RATE
+W = 2 * np.pi / PERIOD
+
+
+def angles(derivative: int = 0) -> np.ndarray:
+    """Three harmonics of one joint, or a derivative of them (N, 1)."""
+    parts = [
+        a * (k * W) ** derivative * np.sin(k * W * T + 0.3 * k + derivative * np.pi / 2)
+        for k, a in ((1, 0.5), (2, 0.2), (5, 0.05))
+    ]
+    return np.sum(parts, axis=0)[:, None]
+
+
+def grid(std: float, seed: int = 0) -> Grid:
+    noise = std * np.random.default_rng(seed).standard_normal((len(T), 1))
+    return Grid(T, RATE, theta=angles() + noise, tau_m=angles())
+
+
+def test_the_period_is_found() -> None:
+    """To a small part of a sample, under noise."""
+    found = find_period(np.asarray(grid(1e-4).theta), RATE)
+    assert found == pytest.approx(PERIOD, rel=1e-5)
+
+
+def test_derivatives_are_analytic() -> None:
+    """Without noise the accelerations of the series are those of the motion."""
+    motion, _, series = fourier_motion(grid(1e-7), None, np.array([1e-7]), PERIOD)
+    assert series is not None
+    inside = np.searchsorted(T, motion.t)
+    np.testing.assert_allclose(motion.dtheta, angles(1)[inside], atol=1e-5)
+    np.testing.assert_allclose(motion.ddtheta, angles(2)[inside], atol=1e-4)
+
+
+def test_a_motion_that_does_not_repeat_has_no_period() -> None:
+    """A chirp is refused."""
+    with pytest.raises(IdentificationError):
+        find_period(np.sin(0.3 * T**2)[:, None], RATE)

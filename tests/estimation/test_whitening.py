@@ -1,0 +1,65 @@
+"""The noise of residuals: carried from the channels into the equations, and whitened."""
+
+from __future__ import annotations
+
+from functools import lru_cache
+
+import numpy as np
+import pytest
+
+from elastic_arm.dynamics import build_model
+from elastic_arm.estimation.band import Band
+from elastic_arm.estimation.equations import EquationSet
+from elastic_arm.estimation.observation import Observation, observe, widest_band
+from elastic_arm.estimation.residuals import residuals
+from elastic_arm.estimation.whitening import WhitenedData, block_means, noise_model
+from elastic_arm.sensors import Sensors
+from tests.helpers.gap_recordings import ROBOT, motions, record
+
+MODEL = build_model(ROBOT, "mod3")
+
+
+@lru_cache(maxsize=1)
+def observation() -> Observation:
+    return observe(record(motions()[0], seed=0, sensors=Sensors.real()))
+
+
+def setting() -> tuple[EquationSet, Band]:
+    seen = observation()
+    return EquationSet.direct(seen.pieces[0].recorded, MODEL.n), Band(widest_band(seen.rate), seen.rate)
+
+
+def test_the_channels_noise_is_found() -> None:
+    """Torque noise is estimated where no motion is, positive for each joint."""
+    noise = observation().noise
+    assert noise.tau_m is not None and noise.tau_m.shape == (MODEL.n,) and (noise.tau_m > 0).all()
+
+
+def test_whitened_residuals_of_a_clean_arm_are_white_noise_of_variance_one() -> None:
+    """What is left where nothing is missing in the model is as much as the noise model states."""
+    data = WhitenedData(MODEL, [observation()], *setting())
+    assert data.white @ data.white / data.freedom == pytest.approx(1.0, abs=0.15)
+
+
+def test_the_whitener_inverts_the_covariance() -> None:
+    """W C W^H is the identity at every frequency in the band."""
+    noise = noise_model(MODEL, observation(), *setting())
+    whitener = noise.whitener(noise.f)
+    product = whitener @ noise.covariance @ whitener.conj().transpose(0, 2, 1)
+    np.testing.assert_allclose(product, np.broadcast_to(np.eye(product.shape[1]), product.shape), atol=1e-8)
+
+
+def test_residuals_of_a_clean_arm_are_as_large_as_the_noise_model_states() -> None:
+    """Without the extra floor the model predicts the residuals' standard deviations, equation by equation."""
+    equations, band = setting()
+    noise = noise_model(MODEL, observation(), equations, band, floor=0.0)
+    values = np.concatenate([s.values for s in residuals(MODEL, observation(), equations, band)])
+    density = np.real(np.einsum("frr->fr", noise.covariance)) * band.gain(noise.f)[:, None] ** 2
+    expected = np.sqrt(np.trapezoid(density, noise.f, axis=0) * 2.0 / noise.rate)
+    np.testing.assert_allclose(values.std(axis=0), expected, rtol=0.3)
+
+
+def test_block_means_are_taken_within_each_part() -> None:
+    """No block crosses from one stretch to the next."""
+    parts = [np.arange(6.0)[:, None], np.full((4, 1), 10.0)]
+    np.testing.assert_array_equal(block_means(parts, 3)[:, 0], [1.0, 4.0, 10.0])
