@@ -11,6 +11,8 @@ from elastic_arm.effects import EFFECTS
 from elastic_arm.recording import Recording
 from tests.helpers.gap_recordings import ROBOT, motions, record
 
+pytestmark = pytest.mark.slow(9)
+
 
 def friction(torque: float) -> str:
     return f"coulomb_friction:joint_2:torque={torque}"

@@ -16,6 +16,8 @@ from elastic_arm.excitation import load_trajectory
 from elastic_arm.recording import Recording
 from tests.helpers.gap_recordings import LIMITS, MODEL, ROBOT, gentle, motions, record
 
+pytestmark = pytest.mark.slow(22)
+
 # Loaded one way throughout, play in a drive is an offset between its two encoders.
 PLAY, OFFSET = "backlash:joint_2:half_gap=1e-5", "encoder_offset:joint_2:offset=1e-5"
 

@@ -14,6 +14,8 @@ from elastic_arm.identification import Identification, identify, parse_laws
 from elastic_arm.recording import Recording, Side
 from elastic_arm.robot import Robot, load_robot
 
+pytestmark = pytest.mark.slow(11)
+
 DATA = Path(__file__).resolve().parents[3] / "shared" / "data" / "kuka_lwr4"
 pytestmark = pytest.mark.skipif(not DATA.is_dir(), reason=f"the recordings of the LWR 4+ are not in {DATA}")
 

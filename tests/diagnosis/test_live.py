@@ -128,6 +128,7 @@ def test_where_needs_some_motion(moved: Recording) -> None:
         live.where(filled(moved).recording(0.5))
 
 
+@pytest.mark.slow(4)
 def test_the_live_diagnosis_is_that_of_the_recording(moved: Recording) -> None:
     """Fed in batches, the window gives the diagnosis that the recording gives, and names the cause."""
     found = LiveDiagnosis(Question(ROBOT)).diagnose(filled(moved).recording())

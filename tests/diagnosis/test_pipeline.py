@@ -21,6 +21,8 @@ from elastic_arm.robot import load_robot, save_robot
 from elastic_arm.studies.blind_challenge.hidden_arms.sensor_models import SensorModel
 from tests.helpers.hidden_arms import fault, recordings
 
+pytestmark = [pytest.mark.slow(4), pytest.mark.apart]
+
 ROBOT = load_robot(None)
 COULOMB = ("coulomb_friction", 1, "motor", "torque", 6.0)
 ERROR = ("transmission_error", 0, "motor", "amplitude", 2e-5, "phase", 0.7, "order", 2.0)

@@ -14,6 +14,8 @@ from elastic_arm.recording import Recording
 from tests.helpers.effect_samples import INSTANCES
 from tests.helpers.gap_recordings import ROBOT, motions, record
 
+pytestmark = pytest.mark.slow(20)
+
 
 def context(*recordings: Recording, model: str = "mod3") -> DiagnosisContext:
     """What a diagnosis without any effect to find leaves."""

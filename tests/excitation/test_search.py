@@ -185,6 +185,7 @@ def test_random_motions_keep_the_limits(mod3: Model, limits: MotionLimits) -> No
     assert max(limits.use(motion, mod3).excess.max() for motion in motions) <= 0.0
 
 
+@pytest.mark.slow(4)
 def test_limits_that_no_motion_meets_are_named(mod3: Model, arm: Robot, columns: np.ndarray) -> None:
     """With 5 Nm no pose of this arm can be held: the error says which joint asks for how much."""
     with pytest.raises(ExcitationError, match=r"at best the torque of joint_2 reaches \d+ % of its limit"):

@@ -82,6 +82,7 @@ def test_both_torques_identify_an_arm_described_as_rigid(samples: Samples) -> No
     np.testing.assert_allclose(hi + lo, np.swapaxes(rows, 1, 2) @ rows, rtol=1e-9, atol=1e-6)
 
 
+@pytest.mark.slow(4)
 def test_intervals_cover_the_truth_over_seeds(model: Model) -> None:
     """95 % intervals of all 26 parameters, with a smoother's coloured errors, cover in 90 to 98 % of cases."""
     hits, bias = [], []
@@ -95,6 +96,7 @@ def test_intervals_cover_the_truth_over_seeds(model: Model) -> None:
     assert np.sqrt(np.mean(np.mean(bias, axis=0) ** 2)) < 2.0 / np.sqrt(len(SEEDS))
 
 
+@pytest.mark.slow(4)
 def test_intervals_from_fourier_series_cover_the_truth_too(model: Model) -> None:
     """With encoder noise of 1e-5 rad, series over two periods give intervals that cover in 88 to 99 % of cases."""
     hits = []

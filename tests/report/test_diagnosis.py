@@ -31,6 +31,8 @@ from elastic_arm.report.diagnosis import write_gap_report
 from tests.helpers.browser import rendered_page
 from tests.helpers.gap_recordings import ROBOT, gentle, motions, record
 
+pytestmark = pytest.mark.slow(40)
+
 APP = typer.Typer()
 APP.command("diagnose", cls=SeveralValues)(diagnose_command)
 APP.command("simulate")(simulate)

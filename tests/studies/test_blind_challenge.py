@@ -126,6 +126,7 @@ def test_a_bound_follows_the_items_own_motion() -> None:
     assert bounds[0] / bounds[1] == pytest.approx(2.0, rel=0.05)
 
 
+@pytest.mark.slow(15)
 @pytest.mark.parametrize("effect", sorted(EFFECTS))
 def test_every_effect_is_drawn_at_the_wanted_multiple_of_its_bound(effect: str) -> None:
     """Sizes are what was asked over the bound, or at an end of the plausible range, which the item then says."""
@@ -151,6 +152,8 @@ def test_of_two_effects_neither_is_lost_in_the_others_gap() -> None:
     assert min(item.share) > 0.01 and min(item.multiple) >= 9.5
 
 
+@pytest.mark.slow(25)
+@pytest.mark.apart
 def test_small_campaign_is_made_resumed_answered_and_scored(tmp_path: Path) -> None:
     """A dozen recordings: what is made and answered stays, clean arms are called none, the score holds every arm."""
     settings = campaign.ChallengeSettings(
@@ -181,6 +184,8 @@ def test_small_campaign_is_made_resumed_answered_and_scored(tmp_path: Path) -> N
         campaign.create(tmp_path, campaign.ChallengeSettings(seed=4))
 
 
+@pytest.mark.slow(6)
+@pytest.mark.apart
 def test_an_effect_out_of_the_catalogue_is_not_named(tmp_path: Path) -> None:
     """The withheld diagnosis stands beside the first, and does not name the effect that it was not given."""
     settings = campaign.ChallengeSettings(

@@ -29,6 +29,8 @@ from elastic_arm.studies.paper.report.page import write_paper_report
 from elastic_arm.studies.paper.study import QUICK, StudyResult, run_study, studied_ratios
 from elastic_arm.studies.paper.virtual_prototype.motions import StepRamp
 
+pytestmark = pytest.mark.slow(55)
+
 # A claim that flips is a failing test, whichever way it flips.
 VERDICTS = {
     "motor_mod3_close": "holds",
