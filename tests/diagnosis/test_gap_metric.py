@@ -40,6 +40,7 @@ def diagnosed(effects: tuple[str, ...], seed: int, size: float) -> Diagnosis:
 # --- gaps that no residual shows
 
 
+@pytest.mark.slow(7)
 def test_an_effect_that_no_residual_shows_is_found_by_all_of_them_together() -> None:
     """A damping wrong by some 20 bounds stands out of no residual's noise; all equations together name it."""
     found = diagnosed(("damping_mismatch",), 8, 20.0)
@@ -51,6 +52,7 @@ def test_an_effect_that_no_residual_shows_is_found_by_all_of_them_together() -> 
     assert low < 0.9 < found.shrink <= high  # what just stays undetected may be left
 
 
+@pytest.mark.slow(3)
 def test_a_clean_arm_of_another_engine_has_no_gap() -> None:
     """Nothing is found in noise, by size or by likelihood."""
     found = diagnosed((), 6, 20.0)

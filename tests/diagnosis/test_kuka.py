@@ -14,10 +14,9 @@ from elastic_arm.identification import Identification, identify, parse_laws
 from elastic_arm.recording import Recording, Side
 from elastic_arm.robot import Robot, load_robot
 
-pytestmark = pytest.mark.slow(11)
-
 DATA = Path(__file__).resolve().parents[3] / "shared" / "data" / "kuka_lwr4"
-pytestmark = pytest.mark.skipif(not DATA.is_dir(), reason=f"the recordings of the LWR 4+ are not in {DATA}")
+missing = pytest.mark.skipif(not DATA.is_dir(), reason=f"the recordings of the LWR 4+ are not in {DATA}")
+pytestmark = [pytest.mark.slow(11), missing]
 
 LAWS = ("viscous_friction:side=link", "coulomb_friction:side=link", "joint_torque_offset")
 # RMSE, Nm, joints 1 to 7.
