@@ -20,7 +20,7 @@ from elastic_arm.studies.blind_challenge.answer_scoring import score_answer
 from elastic_arm.studies.blind_challenge.arm_sampling import SamplingRequest, sample_arm
 from elastic_arm.studies.blind_challenge.command import challenge_app
 from elastic_arm.studies.blind_challenge.detectability import Detectability, sized
-from elastic_arm.studies.blind_challenge.effect_sampling import STRUCTURAL, sample_effect
+from elastic_arm.studies.blind_challenge.effect_sampling import model_without, sample_effect
 from elastic_arm.studies.blind_challenge.hidden_arms.effect_laws import Fault
 from elastic_arm.studies.blind_challenge.hidden_arms.hidden_arm import HiddenArm
 from elastic_arm.studies.blind_challenge.hidden_arms.kinematic_tree import KinematicTree
@@ -108,7 +108,7 @@ def test_bound_of_an_offset_is_that_of_a_mean() -> None:
     """The smallest known offset of tau_m is the noise over the square root of the number of samples."""
     rng = np.random.default_rng(1)
     detectability = Detectability(ROBOT, random_motion(rng, 3, 20.0), SensorModel(), rng)
-    amount, signal = sized(sample_effect("motor_torque_offset", 3, rng), 30.0, detectability)
+    amount, signal = sized(sample_effect(EFFECTS["motor_torque_offset"], 3, rng), 30.0, detectability)
     assert signal.distance == pytest.approx(30.0, rel=0.03)
     # The diagnosis leaves out the ends, and gives each equation a hundredth of the noise's power besides.
     assert amount / signal.distance == pytest.approx(0.26 / np.sqrt(20000.0), rel=0.03)
@@ -120,7 +120,7 @@ def test_a_bound_follows_the_items_own_motion() -> None:
     for speed in (0.5, 1.0):
         rng = np.random.default_rng(6)
         motion = random_motion(rng, 3, 6.0, speed=speed, acceleration=100.0, reach=1.5)
-        draft = sample_effect("viscous_friction", 3, np.random.default_rng(0))
+        draft = sample_effect(EFFECTS["viscous_friction"], 3, np.random.default_rng(0))
         amount, signal = sized(draft, 50.0, Detectability(ROBOT, motion, SensorModel(), rng))
         bounds.append(amount / signal.distance)
     assert bounds[0] / bounds[1] == pytest.approx(2.0, rel=0.05)
@@ -133,11 +133,11 @@ def test_every_effect_is_drawn_at_the_wanted_multiple_of_its_bound(effect: str) 
     rng = np.random.default_rng([4, *effect.encode()])
     item, _ = sample_arm(SamplingRequest("arm", (effect,), (0,), (5.0, 4.0), (40.0, 40.0)), ROBOT, rng)
     assert item.faults[0].effect == effect
-    if effect in STRUCTURAL:
-        assert item.model == STRUCTURAL[effect] and item.multiple[0] > 10.0
+    if model := model_without(EFFECTS[effect]):
+        assert item.model == model and item.multiple[0] > 10.0
         return
     assert item.bound[0] is not None
-    low, high = sample_effect(effect, 3, rng).limits()
+    low, high = sample_effect(EFFECTS[effect], 3, rng).limits()
     amount = item.bound[0] * item.multiple[0]
     at_an_end = amount <= 1.001 * low or amount >= 0.999 * high
     assert item.multiple[0] == pytest.approx(40.0, rel=0.05) or at_an_end

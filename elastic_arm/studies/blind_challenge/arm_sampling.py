@@ -11,12 +11,14 @@ from typing import Any
 
 import numpy as np
 
+from elastic_arm.effects import EFFECTS, Catalogue
 from elastic_arm.robot import Robot
 from elastic_arm.studies.blind_challenge.detectability import Detectability, EffectSignal, sized
-from elastic_arm.studies.blind_challenge.effect_sampling import STRUCTURAL, SampledEffect, sample_effect
+from elastic_arm.studies.blind_challenge.effect_sampling import SampledEffect, model_of, sample_effect
 from elastic_arm.studies.blind_challenge.hidden_arms.effect_laws import Fault
 from elastic_arm.studies.blind_challenge.hidden_arms.motion import MultiSine, random_motion
 from elastic_arm.studies.blind_challenge.hidden_arms.sensor_models import SensorModel
+from elastic_arm.studies.blind_challenge.simulated_arm import arm_maker
 
 LOWEST, HIGHEST = 10.0, 300.0  # bounds
 SPREAD = 2.0  # factor by which effects on one arm may differ from their common level
@@ -82,14 +84,9 @@ class SamplingRequest:
     seconds: tuple[float, float]
     ratio: tuple[float, float] = (LOWEST, HIGHEST)
 
-    @property
-    def model(self) -> str:
-        """What the recordings will be diagnosed against."""
-        return next((STRUCTURAL[e] for e in self.effects if e in STRUCTURAL), "mod3")
-
 
 def sample_arm(
-    request: SamplingRequest, robot: Robot, rng: np.random.Generator
+    request: SamplingRequest, robot: Robot, rng: np.random.Generator, catalogue: Catalogue = EFFECTS
 ) -> tuple[ArmSpecification, tuple[MultiSine, MultiSine]]:
     """Draw one hidden arm and its two motions.
 
@@ -101,27 +98,30 @@ def sample_arm(
         The nominal arm.
     rng
         Seeded with the request's own seed.
+    catalogue
+        Where the ids of the request are looked up.
     """
+    model = model_of(request.effects, catalogue)
     instruments = sample_sensors(rng)
     fitted, judging = (random_motion(rng, robot.n, s) for s in request.seconds)
     if not request.effects:
-        return ArmSpecification(request.name, request.model, (), instruments), (fitted, judging)
-    detectability = Detectability(robot, fitted, instruments, rng)
-    if request.model != "mod3":
-        distance = detectability.signal((), request.model).distance
+        return ArmSpecification(request.name, model, (), instruments), (fitted, judging)
+    detectability = Detectability(robot, fitted, instruments, rng, arm_maker(robot, request.effects, catalogue))
+    if model != "mod3":
+        distance = detectability.signal((), model).distance
         faults = tuple(Fault(e, None) for e in request.effects)
-        return ArmSpecification(request.name, request.model, faults, instruments, (distance,), (None,), (1.0,)), (
+        return ArmSpecification(request.name, model, faults, instruments, (distance,), (None,), (1.0,)), (
             fitted,
             judging,
         )
-    drafts = [sample_effect(effect, robot.n, rng) for effect in request.effects]
+    drafts = [sample_effect(catalogue[effect], robot.n, rng) for effect in request.effects]
     level = np.exp(rng.uniform(*np.log(request.ratio)))
     wanted = [level * np.exp(rng.uniform(-1, 1) * np.log(SPREAD)) if len(drafts) > 1 else level for _ in drafts]
     amounts, signals = _balanced(drafts, [max(w, request.ratio[0]) for w in wanted], detectability)
     excess = np.array([s.excess for s in signals])
     item = ArmSpecification(
         request.name,
-        request.model,
+        model,
         tuple(d.sized(a) for d, a in zip(drafts, amounts, strict=True)),
         instruments,
         tuple(s.distance for s in signals),

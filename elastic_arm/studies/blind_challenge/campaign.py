@@ -16,17 +16,19 @@ import numpy as np
 
 import elastic_arm
 from elastic_arm.diagnosis import Question, diagnose
-from elastic_arm.effects import EFFECTS
+from elastic_arm.effects import EFFECTS, Catalogue
 from elastic_arm.errors import DiagnosisError, RecordingError
 from elastic_arm.recording import read_recording, write_recording
 from elastic_arm.robot import Robot, load_robot
 from elastic_arm.studies.blind_challenge.arm_sampling import HIGHEST, LOWEST, SamplingRequest, sample_arm
-from elastic_arm.studies.blind_challenge.hidden_arms.hidden_arm import HiddenArm
+from elastic_arm.studies.blind_challenge.effect_sampling import combines, model_of
+from elastic_arm.studies.blind_challenge.hidden_arms.effect_laws import KNOWN
 from elastic_arm.studies.blind_challenge.parallel_jobs import Failure, mapped
 from elastic_arm.studies.blind_challenge.sealed_truth import NAME, drop_pieces, open_sealed, pieces, seal, seal_piece
+from elastic_arm.studies.blind_challenge.simulated_arm import arm_maker
 
 MANIFEST = "challenge.json"
-SEVERAL = tuple(e for e in EFFECTS if e not in ("spline_inertia", "inertia_coupling", "bearing_compliance"))
+FILES = "effects"  # folder of a challenge that holds copies of the files with effects of the user
 STATE_OF = ("codegen", "dynamics", "effects", "estimation", "diagnosis")  # packages whose code gives the answers
 REFUSED: dict[str, Any] = {
     "verdict": "refused", "causes": [], "unexplained": [], "shrink": None, "measured_by": "excess",
@@ -51,6 +53,8 @@ class ChallengeSettings:
         Range of sizes over the smallest that theory allows to be detected.
     effects
         Ids; all where none is given.
+    effects_files
+        Python files with effects of the user.
     """
 
     seed: int = 0
@@ -62,11 +66,12 @@ class ChallengeSettings:
     validate_seconds: float = 8.0
     ratio: tuple[float, float] = (LOWEST, HIGHEST)
     effects: tuple[str, ...] = ()
+    effects_files: tuple[str, ...] = ()
 
-    def requests(self) -> list[SamplingRequest]:
-        """Return what is to be drawn, in a random order."""
-        alone = self.effects or tuple(EFFECTS)
-        together = [e for e in SEVERAL if e in alone]
+    def requests(self, catalogue: Catalogue = EFFECTS) -> list[SamplingRequest]:
+        """Return what is to be drawn of a catalogue, in a random order."""
+        alone = self.effects or tuple(catalogue)
+        together = [e for e in alone if combines(catalogue[e])]
         rng = np.random.default_rng(self.seed)
         kinds: list[tuple[str, ...]] = [()] * self.clean + [(e,) for e in alone for _ in range(self.per_effect)]
         for count, times in ((2, self.pairs), (3, self.triples)):
@@ -104,15 +109,19 @@ def create(
     manifest_path = folder / MANIFEST
     if manifest_path.is_file():
         known = json.loads(manifest_path.read_text())
-        if known["settings"] != plain:
+        if json.loads(json.dumps(asdict(ChallengeSettings()))) | known["settings"] != plain:
             raise DiagnosisError(f"{folder} holds another challenge", "Choose another folder")
         if "truth_sha256" in known:
             return str(known["truth_sha256"])
-    requests = settings.requests()
+    catalogue = Catalogue.default().with_files(settings.effects_files)
+    requests = settings.requests(catalogue)
     if not requests:
         raise DiagnosisError("a challenge of no arms", "Ask for some: --per-effect, --clean, --pairs or --triples")
     folder.mkdir(parents=True, exist_ok=True)
-    manifest = {"settings": plain, "items": [{"name": o.name, "model": o.model} for o in requests]}
+    _copy_files(folder, settings.effects_files)
+    items = [{"name": o.name, "model": model_of(o.effects, catalogue)} for o in requests]
+    own = sorted({e for o in requests for e in o.effects} - KNOWN)
+    manifest = {"settings": plain, "items": items, "simulated": own}
     _write(manifest_path, manifest)
     made = pieces(folder)
     jobs = [(str(folder), request) for request in requests if request.name not in made]
@@ -211,6 +220,24 @@ def _robot() -> Robot:
     return load_robot(None)
 
 
+def catalogue_of(folder: Path) -> Catalogue:
+    """Return the effects of a challenge: the default catalogue and those of its own files."""
+    return _catalogue(tuple(sorted((folder / FILES).glob("*.py"))))
+
+
+@lru_cache(maxsize=4)
+def _catalogue(files: tuple[Path, ...]) -> Catalogue:
+    return Catalogue.default().with_files(files)
+
+
+def _copy_files(folder: Path, files: tuple[str, ...]) -> None:
+    """Keep the files with effects of the user, so that every worker finds them and the challenge can be run again."""
+    for k, file in enumerate(files):
+        kept = folder / FILES / f"{k}_{Path(file).name}"
+        kept.parent.mkdir(exist_ok=True)
+        shutil.copyfile(file, kept)
+
+
 def _own_effects(folder: Path, manifest: dict[str, Any]) -> dict[str, str]:
     truth = open_sealed(folder, manifest["truth_sha256"])
     return {item["name"]: item["faults"][0]["effect"] for item in truth if len(item["faults"]) == 1}
@@ -222,9 +249,9 @@ def _bags(folder: Path, name: str) -> tuple[Path, Path]:
 
 def _record(job: tuple[str, SamplingRequest]) -> str:
     folder, request = Path(job[0]), job[1]
-    rng = np.random.default_rng(request.seed)
-    item, motions = sample_arm(request, _robot(), rng)
-    arm = HiddenArm(_robot(), item.faults)
+    rng, catalogue = np.random.default_rng(request.seed), catalogue_of(folder)
+    item, motions = sample_arm(request, _robot(), rng, catalogue)
+    arm = arm_maker(_robot(), request.effects, catalogue)(item.faults)
     for bag, motion in zip(_bags(folder, item.name), motions, strict=True):
         recording = arm.record(motion, item.instruments, rng)
         if not (bag / "metadata.yaml").is_file():
@@ -237,11 +264,12 @@ def _record(job: tuple[str, SamplingRequest]) -> str:
 
 def _diagnose(job: tuple[str, str, str, str]) -> tuple[str, str]:
     folder, name, model, without = Path(job[0]), *job[1:]
-    effects = tuple(e for e in EFFECTS.values() if e.id != without)
+    catalogue = catalogue_of(folder)
+    effects = tuple(catalogue.without(without).values())
     wall, cpu = time.perf_counter(), time.process_time()
     try:
         identify, validate = (read_recording(bag) for bag in _bags(folder, name))
-        found = diagnose([identify], Question(_robot(), model, effects=effects), [validate])
+        found = diagnose([identify], Question(_robot(), model, effects=effects, catalogue=catalogue), [validate])
         answer, problem = found.to_dict(), ""
     except (DiagnosisError, RecordingError) as error:  # to refuse is an answer too, and counts as one
         answer, problem = REFUSED | {"notes": [str(error)]}, str(error)

@@ -14,11 +14,12 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from rich.table import Table
 
 from elastic_arm.cli.console import err, out, print_json, reports_errors
+from elastic_arm.cli.describe import EffectsFiles
 from elastic_arm.cli.outputs import claim_folder
 from elastic_arm.effects import Catalogue
 from elastic_arm.studies.blind_challenge import campaign
 from elastic_arm.studies.blind_challenge.scoring import score as score_answers
-from elastic_arm.studies.blind_challenge.summary import effect_rows, markdown, question_rows
+from elastic_arm.studies.blind_challenge.summary import SIMULATED, effect_rows, markdown, question_rows
 
 challenge_app = typer.Typer(
     name="challenge", help="Check the diagnosis on arms whose effect is withheld from it.", no_args_is_help=True
@@ -41,6 +42,7 @@ def create(
     clean: Annotated[int, typer.Option(min=0, help="Recordings of the plain arm.")] = 4,
     pairs: Annotated[int, typer.Option(min=0, help="Recordings of two effects.")] = 4,
     triples: Annotated[int, typer.Option(min=0, help="Recordings of three effects.")] = 0,
+    effects_files: EffectsFiles = None,
     effect: Annotated[list[str] | None, typer.Option(help="Only this effect; may be given again.")] = None,
     ratio: Annotated[str, typer.Option(help="Sizes LOW:HIGH, over the smallest that theory lets detect.")] = "10:300",
     seconds: Annotated[float, typer.Option(min=4.0, help="Duration of what is fitted.")] = 12.0,
@@ -53,6 +55,7 @@ def create(
     Example: elastic-arm challenge create blind --seed 7 --per-effect 2
     """
     claim_folder(folder, (), force=True, option="FOLDER")
+    catalogue = Catalogue.default().with_files(effects_files or ())
     settings = campaign.ChallengeSettings(
         seed=seed,
         per_effect=per_effect,
@@ -62,11 +65,14 @@ def create(
         seconds=seconds,
         validate_seconds=validate_seconds,
         ratio=_range(ratio),
-        effects=tuple(Catalogue.default().find(e).id for e in effect or ()),
+        effects=tuple(catalogue.find(e).id for e in effect or ()),
+        effects_files=tuple(str(path) for path in effects_files or ()),
     )
     with _bar("recording") as bar:
         digest = campaign.create(folder, settings, workers=workers, scheduler=scheduler, report=_reporter(bar))
     out.print(f"sealed truth, SHA-256: {digest}")
+    if simulated := campaign.load_manifest(folder).get("simulated"):
+        out.print(SIMULATED.format(", ".join(simulated)))
 
 
 @challenge_app.command("diagnose")
@@ -121,6 +127,8 @@ def score(
     _print("", ("question", "right", "of", "share", "95 % interval", "to reach"), question_rows(found))
     headings, rows = effect_rows(found)
     _print("single effects", headings[:8], [row[:8] for row in rows])
+    if found["simulated"]:
+        out.print(SIMULATED.format(", ".join(found["simulated"])))
     if found["open"]:
         out.print(f"{found['open']} recordings have no answer yet: elastic-arm challenge diagnose {folders[0]}")
     if len(found["code"]) > 1:

@@ -7,13 +7,14 @@ other numbers known: with white noise of variance one, a size s that moves the r
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from elastic_arm.dynamics import build_model
+from elastic_arm.effects import EFFECTS
 from elastic_arm.errors import SimulationError
 from elastic_arm.estimation.band import Band
 from elastic_arm.estimation.equations import EquationSet
@@ -23,10 +24,10 @@ from elastic_arm.estimation.whitening import WhitenedData
 from elastic_arm.robot import Robot
 from elastic_arm.studies.blind_challenge.effect_sampling import SampledEffect
 from elastic_arm.studies.blind_challenge.hidden_arms.effect_laws import Fault
-from elastic_arm.studies.blind_challenge.hidden_arms.hidden_arm import HiddenArm
 from elastic_arm.studies.blind_challenge.hidden_arms.motion import MultiSine
 from elastic_arm.studies.blind_challenge.hidden_arms.sensor_models import SensorModel, measure
 from elastic_arm.studies.blind_challenge.hidden_arms.true_channels import TrueChannels
+from elastic_arm.studies.blind_challenge.simulated_arm import Arm, arm_maker
 
 Array = NDArray[np.float64]
 
@@ -62,11 +63,21 @@ class Detectability:
         Their noise counts, not their values.
     rng
         Of the noise that the sensors' quality is estimated from.
+    arm_of
+        Makes an arm with faults; the independent engine's when None.
     """
 
-    def __init__(self, robot: Robot, motion: MultiSine, instruments: SensorModel, rng: np.random.Generator) -> None:
+    def __init__(
+        self,
+        robot: Robot,
+        motion: MultiSine,
+        instruments: SensorModel,
+        rng: np.random.Generator,
+        arm_of: Callable[[Sequence[Fault]], Arm] | None = None,
+    ) -> None:
         self._robot, self._motion = robot, motion
-        course = HiddenArm(robot).run(motion)
+        self._arm_of = arm_maker(robot, (), EFFECTS) if arm_of is None else arm_of
+        course = self._arm_of(()).run(motion)
         self._observation = observe(measure(course, robot.joint_names, (), instruments, rng))
         rate = self._observation.rate
         self._layout = EquationSet.direct(self._observation.pieces[0].recorded, robot.n)
@@ -81,7 +92,7 @@ class Detectability:
         SimulationError
             When the arm does not survive them.
         """
-        course = HiddenArm(self._robot, faults).run(self._motion)
+        course = self._arm_of(faults).run(self._motion)
         white, excess = self._residuals(course, faults, model)
         if model == "mod3":
             # What the smoother leaves of any motion is no effect.

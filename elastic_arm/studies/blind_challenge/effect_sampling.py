@@ -1,49 +1,63 @@
-"""Effects as the challenge draws them: where, in which form, and how much of them an arm may have."""
+"""Effects as the challenge draws them, from the ranges of their files: where, in which form, and how much of them."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from elastic_arm.effects import EFFECTS
-from elastic_arm.effects.parameters import Role
-from elastic_arm.studies.blind_challenge.hidden_arms.effect_laws import Fault
+from elastic_arm.effects import Catalogue, Effect, EffectInstance, Parameter, Role, Scope
+from elastic_arm.effects.model import MODELS
+from elastic_arm.robot import Robot
+from elastic_arm.studies.blind_challenge.hidden_arms.effect_laws import Fault, variation
 
-# Of each effect: the parameter that is its size.
-SIZE = {
-    "viscous_friction": "coefficient",
-    "coulomb_friction": "torque",
-    "stribeck_friction": "torque",
-    "load_dependent_friction": "coefficient",
-    "nonlinear_stiffness": "cubic",
-    "hysteresis": "torque",
-    "backlash": "half_gap",
-    "transmission_error": "amplitude",
-    "torque_ripple": "amplitude",
-    "bearing_compliance": "stiffness_scale",
-    "payload": "mass",
-    "base_tilt": "x",
-    "motor_torque_gain": "gain",
-    "joint_torque_gain": "gain",
-    "motor_torque_offset": "offset",
-    "joint_torque_offset": "offset",
-    "encoder_offset": "offset",
-    "encoder_eccentricity": "amplitude",
-    "time_delay": "delay",
-    "link_inertia_mismatch": "mass",
-    "rotor_inertia_mismatch": "inertia",
-    "stiffness_mismatch": "stiffness",
-    "damping_mismatch": "damping",
-}
-STRUCTURAL = {"spline_inertia": "mod1", "inertia_coupling": "mod2"}  # the arm has them, the model does not
-SIDED = ("viscous_friction", "coulomb_friction", "stribeck_friction")
-WHOLE_ARM = ("payload", "base_tilt", "bearing_compliance")
-SIGNED = ("gain", "offset", "inertia", "stiffness", "damping", "cubic")
-CHANNELS = ("joint_torque", "motor_torque", "link_encoder")
-COMMON = 0.25  # share of delays that all joints have
-DELAYS = (1.5e-3, 0.01)  # s: a lag of one sample or less is no cause
+COMMON = 0.25  # share of effects of one joint or all that all joints have
+AXES = "xyz"
+
+
+def model_without(effect: Effect) -> str | None:
+    """Return the richest model variant that lacks an effect; None for what no variant has."""
+    return None if effect.lacked_by == MODELS else effect.lacked_by[-1]
+
+
+def model_of(effects: Sequence[str], catalogue: Catalogue) -> str:
+    """Return the model that an arm with these effects is diagnosed against."""
+    return next((model for e in effects if (model := model_without(catalogue[e]))), MODELS[-1])
+
+
+def combines(effect: Effect) -> bool:
+    """Whether there can be as little of an effect as one likes beside others: it has a value of no effect."""
+    return bool(effect.magnitude) and effect.parameter(effect.magnitude[0]).neutral is not None
+
+
+def component_names(parameter: Parameter) -> list[str]:
+    """Return the names of a parameter's components in a :class:`Fault`, which holds numbers alone."""
+    if parameter.size == 1:
+        return [parameter.name]
+    axes = AXES if parameter.size == len(AXES) else map(str, range(parameter.size))
+    return [f"{parameter.name}_{axis}" for axis in axes]
+
+
+def true_parameters(fault: Fault, effect: Effect) -> dict[str, Any]:
+    """Return a fault's parameters as the effect's file names them, vectors whole; nothing of the engine's own."""
+    found: dict[str, Any] = {}
+    for p in effect.parameters:
+        names = component_names(p)
+        if all(name in fault.parameters for name in names):
+            values = tuple(fault.parameters[name] for name in names)
+            found[p.name] = values[0] if p.size == 1 else values
+    return found
+
+
+def instance_of(fault: Fault, effect: Effect, robot: Robot) -> EffectInstance:
+    """Return a fault as the suite's own simulator takes it."""
+    given = {"side": fault.side, "channels": fault.channels, **fault.choices}
+    chosen = {c.name: given[c.name] for c in effect.choices if given.get(c.name)}
+    joint = None if fault.joint is None else robot.joint_names[fault.joint]
+    return EffectInstance(effect, joint, {**true_parameters(fault, effect), **chosen})
 
 
 @dataclass(frozen=True)
@@ -52,85 +66,104 @@ class SampledEffect:
 
     Parameters
     ----------
+    effect
+        What.
     fault
         With all its parameters but the size.
-    sign
-        Of the size, where it may have either.
-    angle
-        Direction of a tilt, rad.
+    direction
+        Of the size's components, of length 1; a sign where the size is one number.
     """
 
+    effect: Effect
     fault: Fault
-    sign: float
-    angle: float
+    direction: tuple[float, ...]
+
+    @property
+    def _size(self) -> Parameter:
+        return self.effect.parameter(self.effect.magnitude[0])
 
     def sized(self, amount: float) -> Fault:
         """Return the effect with so much of it, 0 for none."""
-        effect, size = self.fault.effect, SIZE[self.fault.effect]
-        neutral = EFFECTS[effect].parameter(size).neutral or 0.0
-        values = {size: neutral + self.sign * amount}
-        if effect == "base_tilt":
-            values = {"x": amount * np.cos(self.angle), "y": amount * np.sin(self.angle)}
-        elif effect == "bearing_compliance":
-            values = {size: 1.0 / amount}
-        return replace(self.fault, parameters={k: float(v) for k, v in (values | dict(self.fault.parameters)).items()})
+        sizes = [self.effect.parameter(name) for name in self.effect.magnitude]
+        components = [(name, p) for p in sizes for name in component_names(p)]
+        values = {
+            name: 1.0 / amount if p.inverse else (p.neutral or 0.0) + part * amount
+            for (name, p), part in zip(components, self.direction, strict=True)
+        }
+        return replace(self.fault, parameters={k: float(v) for k, v in {**values, **self.fault.parameters}.items()})
 
     def limits(self) -> tuple[float, float]:
         """Return the smallest and largest plausible amount; of sizes that enter linearly, any small one is."""
-        effect = self.fault.effect
-        parameter = EFFECTS[effect].parameter(SIZE[effect])
-        if effect == "time_delay":
-            return DELAYS
-        if effect == "bearing_compliance":
-            return 1.0 / parameter.high, 1.0 / parameter.low
-        if effect == "link_inertia_mismatch" or parameter.neutral:
-            return 1e-9, abs((parameter.high if self.sign > 0 else parameter.low) - 1.0)
-        return (parameter.low if parameter.role is Role.SEARCHED else 1e-12), parameter.high
+        p, neutral = self._size, self._size.neutral or 0.0
+        if p.inverse:
+            return 1.0 / p.high, 1.0 / p.low
+        if p.draw is not None:
+            return abs(p.draw[0] - neutral), abs(p.draw[1] - neutral)
+        if neutral:
+            return 1e-9, abs((p.high if self.direction[0] > 0 else p.low) - neutral)
+        return (p.low if p.role is Role.SEARCHED and p.low > 0.0 else 1e-12), p.high
 
     def typical(self) -> float:
         """Return an amount to begin with."""
         low, high = self.limits()
-        parameter = EFFECTS[self.fault.effect].parameter(SIZE[self.fault.effect])
-        if parameter.neutral:
+        if self._size.neutral:
             return 0.1 * high
         return float(np.sqrt(low * high)) if low > 1e-9 else 1e-3 * high
 
 
-def sample_effect(effect: str, n: int, rng: np.random.Generator) -> SampledEffect:
+def sample_effect(effect: Effect, n: int, rng: np.random.Generator) -> SampledEffect:
     """Draw where an effect sits, its form, and its parameters other than the size.
 
     Parameters
     ----------
     effect
-        Its id.
+        What.
     n
         Number of joints.
     rng
         Draws joint, side, channels and parameters.
     """
-    joint = None if effect in WHOLE_ARM else int(rng.integers(n))
-    side = str(rng.choice(["motor", "link"])) if effect in SIDED else "motor"
-    channels: tuple[str, ...] = ()
-    if effect == "time_delay":
-        channels = (str(rng.choice(CHANNELS)),)
-        joint = None if rng.random() < COMMON else joint
-    signed = effect == "link_inertia_mismatch" or SIZE[effect] in SIGNED
-    sign = float(rng.choice([-1.0, 1.0])) if signed else 1.0
-    fault = Fault(effect, joint, _others(effect, rng), side, channels)
-    return SampledEffect(fault, sign, float(rng.uniform(-np.pi, np.pi)))
+    joint = None if effect.scope in (Scope.ARM, Scope.LAST) else int(rng.integers(n))
+    if effect.scope is Scope.EACH_OR_ARM and rng.random() < COMMON:
+        joint = None
+    choices: dict[str, Any] = {}
+    for choice in effect.choices:
+        value = str(rng.choice(choice.values))
+        choices[choice.name] = (value,) if choice.several else value
+    direction = _direction([effect.parameter(name) for name in effect.magnitude], rng)
+    others = {**_others(effect, rng), **variation(effect.id, rng)}
+    side, channels = choices.pop("side", "motor"), choices.pop("channels", ())
+    return SampledEffect(effect, Fault(effect.id, joint, others, side, channels, choices), direction)
 
 
-def _others(effect: str, rng: np.random.Generator) -> dict[str, float]:
-    """Draw the parameters that are not the size."""
-    phase = {"phase": float(rng.uniform(-np.pi, np.pi))}
-    drawn: Mapping[str, dict[str, float]] = {
-        "stribeck_friction": {"speed": float(10 ** rng.uniform(-1.7, -0.7))},
-        "hysteresis": {"width": float(10 ** rng.uniform(-4.5, -3.5))},
-        "transmission_error": {**phase, "order": 2.0},
-        "torque_ripple": {**phase, "order": float(rng.choice([1, 2, 3]))},
-        "encoder_eccentricity": phase,
-        "payload": {f"position_{axis}": float(rng.uniform(-0.15, 0.15)) for axis in "xyz"},
-        # Half of the heavier motors are heavier in B alone, which is the contract's law, half in S too, as masses are.
-        "rotor_inertia_mismatch": {"coupled": float(rng.random() < 0.5)},
-    }
-    return drawn.get(effect, {})
+def _direction(sizes: list[Parameter], rng: np.random.Generator) -> tuple[float, ...]:
+    """Draw the direction of a size: a sign where its range lies on both sides of no effect."""
+    count = sum(p.size for p in sizes)
+    if count == 1:
+        signed = sizes[0].neutral is not None and sizes[0].low < sizes[0].neutral < sizes[0].high
+        return (float(rng.choice([-1.0, 1.0])) if signed else 1.0,)
+    vector = rng.standard_normal(count)
+    return tuple((vector / np.linalg.norm(vector)).tolist())
+
+
+def _others(effect: Effect, rng: np.random.Generator) -> dict[str, float]:
+    """Draw the parameters that are not the size; those that have a default and no range to draw from keep it."""
+    found: dict[str, float] = {}
+    for p in effect.parameters:
+        if p.name in effect.magnitude or (p.role is Role.LINEAR and p.draw is None):
+            continue
+        if p.role is not Role.PHASE and p.draw is None and p.default is not None:
+            values = np.broadcast_to(np.asarray(p.default, dtype=float), p.size)
+        else:
+            values = _drawn(p, rng)
+        found |= {name: float(v) for name, v in zip(component_names(p), values, strict=True)}
+    return found
+
+
+def _drawn(p: Parameter, rng: np.random.Generator) -> NDArray[np.float64]:
+    low, high = p.draw or (p.low, p.high)
+    if p.integer:
+        return rng.integers(int(np.ceil(low)), int(high) + 1, p.size).astype(float)
+    if p.logarithmic:
+        return np.exp(rng.uniform(np.log(low), np.log(high), p.size))
+    return rng.uniform(low, high, p.size)

@@ -4,18 +4,17 @@ from __future__ import annotations
 
 import json
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from elastic_arm.effects import EFFECTS
+from elastic_arm.effects import EFFECTS, Effect
 from elastic_arm.robot import load_robot
 from elastic_arm.studies.blind_challenge.answer_scoring import score_answer
 from elastic_arm.studies.blind_challenge.arm_sampling import LOWEST
-from elastic_arm.studies.blind_challenge.campaign import answer_path, load_manifest
-from elastic_arm.studies.blind_challenge.effect_sampling import SIZE
+from elastic_arm.studies.blind_challenge.campaign import answer_path, catalogue_of, load_manifest
 from elastic_arm.studies.blind_challenge.proportions import Proportion, calibration, detection
 from elastic_arm.studies.blind_challenge.sealed_truth import open_sealed
 
@@ -47,14 +46,18 @@ def score(folders: Path | Sequence[Path]) -> dict[str, Any]:
     lines: list[Line] = []
     withheld: list[Line] = []
     settings, total = [], 0
+    effects: dict[str, Effect] = dict(EFFECTS)
+    simulated: set[str] = set()
     for folder in folders:
         manifest = load_manifest(folder)
+        effects |= catalogue_of(folder)
+        simulated |= set(manifest.get("simulated", ()))
         truth = open_sealed(folder, manifest["truth_sha256"])
         settings.append(manifest["settings"] | {"truth_sha256": manifest["truth_sha256"]})
         total += len(truth)
-        own = _lines(folder, truth, withheld=False)
+        own = _lines(folder, truth, effects, withheld=False)
         lines += own
-        withheld += _beside(_lines(folder, truth, withheld=True), own)
+        withheld += _beside(_lines(folder, truth, effects, withheld=True), own)
     single = [x for x in lines if len(x["truth"]) == 1]
     large = [x for x in single if x["multiple"] >= LOWEST]
     told = [(c, r) for x in lines for c, r in zip(x["confidence"], x["cause_right"], strict=True)]
@@ -63,6 +66,7 @@ def score(folders: Path | Sequence[Path]) -> dict[str, Any]:
         "challenges": settings,
         "answered": len(lines),
         "open": total - len(lines),
+        "simulated": sorted(simulated),
         "code": dict(Counter(x["code"] for x in lines)),
         "shares": {name: s.to_dict() for name, s in _shares(lines, large, withheld).items()},
         "below": {
@@ -71,11 +75,13 @@ def score(folders: Path | Sequence[Path]) -> dict[str, Any]:
         "faint": len(large) - len(shrinks),
         "median_shrink": float(np.median(shrinks)) if shrinks else None,
         "seconds": _times(lines),
-        "by_effect": {e: _effect([x for x in single if x["truth"] == [e]]) for e in EFFECTS if _of(single, e)},
+        "by_effect": {
+            e: _effect(effects[e], [x for x in single if x["truth"] == [e]]) for e in effects if _of(single, e)
+        },
         "confusion": _confusion(large),
         "false_causes": _false_causes(lines),
         "calibration": calibration([c for c, _ in told], [r for _, r in told]),
-        "withheld": {e: _without([x for x in withheld if x["truth"] == [e]]) for e in EFFECTS if _of(withheld, e)},
+        "withheld": {e: _without([x for x in withheld if x["truth"] == [e]]) for e in effects if _of(withheld, e)},
         "items": lines,
         "withheld_items": withheld,
     }
@@ -107,11 +113,13 @@ def _shares(lines: Sequence[Line], large: Sequence[Line], withheld: Sequence[Lin
     }
 
 
-def _lines(folder: Path, truth: Sequence[dict[str, Any]], *, withheld: bool) -> list[Line]:
+def _lines(
+    folder: Path, truth: Sequence[dict[str, Any]], effects: Mapping[str, Effect], *, withheld: bool
+) -> list[Line]:
     joints = load_robot(None).joint_names
     paths = [answer_path(folder, entry["name"], withheld=withheld) for entry in truth]
     return [
-        score_answer(entry, json.loads(path.read_text()), joints)
+        score_answer(entry, json.loads(path.read_text()), joints, effects)
         for entry, path in zip(truth, paths, strict=True)
         if path.is_file()
     ]
@@ -155,13 +163,12 @@ def _shrinks(lines: Sequence[Line]) -> list[float]:
     return [x["shrink"] or 0.0 for x in lines if x["measured_by"] == "excess" or not x["effect_right"]]
 
 
-def _effect(lines: Sequence[Line]) -> dict[str, Any]:
+def _effect(effect: Effect, lines: Sequence[Line]) -> dict[str, Any]:
     """Judge all single arms of one effect; shares count those of at least ten bounds."""
-    effect = lines[0]["truth"][0]
     large = [x for x in lines if x["multiple"] >= LOWEST]
     curve = detection([x["multiple"] for x in lines], [x["effect_right"] for x in lines])
     bounds = [x["bound"][0] for x in lines if x["bound"][0] is not None]
-    unit = EFFECTS[effect].parameter(SIZE[effect]).unit if effect in SIZE else None
+    unit = effect.parameter(effect.magnitude[0]).unit if effect.magnitude else None
     typical = float(np.median(bounds)) if bounds else None
     missed = [x["multiple"] for x in large if not x["effect_right"]]
     return {

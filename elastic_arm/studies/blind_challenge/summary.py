@@ -11,6 +11,7 @@ QUESTIONS = ("question", "right", "of", "share", "95 % interval", "to reach")
 EFFECTS = (
     "effect", "right", "joint", "side", "alone", "intervals", "shrink", "missed at", "90 % detected at", "bound",
 )  # fmt: skip
+SIMULATED = "moved by the suite's own simulator, which shares their laws with the diagnosis and so flatters it: {}"
 CALIBRATION = ("confidence", "mean", "right", "share", "95 % interval")
 PAGE = """# Results of the challenge
 
@@ -18,7 +19,7 @@ Written by `elastic-arm challenge score`; how it is run again: [challenge.md](ch
 
 {challenges}
 - {answers}
-
+{simulated}
 {questions}
 
 ## Single effects
@@ -103,6 +104,7 @@ def markdown(found: dict[str, Any]) -> str:
     return PAGE.format(
         challenges="\n".join(f"- {challenge(c)}" for c in found["challenges"]),
         answers=f"{found['answered']} answers, {found['open']} open; state of the code: {states}",
+        simulated=f"- {SIMULATED.format(', '.join(own))}\n" if (own := found.get("simulated")) else "",
         questions=_table(QUESTIONS, question_rows(found)),
         effects=_table(*effect_rows(found)),
         withheld=_table(WITHHELD, withheld_rows(found)) if found["withheld"] else "Not run.",

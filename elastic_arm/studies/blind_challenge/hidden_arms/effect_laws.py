@@ -24,6 +24,27 @@ SENSOR_EFFECTS = frozenset(
         "time_delay",
     }
 )
+# Ids of all effects that this engine has; the suite's own simulator moves arms with others.
+KNOWN = SENSOR_EFFECTS | {
+    "viscous_friction",
+    "coulomb_friction",
+    "stribeck_friction",
+    "load_dependent_friction",
+    "nonlinear_stiffness",
+    "hysteresis",
+    "backlash",
+    "transmission_error",
+    "torque_ripple",
+    "bearing_compliance",
+    "payload",
+    "base_tilt",
+    "link_inertia_mismatch",
+    "rotor_inertia_mismatch",
+    "stiffness_mismatch",
+    "damping_mismatch",
+    "spline_inertia",
+    "inertia_coupling",
+}
 FRICTION = ("viscous", "coulomb", "stribeck", "stribeck_speed", "load")
 # Numbers of a joint, in the order in which the laws take them; what is not there has its value of no effect.
 NUMBERS = (
@@ -50,6 +71,8 @@ class Fault:
         Values by the contract's names, SI units.
     channels
         For `time_delay`: what is late.
+    choices
+        What else is chosen, of effects that this engine does not have.
     """
 
     effect: str
@@ -57,6 +80,15 @@ class Fault:
     parameters: Mapping[str, float] = field(default_factory=dict)
     side: str = "motor"
     channels: tuple[str, ...] = ()
+    choices: Mapping[str, Any] = field(default_factory=dict)
+
+
+def variation(effect: str, rng: np.random.Generator) -> dict[str, float]:
+    """Draw what this engine may do in two ways where the law names one.
+
+    Half of the heavier motors are heavier in B alone, which is the contract's law, half in S too, as masses are.
+    """
+    return {"coupled": float(rng.random() < 0.5)} if effect == "rotor_inertia_mismatch" else {}
 
 
 def joint_numbers(faults: Sequence[Fault], n: int, r_hd: np.ndarray, r_tot: np.ndarray) -> dict[str, np.ndarray]:
