@@ -51,7 +51,15 @@ def read_text(path: str | Path, kind: type[ElasticArmError], remedy: str) -> str
 
 
 def read_fields(path: str | Path, kind: type[ElasticArmError], remedy: str) -> dict[str, Any]:
-    """Read a YAML file that holds fields; an error of `kind` names file, line and reason where it does not."""
+    """Read a YAML file that holds fields; an error of `kind` names file, line and reason where it does not.
+
+    Parameters
+    ----------
+    path
+        The file.
+    kind, remedy
+        Of the error where it is no text, no YAML, or holds no fields.
+    """
     text = read_text(path, kind, remedy)
     try:
         content = yaml.safe_load(text)

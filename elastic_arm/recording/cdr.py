@@ -113,7 +113,17 @@ class Layout:
         return found
 
     def values_into(self, spans: Spans, path: str, target: NDArray) -> None:
-        """Put what :meth:`values` returns into `target`, (N, count) contiguous."""
+        """Put what :meth:`values` returns into `target`, (N, count) contiguous.
+
+        Parameters
+        ----------
+        spans
+            (N,) messages of this layout.
+        path
+            Of the field.
+        target
+            (N, count) of the field's type.
+        """
         numbers = self.numbers[path]
         if numbers.count and len(target):
             # One opaque item per message is copied faster than `count` numbers.
@@ -123,6 +133,13 @@ class Layout:
 
 def layout_of(data: memoryview, type_name: str, store: Typestore) -> Layout:
     """Find the layout of one message.
+
+    Parameters
+    ----------
+    data
+        The message as CDR bytes, with its encapsulation header.
+    type_name, store
+        Its type, and the definitions of it and of what it is made of.
 
     Raises
     ------

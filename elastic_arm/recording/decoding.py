@@ -92,7 +92,17 @@ class _Table:
         }
 
     def append(self, spans: Spans, rows: Stamps, log_ns: Stamps) -> None:
-        """Decode messages; `rows` are their places among the topic's messages."""
+        """Decode messages; `rows` are their places among the topic's messages.
+
+        Parameters
+        ----------
+        spans
+            (N,) messages of this table's layout.
+        rows
+            (N,) their places among the topic's messages.
+        log_ns
+            (N,) their arrival times.
+        """
         spot = slice(self.count, self.count + len(rows))
         self._reserve(spot.stop)
         self.columns["rows"][spot], self.columns["log_ns"][spot] = rows, log_ns

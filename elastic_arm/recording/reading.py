@@ -131,6 +131,15 @@ def read_recording(
 def read_content(bags: Sequence[Bag], wanted: Collection[str], strict: bool = True) -> Content:
     """Decode the topics `wanted`; with `strict` a damaged chunk raises, otherwise it is skipped and noted.
 
+    Parameters
+    ----------
+    bags
+        Opened bags, parts of one recording.
+    wanted
+        The topics to decode.
+    strict
+        Raise for a damaged chunk; otherwise skip it and note it.
+
     Raises
     ------
     RecordingError

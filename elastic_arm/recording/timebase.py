@@ -39,6 +39,13 @@ def pair(base: Side, other: Side, other_name: str, base_name: str) -> tuple[Side
     spline (never beyond its ends or across its gaps). A cubic spline passes what lies well below half the sample rate
     and damps what lies close to it.
 
+    Parameters
+    ----------
+    base, other
+        Two sides, or two channels of a side, (N, n) and (M, n).
+    other_name, base_name
+        What they are called in notes and errors.
+
     Returns
     -------
     base, other, notes

@@ -64,7 +64,17 @@ class Joint:
 
     @classmethod
     def from_dh(cls, name: str, link_name: str, link: Inertia, dh: DH, **rest: Any) -> Joint:
-        """Make a joint from its Denavit-Hartenberg row (paper, (3))."""
+        """Make a joint from its Denavit-Hartenberg row (paper, (3)).
+
+        Parameters
+        ----------
+        name, link_name, link
+            As of the class.
+        dh
+            The row.
+        **rest
+            Other fields of the class.
+        """
         return cls(name, link_name, link, after=dh.placement, dh=dh, **rest)
 
 

@@ -21,7 +21,17 @@ _SNAP = 1e-12
 
 
 def checked_array(values: Any, shape: tuple[int, ...], what: str) -> np.ndarray:
-    """Return `values` as a read-only float array of `shape`; refuse other shapes and non-finite numbers."""
+    """Return `values` as a read-only float array of `shape`; refuse other shapes and non-finite numbers.
+
+    Parameters
+    ----------
+    values
+        Anything that numpy makes an array of.
+    shape
+        The shape wanted.
+    what
+        Its name in errors.
+    """
     try:
         array = np.array(values, dtype=float)
     except (TypeError, ValueError) as error:
@@ -44,11 +54,31 @@ def located(where: str) -> Iterator[None]:
 
 
 def require(condition: bool, problem: str, remedy: str) -> None:
+    """Raise a RobotError unless a condition holds.
+
+    Parameters
+    ----------
+    condition
+        What must hold.
+    problem, remedy
+        Of the error.
+    """
     if not condition:
         raise RobotError(problem, remedy)
 
 
 def check_number(value: float, what: str, *, positive: bool = False) -> None:
+    """Refuse a number that is not finite, or negative.
+
+    Parameters
+    ----------
+    value
+        The number.
+    what
+        Its name in errors.
+    positive
+        Refuse zero, too.
+    """
     require(np.isfinite(value), f"{what} is {value}", "Give a finite number")
     if positive:
         require(value > 0.0, f"{what} is {value:g}, but must be positive", "Give a number above zero")
@@ -262,6 +292,7 @@ class DH:
 
 
 def checked_placement(values: Any, what: str) -> np.ndarray:
+    """Return a (4, 4) placement with exact right angles; refuse what is no rigid one."""
     matrix = checked_array(values, (4, 4), what)
     rotation = matrix[:3, :3]
     proper = np.allclose(rotation @ rotation.T, np.eye(3), atol=1e-6) and np.linalg.det(rotation) > 0

@@ -18,6 +18,7 @@ _XACRO = "http://www.ros.org/wiki/xacro", "http://ros.org/wiki/xacro", "http://w
 
 
 def parse(text: str | bytes) -> ET.Element:
+    """Return the root element of a URDF."""
     try:
         tree = ET.fromstring(text)
     except ET.ParseError as error:
@@ -30,6 +31,7 @@ def parse(text: str | bytes) -> ET.Element:
 
 
 def by_name(tree: ET.Element, tag: str) -> dict[str, ET.Element]:
+    """Return the elements of one kind by their names."""
     found: dict[str, ET.Element] = {}
     for element in tree.findall(tag):
         name = element.get("name")
@@ -42,6 +44,17 @@ def by_name(tree: ET.Element, tag: str) -> dict[str, ET.Element]:
 
 
 def child_of(element: ET.Element, tag: str, where: str) -> ET.Element:
+    """Return the child of an element that must be there.
+
+    Parameters
+    ----------
+    element
+        The parent.
+    tag
+        Of the child.
+    where
+        What the element is called in errors.
+    """
     child = element.find(tag)
     if child is None:
         raise RobotError(
@@ -51,6 +64,17 @@ def child_of(element: ET.Element, tag: str, where: str) -> ET.Element:
 
 
 def attribute(element: ET.Element, key: str, where: str) -> str:
+    """Return an attribute that must be there.
+
+    Parameters
+    ----------
+    element
+        That has it.
+    key
+        Its name.
+    where
+        What the element is called in errors.
+    """
     value = element.get(key)
     if value is None:
         raise RobotError(f"{where}: <{element.tag}> has no {key}", "Give it")
@@ -58,10 +82,22 @@ def attribute(element: ET.Element, key: str, where: str) -> str:
 
 
 def number(text: str, what: str) -> float:
+    """Return the number that a text holds."""
     return float(vector(text, what, 1)[0])
 
 
 def vector(text: str | None, what: str, size: int = 3) -> Array:
+    """Return the finite numbers that a text holds.
+
+    Parameters
+    ----------
+    text
+        Numbers with blanks between.
+    what
+        Their name in errors.
+    size
+        How many there must be.
+    """
     try:
         vector = np.array([float(word) for word in (text or "").split()])
     except ValueError as error:
@@ -72,12 +108,19 @@ def vector(text: str | None, what: str, size: int = 3) -> Array:
 
 
 def right_angles(angles: Array) -> Array:
+    """Return angles, rad, with those next to a multiple of a right angle made exact."""
     exact = np.round(angles / (0.5 * np.pi)) * (0.5 * np.pi)
     return np.where(np.abs(angles - exact) < _RIGHT_ANGLE, exact, angles)
 
 
 def rotation(roll: float, pitch: float, yaw: float) -> Array:
-    """Rz(yaw) Ry(pitch) Rx(roll), the URDF's convention."""
+    """Rz(yaw) Ry(pitch) Rx(roll), the URDF's convention.
+
+    Parameters
+    ----------
+    roll, pitch, yaw
+        rad.
+    """
     (cr, cp, cy), (sr, sp, sy) = (f(np.array([roll, pitch, yaw])) for f in (np.cos, np.sin))
     return np.array(
         [

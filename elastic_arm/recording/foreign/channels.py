@@ -221,6 +221,15 @@ M = TypeVar("M", bound=BaseModel)
 def validated(model: type[M], data: dict[str, Any], path: str | Path) -> M:
     """Check `data`, read from `path`, against a model.
 
+    Parameters
+    ----------
+    model
+        The pydantic model.
+    data
+        What was read.
+    path
+        The file, for errors.
+
     Raises
     ------
     RecordingError

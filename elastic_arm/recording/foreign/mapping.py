@@ -21,6 +21,15 @@ def mapped_side(
 
     Channels of one topic share its stamps; those of further topics are brought to the stamps of the first.
 
+    Parameters
+    ----------
+    channels
+        The channel map.
+    side_name
+        "link" or "motor".
+    series
+        The topics that were read, by name.
+
     Raises
     ------
     RecordingError

@@ -15,6 +15,15 @@ REPAIR = "Make a usable copy with: elastic-arm bag check --repair BAG"
 def checked(side: Side, topic: str, joints: Sequence[str]) -> Side:
     """Return `side` if its times advance and all its numbers are finite.
 
+    Parameters
+    ----------
+    side
+        What to check.
+    topic
+        Its name in errors.
+    joints
+        Names of its columns.
+
     Raises
     ------
     RecordingError

@@ -50,7 +50,15 @@ class Report:
         return all(finding.severity != "error" for finding in self.findings)
 
     def add(self, severity: Severity, code: str, message: str, **where: Any) -> None:
-        """Add a finding."""
+        """Add a finding.
+
+        Parameters
+        ----------
+        severity, code, message
+            As in :class:`Finding`.
+        **where
+            Its topic, joint and time.
+        """
         self.findings.append(Finding(severity, code, message, **where))
 
     def to_json(self) -> dict[str, Any]:

@@ -44,10 +44,12 @@ class BagFile(Protocol):
     """
 
     @property
-    def path(self) -> Path: ...
+    def path(self) -> Path:
+        """The file."""
 
     @property
-    def damage(self) -> list[str]: ...
+    def damage(self) -> list[str]:
+        """What is wrong with it."""
 
     @property
     def size(self) -> int:

@@ -53,7 +53,15 @@ class Scan:
 
 
 def scan(buffer: Bytes, begin: int, end: int) -> Scan:
-    """Find all records between `begin` and `end`; stops before a torn one."""
+    """Find all records between `begin` and `end`; stops before a torn one.
+
+    Parameters
+    ----------
+    buffer
+        The bytes.
+    begin, end
+        Where the first record begins, and where the last may end.
+    """
     view = buffer.data
     found: list[Offsets] = []
     walked: list[int] = []

@@ -51,7 +51,17 @@ class Packed:
 
 
 def pack(plain: bytes | memoryview, index: dict[int, tuple[Offsets, Offsets]], compression: Compression) -> Packed:
-    """Compress the records of a chunk; leaves the interpreter's lock, so threads may share the work."""
+    """Compress the records of a chunk; leaves the interpreter's lock, so threads may share the work.
+
+    Parameters
+    ----------
+    plain
+        The records.
+    index
+        By channel, (N,) log times and places of its messages among the bytes.
+    compression
+        "none", "lz4" or "zstd".
+    """
     size = len(plain)
     crc = zlib.crc32(plain)
     match compression:
