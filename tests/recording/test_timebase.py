@@ -1,16 +1,12 @@
-"""Both sides on one time base, and the parts of a recording."""
+"""Both sides on one time base."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from elastic_arm.errors import RecordingError
 from elastic_arm.recording import Recording, Side
-from elastic_arm.recording.spans import progression
-from elastic_arm.recording.storage.mcap_scan import scan
 from tests.helpers.bags import JOINTS, START_NS, side, stamps, two_sided
 
 
@@ -78,49 +74,3 @@ def test_an_empty_recording_has_no_samples() -> None:
     """Nothing recorded: said, with what to record."""
     with pytest.raises(RecordingError, match="Record /joint_states or /motor_states"):
         Recording(JOINTS).samples()
-
-
-def test_parts_and_joints_can_be_taken(rng: np.random.Generator) -> None:
-    """`between` cuts by time from the start, `select` orders the columns, both on all sides."""
-    recording = two_sided(rng, 1000)
-    part = recording.between(0.2, 0.5)
-    np.testing.assert_array_equal(part.motor.stamp_ns, stamps(1000)[200:500])
-    np.testing.assert_array_equal(part.link.velocity, recording.link.velocity[200:500])
-    chosen = recording.select(["joint_3", "joint_1"])
-    np.testing.assert_array_equal(chosen.motor.effort, recording.motor.effort[:, [2, 0]])
-    with pytest.raises(RecordingError, match="has no joint joint_9; it has joint_1, joint_2, joint_3"):
-        recording.select(["joint_9"])
-
-
-RECORDS = st.lists(st.tuples(st.sampled_from([3, 4, 5, 5, 5, 5]), st.integers(1, 3), st.integers(0, 40)), max_size=300)
-
-
-@given(RECORDS, st.integers(1, 30), st.integers(0, 60))
-def test_every_record_is_found_once(kinds: list[tuple[int, int, int]], repeats: int, torn: int) -> None:
-    """Any run of records, however often it repeats and wherever it is torn, is found whole, in order, and no more."""
-    content, begins, others = b"", [], []
-    for opcode, channel, extra in kinds * repeats:
-        if opcode == 5:
-            begins.append(len(content))
-            body = channel.to_bytes(2, "little") + bytes(20 + extra)
-        else:
-            others.append((opcode, len(content) + 9))
-            body = bytes(extra)
-        content += bytes([opcode]) + len(body).to_bytes(8, "little") + body
-    end = max(len(content) - torn, 0)
-    ends = {begin: begin + 9 + int.from_bytes(content[begin + 1 : begin + 9], "little") for begin in begins}
-    whole = [begin for begin in begins if ends[begin] <= end]
-    found = scan(np.frombuffer(content, np.uint8), 0, end)
-    assert found.messages.tolist() == whole
-    assert [(r.opcode, r.begin) for r in found.others] == [o for o in others if o[1] <= found.end and o[1] <= end]
-
-
-@given(st.lists(st.integers(0, 50), min_size=1, max_size=20))
-def test_progressions_are_told_from_other_offsets(offsets: list[int]) -> None:
-    """A slice stands for offsets only if it gives exactly them."""
-    given_offsets = np.array(offsets, np.int64)
-    result = progression(given_offsets)
-    if isinstance(result, slice):
-        np.testing.assert_array_equal(np.arange(51)[result], given_offsets)
-    else:
-        np.testing.assert_array_equal(result, given_offsets)

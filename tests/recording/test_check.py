@@ -1,0 +1,117 @@
+"""Each fault of a bag is named with its place."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from elastic_arm.errors import RecordingError
+from elastic_arm.recording import Recording, read_recording, write_recording
+from elastic_arm.recording.inspection.check import check_bag
+from elastic_arm.recording.inspection.repair import repair_bag
+from tests.helpers.bags import (
+    JOINT_STATE,
+    JOINTS,
+    joint_state,
+    side,
+    stamps,
+    states,
+    two_sided,
+    write_foreign,
+)
+
+
+@pytest.fixture
+def rng() -> np.random.Generator:
+    return np.random.default_rng(11)
+
+
+def both(stamp_ns: np.ndarray) -> list[tuple[str, str, int, bytes]]:
+    """Messages of both sides at the same stamps."""
+    return states("/joint_states", stamp_ns) + states("/motor_states", stamp_ns)
+
+
+def codes(path: Path, **options: object) -> set[str]:
+    """Codes of all findings but the notes."""
+    return {finding.code for finding in check_bag(path, **options).findings if finding.severity != "note"}
+
+
+def test_a_clean_bag_has_no_findings(tmp_path: Path, rng: np.random.Generator) -> None:
+    """Nothing is found where nothing is wrong."""
+    report = check_bag(write_recording(tmp_path / "bag", two_sided(rng, 3000)))
+    assert report.findings == []
+    assert report.ok
+
+
+def test_gaps_rates_and_drift_are_found(tmp_path: Path, rng: np.random.Generator) -> None:
+    """Lost samples, a change of rate, and clocks that drift apart are each warned of."""
+    holed = np.delete(stamps(2000), slice(500, 540))
+    mixed = np.concatenate([stamps(1000), stamps(1000, 2_000_000, int(stamps(1001)[-1]))])
+    slow = stamps(5000) + (np.arange(5000) * 200).astype(np.int64)  # 200 us a second
+    for name, link, motor, code in (
+        ("holed", holed, holed, "gaps"),
+        ("mixed", mixed, mixed, "mixed_rates"),
+        ("drifting", stamps(5000), slow, "drift"),
+    ):
+        bag = write_recording(tmp_path / name, Recording(JOINTS, side(rng, link), side(rng, motor)))
+        assert codes(bag) == {code}, name
+    gap = next(f for f in check_bag(tmp_path / "holed").findings if f.code == "gaps")
+    assert "about 40 samples lost" in gap.message
+    assert gap.time == pytest.approx(0.499)
+
+
+def test_jitter_alone_is_no_fault(tmp_path: Path, rng: np.random.Generator) -> None:
+    """Stamps that jitter by a tenth of the interval are noted, not complained of."""
+    jittered = stamps(3000) + rng.normal(scale=1e5, size=3000).astype(np.int64)
+    bag = write_recording(tmp_path / "bag", Recording(JOINTS, side(rng, jittered), side(rng, jittered)))
+    assert codes(bag) == set()
+
+
+def test_missing_topics_are_named(tmp_path: Path) -> None:
+    """A bag without joint states is refused, with what it holds instead and what to do."""
+    bag = write_foreign(tmp_path / "bag", [(f"/arm{t}", k, s, d) for t, k, s, d in states("/joints", stamps(20))])
+    with pytest.raises(RecordingError, match=r"/arm/joints \(sensor_msgs/msg/JointState\).*--channels"):
+        read_recording(bag)
+    assert "no_joint_states" in codes(bag)
+
+
+def test_unknown_joints_are_named(tmp_path: Path) -> None:
+    """Joints that the robot does not have are named, with those that were recorded."""
+    bag = write_foreign(tmp_path / "bag", both(stamps(100)))
+    with pytest.raises(RecordingError, match="joint elbow was not recorded; there are joint_1, joint_2, joint_3"):
+        read_recording(bag, joints=["joint_1", "elbow"])
+    assert {"unknown_joint", "missing_joint"} <= codes(bag, joints=["joint_1", "elbow"])
+
+
+def test_a_field_filled_now_and_then_is_named(tmp_path: Path) -> None:
+    """Effort in some messages only: two publishers; said with topic and field."""
+    messages = both(stamps(50))
+    messages[10] = ("/joint_states", JOINT_STATE, messages[10][2], joint_state(messages[10][2], JOINTS, [1, 2, 3]))
+    with pytest.raises(RecordingError, match="/joint_states: field velocity is empty"):
+        read_recording(write_foreign(tmp_path / "bag", messages))
+
+
+def test_wrong_type_is_named(tmp_path: Path) -> None:
+    """/joint_states of another type is refused by both names."""
+    from elastic_arm.recording import message_types
+
+    store = message_types.typestore()
+    text = bytes(store.serialize_cdr(store.types["std_msgs/msg/String"]("x"), "std_msgs/msg/String"))
+    bag = write_foreign(tmp_path / "bag", [("/joint_states", "std_msgs/msg/String", int(t), text) for t in stamps(5)])
+    with pytest.raises(RecordingError, match="has type std_msgs/msg/String, not sensor_msgs/msg/JointState"):
+        read_recording(bag)
+
+
+@pytest.mark.parametrize(
+    ("content", "words"), [(b"", "is empty"), (b"no bag at all", "is no MCAP file"), (None, "does not exist")]
+)
+def test_what_is_no_bag_is_refused(tmp_path: Path, content: bytes | None, words: str) -> None:
+    """Empty, foreign and missing files are each called what they are."""
+    file = tmp_path / "x.mcap"
+    if content is not None:
+        file.write_bytes(content)
+    for use in (read_recording, check_bag, repair_bag):
+        with pytest.raises(RecordingError, match=words):
+            use(file)

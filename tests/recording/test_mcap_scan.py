@@ -1,0 +1,43 @@
+"""Records among the bytes of an MCAP file."""
+
+from __future__ import annotations
+
+import numpy as np
+from hypothesis import given
+from hypothesis import strategies as st
+
+from elastic_arm.recording.spans import progression
+from elastic_arm.recording.storage.mcap_scan import scan
+
+RECORDS = st.lists(st.tuples(st.sampled_from([3, 4, 5, 5, 5, 5]), st.integers(1, 3), st.integers(0, 40)), max_size=300)
+
+
+@given(RECORDS, st.integers(1, 30), st.integers(0, 60))
+def test_every_record_is_found_once(kinds: list[tuple[int, int, int]], repeats: int, torn: int) -> None:
+    """Any run of records, however often it repeats and wherever it is torn, is found whole, in order, and no more."""
+    content, begins, others = b"", [], []
+    for opcode, channel, extra in kinds * repeats:
+        if opcode == 5:
+            begins.append(len(content))
+            body = channel.to_bytes(2, "little") + bytes(20 + extra)
+        else:
+            others.append((opcode, len(content) + 9))
+            body = bytes(extra)
+        content += bytes([opcode]) + len(body).to_bytes(8, "little") + body
+    end = max(len(content) - torn, 0)
+    ends = {begin: begin + 9 + int.from_bytes(content[begin + 1 : begin + 9], "little") for begin in begins}
+    whole = [begin for begin in begins if ends[begin] <= end]
+    found = scan(np.frombuffer(content, np.uint8), 0, end)
+    assert found.messages.tolist() == whole
+    assert [(r.opcode, r.begin) for r in found.others] == [o for o in others if o[1] <= found.end and o[1] <= end]
+
+
+@given(st.lists(st.integers(0, 50), min_size=1, max_size=20))
+def test_progressions_are_told_from_other_offsets(offsets: list[int]) -> None:
+    """A slice stands for offsets only if it gives exactly them."""
+    given_offsets = np.array(offsets, np.int64)
+    result = progression(given_offsets)
+    if isinstance(result, slice):
+        np.testing.assert_array_equal(np.arange(51)[result], given_offsets)
+    else:
+        np.testing.assert_array_equal(result, given_offsets)

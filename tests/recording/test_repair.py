@@ -1,0 +1,139 @@
+"""A repaired copy holds all that can be used."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from elastic_arm.errors import RecordingError
+from elastic_arm.recording import Recording, read_recording, write_recording
+from elastic_arm.recording.inspection.check import check_bag
+from elastic_arm.recording.inspection.repair import repair_bag
+from elastic_arm.recording.storage.messages import read_messages, read_topics
+from tests.helpers.bags import (
+    JOINT_STATE,
+    JOINTS,
+    assert_equal,
+    joint_state,
+    side,
+    stamps,
+    states,
+    two_sided,
+    write_foreign,
+)
+
+
+@pytest.fixture
+def rng() -> np.random.Generator:
+    return np.random.default_rng(11)
+
+
+def both(stamp_ns: np.ndarray) -> list[tuple[str, str, int, bytes]]:
+    """Messages of both sides at the same stamps."""
+    return states("/joint_states", stamp_ns) + states("/motor_states", stamp_ns)
+
+
+def codes(path: Path, **options: object) -> set[str]:
+    """Codes of all findings but the notes."""
+    return {finding.code for finding in check_bag(path, **options).findings if finding.severity != "note"}
+
+
+def with_nan(tmp_path: Path) -> Path:
+    messages = both(stamps(200))
+    bad = joint_state(int(stamps(200)[120]), JOINTS, [1, 2, 3], [1, float("nan"), 3], [1, 2, 3])
+    messages[120] = ("/joint_states", JOINT_STATE, int(stamps(200)[120]), bad)
+    return write_foreign(tmp_path / "bag", messages)
+
+
+def logged_in_turn(stamp_ns: np.ndarray) -> list[tuple[str, str, int, bytes]]:
+    """Messages whose arrival times advance whatever their stamps do."""
+    arrivals = stamps(len(stamp_ns))
+    return [(t, k, int(log), d) for (t, k, _, d), log in zip(states("/motor_states", stamp_ns), arrivals, strict=True)]
+
+
+def backwards(tmp_path: Path) -> Path:
+    jumped = stamps(200)
+    jumped[150:] -= 80_000_000
+    return write_foreign(tmp_path / "bag", logged_in_turn(jumped))
+
+
+def repeated(tmp_path: Path) -> Path:
+    twice = stamps(200)
+    twice[77] = twice[76]
+    return write_foreign(tmp_path / "bag", logged_in_turn(twice))
+
+
+@pytest.mark.parametrize(
+    ("make", "code", "words"),
+    [
+        (with_nan, "nan", ("/joint_states", "velocity", "joint_2", "0.120000 s")),
+        (backwards, "backwards", ("/motor_states", "back in time", "0.149000 s")),
+        (repeated, "duplicate", ("/motor_states", "repeats the stamp", "0.076000 s")),
+    ],
+)
+def test_fault_is_named_found_and_mended(
+    tmp_path: Path, make: Callable[[Path], Path], code: str, words: tuple[str, ...]
+) -> None:
+    """Reading refuses, naming topic, field, joint and time; the check finds it; the repaired copy can be used."""
+    bag = make(tmp_path)
+    before = {file: file.read_bytes() for file in bag.iterdir()}
+    with pytest.raises(RecordingError) as caught:
+        read_recording(bag)
+    for word in (*words, "check --repair"):
+        assert word in str(caught.value)
+    assert code in codes(bag)
+    mended = repair_bag(bag)
+    assert mended.dropped
+    assert check_bag(mended.path).usable
+    read_recording(mended.path)
+    assert {file: file.read_bytes() for file in bag.iterdir()} == before
+
+
+def test_repair_drops_the_fewest_messages(tmp_path: Path) -> None:
+    """One stamp from the far future costs one message, not all that follow it."""
+    wild = stamps(300)
+    wild[100] += 10**12
+    mended = repair_bag(write_foreign(tmp_path / "bag", logged_in_turn(wild)))
+    assert mended.kept == 299
+    np.testing.assert_array_equal(read_recording(mended.path).motor.stamp_ns, np.delete(stamps(300), 100))
+
+
+def test_repair_copies_everything_else(tmp_path: Path, rng: np.random.Generator) -> None:
+    """A repaired copy of a sound bag holds every message, topic and type of it."""
+    given = Recording(JOINTS, side(rng, stamps(500)), side(rng, stamps(500)), robot_description="<robot/>")
+    bag = write_recording(tmp_path / "bag", given)
+    mended = repair_bag(bag, tmp_path / "copy")
+    assert_equal(read_recording(mended.path), given)
+    assert [m[:5] for m in read_messages(mended.path)] == [m[:5] for m in read_messages(bag)]
+    assert read_topics(mended.path) == read_topics(bag)
+
+
+@pytest.mark.parametrize("share", [0.3, 0.9, 0.999])
+def test_a_truncated_bag_is_read_up_to_the_tear(tmp_path: Path, rng: np.random.Generator, share: float) -> None:
+    """A file cut off anywhere gives all whole chunks before the cut, says so, and can be made whole."""
+    given = two_sided(rng, 20_000)
+    file = write_recording(tmp_path / "bag", given) / "bag_0.mcap"
+    file.write_bytes(file.read_bytes()[: int(share * file.stat().st_size)])
+    torn = read_recording(file.parent)
+    count = len(torn.link)
+    assert share - 0.3 < count / 20_000 <= 1
+    np.testing.assert_array_equal(torn.link.position, given.link.position[:count])
+    assert any("no summary at the end" in note for note in torn.notes)
+    assert "damaged" in codes(file.parent)
+    assert_equal(read_recording(repair_bag(file.parent).path), torn)
+
+
+def test_a_flipped_bit_is_found(tmp_path: Path, rng: np.random.Generator) -> None:
+    """A chunk whose checksum fails is refused by its place; the repair saves the others."""
+    file = write_recording(tmp_path / "bag", two_sided(rng, 20_000), "none") / "bag_0.mcap"
+    content = bytearray(file.read_bytes())
+    content[len(content) // 2] ^= 1
+    file.write_bytes(content)
+    with pytest.raises(RecordingError, match=r"chunk at byte .* is damaged .*checksum"):
+        read_recording(file.parent)
+    assert "damaged" in codes(file.parent)
+    mended = read_recording(repair_bag(file.parent).path)
+    assert 0.5 < len(mended.link) / 20_000 < 1
