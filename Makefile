@@ -13,7 +13,7 @@ PYTEST := OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 \
 help:
 	@grep -E '^[a-z]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 10
 
-demo: $(DONE)/packages ## set up, run the live arm, identify it, and open the door to the rest
+demo: $(DONE)/packages ## set up, run the live arm, identify it, diagnose another
 	@$(RUN) elastic-arm demo
 
 test: lint types unit ## set up, then lint, type check and run all tests
