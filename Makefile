@@ -8,7 +8,7 @@ RUN := . tools/env.sh &&
 # Tests in one process more than there are cores, as those of the ROS graph mostly wait; one numeric thread each.
 # tests/conftest.py states which of them stay together.
 PYTEST := OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 \
-          python -m pytest -n $$(($$(nproc) + 1)) --dist loadgroup --no-loadscope-reorder
+          python -m pytest -n $$(($$(nproc) + 1)) --dist loadscope --no-loadscope-reorder
 
 help:
 	@grep -E '^[a-z]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 10

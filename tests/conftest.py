@@ -1,33 +1,44 @@
-"""What all tests share: how they are grouped over the processes of a parallel run."""
+"""What all tests share: which of them stay together when they are distributed over processes, and in which order."""
 
 from __future__ import annotations
 
+from typing import Any
+
 import pytest
+from xdist.scheduler import LoadScopeScheduling
 
-# Tests of one group run one after another in one process. Nodes keep real time: two graphs at once would starve.
-GRAPH_GROUP = "graph"
+# Nodes keep real time: two graphs at once would starve, so all tests of the nodes run one after another.
+GRAPH = "tests/nodes/"
+# Modules whose tests share no fixture of the module, so that each may run in any process.
+APART = ("tests/diagnosis/test_pipeline.py",)
 
 
-# Before pytest-xdist reads the groups.
-@pytest.hookimpl(tryfirst=True)
+class GroupScheduling(LoadScopeScheduling):
+    """Hands out groups of tests as a whole, in the order of the collection."""
+
+    def _split_scope(self, nodeid: str) -> str:
+        return group_of(nodeid)
+
+
+def group_of(nodeid: str) -> str:
+    """Return the group of a test: the tests of a group run one after another in one process."""
+    if nodeid.startswith(GRAPH):
+        return GRAPH
+    return nodeid if nodeid.startswith(APART) else nodeid.split("::")[0]
+
+
+def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> GroupScheduling:
+    """Keep the groups together whenever pytest-xdist distributes."""
+    return GroupScheduling(config, log)
+
+
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Keep the tests of a module in one process, and begin with the graph and then with what takes longest.
-
-    Tests marked `apart` share nothing with their module, and may run in any process.
-    """
-    for item in items:
-        item.add_marker(pytest.mark.xdist_group(_group_of(item)))
+    """Begin with the graph, and then with what takes longest."""
     seconds: dict[str, float] = {}
     for item in items:
-        group = _group_of(item)
+        group = group_of(item.nodeid)
         seconds[group] = max(seconds.get(group, 0.0), _seconds(item))
-    items.sort(key=lambda item: (_group_of(item) != GRAPH_GROUP, -seconds[_group_of(item)]))
-
-
-def _group_of(item: pytest.Item) -> str:
-    if item.get_closest_marker("graph"):
-        return GRAPH_GROUP
-    return item.nodeid if item.get_closest_marker("apart") else item.nodeid.split("::")[0]
+    items.sort(key=lambda item: (group_of(item.nodeid) != GRAPH, -seconds[group_of(item.nodeid)]))
 
 
 def _seconds(item: pytest.Item) -> float:

@@ -21,7 +21,7 @@ from elastic_arm.robot import load_robot, save_robot
 from elastic_arm.studies.blind_challenge.hidden_arms.sensor_models import SensorModel
 from tests.helpers.hidden_arms import fault, recordings
 
-pytestmark = [pytest.mark.slow(4), pytest.mark.apart]
+pytestmark = pytest.mark.slow(4)
 
 ROBOT = load_robot(None)
 COULOMB = ("coulomb_friction", 1, "motor", "torque", 6.0)

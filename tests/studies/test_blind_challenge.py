@@ -153,7 +153,6 @@ def test_of_two_effects_neither_is_lost_in_the_others_gap() -> None:
 
 
 @pytest.mark.slow(25)
-@pytest.mark.apart
 def test_small_campaign_is_made_resumed_answered_and_scored(tmp_path: Path) -> None:
     """A dozen recordings: what is made and answered stays, clean arms are called none, the score holds every arm."""
     settings = campaign.ChallengeSettings(
@@ -185,7 +184,6 @@ def test_small_campaign_is_made_resumed_answered_and_scored(tmp_path: Path) -> N
 
 
 @pytest.mark.slow(6)
-@pytest.mark.apart
 def test_an_effect_out_of_the_catalogue_is_not_named(tmp_path: Path) -> None:
     """The withheld diagnosis stands beside the first, and does not name the effect that it was not given."""
     settings = campaign.ChallengeSettings(
