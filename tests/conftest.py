@@ -9,6 +9,8 @@ from xdist.scheduler import LoadScopeScheduling
 
 # Nodes keep real time: two graphs at once would starve, so all tests of the nodes run one after another.
 GRAPH = "tests/nodes/"
+# Seconds of a test that is marked slow without a number.
+SLOW = 3.0
 # Modules whose tests share no fixture of the module, so that each may run in any process.
 APART = ("tests/diagnosis/test_pipeline.py",)
 
@@ -44,4 +46,4 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 def _seconds(item: pytest.Item) -> float:
     """Processor time as the marker `slow(seconds)` states it, of the test or of its module as a whole."""
     marker = item.get_closest_marker("slow")
-    return float(marker.args[0]) if marker else 0.0
+    return float(marker.args[0] if marker.args else SLOW) if marker else 0.0
