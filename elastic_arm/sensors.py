@@ -62,7 +62,7 @@ class _Settings:
 
 @lru_cache(maxsize=256)
 def _row(settings: _Settings, name: str, n: int) -> Array:
-    """Spread a setting over the joints; kept, as a sensor bank asks for every sample."""
+    """Spread a setting over the joints; kept, as it is needed at every sample."""
     values = np.atleast_1d(np.asarray(getattr(settings, name), dtype=float))
     if len(values) not in (1, n):
         raise SensorError(f"{name} of a sensor has {len(values)} values for {n} joints", "Give one, or one per joint.")

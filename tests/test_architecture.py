@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ast
 import re
+from collections import Counter
 from collections.abc import Iterator
 from graphlib import CycleError, TopologicalSorter
 from pathlib import Path
@@ -123,3 +124,12 @@ def test_modules_and_functions_stay_short(path: Path) -> None:
     for node in ast.walk(ast.parse(text)):
         if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):
             assert node.end_lineno - node.lineno < 70, f"{path}:{node.lineno} {node.name}"
+
+
+def test_a_class_name_stands_for_one_class() -> None:
+    """No two classes of the package share a name, not even one that is private to its module."""
+    classes = [
+        node for path in MODULES for node in ast.walk(ast.parse(path.read_text())) if isinstance(node, ast.ClassDef)
+    ]
+    count = Counter(node.name.lstrip("_") for node in classes)
+    assert not [name for name, times in count.items() if times > 1]

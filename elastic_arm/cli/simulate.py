@@ -160,7 +160,7 @@ def _summary(recording: Recording, effects: list[EffectInstance], seconds: float
         "samples": len(samples),
         "duration_s": float(recording.duration),
         "wall_s": round(seconds, 3),
-        "effects": [active.to_dict() for active in effects],
+        "effects": [instance.to_dict() for instance in effects],
         "joints": list(recording.joints),
         "peak_motor_torque_nm": [float(value) for value in torque],
         "largest_tracking_error_rad": [float(value) for value in lag],
@@ -171,10 +171,10 @@ def _print_summary(recording: Recording, effects: list[EffectInstance], summary:
     out.print(
         f"{summary['duration_s']:g} s of motion, {summary['samples']} samples, simulated in {summary['wall_s']:.2f} s"
     )
-    for active in effects:
-        place = active.joint or "the whole arm"
+    for instance in effects:
+        place = instance.joint or "the whole arm"
         out.print(
-            f"  [bold]{active.effect.id}[/] on {escape(place)}: {escape(instance_text(active)) or 'no parameters'}"
+            f"  [bold]{instance.effect.id}[/] on {escape(place)}: {escape(instance_text(instance)) or 'no parameters'}"
         )
     table = Table(box=None, header_style="bold")
     for heading in ("joint", "peak tau_m, Nm", "off the reference, mrad"):

@@ -76,7 +76,7 @@ class NumpyEngine:
         self._program = program
         self._uniform = program.uniform(shared)
         self._registers, self._count = _allocate(program, self._uniform)
-        self._idle: dict[int, list[_Workspace]] = {}
+        self._idle: dict[int, list[_BoundProgram]] = {}
 
     def run(self, arrays: Sequence[np.ndarray], outputs: Sequence[np.ndarray], *, fresh: bool) -> None:
         """Fill `outputs` (N, size) from `arrays`: (N, k), or (k,) where shared; `fresh` ones hold zeros."""
@@ -90,7 +90,7 @@ class NumpyEngine:
             try:
                 workspace = idle.pop()
             except IndexError:
-                workspace = _Workspace(self._program, self._uniform, self._registers, self._count, width)
+                workspace = _BoundProgram(self._program, self._uniform, self._registers, self._count, width)
             workspace.run(arrays, outputs, start, stop)
             idle.append(workspace)
 
@@ -103,7 +103,7 @@ class NumpyEngine:
         return np.zeros((samples, size))
 
 
-class _Workspace:
+class _BoundProgram:
     """Memory for the values of `width` samples, with a program's operations bound to it; for one thread at a time."""
 
     def __init__(self, program: Program, uniform: np.ndarray, registers: np.ndarray, count: int, width: int) -> None:

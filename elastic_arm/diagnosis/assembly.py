@@ -137,7 +137,7 @@ def _cause(
         shrink=share,
         confidence=confidence,
         alternatives=tuple(_alternative(r, confidence, estimated.hypothesis.selected[k]) for r in listed),
-        active=estimated.instances[k],
+        instance=estimated.instances[k],
     )
 
 

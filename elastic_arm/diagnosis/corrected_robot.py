@@ -14,6 +14,6 @@ def repaired_robot(robot: Robot, diagnosis: Diagnosis) -> Robot:
     sizes that were fitted, and what is ordinary, such as lags of a sample.
     """
     context = diagnosis.context
-    known = robot.effects if context is None else [active.to_dict() for active in context.known]
-    found = [c.active.to_dict() for c in diagnosis.causes if c.active.effect.lacked_by == MODELS]
+    known = robot.effects if context is None else [instance.to_dict() for instance in context.known]
+    found = [c.instance.to_dict() for c in diagnosis.causes if c.instance.effect.lacked_by == MODELS]
     return robot.with_(effects=(*known, *found))

@@ -121,10 +121,10 @@ def estimates_text(parameters: Mapping[str, ParameterEstimate], between: str = "
     return between.join(f"{name} {_size(e.value, e.std)}{_unit(e.unit)}" for name, e in parameters.items())
 
 
-def instance_text(active: EffectInstance) -> str:
+def instance_text(instance: EffectInstance) -> str:
     """Return all that an effect was given, with units."""
-    numbers = [f"{p.name} {_size(active.parameters[p.name], 0.0)}{_unit(p.unit)}" for p in active.effect.parameters]
-    choices = [f"{c.name} {_chosen(active.parameters[c.name])}" for c in active.effect.choices]
+    numbers = [f"{p.name} {_size(instance.parameters[p.name], 0.0)}{_unit(p.unit)}" for p in instance.effect.parameters]
+    choices = [f"{c.name} {_chosen(instance.parameters[c.name])}" for c in instance.effect.choices]
     return ", ".join([*numbers, *choices])
 
 

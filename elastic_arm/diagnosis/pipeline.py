@@ -81,7 +81,7 @@ def follow_up(found: Diagnosis, *, rng: np.random.Generator | None) -> Diagnosis
     return replace(
         found,
         causes=tuple(cause.with_separating_file(decided) for cause in found.causes),
-        prediction=predict(found.context, [cause.active for cause in found.causes]),
+        prediction=predict(found.context, [cause.instance for cause in found.causes]),
         agreements=agreements(found.context),
         proposal=proposal,
     )

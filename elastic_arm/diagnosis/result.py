@@ -64,7 +64,7 @@ class Cause:
         Probability that it is right, among the candidates that compete.
     alternatives
         The others.
-    active
+    instance
         As the simulator takes it.
     """
 
@@ -76,7 +76,7 @@ class Cause:
     shrink: float
     confidence: float
     alternatives: tuple[Alternative, ...]
-    active: EffectInstance
+    instance: EffectInstance
 
     def less_sure(self, share: float) -> Cause:
         """Return it with its own and its alternatives' confidence reduced to a share.
@@ -107,9 +107,9 @@ class Cause:
             name: {"value": _plain(e.value), "std": _plain(e.std), "unit": e.unit}
             for name, e in self.parameters.items()
         }
-        for choice in self.active.effect.choices:
+        for choice in self.instance.effect.choices:
             if choice.name != "side":
-                chosen = self.active.parameters[choice.name]
+                chosen = self.instance.parameters[choice.name]
                 value = list(chosen) if isinstance(chosen, tuple) else chosen
                 parameters[choice.name] = {"value": value, "std": None, "unit": ""}
         return {

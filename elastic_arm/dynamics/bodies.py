@@ -24,7 +24,7 @@ _TENSOR = ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))
 
 
 @dataclass(frozen=True)
-class Parameter:
+class ModelParameter:
     """One entry of Psi: name, unit and the value of the description."""
 
     name: str
@@ -131,7 +131,7 @@ class Bodies:
     bodies: tuple[Body, ...]
     spins: tuple[Spin, ...] = ()
     springs: tuple[Spring, ...] = ()
-    parameters: tuple[Parameter, ...] = ()
+    parameters: tuple[ModelParameter, ...] = ()
     base_height: float = field(default=0.0)
 
     @property

@@ -23,7 +23,7 @@ from elastic_arm.dynamics.bodies import (
     Bodies,
     Body,
     Frame,
-    Parameter,
+    ModelParameter,
     Spin,
     Spring,
     inertial_parameters,
@@ -47,12 +47,12 @@ class _Assembly:
     bodies: list[Body] = field(default_factory=list)
     spins: list[Spin] = field(default_factory=list)
     springs: list[Spring] = field(default_factory=list)
-    parameters: list[Parameter] = field(default_factory=list)
+    parameters: list[ModelParameter] = field(default_factory=list)
 
     def add_parameters(self, prefix: str, names: tuple[str, ...], units: tuple[str, ...], values: np.ndarray) -> range:
         start = len(self.parameters)
         self.parameters += [
-            Parameter(f"{prefix}.{name}", unit, float(value))
+            ModelParameter(f"{prefix}.{name}", unit, float(value))
             for name, unit, value in zip(names, units, values, strict=True)
         ]
         return range(start, len(self.parameters))

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from elastic_arm.codegen import kernels
 from elastic_arm.codegen.program_cache import cached_program
-from elastic_arm.dynamics.bodies import Bodies, Parameter
+from elastic_arm.dynamics.bodies import Bodies, ModelParameter
 from elastic_arm.dynamics.composition import compose
 from elastic_arm.dynamics.gram import Information
 from elastic_arm.robot.description import Robot
@@ -64,7 +64,7 @@ class Model:
         self.robot = robot
         self.name = name
         self.bodies = bodies
-        self.parameters: tuple[Parameter, ...] = bodies.parameters
+        self.parameters: tuple[ModelParameter, ...] = bodies.parameters
         self.Psi = np.array([p.nominal for p in bodies.parameters])
         self._engine = engine
         self._functions: dict[str, casadi.Function] = {}

@@ -30,7 +30,7 @@ class Trig:
 
 
 @dataclass
-class _Motion:
+class _FrameMotion:
     """Of a frame, in its own axes: angular velocity and acceleration, acceleration of its origin less gravity."""
 
     w: Vec
@@ -146,10 +146,10 @@ def frame_inertias(bodies: Bodies, Psi: Sequence[Scalar]) -> list[tuple[Scalar, 
 
 def _outward(
     bodies: Bodies, x: Sequence[Scalar], dx: Sequence[Scalar], ddx: Sequence[Scalar], a0: Vec, trig: Trig
-) -> list[_Motion]:
+) -> list[_FrameMotion]:
     """Motion of every frame, from the base outward."""
-    motions: list[_Motion] = []
-    base = _Motion([0.0] * 3, [0.0] * 3, a0)
+    motions: list[_FrameMotion] = []
+    base = _FrameMotion([0.0] * 3, [0.0] * 3, a0)
     for frame in bodies.frames:
         up = base if frame.parent == GROUND else motions[frame.parent]
         rotation = frame.before[:3, :3].T
@@ -164,11 +164,11 @@ def _outward(
         w[frame.axis] = w[frame.axis] + rate
         a = _add(a, _point_acceleration(w, dw, frame.after[:3, 3]))
         w, dw, a = (_matrix_times(frame.after[:3, :3].T, v) for v in (w, dw, a))
-        motions.append(_Motion(w, dw, a, turn))
+        motions.append(_FrameMotion(w, dw, a, turn))
     return motions
 
 
-def _newton_euler(motion: _Motion, inertia: tuple[Scalar, Vec, Vec]) -> tuple[Vec, Vec]:
+def _newton_euler(motion: _FrameMotion, inertia: tuple[Scalar, Vec, Vec]) -> tuple[Vec, Vec]:
     """Force and moment about the frame's origin that move what rests in a frame."""
     m, h, tensor = inertia
     w, dw, a = motion.w, motion.dw, motion.a
@@ -177,7 +177,7 @@ def _newton_euler(motion: _Motion, inertia: tuple[Scalar, Vec, Vec]) -> tuple[Ve
     return f, _add(n, _cross(h, a))
 
 
-def _inward(bodies: Bodies, motions: list[_Motion], wrenches: list[_Wrench], forces: list[Scalar]) -> list[Scalar]:
+def _inward(bodies: Bodies, motions: list[_FrameMotion], wrenches: list[_Wrench], forces: list[Scalar]) -> list[Scalar]:
     """Hand every frame's wrench to its parent, and the part about its axis to its coordinate."""
     for frame, motion, wrench in reversed(list(zip(bodies.frames, motions, wrenches, strict=True))):
         f, n = _through(frame.after, wrench.f, wrench.n)

@@ -44,30 +44,30 @@ class EffectSet:
         self.state_names: list[str] = []
         parameters: list[ca.SX] = []
         states: list[ca.SX] = []
-        for active in self.instances:
-            if not robot.elastic and "drive" in active.sides:
+        for instance in self.instances:
+            if not robot.elastic and "drive" in instance.sides:
                 raise EffectError(
-                    f"{active.effect.id} acts in a transmission, and robot {robot.name} has none",
+                    f"{instance.effect.id} acts in a transmission, and robot {robot.name} has none",
                     "Use an effect of the motor or link side, or an arm file with transmissions.",
                 )
-            values: dict[str, Any] = dict(active.parameters)
-            for entry in active.effect.parameters:
-                values[entry.name] = ca.SX.sym(f"{active.effect.id}.{entry.name}", entry.size)
+            values: dict[str, Any] = dict(instance.parameters)
+            for entry in instance.effect.parameters:
+                values[entry.name] = ca.SX.sym(f"{instance.effect.id}.{entry.name}", entry.size)
                 parameters.append(values[entry.name])
-            for i in law_joints(active, robot):
-                own = {name: ca.SX.sym(name) for name in active.effect.states}
+            for i in law_joints(instance, robot):
+                own = {name: ca.SX.sym(name) for name in instance.effect.states}
                 states += own.values()
-                self.state_names += [f"{active.effect.id}:{robot.joint_names[i]}:{name}" for name in own]
-                self._placed.append((active, i, {**values, **own}))
+                self.state_names += [f"{instance.effect.id}:{robot.joint_names[i]}:{name}" for name in own]
+                self._placed.append((instance, i, {**values, **own}))
         self.p: ca.SX = ca.vertcat(ca.SX(0, 1), *parameters)
         self.z: ca.SX = ca.vertcat(ca.SX(0, 1), *states)
 
     def numbers(self, instances: Sequence[EffectInstance] | None = None) -> np.ndarray:
         """Return the values of `p` (P,), of the effects as made or with other parameters."""
         rows = [
-            np.atleast_1d(np.asarray(active.parameters[entry.name], dtype=float))
-            for active in (self.instances if instances is None else instances)
-            for entry in active.effect.parameters
+            np.atleast_1d(np.asarray(instance.parameters[entry.name], dtype=float))
+            for instance in (self.instances if instances is None else instances)
+            for entry in instance.effect.parameters
         ]
         return np.concatenate([np.zeros(0), *rows])
 
@@ -77,21 +77,21 @@ class EffectSet:
         Transmission errors come first: the other laws of the joint find them in the deflection.
         """
         twist, twist_rate = ca.SX(motion.n, 1), ca.SX(motion.n, 1)
-        for active, i, values in self._placed:
-            if active.effect.twist is not None:
-                error, rate = active.effect.twist(motion, i, values)
+        for instance, i, values in self._placed:
+            if instance.effect.twist is not None:
+                error, rate = instance.effect.twist(motion, i, values)
                 twist[i] += error
                 twist_rate[i] += rate
         motion = replace(motion, twist=twist, twist_rate=twist_rate)
         total, rates = motion.nothing(), []
-        for active, i, values in self._placed:
-            part = active.effect.law(motion, i, values)
+        for instance, i, values in self._placed:
+            part = instance.effect.law(motion, i, values)
             total += part
-            rates += [part.rates[name] for name in active.effect.states]
+            rates += [part.rates[name] for name in instance.effect.states]
         return total, ca.vertcat(ca.SX(0, 1), *rates)
 
 
-def law_joints(active: EffectInstance, robot: Robot) -> tuple[int, ...]:
+def law_joints(instance: EffectInstance, robot: Robot) -> tuple[int, ...]:
     """Return the joints for which a law is evaluated: once for the whole arm where it acts on all at once."""
-    joints = active.joint_indices(robot)
-    return joints[:1] if active.effect.scope is Scope.ARM else joints
+    joints = instance.joint_indices(robot)
+    return joints[:1] if instance.effect.scope is Scope.ARM else joints

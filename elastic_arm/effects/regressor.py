@@ -17,7 +17,7 @@ from elastic_arm.effects.equations import ArmEquations
 Array = NDArray[np.float64]
 
 
-class Signals(Protocol):
+class MotionSignals(Protocol):
     """The motion of a recording.
 
     `t` is (N,) s; `values` holds (N, dof) x, dx, ddx and (N, n) tau_J, tau_m, dtau_J, dtau_m, sign_link, sign_motor;
@@ -44,7 +44,7 @@ class Regressor(Protocol):
     def acts(self) -> bool:
         """Whether the arm has what the effect acts in."""
 
-    def residuals(self, signals: Signals, values: Mapping[str, float]) -> Array:
+    def residuals(self, signals: MotionSignals, values: Mapping[str, float]) -> Array:
         """Return the torques (N, 3 n) added to link, drive and motor residuals at values of the parameters."""
 
 

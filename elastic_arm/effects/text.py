@@ -21,7 +21,7 @@ _GRAMMAR = "Write EFFECT[:JOINT][:NAME=VALUE,NAME=VALUE]."
 
 
 @dataclass(frozen=True)
-class _Written:
+class _ParsedInstance:
     """An effect as it was written: what is not there was not given."""
 
     effect: Effect
@@ -125,7 +125,7 @@ def parse_laws(texts: Sequence[str], robot: Robot, catalogue: Catalogue | None =
     return found
 
 
-def _joints(written: _Written, robot: Robot) -> Sequence[str | None]:
+def _joints(written: _ParsedInstance, robot: Robot) -> Sequence[str | None]:
     """Return the joint that was named; without one, every joint, or the whole arm where all are alike."""
     if written.joint is not None:
         return [written.joint]
@@ -134,7 +134,7 @@ def _joints(written: _Written, robot: Robot) -> Sequence[str | None]:
 
 def _read(
     text: str, catalogue: Catalogue | None, what: str = "effect", kind: type[ElasticArmError] = EffectError
-) -> _Written:
+) -> _ParsedInstance:
     """Take a text apart; an error of `kind` calls it `what`."""
     effect_id, *rest = text.strip().split(":")
     effect = (Catalogue.default() if catalogue is None else catalogue).find(effect_id.strip())
@@ -150,7 +150,7 @@ def _read(
                 f"Write NAME=VALUE with NAME one of {', '.join(effect.names) or '(it has no parameters)'}.",
             )
         values[name] = _value(effect, name, value)
-    return _Written(effect, joint or None, values)
+    return _ParsedInstance(effect, joint or None, values)
 
 
 def _value(effect: Effect, name: str, value: str) -> Any:

@@ -127,7 +127,7 @@ class Feature:
         """Return the feature whose column is the law itself."""
         return Whole(self.effect, self.joint, self.choices, self.equations)
 
-    def active(self, coefficients: Sequence[float], searched: Sequence[float] = ()) -> EffectInstance:
+    def instance(self, coefficients: Sequence[float], searched: Sequence[float] = ()) -> EffectInstance:
         """Return the effect as the simulator takes it."""
         return EffectInstance(self.effect, self.joint, {**self.parameters(coefficients, searched), **self.choices})
 

@@ -285,17 +285,17 @@ def law_columns(
         return []
     evaluate = _LawColumns(tuple(instances), robot, model, sign_speed)
     entries = [
-        (f"{active.effect.id}:{active.joint or robot.name}.{name}", p.unit)
-        for active in instances
-        for p in _linear(active.effect)
+        (f"{instance.effect.id}:{instance.joint or robot.name}.{name}", p.unit)
+        for instance in instances
+        for p in _linear(instance.effect)
         for name in ([p.name] if p.size == 1 else [f"{p.name}_{'xyz'[i]}" for i in range(p.size)])
     ]
     return [Column(name, unit, partial(evaluate.column, k)) for k, (name, unit) in enumerate(entries)]
 
 
-def is_dry(active: EffectInstance) -> bool:
+def is_dry(instance: EffectInstance) -> bool:
     """Return whether the effect's law depends on the sign of a velocity."""
-    return active.effect.regime == "velocity_reversal"
+    return instance.effect.regime == "velocity_reversal"
 
 
 def _linear(effect: Effect) -> list[Parameter]:
@@ -309,13 +309,13 @@ class _LawColumns:
         self.robot = robot
         terms = [
             Term(
-                active.effect,
-                law_joints(active, robot),
-                {c.name: active.parameters[c.name] for c in active.effect.choices},
-                _linear(active.effect),
-                [{p.name: active.parameters[p.name] for p in active.effect.parameters}],
+                instance.effect,
+                law_joints(instance, robot),
+                {c.name: instance.parameters[c.name] for c in instance.effect.choices},
+                _linear(instance.effect),
+                [{p.name: instance.parameters[p.name] for p in instance.effect.parameters}],
             )
-            for active in instances
+            for instance in instances
         ]
         self.columns = CompiledColumns(terms, ArmEquations(robot, model), engine=None)
         self.standstill = np.full(robot.n, sign_speed)

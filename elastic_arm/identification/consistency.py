@@ -145,18 +145,18 @@ def identified_robot(
             springs = {"stiffness": value[f"{joint.name}.K"], "damping": value[f"{joint.name}.D"]}
             changes["transmission"] = replace(t, **solids, **springs)  # type: ignore[arg-type]
         robot = robot.with_joint(joint.name, **changes)
-    return robot.with_(effects=(*robot.effects, *(_with_values(active, robot, value) for active in effects)))
+    return robot.with_(effects=(*robot.effects, *(_with_values(instance, robot, value) for instance in effects)))
 
 
-def _with_values(active: EffectInstance, robot: Robot, value: dict[str, float]) -> dict[str, object]:
-    place = f"{active.effect.id}:{active.joint or robot.name}"
+def _with_values(instance: EffectInstance, robot: Robot, value: dict[str, float]) -> dict[str, object]:
+    place = f"{instance.effect.id}:{instance.joint or robot.name}"
     found = {}
-    for p in active.effect.parameters:
+    for p in instance.effect.parameters:
         names = [f"{place}.{p.name}"] if p.size == 1 else [f"{place}.{p.name}_{axis}" for axis in "xyz"]
         if names[0] in value:
             numbers = tuple(p.value_of(value[name]) for name in names)
             found[p.name] = numbers[0] if p.size == 1 else numbers
-    return active.with_parameters(**found).to_dict()
+    return instance.with_parameters(**found).to_dict()
 
 
 def _link_alone(robot: Robot, equations: BaseRegression, joint: str, value: dict[str, float]) -> Array:

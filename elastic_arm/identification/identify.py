@@ -194,7 +194,7 @@ def identify_with(
     if not chosen:
         raise IdentificationError("no recording was given", "Give at least one.")
     report = progress or (lambda what, share: None)
-    speeds = SIGN_SPEEDS if any(is_dry(active) for active in effects) else (DEFAULT_SIGN_SPEED,)
+    speeds = SIGN_SPEEDS if any(is_dry(instance) for instance in effects) else (DEFAULT_SIGN_SPEED,)
     prepared = [recording.select(robot.joint_names).samples() for recording in chosen]
     tries = []
     for k, speed in enumerate(speeds):

@@ -74,7 +74,7 @@ class Progress:
 
 
 @dataclass
-class _Piece:
+class _PartialRun:
     """The run of samples that is coming in.
 
     Parameters
@@ -141,7 +141,7 @@ class Identifier:
         self.smoother, self.clock = self._given
         self.accumulator: Accumulator | None = None
         self.progress = Progress()
-        self._piece = _Piece()
+        self._piece = _PartialRun()
         self._recorded: frozenset[str] = frozenset()
 
     def pause(self) -> None:
@@ -349,4 +349,4 @@ class Identifier:
     def _end_piece(self) -> None:
         if self._calibrated(wait=False):
             self._process(last=True)
-        self._piece = _Piece()
+        self._piece = _PartialRun()

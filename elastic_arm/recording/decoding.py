@@ -30,7 +30,7 @@ class Decoder:
         self.topic, self.type_name = topic, type_name
         self._count = 0
         self._layouts: dict[str, cdr.Layouts] = {}
-        self._tables: dict[int, _Table] = {}
+        self._tables: dict[int, _DecodedColumns] = {}
 
     def add(self, file: BagFile, channel: int, block: Block) -> None:
         """Decode the messages of one channel in a block.
@@ -55,7 +55,9 @@ class Decoder:
         try:
             for layout, index in self._types(file.topic(channel)).groups(spans):
                 if id(layout) not in self._tables:
-                    self._tables[id(layout)] = _Table(layout, max(expected, _FIRST) if index is None else _FIRST)
+                    self._tables[id(layout)] = _DecodedColumns(
+                        layout, max(expected, _FIRST) if index is None else _FIRST
+                    )
                 table = self._tables[id(layout)]
                 if index is None:
                     table.append(spans, rows, log_ns)
@@ -77,7 +79,7 @@ class Decoder:
         return self._layouts[topic.definition]
 
 
-class _Table:
+class _DecodedColumns:
     """The numbers of all messages of one layout; grows as they come."""
 
     def __init__(self, layout: cdr.Layout, capacity: int) -> None:

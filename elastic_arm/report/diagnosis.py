@@ -111,7 +111,7 @@ def _verdict(found: Diagnosis) -> list[Block]:
 
 
 def _values(cause: Cause) -> str:
-    chosen = [cause.active.parameters[c.name] for c in cause.active.effect.choices if c.several]
+    chosen = [cause.instance.parameters[c.name] for c in cause.instance.effect.choices if c.several]
     named = [" and ".join(str(v) for v in choice) for choice in chosen if isinstance(choice, tuple)]
     return ", ".join([estimates_text(cause.parameters), *named]) or "no free size"
 
@@ -136,7 +136,7 @@ def _how_far(found: Diagnosis) -> list[Block]:
 
 
 def _cause(found: Diagnosis, cause: Cause, k: int, context: DiagnosisContext) -> list[Block]:
-    effect = cause.active.effect
+    effect = cause.instance.effect
     row = _loudest(context, k)
     side, joint = context.validate.layout.sides[row // len(found.joints)], found.joints[row % len(found.joints)]
     caption = (

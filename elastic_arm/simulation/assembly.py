@@ -29,7 +29,7 @@ class System:
 
     Parameters
     ----------
-    equations, acting
+    equations, effect_set
         The arm and the laws that act on it.
     constants
         (Psi, p, speed) -> all that depends on parameters alone, evaluated once.
@@ -47,7 +47,7 @@ class System:
     """
 
     equations: ArmEquations
-    acting: EffectSet
+    effect_set: EffectSet
     constants: ca.Function
     accelerations: ca.Function
     balance: ca.Function
@@ -68,11 +68,11 @@ class System:
     @property
     def states(self) -> int:
         """Number of internal states of effects."""
-        return int(self.acting.z.numel())
+        return int(self.effect_set.z.numel())
 
     def evaluate_constants(self, speed: np.ndarray) -> np.ndarray:
         """Return the values of the constants for the arm's own parameters and regularisation speeds (2n,)."""
-        return np.array(self.constants(self.equations.nominal, self.acting.numbers(), speed)).ravel()
+        return np.array(self.constants(self.equations.nominal, self.effect_set.numbers(), speed)).ravel()
 
 
 # Systems put together in this process: a campaign makes thousands of arms of few shapes.
@@ -83,30 +83,32 @@ _DERIVED = ("constants", "accelerations", "balance", "stiffness_of_balance", "fr
 
 def assemble(equations: ArmEquations, instances: Sequence[EffectInstance]) -> System:
     """Put an arm and effects together, or find a system of the same shape."""
-    shape, acting = _shape(equations, instances), EffectSet(instances, equations.robot)
+    shape, effect_set = _shape(equations, instances), EffectSet(instances, equations.robot)
     if shape not in _known:
         # On disk an arm of its own is worth keeping; every arm with effects and numbers of its own would fill it.
         functions = (
-            _derive(equations, acting) if instances else stored(shape, lambda: _derive(equations, acting), SOURCES)
+            _derive(equations, effect_set)
+            if instances
+            else stored(shape, lambda: _derive(equations, effect_set), SOURCES)
         )
         named: dict[str, Any] = dict(zip(_DERIVED, functions, strict=True))
-        _known[shape] = System(equations, acting, integrators={}, **named)
+        _known[shape] = System(equations, effect_set, integrators={}, **named)
         if len(_known) > _MOST_KNOWN:
             _known.popitem(last=False)
-    return replace(_known[shape], equations=equations, acting=acting)
+    return replace(_known[shape], equations=equations, effect_set=effect_set)
 
 
 def _shape(equations: ArmEquations, instances: Sequence[EffectInstance]) -> str:
     """What the straight-line code depends on; laws may read any number of the nominal arm, an arm alone does not."""
     laws = [
-        (active.effect.id, active.joint, [str(active.parameters[c.name]) for c in active.effect.choices])
-        for active in instances
+        (instance.effect.id, instance.joint, [str(instance.parameters[c.name]) for c in instance.effect.choices])
+        for instance in instances
     ]
     numbers = [equations.nominal.tolist(), equations.robot.base_placement.tolist()] if laws else []
     return repr((equations.bodies.fingerprint(), equations.robot.gravity.tolist(), equations.model_name, laws, numbers))
 
 
-def _derive(equations: ArmEquations, acting: EffectSet) -> list[ca.Function]:
+def _derive(equations: ArmEquations, effect_set: EffectSet) -> list[ca.Function]:
     """Derive the functions of a system, in the order of :data:`_DERIVED`.
 
     With tau_J taken from the drive equation, (1) reads `left side + effects = [0; tau_m]`, linear in the accelerations
@@ -120,7 +122,7 @@ def _derive(equations: ArmEquations, acting: EffectSet) -> list[ca.Function]:
     motion = SymbolicMotion(
         equations, x, dx, ddx, tau_J, tau_m, unused, unused, sign=lambda side, i: signs[i if side == "link" else n + i]
     )
-    added, rates = acting.contribution(motion)
+    added, rates = effect_set.contribution(motion)
     joint_torque = _joint_torque(motion, added, tau_m)
 
     def finished(expression: SX) -> SX:
@@ -134,17 +136,17 @@ def _derive(equations: ArmEquations, acting: EffectSet) -> list[ca.Function]:
     h = bias(equations.bodies)(x, dx, Psi) + still
     solution = solve(M, _input_rows(motion, tau_m) - h)
     outputs = ca.cse([solution, finished(rates), finished(joint_torque)])
-    given = ca.vertcat(Psi, acting.p, speed)
+    given = ca.vertcat(Psi, effect_set.p, speed)
     outputs, symbols, hoisted = ca.extract_parametric(outputs, given, {"extract_trivial": True})
     constants = ca.vertcat(SX(0, 1), *symbols)
     names = ["x", "dx", "z", "tau_m", "constants"]
-    at = [x, dx, acting.z, Psi, acting.p, speed]
+    at = [x, dx, effect_set.z, Psi, effect_set.p, speed]
     h = ca.substitute(h, tau_m, unused)
     return [
-        ca.Function("constants", [Psi, acting.p, speed], [ca.vertcat(SX(0, 1), *hoisted)]),
+        ca.Function("constants", [Psi, effect_set.p, speed], [ca.vertcat(SX(0, 1), *hoisted)]),
         ca.Function(
             "accelerations",
-            [x, dx, acting.z, tau_m, constants],
+            [x, dx, effect_set.z, tau_m, constants],
             [ca.densify(o) for o in outputs],
             names,
             ["ddx", "dz", "tau_J"],

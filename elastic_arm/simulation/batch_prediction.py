@@ -148,7 +148,7 @@ class BatchPrediction:
     def _prepare(self, starts: int, x: Array, torque: Array) -> None:
         """Make the equations of all starts one call, and choose the step by the fastest vibration."""
         system, z = self._system, np.zeros(self._system.states)
-        given = (self._Psi, system.acting.numbers(), np.full(2 * system.n, SIGN_SPEED))
+        given = (self._Psi, system.effect_set.numbers(), np.full(2 * system.n, SIGN_SPEED))
         rest = np.zeros_like(x)
         stiffness = np.array(system.stiffness_of_balance(x, rest, z, *given))
         mass = np.array(system.friction(x, rest, z, torque, *given)[1])
@@ -156,7 +156,7 @@ class BatchPrediction:
         step = min(LONGEST_STEP, SHARPEST / fastest)
         self._substeps = int(np.ceil(self._period / step - 1e-9))
         speed = sign_speed(system, self._Psi, x, z, torque, self._period / self._substeps)
-        constants = system.constants(self._Psi, system.acting.numbers(), speed)
+        constants = system.constants(self._Psi, system.effect_set.numbers(), speed)
         self._constants = np.repeat(np.array(constants).reshape(-1, 1), starts, axis=1)
         self._rate = system.accelerations.map(starts)
 

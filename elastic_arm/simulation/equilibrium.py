@@ -41,7 +41,7 @@ def equilibrium(system: System, theta: Array, speed: Array) -> tuple[Array, Arra
     x = np.zeros(dof)
     x[:n] = x[motor] = theta
     rest, z = np.zeros(dof), np.zeros(system.states)
-    given = (system.equations.nominal, system.acting.numbers(), speed)
+    given = (system.equations.nominal, system.effect_set.numbers(), speed)
     torque = np.array(system.balance(x, rest, z, *given)).ravel()
     for _ in range(ITERATIONS):
         if np.abs(torque[free]).max(initial=0.0) < TOLERANCE * (1.0 + np.abs(torque).max()):

@@ -147,9 +147,9 @@ class Simulator:
         """Put arm, effects and sensors together."""
         self.effects = (*robot_effects(self.robot, self._catalogue), *effects)
         plant = Plant(self.robot, self._given_sensors, self._bearings)
-        for active in self.effects:
-            active.joint_indices(self.robot)
-            plant = active.effect.added_to(plant, active)
+        for instance in self.effects:
+            instance.joint_indices(self.robot)
+            plant = instance.effect.added_to(plant, instance)
         self.system: System = assemble(ArmEquations(plant.robot, self._model, bearings=plant.bearings), plant.laws)
         self.integrator = make_integrator(self.system, self._engine_name)
         self.sensors = SensorBank(plant.sensors, self.robot.n, self.rate, self._rng)
@@ -289,7 +289,7 @@ def sign_speed(system: System, Psi: Array, x: Array, z: Array, hold: Array, step
     :data:`SIGN_SPEED`, or more where friction would outrun an integrator of this step (s): `friction step / inertia`.
     """
     rest, speed = np.zeros_like(x), np.full(2 * system.n, SIGN_SPEED)
-    slope, mass = (np.array(m) for m in system.friction(x, rest, z, hold, Psi, system.acting.numbers(), speed))
+    slope, mass = (np.array(m) for m in system.friction(x, rest, z, hold, Psi, system.effect_set.numbers(), speed))
     mobility = np.abs(np.einsum("ik,ij,jk->k", slope, np.linalg.inv(mass), np.where(slope != 0, 1.0, 0.0)))
     return np.maximum(speed, mobility * step / STEEPEST)
 

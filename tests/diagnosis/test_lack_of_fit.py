@@ -211,10 +211,10 @@ def test_internal_states_are_the_same_without_a_compiler(samples: int, monkeypat
 
 def test_causes_of_an_incomplete_explanation_are_less_sure_and_nothing_else() -> None:
     """Confidences of cause and alternatives fall by the same share; what was found stays."""
-    active = parse("coulomb_friction:joint_2:torque=6", load_robot(None))
+    instance = parse("coulomb_friction:joint_2:torque=6", load_robot(None))
     others = (Alternative("viscous_friction", "joint_2", 0.2, "slow motion"), Alternative("backlash", None, 0.1, ""))
     size = {"torque": ParameterEstimate(6.0, 0.1, "Nm")}
-    cause = Cause("coulomb_friction", "joint_2", ("motor",), "velocity_reversal", size, 0.5, 0.7, others, active)
+    cause = Cause("coulomb_friction", "joint_2", ("motor",), "velocity_reversal", size, 0.5, 0.7, others, instance)
     less = cause.less_sure(0.25)
     assert less.confidence == pytest.approx(0.175)
     assert [a.confidence for a in less.alternatives] == pytest.approx([0.05, 0.025])

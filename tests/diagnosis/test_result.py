@@ -22,10 +22,10 @@ PLACE = ("joint_2", "motor")
 
 
 def cause(text: str = "coulomb_friction:joint_2:torque=6") -> Cause:
-    active = parse(text, ROBOT)
+    instance = parse(text, ROBOT)
     others = (Alternative("viscous_friction", "joint_2", 0.2, "slow motion"), Alternative("backlash", None, 0.1, "any"))
     size = {"torque": ParameterEstimate(6.0, 0.12345678901, "Nm")}
-    return Cause(active.effect.id, active.joint, ("motor",), "velocity_reversal", size, 0.5, 0.7, others, active)
+    return Cause(instance.effect.id, instance.joint, ("motor",), "velocity_reversal", size, 0.5, 0.7, others, instance)
 
 
 def diagnosis(*causes: Cause) -> Diagnosis:

@@ -63,10 +63,10 @@ def test_two_files_of_one_id_are_refused(tmp_path, monkeypatch):
 @pytest.mark.parametrize("effect", sorted(INSTANCES))
 def test_text_and_data_are_read_back(arm, effect):
     """An effect written as text or as plain data is read back as it was."""
-    active = parse(INSTANCES[effect][0], arm)
-    assert active.effect is EFFECTS[effect]
-    for again in (parse(str(active), arm), from_dict(json.loads(json.dumps(active.to_dict())), arm)):
-        assert again.to_dict() == active.to_dict()
+    instance = parse(INSTANCES[effect][0], arm)
+    assert instance.effect is EFFECTS[effect]
+    for again in (parse(str(instance), arm), from_dict(json.loads(json.dumps(instance.to_dict())), arm)):
+        assert again.to_dict() == instance.to_dict()
 
 
 def test_arm_files_carry_effects(arm, tmp_path):

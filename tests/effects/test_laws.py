@@ -110,12 +110,12 @@ def test_the_catalogue_holds_the_contracts_effects():
 @pytest.mark.parametrize("effect", CLOSED_FORMS)
 def test_law_meets_its_closed_form(arm, effect):
     """At random motions the law adds to the residuals what the contract's formula says, and to no other joint."""
-    active = parse(INSTANCES[effect][0], arm)
-    (i,) = active.joint_indices(arm)
+    instance = parse(INSTANCES[effect][0], arm)
+    (i,) = instance.joint_indices(arm)
     for seed in range(5):
         motion = random_motion(arm, np.random.default_rng(seed))
-        expected = CLOSED_FORMS[effect](At(motion, i, arm.n), arm.joints[i].transmission, active.parameters)
-        found = contribution(arm, [active], motion)
+        expected = CLOSED_FORMS[effect](At(motion, i, arm.n), arm.joints[i].transmission, instance.parameters)
+        found = contribution(arm, [instance], motion)
         for side in ("link", "drive", "motor"):
             row = np.zeros(arm.n)
             row[i] = expected.get(side, 0.0)
@@ -125,36 +125,36 @@ def test_law_meets_its_closed_form(arm, effect):
 @pytest.mark.parametrize("effect", ["viscous_friction", "coulomb_friction", "stribeck_friction"])
 def test_friction_acts_on_the_chosen_side(arm, effect):
     """Friction of the link side follows the link's velocity and shows in the link equation."""
-    active = parse(INSTANCES[effect][0]).with_parameters(side="link")
-    (i,) = active.joint_indices(arm)
+    instance = parse(INSTANCES[effect][0]).with_parameters(side="link")
+    (i,) = instance.joint_indices(arm)
     motion = random_motion(arm, np.random.default_rng(3))
     motion["dx"][i] = -motion["dx"][arm.n + i]
     at = At(motion, i, arm.n)
     at.dtheta = at.dq
-    expected = CLOSED_FORMS[effect](at, arm.joints[i].transmission, active.parameters)["motor"]
-    found = contribution(arm, [active], motion)
+    expected = CLOSED_FORMS[effect](at, arm.joints[i].transmission, instance.parameters)["motor"]
+    found = contribution(arm, [instance], motion)
     assert found["link"][i] == pytest.approx(expected) and not found["motor"].any()
-    assert active.sides == ("link",)
+    assert instance.sides == ("link",)
 
 
 @pytest.mark.parametrize("effect", sorted(CONTRACT - {"bearing_compliance", "spline_inertia", "inertia_coupling"}))
 def test_no_effect_at_the_neutral_value(arm, effect):
     """With its parameters at "no effect" a law adds nothing."""
     motion = random_motion(arm, np.random.default_rng(0))
-    for active in EFFECTS[effect].candidates(arm):
-        neutral = {p.name: p.neutral for p in active.effect.parameters if p.neutral is not None and p.size == 1}
+    for instance in EFFECTS[effect].candidates(arm):
+        neutral = {p.name: p.neutral for p in instance.effect.parameters if p.neutral is not None and p.size == 1}
         assert neutral
-        found = contribution(arm, [active.with_parameters(**neutral)], motion)
+        found = contribution(arm, [instance.with_parameters(**neutral)], motion)
         assert all(np.abs(found[side]).max() < 1e-10 for side in ("link", "drive", "motor"))
 
 
 def test_hysteresis_rate_is_the_contracts(arm):
     """z' = (d' - |d'| z/2 - d' |z|/2) / w_h, and H z is added to tau_J."""
-    active = parse(INSTANCES["hysteresis"][0])
+    instance = parse(INSTANCES["hysteresis"][0])
     for seed, z in enumerate((-0.9, -0.2, 0.0, 0.4, 1.0)):
         motion = random_motion(arm, np.random.default_rng(seed))
         d_rate = motion["dx"][4] - motion["dx"][1]
-        found = contribution(arm, [active], motion, np.array([z]))
+        found = contribution(arm, [instance], motion, np.array([z]))
         assert found["drive"][1] == pytest.approx(5 * z)
         assert found["rates"][0] == pytest.approx((d_rate - abs(d_rate) * z / 2 - d_rate * abs(z) / 2) / 1e-4)
 
@@ -207,11 +207,11 @@ def truly(effect, robot, p):
 @pytest.mark.parametrize("effect", ["payload", "link_inertia_mismatch", "base_tilt"])
 def test_changed_parts_equal_a_changed_description(arm, effect):
     """The law adds exactly what the arm with that part changed has beyond the nominal arm."""
-    active = parse(INSTANCES[effect][0], arm)
+    instance = parse(INSTANCES[effect][0], arm)
     for seed in range(3):
         motion = random_motion(arm, np.random.default_rng(seed))
-        found = contribution(arm, [active], motion)
-        true = inverse_dynamics(truly(effect, arm, active.parameters), motion) - inverse_dynamics(arm, motion)
+        found = contribution(arm, [instance], motion)
+        true = inverse_dynamics(truly(effect, arm, instance.parameters), motion) - inverse_dynamics(arm, motion)
         assert np.allclose(np.append(found["link"], found["motor"]), true, rtol=1e-9, atol=1e-9)
         assert np.abs(true).max() > 0.1 and not found["drive"].any()
 

@@ -47,22 +47,22 @@ def run(robot, effects=(), seconds=1.0, **settings):
     return Simulator(robot, effects=effects, **settings).follow(q, dq, ddq)
 
 
-def fault(active, robot):
+def fault(instance, robot):
     """The same effect in the words of the hidden arm."""
-    numbers = {p.name: active.parameters[p.name] for p in active.effect.parameters}
+    numbers = {p.name: instance.parameters[p.name] for p in instance.effect.parameters}
     if "position" in numbers:
         numbers |= {f"position_{axis}": v for axis, v in zip("xyz", numbers.pop("position"), strict=True)}
-    joint = None if active.joint is None else robot.joint_names.index(active.joint)
-    return Fault(active.effect.id, joint, numbers, active.parameters.get("side", "motor"))
+    joint = None if instance.joint is None else robot.joint_names.index(instance.joint)
+    return Fault(instance.effect.id, joint, numbers, instance.parameters.get("side", "motor"))
 
 
 @pytest.mark.parametrize("effect", sorted(set(IN_EQUATIONS) - {"spline_inertia", "inertia_coupling"}))
 def test_accelerations_agree_with_the_hidden_arm(arm, effect):
     """An arm in Pinocchio with effects written apart from the catalogue accelerates alike at random states."""
     text = INSTANCES[effect][0].split(",com=")[0]  # the hidden arm's links change in proportion
-    active = parse(text, arm)
-    hidden = HiddenArm(arm, [fault(active, arm)], standstill=1e-4)
-    simulator = Simulator(arm, effects=[active], sensors=Sensors.exact())
+    instance = parse(text, arm)
+    hidden = HiddenArm(arm, [fault(instance, arm)], standstill=1e-4)
+    simulator = Simulator(arm, effects=[instance], sensors=Sensors.exact())
     constants = simulator.system.evaluate_constants(np.full(6, 1e-4))
     dof, rng = simulator.system.dof, np.random.default_rng(0)
     for _ in range(5):
@@ -81,8 +81,8 @@ def test_accelerations_agree_with_the_hidden_arm(arm, effect):
 def test_residuals_of_a_simulated_arm_are_the_law(arm, effect):
     """The nominal model misses a simulated arm by exactly what the law says, in all three equations of every joint."""
     text, name = INSTANCES[effect]
-    active, model = parse(text, arm), build_model(arm, name, engine="numpy")
-    simulator = Simulator(arm, model=name, effects=[active], sensors=Sensors.exact())
+    instance, model = parse(text, arm), build_model(arm, name, engine="numpy")
+    simulator = Simulator(arm, model=name, effects=[instance], sensors=Sensors.exact())
     system, constants = simulator.system, simulator._loop.constants
     K, D = (np.array([getattr(j.transmission, k) for j in arm.joints]) for k in ("stiffness", "damping"))
     rng, largest = np.random.default_rng(0), 0.0
@@ -92,7 +92,7 @@ def test_residuals_of_a_simulated_arm_are_the_law(arm, effect):
         motion["ddx"], _, motion["tau_J"] = (np.array(v).ravel() for v in system.accelerations(x, dx, z, u, constants))
         drive = K * (x[3:] - x[:3]) + D * (dx[3:] - dx[:3])
         left = model.inverse_dynamics(x[None], dx[None], motion["ddx"][None])[0]
-        law = contribution(arm, [active], motion, z, name)
+        law = contribution(arm, [instance], motion, z, name)
         assert np.allclose(motion["tau_J"] - (left[:3] + drive), law["link"], atol=1e-8)
         assert np.allclose(motion["tau_J"] - drive, law["drive"], atol=1e-8)
         assert np.allclose(u - (left[3:] - drive) - motion["tau_J"], law["motor"], atol=1e-8)
@@ -103,8 +103,8 @@ def test_residuals_of_a_simulated_arm_are_the_law(arm, effect):
 @pytest.mark.parametrize("effect", sorted(SENSOR_EFFECTS - {"time_delay"}))
 def test_residuals_of_recorded_channels_are_the_law(arm, effect):
     """What a sensor effect changes in the channels changes the residuals of the nominal model as its law says."""
-    active = parse(INSTANCES[effect][0], arm)
-    truth, measured = run(arm, [active], seconds=0.3)
+    instance = parse(INSTANCES[effect][0], arm)
+    truth, measured = run(arm, [instance], seconds=0.3)
     K, D = (np.array([getattr(j.transmission, k) for j in arm.joints]) for k in ("stiffness", "damping"))
 
     def residuals(c):
@@ -118,7 +118,7 @@ def test_residuals_of_recorded_channels_are_the_law(arm, effect):
         motion |= {"tau_J": measured["tau_J"][k], "tau_m": measured["tau_m"][k]}
         motion |= {"dtau_J": np.zeros(3), "dtau_m": np.zeros(3)}
         motion = {name: motion[name] for name in ("x", "dx", "ddx", "tau_J", "tau_m", "dtau_J", "dtau_m")}
-        law = contribution(arm, [active], motion)
+        law = contribution(arm, [instance], motion)
         for side in ("link", "drive", "motor"):
             size = np.abs(law[side]).max()
             assert np.abs(after[side][k] - before[side][k] - law[side]).max() <= 1e-3 * size + 1e-9, side
@@ -164,13 +164,13 @@ def test_conservative_effects_keep_energy(arm, effect):
     """By virtual work, an undamped falling arm with this effect keeps its energy, the effect's own part counted."""
     robot = free(arm)
     name, _, values = INSTANCES[effect][0].split(":")
-    active = parse(f"{name}:joint_2:{values}")
-    simulator = Simulator(robot, effects=[active], sensors=Sensors.exact(), q0=np.full(3, 0.5), substeps=40)
+    instance = parse(f"{name}:joint_2:{values}")
+    simulator = Simulator(robot, effects=[instance], sensors=Sensors.exact(), q0=np.full(3, 0.5), substeps=40)
     truth, _ = simulator.drive(np.zeros((1000, 3)))
     kinetic, potential = build_model(robot, engine="numpy").energy(truth.x, truth.dx)
     gear, theta, q = robot.joints[1].transmission, truth.theta[:, 1], truth.q[:, 1]
     energy = kinetic + potential - 0.5 * gear.stiffness * (theta - q) ** 2
-    energy = energy + stored(effect, active.parameters, gear, theta, q)
+    energy = energy + stored(effect, instance.parameters, gear, theta, q)
     without = kinetic + potential
     assert np.ptp(energy) < 2e-3 * np.ptp(without) or np.ptp(energy) < 1e-5 * np.ptp(kinetic)
     assert np.ptp(without) > 20 * np.ptp(energy)
@@ -182,12 +182,12 @@ def test_conservative_effects_keep_energy(arm, effect):
 )
 def test_friction_takes_energy_at_every_moment(arm, effect):
     """An undamped falling arm loses energy steadily, just as much as the law's torque times the speed."""
-    robot, active = free(arm), parse(INSTANCES[effect][0].replace("joint_3", "joint_2"))
-    simulator = Simulator(robot, effects=[active], sensors=Sensors.exact(), q0=np.full(3, 0.5), substeps=20)
+    robot, instance = free(arm), parse(INSTANCES[effect][0].replace("joint_3", "joint_2"))
+    simulator = Simulator(robot, effects=[instance], sensors=Sensors.exact(), q0=np.full(3, 0.5), substeps=20)
     truth, _ = simulator.drive(np.zeros((1000, 3)))
     kinetic, potential = build_model(robot, engine="numpy").energy(truth.x, truth.dx)
     energy = kinetic + potential
-    p, w = active.parameters, truth.dtheta[:, 1]
+    p, w = instance.parameters, truth.dtheta[:, 1]
     if effect == "hysteresis":
         power = p["torque"] * truth.z[:, 0] * (w - truth.dq[:, 1])
     else:
@@ -207,8 +207,8 @@ def test_friction_takes_energy_at_every_moment(arm, effect):
 
 def test_hysteresis_follows_its_closed_form(arm):
     """z depends on the path of the deflection alone: linear towards zero, exponential towards +-1."""
-    active = parse("hysteresis:joint_2:torque=5,width=1e-4")
-    truth, _ = run(arm, [active], seconds=2.0)
+    instance = parse("hysteresis:joint_2:torque=5,width=1e-4")
+    truth, _ = run(arm, [instance], seconds=2.0)
     d = (truth.theta - truth.q)[:, 1]
     z = [0.0]
     for step in np.diff(d) / 1e-4:
@@ -310,11 +310,11 @@ def smoothed(y):
 
 def test_the_law_of_bearings_explains_a_simulated_arm(arm):
     """The law holds nine tenths of the power that the rigid model misses of an arm with bearings ten times softer."""
-    active = parse("bearing_compliance:stiffness_scale=0.1")
+    instance = parse("bearing_compliance:stiffness_scale=0.1")
     a, b = np.random.default_rng(0).uniform(-0.5, 0.5, (2, 3, 3))
     smooth = FourierTrajectory(2 * np.pi / 4.0, a, b, np.array([0.0, 0.4, 0.5]), 6.0, 1.0)
     q, dq, ddq = smooth.evaluate(np.arange(6001) / RATE)
-    simulator = Simulator(arm, effects=[active], sensors=Sensors.exact(), q0=q[0])
+    simulator = Simulator(arm, effects=[instance], sensors=Sensors.exact(), q0=q[0])
     truth, _ = simulator.follow(q, dq, ddq)
     system, constants = simulator.system, simulator._loop.constants
     rows = zip(truth.x, truth.dx, truth.command, strict=True)
@@ -325,7 +325,7 @@ def test_the_law_of_bearings_explains_a_simulated_arm(arm):
     snap = np.gradient(jerk, 1 / RATE, axis=0)
     none = np.zeros((3, len(x)))
     channels = (x.T, dx.T, ddx.T, *[none] * 4, jerk.T, snap.T, none[:0])
-    law = np.array(law_function(arm, [active]).map(len(x))(*channels)[0]).T
+    law = np.array(law_function(arm, [instance]).map(len(x))(*channels)[0]).T
     settled = slice(300, -100)
     left, whole = smoothed(missed - law)[settled], smoothed(missed)[settled]
     assert (left**2).sum() < 0.1 * (whole**2).sum()

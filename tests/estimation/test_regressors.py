@@ -29,13 +29,13 @@ def motion() -> CompletedMotion:
     return completed(smooth_motion(MODEL, samples=200), MODEL)
 
 
-def contribution(active: EffectInstance, signals: Signals) -> np.ndarray:
+def contribution(instance: EffectInstance, signals: Signals) -> np.ndarray:
     """What the law itself adds to the residuals, by CasADi's own evaluation (N, 3 n)."""
     sizes = {"x": 6, "dx": 6, "ddx": 6}
     symbols = {name: ca.SX.sym(name, sizes.get(name, 3)) for name in INPUTS}
     signs = {"link": symbols.pop("sign_link"), "motor": symbols.pop("sign_motor")}
     motion = SymbolicMotion(EQUATIONS, **symbols, sign=lambda side, i: signs[side][i])
-    effects = EffectSet([active], ROBOT)
+    effects = EffectSet([instance], ROBOT)
     total, _ = effects.contribution(motion)
     rows = ca.vertcat(total.link, total.drive, total.motor)
     function = ca.Function("law", [*symbols.values(), *signs.values(), effects.p, EQUATIONS.Psi], [rows])
@@ -44,9 +44,9 @@ def contribution(active: EffectInstance, signals: Signals) -> np.ndarray:
     return np.array(function(*arrays, np.tile(effects.numbers()[:, None], N), np.tile(EQUATIONS.nominal[:, None], N))).T
 
 
-def feature(active: EffectInstance) -> Feature:
-    choices = {c.name: active.parameters[c.name] for c in active.effect.choices}
-    return Feature(active.effect, active.joint, choices, EQUATIONS)
+def feature(instance: EffectInstance) -> Feature:
+    choices = {c.name: instance.parameters[c.name] for c in instance.effect.choices}
+    return Feature(instance.effect, instance.joint, choices, EQUATIONS)
 
 
 @pytest.mark.parametrize(
@@ -60,23 +60,23 @@ def feature(active: EffectInstance) -> Feature:
 )
 def test_a_column_times_its_coefficient_is_what_the_law_adds(text: str) -> None:
     """For effects that are linear in their parameter the column is the law per unit."""
-    active = parse(text, ROBOT)
+    instance = parse(text, ROBOT)
     signals = Signals.of(motion(), STANDSTILL)
-    (p,) = (p for p in active.effect.parameters if p.role is Role.LINEAR)
-    coefficient: Any = active.parameters[p.name]
-    column = feature(active).columns(signals)[:, :, 0]
-    expected = contribution(active, signals)
+    (p,) = (p for p in instance.effect.parameters if p.role is Role.LINEAR)
+    coefficient: Any = instance.parameters[p.name]
+    column = feature(instance).columns(signals)[:, :, 0]
+    expected = contribution(instance, signals)
     np.testing.assert_allclose(coefficient * column, expected, atol=1e-9 * np.abs(expected).max())
 
 
 def test_a_sine_and_a_cosine_column_make_every_phase() -> None:
     """An amplitude and a phase are found from two columns, and give the law back."""
-    active = parse("torque_ripple:joint_2:amplitude=2,order=2,phase=0.7", ROBOT)
+    instance = parse("torque_ripple:joint_2:amplitude=2,order=2,phase=0.7", ROBOT)
     signals = Signals.of(motion(), STANDSTILL)
-    own = feature(active)
+    own = feature(instance)
     columns = own.columns(signals, [2.0])
     coefficients = 2.0 * np.cos(0.7), 2.0 * np.sin(0.7)
-    expected = contribution(active, signals)
+    expected = contribution(instance, signals)
     np.testing.assert_allclose(columns @ coefficients, expected, atol=1e-9 * np.abs(expected).max())
     found = own.parameters(coefficients, [2.0])
     assert found["amplitude"] == pytest.approx(2.0) and found["phase"] == pytest.approx(0.7)
@@ -85,7 +85,7 @@ def test_a_sine_and_a_cosine_column_make_every_phase() -> None:
 def test_internal_states_run_from_zero_and_settle() -> None:
     """Under a steady motion hysteresis settles at its limit, in the direction of the motion."""
     effect = EFFECTS["hysteresis"]
-    own = next(feature(active) for active in effect.candidates(ROBOT) if active.joint == "joint_1")
+    own = next(feature(instance) for instance in effect.candidates(ROBOT) if instance.joint == "joint_1")
     signals = Signals.of(motion(), STANDSTILL)
     searched = [float(np.sqrt(p.low * p.high)) for p in own.searched]
     columns = own.columns(signals, searched)
@@ -94,10 +94,10 @@ def test_internal_states_run_from_zero_and_settle() -> None:
 
 def test_both_engines_give_the_same_columns() -> None:
     """Identification's engine (numbers of the arm as arguments) and the diagnosis's agree to rounding."""
-    active = parse("payload:mass=5,position=0/0/0.1", ROBOT)
-    linear = [p for p in active.effect.parameters if p.role is Role.LINEAR]
-    points = [{p.name: active.parameters[p.name] for p in active.effect.parameters}]
-    terms = [Term(active.effect, [ROBOT.n - 1], {}, linear, points)]
+    instance = parse("payload:mass=5,position=0/0/0.1", ROBOT)
+    linear = [p for p in instance.effect.parameters if p.role is Role.LINEAR]
+    points = [{p.name: instance.parameters[p.name] for p in instance.effect.parameters}]
+    terms = [Term(instance.effect, [ROBOT.n - 1], {}, linear, points)]
     signals = Signals.of(motion(), STANDSTILL)
     one, other = (CompiledColumns(terms, EQUATIONS, engine)(signals) for engine in ("numpy", None))
     np.testing.assert_allclose(one, other, atol=1e-10 * np.abs(one).max())

@@ -55,19 +55,19 @@ def random_motion(robot: Robot, rng: np.random.Generator, dof: int | None = None
 def law_function(robot: Robot, instances: list[EffectInstance], model: str = "mod3") -> ca.Function:
     """(channels, states of effects) -> what effects add to link, drive and motor (n,) each, and rates of the states."""
     equations = ArmEquations(robot, model)
-    acting = EffectSet(instances, robot)
+    effect_set = EffectSet(instances, robot)
     sizes = {name: equations.dof if name.endswith("x") else robot.n for name in CHANNELS}
     symbols = {name: ca.SX.sym(name, size) for name, size in sizes.items()}
     velocities = {"link": symbols["dx"][: robot.n], "motor": symbols["dx"][robot.n :]}
-    total, rates = acting.contribution(
+    total, rates = effect_set.contribution(
         SymbolicMotion(equations, **symbols, sign=lambda side, i: ca.sign(velocities[side][i]))
     )
     outputs = ca.substitute(
         [total.link, total.drive, total.motor, rates],
-        [acting.p, equations.Psi],
-        [ca.DM(acting.numbers()), ca.DM(equations.nominal)],
+        [effect_set.p, equations.Psi],
+        [ca.DM(effect_set.numbers()), ca.DM(equations.nominal)],
     )
-    return ca.Function("law", [*symbols.values(), acting.z], outputs)
+    return ca.Function("law", [*symbols.values(), effect_set.z], outputs)
 
 
 def contribution(

@@ -225,7 +225,7 @@ def _of_cause(context: DiagnosisContext, candidate: Candidate, cause: Cause) -> 
     """Return a cause as it was polished; a refit combines the columns of its linear form."""
     forms = [c.feature for c in context.library.candidates if c.feature.key == candidate.feature.key]
     form = next((f for f in forms if not isinstance(f, Whole)), candidate.feature)
-    values = [np.atleast_1d(cause.active.numbers[p.name]) for p in form.searched]
+    values = [np.atleast_1d(cause.instance.numbers[p.name]) for p in form.searched]
     points = _neighbours(form.searched, [float(v) for v in np.concatenate([*values, np.zeros(0)])], context.settings)
     beta, searched = context.library.fit(0, [candidate]), candidate.searched or ()
     return CompetingEffect(cause.effect, cause.joint, candidate.feature, searched, beta, form, points)

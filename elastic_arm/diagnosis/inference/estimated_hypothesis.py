@@ -44,6 +44,6 @@ def estimate(prepared: PreparedData, hypothesis: Hypothesis) -> EstimatedHypothe
     return EstimatedHypothesis(
         Hypothesis(polished, hypothesis.given, hypothesis.rivals),
         tuple(parameters),
-        tuple(c.feature.active([float(v) for v in beta], c.searched or ()) for c, beta in fitted),
+        tuple(c.feature.instance([float(v) for v in beta], c.searched or ()) for c, beta in fitted),
         tuple(texts.known_effect_note(c.feature, values) for c, values in known),
     )

@@ -48,7 +48,7 @@ def polish(library: RegressorLibrary, selected: Sequence[Candidate], settings: J
     fitted = zip(selected, library.coefficients(selected), strict=True)
     wholes = [_whole(library, candidate, beta, settings.bound_clearance) for candidate, beta in fitted]
     library.close()
-    problem = _Problem(library, wholes, settings)
+    problem = _JointFit(library, wholes, settings)
     if not problem.scales.size:
         return wholes
     bounds = (problem.lowest, np.inf)
@@ -81,7 +81,7 @@ def estimates(
     settings
         Clearance of physical bounds.
     """
-    problem = _Problem(library, selected, settings)
+    problem = _JointFit(library, selected, settings)
     data, left = library.sets[0], problem.left(problem.start)
     jacobian = problem.jacobian()
     length = np.maximum(np.linalg.norm(jacobian, axis=0), 1e-300)
@@ -112,7 +112,7 @@ def certain(library: RegressorLibrary, selected: Sequence[Candidate], settings: 
     settings
         Level of the test.
     """
-    problem = _Problem(library, selected, settings)
+    problem = _JointFit(library, selected, settings)
     left, jacobian, blocks = problem.left(problem.start), problem.jacobian(), library.sets[0].blocks
     spread = max(1.0, float(left @ left) / max(1.0, library.sets[0].freedom - jacobian.shape[1]))
     owner, away = np.array([k for k, _ in problem.free], dtype=int), problem.away()
@@ -179,7 +179,7 @@ def _whole(library: RegressorLibrary, candidate: Candidate, beta: Array, clearan
     return library.add(whole, tuple(float(v) for v in flat), fixed=True)
 
 
-class _Problem:
+class _JointFit:
     """Least squares over all parameters of all causes, in units of their scales, around the present values."""
 
     def __init__(self, library: RegressorLibrary, selected: Sequence[Candidate], settings: JudgementSettings) -> None:

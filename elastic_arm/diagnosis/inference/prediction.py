@@ -72,30 +72,30 @@ def _nested(size: Mapping[Place, tuple[float, ...]]) -> dict[str, dict[str, list
     return found
 
 
-def predict(material: DiagnosisContext, causes: Sequence[EffectInstance], starts: int = STARTS) -> Prediction:
+def predict(context: DiagnosisContext, causes: Sequence[EffectInstance], starts: int = STARTS) -> Prediction:
     """Measure the short-horizon prediction error on the validation data, without and with the causes.
 
     Parameters
     ----------
-    material
+    context
         Of the diagnosis; what counted as part of the model acts in both predictions.
     causes
         What was found.
     starts
         Instants from which is predicted, spread evenly over the validation data.
     """
-    if material.model.robot.elastic and "motor" not in material.validate.layout.sides:
+    if context.model.robot.elastic and "motor" not in context.validate.layout.sides:
         return Prediction(reason="motor torque and motor angle are not both recorded: there is nothing to drive with")
-    begins = _begins(material, starts)
+    begins = _begins(context, starts)
     if not any(len(b) for b in begins):
         return Prediction(reason=f"no stretch of the validation data is {HORIZONS[-1]:g} s long")
-    first = material.seen[1][0].pieces[0]
+    first = context.seen[1][0].pieces[0]
     sides = [s for s, recorded in (("link", first.q), ("motor", first.theta)) if recorded is not None]
-    if not material.model.robot.elastic:
+    if not context.model.robot.elastic:
         sides = sides[:1]
-    before = _errors(material, material.known, begins, sides)
-    after = _errors(material, (*material.known, *causes), begins, sides) if causes else before
-    return Prediction(_horizons(1.0 / material.seen[1][0].rate), sum(len(b) for b in begins), before, after)
+    before = _errors(context, context.known, begins, sides)
+    after = _errors(context, (*context.known, *causes), begins, sides) if causes else before
+    return Prediction(_horizons(1.0 / context.seen[1][0].rate), sum(len(b) for b in begins), before, after)
 
 
 def _horizons(period: float) -> tuple[float, ...]:
@@ -109,20 +109,20 @@ def _steps(period: float) -> list[int]:
 
 
 def _errors(
-    material: DiagnosisContext,
-    acting: Sequence[EffectInstance],
+    context: DiagnosisContext,
+    effects: Sequence[EffectInstance],
     begins: Sequence[NDArray[np.intp]],
     sides: Sequence[str],
 ) -> dict[Place, tuple[float, ...]]:
-    """Return the root mean square errors with these effects acting, those of sensors corrected before use."""
-    plant = Plant(material.model.robot, Sensors.exact())
-    for active in acting:
-        plant = active.effect.added_to(plant, active)
-    period = 1.0 / max(o.rate for o in material.seen[1])
-    predictor, steps = _predictor(material.model, plant, period), [step for step in _steps(period) if step]
-    motored = "motor" in material.validate.layout.sides
+    """Return the root mean square errors with these effects in the plant, those of sensors corrected before use."""
+    plant = Plant(context.model.robot, Sensors.exact())
+    for instance in effects:
+        plant = instance.effect.added_to(plant, instance)
+    period = 1.0 / max(o.rate for o in context.seen[1])
+    predictor, steps = _predictor(context.model, plant, period), [step for step in _steps(period) if step]
+    motored = "motor" in context.validate.layout.sides
     found: dict[str, list[Array]] = {"link": [], "motor": []}
-    for part, starts in zip(material.validate.parts, begins, strict=True):
+    for part, starts in zip(context.validate.parts, begins, strict=True):
         if not len(starts):
             continue
         motion = corrected(part.stretch.quiet, plant.sensors)
@@ -132,14 +132,14 @@ def _errors(
         ends = starts[:, None] + np.array(steps)
         found["link"].append(q - motion.q[ends])
         found["motor"].append(theta - motion.theta[ends])
-    names = material.model.robot.joint_names
+    names = context.model.robot.joint_names
     rms = {side: _rms(found[side]) for side in sides}
     return {(joint, side): tuple(rms[side][:, i].tolist()) for i, joint in enumerate(names) for side in sides}
 
 
-def _begins(material: DiagnosisContext, starts: int) -> list[NDArray[np.intp]]:
+def _begins(context: DiagnosisContext, starts: int) -> list[NDArray[np.intp]]:
     """Return the samples of each stretch from which is predicted."""
-    stretches = [part.stretch for part in material.validate.parts]
+    stretches = [part.stretch for part in context.validate.parts]
     spans = [max(0.0, s.t[-1] - s.t[0] - HORIZONS[-1]) for s in stretches]
     total = sum(spans)
     found = []

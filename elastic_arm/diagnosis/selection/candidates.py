@@ -48,7 +48,7 @@ class OwnRegressor(Feature):
 
 def features(equations: ArmEquations, effects: Sequence[Effect]) -> list[Feature]:
     """Return every effect at every place where it adds something to this model's residuals."""
-    found = [feature_of(active, equations) for effect in effects for active in effect.candidates(equations.robot)]
+    found = [feature_of(instance, equations) for effect in effects for instance in effect.candidates(equations.robot)]
     return [feature for feature in found if _possible(feature) and feature.acts]
 
 
@@ -60,9 +60,9 @@ def _possible(feature: Feature) -> bool:
     return ("link" in sides or sides == {"motor"}) and "link_encoder" not in feature.choices.get("channels", ())
 
 
-def feature_of(active: EffectInstance, equations: ArmEquations) -> Feature:
+def feature_of(instance: EffectInstance, equations: ArmEquations) -> Feature:
     """Return the feature of an effect on an arm."""
-    effect = active.effect
-    chosen = {c.name: active.parameters[c.name] for c in effect.choices}
+    effect = instance.effect
+    chosen = {c.name: instance.parameters[c.name] for c in effect.choices}
     kind = Feature if effect.regressor is None else OwnRegressor
-    return kind(effect, active.joint, chosen, equations)
+    return kind(effect, instance.joint, chosen, equations)

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from elastic_arm.dynamics import Model, build_model
 from elastic_arm.effects.equations import ArmEquations
-from elastic_arm.effects.regressor import Signals
+from elastic_arm.effects.regressor import MotionSignals
 
 Array = NDArray[np.float64]
 
@@ -53,7 +53,7 @@ class TiltRegressor:
         bearings = [gear.bearing for gear in gears if gear is not None and gear.bearing is not None]
         return np.array([b.stiffness for b in bearings * 2]), np.array([b.damping for b in bearings * 2])
 
-    def residuals(self, signals: Signals, values: Mapping[str, float]) -> Array:
+    def residuals(self, signals: MotionSignals, values: Mapping[str, float]) -> Array:
         """Return what the tilts add to the residuals, (N, 3 n)."""
         n, scale = self.equations.robot.n, float(values["stiffness_scale"])
         thin = slice(None, None, max(1, int((1.0 / RATE) / (signals.t[1] - signals.t[0]))))

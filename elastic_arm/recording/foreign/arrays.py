@@ -13,7 +13,15 @@ from pydantic import BeforeValidator, Field, model_validator
 from elastic_arm.errors import RecordingError
 from elastic_arm.input_files import read_text
 from elastic_arm.recording.foreign.array_files import load_arrays
-from elastic_arm.recording.foreign.channels import CHANNEL_NAMES, ChannelName, Scale, Strict, Unit, load_yaml, validated
+from elastic_arm.recording.foreign.channels import (
+    CHANNEL_NAMES,
+    ChannelName,
+    ChannelScale,
+    Strict,
+    Unit,
+    load_yaml,
+    validated,
+)
 from elastic_arm.recording.inspection.quality import checked
 from elastic_arm.recording.recording import Recording
 from elastic_arm.recording.sides import Array, Side, Stamps
@@ -76,7 +84,7 @@ class ArrayChannel(Strict):
         """Return the names of all arrays used."""
         return [self.key] if isinstance(self.key, str) else self.key
 
-    def scales(self, channel: ChannelName, n: int) -> list[Scale]:
+    def scales(self, channel: ChannelName, n: int) -> list[ChannelScale]:
         """Return how each of n joints' numbers become ones in SI units at the harmonic-drive output.
 
         Raises
@@ -89,7 +97,7 @@ class ArrayChannel(Strict):
             if isinstance(value, list) and len(value) != n:
                 raise ValueError(f"{channel}.{name} has {len(value)} values for {n} joints")
         of_joint = [
-            Scale(unit=self.unit, **{k: v[joint] if isinstance(v, list) else v for k, v in given.items()})
+            ChannelScale(unit=self.unit, **{k: v[joint] if isinstance(v, list) else v for k, v in given.items()})
             for joint in range(n)
         ]
         of_joint[0].check_unit(channel)

@@ -43,7 +43,7 @@ class Strict(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True)
 
 
-class Scale(Strict):
+class ChannelScale(Strict):
     """How a recorded number becomes one in SI units at the harmonic-drive output.
 
     Parameters
@@ -99,7 +99,7 @@ class Scale(Strict):
         return (recorded + self.offset if self.offset else recorded) * self.scale(channel)
 
 
-class Channel(Scale):
+class Channel(ChannelScale):
     """Where one channel of one joint comes from.
 
     Parameters

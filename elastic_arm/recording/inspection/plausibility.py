@@ -42,7 +42,7 @@ _SMOOTH_WINDOW = ("kaiser", 24.0)  # side lobes below -180 dB
 
 
 @dataclass(frozen=True)
-class _Motion:
+class _ComparedMotion:
     """One side's positions and velocities, and how the two agree.
 
     Parameters
@@ -91,7 +91,7 @@ def implausible(recording: Recording) -> list[Finding]:
     return findings
 
 
-def _compared(side: Side) -> _Motion:
+def _compared(side: Side) -> _ComparedMotion:
     """Fit the module's equation to every joint."""
     assert side.position is not None and side.velocity is not None
     t = (side.stamp_ns - side.stamp_ns[0]) * 1e-9
@@ -108,7 +108,7 @@ def _compared(side: Side) -> _Motion:
         # Intervals overlap: only one in `width` is independent of the others.
         doubt = np.sqrt(rest @ rest / len(rest) * width / (change[:, j] @ change[:, j]))
         fits[:, j] = *fit, 1.0 - rest @ rest / (advance[:, j] @ advance[:, j]), doubt
-    return _Motion(t, q, v, *fits)
+    return _ComparedMotion(t, q, v, *fits)
 
 
 def _is_motion(side: Side) -> bool:
@@ -129,7 +129,7 @@ def _advances(t: Array, q: Array, v: Array, width: int) -> tuple[Array, Array, A
     return tuple((x[width:] - x[:-width]) / span for x in (q, integral, v))  # type: ignore[return-value]
 
 
-def _velocities(name: str, motion: _Motion, joints: Sequence[str]) -> list[Finding]:
+def _velocities(name: str, motion: _ComparedMotion, joints: Sequence[str]) -> list[Finding]:
     moving = np.isfinite(motion.share)
     strange = moving & (motion.share < _FOLLOWS)
     scaled = moving & ~strange & (np.abs(motion.gain - 1.0) > _GAIN)
@@ -177,7 +177,7 @@ def _held(name: str, side: Side, joints: Sequence[str]) -> list[Finding]:
     return [Finding("warning", "held", f"{message} while {remedy}")]
 
 
-def _stamps(name: str, motion: _Motion) -> list[Finding]:
+def _stamps(name: str, motion: _ComparedMotion) -> list[Finding]:
     """Compare the stamps with the instants that the motion of all joints implies."""
     good = np.isfinite(motion.share) & (motion.share > 0.9)
     if np.count_nonzero(good) < 2:

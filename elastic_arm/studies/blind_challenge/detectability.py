@@ -104,8 +104,8 @@ class Detectability:
         exact = measure(course, self._robot.joint_names, faults, EXACT, np.random.default_rng(0)).samples()
         pieces = tuple(self._observation.smoother(grid) for grid in Clock.of(exact).place(exact))
         seen = replace(self._observation, pieces=pieces, quiet=pieces)
-        evidence = WhitenedData(build_model(self._robot, model), [seen], self._layout, self._band)
-        return evidence.white, evidence.y
+        whitened = WhitenedData(build_model(self._robot, model), [seen], self._layout, self._band)
+        return whitened.white, whitened.y
 
 
 def sized(draft: SampledEffect, wanted: float, detectability: Detectability) -> tuple[float, EffectSignal]:

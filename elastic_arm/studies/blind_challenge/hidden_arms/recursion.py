@@ -26,7 +26,7 @@ def inertial_numbers(tree: KinematicTree) -> np.ndarray:
 
 
 @dataclass(frozen=True)
-class _Body:
+class _MovingBody:
     """One body underway: how it turns against its parent, and its motion in its own frame."""
 
     parent: int
@@ -55,7 +55,7 @@ def inverse_dynamics(tree: KinematicTree, numbers: Any, gravity: Any, x: Any, dx
     G = ca.sparsify(ca.DM(tree.gears))
     q, v, a = G @ x, G @ dx, G @ ddx
     zero = ca.SX.zeros(3)
-    bodies = [_Body(-1, None, None, None, zero, zero, -gravity)]
+    bodies = [_MovingBody(-1, None, None, None, zero, zero, -gravity)]
     for i in range(1, tree.model.njoints):
         bodies.append(_moved(tree, i, bodies, q[i - 1], v[i - 1], a[i - 1]))
     forces = [(zero, zero) for _ in bodies]
@@ -71,7 +71,7 @@ def inverse_dynamics(tree: KinematicTree, numbers: Any, gravity: Any, x: Any, dx
     return G.T @ ca.vertcat(*reversed(tau))
 
 
-def _moved(tree: KinematicTree, i: int, bodies: list[_Body], q: Any, v: Any, a: Any) -> _Body:
+def _moved(tree: KinematicTree, i: int, bodies: list[_MovingBody], q: Any, v: Any, a: Any) -> _MovingBody:
     parent = bodies[tree.model.parents[i]]
     placement = tree.model.jointPlacements[i]
     k = AXES[tree.model.joints[i].shortname()]
@@ -82,10 +82,10 @@ def _moved(tree: KinematicTree, i: int, bodies: list[_Body], q: Any, v: Any, a: 
     rate = axis * v
     dw = R.T @ parent.dw + axis * a + ca.cross(w, rate)
     acceleration = R.T @ (parent.a + ca.cross(parent.dw, p) + ca.cross(parent.w, ca.cross(parent.w, p)))
-    return _Body(int(tree.model.parents[i]), R, p, axis, w + rate, dw, acceleration)
+    return _MovingBody(int(tree.model.parents[i]), R, p, axis, w + rate, dw, acceleration)
 
 
-def _inertial(body: _Body, numbers: Any) -> tuple[Any, Any]:
+def _inertial(body: _MovingBody, numbers: Any) -> tuple[Any, Any]:
     """Force and moment about the frame's origin that a body's motion requires."""
     mass, com = numbers[0], numbers[1:4]
     xx, xy, xz, yy, yz, zz = (numbers[4 + k] for k in range(6))
