@@ -21,9 +21,9 @@ from rosbags.highlevel import AnyReader
 
 from benchmarks.bench_regressor import PinocchioLoop
 from elastic_arm.dynamics import Model, build_model
-from elastic_arm.estimation.base_regression import BaseRegression
 from elastic_arm.estimation.motion import Motion
 from elastic_arm.identification import identify
+from elastic_arm.identification.base_regression import BaseRegression
 from elastic_arm.identification.least_squares import Blocks, fit
 from elastic_arm.recording import Recording, Side, read_recording, write_recording
 from elastic_arm.robot import load_robot

@@ -15,8 +15,8 @@ from elastic_arm.cli.outputs import Force, claim_file
 from elastic_arm.dynamics import build_model
 from elastic_arm.effects import Catalogue, robot_effects
 from elastic_arm.errors import EffectError, OutputError
-from elastic_arm.estimation.base_parameters import BaseParameters
-from elastic_arm.estimation.base_regression import BaseRegression
+from elastic_arm.identification.base_parameters import BaseParameters
+from elastic_arm.identification.base_regression import BaseRegression
 from elastic_arm.robot import Robot, load_robot, robot_to_dict, to_urdf
 
 RobotFile = Annotated[Path | None, typer.Option("--robot", help="Arm file or URDF; the nominal arm by default.")]

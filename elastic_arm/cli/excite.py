@@ -15,7 +15,6 @@ from elastic_arm.cli.console import err, out, print_json, reports_errors
 from elastic_arm.cli.describe import RobotFile, base_of, load_arm
 from elastic_arm.cli.outputs import Force, claim_file, claim_folder
 from elastic_arm.dynamics import Model, build_model
-from elastic_arm.estimation.base_parameters import BaseParameters
 from elastic_arm.excitation import (
     MARGIN,
     ExcitationResult,
@@ -25,6 +24,7 @@ from elastic_arm.excitation import (
     find_criterion,
     optimise,
 )
+from elastic_arm.identification.base_parameters import BaseParameters
 from elastic_arm.robot import Robot
 
 Limit = Annotated[float | None, typer.Option(help="Lower the limit of all joints to this.", show_default=False)]

@@ -16,10 +16,10 @@ from elastic_arm.cli.console import columns_left, err, out, print_json, refuse_r
 from elastic_arm.cli.describe import EffectsFiles, RobotFile, load_arm
 from elastic_arm.cli.outputs import Force, claim_folder
 from elastic_arm.effects import Catalogue
-from elastic_arm.estimation.base_regression import BaseRegression
 from elastic_arm.estimation.motion import Motion
 from elastic_arm.formatting import rounded
 from elastic_arm.identification import Estimate, Identification, identify_with, parse_laws
+from elastic_arm.identification.base_regression import BaseRegression
 from elastic_arm.recording import ChannelMap, Recording, load_channels, read_recording
 from elastic_arm.robot import Robot
 

@@ -1,4 +1,4 @@
-"""From effects to columns of a regression: the one compiler of laws, and the columns that identification adds.
+"""From effects to columns of a regression: the one compiler of laws, for identification and diagnosis.
 
 A law is an expression. Its derivatives by the parameters that act linearly are columns of the residuals link, drive and
 motor; parameters that do not act linearly are arguments of the columns.
@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import partial, reduce
+from functools import reduce
 from operator import add
 from typing import Any
 
@@ -19,22 +19,15 @@ from scipy.interpolate import CubicSpline
 
 from elastic_arm.codegen import kernels
 from elastic_arm.codegen.recursion import Recursion
-from elastic_arm.effects import EffectInstance, Role, SymbolicMotion
-from elastic_arm.effects.effect_set import law_joints
+from elastic_arm.effects import SymbolicMotion
 from elastic_arm.effects.equations import ArmEquations
 from elastic_arm.effects.model import Effect
 from elastic_arm.effects.motion import Contribution
 from elastic_arm.effects.parameters import Parameter
-from elastic_arm.estimation.base_regression import Column
-from elastic_arm.estimation.equations import SIDES
-from elastic_arm.estimation.motion import CompletedMotion, Motion
-from elastic_arm.robot import Robot
+from elastic_arm.estimation.motion import CompletedMotion
 
 Array = NDArray[np.float64]
 INPUTS = ("x", "dx", "ddx", "tau_J", "tau_m", "dtau_J", "dtau_m", "sign_link", "sign_motor")
-# Dry friction turns over gradually below some speed, rad/s: presliding. A batch tries these and takes the likeliest.
-SIGN_SPEEDS = (1e-4, 1e-3, 5e-3, 2e-2)
-DEFAULT_SIGN_SPEED = 1e-3
 
 
 @dataclass(frozen=True)
@@ -265,72 +258,3 @@ def _states(scan: Recursion, signals: Signals, searched: Array) -> Array:
     # Over a step the rates are those of its middle.
     stacked[:-1] = 0.5 * (stacked[:-1] + stacked[1:])
     return scan.run(stacked, np.append(searched, h))
-
-
-def law_columns(
-    instances: Sequence[EffectInstance], robot: Robot, model: str = "mod3", sign_speed: float = DEFAULT_SIGN_SPEED
-) -> list[Column]:
-    """Return one column for each linear parameter of each effect.
-
-    Parameters
-    ----------
-    instances
-        The effects; their parameters beside the linear ones are taken as given.
-    robot, model
-        The arm, and the variant of its equations, mod1, mod2 or mod3.
-    sign_speed
-        rad/s; the sign of a velocity w is tanh(w / sign_speed).
-    """
-    if not instances:
-        return []
-    evaluate = _LawColumns(tuple(instances), robot, model, sign_speed)
-    entries = [
-        (f"{instance.effect.id}:{instance.joint or robot.name}.{name}", p.unit)
-        for instance in instances
-        for p in _linear(instance.effect)
-        for name in ([p.name] if p.size == 1 else [f"{p.name}_{'xyz'[i]}" for i in range(p.size)])
-    ]
-    return [Column(name, unit, partial(evaluate.column, k)) for k, (name, unit) in enumerate(entries)]
-
-
-def is_dry(instance: EffectInstance) -> bool:
-    """Return whether the effect's law depends on the sign of a velocity."""
-    return instance.effect.regime == "velocity_reversal"
-
-
-def _linear(effect: Effect) -> list[Parameter]:
-    return [p for p in effect.parameters if p.role is Role.LINEAR]
-
-
-class _LawColumns:
-    """All laws compiled together; the columns of the last motion are kept, as they are asked for one by one."""
-
-    def __init__(self, instances: tuple[EffectInstance, ...], robot: Robot, model: str, sign_speed: float) -> None:
-        self.robot = robot
-        terms = [
-            Term(
-                instance.effect,
-                law_joints(instance, robot),
-                {c.name: instance.parameters[c.name] for c in instance.effect.choices},
-                _linear(instance.effect),
-                [{p.name: instance.parameters[p.name] for p in instance.effect.parameters}],
-            )
-            for instance in instances
-        ]
-        self.columns = CompiledColumns(terms, ArmEquations(robot, model), engine=None)
-        self.standstill = np.full(robot.n, sign_speed)
-        self.last: tuple[Motion, Array] | None = None
-
-    def column(self, k: int, motion: Motion) -> dict[str, Array]:
-        """Return column k by residual."""
-        if self.last is None or self.last[0] is not motion:
-            self.last = motion, self.columns(self._signals(motion))
-        return dict(zip(SIDES, np.split(self.last[1][:, :, k], 3, axis=1), strict=True))
-
-    def _signals(self, motion: Motion) -> Signals:
-        """Return the signals of motion that has both sides; no usable row holds a torque that is missing."""
-        none = np.zeros((len(motion), self.robot.n))
-        samples: dict[str, Any] = {"tau_J": none, "tau_m": none, **motion.channels()}
-        return Signals.of_samples(
-            CompletedMotion(**samples), (self.standstill, self.standstill), elastic=self.robot.elastic
-        )

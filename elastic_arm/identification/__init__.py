@@ -1,8 +1,8 @@
-"""Identification: derivatives, base parameters, least squares in batch and stream, consistency, verdict."""
+"""Identification: base parameters, least squares in batch and stream, consistency, verdict."""
 
 from elastic_arm.effects.text import parse_laws
-from elastic_arm.estimation.regressors import law_columns
 from elastic_arm.identification.identify import differentiate, identifier_of, identify, identify_with
+from elastic_arm.identification.law_columns import law_columns
 from elastic_arm.identification.result import (
     Comparison,
     Estimate,

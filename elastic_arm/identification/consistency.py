@@ -22,7 +22,7 @@ from elastic_arm.dynamics.bodies import Body, inertial_parameters
 from elastic_arm.dynamics.composition import inertia_from
 from elastic_arm.effects import EffectInstance
 from elastic_arm.errors import IdentificationError
-from elastic_arm.estimation.base_regression import BaseRegression
+from elastic_arm.identification.base_regression import BaseRegression
 from elastic_arm.identification.least_squares import Fit
 from elastic_arm.robot import Robot
 

@@ -14,9 +14,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from elastic_arm.estimation.base_regression import BaseRegression
 from elastic_arm.estimation.motion import Motion
 from elastic_arm.estimation.noise import StateNoise
+from elastic_arm.identification.base_regression import BaseRegression
 
 Array = NDArray[np.float64]
 

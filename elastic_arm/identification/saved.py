@@ -12,10 +12,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elastic_arm.errors import IdentificationError
-from elastic_arm.estimation.base_regression import BaseRegression
 from elastic_arm.estimation.noise import SideNoise
 from elastic_arm.estimation.resampling import Clock
 from elastic_arm.estimation.smoother import Smoother
+from elastic_arm.identification.base_regression import BaseRegression
 from elastic_arm.identification.least_squares import Blocks
 from elastic_arm.identification.verdict import MotionStatistics
 

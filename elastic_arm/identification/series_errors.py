@@ -12,9 +12,9 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from elastic_arm.estimation.base_regression import BaseRegression
 from elastic_arm.estimation.motion import Motion
 from elastic_arm.estimation.series import FourierFit
+from elastic_arm.identification.base_regression import BaseRegression
 from elastic_arm.identification.least_squares import Fit
 
 Array = NDArray[np.float64]

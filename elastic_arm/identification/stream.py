@@ -11,11 +11,11 @@ from numpy.typing import NDArray
 
 from elastic_arm.dynamics import Model
 from elastic_arm.errors import IdentificationError
-from elastic_arm.estimation.base_regression import BaseRegression, Column
 from elastic_arm.estimation.motion import Motion
 from elastic_arm.estimation.resampling import Clock, Grid, Placing, joined, part
 from elastic_arm.estimation.smoother import Smoother, design_smoother
 from elastic_arm.identification.accumulator import BLOCK, Accumulator
+from elastic_arm.identification.base_regression import BaseRegression, Column
 from elastic_arm.identification.least_squares import Fit, fit
 from elastic_arm.identification.result import Identification, result_of
 from elastic_arm.identification.saved import Sums, read_sums, recorded_in, write_sums

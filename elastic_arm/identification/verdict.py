@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from elastic_arm.estimation.base_regression import BaseRegression
 from elastic_arm.estimation.motion import Motion
+from elastic_arm.identification.base_regression import BaseRegression
 from elastic_arm.identification.least_squares import Blocks, triangular
 
 Array = NDArray[np.float64]

@@ -8,10 +8,10 @@ import numpy as np
 from matplotlib.figure import Figure as MplFigure
 from matplotlib.patches import Patch
 
-from elastic_arm.estimation.base_regression import BaseRegression
 from elastic_arm.estimation.motion import Motion
 from elastic_arm.formatting import rounded
 from elastic_arm.identification import Identification
+from elastic_arm.identification.base_regression import BaseRegression
 from elastic_arm.identification.verdict import POORLY, WELL
 from elastic_arm.report.html import Block, Figure, Section, Table, Text, Written
 from elastic_arm.report.style import BLUE, GREEN, GREY, ORANGE, VERMILION, draw_signal, new_figure, style

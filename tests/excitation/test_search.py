@@ -9,7 +9,6 @@ import pytest
 
 from elastic_arm.dynamics import Model, build_model
 from elastic_arm.errors import ExcitationError
-from elastic_arm.estimation.base_regression import BaseRegression
 from elastic_arm.excitation import (
     CRITERIA,
     BaseRegressor,
@@ -21,6 +20,7 @@ from elastic_arm.excitation import (
     random_trajectories,
 )
 from elastic_arm.excitation.criteria import distinct_columns, elastic_motion
+from elastic_arm.identification.base_regression import BaseRegression
 from elastic_arm.report import excitation as figures
 from elastic_arm.robot import Robot, load_robot
 from elastic_arm.robot.synthetic import random_arm

@@ -10,7 +10,6 @@ import pytest
 
 from elastic_arm.dynamics import Model, build_model
 from elastic_arm.errors import IdentificationError
-from elastic_arm.estimation.base_regression import BaseRegression
 from elastic_arm.estimation.motion import Motion
 from elastic_arm.estimation.resampling import Clock, part
 from elastic_arm.estimation.smoother import design_smoother
@@ -23,6 +22,7 @@ from elastic_arm.identification import (
     parse_laws,
     std_ratio,
 )
+from elastic_arm.identification.base_regression import BaseRegression
 from elastic_arm.identification.stream import smoothed
 from elastic_arm.identification.verdict import relative_std
 from elastic_arm.recording import Recording, Samples, Side

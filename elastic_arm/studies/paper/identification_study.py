@@ -9,9 +9,9 @@ import numpy as np
 from scipy.stats import spearmanr
 
 from elastic_arm.dynamics import build_model
-from elastic_arm.estimation.base_regression import BaseRegression
 from elastic_arm.estimation.motion import Motion
 from elastic_arm.excitation.criteria import distinct_columns
+from elastic_arm.identification.base_regression import BaseRegression
 from elastic_arm.identification.least_squares import Fit, fit
 from elastic_arm.identification.stream import Accumulator
 from elastic_arm.robot.description import Robot

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from elastic_arm.dynamics import build_model
-from elastic_arm.estimation.base_regression import BaseRegression
+from elastic_arm.identification.base_regression import BaseRegression
 from elastic_arm.identification.consistency import consistent
 from elastic_arm.identification.least_squares import Fit
 from elastic_arm.robot.description import Component, Inertia, Joint, Robot

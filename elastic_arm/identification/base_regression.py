@@ -28,9 +28,9 @@ from numpy.typing import NDArray
 from elastic_arm.dynamics import Model
 from elastic_arm.dynamics.double_double import Pair
 from elastic_arm.dynamics.gram import Information, gram
-from elastic_arm.estimation.base_parameters import BaseParameters, find_base
 from elastic_arm.estimation.equations import SIDES, EquationSet
 from elastic_arm.estimation.motion import Motion
+from elastic_arm.identification.base_parameters import BaseParameters, find_base
 
 Array = NDArray[np.float64]
 

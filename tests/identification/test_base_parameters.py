@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from elastic_arm.dynamics import Model, build_model
-from elastic_arm.estimation.base_parameters import find_base
-from elastic_arm.estimation.base_regression import BaseRegression
+from elastic_arm.identification.base_parameters import find_base
+from elastic_arm.identification.base_regression import BaseRegression
 from elastic_arm.robot import load_robot
 
 BOTH = ("q", "theta", "tau_J", "tau_m")

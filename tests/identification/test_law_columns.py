@@ -1,0 +1,26 @@
+"""Columns of laws beside the model's own."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from elastic_arm.dynamics import build_model
+from elastic_arm.effects import parse
+from elastic_arm.identification import law_columns
+from elastic_arm.robot import load_robot
+from tests.helpers.smooth_motion import smooth_motion
+
+ROBOT = load_robot(None)
+MODEL = build_model(ROBOT, "mod3")
+
+
+def test_laws_of_identification_need_no_course_of_time() -> None:
+    """Samples in any order give the same columns, in that order; missing torques are taken for zero."""
+    (column,) = law_columns([parse("viscous_friction:joint_2:coefficient=1,side=motor", ROBOT)], ROBOT)
+    whole = smooth_motion(MODEL, samples=50)
+    order = np.random.default_rng(0).permutation(50)
+    found, shuffled = column.values(whole), column.values(whole[order])
+    assert column.name == "viscous_friction:joint_2.coefficient"
+    for side, values in found.items():
+        np.testing.assert_array_equal(values[order], shuffled[side])
+    np.testing.assert_allclose(found["motor"][:, 1], np.asarray(whole.dtheta)[:, 1])
