@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import sys
+from json import dumps as json_text
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -116,7 +117,13 @@ def replay(
     Example: elastic-arm bag replay bags/excitation --rate 2
     """
     require_ros()
-    parameters = [f"bag:={bag}", f"rate:={rate}", f"loop:={str(loop).lower()}", f"wait:={str(wait).lower()}"]
+    # Quoted as YAML: a folder may be called 123, or `a: b`.
+    parameters = [
+        f"bag:={json_text(str(bag))}",
+        f"rate:={rate}",
+        f"loop:={str(loop).lower()}",
+        f"wait:={str(wait).lower()}",
+    ]
     arguments = [word for parameter in parameters for word in ("-p", parameter)]
     # The process becomes the node: Ctrl-C and exit code are the node's own.
     os.execv(sys.executable, [sys.executable, "-m", "elastic_arm.nodes.entry", "replayer", "--ros-args", *arguments])
@@ -153,10 +160,10 @@ def _print_info(summary: BagInfo) -> None:
         table.add_column(name, justify="right")
     for topic in summary.topics:
         rate = "–" if topic.rate is None else f"{topic.rate:.6g}"
-        table.add_row(topic.name, topic.type_name, str(topic.count), rate)
+        table.add_row(escape(topic.name), escape(topic.type_name), str(topic.count), rate)
     out.print(table)
     if summary.joints:
-        out.print(f"joints    {', '.join(summary.joints)}", soft_wrap=True)
+        out.print(f"joints    {escape(', '.join(summary.joints))}", soft_wrap=True)
         out.print(f"channels  {', '.join(summary.channels)}", soft_wrap=True)
     for words in (*summary.damage, *summary.notes):
         out.print(f"[yellow]note[/]      {escape(words)}", soft_wrap=True)

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import functools
 import json
+import math
 import re
 import sys
 from collections.abc import Callable, Sequence
@@ -14,7 +15,9 @@ from pathlib import Path
 from typing import Any, ParamSpec, TypeVar
 
 from rich.console import Console
+from rich.errors import MarkupError
 from rich.markup import escape
+from rich.text import Text
 
 from elastic_arm.errors import ElasticArmError, RecordingError
 
@@ -25,7 +28,18 @@ UNLIMITED = 10_000  # columns where no screen ends the line
 LEAST = 12  # columns of a name that is cut
 
 
-class PipeConsole(Console):
+class SafeConsole(Console):
+    """A console that prints text which looks like markup and is none, as a file name can, as it stands."""
+
+    def render_str(self, text: str, **options: Any) -> Text:
+        """Return text with its markup rendered, or as it stands where the markup does not close."""
+        try:
+            return super().render_str(text, **options)
+        except MarkupError:
+            return super().render_str(text, **{**options, "markup": False})
+
+
+class PipeConsole(SafeConsole):
     """A console for pipes and files: every line stays whole, and ends where its text ends."""
 
     def print(self, *objects: Any, **options: Any) -> None:
@@ -37,7 +51,7 @@ class PipeConsole(Console):
 
 def _console(*, stderr: bool) -> Console:
     """Return a console that wraps and shortens for a screen alone."""
-    console = Console(stderr=stderr, highlight=False)
+    console = SafeConsole(stderr=stderr, highlight=False)
     return console if console.is_terminal else PipeConsole(stderr=stderr, highlight=False, width=UNLIMITED)
 
 
@@ -85,7 +99,35 @@ def refuse_repeated(bags: Sequence[Path]) -> None:
         seen.add(bag.resolve())
 
 
-def print_json(data: Any) -> None:
-    """Write `data` as JSON to stdout, for scripts."""
-    json.dump(data, sys.stdout, indent=2, allow_nan=False)
-    sys.stdout.write("\n")
+def print_json(data: dict[str, Any]) -> None:
+    """Write `data` as JSON to stdout, for scripts.
+
+    JSON has no numbers that are not finite: they become null, and `not_finite` lists where they were.
+    """
+    found: list[str] = []
+    plain = finite(data, found)
+    text = json.dumps({**plain, "not_finite": found} if found else plain, indent=2, allow_nan=False)
+    sys.stdout.write(f"{text}\n")
+
+
+def finite(data: Any, found: list[str], place: str = "") -> Any:
+    """Return data with null for every number that is not finite.
+
+    Parameters
+    ----------
+    data
+        Plain data.
+    found
+        Gets the place and value of each number replaced: `causes[0].size: nan`.
+    place
+        Of the data itself.
+    """
+    match data:
+        case float() if not math.isfinite(data):
+            found.append(f"{place}: {data}")
+            return None
+        case dict():
+            return {key: finite(value, found, f"{place}.{key}".lstrip(".")) for key, value in data.items()}
+        case list() | tuple():
+            return [finite(value, found, f"{place}[{index}]") for index, value in enumerate(data)]
+    return data

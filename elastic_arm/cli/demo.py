@@ -103,7 +103,7 @@ def _make_room(folder: Path) -> None:
 def _excite(nominal: Robot, file: Path, seed: int) -> ExcitationResult:
     model = build_model(nominal, "mod3")
     limits = MotionLimits.of(nominal, workspace=Workspace.of(nominal))
-    with Progress(TextColumn("{task.description}"), BarColumn(), console=err, transient=True) as progress:
+    with Progress(TextColumn("{task.description}", markup=False), BarColumn(), console=err, transient=True) as progress:
         task = progress.add_task("pattern search", total=EVALUATIONS)
         result = optimise(
             model,

@@ -150,15 +150,16 @@ def print_diagnosis(found: Diagnosis, folder: Path) -> None:
         for other in cause.alternatives:
             motion = other.file or other.separated_by
             out.print(
-                f"instead of {effect_at(cause.effect, cause.joint)} it may be {effect_at(other.effect, other.joint)} "
+                f"instead of {escape(effect_at(cause.effect, cause.joint))} it may be "
+                f"{escape(effect_at(other.effect, other.joint))} "
                 f"({probability_text(other.confidence)}); told apart by: {escape(motion)}"
             )
     for place in found.unexplained:
-        out.print(f"unexplained: {place.joint}, {place.side} side, {place.rmse:.3g} Nm, follows {place.regime}")
+        out.print(f"unexplained: {escape(place.joint)}, {place.side} side, {place.rmse:.3g} Nm, follows {place.regime}")
     _print_followed_up(found)
     for note in found.notes:
         out.print(f"note: {escape(note)}")
-    out.print(f"written: {folder}/{', '.join(['diagnosis.json', 'report.html', *_further(found)])}")
+    out.print(f"written: {escape(str(folder))}/{', '.join(['diagnosis.json', 'report.html', *_further(found)])}")
 
 
 def _print_causes(causes: Sequence[Cause]) -> None:
@@ -171,7 +172,7 @@ def _print_causes(causes: Sequence[Cause]) -> None:
     for cause in causes:
         size = estimates_text(cause.parameters, "\n" if out.is_terminal else ", ")
         shares = percent(cause.shrink), probability_text(cause.confidence)
-        table.add_row(cause.effect, escape(cause.joint or "whole arm"), escape(size), *shares)
+        table.add_row(escape(cause.effect), escape(cause.joint or "whole arm"), escape(size), *shares)
     out.print(table)
     if note := negative_shrink_note(causes):
         out.print(note)
@@ -188,7 +189,7 @@ def _print_followed_up(found: Diagnosis) -> None:
     for agreement in found.agreements:
         word = "agrees" if agreement.agrees else "[yellow]does not agree[/]"
         apart = "" if agreement.spread is None else f": sizes within {100 * agreement.spread:.2g} % of their mean"
-        out.print(f"{effect_at(agreement.effect, agreement.joint)}: {word} over the recordings{apart}")
+        out.print(f"{escape(effect_at(agreement.effect, agreement.joint))}: {word} over the recordings{apart}")
 
 
 def _print_proposal(proposal: Proposal) -> None:
@@ -196,7 +197,7 @@ def _print_proposal(proposal: Proposal) -> None:
         names = " or ".join(effect_at(*place) for place in (pair.cause, pair.alternative))
         outlook = f"in the {proposal.seconds:g} s of {SEPARATING}" if pair.decides else "of the best motion found"
         out.print(
-            f"next: {names}: log-likelihood {log_likelihood_text(pair.here)} in this recording, "
+            f"next: {escape(names)}: log-likelihood {log_likelihood_text(pair.here)} in this recording, "
             f"{log_likelihood_text(pair.expected)} "
             f"expected {outlook}"
         )

@@ -90,7 +90,7 @@ def excite(
 def _search(
     model: Model, limits: MotionLimits, base: BaseParameters, shape: Shape, criterion: str, evaluations: int, seed: int
 ) -> ExcitationResult:
-    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
+    columns = (TextColumn("{task.description}", markup=False), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
     with Progress(*columns, console=err, transient=True) as progress:
         task = progress.add_task("random motions", total=evaluations)
 
@@ -128,7 +128,7 @@ def _print_result(
         )
     out.print(_limit_table(result))
     for name, gap in result.use.gaps():
-        out.print(f"smallest gap to {name}: {1e3 * gap:.0f} mm (margin {1e3 * limits.margin:g} mm)")
+        out.print(f"smallest gap to {escape(name)}: {1e3 * gap:.0f} mm (margin {1e3 * limits.margin:g} mm)")
     for sentence in limits.assumed:
         out.print(f"[cyan]note:[/] {escape(sentence)}", soft_wrap=True)
     trajectory = result.trajectory

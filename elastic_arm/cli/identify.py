@@ -83,7 +83,7 @@ def identify(
     robot = load_arm(robot_file, catalogue=catalogue)
     laws = parse_laws(with_ or (), robot, catalogue)
     mapping = None if channels is None else load_channels(channels)
-    with Progress(TextColumn("{task.description}"), BarColumn(), console=err, transient=True) as bar:
+    with Progress(TextColumn("{task.description}", markup=False), BarColumn(), console=err, transient=True) as bar:
         task = bar.add_task("reading", total=1.0)
 
         def says(what: str, share: float) -> None:

@@ -14,6 +14,9 @@ import typer
 
 from elastic_arm.errors import OutputError
 
+SHOWN = 60  # characters of a name that is too long
+# A file system takes 255 bytes; the files of a bag add a number and an ending to its name.
+LONGEST_NAME = 240
 Force = Annotated[bool, typer.Option("--force", help="Overwrite the results of an earlier run.")]
 
 
@@ -36,6 +39,7 @@ def claim_folder(folder: Path, names: Sequence[str], *, force: bool, option: str
     OutputError
         If one of them exists and `force` is not given, or the folder cannot be written.
     """
+    _check_name(folder, option)
     left = [name for name in names if (folder / name).exists()]
     if left and not force:
         raise OutputError(
@@ -62,6 +66,7 @@ def claim_file(path: Path, *, force: bool, option: str = "--out") -> None:
     OutputError
         If it exists and `force` is not given, is a folder, or cannot be written.
     """
+    _check_name(path, option)
     if path.is_dir():
         raise OutputError(f"{path} is a folder", f"Name a file with {option}.")
     if path.exists():
@@ -82,9 +87,30 @@ def claim_bag(path: Path, option: str = "--out") -> None:
     OutputError
         If something is there, or its folder cannot be written.
     """
+    _check_name(path, option)
     if path.exists():
         raise OutputError(f"{path} exists already", f"Choose another name with {option}: no recording is overwritten.")
     _check_folder(path.parent, option)
+
+
+def _check_name(path: Path, option: str) -> None:
+    """Refuse a name that the file system, or a report that holds it, cannot take."""
+    shown = str(path) if len(str(path)) <= SHOWN else f"{str(path)[:SHOWN]}…"
+    problem = ""
+    try:
+        if any(len(part.encode()) > LONGEST_NAME for part in path.parts):
+            problem = f"the name {shown} is too long"
+        os.lstat(path)
+    except UnicodeEncodeError:
+        problem = f"the name {shown!r} is no UTF-8 text"
+    except ValueError:
+        problem = f"the name {shown!r} holds a NUL"
+    except (FileNotFoundError, NotADirectoryError):
+        pass  # what is in the way is looked for by the checks that follow
+    except OSError as error:
+        problem = problem or f"{shown} cannot be made ({(error.strerror or 'unusable').lower()})"
+    if problem:
+        raise OutputError(problem, f"Name another place for {option}.")
 
 
 def _check_folder(folder: Path, option: str) -> None:

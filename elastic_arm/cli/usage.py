@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+import signal
 import sys
 from collections.abc import Sequence
 from typing import Any, cast
@@ -20,6 +22,11 @@ class Application(TyperGroup):
         """Run a command and end with its exit status."""
         try:
             status = super().main(args, *rest, **{**extra, "standalone_mode": False})
+            sys.stdout.flush()
+        except BrokenPipeError:
+            # Whoever reads has gone, as `head` does; what Python writes at its end must not fail for that again.
+            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+            raise SystemExit(128 + signal.SIGPIPE) from None
         except typer.TyperException as error:
             words = " ".join(error.format_message().split()).removesuffix(".").replace("Value error, ", "")
             if words:  # none where the help has been shown instead

@@ -97,7 +97,7 @@ def diagnose(
             folder, withheld=withheld, stale=stale, workers=workers, scheduler=scheduler, report=_reporter(bar)
         )
     for name, problem in wrong.items():
-        err.print(f"{name}: {escape(problem)}")
+        err.print(escape(f"{name}: {problem}"))
     if wrong:
         raise typer.Exit(1)
 
@@ -130,10 +130,12 @@ def score(
     if found["simulated"]:
         out.print(SIMULATED.format(", ".join(found["simulated"])))
     if found["open"]:
-        out.print(f"{found['open']} recordings have no answer yet: elastic-arm challenge diagnose {folders[0]}")
+        out.print(
+            f"{found['open']} recordings have no answer yet: elastic-arm challenge diagnose {escape(str(folders[0]))}"
+        )
     if len(found["code"]) > 1:
         out.print(f"answers of {len(found['code'])} states of the code: --stale answers again what is not of this one")
-    out.print(f"{folders[0] / 'score.json'}, {page}")
+    out.print(escape(f"{folders[0] / 'score.json'}, {page}"))
 
 
 def _print(title: str, headings: Any, rows: Any) -> None:

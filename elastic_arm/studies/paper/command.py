@@ -55,7 +55,7 @@ def paper(
     from elastic_arm.studies.paper.study import FULL, QUICK, run_study
 
     robot = load_robot(robot_file)
-    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
+    columns = (TextColumn("{task.description}", markup=False), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
     with Progress(*columns, console=err) as progress:
 
         def stage(name: str, count: int) -> Callable[[], None]:
