@@ -1,0 +1,110 @@
+"""From a recording to smoothed motion: its noise, its length, and recordings that hold no motion."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+
+from elastic_arm.errors import DiagnosisError
+from elastic_arm.estimation.observation import Observation, observe, torque_noise, widest_band
+from elastic_arm.estimation.resampling import Grid
+from elastic_arm.recording import Recording
+from elastic_arm.sensors import Sensors
+from tests.helpers.gap_recordings import motions, record
+
+
+@cache
+def recording() -> Recording:
+    return record(motions()[0], seed=0, sensors=Sensors.real())
+
+
+@cache
+def observation() -> Observation:
+    return observe(recording())
+
+
+def test_the_noise_of_a_torque_is_found_beside_motion_and_a_line() -> None:
+    """White noise of known size is found to 5 % under a slow motion and a narrow line a hundred times as large."""
+    t = np.arange(8000) / 1000.0
+    std = np.array([0.02, 0.5])
+    noise = std * np.random.default_rng(4).standard_normal((len(t), 2))
+    signal = np.sin(2 * np.pi * 3.0 * t) + 0.5 * np.sin(2 * np.pi * 300.0 * t)
+    grid = Grid(t, 1000.0, tau_J=100.0 * std * signal[:, None] + noise)
+    found = torque_noise([grid], "tau_J")
+    assert found is not None and torque_noise([grid], "tau_m") is None
+    np.testing.assert_allclose(found, std, rtol=0.05)
+
+
+def test_the_noise_of_every_channel_is_what_the_sensors_have() -> None:
+    """Standard deviations that the simulated sensors state come back from the recording alone."""
+    sensors, noise, n = Sensors.real(), observation().noise, recording().n
+    pairs = (
+        (noise.tau_J, sensors.joint_torque.row("noise", n)),
+        (noise.tau_m, sensors.motor_torque.row("noise", n)),
+    )
+    for found, stated in pairs:
+        assert found is not None
+        np.testing.assert_allclose(found, stated, rtol=0.15)
+
+
+def test_smoothing_keeps_the_length_of_a_recording() -> None:
+    """Both ends are continued before they are smoothed; what that makes rough lies within the margin."""
+    seen = observation()
+    samples = recording().samples()
+    assert seen.duration == pytest.approx(samples.t[-1] - samples.t[0], abs=0.1)
+    (piece,) = seen.pieces
+    middle = (piece.t > piece.t[0] + seen.margin) & (piece.t < piece.t[-1] - seen.margin)
+    raw = np.column_stack([np.interp(piece.t[middle], samples.t, column) for column in samples.theta.T])
+    assert 0.0 < seen.margin < 1.0
+    np.testing.assert_allclose(piece.theta[middle], raw, atol=1e-3)
+
+
+def test_columns_are_made_of_motion_smoothed_at_least_as_far_as_residuals() -> None:
+    """The motion of the columns has no more power in its accelerations than that of the residuals."""
+    seen = observation()
+    wide, quiet = (np.std(np.asarray(pieces[0].ddtheta), axis=0) for pieces in (seen.pieces, seen.quiet))
+    assert (quiet <= wide).all()
+
+
+def test_position_noise_without_a_velocity_channel_is_the_encoders() -> None:
+    """Its density is white of the encoder's standard deviation, times the squared response of the smoother."""
+    seen = observation()
+    alone = replace(seen, noise=replace(seen.noise, dtheta=None))
+    f = np.linspace(0.0, 40.0, 9)
+    expected = seen.gain(f)[:, None] ** 2 * np.asarray(seen.noise.theta) ** 2
+    np.testing.assert_allclose(alone.position_spectrum("motor", f), expected)
+
+
+def test_a_velocity_channel_takes_noise_from_the_position() -> None:
+    """With it the density is nowhere above the encoder's alone."""
+    seen, f = observation(), np.linspace(0.1, 40.0, 60)
+    alone = replace(seen, noise=replace(seen.noise, dtheta=None))
+    assert (seen.position_spectrum("motor", f) <= alone.position_spectrum("motor", f) * (1 + 1e-9)).all()
+
+
+def test_the_widest_band_follows_the_rate_up_to_the_drives_resonances() -> None:
+    """A fifth of the sample rate, at most 40 Hz."""
+    assert widest_band(100.0) == pytest.approx(20.0) and widest_band(1000.0) == pytest.approx(40.0)
+
+
+def test_recordings_that_no_residual_can_be_made_of_are_refused() -> None:
+    """Without a torque, shorter than two seconds, or at rest: one line each, with the remedy."""
+    whole = recording()
+    assert whole.link is not None and whole.motor is not None
+    silent = replace(whole, link=replace(whole.link, effort=None), motor=replace(whole.motor, effort=None))
+    with pytest.raises(DiagnosisError, match="holds no torque"):
+        observe(silent)
+    with pytest.raises(DiagnosisError, match="too short"):
+        observe(whole.between(0.0, 1.5))
+    still = replace(
+        whole,
+        **{
+            side: replace(part, position=np.tile(part.position[:1], (len(part.position), 1)), velocity=None)
+            for side, part in (("link", whole.link), ("motor", whole.motor))
+        },
+    )
+    with pytest.raises(DiagnosisError, match="no motion"):
+        observe(still)
