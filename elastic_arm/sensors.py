@@ -151,7 +151,17 @@ class Sensors:
         return cls(link_encoder=encoder, motor_encoder=encoder, stamp_jitter=2e-5)
 
     def changed(self, channel: str, joint: int, n: int, **settings: float) -> Sensors:
-        """Return these sensors with settings of one channel (`joint_torque`, …) and joint (index) of `n` changed."""
+        """Return these sensors with settings of one channel (`joint_torque`, …) and joint (index) of `n` changed.
+
+        Parameters
+        ----------
+        channel
+            Such as `joint_torque`.
+        joint, n
+            Index of the joint, and number of joints.
+        **settings
+            New values by name.
+        """
         return replace(self, **{channel: getattr(self, channel).changed(joint, n, **settings)})
 
 

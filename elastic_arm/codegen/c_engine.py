@@ -47,7 +47,17 @@ class CEngine:
         self._is_shared = [name in set(shared) for name, _ in program.inputs]
 
     def run(self, arrays: Sequence[np.ndarray], outputs: Sequence[np.ndarray], *, fresh: bool) -> None:
-        """Fill `outputs` (N, size) from `arrays`: (N, k), or (k,) where shared; `fresh` ones are just allocated."""
+        """Fill `outputs` (N, size) from `arrays`: (N, k), or (k,) where shared; `fresh` ones are just allocated.
+
+        Parameters
+        ----------
+        arrays
+            (N, k) values of each argument; (k,) where it is shared by all samples.
+        outputs
+            (N, size) each, to be filled.
+        fresh
+            Whether the outputs were just allocated.
+        """
         prepared = self.prepare(arrays)
         way = _way(outputs, fresh)
 
@@ -64,6 +74,15 @@ class CEngine:
         """Return hi, lo (entries, lanes) of each part of the samples, in their order; see :meth:`Kernel.row_products`.
 
         The order, and so every bit of the sum, does not depend on which thread ends first.
+
+        Parameters
+        ----------
+        arrays
+            (N, k) values of each argument; (k,) where it is shared by all samples.
+        y
+            (N, rows) a further entry of each row, the last.
+        entries
+            Products in all: the lower triangle of each row's matrix, row after row.
         """
         prepared = self.prepare(arrays)
         accumulate = ctypes.cast(_add_rows(), _ARRAY)

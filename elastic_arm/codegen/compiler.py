@@ -55,7 +55,17 @@ def build(source: str, *, flags: tuple[str, ...] = ("-ffp-contract=fast",)) -> c
 def build_once(
     identity: str, source: Callable[[], str], *, flags: tuple[str, ...] = ("-ffp-contract=fast",)
 ) -> ctypes.CDLL:
-    """As :func:`build`, but print the source only when no library of this `identity` is in the cache."""
+    """As :func:`build`, but print the source only when no library of this `identity` is in the cache.
+
+    Parameters
+    ----------
+    identity
+        What the source depends on; part of the library's name in the cache.
+    source
+        Prints the C code.
+    flags
+        Of the compiler.
+    """
     compiler = find_compiler()
     if compiler is None:
         raise KernelError("no C compiler was found", "Install gcc or clang, or set CC to one")

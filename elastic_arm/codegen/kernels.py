@@ -38,7 +38,17 @@ class Engine(Protocol):
         """Memory (samples, size) for an output."""
 
     def run(self, arrays: Sequence[np.ndarray], outputs: Sequence[np.ndarray], *, fresh: bool) -> None:
-        """Fill `outputs` from `arrays`; `fresh` ones come from :meth:`allocate`, others hold anything."""
+        """Fill `outputs` from `arrays`; `fresh` ones come from :meth:`allocate`, others hold anything.
+
+        Parameters
+        ----------
+        arrays
+            (N, k) values of each argument; (k,) where it is shared by all samples.
+        outputs
+            (N, size) each, to be filled.
+        fresh
+            Whether the outputs come from :meth:`allocate`; others hold anything.
+        """
 
 
 class Kernel:
@@ -158,7 +168,17 @@ def compile(function: casadi.Function, engine: str | None = None, shared: Sequen
 
 
 def make(program: Program, engine: str | None = None, shared: Sequence[str] = ()) -> Kernel:
-    """Make a kernel of a program; see :func:`compile`."""
+    """Make a kernel of a program; see :func:`compile`.
+
+    Parameters
+    ----------
+    program
+        What is to be run.
+    engine
+        "c", "numpy", or None for the faster one that this machine has.
+    shared
+        Arguments that have one value for all samples.
+    """
     return Kernel(program, _choose(program, engine, shared), shared)
 
 

@@ -79,7 +79,17 @@ class NumpyEngine:
         self._idle: dict[int, list[_BoundProgram]] = {}
 
     def run(self, arrays: Sequence[np.ndarray], outputs: Sequence[np.ndarray], *, fresh: bool) -> None:
-        """Fill `outputs` (N, size) from `arrays`: (N, k), or (k,) where shared; `fresh` ones hold zeros."""
+        """Fill `outputs` (N, size) from `arrays`: (N, k), or (k,) where shared; `fresh` ones hold zeros.
+
+        Parameters
+        ----------
+        arrays
+            (N, k) values of each argument; (k,) where it is shared by all samples.
+        outputs
+            (N, size) each, to be filled.
+        fresh
+            Whether the outputs hold zeros.
+        """
         for out in () if fresh else outputs:
             out.fill(0.0)
 

@@ -176,7 +176,17 @@ def tensor_of(six: np.ndarray) -> np.ndarray:
 
 
 def inertial_parameters(mass: float, com: np.ndarray, inertia: np.ndarray) -> np.ndarray:
-    """(10,) about the frame's origin, from mass, centre of mass and the tensor (3, 3) about it."""
+    """(10,) about the frame's origin, from mass, centre of mass and the tensor (3, 3) about it.
+
+    Parameters
+    ----------
+    mass
+        kg.
+    com
+        (3,) centre of mass in the frame, m.
+    inertia
+        (3, 3) about the centre of mass, kg m².
+    """
     about_com = np.array([mass, 0.0, 0.0, 0.0, *(inertia[index] for index in _TENSOR)])
     placement = np.eye(4)
     placement[:3, 3] = com

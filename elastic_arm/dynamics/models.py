@@ -88,7 +88,15 @@ class Model:
     def inverse_dynamics(
         self, x: np.ndarray, dx: np.ndarray, ddx: np.ndarray, Psi: np.ndarray | None = None
     ) -> np.ndarray:
-        """Left side of (1) with K and D: (N, dof), [0; tau_m] for a true motion."""
+        """Left side of (1) with K and D: (N, dof), [0; tau_m] for a true motion.
+
+        Parameters
+        ----------
+        x, dx, ddx
+            (N, dof) rad, rad/s and rad/s².
+        Psi
+            (P,) parameters; the description's when None.
+        """
         return self._run("inverse_dynamics", x, dx, ddx, self._psi(Psi))[0]
 
     def regressor(
@@ -99,7 +107,17 @@ class Model:
         columns: Columns | None = None,
         out: np.ndarray | None = None,
     ) -> np.ndarray:
-        """Phi of (10), (N, dof, P), or only its `columns`; written to `out`, if given, of that shape."""
+        """Phi of (10), (N, dof, P), or only its `columns`; written to `out`, if given, of that shape.
+
+        Parameters
+        ----------
+        x, dx, ddx
+            (N, dof) rad, rad/s and rad/s².
+        columns
+            Which of the P; all when None.
+        out
+            Array of the result's shape to write to.
+        """
         kernel = self.kernel("regressor", columns)
         return np.asarray(kernel(x, dx, ddx, out=None if out is None else [out])).reshape(len(x), self.dof, -1)
 
@@ -108,11 +126,27 @@ class Model:
         return self._run("mass_matrix", x, self._psi(Psi))[0].reshape(len(x), self.dof, self.dof)
 
     def bias(self, x: np.ndarray, dx: np.ndarray, Psi: np.ndarray | None = None) -> np.ndarray:
-        """All of the left side of (1) that is not acceleration, K and D included: (N, dof)."""
+        """All of the left side of (1) that is not acceleration, K and D included: (N, dof).
+
+        Parameters
+        ----------
+        x, dx
+            (N, dof) rad and rad/s.
+        Psi
+            (P,) parameters; the description's when None.
+        """
         return self._run("bias", x, dx, self._psi(Psi))[0]
 
     def terms(self, x: np.ndarray, dx: np.ndarray, Psi: np.ndarray | None = None) -> dict[str, np.ndarray]:
-        """M, S, B, c, c1, c2, g of (1) by name, samples first; the tilts count as link side."""
+        """M, S, B, c, c1, c2, g of (1) by name, samples first; the tilts count as link side.
+
+        Parameters
+        ----------
+        x, dx
+            (N, dof) rad and rad/s.
+        Psi
+            (P,) parameters; the description's when None.
+        """
         values = self._run("terms", x, dx, self._psi(Psi))
         rows, columns = len(self.bodies.link_side), len(self.bodies.motor_side)
         shapes = {"M": (rows, rows), "S": (rows, columns), "B": (columns, columns), "c2": (columns,)}
@@ -123,11 +157,29 @@ class Model:
     def forward_dynamics(
         self, x: np.ndarray, dx: np.ndarray, f: np.ndarray, Psi: np.ndarray | None = None
     ) -> np.ndarray:
-        """Accelerations ddx (N, dof) under generalized forces f (N, dof)."""
+        """Accelerations ddx (N, dof) under generalized forces f (N, dof).
+
+        Parameters
+        ----------
+        x, dx
+            (N, dof) rad and rad/s.
+        f
+            (N, dof) generalized forces, Nm.
+        Psi
+            (P,) parameters; the description's when None.
+        """
         return self._run("forward_dynamics", x, dx, f, self._psi(Psi))[0]
 
     def energy(self, x: np.ndarray, dx: np.ndarray, Psi: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
-        """Kinetic and potential energy, (N,) each, J; springs included, gravity counted from the ground's origin."""
+        """Kinetic and potential energy, (N,) each, J; springs included, gravity counted from the ground's origin.
+
+        Parameters
+        ----------
+        x, dx
+            (N, dof) rad and rad/s.
+        Psi
+            (P,) parameters; the description's when None.
+        """
         kinetic, potential = self._run("energy", x, dx, self._psi(Psi))
         return kinetic[:, 0], potential[:, 0]
 
@@ -139,6 +191,15 @@ class Model:
         self, x: np.ndarray, dx: np.ndarray, ddx: np.ndarray, y: np.ndarray, columns: Columns | None = None
     ) -> tuple[np.ndarray, np.ndarray]:
         """Sum over samples of [Phi_r, y_r]T [Phi_r, y_r] of every equation r; Phi is never stored.
+
+        Parameters
+        ----------
+        x, dx, ddx
+            (N, dof) rad, rad/s and rad/s².
+        y
+            (N, dof) right side, Nm; the last column of the sums.
+        columns
+            Which of the P; all when None.
 
         Returns
         -------

@@ -92,7 +92,17 @@ def inverse_dynamics(
 
 
 def spring_forces(bodies: Bodies, x: Sequence[Scalar], dx: Sequence[Scalar], Psi: Sequence[Scalar]) -> list[Scalar]:
-    """K (q - theta) + D (dq - dtheta) on the link side of (1), the opposite on the motor side; bearings likewise."""
+    """K (q - theta) + D (dq - dtheta) on the link side of (1), the opposite on the motor side; bearings likewise.
+
+    Parameters
+    ----------
+    bodies
+        The arm.
+    x, dx
+        dof scalars each, rad and rad/s.
+    Psi
+        P parameters.
+    """
     forces: list[Scalar] = [0.0] * bodies.dof
     for s in bodies.springs:
         d, dd = x[s.coordinate], dx[s.coordinate]
@@ -108,7 +118,19 @@ def spring_forces(bodies: Bodies, x: Sequence[Scalar], dx: Sequence[Scalar], Psi
 def energy(
     bodies: Bodies, x: Sequence[Scalar], dx: Sequence[Scalar], Psi: Sequence[Scalar], trig: Trig
 ) -> tuple[Scalar, Scalar]:
-    """Kinetic and potential energy; the latter counts springs, and gravity from the ground frame's origin."""
+    """Kinetic and potential energy; the latter counts springs, and gravity from the ground frame's origin.
+
+    Parameters
+    ----------
+    bodies
+        The arm.
+    x, dx
+        dof scalars each, rad and rad/s.
+    Psi
+        P parameters.
+    trig
+        Sine and cosine of these scalars.
+    """
     kinetic: Scalar = 0.0
     potential: Scalar = 0.0
     angular: list[Vec] = []

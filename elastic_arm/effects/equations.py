@@ -68,7 +68,15 @@ class ArmEquations:
         return ca.vertcat(*inertias)
 
     def left_side(self, x: SX, dx: SX, ddx: SX, *, model: str | None = None) -> SX:
-        """Return the left side of (1) with K and D (dof, 1); of another variant with its nominal numbers."""
+        """Return the left side of (1) with K and D (dof, 1); of another variant with its nominal numbers.
+
+        Parameters
+        ----------
+        x, dx, ddx
+            (dof, 1) rad, rad/s and rad/s².
+        model
+            Another variant, mod1, mod2 or mod3; this one when None.
+        """
         if model is None:
             return _left_side(self.bodies, x, dx, ddx, _entries(self.Psi))
         bodies = compose(self.robot, model, bearings=self._bearings)

@@ -91,7 +91,23 @@ class FourierTrajectory:
     def of_periods(
         cls, period: float, a: Array, b: Array, q0: Array, *, periods: float = 1.0, ramp: float, joints: Any = ()
     ) -> FourierTrajectory:
-        """Make a trajectory that holds `periods` whole periods of `period` seconds between its ramps."""
+        """Make a trajectory that holds `periods` whole periods of `period` seconds between its ramps.
+
+        Parameters
+        ----------
+        period
+            s.
+        a, b
+            (n, H) velocity amplitudes of sines and cosines, rad/s.
+        q0
+            (n,) rad.
+        periods
+            How many between the ramps.
+        ramp
+            s of each ramp.
+        joints
+            Their names.
+        """
         require(period > 0.0, f"period is {period:g} s", "Give a time above zero")
         require(periods > 0.0, f"{periods:g} periods are asked for", "Ask for at least one")
         return cls(2.0 * np.pi / period, a, b, q0, periods * period + 2.0 * ramp, ramp, tuple(joints))
@@ -210,7 +226,15 @@ def load_trajectory(path: str | Path) -> FourierTrajectory:
 
 
 def require(condition: bool, problem: str, remedy: str) -> None:
-    """Raise an ExcitationError unless the condition holds."""
+    """Raise an ExcitationError unless the condition holds.
+
+    Parameters
+    ----------
+    condition
+        What must hold.
+    problem, remedy
+        Of the error.
+    """
     if not condition:
         raise ExcitationError(problem, remedy)
 

@@ -79,7 +79,19 @@ class MotionLimits:
         workspace: Workspace | None = None,
         margin: float = MARGIN,
     ) -> MotionLimits:
-        """Take the limits of `robot`, defaults where it states none, lowered to the given ones (all joints alike)."""
+        """Take the limits of `robot`, defaults where it states none, lowered to the given ones (all joints alike).
+
+        Parameters
+        ----------
+        robot
+            The arm.
+        velocity, acceleration, torque
+            rad/s, rad/s², Nm.
+        workspace
+            Where the links may be; anywhere when None.
+        margin
+            Least distance of links from one another and from the floor, m.
+        """
         values: dict[str, Array] = {}
         assumed: list[str] = []
         for name, default in DEFAULTS.items():
@@ -124,6 +136,15 @@ class MotionLimits:
         """Return how much of every limit a motion uses, start and stop included.
 
         Torque is the rigid arm's, theta = q: the deflections of a stiff drive change it little.
+
+        Parameters
+        ----------
+        trajectory
+            The motion.
+        model
+            Of the arm.
+        t
+            (N,) s at which it is looked at; dense over its duration when None.
         """
         q, dq, ddq = trajectory.evaluate(limit_times(trajectory) if t is None else t)
         tau = rigid_torque(model, q, dq, ddq)
@@ -223,13 +244,30 @@ def generalized(model: Model, values: Array) -> Array:
 
 
 def rigid_torque(model: Model, q: Array, dq: Array, ddq: Array) -> Array:
-    """Return the torque (N, n) that moves the arm with stiff drives: both rows of (1) together, Nm."""
+    """Return the torque (N, n) that moves the arm with stiff drives: both rows of (1) together, Nm.
+
+    Parameters
+    ----------
+    model
+        Of the arm.
+    q, dq, ddq
+        (N, n) rad, rad/s and rad/s².
+    """
     rows = model.inverse_dynamics(*(generalized(model, values) for values in (q, dq, ddq)))
     return rows[:, : model.n] + (rows[:, model.n : 2 * model.n] if model.robot.elastic else 0.0)
 
 
 def check_limits(limits: MotionLimits, model: Model, trajectory: FourierTrajectory) -> LimitUse:
     """Return the use of the limits.
+
+    Parameters
+    ----------
+    limits
+        What must be kept.
+    model
+        Of the arm.
+    trajectory
+        The motion.
 
     Raises
     ------

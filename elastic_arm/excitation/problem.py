@@ -49,6 +49,17 @@ def random_trajectories(
 ) -> list[FourierTrajectory]:
     """Return `count` random motions within the limits: coefficients uniform, turned down to the limits.
 
+    Parameters
+    ----------
+    model, limits
+        Of the arm.
+    count
+        How many.
+    rng
+        Source of the coefficients.
+    shape
+        Harmonics, period and ramp.
+
     Raises
     ------
     ExcitationError

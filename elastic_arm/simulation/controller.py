@@ -26,7 +26,13 @@ LEAST_DAMPING_RATIO = 0.2
 
 
 def no_feedforward(q: Array, dq: Array, ddq: Array) -> Array:
-    """Feed no torque forward."""
+    """Feed no torque forward.
+
+    Parameters
+    ----------
+    q, dq, ddq
+        (n,) or (N, n) rad, rad/s and rad/s².
+    """
     return np.zeros_like(q)
 
 
@@ -64,6 +70,17 @@ def tuned(robot: Robot, *, bandwidth: float = BANDWIDTH, model: str = "mod3", ra
     The gains fit the inertia of each whole joint, link and motor, in the zero position; but the motor alone, on its
     drive's damper, must stay stable under a command held for a sample. Where the ratio is low and the motor light, that
     bounds both gains.
+
+    Parameters
+    ----------
+    robot
+        The nominal arm.
+    bandwidth
+        Hz.
+    model
+        Variant of the feed-forward torque.
+    rate
+        Of the commands, Hz.
     """
     equations = ArmEquations(robot, model)
     feedforward = RigidFeedforward(equations)

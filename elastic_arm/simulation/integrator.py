@@ -96,6 +96,15 @@ class Integrator(Protocol):
         """Advance `state` over `reference` (N, 3n): theta, dtheta, feed-forward torque.
 
         Where numbers stop being finite the solution ends early.
+
+        Parameters
+        ----------
+        loop
+            Arm, effects and controller.
+        reference
+            (N, 3n): theta (rad), dtheta (rad/s), feed-forward torque (Nm).
+        state
+            Where the arm is; left at the end of the run.
         """
 
 
@@ -138,7 +147,17 @@ class CompiledIntegrator:
         self._rollout.restype = ctypes.c_long
 
     def run(self, loop: ClosedLoop, reference: Array, state: IntegratorState) -> Solution:
-        """See :meth:`Integrator.run`."""
+        """See :meth:`Integrator.run`.
+
+        Parameters
+        ----------
+        loop
+            Arm, effects and controller.
+        reference
+            (N, 3n): theta (rad), dtheta (rad/s), feed-forward torque (Nm).
+        state
+            Where the arm is; left at the end of the run.
+        """
         ode, n = self._ode, self._n
         passed = np.concatenate([state.y, state.half, state.command])
         out = np.empty((len(reference), ode + 3 * n))
@@ -192,7 +211,17 @@ class CasadiIntegrator:
         self._half: dict[int, ca.Function] = {}
 
     def run(self, loop: ClosedLoop, reference: Array, state: IntegratorState) -> Solution:
-        """See :meth:`Integrator.run`."""
+        """See :meth:`Integrator.run`.
+
+        Parameters
+        ----------
+        loop
+            Arm, effects and controller.
+        reference
+            (N, 3n): theta (rad), dtheta (rad/s), feed-forward torque (Nm).
+        state
+            Where the arm is; left at the end of the run.
+        """
         n, ode = self._n, self._ode
         motor = n if self._dof > n else 0
         half = self._half.setdefault(loop.half_steps, self._step.fold(loop.half_steps))

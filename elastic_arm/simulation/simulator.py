@@ -182,6 +182,11 @@ class Simulator:
     def follow(self, q: Array, dq: Array, ddq: Array) -> tuple[Truth, dict[str, Array]]:
         """Run over a reference of the motor side, (N, n) each, at the sample rate.
 
+        Parameters
+        ----------
+        q, dq, ddq
+            (N, n) rad, rad/s and rad/s².
+
         Returns
         -------
         truth, measured
@@ -219,6 +224,17 @@ class Simulator:
 
         Bearings start untilted. `command` is the motor torque held until now, `z` the internal states of effects;
         both are zero when None.
+
+        Parameters
+        ----------
+        q, theta
+            (n,) rad.
+        dq, dtheta
+            (n,) rad/s.
+        command
+            (n,) motor torque held until now, Nm; zero when None.
+        z
+            Internal states of the effects; zero when None.
         """
         dof = self.system.dof
         parts = (q, theta) if self.robot.elastic else (q,)
@@ -287,6 +303,19 @@ def sign_speed(system: System, Psi: Array, x: Array, z: Array, hold: Array, step
     """Return the speed (2n,) below which friction of each side is regularised, rad/s.
 
     :data:`SIGN_SPEED`, or more where friction would outrun an integrator of this step (s): `friction step / inertia`.
+
+    Parameters
+    ----------
+    system
+        Arm and effects.
+    Psi
+        (P,) parameters.
+    x, z
+        Coordinates and internal states at which friction is looked at.
+    hold
+        (n,) motor torque, Nm.
+    step
+        Of the integrator, s.
     """
     rest, speed = np.zeros_like(x), np.full(2 * system.n, SIGN_SPEED)
     slope, mass = (np.array(m) for m in system.friction(x, rest, z, hold, Psi, system.effect_set.numbers(), speed))

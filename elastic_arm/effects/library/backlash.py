@@ -11,7 +11,15 @@ from elastic_arm.effects.parameters import Parameter, Role
 
 
 def law(motion: SymbolicMotion, i: int, p: Mapping[str, Any]) -> Contribution:
-    """-K times the part of the deflection that the play takes up."""
+    """-K times the part of the deflection that the play takes up.
+
+    Parameters
+    ----------
+    motion, i
+        Symbols of the motion, and index of the joint.
+    p
+        `half_gap` (rad).
+    """
     gap, d = p["half_gap"], motion.deflection[i]
     return motion.at(i, drive=-motion.K[i] * ca.fmax(-gap, ca.fmin(gap, d)))
 

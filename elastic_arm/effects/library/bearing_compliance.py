@@ -21,6 +21,13 @@ def law(motion: SymbolicMotion, i: int, p: Mapping[str, Any]) -> Contribution:
     The tilts follow the moment that the rigid arm puts on its bearings; their rates follow from those of the motion.
     Without the motion's third and fourth derivative about a tenth of the effect's power is missed. A simulated arm does
     not need this law: there the tilts are coordinates.
+
+    Parameters
+    ----------
+    motion, i
+        Symbols of the motion, and index of the joint.
+    p
+        `stiffness_scale` (1).
     """
     n, zero = motion.n, ca.SX.zeros(2 * motion.n)
     _check(motion.robot)

@@ -9,7 +9,15 @@ from elastic_arm.effects.parameters import Parameter
 
 
 def law(motion: SymbolicMotion, i: int, p: Mapping[str, Any]) -> Contribution:
-    """(ratio - 1) D d'."""
+    """(ratio - 1) D d'.
+
+    Parameters
+    ----------
+    motion, i
+        Symbols of the motion, and index of the joint.
+    p
+        `damping` (1).
+    """
     motion.gear(i)
     return motion.at(i, drive=(p["damping"] - 1.0) * motion.D[i] * motion.deflection_rate[i])
 

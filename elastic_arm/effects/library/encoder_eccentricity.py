@@ -12,7 +12,15 @@ from elastic_arm.sensors import Sensors
 
 
 def law(motion: SymbolicMotion, i: int, p: Mapping[str, Any]) -> Contribution:
-    """K and D times the false deflection and its rate."""
+    """K and D times the false deflection and its rate.
+
+    Parameters
+    ----------
+    motion, i
+        Symbols of the motion, and index of the joint.
+    p
+        `amplitude` (rad) and `phase` (rad).
+    """
     motion.gear(i)
     angle = motion.q[i] + p["phase"]
     error = p["amplitude"] * ca.sin(angle)
@@ -21,7 +29,17 @@ def law(motion: SymbolicMotion, i: int, p: Mapping[str, Any]) -> Contribution:
 
 
 def change(sensors: Sensors, i: int, n: int, p: Mapping[str, Any]) -> Sensors:
-    """Put the disc off centre."""
+    """Put the disc off centre.
+
+    Parameters
+    ----------
+    sensors
+        Of the arm.
+    i, n
+        Index of the joint, and number of joints.
+    p
+        `amplitude` (rad) and `phase` (rad).
+    """
     return sensors.changed("link_encoder", i, n, eccentricity=p["amplitude"], phase=p["phase"])
 
 

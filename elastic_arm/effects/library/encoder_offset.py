@@ -10,13 +10,31 @@ from elastic_arm.sensors import Sensors
 
 
 def law(motion: SymbolicMotion, i: int, p: Mapping[str, Any]) -> Contribution:
-    """K times the offset: the deflection is read too small by it."""
+    """K times the offset: the deflection is read too small by it.
+
+    Parameters
+    ----------
+    motion, i
+        Symbols of the motion, and index of the joint.
+    p
+        `offset` (rad).
+    """
     motion.gear(i)
     return motion.at(i, drive=motion.K[i] * p["offset"])
 
 
 def change(sensors: Sensors, i: int, n: int, p: Mapping[str, Any]) -> Sensors:
-    """Shift the channel."""
+    """Shift the channel.
+
+    Parameters
+    ----------
+    sensors
+        Of the arm.
+    i, n
+        Index of the joint, and number of joints.
+    p
+        `offset` (rad).
+    """
     return sensors.changed("link_encoder", i, n, offset=p["offset"])
 
 

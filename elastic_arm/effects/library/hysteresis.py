@@ -11,7 +11,15 @@ from elastic_arm.effects.parameters import Parameter, Role
 
 
 def law(motion: SymbolicMotion, i: int, p: Mapping[str, Any]) -> Contribution:
-    """H z added to tau_J, with the Bouc-Wen state z of the deflection."""
+    """H z added to tau_J, with the Bouc-Wen state z of the deflection.
+
+    Parameters
+    ----------
+    motion, i
+        Symbols of the motion, and index of the joint.
+    p
+        `torque` (Nm), `width` (rad) and state `z`.
+    """
     z, rate = p["z"], motion.deflection_rate[i]
     z_rate = (rate - ca.fabs(rate) * z / 2 - rate * ca.fabs(z) / 2) / p["width"]
     return motion.at(i, drive=p["torque"] * z, rates={"z": z_rate})

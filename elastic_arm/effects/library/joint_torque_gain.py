@@ -9,7 +9,15 @@ from elastic_arm.effects.motion import Contribution, SymbolicMotion
 
 
 def law(motion: SymbolicMotion, i: int, p: Mapping[str, Any]) -> Contribution:
-    """In recorded torque: (1 - 1/gain) tau_J, which the motor equation has with the other sign."""
+    """In recorded torque: (1 - 1/gain) tau_J, which the motor equation has with the other sign.
+
+    Parameters
+    ----------
+    motion, i
+        Symbols of the motion, and index of the joint.
+    p
+        `gain` (1).
+    """
     error = excess(motion.tau_J[i], p)
     return motion.at(i, link=error, drive=error, motor=-error)
 

@@ -12,7 +12,15 @@ from elastic_arm.effects.parameters import Parameter
 
 
 def law(motion: SymbolicMotion, i: int, p: Mapping[str, Any]) -> Contribution:
-    """What the true link has beyond the nominal one, as a body carried along with it."""
+    """What the true link has beyond the nominal one, as a body carried along with it.
+
+    Parameters
+    ----------
+    motion, i
+        Symbols of the motion, and index of the joint.
+    p
+        `mass` (1), `com` (m) and `inertia` (1).
+    """
     link = motion.robot.joints[i].link
     mass = p["mass"] * link.mass
     com = ca.DM(link.com) + p["com"]

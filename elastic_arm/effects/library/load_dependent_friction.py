@@ -11,7 +11,15 @@ from elastic_arm.effects.parameters import Parameter
 
 
 def law(motion: SymbolicMotion, i: int, p: Mapping[str, Any]) -> Contribution:
-    """mu abs(tau_J) sign(w) on the motor side."""
+    """mu abs(tau_J) sign(w) on the motor side.
+
+    Parameters
+    ----------
+    motion, i
+        Symbols of the motion, and index of the joint.
+    p
+        `coefficient` (1).
+    """
     return motion.at(i, motor=p["coefficient"] * ca.fabs(motion.tau_J[i]) * motion.sign("motor", i))
 
 

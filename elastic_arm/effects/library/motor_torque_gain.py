@@ -9,7 +9,15 @@ from elastic_arm.effects.motion import Contribution, SymbolicMotion
 
 
 def law(motion: SymbolicMotion, i: int, p: Mapping[str, Any]) -> Contribution:
-    """In recorded torque: (1 - 1/gain) tau_m."""
+    """In recorded torque: (1 - 1/gain) tau_m.
+
+    Parameters
+    ----------
+    motion, i
+        Symbols of the motion, and index of the joint.
+    p
+        `gain` (1).
+    """
     return motion.at(i, motor=excess(motion.tau_m[i], p))
 
 

@@ -10,12 +10,30 @@ from elastic_arm.sensors import Sensors
 
 
 def law(motion: SymbolicMotion, i: int, p: Mapping[str, Any]) -> Contribution:
-    """The offset."""
+    """The offset.
+
+    Parameters
+    ----------
+    motion, i
+        Symbols of the motion, and index of the joint.
+    p
+        `offset` (Nm).
+    """
     return motion.at(i, motor=p["offset"])
 
 
 def change(sensors: Sensors, i: int, n: int, p: Mapping[str, Any]) -> Sensors:
-    """Shift the channel."""
+    """Shift the channel.
+
+    Parameters
+    ----------
+    sensors
+        Of the arm.
+    i, n
+        Index of the joint, and number of joints.
+    p
+        `offset` (Nm).
+    """
     return sensors.changed("motor_torque", i, n, offset=p["offset"])
 
 

@@ -9,7 +9,15 @@ from elastic_arm.effects.parameters import Parameter
 
 
 def law(motion: SymbolicMotion, i: int, p: Mapping[str, Any]) -> Contribution:
-    """K_3 d^3 added to tau_J."""
+    """K_3 d^3 added to tau_J.
+
+    Parameters
+    ----------
+    motion, i
+        Symbols of the motion, and index of the joint.
+    p
+        `cubic` (Nm/rad^3).
+    """
     return motion.at(i, drive=p["cubic"] * motion.deflection[i] ** 3)
 
 

@@ -11,7 +11,15 @@ from elastic_arm.effects.parameters import Parameter, Role
 
 
 def law(motion: SymbolicMotion, i: int, p: Mapping[str, Any]) -> Contribution:
-    """Weight and inertia of a point mass fixed to link n."""
+    """Weight and inertia of a point mass fixed to link n.
+
+    Parameters
+    ----------
+    motion, i
+        Symbols of the motion, and index of the joint.
+    p
+        `mass` (kg) and `position` (m).
+    """
     mass, position = p["mass"], p["position"]
     inertia = mass * (ca.sumsqr(position) * ca.SX.eye(3) - position @ position.T)
     return motion.everywhere(motion.carried_body(i, mass, mass * position, inertia))

@@ -9,7 +9,15 @@ from elastic_arm.effects.parameters import Parameter
 
 
 def law(motion: SymbolicMotion, i: int, p: Mapping[str, Any]) -> Contribution:
-    """(ratio - 1) B_ii theta''."""
+    """(ratio - 1) B_ii theta''.
+
+    Parameters
+    ----------
+    motion, i
+        Symbols of the motion, and index of the joint.
+    p
+        `inertia` (1).
+    """
     motion.gear(i)
     return motion.at(i, motor=(p["inertia"] - 1.0) * motion.equations.B[i] * motion.ddtheta[i])
 

@@ -9,7 +9,15 @@ from elastic_arm.effects.parameters import Parameter
 
 
 def law(motion: SymbolicMotion, i: int, p: Mapping[str, Any]) -> Contribution:
-    """(ratio - 1) K d."""
+    """(ratio - 1) K d.
+
+    Parameters
+    ----------
+    motion, i
+        Symbols of the motion, and index of the joint.
+    p
+        `stiffness` (1).
+    """
     motion.gear(i)
     return motion.at(i, drive=(p["stiffness"] - 1.0) * motion.K[i] * motion.deflection[i])
 

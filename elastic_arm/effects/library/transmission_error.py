@@ -11,20 +11,44 @@ from elastic_arm.effects.parameters import Parameter, Role
 
 
 def slope(motion: SymbolicMotion, i: int, p: Mapping[str, Any]) -> ca.SX:
-    """de/dtheta."""
+    """de/dtheta.
+
+    Parameters
+    ----------
+    motion, i
+        Symbols of the motion, and index of the joint.
+    p
+        `amplitude` (rad), `phase` (rad) and `order` (1).
+    """
     spatial = p["order"] * motion.gear(i).harmonic_drive_ratio
     return p["amplitude"] * spatial * ca.cos(spatial * motion.theta[i] + p["phase"])
 
 
 def twist(motion: SymbolicMotion, i: int, p: Mapping[str, Any]) -> tuple[ca.SX, ca.SX]:
-    """E = A sin(k r_hd theta + phi) and its rate."""
+    """E = A sin(k r_hd theta + phi) and its rate.
+
+    Parameters
+    ----------
+    motion, i
+        Symbols of the motion, and index of the joint.
+    p
+        `amplitude` (rad), `phase` (rad) and `order` (1).
+    """
     spatial = p["order"] * motion.gear(i).harmonic_drive_ratio
     error = p["amplitude"] * ca.sin(spatial * motion.theta[i] + p["phase"])
     return error, slope(motion, i, p) * motion.dtheta[i]
 
 
 def law(motion: SymbolicMotion, i: int, p: Mapping[str, Any]) -> Contribution:
-    """K e + D e' in the drive; by virtual work the motor feels tau_J (1 + de/dtheta)."""
+    """K e + D e' in the drive; by virtual work the motor feels tau_J (1 + de/dtheta).
+
+    Parameters
+    ----------
+    motion, i
+        Symbols of the motion, and index of the joint.
+    p
+        `amplitude` (rad), `phase` (rad) and `order` (1).
+    """
     error, rate = twist(motion, i, p)
     return motion.at(
         i,

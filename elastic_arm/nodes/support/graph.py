@@ -58,6 +58,15 @@ def require_single_publisher(node: Node, topic: str, seconds: float = DISCOVERY)
 
     Of two that start together one looks a little longer, and finds the other.
 
+    Parameters
+    ----------
+    node
+        Ours, which publishes the topic.
+    topic
+        Its name.
+    seconds
+        How long others are looked for.
+
     Raises
     ------
     GraphError

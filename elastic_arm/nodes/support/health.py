@@ -32,7 +32,17 @@ class Health:
         self._level = DiagnosticStatus.OK
 
     def report(self, problems: list[str], fine: str, values: dict[str, Any]) -> None:
-        """Publish the problems (or, if there are none, that all is `fine`) with figures beside them."""
+        """Publish the problems (or, if there are none, that all is `fine`) with figures beside them.
+
+        Parameters
+        ----------
+        problems
+            What is wrong, a line each.
+        fine
+            The message where there is no problem.
+        values
+            Figures by name.
+        """
         level = DiagnosticStatus.WARN if problems else DiagnosticStatus.OK
         message = "; ".join(problems) or fine
         status = DiagnosticStatus(level=level, name=self._name, message=message, hardware_id="elastic_arm")

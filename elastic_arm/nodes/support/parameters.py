@@ -59,6 +59,15 @@ def declare_texts(node: Node, name: str, description: str, *, live: bool = False
     """Declare a list of texts, empty by default, and return it.
 
     An empty list has no type in ROS; a list of one empty text stands for it.
+
+    Parameters
+    ----------
+    node
+        Which gets the parameter.
+    name, description
+        Of the parameter.
+    live
+        Whether it may be set while the node runs.
     """
     descriptor = ParameterDescriptor(
         description=description, read_only=not live, type=Parameter.Type.STRING_ARRAY.value
@@ -67,7 +76,15 @@ def declare_texts(node: Node, name: str, description: str, *, live: bool = False
 
 
 def declare_numbers(node: Node, name: str, default: list[float], description: str) -> list[float]:
-    """Declare a list of numbers and return it."""
+    """Declare a list of numbers and return it.
+
+    Parameters
+    ----------
+    node
+        Which gets the parameter.
+    name, default, description
+        Of the parameter.
+    """
     descriptor = ParameterDescriptor(description=description, read_only=True, type=Parameter.Type.DOUBLE_ARRAY.value)
     return list(node.declare_parameter(name, default, descriptor).value)
 

@@ -53,7 +53,17 @@ def true_parameters(fault: Fault, effect: Effect) -> dict[str, Any]:
 
 
 def instance_of(fault: Fault, effect: Effect, robot: Robot) -> EffectInstance:
-    """Return a fault as the suite's own simulator takes it."""
+    """Return a fault as the suite's own simulator takes it.
+
+    Parameters
+    ----------
+    fault
+        As it was drawn.
+    effect
+        Of its name.
+    robot
+        Whose joint it sits on.
+    """
     given = {"side": fault.side, "channels": fault.channels, **fault.choices}
     chosen = {c.name: given[c.name] for c in effect.choices if given.get(c.name)}
     joint = None if fault.joint is None else robot.joint_names[fault.joint]
