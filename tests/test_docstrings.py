@@ -15,8 +15,6 @@ FEW = 3  # arguments from which a Parameters section is asked for
 FORBIDDEN = re.compile(r"\b(houses?|rooms?(?! for)|doors?|currency)\b", re.IGNORECASE)
 CODE = re.compile(r"`[^`]*`")
 DOCUMENTS = sorted([*ROOT.glob("*.md"), *ROOT.glob("docs/*.md"), *ROOT.glob("examples/*/*.md")])
-# Documents whose lines are still to be wrapped; the tuple only shrinks.
-LONG_LINES = ("diagnosis.md", "recordings.md", "channel_maps.md", "robots.md")
 WIDEST = 120
 
 
@@ -82,8 +80,6 @@ def test_documents_use_the_words_of_the_field(path: Path) -> None:
 @pytest.mark.parametrize("path", DOCUMENTS, ids=lambda path: str(path.relative_to(ROOT)))
 def test_lines_of_documents_fit(path: Path) -> None:
     """Lines have at most 120 columns; rows of tables cannot be broken."""
-    if path.name in LONG_LINES:
-        pytest.skip("still has long lines")
     lines = [line for line in path.read_text().splitlines() if not line.startswith("|")]
     assert not [line for line in lines if len(line) > WIDEST]
 

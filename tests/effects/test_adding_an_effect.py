@@ -17,7 +17,7 @@ PAGE = (Path(__file__).parents[2] / "docs" / "adding_an_effect.md").read_text(en
 
 def commands(section: str) -> list[list[str]]:
     """Return the arguments of the commands of one section of the page."""
-    text = PAGE[PAGE.index(section) + 3 :].split("\n## ", 1)[0]
+    text = PAGE[PAGE.index(section) + 3 :].split("\n## ", 1)[0].replace("\\\n", "")
     return [shlex.split(line)[1:] for line in re.findall(r"^    (elastic-arm .+)$", text, re.MULTILINE)]
 
 
