@@ -6,6 +6,8 @@ what is wrong and what to do about it, and carries the values that were wrong as
 
 from __future__ import annotations
 
+_LONGEST = 1000  # characters of a problem or a remedy
+
 
 class ElasticArmError(Exception):
     """Base of all errors that a user can mend.
@@ -25,7 +27,13 @@ class ElasticArmError(Exception):
 
 
 def _sentence(text: str) -> str:
-    """Return `text` with a full stop, unless it ends a sentence already."""
+    """Return `text` as one line of bounded length with a full stop, unless it ends a sentence already.
+
+    It may hold names out of files: what would break the line or control a terminal is written as its code.
+    """
+    if len(text) > _LONGEST:
+        text = f"{text[: _LONGEST // 2]} … {text[-_LONGEST // 2 :]}"
+    text = "".join(letter if letter.isprintable() else ascii(letter)[1:-1] for letter in text)
     return text if text.endswith((".", "?", "!")) else f"{text}."
 
 

@@ -25,6 +25,7 @@ P = ParamSpec("P")
 R = TypeVar("R")
 
 UNLIMITED = 10_000  # columns where no screen ends the line
+_CONTROL = re.compile("[\x00-\x08\x0b-\x1f\x7f-\x9f]")
 LEAST = 12  # columns of a name that is cut
 
 
@@ -32,7 +33,11 @@ class SafeConsole(Console):
     """A console that prints text which looks like markup and is none, as a file name can, as it stands."""
 
     def render_str(self, text: str, **options: Any) -> Text:
-        """Return text with its markup rendered, or as it stands where the markup does not close."""
+        """Return text with its markup rendered, or as it stands where the markup does not close.
+
+        Codes that control a terminal, which a name in a file may hold, are left out.
+        """
+        text = _CONTROL.sub("", text)
         try:
             return super().render_str(text, **options)
         except MarkupError:

@@ -14,9 +14,10 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 from rosbags.interfaces import Nodetype
-from rosbags.typesys.store import Typestore
 
 from elastic_arm.errors import RecordingError
+from elastic_arm.recording import limits
+from elastic_arm.recording.message_types import TypeFields
 from elastic_arm.recording.spans import Bytes, Offsets, Spans, column, offsets_of
 
 _ORIGIN = 4  # alignment counts from behind the encapsulation header
@@ -131,7 +132,7 @@ class Layout:
             target.view(items)[:, 0] = column(spans.buffer, items, spans.begin, numbers.at)
 
 
-def layout_of(data: memoryview, type_name: str, store: Typestore) -> Layout:
+def layout_of(data: memoryview, type_name: str, store: TypeFields) -> Layout:
     """Find the layout of one message.
 
     Parameters
@@ -167,7 +168,7 @@ class Layouts:
         The type and its definition.
     """
 
-    def __init__(self, type_name: str, store: Typestore) -> None:
+    def __init__(self, type_name: str, store: TypeFields) -> None:
         self.type_name, self.store = type_name, store
         self.known: dict[int, list[Layout]] = {}
         self._latest: Layout | None = None
@@ -198,6 +199,11 @@ class Layouts:
         for layout in known:
             if layout.matches(one).all():
                 return layout
+        if sum(map(len, self.known.values())) >= limits.LAYOUTS:
+            raise RecordingError(
+                f"its messages differ in more than {limits.LAYOUTS} ways in their names and lengths",
+                "Stop publishers that change the names or the number of joints.",
+            )
         layout = layout_of(pattern, self.type_name, self.store)
         layout.learn(pattern)
         known.append(layout)
@@ -207,14 +213,19 @@ class Layouts:
 class _Walker:
     """Walks one message by its type and notes where things lie."""
 
-    def __init__(self, data: memoryview, store: Typestore, order: Literal["<", ">"]) -> None:
+    def __init__(self, data: memoryview, store: TypeFields, order: Literal["<", ">"]) -> None:
         self.data, self.store, self.order = data, store, order
         self.at = _ORIGIN
+        self.walked = 0
         self.layout = Layout(len(data), fixed=[(0, 2)])
 
     def message(self, type_name: str, path: str) -> None:
         _, fields = self.store.fielddefs[type_name]
+        self.walked += 1
         for name, (kind, what) in fields:
+            self.walked += 1
+            if self.walked > limits.WALKED_FIELDS:
+                raise struct.error(f"it has more than {limits.WALKED_FIELDS} fields")
             self.member(kind, what, f"{path}{name}")
 
     def member(self, kind: Nodetype, what: Any, path: str) -> None:

@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from functools import lru_cache
 from importlib import resources
+from typing import Protocol
 
-from rosbags.typesys import Stores, TypesysError, get_types_from_idl, get_types_from_msg, get_typestore
+from rosbags.interfaces.typing import Typesdict
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from rosbags.typesys.store import Typestore
 
 from elastic_arm.errors import RecordingError
+from elastic_arm.recording.definitions import parse_definition
 from elastic_arm.recording.storage.metadata import Topic
 
 OWN_PACKAGE = "elastic_arm_msgs"
@@ -47,20 +51,27 @@ def definition(type_name: str) -> tuple[str, str]:
     return text, store.hash_rihs01(type_name)
 
 
+class TypeFields(Protocol):
+    """What is known of message types: by name, their constants and fields, as rosbags describes them."""
+
+    @property
+    def fielddefs(self) -> Typesdict:
+        """Constants and fields by type."""
+
+
+@dataclass(frozen=True)
+class _Defined:
+    """The types that one definition in a bag describes; never compiled."""
+
+    fielddefs: Typesdict
+
+
 @lru_cache(maxsize=64)
-def _registered(name: str, encoding: str, text: str) -> Typestore:
-    if not text:
-        return typestore()
-    store = get_typestore(Stores.EMPTY)
-    try:
-        parse = get_types_from_msg if encoding == "ros2msg" else None
-        store.register(parse(text, name) if parse else get_types_from_idl(text))
-    except TypesysError as error:
-        raise RecordingError(f"the definition of message type {name} in the bag cannot be read: {error}") from None
-    return store
+def _defined(name: str, encoding: str, text: str) -> TypeFields:
+    return _Defined(parse_definition(name, encoding, text)) if text else typestore()
 
 
-def types_of(topic: Topic) -> Typestore:
+def types_of(topic: Topic) -> TypeFields:
     """Return the types that a topic's messages are made of: as the bag defines them, or else the known ones.
 
     Raises
@@ -68,9 +79,9 @@ def types_of(topic: Topic) -> Typestore:
     RecordingError
         If the definition cannot be read, or is missing and the type is not a known one.
     """
-    store = _registered(topic.type_name, topic.encoding, topic.definition)
-    if topic.type_name not in store.fielddefs:
+    types = _defined(topic.type_name, topic.encoding, topic.definition)
+    if topic.type_name not in types.fielddefs:
         raise RecordingError(
             f"message type {topic.type_name} is not defined in the bag", "Record it with its definition."
         )
-    return store
+    return types

@@ -1,0 +1,58 @@
+"""How much a bag may ask for, whatever it claims: stated here, and in part configurable by the environment.
+
+`$ELASTIC_ARM_MAX_CHUNK_MB` bounds what one chunk may unpack to, `$ELASTIC_ARM_MAX_UNPACKED_MB` what one file may.
+"""
+
+from __future__ import annotations
+
+import os
+
+from elastic_arm.errors import RecordingError
+
+MEGABYTE = 1_000_000
+# What recorders write is below 20 MB a chunk; a file that unpacks to more than half of the memory cannot be decoded.
+CHUNK_MB = 512
+MEMORY_SHARE = 0.5
+
+# Of a message definition. The largest one of ROS (a planning scene of MoveIt) has 60 kB, 70 types and 400 fields.
+DEFINITION_BYTES = 1_000_000
+DEFINITION_TYPES = 1000
+DEFINITION_FIELDS = 2000
+TYPE_DEPTH = 32
+ARRAY_LENGTH = 2**31
+
+# Of the messages of one topic: fields met in walking one message, and layouts (lengths, names, orders of joints).
+WALKED_FIELDS = 100_000
+LAYOUTS = 256
+
+METADATA_BYTES = 10 * MEGABYTE
+
+
+def chunk_bytes() -> int:
+    """Return how many bytes one chunk may unpack to.
+
+    Raises
+    ------
+    RecordingError
+        If the environment holds no number.
+    """
+    return _configured("ELASTIC_ARM_MAX_CHUNK_MB", CHUNK_MB)
+
+
+def unpacked_bytes() -> int:
+    """Return how many bytes all that is packed in a file may unpack to.
+
+    Raises
+    ------
+    RecordingError
+        If the environment holds no number.
+    """
+    memory = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
+    return _configured("ELASTIC_ARM_MAX_UNPACKED_MB", max(int(MEMORY_SHARE * memory) // MEGABYTE, CHUNK_MB))
+
+
+def _configured(name: str, megabytes: int) -> int:
+    given = os.environ.get(name, "").strip()
+    if given and not (given.isascii() and given.isdecimal() and 0 < len(given) < 10):
+        raise RecordingError(f"${name} is {given[:40]!r}", "Give whole megabytes, such as 512.")
+    return int(given or megabytes) * MEGABYTE
