@@ -117,7 +117,9 @@ class EquationSet:
         return cls._of([_direct(frozenset(names)) for names in _of_joints(recorded, n)], tuple(SIDES))
 
     @classmethod
-    def independent(cls, recorded: Channels | Sequence[Channels], n: int, *, elastic: bool = True) -> EquationSet:
+    def independent(
+        cls, recorded: Channels | Sequence[Channels], n: int, *, elastic: bool = True, summed: bool = False
+    ) -> EquationSet:
         """Return equations whose noises are independent.
 
         Parameters
@@ -128,13 +130,16 @@ class EquationSet:
             Joints.
         elastic
             Whether the joints have transmissions; without them both encoders read one angle.
+        summed
+            Whether, without joint torque sensors, the motor's row is the sum of both lines of (1), in which no spring
+            is left: torque then sets the scale of every mass, and the spring stands in the link's row alone.
 
         Raises
         ------
         IdentificationError
             If the channels allow no equation.
         """
-        found = [_independent(frozenset(names), elastic=elastic) for names in _of_joints(recorded, n)]
+        found = [_independent(frozenset(names), elastic=elastic, summed=summed) for names in _of_joints(recorded, n)]
         return cls._of(found, tuple(_INDEPENDENT))
 
     @classmethod
@@ -202,9 +207,11 @@ def _direct(recorded: frozenset[str]) -> dict[str, Equation]:
     return found
 
 
-def _independent(recorded: frozenset[str], *, elastic: bool) -> dict[str, Equation]:
+def _independent(recorded: frozenset[str], *, elastic: bool, summed: bool) -> dict[str, Equation]:
     """Return the equations of one joint with independent noises, by name."""
     _require_channels(recorded)
+    if summed and elastic and {"q", "theta", "tau_m"} <= recorded and "tau_J" not in recorded:
+        return {"link": _WITHOUT_SENSOR["link"], "motor": _BRIDGED}
     if elastic and {"q", "theta"} <= recorded:
         names = {"link": "q", "motor": "tau_m", "drive": "tau_J"}
     else:

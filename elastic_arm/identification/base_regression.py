@@ -12,6 +12,17 @@ the third. The first two alone are (10). With the encoders of one side only, the
     joint   tau_J = M q'' + S q'' + c + c1 + g
     whole   tau_m = (M + S + S' + B) q'' + c + c1 + c2 + g
 
+Without joint torque sensors the row `link` is homogeneous in masses and springs, so that the smallest of them fit it
+best. `summed` regressions therefore put the sum of both lines in the place of `motor`: there torque sets the scale of
+every mass, and no deflection is left. `link` then says how far the springs wind under that load. Its deflection is the
+difference of two encoders, whose lag and offset beside each other may be columns of their own::
+
+    link    0     = M q'' + S theta'' + c + c1 + g + K (q - theta) + D (q' - theta') + a q' + b
+    motor   tau_m = M q'' + S theta'' + S' q'' + B theta'' + c + c1 + c2 + g
+
+with a = K times the lag of the link encoder, b = K times its offset. :mod:`elastic_arm.identification.deflection`
+weighs `link` by 1 / K.
+
 These are the independent equations of :mod:`.equations`. Laws beyond the model add columns: what they add to the
 residuals of link, drive and motor side is carried over to these rows.
 """
@@ -20,7 +31,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,6 +39,7 @@ from numpy.typing import NDArray
 from elastic_arm.dynamics import Model
 from elastic_arm.dynamics.double_double import Pair
 from elastic_arm.dynamics.gram import Information, gram
+from elastic_arm.errors import IdentificationError
 from elastic_arm.estimation.equations import SIDES, EquationSet
 from elastic_arm.estimation.motion import Motion
 from elastic_arm.identification.base_parameters import BaseParameters, find_base
@@ -71,6 +83,10 @@ class BaseRegression:
         Laws beyond the model.
     joints
         Names.
+    summed
+        See the module; it matters only with both encoders, motor torque and no joint torque sensor.
+    encoder_columns
+        Whether summed rows have columns for the lags and offsets of the link encoders.
 
     Raises
     ------
@@ -79,20 +95,30 @@ class BaseRegression:
     """
 
     def __init__(
-        self, model: Model, recorded: Sequence[str], columns: Sequence[Column] = (), joints: Sequence[str] = ()
+        self,
+        model: Model,
+        recorded: Sequence[str],
+        columns: Sequence[Column] = (),
+        joints: Sequence[str] = (),
+        *,
+        summed: bool = False,
+        encoder_columns: bool = False,
     ) -> None:
         self.model = model
         self.n = model.n
         self.elastic = model.robot.elastic
         self.columns = tuple(columns)
-        self.equations = EquationSet.independent(frozenset(recorded), self.n, elastic=self.elastic)
+        self.equations = EquationSet.independent(frozenset(recorded), self.n, elastic=self.elastic, summed=summed)
         self.sides = self.equations.sides
+        self.summed = self.sides == ("link", "motor") and self.equations.equation("motor").combination == (1, 0, 1)
         self.joints = tuple(joints) or tuple(f"joint_{i + 1}" for i in range(self.n))
         self.groups = tuple((side, joint) for side in self.sides for joint in self.joints)
         own = model.parameters
-        self.names = tuple(p.name for p in own) + tuple(c.name for c in columns)
-        self.units = tuple(p.unit for p in own) + tuple(c.unit for c in columns)
-        self.nominal: Array = np.array([p.nominal for p in own] + [c.nominal for c in columns])
+        self._encoders = _encoder_columns(self.joints) if self.summed and encoder_columns else ()
+        added = (*self._encoders, *self.columns)
+        self.names = tuple(p.name for p in own) + tuple(c.name for c in added)
+        self.units = tuple(p.unit for p in own) + tuple(c.unit for c in added)
+        self.nominal: Array = np.array([p.nominal for p in own] + [c.nominal for c in added])
         self._springs = np.array([k for k, p in enumerate(own) if p.name.rpartition(".")[2] in ("K", "D")], dtype=int)
         self._own = len(own)
         self.base: BaseParameters = self._find_base()
@@ -108,7 +134,7 @@ class BaseRegression:
     def information(self, motion: Motion) -> Pair:
         """Return [Phi y]'[Phi y] of all groups, hi and lo (groups, B + 1, B + 1), in twice the working precision."""
         # Equations that no line of the model stands for alone: sums of both, or one line measured twice.
-        if self.columns or ("whole" in self.sides and (self.elastic or "joint" in self.sides)):
+        if self.columns or self.summed or ("whole" in self.sides and (self.elastic or "joint" in self.sides)):
             rows = self.rows(motion)
             parts = [gram(group) for group in rows]
             return np.stack([hi for hi, _ in parts]), np.stack([lo for _, lo in parts])
@@ -137,13 +163,13 @@ class BaseRegression:
         width = len(self.base) + 1
         hi, lo = np.zeros((2, self.n, width, width))
         n = self.n
-        for i, (K, D) in enumerate(self._drive_columns()):
+        for i, (K, D) in enumerate(self.drive_columns()):
             columns = np.stack([x[:, n + i] - x[:, i], dx[:, n + i] - dx[:, i], tau_J[i]])
             # Three columns that are far from dependent: working precision will do.
             hi[np.ix_([i], [K, D, width - 1], [K, D, width - 1])] = (columns @ columns.T)[None]
         return hi, lo
 
-    def _drive_columns(self) -> list[tuple[int, int]]:
+    def drive_columns(self) -> list[tuple[int, int]]:
         """Return the places of K and D of each joint among the base columns."""
         place = {self.names[c]: k for k, c in enumerate(self.base.columns.tolist())}
         joints = self.model.robot.joint_names
@@ -153,6 +179,17 @@ class BaseRegression:
         """Return the right sides of all equations, side -> (N, n) Nm, for base parameters `Psi_base`."""
         rows = self.rows(motion)[..., :-1] @ Psi_base
         return {side: rows[k * self.n : (k + 1) * self.n].T for k, side in enumerate(self.sides)}
+
+    def comparable(self, Psi_base: Array) -> dict[str, Array]:
+        """Return factors (n,) by side that make residuals of different parameters comparable.
+
+        A homogeneous row is an equation for the measured deflection: it counts by the nominal stiffness.
+        """
+        factors = {side: np.ones(self.n) for side in self.sides}
+        if self.summed:
+            places = [K for K, _ in self.drive_columns()]
+            factors["link"] = (self.base.T @ self.nominal)[places] / Psi_base[places]
+        return factors
 
     def measured(self, motion: Motion) -> dict[str, Array]:
         """Return the left sides of all equations, side -> (N, n) Nm."""
@@ -167,18 +204,23 @@ class BaseRegression:
 
     def laws(self, motion: Motion) -> Array:
         """Return the columns of the laws beyond the model, (N, 3 n, k) for link, drive and motor residuals."""
-        motion = self._both_sides(motion)
-        stacked = np.zeros((len(motion), 3 * self.n, len(self.columns)))
-        for k, column in enumerate(self.columns):
+        return self._stacked(self._both_sides(motion), self.columns)
+
+    def _stacked(self, motion: Motion, columns: Sequence[Column]) -> Array:
+        """Return columns (N, 3 n, k) for link, drive and motor residuals."""
+        stacked = np.zeros((len(motion), 3 * self.n, len(columns)))
+        for k, column in enumerate(columns):
             for residual, values in column.values(motion).items():
                 first = SIDES.index(residual) * self.n
                 stacked[:, first : first + self.n, k] = values
         return stacked
 
     def _all_rows(self, motion: Motion, own: NDArray[np.intp], extra: NDArray[np.intp]) -> Array:
-        """Return rows (groups, N, columns) of the model's parameters `own` and of the laws `extra`."""
+        """Return rows (groups, N, columns) of the model's parameters `own` and of the columns `extra` beyond it."""
         laws = motion.laws if motion.laws is not None else self.laws(motion)
         motion = self._both_sides(motion)
+        if self._encoders:
+            laws = np.concatenate([self._stacked(motion, self._encoders), laws], axis=2)
         x, dx, ddx = (self._coordinates(motion, name) for name in ("", "d", "dd"))
         phi = self.model.regressor(x, dx, ddx, columns=own)
         by_residual = laws[:, :, extra].transpose(1, 0, 2).reshape(3, self.n, len(motion), len(extra))
@@ -215,7 +257,7 @@ class BaseRegression:
         return np.hstack([q, theta]) if self.elastic else q
 
     def _find_base(self) -> BaseParameters:
-        phi = self._all_rows(self._random_motion(), np.arange(self._own), np.arange(len(self.columns)))
+        phi = self._all_rows(self._random_motion(), np.arange(self._own), np.arange(len(self.names) - self._own))
         return find_base(phi.reshape(-1, phi.shape[-1]), self.names, self.units)
 
     def _random_motion(self) -> Motion:
@@ -230,3 +272,31 @@ class BaseRegression:
             theta = q + 0.1 * rng.standard_normal(shape)
             motion = replace(motion, theta=theta, dtheta=dtheta, ddtheta=ddtheta)
         return motion
+
+
+def _encoder_columns(joints: Sequence[str]) -> tuple[Column, ...]:
+    """Return the columns of the link encoders' lags and offsets beside the motor encoders, times the stiffness."""
+    found = []
+    for joint, name in enumerate(joints):
+        for what, unit, value in (("K_delay", "Nm s/rad", _speed), ("K_offset", "Nm", _one)):
+            found.append(Column(f"link_encoder:{name}.{what}", unit, partial(_of_drive, joint, value)))
+    return tuple(found)
+
+
+def _of_drive(joint: int, value: Callable[[Array], Array], motion: Motion) -> dict[str, Array]:
+    """Return what a unit of the parameter takes from the spring's torque of one joint, (N, n)."""
+    if motion.dq is None:
+        raise IdentificationError("no link angles were recorded", "Record /joint_states.")
+    column = np.zeros_like(motion.dq)
+    column[:, joint] = value(motion.dq[:, joint])
+    return {"drive": column}
+
+
+def _speed(dq: Array) -> Array:
+    # The deflection is recorded too large by lag times speed, and the spring's torque reckoned from it too.
+    return -dq
+
+
+def _one(dq: Array) -> Array:
+    # A link angle recorded too large makes the deflection too small.
+    return np.ones_like(dq)

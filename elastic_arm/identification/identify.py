@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import Literal
 
@@ -25,6 +25,7 @@ from elastic_arm.identification.law_columns import DEFAULT_SIGN_SPEED, SIGN_SPEE
 from elastic_arm.identification.result import Identification
 from elastic_arm.identification.series_errors import series_covariance
 from elastic_arm.identification.stream import Identifier, smoothed
+from elastic_arm.identification.zero_shifts import shifted, shifts, zeros
 from elastic_arm.recording import Recording, Samples
 from elastic_arm.robot import Robot
 
@@ -48,16 +49,37 @@ class Derived:
         In words.
     series
         Of link and motor side for each of `pieces`, where the derivatives come from them.
+    zeros, shift
+        Where deflections are measured: at no load, with standard deviations, and what is added to the link angles so
+        that they count from where those of the first recording do, (n,) rad each.
     """
 
     pieces: tuple[Callable[[], Motion], ...]
     method: str
     series: tuple[tuple[FourierFit | None, FourierFit | None], ...] = ()
+    zeros: tuple[Array, Array] | None = None
+    shift: Array | None = None
 
     @property
     def motions(self) -> Iterator[Motion]:
         """Make the runs one after another; runs of one piece of the recording follow each other without a hole."""
-        return (piece() for piece in self.pieces)
+        return (piece() if self.shift is None else shifted(piece(), self.shift) for piece in self.pieces)
+
+    def notes(self, source: str, joints: Sequence[str]) -> list[str]:
+        """Return what was done to the recording `source` beside smoothing it."""
+        if self.shift is None or not self.shift.any():
+            return []
+        moved = ", ".join(f"{name} {1e3 * by:+.3g}" for name, by in zip(joints, self.shift, strict=True) if by)
+        return [f"{source}: zeros of the link encoders moved to those of the first recording, mrad: {moved}"]
+
+    def aligned(self, equations: BaseRegression, first: Derived | None) -> Derived:
+        """Return it with the zeros of the link encoders as in the first recording, where deflections are measured."""
+        if not equations.summed:
+            return self
+        found = zeros(list(self.motions), equations.model)
+        return replace(
+            self, zeros=found, shift=None if first is None or first.zeros is None else shifts(found, first.zeros)
+        )
 
 
 def differentiate(
@@ -199,13 +221,16 @@ def identify_with(
     tries = []
     for k, speed in enumerate(speeds):
         columns = law_columns(effects, robot, model, speed)
-        identifier = Identifier(build_model(robot, model), columns, joints=robot.joint_names, weighted=weighted)
-        derived = []
+        identifier = Identifier(
+            build_model(robot, model), columns, joints=robot.joint_names, weighted=weighted, encoder_columns=True
+        )
+        derived: list[Derived] = []
         for j, (recording, samples) in enumerate(zip(chosen, prepared, strict=True)):
             report(f"equations of {recording.source}", (k * len(chosen) + j) / (len(speeds) * len(chosen)))
             equations = identifier.choose_equations(samples)
             _require_traces(equations)
-            derived.append(differentiate(samples, derivatives, period=period, equations=equations))
+            motion_of = differentiate(samples, derivatives, period=period, equations=equations)
+            derived.append(motion_of.aligned(equations, derived[0] if derived else None))
             for motion in derived[-1].motions:
                 identifier.add_motion(motion)
         misfit = float(np.sum(np.log(identifier.fit().noise))) if len(speeds) > 1 else 0.0
@@ -215,13 +240,14 @@ def identify_with(
     names, methods = tuple(r.source for r in chosen), tuple(d.method for d in derived)
     result = identifier.estimate(names, methods, _covariance(identifier, derived))
     notes = [note for r in chosen for note in r.notes]
+    notes += [note for d, r in zip(derived, chosen, strict=True) for note in d.notes(r.source, robot.joint_names)]
     notes += [f"dry friction turns over within {speed:g} rad/s of standstill"] if len(speeds) > 1 else []
-    result = result.with_(notes=tuple(dict.fromkeys(notes)))
+    result = result.with_(notes=tuple(dict.fromkeys([*result.notes, *notes])))
     if consistent:
         report("physical consistency", 1.0)
         result = with_consistency(result, identifier, robot, effects)
     if validate:
-        result = _validated(result, identifier, robot, validate, report)
+        result = _validated(result, identifier, robot, validate, derived[0], report)
     return result, identifier, next(derived[0].motions)
 
 
@@ -261,7 +287,10 @@ def with_consistency(
     effects
         Laws beyond the model.
     """
-    found = find_consistent(identifier.fit(), identifier.equations, identifier.statistics.effective_samples)
+    try:
+        found = find_consistent(identifier.fit(), identifier.equations, identifier.statistics.effective_samples)
+    except IdentificationError as error:
+        return result.with_(notes=(*result.notes, f"no physically consistent arm: {error.problem}"))
     return result.with_(
         Psi=found.Psi,
         consistency={"trust": found.trust, "misfit": found.misfit},
@@ -283,10 +312,11 @@ def residuals(equations: BaseRegression, Psi_base: Array, motions: Sequence[Moti
     """
     squares = {side: np.zeros(equations.n) for side in equations.sides}
     samples = sum(len(motion) for motion in motions)
+    scale = equations.comparable(Psi_base)
     for motion in motions:
         predicted = equations.predict(motion, Psi_base)
         for side, measured in equations.measured(motion).items():
-            squares[side] += np.sum((measured - predicted[side]) ** 2, axis=0)
+            squares[side] += np.sum((scale[side] * (measured - predicted[side])) ** 2, axis=0)
     return {
         side: dict(zip(equations.joints, np.sqrt(total / max(samples, 1)).tolist(), strict=True))
         for side, total in squares.items()
@@ -298,6 +328,7 @@ def _validated(
     identifier: Identifier,
     robot: Robot,
     recordings: Sequence[Recording],
+    first: Derived,
     report: ProgressCallback,
 ) -> Identification:
     equations = identifier.equations
@@ -309,7 +340,7 @@ def _validated(
         report(f"validation on {recording.source}", 1.0)
         samples = recording.select(robot.joint_names).samples()
         identifier.choose_equations(samples)
-        motions = list(differentiate(samples, "smoother", equations=equations).motions)
+        motions = list(differentiate(samples, "smoother", equations=equations).aligned(equations, first).motions)
         found[recording.source] = {arm: residuals(equations, Psi, motions) for arm, Psi in arms.items()}
     return result.with_(validation=found)
 

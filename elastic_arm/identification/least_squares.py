@@ -147,6 +147,13 @@ class Blocks:
         weighted = multiply((square, np.zeros_like(square)), rest)
         return cholesky(functools.reduce(add, zip(*weighted, strict=True)))
 
+    def transformed(self, change: Array) -> Blocks:
+        """Return the blocks of rows [Phi y] C, for C `change` (groups, width, width)."""
+        back = change.transpose(0, 2, 1)
+        grams = [(back @ hi @ change, back @ lo @ change) for hi, lo in self.grams]
+        noise = [back @ known @ change for known in self.known_noise]
+        return replace(self, grams=grams, counts=list(self.counts), known_noise=noise)
+
     def copy(self) -> Blocks:
         """Return blocks that go their own way from here."""
         return replace(self, grams=list(self.grams), counts=list(self.counts), known_noise=list(self.known_noise))
@@ -169,6 +176,26 @@ class Blocks:
         self.counts = [sum(self.counts[pair]) for pair in pairs]
         self.known_noise = [sum(self.known_noise[pair][1:], self.known_noise[pair][0]) for pair in pairs]
         self.span *= 2
+
+
+@dataclass(frozen=True)
+class Prior:
+    """What is known of the parameters before the recording.
+
+    Parameters
+    ----------
+    mean
+        (P,) values.
+    factor
+        (P, P) triangular or not: the information is factor' factor; zero columns where nothing is known.
+    """
+
+    mean: Array
+    factor: Array
+
+    def rows(self) -> Array:
+        """Return rows (P, P + 1) that stand below those of the data, in units of the data's noise."""
+        return np.column_stack([self.factor, self.factor @ self.mean])
 
 
 @dataclass(frozen=True)
@@ -195,6 +222,8 @@ class Fit:
         (k, P) unit vectors, in units of the equilibrated columns, of what the data leave open.
     samples
         Number of samples.
+    fixed
+        Places of parameters that were not estimated: they are those of the description.
     """
 
     Psi: Array
@@ -206,15 +235,17 @@ class Fit:
     condition: float
     undetermined: Array
     samples: int
+    fixed: tuple[int, ...] = ()
 
     @property
     def std(self) -> Array:
         """Standard deviations (P,); infinite for what takes part in a direction that the data leave open."""
         left_open = np.any(np.abs(self.undetermined) > OPEN_SHARE, axis=0)
+        left_open[list(self.fixed)] = True
         return np.where(left_open, np.inf, np.sqrt(np.diag(self.covariance)))
 
 
-def fit(blocks: Blocks, weighted: bool = True, rounds: int = 4) -> Fit:
+def fit(blocks: Blocks, weighted: bool = True, rounds: int = 4, prior: Prior | None = None) -> Fit:
     """Solve the accumulated problem.
 
     Parameters
@@ -223,6 +254,10 @@ def fit(blocks: Blocks, weighted: bool = True, rounds: int = 4) -> Fit:
         The data.
     weighted
         Weigh every group by its noise, estimated from the residuals in `rounds` rounds; else ordinary least squares.
+    rounds
+        Of weights.
+    prior
+        What is known beforehand.
 
     Raises
     ------
@@ -238,16 +273,28 @@ def fit(blocks: Blocks, weighted: bool = True, rounds: int = 4) -> Fit:
     weights = np.ones(blocks.groups)
     for _ in range(rounds if weighted else 1):
         whole = blocks.corrected(weights, r)
-        Psi, condition, undetermined = _solve(whole)
+        Psi, number, undetermined = _solve(_joined(whole, prior, 1.0 if weighted else _size(r, whole, blocks)))
         noise = _noise(r, Psi, blocks.samples)
         if weighted:
             weights = 1.0 / noise
     if weighted:
         whole = blocks.corrected(weights, r)
-        Psi, condition, undetermined = _solve(whole)
+        Psi, number, undetermined = _solve(_joined(whole, prior, 1.0))
         noise = _noise(r, Psi, blocks.samples)
-    robust, white = _covariances(blocks, Psi, weights, noise, whole, r)
-    return Fit(Psi, robust, white, noise, weights, whole, condition, undetermined, blocks.samples)
+    known = _joined(whole, prior, 1.0 if weighted else _size(r, whole, blocks))
+    robust, white = _covariances(blocks, Psi, weights, noise, known, r)
+    return Fit(Psi, robust, white, noise, weights, whole, number, undetermined, blocks.samples)
+
+
+def _joined(whole: Array, prior: Prior | None, size: float) -> Array:
+    """Return the triangular factor of the data's rows and the prior's, whose unit is `size`."""
+    return whole if prior is None else triangular(np.vstack([whole, size * prior.rows()]))
+
+
+def _size(r: Array, whole: Array, blocks: Blocks) -> float:
+    """Return the rms of the residuals of ordinary least squares, Nm."""
+    Psi = _solve(whole)[0]
+    return float(np.sqrt(np.mean(_noise(r, Psi, blocks.samples) ** 2)))
 
 
 def residual_norms(r: Array, Psi: Array) -> Array:
@@ -268,6 +315,13 @@ def _largest_term(r: Array, Psi: Array) -> Array:
     """Return the norm over all samples of each group's largest term, (groups,)."""
     terms: Array = np.linalg.norm(r, axis=-2) * np.append(np.abs(Psi), 1.0)
     return np.max(terms, axis=-1)
+
+
+def condition(columns: Array) -> float:
+    """Return the condition number of columns (rows, k) at unit length."""
+    size = np.linalg.norm(columns, axis=0)
+    s = np.linalg.svd(columns / np.where(size > 0, size, 1.0), compute_uv=False)
+    return float(s[0] / s[-1]) if s[-1] > 0 else float("inf")
 
 
 def _equilibrated(whole: Array) -> tuple[Array, Array]:

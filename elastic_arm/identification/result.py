@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from elastic_arm.errors import IdentificationError
 from elastic_arm.identification.base_regression import BaseRegression
 from elastic_arm.identification.least_squares import Fit
+from elastic_arm.identification.remarks import checked, remarks
 from elastic_arm.identification.verdict import Excitation, directions, relative_std, verdicts
 from elastic_arm.robot import Robot, save_robot
 
@@ -297,7 +298,7 @@ def result_of(
                 fit.std.tolist(),
                 nominal.tolist(),
                 relative.tolist(),
-                verdicts(relative),
+                checked(verdicts(relative), fit, equations),
                 strict=True,
             )
         ),
@@ -318,6 +319,7 @@ def result_of(
         parameter_names=equations.names,
         T=base.T,
         covariance=fit.covariance,
+        notes=remarks(fit, equations),
     )
 
 

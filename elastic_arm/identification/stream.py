@@ -16,7 +16,8 @@ from elastic_arm.estimation.resampling import Clock, Grid, Placing, joined, part
 from elastic_arm.estimation.smoother import Smoother, design_smoother
 from elastic_arm.identification.accumulator import BLOCK, Accumulator
 from elastic_arm.identification.base_regression import BaseRegression, Column
-from elastic_arm.identification.least_squares import Fit, fit
+from elastic_arm.identification.deflection import Deflections, fit_deflections
+from elastic_arm.identification.least_squares import Fit, Prior, fit
 from elastic_arm.identification.result import Identification, result_of
 from elastic_arm.identification.saved import Sums, read_sums, recorded_in, write_sums
 from elastic_arm.identification.verdict import Excitation, MotionStatistics, excitation
@@ -111,6 +112,11 @@ class Identifier:
         Sample rate and meaning of the stamps; chosen from the first seconds when None.
     weighted
         Weigh each equation by its noise.
+    joints
+        Names.
+    encoder_columns
+        Whether lags and offsets of link encoders are estimated where deflections are measured without a joint torque
+        sensor (:mod:`elastic_arm.identification.base_regression`).
 
     Notes
     -----
@@ -127,11 +133,13 @@ class Identifier:
         clock: Clock | None = None,
         weighted: bool = True,
         joints: Sequence[str] = (),
+        encoder_columns: bool = False,
     ) -> None:
         self.model = model
         self.columns = tuple(columns)
         self.weighted = weighted
         self.joints = tuple(joints)
+        self.encoder_columns = encoder_columns
         self._given = (smoother, clock)
         self.paused = False
         self.reset()
@@ -179,7 +187,7 @@ class Identifier:
         """
         recorded = frozenset(name for name in SENSED if getattr(channels, name) is not None)
         if self.accumulator is None:
-            self.accumulator = Accumulator(BaseRegression(self.model, sorted(recorded), self.columns, self.joints))
+            self.accumulator = Accumulator(self._regression(recorded))
             self._recorded = recorded
         if recorded != self._recorded:
             raise IdentificationError(
@@ -187,6 +195,11 @@ class Identifier:
                 "Identify recordings with equal channels.",
             )
         return self.accumulator.equations
+
+    def _regression(self, recorded: frozenset[str]) -> BaseRegression:
+        return BaseRegression(
+            self.model, sorted(recorded), self.columns, self.joints, summed=True, encoder_columns=self.encoder_columns
+        )
 
     def add(self, samples: Samples) -> None:
         """Take samples, later than those before; a jump back in time starts a new piece.
@@ -221,8 +234,8 @@ class Identifier:
         """Work off what still waits, short of the smoother's lag; later samples start a new piece."""
         self._end_piece()
 
-    def fit(self) -> Fit:
-        """Return the estimate from all samples so far.
+    def fit(self, prior: Prior | None = None) -> Fit:
+        """Return the estimate from all samples so far, and from what is known beforehand.
 
         Raises
         ------
@@ -235,7 +248,10 @@ class Identifier:
             raise IdentificationError(
                 f"{waiting} samples are not yet enough for an estimate", "Wait some seconds, or record longer."
             )
-        return fit(blocks, self.weighted)
+        rows = Deflections.of(self.equations)
+        if rows is not None:
+            return fit_deflections(blocks, rows, self.weighted, prior)
+        return fit(blocks, self.weighted, prior=prior)
 
     def estimate(
         self, recordings: tuple[str, ...] = (), methods: tuple[str, ...] = (), covariance: Array | None = None
@@ -280,7 +296,7 @@ class Identifier:
             If the file holds no sums, or those of another arm or model.
         """
         recorded = recorded_in(path)
-        accumulator = Accumulator(BaseRegression(self.model, sorted(recorded), self.columns, self.joints))
+        accumulator = Accumulator(self._regression(recorded))
         known = read_sums(path, accumulator.equations)
         self.reset()
         accumulator.blocks, accumulator.statistics_of_blocks = known.blocks, known.statistics

@@ -1,0 +1,158 @@
+"""Fits in which the deflection of the drives is a measured quantity: two encoders, motor torque, no torque sensor.
+
+The link's row is homogeneous: 0 = tau_l - K d - D d' + a q' + b holds for no mass and no spring at all. As an equation
+for what was measured, the deflection d, it is r / K with r the row, and no fit can make that small by small parameters.
+It is bilinear in 1 / K and the other parameters; Gauss-Newton from the description solves it (J. Nocedal and S. Wright,
+Numerical Optimization, 2006, ch. 10). Rows of its linearisation are combinations of the columns of the row, so the sums
+of the recording are all that it takes.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from elastic_arm.identification.base_regression import BaseRegression
+from elastic_arm.identification.least_squares import Blocks, Fit, Prior, condition, fit
+
+Array = NDArray[np.float64]
+
+MOST_STEPS = 40
+# Parameters that change by less than this share of their standard deviation, or of themselves, stand.
+SETTLED = 1e-3
+# A step changes a stiffness by no more than this factor.
+LONGEST_STEP = 3.0
+# A spring whose deviation exceeds this share of it, or that no spring can have, stays with the description.
+UNKNOWN = 0.5
+
+
+@dataclass(frozen=True)
+class Deflections:
+    """The link's rows as equations for deflections.
+
+    Parameters
+    ----------
+    stiffness, damping
+        (n,) places of K and D among the base parameters; row i of the link is group i.
+    nominal
+        (B,) base parameters of the description.
+    """
+
+    stiffness: NDArray[np.intp]
+    damping: NDArray[np.intp]
+    nominal: Array
+
+    @staticmethod
+    def of(equations: BaseRegression) -> Deflections | None:
+        """Return them for regressions whose link's row is homogeneous, None for others."""
+        if not equations.summed:
+            return None
+        stiffness, damping = np.array(equations.drive_columns(), dtype=np.intp).T
+        return Deflections(stiffness, damping, equations.base.T @ equations.nominal)
+
+    def transform(self, Psi: Array, fixed: Mapping[int, float], groups: int) -> Array:
+        """Return (groups, B + 1, B + 1) from the rows [Phi y] to those of the problem linearised at `Psi`.
+
+        Parameters
+        ----------
+        Psi
+            (B,) base parameters.
+        fixed
+            Values of base parameters that are not estimated, by their place.
+        groups
+            Number of groups.
+        """
+        width = len(Psi) + 1
+        found = np.broadcast_to(np.eye(width), (groups, width, width)).copy()
+        for row, k in enumerate(self.stiffness):
+            share = self.nominal[k] / Psi[k]
+            torque = np.append(-Psi, 1.0)
+            torque[k] = 0.0
+            # r = share (y - Phi Psi): its derivative by K, and what is left at Psi plus the derivatives times Psi.
+            found[row] *= share
+            found[row][:, -1] += share * torque
+            found[row][k, -1] -= share * Psi[k]
+            found[row][:, k] = share / Psi[k] * torque
+        for place, value in fixed.items():
+            found[:, :, -1] -= value * found[:, :, place]
+            found[:, :, place] = 0.0
+        return found
+
+    def stepped(self, Psi: Array, solved: Array) -> Array:
+        """Return the next point: 1 / K, in which the rows are linear, goes where the linear problem sends it.
+
+        Parameters
+        ----------
+        Psi
+            (B,) where the problem was linearised.
+        solved
+            (B,) solution of the linear problem.
+        """
+        new = solved.copy()
+        K = Psi[self.stiffness]
+        softening = np.clip(2.0 - solved[self.stiffness] / K, 1.0 / LONGEST_STEP, LONGEST_STEP)
+        new[self.stiffness] = K / softening
+        return new
+
+    def unknown(self, found: Fit) -> list[int]:
+        """Return the places of springs that the recording does not determine, or that no spring can have."""
+        places = [*self.stiffness.tolist(), *self.damping.tolist()]
+        Psi, std = found.Psi, found.std
+        return [k for k in places if not (Psi[k] > 0 and std[k] < UNKNOWN * max(Psi[k], self.nominal[k]))]
+
+
+def fit_deflections(blocks: Blocks, rows: Deflections, weighted: bool = True, prior: Prior | None = None) -> Fit:
+    """Solve the accumulated problem with deflections as measured quantities.
+
+    A damping or stiffness that the recording leaves open, or that comes out below zero, is that of the description:
+    its standard deviation is infinite.
+
+    Parameters
+    ----------
+    blocks
+        The data, in the regression's own rows.
+    rows
+        Which of them are meant.
+    weighted, prior
+        See :func:`.least_squares.fit`.
+    """
+    fixed: dict[int, float] = {}
+    found = _settled(blocks, rows, fixed, weighted, prior)
+    # What is least known goes first: without it the others may be known.
+    for places in (rows.damping, rows.stiffness):
+        unknown = [k for k in rows.unknown(found) if k in places]
+        if unknown:
+            fixed |= {k: float(rows.nominal[k]) for k in unknown}
+            found = _settled(blocks, rows, fixed, weighted, prior)
+    return found
+
+
+def _settled(blocks: Blocks, rows: Deflections, fixed: Mapping[int, float], weighted: bool, prior: Prior | None) -> Fit:
+    """Return the fit at which Gauss-Newton stands still."""
+    Psi = rows.nominal.copy()
+    for _ in range(MOST_STEPS):
+        linear = fit(blocks.transformed(rows.transform(Psi, fixed, blocks.groups)), weighted, prior=prior)
+        new = rows.stepped(Psi, _with(linear.Psi, fixed))
+        size = np.minimum(np.sqrt(np.diag(linear.covariance)), np.abs(new))
+        done = np.all(np.abs(new - Psi) <= SETTLED * size + 1e-12 * np.abs(new))
+        Psi = new
+        if done:
+            break
+    estimated = np.setdiff1d(np.arange(len(Psi)), list(fixed))
+    open_still = linear.undetermined[~np.any(np.abs(linear.undetermined[:, list(fixed)]) > 0.5, axis=1)]
+    return replace(
+        linear,
+        Psi=Psi,
+        fixed=tuple(sorted(fixed)),
+        condition=condition(linear.factor[:, estimated]),
+        undetermined=open_still,
+    )
+
+
+def _with(Psi: Array, fixed: Mapping[int, float]) -> Array:
+    found = Psi.copy()
+    found[list(fixed)] = list(fixed.values())
+    return found
