@@ -21,11 +21,11 @@ from elastic_arm.estimation.smoother import Smoother, design_smoother
 from elastic_arm.identification.base_regression import BaseRegression
 from elastic_arm.identification.consistency import consistent as find_consistent
 from elastic_arm.identification.consistency import identified_robot
+from elastic_arm.identification.deflection import shifted, shifts, zeros
 from elastic_arm.identification.law_columns import DEFAULT_SIGN_SPEED, SIGN_SPEEDS, is_dry, law_columns
 from elastic_arm.identification.result import Identification
 from elastic_arm.identification.series_errors import series_covariance
 from elastic_arm.identification.stream import Identifier, smoothed
-from elastic_arm.identification.zero_shifts import shifted, shifts, zeros
 from elastic_arm.recording import Recording, Samples
 from elastic_arm.robot import Robot
 

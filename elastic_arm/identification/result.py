@@ -13,8 +13,7 @@ from numpy.typing import NDArray
 from elastic_arm.errors import IdentificationError
 from elastic_arm.identification.base_regression import BaseRegression
 from elastic_arm.identification.least_squares import Fit
-from elastic_arm.identification.remarks import checked, remarks
-from elastic_arm.identification.verdict import Excitation, directions, relative_std, verdicts
+from elastic_arm.identification.verdict import Excitation, checked, directions, relative_std, remarks, verdicts
 from elastic_arm.robot import Robot, save_robot
 
 Array = NDArray[np.float64]
