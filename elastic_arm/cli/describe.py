@@ -11,15 +11,13 @@ from rich.markup import escape
 from rich.table import Table
 
 from elastic_arm.cli.console import out, print_json, reports_errors
+from elastic_arm.cli.options import RobotFile, load_arm
 from elastic_arm.cli.outputs import Force, claim_file
 from elastic_arm.dynamics import build_model
-from elastic_arm.effects import Catalogue, robot_effects
-from elastic_arm.errors import EffectError, OutputError
+from elastic_arm.errors import OutputError
 from elastic_arm.identification.base_parameters import BaseParameters
 from elastic_arm.identification.base_regression import BaseRegression
-from elastic_arm.robot import Robot, load_robot, robot_to_dict, to_urdf
-
-RobotFile = Annotated[Path | None, typer.Option("--robot", help="Arm file or URDF; the nominal arm by default.")]
+from elastic_arm.robot import Robot, robot_to_dict, to_urdf
 
 
 @reports_errors
@@ -59,37 +57,6 @@ def describe(
             out.print(f"  {escape(name)} [dim]{escape(f'[{unit}]')}[/]")
     if urdf is not None:
         out.print(f"URDF written to {escape(str(urdf))}")
-
-
-EffectsFiles = Annotated[
-    list[Path] | None,
-    typer.Option("--effects", is_eager=True, help="Python file with effects of your own; may be given again."),
-]
-
-
-def load_arm(path: Path | None, chain: str | None = None, catalogue: Catalogue | None = None) -> Robot:
-    """Read a robot description, of a URDF the part that `chain` names, and check that the effects it lists exist.
-
-    Parameters
-    ----------
-    path
-        Arm file or URDF; the nominal arm when None.
-    chain
-        First and last link of the arm in a URDF, "base:tip".
-    catalogue
-        Where effects are looked up; the default one when None.
-
-    Raises
-    ------
-    RobotError, EffectError
-        Naming the file.
-    """
-    robot = load_robot(path, chain)
-    try:
-        robot_effects(robot, catalogue)
-    except EffectError as error:
-        raise EffectError(f"{path}: {error.problem}", error.remedy) from None
-    return robot
 
 
 def base_of(model: Any) -> BaseParameters:

@@ -12,7 +12,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from elastic_arm.cli.console import err, out, print_json, refuse_repeated, reports_errors
-from elastic_arm.cli.describe import EffectsFiles
+from elastic_arm.cli.options import EffectsFiles
 from elastic_arm.cli.outputs import claim_folder
 from elastic_arm.diagnosis import Question, diagnose, follow_up
 from elastic_arm.diagnosis.corrected_robot import repaired_robot

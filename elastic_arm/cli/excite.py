@@ -12,7 +12,8 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from rich.table import Table
 
 from elastic_arm.cli.console import err, out, print_json, reports_errors
-from elastic_arm.cli.describe import RobotFile, base_of, load_arm
+from elastic_arm.cli.describe import base_of
+from elastic_arm.cli.options import RobotFile, load_arm
 from elastic_arm.cli.outputs import Force, claim_file, claim_folder
 from elastic_arm.dynamics import Model, build_model
 from elastic_arm.excitation import (

@@ -13,7 +13,7 @@ from rich.progress import BarColumn, Progress, TextColumn
 from rich.table import Table
 
 from elastic_arm.cli.console import columns_left, err, out, print_json, refuse_repeated, reports_errors
-from elastic_arm.cli.describe import EffectsFiles, RobotFile, load_arm
+from elastic_arm.cli.options import EffectsFiles, RobotFile, load_arm
 from elastic_arm.cli.outputs import Force, claim_folder
 from elastic_arm.effects import Catalogue
 from elastic_arm.estimation.motion import Motion

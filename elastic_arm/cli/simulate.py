@@ -14,7 +14,7 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.table import Table
 
 from elastic_arm.cli.console import err, out, print_json, reports_errors
-from elastic_arm.cli.describe import EffectsFiles, load_arm
+from elastic_arm.cli.options import EffectsFiles, load_arm
 from elastic_arm.cli.outputs import claim_bag
 from elastic_arm.diagnosis.format import instance_text
 from elastic_arm.dynamics import build_model

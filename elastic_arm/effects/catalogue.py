@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from elastic_arm.effects import library
+from elastic_arm.effects.law_check import check_law
 from elastic_arm.effects.model import Effect, EffectInstance
 from elastic_arm.errors import EffectError
 from elastic_arm.input_files import read_text
@@ -98,7 +99,9 @@ class Catalogue(Mapping[str, Effect]):
             return self[effect_id]
         close = difflib.get_close_matches(effect_id, self, n=3, cutoff=0.5)
         hint = f"Did you mean {' or '.join(close)}? " if close else ""
-        raise EffectError(f"there is no effect {effect_id!r}", f"{hint}The effects: {', '.join(self)}.")
+        raise EffectError(
+            f"there is no effect {effect_id!r}", f"{hint}The effects: {', '.join(self)}; --effects FILE adds more."
+        )
 
 
 def discover() -> Catalogue:
@@ -137,24 +140,27 @@ def _of_file(path: Path) -> list[Effect]:
     except SyntaxError as error:
         raise EffectError(f"{path}: line {error.lineno}: {error.msg}", "Mend the Python of the file.") from error
     except _RAISED as error:
-        raise EffectError(
-            f"{path}: line {_line_in(path, error)}: {_reason(error)}", f"Mend the file; {_EXAMPLE}"
-        ) from error
+        raise _located(path, error, f"Mend the file; {_EXAMPLE}") from error
     held = [*getattr(module, "EFFECTS", ()), *([module.EFFECT] if hasattr(module, "EFFECT") else [])]
     if not held or not all(isinstance(effect, Effect) for effect in held):
         what = "EFFECT is no Effect" if held else "holds no EFFECT"
         raise EffectError(f"{path}: {what}", f"Write EFFECT = Effect(id=…, …); {_EXAMPLE}")
+    for effect in held:
+        try:
+            check_law(effect)
+        except _RAISED as error:
+            values = ", ".join((*effect.names, *effect.states)) or "nothing: the effect has no parameter"
+            raise _located(path, error, f"Mend the law of {effect.id}; p holds {values}.") from error
     return held
 
 
-def _line_in(path: Path, error: BaseException) -> int:
-    """Return the last line of a file that an error passed through."""
+def _located(path: Path, error: Exception, remedy: str) -> EffectError:
+    """Return an error with the last line of a file that it passed through, and its own remedy where it has one."""
     lines = [f.lineno for f in traceback.extract_tb(error.__traceback__) if f.filename == str(path)]
-    return (lines[-1] or 0) if lines else 0
-
-
-def _reason(error: Exception) -> str:
-    return error.problem if isinstance(error, EffectError) else f"{type(error).__name__}: {error}"
+    place = f"{path}: line {lines[-1]}" if lines else str(path)
+    if isinstance(error, EffectError):
+        return EffectError(f"{place}: {error.problem}", error.remedy or remedy)
+    return EffectError(f"{place}: {type(error).__name__}: {error}", remedy)
 
 
 EFFECTS = discover()

@@ -9,7 +9,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from elastic_arm.effects.model import EffectInstance, Scope
+from elastic_arm.effects.model import Effect, EffectInstance, Scope
 from elastic_arm.effects.motion import Contribution, SymbolicMotion
 from elastic_arm.errors import EffectError
 from elastic_arm.robot import Robot
@@ -75,6 +75,11 @@ class EffectSet:
         """Return the sum of all laws, and the rates of `z`.
 
         Transmission errors come first: the other laws of the joint find them in the deflection.
+
+        Raises
+        ------
+        EffectError
+            If a law gives no contribution, or no rate of an internal state.
         """
         twist, twist_rate = ca.SX(motion.n, 1), ca.SX(motion.n, 1)
         for instance, i, values in self._placed:
@@ -85,10 +90,23 @@ class EffectSet:
         motion = replace(motion, twist=twist, twist_rate=twist_rate)
         total, rates = motion.nothing(), []
         for instance, i, values in self._placed:
-            part = instance.effect.law(motion, i, values)
+            part = _checked(instance.effect, instance.effect.law(motion, i, values))
             total += part
             rates += [part.rates[name] for name in instance.effect.states]
         return total, ca.vertcat(ca.SX(0, 1), *rates)
+
+
+def _checked(effect: Effect, part: object) -> Contribution:
+    """Return what a law gave, if a user's law gave what it should."""
+    if not isinstance(part, Contribution):
+        raise EffectError(
+            f"the law of {effect.id} returns no Contribution", "Return motion.at(i, …) with link, drive or motor."
+        )
+    if missing := [name for name in effect.states if name not in part.rates]:
+        raise EffectError(
+            f"the law of {effect.id} gives no rate of its state {missing[0]}", "Return motion.at(i, …, rates={…})."
+        )
+    return part
 
 
 def law_joints(instance: EffectInstance, robot: Robot) -> tuple[int, ...]:

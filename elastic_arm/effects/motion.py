@@ -231,9 +231,17 @@ class SymbolicMotion:
         return transmission
 
     def at(self, i: int, *, rates: Mapping[str, SX] | None = None, **torques: Any) -> Contribution:
-        """Return a contribution to joint i alone; `torques` are `link`, `drive`, `motor` in Nm."""
+        """Return a contribution to joint i alone; `torques` are `link`, `drive`, `motor` in Nm.
+
+        Raises
+        ------
+        EffectError
+            If a torque has another name.
+        """
         sides = {name: SX(self.n, 1) for name in ("link", "drive", "motor")}
         for name, torque in torques.items():
+            if name not in sides:
+                raise EffectError(f"a law adds a torque to {name!r}", f"Take of {', '.join(sides)}.")
             sides[name][i] = torque
         return Contribution(**sides, rates=rates or {})
 

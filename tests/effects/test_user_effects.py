@@ -72,9 +72,15 @@ def test_a_users_file_is_in_the_catalogue_and_an_arm_file_may_name_it(tmp_path: 
         ("\nimport nowhere_at_all", "line 2: ModuleNotFoundError"),
         (OWN.format(id="payload"), "'payload' is taken"),
         (OWN.format(id="magnet").replace("0.0, 10.0", "10.0, 0.0"), r"line \d+: parameter pull: its range is 10 to 0"),
+        (OWN.format(id="magnet").replace('p["pull"]', 'p["push"]'), r"line \d+: KeyError: 'push'.*p holds pull"),
+        (
+            OWN.format(id="magnet").replace("link=", "lnk="),
+            r"line \d+: a law adds a torque to 'lnk'.*link, drive, motor",
+        ),
+        (OWN.format(id="magnet").replace("motion.at(i, link=", "("), "law of magnet returns no Contribution"),
         (None, "no such file"),
     ],
-    ids=["nothing", "no effect", "syntax", "import", "taken", "range", "missing"],
+    ids=["nothing", "no effect", "syntax", "import", "taken", "range", "parameter", "side", "contribution", "missing"],
 )
 def test_a_wrong_file_gets_one_clear_line(tmp_path: Path, text: str | None, message: str) -> None:
     """The error names the file, the line where there is one, and what to do."""

@@ -14,7 +14,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from rich.table import Table
 
 from elastic_arm.cli.console import err, out, print_json, reports_errors
-from elastic_arm.cli.describe import EffectsFiles
+from elastic_arm.cli.options import EffectsFiles
 from elastic_arm.cli.outputs import claim_folder
 from elastic_arm.effects import Catalogue
 from elastic_arm.studies.blind_challenge import campaign

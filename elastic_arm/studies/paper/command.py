@@ -13,7 +13,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from rich.table import Table
 
 from elastic_arm.cli.console import err, out, print_json, reports_errors
-from elastic_arm.cli.describe import RobotFile
+from elastic_arm.cli.options import RobotFile
 from elastic_arm.cli.outputs import Force, claim_folder
 from elastic_arm.errors import MissingExtraError
 from elastic_arm.robot import load_robot
