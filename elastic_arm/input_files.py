@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+import stat
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +14,12 @@ from pydantic_core import ErrorDetails
 from elastic_arm.errors import ElasticArmError
 
 SHOWN_FAULTS = 5
+# Limits of what a user's file may ask for; the largest arm files and URDFs have some hundred kilobytes.
+LARGEST = 50_000_000  # bytes
+DEEPEST = 50  # collections in each other
+MOST_NODES = 500_000  # entries of a YAML file, aliases written out
+# Written in C where the library has it: in Python, metadata.yaml takes as long as a hundred thousand messages.
+_LOADER: Any = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
 # pydantic's kinds of faults by what was wanted there.
 _WANTED = {
     "tuple_type": "a list",
@@ -30,27 +38,58 @@ _WANTED = {
 }
 
 
-def read_text(path: str | Path, kind: type[ElasticArmError], remedy: str) -> str:
+def read_bytes(path: str | Path, kind: type[ElasticArmError], remedy: str, most: int = LARGEST) -> bytes:
+    """Read a file of bounded size; never a pipe or a device, which may not end.
+
+    Parameters
+    ----------
+    path
+        The file.
+    kind, remedy
+        Of the error where it cannot be read.
+    most
+        Bytes that it may have.
+    """
+    problem = ""
+    try:
+        status = os.stat(path)
+        if stat.S_ISDIR(status.st_mode):
+            problem = "is a folder, not a file"
+        elif not stat.S_ISREG(status.st_mode):
+            problem = "is no file, but a pipe or a device"
+        elif status.st_size > most:
+            problem = f"has {status.st_size} bytes, {most} are the limit"
+        else:
+            with open(path, "rb") as file:
+                return file.read(most)
+    except FileNotFoundError:
+        problem = "no such file"
+    except OSError as error:
+        problem = f"cannot be read ({error.strerror})"
+    except ValueError:
+        problem = "is no name of a file: it holds a NUL"
+    raise kind(f"{path}: {problem}", remedy)
+
+
+def read_text(path: str | Path, kind: type[ElasticArmError], remedy: str, most: int = LARGEST) -> str:
     """Read a text file.
 
     Parameters
     ----------
+    path
+        The file.
     kind, remedy
         Of the error where it cannot be read.
+    most
+        Bytes that it may have.
     """
     try:
-        return Path(path).read_text(encoding="utf-8")
-    except FileNotFoundError:
-        raise kind(f"{path}: no such file", remedy) from None
-    except IsADirectoryError:
-        raise kind(f"{path}: is a folder, not a file", remedy) from None
-    except OSError as error:
-        raise kind(f"{path}: cannot be read ({error.strerror})", remedy) from None
+        return read_bytes(path, kind, remedy, most).decode("utf-8")
     except UnicodeDecodeError:
         raise kind(f"{path}: is no text file", remedy) from None
 
 
-def read_fields(path: str | Path, kind: type[ElasticArmError], remedy: str) -> dict[str, Any]:
+def read_fields(path: str | Path, kind: type[ElasticArmError], remedy: str, most: int = LARGEST) -> dict[str, Any]:
     """Read a YAML file that holds fields; an error of `kind` names file, line and reason where it does not.
 
     Parameters
@@ -59,18 +98,56 @@ def read_fields(path: str | Path, kind: type[ElasticArmError], remedy: str) -> d
         The file.
     kind, remedy
         Of the error where it is no text, no YAML, or holds no fields.
+    most
+        Bytes that it may have.
     """
-    text = read_text(path, kind, remedy)
+    text = read_text(path, kind, remedy, most)
     try:
-        content = yaml.safe_load(text)
+        _check_yaml(text)
+        content = yaml.load(text, Loader=_LOADER)
     except yaml.YAMLError as error:
         mark = getattr(error, "problem_mark", None)
-        line = f"line {mark.line + 1}: " if mark else ""
-        reason = getattr(error, "problem", None) or "no YAML"
+        # The end of a file may count as a line of its own.
+        line = f"line {min(mark.line, text.count(chr(10))) + 1}: " if mark else ""
+        reason = getattr(error, "problem", None) or getattr(error, "reason", None) or "no YAML"
         raise kind(f"{path}: {line}{reason}", "Mend the YAML; indentation and colons matter.") from None
+    except (ValueError, OverflowError, AttributeError) as error:
+        # What looks like a date or a whole number and is none, such as 2001-99-99, 0x_ or five thousand digits.
+        reason = str(error).split(";")[0][:80]
+        raise kind(f"{path}: holds a number or date that is none ({reason})", "Mend it, or put it in quotes.") from None
     if not isinstance(content, dict):
         raise kind(f"{path}: holds no fields", remedy)
     return content
+
+
+def _check_yaml(text: str) -> None:
+    """Raise a YAMLError if a document is nested too deeply, or too large with its aliases written out."""
+    depth = nodes = 0
+    begun: list[tuple[str | None, int]] = []  # anchor of each collection that is open, and the nodes before it
+    sizes: dict[str, int] = {}
+    for event in yaml.parse(text, Loader=_LOADER):
+        if isinstance(event, yaml.CollectionStartEvent):
+            depth += 1
+            begun.append((event.anchor, nodes))
+        elif isinstance(event, yaml.CollectionEndEvent):
+            depth -= 1
+            anchor, before = begun.pop()
+            if anchor is not None:
+                sizes[anchor] = nodes - before
+        elif isinstance(event, yaml.AliasEvent):
+            if event.anchor in (anchor for anchor, _ in begun):
+                raise _beyond("an alias that contains itself", event)
+            nodes += sizes.get(str(event.anchor), 0)
+        nodes += 1
+        if depth > DEEPEST:
+            raise _beyond(f"nested more than {DEEPEST} deep", event)
+        if nodes > MOST_NODES:
+            raise _beyond(f"more than {MOST_NODES} entries with its aliases written out", event)
+
+
+def _beyond(problem: str, event: yaml.Event) -> yaml.MarkedYAMLError:
+    mark: Any = event.start_mark
+    return yaml.MarkedYAMLError(problem=problem, problem_mark=mark)
 
 
 def explain(error: ValidationError, reference: str) -> tuple[str, str]:

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elastic_arm.errors import RobotError
+from elastic_arm.input_files import read_bytes
 from elastic_arm.robot.description import Inertia, Joint, Limits, Robot
 from elastic_arm.robot.kinematics import lumped, moved
 from elastic_arm.robot.parts import located
@@ -36,12 +37,7 @@ REVOLUTE = ("revolute", "continuous")
 
 def read_urdf(path: str | Path, chain: Chain | None = None) -> Robot:
     """Read a URDF file; see :func:`parse_urdf`."""
-    try:
-        text = Path(path).read_bytes()
-    except FileNotFoundError as error:
-        raise RobotError(f"{path}: no such file", "Give the path of a URDF.") from error
-    except OSError as error:
-        raise RobotError(f"{path}: cannot be read ({error.strerror})", "Give the path of a URDF") from error
+    text = read_bytes(path, RobotError, "Give the path of a URDF.")
     with located(f"{path}: "):
         return parse_urdf(text, chain)
 

@@ -21,7 +21,8 @@ def parse(text: str | bytes) -> ET.Element:
     """Return the root element of a URDF."""
     try:
         tree = ET.fromstring(text)
-    except ET.ParseError as error:
+    except (ET.ParseError, LookupError, ValueError) as error:
+        # The last two for encodings that nobody knows, and for text that is none of the encoding it claims.
         raise RobotError(f"is no XML ({error})", "Give a URDF file") from error
     if tree.tag != "robot":
         raise RobotError(f"is no URDF: its root element is <{tree.tag}>, not <robot>", "Give a URDF file")

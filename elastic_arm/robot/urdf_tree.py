@@ -10,6 +10,10 @@ from elastic_arm.robot.urdf_elements import attribute, by_name, child_of, number
 
 Chain = tuple[str, str]
 
+# What may stand in one file: far beyond any robot, and little enough for trees to be walked by recursion.
+MOST_LINKS = 1000
+DEEPEST = 200
+
 
 class UrdfTree:
     """Links and joints of a URDF, checked to be one tree.
@@ -45,8 +49,12 @@ class UrdfTree:
         self.joints = by_name(root_element, "joint")
         self.children: dict[str, list[ET.Element]] = {name: [] for name in self.links}
         self.parent_joint: dict[str, str] = {}
+        if len(self.links) > MOST_LINKS:
+            raise RobotError(f"there are {len(self.links)} links, {MOST_LINKS} are the limit", "Leave out the scenery")
         self._connect()
         self.root = self._only_root()
+        if (deepest := max(map(len, map(self.path_to, self.links)))) > DEEPEST:
+            raise RobotError(f"{deepest} joints in a row, {DEEPEST} are the limit", "Join links that are fixed")
         self.first = self.root
         self.held: set[str] = set()
         self.left_out: set[str] = set()

@@ -251,7 +251,7 @@ def test_faults_of_arm_files_are_said_in_words(tmp_path: Path, name: str) -> Non
 @pytest.mark.parametrize(
     ("name", "words"),
     [("none.yaml", "no such file"), ("folder", "is a folder, not a file"), ("bytes.yaml", "is no text file"),
-     ("torn.yaml", "line 2: "), ("folder.urdf", "cannot be read (Is a directory)")],
+     ("torn.yaml", "line 2: "), ("folder.urdf", "is a folder, not a file")],
 )  # fmt: skip
 def test_files_that_cannot_be_read_are_named(tmp_path: Path, name: str, words: str) -> None:
     """What is missing, a folder, no text or no YAML is told apart."""

@@ -54,6 +54,8 @@ def check_bag(path: str | Path, channels: ChannelMap | None = None, joints: Sequ
     for damage in content.damage:
         missing = damage.endswith("metadata.yaml is missing")
         report.add(*(("warning", "missing_metadata") if missing else ("error", "damaged")), damage)
+    for remark in bag.remarks():
+        report.add("note", "unchecked", remark)
     _check_counts(bag, content, report)
     if not content.topics:
         report.add("error", "empty", "the bag holds no messages")
@@ -82,7 +84,7 @@ def _check_whole(path: str | Path, channels: ChannelMap | None, joints: Sequence
 
 
 def _check_counts(bag: Bag, content: Content, report: Report) -> None:
-    promised = (bag.metadata or {}).get("message_count")
+    promised = None if bag.metadata is None else bag.metadata.message_count
     if promised is not None and promised != content.messages:
         message = f"metadata.yaml promises {promised} messages, the files hold {content.messages}"
         report.add("error", "count", message)

@@ -7,20 +7,37 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-import yaml
-
 from elastic_arm.errors import RecordingError
+from elastic_arm.input_files import read_fields
+from elastic_arm.recording import limits
 from elastic_arm.recording.storage.interface import BagFile
 from elastic_arm.recording.storage.mcap import open_mcap
 from elastic_arm.recording.storage.metadata import METADATA_KEY
 from elastic_arm.recording.storage.sqlite import open_sqlite
 
 METADATA = "metadata.yaml"
-# Written in C where the library has it: in Python, reading this file takes as long as a hundred thousand messages.
-_LOADER = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
 _OPENERS: dict[str, Callable[[Path], BagFile]] = {".mcap": open_mcap, ".db3": open_sqlite}
 _PACKED = ("", ".zstd", ".zst")
 _REMEDY = "Give a rosbag2 folder, an .mcap or a .db3 file."
+
+
+@dataclass(frozen=True)
+class BagMetadata:
+    """What metadata.yaml holds beyond what the files themselves do.
+
+    Parameters
+    ----------
+    message_count
+        Messages in all files; None where it is not stated.
+    compression_mode
+        "none", "file" or "message"; may be empty.
+    files
+        Names in the folder, in time order.
+    """
+
+    message_count: int | None
+    compression_mode: str
+    files: tuple[str, ...]
 
 
 @dataclass
@@ -34,15 +51,19 @@ class Bag:
     files
         Its files in time order.
     metadata
-        The content of metadata.yaml; None for a bare file, or where it is missing.
+        From metadata.yaml; None for a bare file, or where it is missing.
     damage
         What is wrong with the bag as a whole, in words.
     """
 
     path: Path
     files: list[BagFile]
-    metadata: dict[str, Any] | None = None
+    metadata: BagMetadata | None = None
     damage: list[str] = field(default_factory=list)
+
+    def remarks(self) -> list[str]:
+        """Return what cannot be known of the bag, and is no damage."""
+        return [words for file in self.files for words in file.remarks()]
 
     def all_damage(self) -> list[str]:
         """Return what is wrong with the bag and its files, as far as it is known so far."""
@@ -58,6 +79,8 @@ def open_bag(path: str | Path) -> Bag:
         If there is nothing there that can be read.
     """
     path = Path(path)
+    if "\0" in str(path):
+        raise RecordingError(f"{str(path)!r} is no name of a file: it holds a NUL", _REMEDY)
     try:
         return _opened(path)
     except OSError as error:
@@ -68,9 +91,9 @@ def open_bag(path: str | Path) -> Bag:
 def _opened(path: Path) -> Bag:
     if not path.exists():
         raise RecordingError(f"{path} does not exist", _REMEDY)
-    if path.is_file():
-        if path.name == METADATA:
-            return open_bag(path.parent)
+    if path.name == METADATA and path.is_file():
+        return open_bag(path.parent)
+    if not path.is_dir():
         return Bag(path, [_open_file(path)])
     present = sorted((entry for entry in path.iterdir() if _storage(entry)), key=_number)
     metadata, damage = _read_metadata(path)
@@ -80,35 +103,51 @@ def _opened(path: Path) -> Bag:
         if len({_storage(file) for file in present}) > 1:
             raise RecordingError(f"{path} holds .mcap and .db3 files", "Name the one to be read.")
         return Bag(path, [_open_file(file) for file in present], None, damage)
-    if str(metadata.get("compression_mode")).lower() == "message":
+    if metadata.compression_mode == "message":
         raise RecordingError(
             f"{path} compresses each message by itself", "Convert it with ros2 bag convert to storage compression."
         )
-    listed = [path / str(name) for name in metadata.get("relative_file_paths") or []]
+    listed = [path / name for name in dict.fromkeys(metadata.files)]
     damage += [f"{file} is named in {METADATA} and missing" for file in listed if not file.exists()]
     damage += [f"{file} is not named in {METADATA}" for file in present if file not in listed]
     files = [file for file in listed if file.exists()] + [file for file in present if file not in listed]
     return Bag(path, [_open_file(file) for file in files], metadata, damage)
 
 
-def _read_metadata(folder: Path) -> tuple[dict[str, Any] | None, list[str]]:
+def _read_metadata(folder: Path) -> tuple[BagMetadata | None, list[str]]:
     file = folder / METADATA
     if not file.exists():
         return None, [f"{file} is missing"]
     try:
-        content = yaml.load(file.read_text(encoding="utf-8"), Loader=_LOADER)
-        information = content[METADATA_KEY]
-    except (yaml.YAMLError, UnicodeDecodeError, KeyError, TypeError) as error:
-        return None, [f"{file} cannot be read ({type(error).__name__})"]
-    if not isinstance(information, dict):
+        content = read_fields(file, RecordingError, "", most=limits.METADATA_BYTES).get(METADATA_KEY)
+    except RecordingError as error:
+        return None, [f"{file} cannot be read ({error.problem.removeprefix(f'{file}: ')})"]
+    if not isinstance(content, dict):
         return None, [f"{file} cannot be read (no fields under {METADATA_KEY})"]
-    return information, []
+    return _metadata(file, content)
+
+
+def _metadata(file: Path, content: dict[str, Any]) -> tuple[BagMetadata, list[str]]:
+    """Return what is needed of metadata.yaml, and what of it makes no sense."""
+    damage = []
+    count, mode, listed = (content.get(k) for k in ("message_count", "compression_mode", "relative_file_paths"))
+    if count is not None and type(count) is not int:
+        damage.append(f"{file}: message_count is no whole number")
+        count = None
+    if listed is not None and not (isinstance(listed, list) and all(isinstance(name, str) for name in listed)):
+        damage.append(f"{file}: relative_file_paths is no list of names")
+        listed = None
+    names = tuple(listed or ())
+    # A bag is its folder: names that lead out of it are not followed.
+    outside = [name for name in names if "\0" in name or Path(name).is_absolute() or ".." in Path(name).parts]
+    damage += [f"{file} names {name[:60]!r}, which is not in the bag's folder" for name in outside]
+    return BagMetadata(count, str(mode or "").lower(), tuple(n for n in names if n not in outside)), damage
 
 
 def _number(file: Path) -> tuple[str, int]:
     # rosbag2 numbers the files of a bag: run_2.mcap comes before run_10.mcap.
     stem, _, number = bag_stem(file).rpartition("_")
-    return (stem, int(number)) if number.isdigit() else (file.name, 0)
+    return (stem, int(number)) if number.isdecimal() else (file.name, 0)
 
 
 def bag_stem(path: Path) -> str:
@@ -123,4 +162,6 @@ def _storage(path: Path) -> str:
 
 
 def _open_file(path: Path) -> BagFile:
+    if not path.is_file():
+        raise RecordingError(f"{path} is no file, but a pipe or a device", _REMEDY)
     return _OPENERS.get(_storage(path), open_mcap)(path)

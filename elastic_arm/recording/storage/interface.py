@@ -58,6 +58,9 @@ class BagFile(Protocol):
     def packing(self) -> set[str]:
         """Return how its messages are packed: "none", "lz4", "zstd", "unchunked"."""
 
+    def remarks(self) -> list[str]:
+        """Return what cannot be known of the file, and is no damage."""
+
     def topics(self) -> list[Topic]:
         """Return its topics, as far as they are known so far; some formats describe a few inside blocks alone."""
 

@@ -14,7 +14,6 @@ from itertools import islice
 from pathlib import Path
 from typing import Any, NamedTuple
 
-import lz4.frame
 import numpy as np
 import zstandard
 from mcap import records
@@ -23,11 +22,13 @@ from mcap.exceptions import McapError
 from mcap.opcode import Opcode
 
 from elastic_arm.errors import RecordingError
+from elastic_arm.recording import limits
 from elastic_arm.recording.spans import Bytes, Offsets, Spans, column, progression, shifted
 from elastic_arm.recording.storage.interface import LATEST_NS
 from elastic_arm.recording.storage.mcap_records import MESSAGE_HEAD, RECORD_HEAD
 from elastic_arm.recording.storage.mcap_scan import Record, Scan, scan
 from elastic_arm.recording.storage.metadata import Topic
+from elastic_arm.recording.storage.unpacking import PACKED_FILES, unpack_chunk, unpack_file
 
 MAGIC = b"\x89MCAP0\r\n"
 _PARSED: dict[int, Any] = {
@@ -39,7 +40,19 @@ _PARSED: dict[int, Any] = {
 }
 _MOST_WORKERS = 4
 # What reading a record raises whose bytes are not what its kind promises.
-_BAD_RECORD = (McapError, ValueError, KeyError, IndexError, struct.error)
+_BAD_RECORD = (McapError, ValueError, KeyError, IndexError, OverflowError, struct.error)
+_IN_CHUNKS = (Opcode.SCHEMA, Opcode.CHANNEL)  # besides messages
+
+
+class _RecordStream(ReadDataStream):
+    """The content of a record; the library would take a text that is cut off for a whole one."""
+
+    def read(self, length: int) -> bytes:
+        """Return the next bytes, all of them."""
+        data = super().read(length)
+        if len(data) < length:
+            raise ValueError(f"{length} bytes are promised, {len(data)} are there")
+        return data
 
 
 class Chunk(NamedTuple):
@@ -140,6 +153,29 @@ class McapFile:
         kinds = {chunk.compression or "none" for chunk in self.chunks}
         return kinds | ({"unchunked"} if len(self.loose) else set())
 
+    def remarks(self) -> list[str]:
+        """Return what cannot be known of the file: damage in chunks without a checksum, which the format allows."""
+        open_chunks = sum(not chunk.crc for chunk in self.chunks)
+        if not open_chunks:
+            return []
+        return [f"{self.path}: {open_chunks} of {len(self.chunks)} chunks have no checksum: damage may go unseen"]
+
+    def check_lengths(self) -> None:
+        """Raise if all chunks together claim to unpack to more than the limit.
+
+        Raises
+        ------
+        RecordingError
+            Naming both lengths.
+        """
+        claimed = (chunk.size for chunk in self.chunks if chunk.compression)
+        total, limit = sum(size for size in claimed if size <= limits.chunk_bytes()), limits.unpacked_bytes()
+        if total > limit:
+            raise RecordingError(
+                f"{self.path} unpacks to {total // limits.MEGABYTE} MB, the limit is {limit // limits.MEGABYTE} MB",
+                "If you trust it, raise the limit: set ELASTIC_ARM_MAX_UNPACKED_MB.",
+            )
+
     def topics(self) -> list[Topic]:
         """Return the topics described so far."""
         return [self.topic(channel) for channel in self.channels]
@@ -215,22 +251,24 @@ class McapFile:
 
     def _unpack(self, chunk: Chunk) -> Bytes | RecordingError:
         try:
-            plain = _decompress(self.buffer[chunk.begin : chunk.end], chunk)
-        except (RuntimeError, ValueError, zstandard.ZstdError) as error:
+            plain = unpack_chunk(self.buffer[chunk.begin : chunk.end], chunk.compression, chunk.size)
+        except (RuntimeError, ValueError, MemoryError, zstandard.ZstdError) as error:
             return self._chunk_error(chunk, str(error))
         if len(plain) != chunk.size or (chunk.crc and zlib.crc32(plain.data) != chunk.crc):
             return self._chunk_error(chunk, "its checksum does not match")
         return plain
 
     def _chunk_block(self, chunk: Chunk, plain: Bytes, horizon_ns: int) -> McapBlock | RecordingError:
-        indexed = _indexed(self.buffer, chunk.indexes, plain, horizon_ns)
-        if indexed is not None:
-            return indexed
-        found = scan(plain, 0, len(plain))
         try:
-            self._parse(found.others, plain)
+            indexed = _indexed(self.buffer, chunk.indexes, plain, horizon_ns)
+            if indexed is not None:
+                return indexed
+            found = scan(plain, 0, len(plain))
+            self._parse([record for record in found.others if record.opcode in _IN_CHUNKS], plain)
         except _BAD_RECORD as error:
             return self._chunk_error(chunk, f"a bad record in it: {error}")
+        if found.end < len(plain):
+            return self._chunk_error(chunk, f"bytes after {found.end} in it are no MCAP records")
         return self._block(plain, found, horizon_ns)
 
     def _chunk_error(self, chunk: Chunk, reason: str) -> RecordingError:
@@ -250,11 +288,11 @@ class McapFile:
         for found in others:
             opcode, begin, end = found
             if opcode == Opcode.CHUNK:
-                self.chunks.append(_chunk(buffer, begin))
+                self.chunks.append(_chunk(buffer, begin, end))
             elif opcode == Opcode.MESSAGE_INDEX and self.chunks:
                 self.chunks[-1].indexes.append(found)
             elif opcode in _PARSED:
-                record = _PARSED[opcode].read(ReadDataStream(BytesIO(buffer[begin:end].tobytes())))
+                record = _PARSED[opcode].read(_RecordStream(BytesIO(buffer[begin:end].tobytes())))
                 self._keep(record)
 
     def _keep(self, record: records.McapRecord) -> None:
@@ -278,12 +316,11 @@ def open_mcap(path: Path) -> McapFile:
         If the file is missing, empty, or no MCAP file.
     """
     try:
-        if path.suffix in (".zstd", ".zst"):  # rosbag2's file compression
-            packed = path.read_bytes()
-            buffer = np.frombuffer(zstandard.ZstdDecompressor().decompressobj().decompress(packed), np.uint8)
+        if path.suffix in PACKED_FILES:  # rosbag2's file compression
+            buffer = np.frombuffer(unpack_file(path), np.uint8)
         else:
             buffer = np.asarray(np.memmap(path, np.uint8, "r")) if path.stat().st_size else np.empty(0, np.uint8)
-    except (OSError, zstandard.ZstdError) as error:
+    except OSError as error:
         raise RecordingError(f"{path} cannot be read: {error}", "Check the path and its permissions.") from None
     if not len(buffer):
         raise RecordingError(f"{path} is empty", "Record again: nothing was written.")
@@ -297,6 +334,7 @@ def open_mcap(path: Path) -> McapFile:
         file._parse(found.others, buffer)
     except _BAD_RECORD as error:
         raise RecordingError(f"{path} has a damaged record ({error})", "Record again.") from None
+    file.check_lengths()
     if not whole:
         torn = len(buffer) - found.end
         file.damage.append(f"{path}: no summary at the end" + (f" and a torn record of {torn} bytes" if torn else ""))
@@ -305,13 +343,17 @@ def open_mcap(path: Path) -> McapFile:
     return file
 
 
-def _chunk(buffer: Bytes, begin: int) -> Chunk:
+def _chunk(buffer: Bytes, begin: int, end: int) -> Chunk:
     head = buffer[begin : begin + 32].tobytes()
     start_ns, end_ns, size = np.frombuffer(head[:24], "<u8").tolist()
     crc, name_size = np.frombuffer(head[24:32], "<u4").tolist()
     compression = buffer[begin + 32 : begin + 32 + name_size].tobytes().decode()
     at = begin + 32 + name_size
     packed = int(np.frombuffer(buffer[at : at + 8].tobytes(), "<u8")[0])
+    if at + 8 + packed > end:
+        raise ValueError(f"a chunk at byte {begin} that is longer than its record")
+    if max(start_ns, end_ns) > LATEST_NS:
+        raise ValueError(f"a chunk at byte {begin} with times after the year 2262")
     return Chunk(at + 8, at + 8 + packed, size, crc, compression, start_ns, end_ns, [])
 
 
@@ -335,18 +377,8 @@ def _indexed(file: Bytes, indexes: list[Record], plain: Bytes, horizon_ns: int) 
         heads = (column(plain, "u1", where) == Opcode.MESSAGE) & (column(plain, "<u2", where, 9) == channel)
         if not heads.all():
             return None
-        covered += int(column(plain, "<u8", where, 1).sum()) + RECORD_HEAD * len(offsets)
+        size = column(plain, "<u8", where, 1).astype(np.int64)
+        if size.min() < MESSAGE_HEAD - RECORD_HEAD or (offsets + size).max() + RECORD_HEAD > len(plain):
+            return None
+        covered += int(size.sum()) + RECORD_HEAD * len(offsets)
     return block if covered == len(plain) else None
-
-
-def _decompress(packed: Bytes, chunk: Chunk) -> Bytes:
-    match chunk.compression:
-        case "":
-            return packed
-        case "zstd":
-            plain = zstandard.ZstdDecompressor().decompress(packed.data, max_output_size=chunk.size)
-        case "lz4":
-            plain = lz4.frame.decompress(packed.data)
-        case other:
-            raise ValueError(f"unknown compression {other!r}")
-    return np.frombuffer(plain, np.uint8)

@@ -15,11 +15,12 @@ import numpy as np
 from mcap.opcode import Opcode
 
 from elastic_arm.recording.spans import Bytes, Offsets, column
-from elastic_arm.recording.storage.mcap_records import RECORD_HEAD
+from elastic_arm.recording.storage.mcap_records import MESSAGE_HEAD, RECORD_HEAD
 
 _HEAD = struct.Struct("<BQ")
 # Kind, length and channel, which are the same in each round: eleven bytes as two overlapping words.
 _KEY = (("<u4", 0), ("<u8", 3))
+_SHORTEST = MESSAGE_HEAD - RECORD_HEAD  # of a message's record
 _WALK = 24  # messages walked before a round is looked for
 _LONGEST_ROUND = 8
 _BATCH = 8192  # rounds checked at first; more each time they hold
@@ -53,7 +54,7 @@ class Scan:
 
 
 def scan(buffer: Bytes, begin: int, end: int) -> Scan:
-    """Find all records between `begin` and `end`; stops before a torn one.
+    """Find all records between `begin` and `end`; stops before a torn one, or one that is shorter than its kind.
 
     Parameters
     ----------
@@ -70,7 +71,7 @@ def scan(buffer: Bytes, begin: int, end: int) -> Scan:
     while at + RECORD_HEAD <= end:
         opcode, size = _HEAD.unpack_from(view, at)
         after = at + RECORD_HEAD + size
-        if opcode == 0 or after > end:
+        if opcode == 0 or after > end or (opcode == Opcode.MESSAGE and size < _SHORTEST):
             break
         if opcode == Opcode.MESSAGE:
             walked.append(at)

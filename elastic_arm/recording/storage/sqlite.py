@@ -10,11 +10,11 @@ from functools import cached_property
 from pathlib import Path
 
 import numpy as np
-import zstandard
 
 from elastic_arm.errors import RecordingError
 from elastic_arm.recording.spans import Bytes, Offsets, Spans, progression
 from elastic_arm.recording.storage.metadata import Topic
+from elastic_arm.recording.storage.unpacking import PACKED_FILES, unpack_file
 
 _MAGIC = b"SQLite format 3\0"
 _ROWS = 16384  # of a block
@@ -100,6 +100,10 @@ class SqliteFile:
     def packing(self) -> set[str]:
         """Return how the file is packed."""
         return {"none" if self.image is None else "zstd"}
+
+    def remarks(self) -> list[str]:
+        """Return nothing: SQLite notices damage by its own structure, as far as it does."""
+        return []
 
     def topics(self) -> list[Topic]:
         """Return its topics."""
@@ -196,12 +200,7 @@ def open_sqlite(path: Path) -> SqliteFile:
 
 
 def _unpacked(path: Path) -> bytes | None:
-    if path.suffix not in (".zstd", ".zst"):
-        return None
-    try:
-        return zstandard.ZstdDecompressor().decompressobj().decompress(path.read_bytes())
-    except zstandard.ZstdError as error:
-        raise RecordingError(f"{path} cannot be read: {error}", "Copy it again: it is not whole.") from None
+    return unpack_file(path) if path.suffix in PACKED_FILES else None
 
 
 def _head(path: Path) -> bytes:
@@ -211,6 +210,11 @@ def _head(path: Path) -> bytes:
 
 def _channels(database: sqlite3.Connection, path: Path) -> dict[int, Topic]:
     """Read the table of topics, whose columns grew with the versions of rosbag2."""
+    # A view or a virtual table would compute what it holds, without end if its author likes.
+    query = "SELECT name FROM sqlite_master WHERE type <> 'table' OR sql LIKE 'create virtual%'"
+    computed = {str(name).lower() for (name,) in database.execute(query)}
+    if computed & {"messages", "topics", "message_definitions"}:
+        raise RecordingError(f"{path} is a SQLite file and no bag: its tables are computed", _REMEDY)
     if not {"id", "topic_id", "timestamp", "data"} <= _columns(database, "messages"):
         raise RecordingError(f"{path} is a SQLite file and no bag", _REMEDY)
     there = _columns(database, "topics")
@@ -219,9 +223,10 @@ def _channels(database: sqlite3.Connection, path: Path) -> dict[int, Topic]:
     definitions = {}
     if _columns(database, "message_definitions"):
         query = "SELECT topic_type, encoding, encoded_message_definition FROM message_definitions"
-        definitions = {name: (encoding, text) for name, encoding, text in database.execute(query)}
+        definitions = {str(name): (str(encoding), str(text)) for name, encoding, text in database.execute(query)}
     channels = {}
-    for number, name, type_name, qos, type_hash in database.execute(f"SELECT {chosen} FROM topics ORDER BY id"):
+    for number, *texts in database.execute(f"SELECT {chosen} FROM topics ORDER BY id"):
+        name, type_name, qos, type_hash = map(str, texts)
         encoding, text = definitions.get(type_name, ("", ""))
         channels[number] = Topic(name, type_name, text, type_hash, qos, encoding)
     return channels

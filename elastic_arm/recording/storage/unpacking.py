@@ -1,0 +1,77 @@
+"""Unpack what is compressed in a bag, up to the limits of :mod:`elastic_arm.recording.limits`, whatever it claims."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import lz4.frame
+import numpy as np
+import zstandard
+
+from elastic_arm.errors import RecordingError
+from elastic_arm.recording import limits
+from elastic_arm.recording.spans import Bytes
+
+PACKED_FILES = (".zstd", ".zst")
+_PIECE = 4 * limits.MEGABYTE
+_UNKNOWN = -1  # what zstandard returns for a frame that does not state its length
+
+
+def unpack_chunk(packed: Bytes, compression: str, size: int) -> Bytes:
+    """Return the plain bytes of a chunk.
+
+    Parameters
+    ----------
+    packed
+        Its bytes in the file.
+    compression
+        "", "lz4" or "zstd".
+    size
+        The length that it claims to unpack to; never more memory than that is taken.
+
+    Raises
+    ------
+    ValueError, RuntimeError, zstandard.ZstdError
+        If it cannot be unpacked, or does not unpack to that length.
+    """
+    if compression and size > limits.chunk_bytes():
+        limit = f"{limits.chunk_bytes()} ($ELASTIC_ARM_MAX_CHUNK_MB)"
+        raise ValueError(f"it claims to unpack to {size} bytes, above the limit of {limit}")
+    plain: bytes | memoryview
+    match compression:
+        case "":
+            return packed
+        case "zstd":
+            # The library allocates what a frame claims, not what it is allowed to.
+            if zstandard.frame_content_size(packed.data) not in (_UNKNOWN, size):
+                raise ValueError("chunk and zstd frame claim different lengths")
+            plain = zstandard.ZstdDecompressor().decompress(packed.data, max_output_size=size)
+        case "lz4":
+            context = lz4.frame.create_decompression_context()
+            plain, _, _ = lz4.frame.decompress_chunk(context, packed.data, max_length=max(size, 1))
+        case other:
+            raise ValueError(f"unknown compression {other[:20]!r}")
+    return np.frombuffer(plain, np.uint8)
+
+
+def unpack_file(path: Path) -> bytes:
+    """Return the plain bytes of a file that is compressed with zstd as a whole; of a torn one what is there.
+
+    Raises
+    ------
+    RecordingError
+        If it is no zstd file, or unpacks to more than the limit.
+    """
+    limit, plain = limits.unpacked_bytes(), bytearray()
+    try:
+        with open(path, "rb") as file, zstandard.ZstdDecompressor().stream_reader(file) as reader:
+            while piece := reader.read(_PIECE):
+                plain += piece
+                if len(plain) > limit:
+                    raise RecordingError(
+                        f"{path} unpacks to more than {limit // limits.MEGABYTE} MB",
+                        "If you trust it, raise the limit: set ELASTIC_ARM_MAX_UNPACKED_MB.",
+                    )
+    except zstandard.ZstdError as error:
+        raise RecordingError(f"{path} cannot be read: {error}", "Copy it again: it is not whole.") from None
+    return bytes(plain)
