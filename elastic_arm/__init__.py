@@ -1,3 +1,3 @@
-"""Elastic-joint robot arms: emulate, record, identify, and say where and why model and robot differ."""
+"""Elastic-joint robot arms: emulate, record, identify, and find where and why model and robot differ."""
 
 __version__ = "0.1.0"

@@ -41,7 +41,7 @@ SUBCOMMANDS = {
     "excite": Subcommand(
         "cli.excite",
         "excite",
-        "Find a Fourier trajectory whose motion tells the arm's parameters apart best, within all limits.",
+        "Find a Fourier trajectory whose motion separates the arm's parameters best, within all limits.",
     ),
     "simulate": Subcommand(
         "cli.simulate", "simulate", "Let a simulated arm follow a trajectory, and record it as a bag."
@@ -51,7 +51,7 @@ SUBCOMMANDS = {
     "diagnose": Subcommand(
         "cli.diagnose",
         "diagnose_command",
-        "Say where a recording and a model part, which effect the model lacks, and how far the gap shrinks with it.",
+        "Find where a recording and a model differ, which effect the model lacks, and how far the gap shrinks with it.",
         SeveralValues,
     ),
     "challenge": Subcommand(
@@ -97,7 +97,7 @@ class LazyApplication(Application):
 app = typer.Typer(
     name="elastic-arm",
     cls=LazyApplication,
-    help="Emulate an elastic-joint arm, identify it, and say where and why a model and a real arm differ.",
+    help="Emulate an elastic-joint arm, identify it, and find where and why a model and a real arm differ.",
     no_args_is_help=True,
     rich_markup_mode="rich",
     pretty_exceptions_enable=False,

@@ -46,7 +46,7 @@ class KernelError(ElasticArmError, RuntimeError):
 
 
 class RecordingError(ElasticArmError, ValueError):
-    """A recording that cannot be read, or lacks what is asked of it."""
+    """A recording that cannot be read, or lacks what is needed of it."""
 
 
 class ExcitationError(ElasticArmError, ValueError):
@@ -62,7 +62,7 @@ class SimulationError(ElasticArmError, RuntimeError):
 
 
 class IdentificationError(ElasticArmError, ValueError):
-    """Data from which the asked parameters cannot be identified."""
+    """Data from which the wanted parameters cannot be identified."""
 
 
 class EffectError(ElasticArmError, ValueError):

@@ -65,13 +65,13 @@ def diagnose_command(
     out_dir: Annotated[Path, typer.Option("--out", help="Folder for the results.")] = Path("diagnosis"),
     json: Annotated[bool, typer.Option("--json", help="Print diagnosis.json.")] = False,
 ) -> None:
-    """Say where a recording and a model part, which effect the model lacks, and how far the gap shrinks with it.
+    """Find where a recording and a model differ, which effect the model lacks, and how far the gap shrinks with it.
 
     Writes diagnosis.json and report.html. Where causes were found, robot.yaml:
     the arm with the causes in it, for `elastic-arm simulate --robot`. Where the
-    recording cannot tell causes apart, separating_trajectory.yaml: the motion to
+    recording does not separate causes, separating_trajectory.yaml: the motion to
     record next, for `elastic-arm simulate --trajectory` and the trajectory node.
-    Of several recordings it says which causes agree over them.
+    Of several recordings it states which causes agree over them.
 
     Exit status 0 whatever the verdict, 2 for unusable input.
 

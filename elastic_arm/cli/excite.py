@@ -52,7 +52,7 @@ def excite(
     report: Annotated[Path | None, typer.Option(help="Write report.html with figures into this folder.")] = None,
     force: Force = False,
 ) -> None:
-    """Find a Fourier trajectory whose motion tells the arm's parameters apart best, within all limits.
+    """Find a Fourier trajectory whose motion separates the arm's parameters best, within all limits.
 
     Examples:
 

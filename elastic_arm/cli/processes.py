@@ -83,7 +83,7 @@ class Nodes:
         return self._folder / f"{name}.log"
 
     def running(self, name: str) -> bool:
-        """Say whether a node still runs.
+        """Return whether a node still runs.
 
         Raises
         ------
@@ -96,7 +96,7 @@ class Nodes:
         return self._running[name].poll() is None
 
     def stop(self, name: str) -> None:
-        """Ask a node to stop, and wait until it has put its things in order.
+        """Interrupt a node, and wait until it has ended.
 
         Raises
         ------

@@ -29,7 +29,7 @@ def emit_block(program: Program, shared: Sequence[str]) -> str:
 
 
 def block_identity(program: Program, shared: Sequence[str]) -> str:
-    """Say in a few letters what :func:`emit_block` would print: the program, and the printer's own source."""
+    """Return in a few letters what :func:`emit_block` would print: the program, and the printer's own source."""
     return f"{program.digest()}:{','.join(sorted(shared))}:{_printer_digest()}"
 
 

@@ -102,7 +102,7 @@ def _with_rival(cause: Cause) -> str:
     # Of an incomplete hypothesis all confidences are low: what counts is one against the other.
     if other is None or cause.confidence >= DOUBTFUL * (cause.confidence + other.confidence):
         return name
-    return f"{name} (or {effect_at(other.effect, other.joint)}: this recording cannot tell)"
+    return f"{name} (or {effect_at(other.effect, other.joint)}: this recording does not separate them)"
 
 
 def effect_at(effect: str, joint: str | None) -> str:

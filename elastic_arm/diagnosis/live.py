@@ -49,7 +49,7 @@ class Window:
     length
         s; of 15 s, two thirds are fitted and the last third judges.
     source
-        What recordings made of it are said to come from.
+        Source that recordings made of it name.
     """
 
     def __init__(self, joints: Sequence[str], length: float = 15.0, source: str = "live") -> None:
@@ -196,7 +196,7 @@ class LiveDiagnosis:
         Raises
         ------
         ElasticArmError
-            If nothing can be said of it yet.
+            If it is too short, or holds no motion yet.
         """
         found = diagnose([recording], self.question)
         if self.question.refit and found.context is not None:

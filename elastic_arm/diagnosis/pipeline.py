@@ -37,7 +37,7 @@ def diagnose(recordings: Sequence[Recording], question: Question, validate: Sequ
     Raises
     ------
     DiagnosisError
-        If nothing can be said: no torque, no motion, too short, validation equal to identification data.
+        If the recordings allow no diagnosis: no torque, no motion, too short, validation equal to identification data.
     RecordingError
         If a recording lacks a joint.
     """

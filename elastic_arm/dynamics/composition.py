@@ -123,7 +123,7 @@ def compose(robot: Robot, name: str, *, bearings: bool = False) -> Bodies:
     Raises
     ------
     RobotError
-        If there is no such model, or bearings are asked of an arm that describes none.
+        If there is no such model, or bearings are wanted of an arm that describes none.
     """
     if name not in COMPOSITIONS:
         raise RobotError(f"there is no model {name!r}", f"Choose one of {', '.join(COMPOSITIONS)}")

@@ -227,7 +227,7 @@ def _carry_energy(
 
 
 def _is(value: Scalar, number: float) -> bool:
-    """Tell whether a scalar is this very constant; symbols never are."""
+    """Return whether a scalar is this very constant; symbols never are."""
     return isinstance(value, int | float) and value == number
 
 

@@ -35,7 +35,7 @@ class EffectSet:
     Raises
     ------
     EffectError
-        If an effect cannot sit where it is said to.
+        If an effect cannot act where it is placed.
     """
 
     def __init__(self, instances: Sequence[EffectInstance], robot: Robot) -> None:

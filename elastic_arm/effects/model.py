@@ -1,6 +1,6 @@
 """What an effect is.
 
-An effect is one thing: a law, its parameters, its words. The law says what it adds to the three residuals of a joint
+An effect is one thing: a law, its parameters, its words. The law is what it adds to the three residuals of a joint
 (:class:`~elastic_arm.effects.motion.Contribution`) as an expression; the simulator adds the same expression to the
 equations of motion. What differs between kinds of effects is only how they enter a simulated arm:
 
@@ -47,7 +47,7 @@ class Scope(Enum):
 
 @dataclass(frozen=True)
 class Confusion:
-    """Another effect that a recording may not tell from this one: when, and which motion would."""
+    """Another effect that a recording may not separate from this one: when, and which motion would."""
 
     effect: str
     when: str
@@ -61,7 +61,7 @@ class Ordinary:
     Parameters
     ----------
     parameter
-        Which says how much there is.
+        Its size: how much there is.
     most
         (sample rate in Hz) -> largest ordinary distance from no effect, in the parameter's unit.
     note
@@ -110,7 +110,7 @@ class Effect:
     law
         (motion, joint index, parameters and internal states by name) -> contribution.
     parameters, choices
-        Its numbers, and what else has to be said.
+        Its numbers, and what else has to be chosen.
     scope, sides, regime
         Where it shows.
     states

@@ -1,7 +1,7 @@
 """The words in which an effect's law is written: the motion of an arm, and what a law adds to its equations.
 
 All entries are CasADi expressions. The simulator puts the state it integrates in their place, the diagnosis the
-channels of a recording; a law cannot tell which.
+channels of a recording; a law does not depend on which.
 """
 
 from __future__ import annotations

@@ -42,7 +42,7 @@ class Feature:
 
     @property
     def key(self) -> tuple[str, str | None, tuple[Any, ...]]:
-        """What tells it from other features."""
+        """What distinguishes it from other features."""
         return self.effect.id, self.joint, tuple(sorted(self.choices.items()))
 
     @property

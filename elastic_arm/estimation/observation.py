@@ -52,14 +52,14 @@ class ChannelNoise:
 
 @dataclass(frozen=True)
 class Observation:
-    """What one recording says about the motion.
+    """The motion that one recording shows.
 
     Parameters
     ----------
     pieces
         Smoothed motion of each stretch without holes; within `margin` of its ends only roughly right.
     quiet
-        The same, smoothed as far as the encoders' noise asks: what columns are made of.
+        The same, smoothed as far as the encoders' noise requires: what columns are made of.
     rate
         Samples per second.
     smoother

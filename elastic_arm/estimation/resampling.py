@@ -2,7 +2,7 @@
 
 A smoother with steady-state gains needs regular samples. Short holes are bridged, long ones part the recording into
 pieces. Stamps that jitter are either the truth (the sensor was read at those times) or only late words about samples
-taken regularly; the smoothness of the motion tells which.
+taken regularly; the smoothness of the motion decides which.
 """
 
 from __future__ import annotations
@@ -80,7 +80,7 @@ class Grid:
         return {name: values for name in CHANNELS if (values := getattr(self, name)) is not None}
 
     def moves(self) -> bool:
-        """Say whether any joint does, by the motor's angles where there are some."""
+        """Return whether any joint does, by the motor's angles where there are some."""
         position = self.theta if self.theta is not None else self.q
         return position is not None and bool(np.any(np.ptp(position, axis=0) >= STILL))
 
@@ -94,7 +94,7 @@ class Clock:
     rate
         Samples per second.
     mode
-        "regular": samples were taken regularly, whatever their stamps say; "stamps": at their stamps.
+        "regular": samples were taken regularly, whatever their stamps are; "stamps": at their stamps.
     """
 
     rate: float

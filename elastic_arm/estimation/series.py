@@ -173,7 +173,7 @@ def period_of(grid: Grid) -> float:
 
 
 def repeats(grid: Grid, period: float) -> bool:
-    """Say whether a piece is long enough to show a motion of `period`, s, again."""
+    """Return whether a piece is long enough to show a motion of `period`, s, again."""
     return period <= LONGEST_PERIOD * len(grid) / grid.rate
 
 

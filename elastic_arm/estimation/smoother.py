@@ -90,7 +90,7 @@ class Smoother:
 
     @property
     def thinning(self) -> int:
-        """Of how many smoothed samples one tells all that they say: a power of two."""
+        """Of how many smoothed samples one holds all their information: a power of two."""
         share = min(2 * np.pi * self.rate / (SAMPLES_A_PERIOD * self.cutoff), MOST_THINNING)
         return 2 ** max(0, int(np.log2(share)))
 

@@ -272,7 +272,7 @@ def check_limits(limits: MotionLimits, model: Model, trajectory: FourierTrajecto
     Raises
     ------
     ExcitationError
-        If the trajectory breaks one; says which, where and how far.
+        If the trajectory breaks one; it names which, where and how far.
     """
     use = limits.use(trajectory, model)
     require(use.kept, f"the trajectory breaks a limit: {use.worst()}", "Make a gentler one, or raise the limit")

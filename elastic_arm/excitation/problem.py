@@ -126,7 +126,7 @@ class Problem:
         return self._limits.use(self.trajectory(u), self._model).excess[3:]
 
     def refer_to(self, points: Sequence[Array]) -> tuple[int, ...]:
-        """Take the scale of the columns from these ordinary motions; return the columns they cannot tell apart."""
+        """Take the scale of the columns from these ordinary motions; return the columns they cannot distinguish."""
         motions = [self._regressor(self.trajectory(u)) for u in points]
         distinct = distinct_columns(np.concatenate(motions[:TELLING]))
         self._scale = np.median([np.linalg.norm(W[:, distinct], axis=0) for W in motions], axis=0)

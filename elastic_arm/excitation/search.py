@@ -1,7 +1,7 @@
 """Search for the motion within limits that determines the base parameters best.
 
 The free numbers are where each joint swings about and its amplitudes. Joints are turned down to their kinematic limits
-before anything else is asked of a motion, so that only torque and workspace remain as constraints. The search is mesh
+before a motion is evaluated, so that only torque and workspace remain as constraints. The search is mesh
 adaptive direct search, NOMAD's (C. Audet, S. Le Digabel, V. Rochon Montplaisir and C. Tribes, ACM Trans. Mathematical
 Software 48 (2022) 35), which polls a pattern of points around the best one, takes no derivatives and lets constraints
 be broken on the way (progressive barrier).
@@ -56,7 +56,7 @@ class ExcitationResult:
     columns
         Base columns that were judged.
     indistinct
-        Base columns left out, because no ordinary motion tells them from the others.
+        Base columns left out, because no ordinary motion separates them from the others.
     history
         (evaluation, best value so far) wherever it improved, and at the end.
     use
@@ -132,7 +132,7 @@ def optimise(
     Raises
     ------
     ExcitationError
-        If the criterion or the numbers make no sense, or no motion found keeps the limits (says which is broken).
+        If the criterion or the numbers make no sense, or no motion found keeps the limits (names which is broken).
     """
     require(evaluations >= 1, f"{evaluations} evaluations are asked for", "Ask for at least one")
     require(random >= 1, f"{random} random motions are asked for", "Ask for at least one, to start from")
@@ -174,7 +174,7 @@ def _kept_use(model: Model, limits: MotionLimits, trajectory: FourierTrajectory,
 
 
 class _Course:
-    """What the search asks for: evaluates points, remembers the best and how it came about."""
+    """The objective of the search: evaluates points, remembers the best and how it came about."""
 
     def __init__(self, problem: Problem, progress: Progress | None) -> None:
         self.problem = problem

@@ -59,7 +59,7 @@ def find_base(Phi: Array, names: Sequence[str], units: Sequence[str]) -> BasePar
     Phi
         (rows, P), at many more states than there are parameters.
     names, units
-        Of the P parameters; the part after the last dot tells the kind.
+        Of the P parameters; the part after the last dot is the kind.
     """
     order = _preferred(names)
     columns, coefficients = _independent(Phi, order)

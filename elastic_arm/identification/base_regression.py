@@ -14,7 +14,7 @@ the third. The first two alone are (10). With the encoders of one side only, the
 
 Without joint torque sensors the row `link` is homogeneous in masses and springs, so that the smallest of them fit it
 best. `summed` regressions therefore put the sum of both lines in the place of `motor`: there torque sets the scale of
-every mass, and no deflection is left. `link` then says how far the springs wind under that load. Its deflection is the
+every mass, and no deflection is left. `link` then shows how far the springs wind under that load. Its deflection is the
 difference of two encoders, whose lag and offset beside each other may be columns of their own::
 
     link    0     = M q'' + S theta'' + c + c1 + g + K (q - theta) + D (q' - theta') + a q' + b

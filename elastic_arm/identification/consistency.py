@@ -82,7 +82,7 @@ class _Chart:
 def consistent(
     fit: Fit, equations: BaseRegression, effective_samples: float | None = None, trust: float | None = None
 ) -> Consistent:
-    """Find the physically consistent parameters that fit best, close to the nominal where the data say nothing.
+    """Find the physically consistent parameters that fit best, close to the nominal where the data determine nothing.
 
     Parameters
     ----------
@@ -254,7 +254,7 @@ def _solid_chart(nominal: Array) -> Array:
 
 
 def _data(fit: Fit, equations: BaseRegression, chart: _Chart, effective_samples: float) -> tuple[Array, Array]:
-    """Return A, b: the recording says A (x - x0) = b with unit noise.
+    """Return A, b: the recording gives A (x - x0) = b with unit noise.
 
     Errors are coloured: their effect on the estimate is larger than white ones' by a factor known from the blocks, and
     larger still where the motion repeats itself block after block.

@@ -102,7 +102,7 @@ def differentiate(
     Raises
     ------
     IdentificationError
-        If the recording is too short, or a series was asked for and the motion is none.
+        If the recording is too short, or a series was requested and the motion is none.
     """
     if period is not None and not period > 0:
         raise IdentificationError(f"the period is {period:g} s", "Give a time above zero, or none.")
@@ -162,7 +162,7 @@ def identify(
     weighted
         Weigh each equation by its noise; else ordinary least squares.
     consistent
-        Also find all parameters, physically consistent and close to the nominal where the data say nothing.
+        Also find all parameters, physically consistent and close to the nominal where the data determine nothing.
     validate
         Recordings that no fit may see; the residuals on them are part of the result.
     progress

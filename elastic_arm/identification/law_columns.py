@@ -62,7 +62,7 @@ def _linear(effect: Effect) -> list[Parameter]:
 
 
 class _LawColumns:
-    """All laws compiled together; the columns of the last motion are kept, as they are asked for one by one."""
+    """All laws compiled together; the columns of the last motion are kept, as they are evaluated one by one."""
 
     def __init__(self, instances: tuple[EffectInstance, ...], robot: Robot, model: str, sign_speed: float) -> None:
         self.robot = robot

@@ -332,7 +332,7 @@ def _equilibrated(whole: Array) -> tuple[Array, Array]:
 
 
 def _solve(whole: Array) -> tuple[Array, float, Array]:
-    """Solve R Psi = z; directions below the rank floor get no say (minimum norm in equilibrated units)."""
+    """Solve R Psi = z; directions below the rank floor have no weight (minimum norm in equilibrated units)."""
     columns, scale = _equilibrated(whole)
     u, s, vt = np.linalg.svd(columns, full_matrices=False)
     known = s > RANK_FLOOR * s[0]

@@ -73,7 +73,7 @@ class Identification:
         What else the user should know.
     parameter_names, T, Psi
         All parameters, the map to the base parameters (B, P), and physically consistent values of all (P,) with laws
-        beyond the model last; Psi is None where it was not asked for.
+        beyond the model last; Psi is None where it was not requested.
     covariance
         (B, B) of the base parameters.
     consistency

@@ -77,7 +77,7 @@ class GapMonitorNode(ArmNode):
         self._took = 0.0
 
     def tick(self) -> float:
-        """Take what has arrived, publish what was found, and ask for more."""
+        """Take what has arrived, publish what was found, and start the next diagnosis."""
         now = time.monotonic()
         if now >= self._due:
             self._due = now + BATCH
@@ -95,7 +95,7 @@ class GapMonitorNode(ArmNode):
         self._worker.close()
 
     def _ask(self, now: float) -> None:
-        """Ask what is due, of samples that nobody was asked about yet."""
+        """Start the diagnosis that is due, of samples that none was made of yet."""
         if self._collector.last_ns == self._latest_ns:
             return
         due = {

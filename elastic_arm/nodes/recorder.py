@@ -81,7 +81,7 @@ class Recorder(ArmNode):
 
 
 def matching(infos: list[TopicEndpointInfo]) -> QoSProfile:
-    """Return a quality of service that hears all these publishers, and what the latched ones said before."""
+    """Return a quality of service that receives from all these publishers, also what was latched."""
     reliable = all(info.qos_profile.reliability == ReliabilityPolicy.RELIABLE for info in infos)
     latched = all(info.qos_profile.durability == DurabilityPolicy.TRANSIENT_LOCAL for info in infos)
     return QoSProfile(

@@ -77,7 +77,7 @@ class Replayer(ArmNode):
         return 0.0
 
     def done(self) -> bool:
-        """Say whether the bag has been played."""
+        """Return whether the bag has been played."""
         return self._finished
 
     def _make_publishers(self, wanted: set[str]) -> dict[str, Publisher]:
@@ -110,7 +110,7 @@ class Replayer(ArmNode):
         return not self._wait or any(output.get_subscription_count() for output in self._outputs.values())
 
     def _settled(self) -> bool:
-        """Say whether somebody listens, and others have had the time to be found too."""
+        """Return whether somebody listens, and others have had the time to be found too."""
         if not self._wait:
             return True
         if not self._listened():

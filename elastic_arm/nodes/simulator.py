@@ -197,7 +197,7 @@ class SimulatorNode(ArmNode):
             self._tell_time(stamp)
 
     def _stream_is_behind(self, now: float) -> bool:
-        """Say whether to wait until more of the reference arrives: in real time only while catching up."""
+        """Return whether to wait until more of the reference arrives: in real time only while catching up."""
         if not self._reference.starving():
             self._waited = now
             return False

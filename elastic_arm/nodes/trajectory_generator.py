@@ -87,7 +87,7 @@ class TrajectoryGenerator(ArmNode):
         return LONGEST_REST if self._all_sent() else ahead / NANOSECONDS
 
     def done(self) -> bool:
-        """Say whether the last point's time has passed."""
+        """Return whether the last point's time has passed."""
         return self._all_sent() and self.get_clock().now().nanoseconds > self._time(self._sent)
 
     def _found(self, message: JointState) -> None:
@@ -137,7 +137,7 @@ class TrajectoryGenerator(ArmNode):
         )
 
     def _settled(self) -> bool:
-        """Say whether the arm reads the reference: its own node, or whoever has done so for a while."""
+        """Return whether the arm reads the reference: its own node, or whoever has done so for a while."""
         readers = self.get_subscriptions_info_by_topic(topics.REFERENCE)
         if not readers or not self._publisher.get_subscription_count():
             self._matched = None

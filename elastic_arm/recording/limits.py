@@ -1,4 +1,4 @@
-"""How much a bag may ask for, whatever it claims: stated here, and in part configurable by the environment.
+"""How much memory a bag may take, whatever it claims: stated here, and in part configurable by the environment.
 
 `$ELASTIC_ARM_MAX_CHUNK_MB` bounds what one chunk may unpack to, `$ELASTIC_ARM_MAX_UNPACKED_MB` what one file may.
 """

@@ -47,7 +47,7 @@ class Content:
     Parameters
     ----------
     series, decoders
-        By topic, those asked for; the series once all is read.
+        By topic, those requested; the series once all is read.
     robot_description
         The last URDF on /robot_description.
     topics

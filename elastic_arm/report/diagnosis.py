@@ -106,7 +106,7 @@ def _verdict(found: Diagnosis) -> list[Block]:
     ]  # fmt: skip
     if others:
         header = ["instead of", "it may be", "probability", "told apart by", "as a file"]
-        blocks.append(Table(header, others, "This recording cannot tell these apart for certain"))
+        blocks.append(Table(header, others, "This recording does not separate these for certain"))
     return blocks
 
 
@@ -187,7 +187,7 @@ def _prediction(found: Diagnosis) -> list[Block]:
         return [Text(f"Not measured: {prediction.reason if prediction else ''}.", "warn")]
     text = (
         f"From {prediction.starts} instants of the validation data the arm is put into its measured state and driven "
-        "by the measured motor torque in simulation. The root mean square of predicted minus measured angle tells how "
+        "by the measured motor torque in simulation. The root mean square of predicted minus measured angle shows how "
         "far ahead the model can be trusted."
     )
     shown = {", before": prediction.before, ", after": prediction.after} if found.causes else {"": prediction.before}
@@ -248,7 +248,7 @@ def _why(agreement: Agreement) -> str:
 
 
 def _leftover(found: Diagnosis) -> list[str]:
-    """Say where residuals stand out of the noise although the causes explain the gap."""
+    """Show where residuals stand out of the noise although the causes explain the gap."""
     if found.verdict != "explained":
         return []
     ratios = {place: rmse / found.noise[place] for place, rmse in found.after.rmse.items() if found.noise[place]}

@@ -101,7 +101,7 @@ def prepare(recordings: Sequence[Recording], validate: Sequence[Recording], ques
     Raises
     ------
     DiagnosisError
-        If nothing can be said: no torque, no motion, too short, validation equal to identification data.
+        If the recordings allow no diagnosis: no torque, no motion, too short, validation equal to identification data.
     RecordingError
         If a recording lacks a joint.
     """

@@ -24,7 +24,7 @@ TORQUES = {"link": "joint torque (effort of the link side)", "motor": "motor tor
 
 
 def usable(recording: Recording, settings: PreprocessingSettings) -> Recording:
-    """Return the recording without dead torque channels and with its clocks brought together; its notes say so.
+    """Return the recording without dead torque channels and with its clocks brought together; its notes state it.
 
     Raises
     ------

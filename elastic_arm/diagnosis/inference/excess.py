@@ -86,7 +86,7 @@ def residual_statistics(
     rng
         Draws the resamples.
     tests
-        Number of bands in which significance is asked for; with the number of residuals, it sharpens each test.
+        Number of bands in which significance is tested; with the number of residuals, it sharpens each test.
     """
     significance, rate = settings.significance, data.band.kept_rate
     low_pass = LowPass(band, rate)

@@ -99,7 +99,7 @@ def predict(context: DiagnosisContext, causes: Sequence[EffectInstance], starts:
 
 
 def _horizons(period: float) -> tuple[float, ...]:
-    """Return the horizons that samples so far apart can tell from one another."""
+    """Return the horizons that samples so far apart can resolve."""
     return tuple(h for h, step in zip(HORIZONS, _steps(period), strict=True) if step)
 
 

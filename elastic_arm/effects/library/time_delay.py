@@ -60,7 +60,7 @@ def sides_of(p: Mapping[str, Any]) -> tuple[str, ...]:
 
 
 def note(p: Mapping[str, Any], place: str) -> str:
-    """Say what is counted as part of the model: a lag of a sample or less."""
+    """Describe what is counted as part of the model: a lag of a sample or less."""
     late = f"{', '.join(p['channels'])} of {place} lags by {1e3 * p['delay']:.2f} ms"
     return f"{late}, a sample or less: taken into account, no cause."
 

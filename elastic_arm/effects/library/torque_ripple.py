@@ -11,7 +11,7 @@ from elastic_arm.effects.parameters import Parameter, Role
 
 
 def law(motion: SymbolicMotion, i: int, p: Mapping[str, Any]) -> Contribution:
-    """The motor gives A sin(k r_tot theta + phi) more than tau_m says.
+    """The motor gives A sin(k r_tot theta + phi) more than tau_m.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""What two topics of states say, as samples of the arm."""
+"""Messages of two topics of states as samples of the arm."""
 
 from __future__ import annotations
 
@@ -120,7 +120,7 @@ class Collector:
         return Samples(t=t, stamp_ns=pairs.stamp_ns, **found)
 
     def problems(self) -> list[str]:
-        """Say what is wrong with what arrives, in words."""
+        """Return in words what is wrong with what arrives."""
         now = time.monotonic()
         said = [
             f"nothing on {topic} for {now - heard:.0f} s"

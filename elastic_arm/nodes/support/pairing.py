@@ -64,7 +64,7 @@ class Pairing:
     window_ns
         How long a sample waits, in the time of the stamps.
     capacity
-        Samples kept a side at most, whatever their stamps say.
+        Samples kept a side at most, whatever their stamps are.
     """
 
     def __init__(self, window_ns: int = 200_000_000, capacity: int = 20_000) -> None:

@@ -96,7 +96,7 @@ class ReferenceQueue:
         self._tail = (int(stamps[-1]), Row(*(values[-1] for values in points)))
 
     def at(self, step: int) -> Row:
-        """Return the reference of a step; steps are asked for in order."""
+        """Return the reference of a step; steps are taken in order."""
         if self._following:
             self._advance()
         if not self._following:
@@ -105,7 +105,7 @@ class ReferenceQueue:
         return self._last
 
     def starving(self) -> bool:
-        """Say whether the arm is in motion and the stream is about to break off."""
+        """Return whether the arm is in motion and the stream is about to break off."""
         return self._following and self._feed() < 1.0
 
     def _cut(self, stamp: int) -> None:

@@ -41,7 +41,7 @@ class ArmNode(Node):
         return LONGEST_REST
 
     def done(self) -> bool:
-        """Say whether the node has finished its work by itself."""
+        """Return whether the node has finished its work by itself."""
         return False
 
     def close(self) -> None:

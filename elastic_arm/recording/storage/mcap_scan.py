@@ -45,7 +45,7 @@ class Scan:
     others
         All other records, in order.
     end
-        Where the last whole record ends: less than asked for if the bytes are torn.
+        Where the last whole record ends: less than requested if the bytes are torn.
     """
 
     messages: Offsets

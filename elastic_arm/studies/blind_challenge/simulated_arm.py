@@ -1,6 +1,6 @@
 """A hidden arm whose effect the independent engine does not have: the suite's own simulator moves it.
 
-Such an arm flatters the diagnosis: simulator and regressors share the effect's law. The challenge says so.
+Such an arm flatters the diagnosis: simulator and regressors share the effect's law. The challenge states it.
 """
 
 from __future__ import annotations

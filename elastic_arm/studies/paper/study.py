@@ -178,7 +178,7 @@ def run_study(robot: Robot, settings: StudySettings, *, workers: int, seed: int,
     seed
         Of the noise, the poses and the searches' starts.
     stage
-        Told of the progress.
+        Receives the progress.
 
     Raises
     ------

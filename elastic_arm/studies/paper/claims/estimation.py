@@ -28,7 +28,7 @@ def _counts(result: StudyResult) -> Claim:
 
 
 def _orders(many: list[ErrorShares]) -> list[bool]:
-    """Tell whether low errors grow and high ones shrink from each model to the next."""
+    """Return whether low errors grow and high ones shrink from each model to the next."""
     pairs = list(itertools.pairwise(many))
     return [one.low < two.low for one, two in pairs] + [one.high > two.high for one, two in pairs]
 

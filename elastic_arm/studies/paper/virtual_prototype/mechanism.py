@@ -48,7 +48,7 @@ class Bushing:
     Parameters
     ----------
     translation_stiffness, translation_damping
-        The three stiff translations, N/m and N s/m; ours, as the paper only says "high".
+        The three stiff translations, N/m and N s/m; ours, as the paper states only "high".
     bearing_scale
         Multiplies the stiffness of bearings and translations, and their damping by its square root (the damping ratio
         stays).
