@@ -218,7 +218,10 @@ def load_trajectory(path: str | Path) -> FourierTrajectory:
     if missing or unknown:
         what = f"misses {', '.join(missing)}" if missing else f"has the unknown field {', '.join(map(str, unknown))}"
         raise ExcitationError(f"{path}: {what}", remedy)
-    fields["joints"] = tuple(fields.get("joints") or ())
+    names = fields.get("joints") or []
+    if not (isinstance(names, list) and all(isinstance(name, str) for name in names)):
+        raise ExcitationError(f"{path}: joints is no list of names", remedy)
+    fields["joints"] = tuple(names)
     try:
         return FourierTrajectory(**fields)
     except ExcitationError as error:
@@ -243,7 +246,7 @@ def _numbers(values: Any, dimensions: int, what: str) -> Array:
     """Return `values` as a read-only float array with `dimensions` dimensions, all finite."""
     try:
         array = np.array(values, dtype=float)
-    except (TypeError, ValueError) as error:
+    except (TypeError, ValueError, OverflowError) as error:
         raise ExcitationError(f"{what} is not made of numbers: {values!r}", "Give numbers") from error
     require(array.ndim == dimensions, f"{what} has {array.ndim} dimensions, not {dimensions}", "Mend its shape")
     require(bool(np.isfinite(array).all()), f"{what} holds a number that is not finite", "Give finite numbers")

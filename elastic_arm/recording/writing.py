@@ -89,6 +89,9 @@ class Stream:
             place(buffer, where, layout.numbers[path].at, items)
 
 
+LAST_STAMP_NS = 2**31 * 1_000_000_000  # seconds have 32 bits, one of them the sign
+
+
 def write_recording(path: str | Path, recording: Recording, compression: Compression = "zstd") -> Path:
     """Write a recording as a rosbag2 bag (folder with metadata.yaml and one MCAP file).
 
@@ -120,6 +123,12 @@ def write_recording(path: str | Path, recording: Recording, compression: Compres
         raise RecordingError(
             f"the recording begins at {first_ns * 1e-9:.6g} s, before time zero, and a bag has no such stamps",
             "Add a constant to all times.",
+        )
+    last_ns = max(int(stream.stamp_ns[-1]) for stream in streams if len(stream.stamp_ns))
+    if last_ns >= LAST_STAMP_NS:
+        raise RecordingError(
+            f"the recording ends at {last_ns * 1e-9:.10g} s; the stamps of ROS end at 2^31 s, in January 2038",
+            "Subtract a constant from all times.",
         )
     if folder.exists():
         raise RecordingError(f"{folder} exists already", "Choose another name; nothing is overwritten.")

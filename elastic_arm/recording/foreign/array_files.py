@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import csv
+import stat
+import struct
+import tokenize
 import zipfile
 import zlib
 from collections.abc import Iterator
@@ -13,12 +16,17 @@ import scipy
 from scipy.io.matlab import MatReadError
 
 from elastic_arm.errors import RecordingError
+from elastic_arm.recording import limits
 
 Arrays = dict[str, np.ndarray]
 
 TABLES = (".csv", ".txt", ".dat")
 # What numpy, scipy and csv raise for a file that is not what its name promises.
-_UNREADABLE = (OSError, ValueError, TypeError, IndexError, EOFError, zlib.error, zipfile.BadZipFile, MatReadError)
+_UNREADABLE: tuple[type[Exception], ...] = (OSError, ValueError, TypeError, LookupError, EOFError, MemoryError)
+_UNREADABLE += (AttributeError, SyntaxError, OverflowError, RuntimeError, AssertionError, struct.error, csv.Error)
+_UNREADABLE += (zlib.error, zipfile.BadZipFile, MatReadError, tokenize.TokenError)
+_ZIP_METHODS = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)  # what numpy writes
+_ENCRYPTED = 1  # flag of an entry
 _WHOLE_TABLE = ""
 
 
@@ -48,7 +56,10 @@ def load_arrays(path: Path) -> Arrays:
 def _load(path: Path) -> Arrays:
     kind = path.suffix.lower()
     try:
+        if kind in (*TABLES, ".npy", ".npz", ".mat"):
+            _check_file(path)
         if kind == ".npz":
+            _check_zip(path)
             with np.load(path, allow_pickle=False) as content:
                 return dict(content)
         if kind == ".npy":
@@ -58,12 +69,36 @@ def _load(path: Path) -> Arrays:
             return {name: values for top in content for name, values in _flat(top, content[top])}
         if kind in TABLES:
             return _load_table(path)
+    except RecordingError:
+        raise
     except NotImplementedError:
         raise RecordingError(f"{path} is a MATLAB 7.3 file", "Save it with -v7.") from None
     except _UNREADABLE as error:
-        reason = getattr(error, "strerror", None) or error
+        reason = getattr(error, "strerror", None) or str(error)[:200] or type(error).__name__
         raise RecordingError(f"{path} cannot be read: {reason}", "Check the path and the format.") from None
     raise RecordingError(f"{path} is none of .npz, .csv, .mat", "Convert it to one of them.")
+
+
+def _check_file(path: Path) -> None:
+    """Refuse what may not end, or does not fit into the memory."""
+    status, most = path.stat(), limits.unpacked_bytes()
+    if not stat.S_ISREG(status.st_mode):
+        raise RecordingError(f"{path} is no file, but a pipe or a device", "Save it as a file first.")
+    if status.st_size > most:
+        raise RecordingError(f"{path} has {status.st_size} bytes, {most} are the limit", "Cut it into parts.")
+
+
+def _check_zip(path: Path) -> None:
+    """Refuse entries that numpy cannot read, or that claim more than fits into the memory."""
+    with zipfile.ZipFile(path) as archive:
+        entries = archive.infolist()
+    if any(entry.flag_bits & _ENCRYPTED for entry in entries):
+        raise RecordingError(f"{path} is encrypted", "Save it with numpy.savez.")
+    if other := [entry.filename for entry in entries if entry.compress_type not in _ZIP_METHODS]:
+        raise RecordingError(f"{path}: {other[0]!r} is packed in a way that numpy does not use", "Save it with numpy.")
+    claimed, most = sum(entry.file_size for entry in entries), limits.unpacked_bytes()
+    if claimed > most:
+        raise RecordingError(f"{path} unpacks to {claimed} bytes, {most} are the limit", "Cut it into parts.")
 
 
 def _flat(name: object, values: object) -> Iterator[tuple[str, np.ndarray]]:
@@ -95,6 +130,9 @@ def _load_table(path: Path) -> Arrays:
         return {str(column): table[:, column] for column in range(table.shape[1])} | {_WHOLE_TABLE: table}
     if table.shape[1] != len(names):
         raise ValueError(f"{len(names)} names in the first line, {table.shape[1]} columns of numbers")
+    if len(set(names)) < len(names):
+        twice = next(name for name in names if names.count(name) > 1)
+        raise ValueError(f"two columns are called {twice[:60]!r}")
     return {name: table[:, column] for column, name in enumerate(names)}
 
 

@@ -48,8 +48,8 @@ class Times(Strict):
 
     key: Key | None = None
     unit: Literal["s", "ms", "us", "ns"] = "s"
-    rate: Annotated[float, Field(gt=0)] | None = None
-    start: float = 0.0
+    rate: Annotated[float, Field(gt=1e-6, lt=1e9)] | None = None
+    start: Annotated[float, Field(ge=0, lt=2**31)] = 0.0
 
     @model_validator(mode="after")
     def _one_of(self) -> Self:
@@ -72,7 +72,7 @@ class ArrayChannel(Strict):
     """
 
     key: Key | list[Key]
-    columns: list[int] | None = None
+    columns: list[Annotated[int, Field(ge=0)]] | None = None
     unit: Unit | None = None
     offset: float | list[float] = 0.0
     factor: float | list[float] = 1.0
@@ -217,6 +217,7 @@ def _stamps(arrays: Mapping[str, np.ndarray], rules: ArrayMap) -> Stamps:
     values = np.asarray(arrays[times.key]).ravel()
     if values.dtype.kind not in "iuf":
         raise RecordingError(f"{times.key} holds no numbers", "Name the array of times in the mapping.")
+    _refuse_late(times.key, values, times.unit)
     if values.dtype.kind in "iu":
         return values.astype(np.int64) * int(_NS[times.unit])
     if not np.isfinite(values).all():
@@ -225,6 +226,18 @@ def _stamps(arrays: Mapping[str, np.ndarray], rules: ArrayMap) -> Stamps:
     whole = np.floor(values)
     rest = np.rint((values - whole) * _NS[times.unit]).astype(np.int64)
     return whole.astype(np.int64) * int(_NS[times.unit]) + rest
+
+
+def _refuse_late(key: str, values: np.ndarray, unit: str) -> None:
+    """Raise if a time is beyond what 64 bits of nanoseconds, and the stamps of ROS, hold."""
+    limit = 2**31 * 1e9 / _NS[unit]
+    late = np.abs(values.astype(np.float64)) >= limit
+    if late.any():
+        row = int(np.argmax(late))
+        raise RecordingError(
+            f"{key} is {values[row]} {unit} in row {row}; stamps end at 2^31 s, in January 2038",
+            "Give the right unit under times, or subtract a constant.",
+        )
 
 
 def _side(
@@ -245,6 +258,11 @@ def _side(
 def _table(arrays: Mapping[str, np.ndarray], source: ArrayChannel, count: int, n: int) -> Array:
     """(count, n) numbers of a channel; an array with samples along its second axis is turned."""
     keys = source.arrays()
+    for key in keys:
+        if arrays[key].dtype.kind not in "biuf":
+            raise RecordingError(
+                f"{key} is no table of numbers, but of {arrays[key].dtype.name}", "Map arrays of real numbers."
+            )
     try:
         parts = [np.asarray(arrays[key], dtype=np.float64) for key in keys]
         table = parts[0] if len(parts) == 1 else np.column_stack([part.ravel() for part in parts])
