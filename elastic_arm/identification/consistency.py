@@ -24,6 +24,8 @@ from elastic_arm.effects import EffectInstance
 from elastic_arm.errors import IdentificationError
 from elastic_arm.identification.base_regression import BaseRegression
 from elastic_arm.identification.least_squares import Fit
+from elastic_arm.identification.result import Identification
+from elastic_arm.identification.stream import Identifier
 from elastic_arm.robot import Robot
 
 Array = NDArray[np.float64]
@@ -109,6 +111,47 @@ def consistent(
     size = np.sqrt(np.mean((fit.weights * fit.noise) ** 2))
     apart = fit.factor[:-1, :-1] @ (equations.base.T @ Psi - fit.Psi)
     return Consistent(Psi, trust, float(np.linalg.norm(apart) / size / np.sqrt(max(fit.samples, 1))))
+
+
+def description_covariance(equations: BaseRegression) -> Array:
+    """Return the covariance (P, P) of all parameters for a description with relative errors of one; laws have none."""
+    chart = _chart(equations)
+    variance = _prior_shape(chart)
+    variance[list(chart.free)] = 0.0
+    return (chart.G * variance) @ chart.G.T
+
+
+def with_consistency(
+    result: Identification,
+    identifier: Identifier,
+    robot: Robot,
+    effects: Sequence[EffectInstance] = (),
+    trust: float | None = None,
+) -> Identification:
+    """Add all parameters, physically consistent, and the arm that has them; where there are such.
+
+    Parameters
+    ----------
+    result
+        The identification so far.
+    identifier
+        The estimator that it came from.
+    robot
+        The nominal arm.
+    effects
+        Laws beyond the model.
+    trust
+        Relative standard deviation of the nominal; the most probable one when None.
+    """
+    try:
+        found = consistent(identifier.fit(), identifier.equations, identifier.statistics.effective_samples, trust)
+    except IdentificationError as error:
+        return result.with_(notes=(*result.notes, f"no physically consistent arm: {error.problem}"))
+    return result.with_(
+        Psi=found.Psi,
+        consistency={"trust": found.trust, "misfit": found.misfit},
+        identified=identified_robot(robot, identifier.equations, found.Psi, effects),
+    )
 
 
 def identified_robot(

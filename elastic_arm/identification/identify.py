@@ -19,10 +19,10 @@ from elastic_arm.estimation.resampling import Clock, Grid
 from elastic_arm.estimation.series import FourierFit, fourier_motion, period_of, repeats
 from elastic_arm.estimation.smoother import Smoother, design_smoother
 from elastic_arm.identification.base_regression import BaseRegression
-from elastic_arm.identification.consistency import consistent as find_consistent
-from elastic_arm.identification.consistency import identified_robot
+from elastic_arm.identification.consistency import with_consistency
 from elastic_arm.identification.deflection import shifted, shifts, zeros
 from elastic_arm.identification.law_columns import DEFAULT_SIGN_SPEED, SIGN_SPEEDS, is_dry, law_columns
+from elastic_arm.identification.regularisation import HeldOut, chosen_width, described_width, prior_of, validated
 from elastic_arm.identification.result import Identification
 from elastic_arm.identification.series_errors import series_covariance
 from elastic_arm.identification.stream import Identifier, smoothed
@@ -236,18 +236,23 @@ def identify_with(
         misfit = float(np.sum(np.log(identifier.fit().noise))) if len(speeds) > 1 else 0.0
         tries.append((misfit, speed, identifier, derived))
     _, speed, identifier, derived = min(tries, key=lambda each: each[0])
+    equations = identifier.equations
     report("estimate", 1.0)
     names, methods = tuple(r.source for r in chosen), tuple(d.method for d in derived)
-    result = identifier.estimate(names, methods, _covariance(identifier, derived))
+    covariance = _covariance(identifier, derived)
+    width = None if covariance is not None else chosen_width(identifier.linear_blocks(), identifier.fit(), equations)
+    result = identifier.estimate(names, methods, covariance, None if width is None else prior_of(equations, width))
     notes = [note for r in chosen for note in r.notes]
     notes += [note for d, r in zip(derived, chosen, strict=True) for note in d.notes(r.source, robot.joint_names)]
+    notes += [] if width is None else [described_width(width, "parts of the recordings left out in turn")]
     notes += [f"dry friction turns over within {speed:g} rad/s of standstill"] if len(speeds) > 1 else []
     result = result.with_(notes=tuple(dict.fromkeys([*result.notes, *notes])))
     if consistent:
         report("physical consistency", 1.0)
         result = with_consistency(result, identifier, robot, effects)
     if validate:
-        result = _validated(result, identifier, robot, validate, derived[0], report)
+        held_out = _held_out(validate, identifier, derived[0], report)
+        result = validated(result, identifier, robot, effects, held_out)
     return result, identifier, next(derived[0].motions)
 
 
@@ -271,78 +276,19 @@ def _covariance(identifier: Identifier, derived: Sequence[Derived]) -> Array | N
     return known + sum(series_covariance(equations, fit, *each) for each in series)
 
 
-def with_consistency(
-    result: Identification, identifier: Identifier, robot: Robot, effects: Sequence[EffectInstance] = ()
-) -> Identification:
-    """Add all parameters, physically consistent, and the arm that has them; see :mod:`.consistency` for errors.
-
-    Parameters
-    ----------
-    result
-        The identification so far.
-    identifier
-        The estimator that it came from.
-    robot
-        The nominal arm.
-    effects
-        Laws beyond the model.
-    """
-    try:
-        found = find_consistent(identifier.fit(), identifier.equations, identifier.statistics.effective_samples)
-    except IdentificationError as error:
-        return result.with_(notes=(*result.notes, f"no physically consistent arm: {error.problem}"))
-    return result.with_(
-        Psi=found.Psi,
-        consistency={"trust": found.trust, "misfit": found.misfit},
-        identified=identified_robot(robot, identifier.equations, found.Psi, effects),
-    )
-
-
-def residuals(equations: BaseRegression, Psi_base: Array, motions: Sequence[Motion]) -> dict[str, dict[str, float]]:
-    """Return equation -> joint -> rms of measured less predicted, Nm, in the band of the derivative stage.
-
-    Parameters
-    ----------
-    equations
-        In base parameters.
-    Psi_base
-        (B,) parameters to predict with.
-    motions
-        Runs of smoothed motion.
-    """
-    squares = {side: np.zeros(equations.n) for side in equations.sides}
-    samples = sum(len(motion) for motion in motions)
-    scale = equations.comparable(Psi_base)
-    for motion in motions:
-        predicted = equations.predict(motion, Psi_base)
-        for side, measured in equations.measured(motion).items():
-            squares[side] += np.sum((scale[side] * (measured - predicted[side])) ** 2, axis=0)
-    return {
-        side: dict(zip(equations.joints, np.sqrt(total / max(samples, 1)).tolist(), strict=True))
-        for side, total in squares.items()
-    }
-
-
-def _validated(
-    result: Identification,
-    identifier: Identifier,
-    robot: Robot,
-    recordings: Sequence[Recording],
-    first: Derived,
-    report: ProgressCallback,
-) -> Identification:
+def _held_out(
+    recordings: Sequence[Recording], identifier: Identifier, first: Derived, report: ProgressCallback
+) -> HeldOut:
+    """Return the smoothed motion of recordings that no fit has seen."""
     equations = identifier.equations
-    arms = {"nominal": equations.base.T @ equations.nominal, "identified": result.Psi_base}
-    if result.Psi is not None:
-        arms["consistent"] = equations.base.T @ result.Psi
-    found = {}
+    motions = {}
     for recording in recordings:
         report(f"validation on {recording.source}", 1.0)
-        samples = recording.select(robot.joint_names).samples()
+        samples = recording.select(identifier.model.robot.joint_names).samples()
         identifier.choose_equations(samples)
-        motions = list(differentiate(samples, "smoother", equations=equations).aligned(equations, first).motions)
-        found[recording.source] = {arm: residuals(equations, Psi, motions) for arm, Psi in arms.items()}
-    return result.with_(validation=found)
+        derived = differentiate(samples, "smoother", equations=equations).aligned(equations, first)
+        motions[recording.source] = list(derived.motions)
+    return HeldOut(equations, motions)
 
 
 def identifier_of(

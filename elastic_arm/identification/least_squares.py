@@ -283,12 +283,23 @@ def fit(blocks: Blocks, weighted: bool = True, rounds: int = 4, prior: Prior | N
         noise = _noise(r, Psi, blocks.samples)
     known = _joined(whole, prior, 1.0 if weighted else _size(r, whole, blocks))
     robust, white = _covariances(blocks, Psi, weights, noise, known, r)
+    if prior is not None:
+        own = _prior_covariance(known, prior, 1.0 if weighted else _size(r, whole, blocks))
+        robust, white = robust + own, white + own
     return Fit(Psi, robust, white, noise, weights, whole, number, undetermined, blocks.samples)
 
 
 def _joined(whole: Array, prior: Prior | None, size: float) -> Array:
     """Return the triangular factor of the data's rows and the prior's, whose unit is `size`."""
     return whole if prior is None else triangular(np.vstack([whole, size * prior.rows()]))
+
+
+def _prior_covariance(known: Array, prior: Prior, size: float) -> Array:
+    """Return what the prior's own errors add to the covariance (P, P), as far as the data leave parameters to it."""
+    columns, scale = _equilibrated(known)
+    inverse = np.linalg.pinv(columns.T @ columns, rcond=RANK_FLOOR**2, hermitian=True) / np.outer(scale, scale)
+    passed = size**2 * inverse @ prior.factor.T
+    return np.asarray(passed @ passed.T)
 
 
 def _size(r: Array, whole: Array, blocks: Blocks) -> float:

@@ -17,7 +17,7 @@ from elastic_arm.estimation.smoother import Smoother, design_smoother
 from elastic_arm.identification.accumulator import BLOCK, Accumulator
 from elastic_arm.identification.base_regression import BaseRegression, Column
 from elastic_arm.identification.deflection import Deflections, fit_deflections
-from elastic_arm.identification.least_squares import Fit, Prior, fit
+from elastic_arm.identification.least_squares import Blocks, Fit, Prior, fit
 from elastic_arm.identification.result import Identification, result_of
 from elastic_arm.identification.saved import Sums, read_sums, recorded_in, write_sums
 from elastic_arm.identification.verdict import Excitation, MotionStatistics, excitation
@@ -253,8 +253,21 @@ class Identifier:
             return fit_deflections(blocks, rows, self.weighted, prior)
         return fit(blocks, self.weighted, prior=prior)
 
+    def linear_blocks(self) -> Blocks:
+        """Return the sums of rows that are linear in the base parameters, at the estimate where they are not."""
+        blocks, rows = self._ready().snapshot(), Deflections.of(self.equations)
+        if rows is None:
+            return blocks
+        found = self.fit()
+        fixed = {k: float(found.Psi[k]) for k in found.fixed}
+        return blocks.transformed(rows.transform(found.Psi, fixed, blocks.groups))
+
     def estimate(
-        self, recordings: tuple[str, ...] = (), methods: tuple[str, ...] = (), covariance: Array | None = None
+        self,
+        recordings: tuple[str, ...] = (),
+        methods: tuple[str, ...] = (),
+        covariance: Array | None = None,
+        prior: Prior | None = None,
     ) -> Identification:
         """Return the estimate with its standard deviations and verdicts; see :meth:`fit` for errors.
 
@@ -264,8 +277,10 @@ class Identifier:
             Where the samples came from, and how derivatives were made.
         covariance
             (B, B), where it is known better than from the blocks.
+        prior
+            What is known beforehand.
         """
-        fit = self.fit() if covariance is None else replace(self.fit(), covariance=covariance)
+        fit = self.fit(prior) if covariance is None else replace(self.fit(prior), covariance=covariance)
         return result_of(fit, self.equations, self.excitation(), recordings=recordings, methods=methods)
 
     def excitation(self) -> Excitation:

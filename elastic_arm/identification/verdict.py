@@ -31,7 +31,7 @@ SHORTEST_PERIODS = 2.0
 # Columns at unit length that are so close to dependent leave the numbers to rounding.
 HOPELESS = 1e12
 # Numbers that no arm has below zero: springs, friction, inertias about axes.
-NEVER_NEGATIVE = re.compile(r"(\.(K|D|m)|(viscous|coulomb)_friction:\S+\.(coefficient|torque)|\.Izz)")
+NEVER_NEGATIVE = re.compile(r"(^[^:]*\.(K|D|m|Izz)|(viscous|coulomb)_friction:\S+\.(coefficient|torque))$")
 # A parameter takes part in an undetermined direction from this share on.
 TAKES_PART = 0.3
 

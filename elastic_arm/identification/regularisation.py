@@ -1,0 +1,282 @@
+"""The description as a prior, where a recording alone predicts other motion badly; and the judgement on held-out data.
+
+Base parameters that a short or slow recording hardly shows go wherever its errors send them, and predict other motion
+badly. A prior around the description holds them (ridge regression; A. Hoerl and R. Kennard, Technometrics 12 (1970)
+55). Its width is the one that predicts left-out parts of the fitted recordings best: the narrowest within a standard
+error of the best (T. Hastie, R. Tibshirani, J. Friedman, The Elements of Statistical Learning, 2009, 7.10). Without a
+clear gain there is none.
+"""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from elastic_arm.dynamics.double_double import add
+from elastic_arm.effects import EffectInstance
+from elastic_arm.estimation.motion import Motion
+from elastic_arm.identification.base_regression import BaseRegression
+from elastic_arm.identification.consistency import description_covariance, with_consistency
+from elastic_arm.identification.least_squares import Blocks, Fit, Prior
+from elastic_arm.identification.result import Identification
+from elastic_arm.identification.stream import Identifier
+from elastic_arm.identification.verdict import natural_scales
+from elastic_arm.robot import Robot
+
+Array = NDArray[np.float64]
+ByJoint = Mapping[str, Mapping[str, float]]
+
+# Relative errors of the description that are tried, wide to narrow.
+WIDTHS = tuple(np.geomspace(10.0, 0.03, 12).tolist())
+# And where held-out motion refutes a fit: errors of a model that does not hold may be many times the noise.
+PULLED = (*WIDTHS, 1e-2, 1e-3, 1e-4, 1e-5)
+# Beside its relative error every base parameter may be off by this share of what is usual for its body: descriptions
+# hold placeholders that are far too small.
+PLACEHOLDER = 0.3
+FOLDS = 5
+# A prior has to lower the error of left-out parts by this share.
+GAIN = 0.05
+# Relative errors of the description that the consistent arm may still take it for, where it predicts badly.
+TRUSTS = (0.3, 0.1, 0.03, 0.01)
+# Ratio of rms errors from which a joint is said to be predicted worse than by the description.
+WORSE = 1.1
+
+
+def prior_of(equations: BaseRegression, width: float) -> Prior:
+    """Return the description as a prior of relative error `width`; laws beyond the model are free."""
+    base = equations.base
+    scales = natural_scales(equations)
+    own = np.flatnonzero(np.isfinite(scales))
+    covariance = (base.T @ description_covariance(equations) @ base.T.T)[np.ix_(own, own)]
+    covariance += np.diag((PLACEHOLDER * scales[own]) ** 2)
+    factor = np.zeros((len(scales),) * 2)
+    factor[np.ix_(own, own)] = np.linalg.inv(np.linalg.cholesky(covariance)) / width
+    return Prior(base.T @ equations.nominal, factor)
+
+
+def chosen_width(blocks: Blocks, fit: Fit, equations: BaseRegression) -> float | None:
+    """Return the width of the prior that cross-validation prefers; None where none predicts clearly better.
+
+    Parameters
+    ----------
+    blocks
+        The data, in rows that are linear in the base parameters.
+    fit
+        Of these, without a prior: its weights are used.
+    equations
+        In base parameters.
+    """
+    if len(blocks.grams) < 2 * FOLDS:
+        return None
+    size = np.sqrt(np.mean((fit.weights * fit.noise) ** 2))
+    parts = [_gram(blocks, part, fit.weights / size) for part in np.array_split(np.arange(len(blocks.grams)), FOLDS)]
+    plain, whole = _left_out_errors(parts, None), np.sum(parts, axis=0)
+    solution = np.append(-_solved(whole, None), 1.0)
+    if (1.0 - GAIN) * plain.sum() <= solution @ whole @ solution:
+        # Nothing predicts left-out parts much better than it fits them.
+        return None
+    errors = np.array([plain, *(_left_out_errors(parts, prior_of(equations, width)) for width in WIDTHS)])
+    total = errors.sum(axis=1)
+    best = int(np.argmin(total))
+    gain = errors[0] - errors[best]
+    if total[best] > (1.0 - GAIN) * total[0] or gain.sum() < _standard_error(gain):
+        return None
+    allowed = total[best] + _standard_error(errors[best])
+    near = [k for k in range(1, len(errors)) if total[k] <= allowed]
+    return WIDTHS[max(near, default=best) - 1]
+
+
+def _standard_error(summands: Array) -> float:
+    """Return the standard deviation of the sum of these."""
+    return float(np.std(summands, ddof=1) * np.sqrt(len(summands)))
+
+
+def _gram(blocks: Blocks, part: NDArray[np.intp], weights: Array) -> Array:
+    """Return the weighted sums (B + 1, B + 1) of some blocks."""
+    hi, lo = functools.reduce(add, [blocks.grams[k] for k in part.tolist()])
+    known = np.sum([blocks.known_noise[k] for k in part.tolist()], axis=0)
+    return np.asarray(np.tensordot(weights**2, hi - known + lo, 1))
+
+
+def _left_out_errors(parts: Sequence[Array], prior: Prior | None) -> Array:
+    """Return the squared weighted errors of each part, predicted from the others, (folds,)."""
+    whole = np.sum(parts, axis=0)
+    found = []
+    for part in parts:
+        solution = np.append(-_solved(whole - part, prior), 1.0)
+        found.append(solution @ part @ solution)
+    return np.array(found)
+
+
+def _solved(gram: Array, prior: Prior | None) -> Array:
+    """Return the parameters (B,) from sums, at unit length of the columns."""
+    total = gram if prior is None else gram + prior.rows().T @ prior.rows()
+    scale = np.sqrt(np.maximum(np.diag(total)[:-1], 0.0))
+    scale = np.where(scale > 0, scale, 1.0)
+    normal = total[:-1, :-1] / np.outer(scale, scale)
+    return np.asarray(np.linalg.pinv(normal, rcond=1e-13, hermitian=True) @ (total[:-1, -1] / scale) / scale)
+
+
+def described_width(width: float, judge: str) -> str:
+    """Return in words that the description served as a prior, and what chose how far it is trusted."""
+    return f"regularised towards the description, taken for wrong by {width:.2g} of it: {judge} are predicted best so"
+
+
+@dataclass(frozen=True)
+class HeldOut:
+    """Motion that no fit has seen.
+
+    Parameters
+    ----------
+    equations
+        In base parameters.
+    motions
+        Runs of smoothed motion by recording.
+    """
+
+    equations: BaseRegression
+    motions: Mapping[str, Sequence[Motion]]
+
+    def errors(self, Psi_base: Array) -> dict[str, dict[str, dict[str, float]]]:
+        """Return recording -> equation -> joint -> rms, Nm, of base parameters."""
+        return {source: residuals(self.equations, Psi_base, runs) for source, runs in self.motions.items()}
+
+    def ratio(self, Psi_base: Array) -> float:
+        """Return the mean log ratio of rms errors to those of the description; above 0 is worse."""
+        nominal = self.equations.base.T @ self.equations.nominal
+        found, known = self.errors(Psi_base), self.errors(nominal)
+        return log_ratio(list(found.values()), list(known.values()), self.equations)
+
+
+def validated(
+    result: Identification,
+    identifier: Identifier,
+    robot: Robot,
+    effects: Sequence[EffectInstance],
+    held_out: HeldOut,
+) -> Identification:
+    """Add the errors on held-out recordings; what they refute is pulled to the description until it is no worse.
+
+    Parameters
+    ----------
+    result, identifier
+        The identification so far, and the estimator that it came from.
+    robot
+        The nominal arm.
+    effects
+        Laws beyond the model.
+    held_out
+        What no fit has seen.
+    """
+    if held_out.ratio(result.Psi_base) > 0.0:
+        result = _pulled(result, identifier, held_out)
+    if result.Psi is not None:
+        result = _consistent_or_none(result, identifier, robot, effects, held_out)
+    equations = held_out.equations
+    arms = {"nominal": equations.base.T @ equations.nominal, "identified": result.Psi_base}
+    if result.Psi is not None:
+        arms["consistent"] = equations.base.T @ result.Psi
+    tables = {arm: held_out.errors(Psi) for arm, Psi in arms.items()}
+    found = {source: {arm: table[source] for arm, table in tables.items()} for source in held_out.motions}
+    notes = list(result.notes)
+    for source, by_arm in found.items():
+        worse = worse_joints(by_arm["identified"], by_arm["nominal"], equations)
+        notes += [f"{source} is predicted worse than by the description: {', '.join(worse)}"] if worse else []
+    return result.with_(validation=found, notes=tuple(notes))
+
+
+def _pulled(result: Identification, identifier: Identifier, held_out: HeldOut) -> Identification:
+    """Return the result with the description as the prior that predicts held-out motion best."""
+    tries = []
+    for width in PULLED:
+        own = identifier.estimate(result.recordings, result.derivatives, None, prior_of(held_out.equations, width))
+        tries.append((held_out.ratio(own.Psi_base), width, own))
+    ratio, width, best = min(tries, key=lambda each: each[0])
+    said = ["the fit predicts the held-out recordings worse than the description does"]
+    if ratio < held_out.ratio(result.Psi_base):
+        said.append(described_width(width, "the held-out recordings"))
+        result = result.with_(estimates=best.estimates, covariance=best.covariance, noise=best.noise)
+    if ratio > 0.0:
+        said.append("no fit near the description is better than it: do not use the identified numbers")
+    return result.with_(notes=(*result.notes, *said))
+
+
+def _consistent_or_none(
+    result: Identification, identifier: Identifier, robot: Robot, effects: Sequence[EffectInstance], held_out: HeldOut
+) -> Identification:
+    """Return the result with a consistent arm that predicts held-out motion no worse than the description, or none."""
+    T = held_out.equations.base.T
+    for trust in (None, *TRUSTS):
+        tried = result if trust is None else with_consistency(result, identifier, robot, effects, trust)
+        if tried.Psi is not None and held_out.ratio(T @ tried.Psi) <= 0.0:
+            return tried
+    note = "the consistent arm predicts the held-out recordings worse than the description: no robot.yaml is written"
+    return result.with_(identified=None, notes=(*result.notes, note))
+
+
+def residuals(equations: BaseRegression, Psi_base: Array, motions: Sequence[Motion]) -> dict[str, dict[str, float]]:
+    """Return equation -> joint -> rms of measured less predicted, Nm, in the band of the derivative stage.
+
+    Parameters
+    ----------
+    equations
+        In base parameters.
+    Psi_base
+        (B,) parameters to predict with.
+    motions
+        Runs of smoothed motion.
+    """
+    squares = {side: np.zeros(equations.n) for side in equations.sides}
+    samples = sum(len(motion) for motion in motions)
+    scale = equations.comparable(Psi_base)
+    for motion in motions:
+        predicted = equations.predict(motion, Psi_base)
+        for side, measured in equations.measured(motion).items():
+            squares[side] += np.sum((scale[side] * (measured - predicted[side])) ** 2, axis=0)
+    return {
+        side: dict(zip(equations.joints, np.sqrt(total / max(samples, 1)).tolist(), strict=True))
+        for side, total in squares.items()
+    }
+
+
+def log_ratio(found: Sequence[ByJoint], nominal: Sequence[ByJoint], equations: BaseRegression) -> float:
+    """Return the mean log ratio of rms errors, over joints and the equations that hold a torque; above 0 is worse.
+
+    Parameters
+    ----------
+    found, nominal
+        What :func:`residuals` returned for two arms, recording by recording.
+    equations
+        Whose residuals they are.
+    """
+    return float(np.mean([np.log(a / b) for _, _, a, b in _pairs(found, nominal, equations)]))
+
+
+def worse_joints(found: ByJoint, nominal: ByJoint, equations: BaseRegression) -> list[str]:
+    """Return the joints that are predicted clearly worse than by the description, in words.
+
+    Parameters
+    ----------
+    found, nominal, equations
+        See :func:`log_ratio`, of one recording.
+    """
+    pairs = _pairs([found], [nominal], equations)
+    return [f"{joint} ({side}: {a:.3g} against {b:.3g} Nm)" for side, joint, a, b in pairs if a > WORSE * b]
+
+
+def _pairs(
+    found: Sequence[ByJoint], nominal: Sequence[ByJoint], equations: BaseRegression
+) -> list[tuple[str, str, float, float]]:
+    sides = [
+        side for side in equations.sides if equations.equations.equation(side).torque is not None
+    ] or equations.sides
+    return [
+        (side, joint, max(one[side][joint], 1e-300), max(other[side][joint], 1e-300))
+        for one, other in zip(found, nominal, strict=True)
+        for side in sides
+        for joint in one[side]
+    ]

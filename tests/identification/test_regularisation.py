@@ -1,0 +1,82 @@
+"""A fit that predicts other motion worse than the description is said to, and pulled towards it."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from elastic_arm.dynamics import build_model
+from elastic_arm.identification import Identification, identifier_of, identify
+from elastic_arm.identification.base_regression import BaseRegression
+from elastic_arm.identification.regularisation import chosen_width, prior_of
+from elastic_arm.recording import Recording, Samples, Side
+from elastic_arm.robot import Robot, load_robot
+from tests.helpers.periodic_arm import record
+
+
+@pytest.fixture(scope="module")
+def arm() -> Robot:
+    return load_robot(None)
+
+
+@pytest.fixture(scope="module")
+def samples(arm: Robot) -> Samples:
+    return record(build_model(arm, "mod3"), np.random.default_rng(0), encoder_noise=1e-6, velocity_noise=1e-4)
+
+
+def recorded(arm: Robot, samples: Samples, part: slice, source: str, torque: float = 0.0) -> Recording:
+    """Return a part of the samples with a torque, Nm, that no model holds and that follows the speed squared."""
+    wrong = samples.tau_m + torque * np.tanh(10 * samples.dtheta**2)
+    link = Side(samples.stamp_ns[part], samples.q[part], samples.dq[part])
+    motor = Side(samples.stamp_ns[part], samples.theta[part], samples.dtheta[part], wrong[part])
+    return Recording(arm.joint_names, link=link, motor=motor, source=source)
+
+
+@pytest.fixture(scope="module")
+def misled(arm: Robot, samples: Samples) -> Identification:
+    """The description is right; three seconds of fitted motion hold a torque of 80 Nm that the model lacks."""
+    fitted = recorded(arm, samples, slice(0, 3000), "fitted", torque=80.0)
+    held_out = recorded(arm, samples, slice(6000, 12000), "held out")
+    return identify(fitted, arm, validate=[held_out], derivatives="smoother")
+
+
+def test_a_fit_worse_than_the_description_is_said_to_be(misled: Identification) -> None:
+    """The notes name what is predicted worse than by the description."""
+    assert any("worse than the description" in note for note in misled.notes)
+
+
+def test_such_a_fit_is_pulled_towards_the_description(misled: Identification) -> None:
+    """After the prior that validation prefers, no joint is missed by more than twice what the description misses."""
+    (by_arm,) = misled.validation.values()
+    found, nominal = (np.array(list(by_arm[name]["motor"].values())) for name in ("identified", "nominal"))
+    assert np.all(found < 2.0 * nominal)
+
+
+def test_no_arm_file_of_such_a_fit_is_written_silently(misled: Identification) -> None:
+    """The consistent arm is no worse than the description, or there is none and a note says so."""
+    (by_arm,) = misled.validation.values()
+    if misled.identified is None:
+        assert any("no robot.yaml" in note for note in misled.notes)
+    else:
+        found, nominal = (np.array(list(by_arm[name]["motor"].values())) for name in ("consistent", "nominal"))
+        assert np.mean(np.log(found / nominal)) <= 0.0
+
+
+def test_a_recording_that_determines_its_parameters_needs_no_prior(arm: Robot, samples: Samples) -> None:
+    """With rich motion cross-validation sees nothing to gain, so that results are those of plain least squares."""
+    identifier = identifier_of(arm)
+    identifier.add(replace(samples, tau_J=None))
+    identifier.finish()
+    assert chosen_width(identifier.linear_blocks(), identifier.fit(), identifier.equations) is None
+
+
+def test_a_narrow_prior_gives_the_description(arm: Robot, samples: Samples) -> None:
+    """With a prior of 1e-9 the estimate is the description, whatever the data."""
+    identifier = identifier_of(arm)
+    identifier.add(replace(samples, tau_J=None, tau_m=samples.tau_m + 50.0))
+    identifier.finish()
+    equations: BaseRegression = identifier.equations
+    found = identifier.fit(prior_of(equations, 1e-9)).Psi
+    np.testing.assert_allclose(found, equations.base.T @ equations.nominal, rtol=1e-3, atol=1e-3)
