@@ -1,0 +1,114 @@
+"""From recordings and a question to data and candidates: which are given, left out, or cannot be compared."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+
+from elastic_arm.diagnosis import Question
+from elastic_arm.diagnosis.data.preparation import common_band, prepare
+from elastic_arm.diagnosis.settings import DiagnosisSettings, PreprocessingSettings, SplitSettings
+from elastic_arm.dynamics import build_model
+from elastic_arm.effects import EFFECTS, parse
+from elastic_arm.errors import DiagnosisError
+from elastic_arm.estimation.equations import EquationSet
+from elastic_arm.recording import Recording, Side
+from tests.helpers.gap_recordings import MODEL, ROBOT, motions, record
+
+FRICTION = EFFECTS["coulomb_friction"]
+STRIBECK = "stribeck_friction:joint_3:torque=4,speed=0.05"
+
+
+@cache
+def pair() -> tuple[Recording, Recording]:
+    first, second = (record(motion, seed=k) for k, motion in enumerate(motions()))
+    return first, second
+
+
+def question(**changes: object) -> Question:
+    return replace(Question(ROBOT, effects=(FRICTION,)), **changes)  # type: ignore[arg-type]
+
+
+def at_rest(side: Side, joint: int) -> Side:
+    """The side with one joint that stays where it began."""
+    changed = {name: values.copy() for name, values in side.channels().items()}
+    changed["position"][:, joint] = changed["position"][0, joint]
+    if "velocity" in changed:
+        changed["velocity"][:, joint] = 0.0
+    return replace(side, **changed)
+
+
+def test_places_are_the_rows_of_the_residuals() -> None:
+    """Equation by equation, joint by joint within, each with the gear ratios of its joint."""
+    prepared = prepare([pair()[0]], [pair()[1]], question())
+    sides = prepared.validation.layout.sides
+    assert prepared.places == [(joint, side) for side in sides for joint in ROBOT.joint_names]
+    gear = ROBOT.joints[1].transmission
+    assert gear is not None and prepared.gear_ratios(1) == (gear.harmonic_drive_ratio, gear.r_tot)
+
+
+def test_validation_recordings_judge_and_without_them_a_part_of_each() -> None:
+    """What judges is another motion where it is given, and held back from the same one where not."""
+    other = prepare([pair()[0]], [pair()[1]], question())
+    settings = DiagnosisSettings(split=SplitSettings(shortest=1.0))
+    same = prepare([pair()[0]], [], question(settings=settings))
+    assert (other.held_back, other.independent_motion) == (False, True)
+    assert same.held_back
+    assert same.observed[1][0].duration < other.observed[1][0].duration
+
+
+def test_known_effects_are_given_at_the_values_that_are_not_linear() -> None:
+    """An effect of the user counts as part of the model; its searched parameter stands as stated."""
+    prepared = prepare([pair()[0]], [pair()[1]], question(given=(parse(STRIBECK, ROBOT),)))
+    (known,) = prepared.given
+    assert (known.feature.effect.id, known.feature.joint) == ("stribeck_friction", "joint_3")
+    assert known.searched == pytest.approx((0.05,))
+
+
+def test_an_effect_of_the_arm_file_is_given_too() -> None:
+    """What the description carries is fitted along, not searched for."""
+    carrying = ROBOT.with_(effects=(parse("viscous_friction:joint_1:coefficient=3", ROBOT).to_dict(),))
+    prepared = prepare([pair()[0]], [pair()[1]], question(robot=carrying))
+    assert [known.feature.effect.id for known in prepared.given] == ["viscous_friction"]
+
+
+def test_a_joint_at_rest_has_no_candidate_that_needs_its_motion() -> None:
+    """Friction of a joint that does not move is not looked for, and a note states it."""
+    still = [
+        replace(one, link=at_rest(one.link, 2), motor=at_rest(one.motor, 2))
+        for one in pair()
+        if one.link is not None and one.motor is not None
+    ]
+    prepared = prepare([still[0]], [still[1]], question())
+    places = {candidate.feature.joint for candidate in prepared.library.candidates}
+    assert places == {"joint_1", "joint_2"}
+    assert any("joint_3" in note for note in prepared.notes)
+
+
+def test_recordings_of_unequal_channels_are_refused() -> None:
+    """Residuals of other equations cannot be judged by the same hypothesis."""
+    whole = pair()[1]
+    with pytest.raises(DiagnosisError, match="same channels"):
+        prepare([pair()[0]], [replace(whole, motor=None)], question())
+
+
+def test_recordings_of_unequal_rates_are_refused() -> None:
+    """One band is taken for all, so that each term of a residual is filtered alike."""
+    whole = pair()[1]
+    thinned = {name: side.at(slice(None, None, 2)) for name, side in whole.sides().items()}
+    with pytest.raises(DiagnosisError, match="different sample rates"):
+        prepare([pair()[0]], [replace(whole, **thinned)], question())
+
+
+def test_one_encoder_narrows_the_band() -> None:
+    """Above it the deflection that a single encoder does not show changes the motion."""
+    both = EquationSet.direct(frozenset({"q", "theta", "tau_m", "tau_J"}), MODEL.n)
+    single = EquationSet.direct(frozenset({"q", "tau_m"}), MODEL.n)
+    settings = PreprocessingSettings()
+    wide, narrow = (common_band(one, MODEL, 1000.0, settings) for one in (both, single))
+    assert np.isclose(narrow.cutoff, settings.one_encoder_band) and wide.cutoff > narrow.cutoff
+    rigid = build_model(ROBOT.with_(joints=tuple(replace(j, transmission=None) for j in ROBOT.joints)), "mod1")
+    assert common_band(single, rigid, 1000.0, settings).cutoff == wide.cutoff

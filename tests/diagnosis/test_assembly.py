@@ -1,0 +1,97 @@
+"""From judged and estimated causes to the result: order, confidence, and what is left."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from functools import cache
+
+import pytest
+
+from elastic_arm.diagnosis import Question
+from elastic_arm.diagnosis.assembly import assemble
+from elastic_arm.diagnosis.data.preparation import PreparedData, prepare
+from elastic_arm.diagnosis.inference.estimated_hypothesis import EstimatedHypothesis, estimate
+from elastic_arm.diagnosis.inference.judgement import Judgement, judge
+from elastic_arm.diagnosis.pipeline import search
+from elastic_arm.diagnosis.result import Diagnosis
+from elastic_arm.diagnosis.selection.hypothesis import Rival
+from elastic_arm.effects import EFFECTS
+from tests.helpers.gap_recordings import ROBOT, motions, record
+
+EFFECTS_OF_THE_ARM = ("viscous_friction:joint_1:coefficient=20", "coulomb_friction:joint_2:torque=12")
+SEARCHED = tuple(EFFECTS[name] for name in ("viscous_friction", "coulomb_friction"))
+
+
+@cache
+def judged() -> tuple[PreparedData, Judgement, EstimatedHypothesis]:
+    """The states before the last step, of an arm with two effects."""
+    pair = [record(motion, *EFFECTS_OF_THE_ARM, seed=k) for k, motion in enumerate(motions())]
+    prepared = prepare([pair[0]], [pair[1]], Question(ROBOT, effects=SEARCHED))
+    judgement = judge(prepared, search(prepared))
+    return prepared, judgement, estimate(prepared, judgement.hypothesis)
+
+
+def assembled(rivals: Mapping[int, list[Rival]] | None = None) -> Diagnosis:
+    """The result, with rivals made up."""
+    prepared, judgement, estimated = judged()
+    hypothesis = replace(estimated.hypothesis, rivals=rivals or {})
+    return assemble(prepared, judgement, replace(estimated, hypothesis=hypothesis))
+
+
+def test_causes_stand_in_the_order_in_which_they_shrink_the_gap_alone() -> None:
+    """The first shrinks it most, and together they shrink it as far as the result states."""
+    found = assembled()
+    assert {(c.effect, c.joint) for c in found.causes} == {
+        ("viscous_friction", "joint_1"),
+        ("coulomb_friction", "joint_2"),
+    }
+    assert found.causes[0].shrink > found.causes[1].shrink
+    assert found.cumulative_shrink[0] == pytest.approx(found.causes[0].shrink)
+    assert found.cumulative_shrink[-1] == pytest.approx(found.shrink)
+    assert list(found.cumulative_shrink) == sorted(found.cumulative_shrink)
+
+
+def test_confidence_is_shared_with_rivals_by_their_odds() -> None:
+    """A rival of odds 1 to 3 leaves a cause three quarters; one below a hundredth is not listed."""
+    hypothesis = judged()[2].hypothesis
+    own, other = hypothesis.causes
+    likely, faint = Rival(hypothesis.selected[other], 1.0 / 3.0), Rival(hypothesis.selected[other], 1e-4)
+    found = assembled({own: [likely, faint]})
+    place = (hypothesis.selected[own].feature.effect.id, hypothesis.selected[own].feature.joint)
+    (cause,) = (c for c in found.causes if (c.effect, c.joint) == place)
+    assert cause.confidence == pytest.approx(0.75, rel=1e-3)
+    assert [a.confidence for a in cause.alternatives] == pytest.approx([0.25], rel=1e-3)
+
+
+def test_a_cause_without_rivals_is_certain() -> None:
+    """Its confidence is one where everything is explained."""
+    found = assembled()
+    assert found.verdict == "explained" and {c.confidence for c in found.causes} == {1.0}
+
+
+def test_residuals_are_stated_for_every_place_before_and_after() -> None:
+    """Root mean square and peak of every joint and side, smaller where a cause acts."""
+    found, prepared = assembled(), judged()[0]
+    assert set(found.before.rmse) == set(found.after.peak) == set(prepared.places)
+    assert found.after.rmse["joint_2", "motor"] < 0.5 * found.before.rmse["joint_2", "motor"]
+
+
+def test_notes_of_all_steps_come_in_their_order() -> None:
+    """Notes of the data first, then those of the judgement, then those of the estimates."""
+    prepared, judgement, estimated = judged()
+    found = assemble(
+        replace(prepared, notes=("data",), independent_motion=True),
+        replace(judgement, notes=("judgement",)),
+        replace(estimated, notes=("estimates",)),
+    )
+    assert found.notes == ("data", "judgement", "estimates")
+
+
+def test_without_a_gap_nothing_shrinks() -> None:
+    """A clean arm has the verdict none, no cause, and no share of a gap."""
+    pair = [record(motion, seed=k) for k, motion in enumerate(motions())]
+    prepared = prepare([pair[0]], [pair[1]], Question(ROBOT, effects=SEARCHED))
+    judgement = judge(prepared, search(prepared))
+    found = assemble(prepared, judgement, estimate(prepared, judgement.hypothesis))
+    assert (found.verdict, found.causes, found.shrink, found.shrink_interval) == ("none", (), None, None)
