@@ -1,7 +1,7 @@
 # Two commands: `make demo` and `make test`. Both set up what they need; `make help` lists the rest.
 SHELL := /bin/bash
 .DELETE_ON_ERROR:
-.PHONY: help demo test quick paper setup lint types unit clean
+.PHONY: help demo test quick fuzz paper setup lint types unit clean
 
 DONE := .venv/.done
 RUN := . tools/env.sh &&
@@ -20,6 +20,10 @@ test: lint types unit ## set up, then lint, type check and run all tests
 
 quick: $(DONE)/packages $(DONE)/tests ## the tests that need no ROS graph, no browser and little time
 	@$(RUN) $(PYTEST) -m "not graph and not slow and not browser"
+
+MINUTES := 60
+fuzz: $(DONE)/packages $(DONE)/tests ## feed broken bags and files to all readers, for MINUTES=60
+	@$(RUN) python -m tests.fuzz --minutes $(MINUTES) --out runs/fuzz
 
 paper: $(DONE)/packages $(DONE)/tests ## reproduce the paper in one report, runs/paper/report.html
 	@$(RUN) elastic-arm paper --out runs/paper --force

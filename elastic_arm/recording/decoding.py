@@ -14,6 +14,7 @@ from elastic_arm.recording.storage.interface import BagFile, Block
 from elastic_arm.recording.storage.metadata import Topic
 
 _SECONDS, _NANOSECONDS = "header.stamp.sec", "header.stamp.nanosec"
+_RESERVED = 2_000_000_000  # bytes taken for messages that are promised; touched only as they come
 _FIRST = 1024  # messages that a table holds at first, when nothing is known
 
 
@@ -55,9 +56,9 @@ class Decoder:
         try:
             for layout, index in self._types(file.topic(channel)).groups(spans):
                 if id(layout) not in self._tables:
-                    self._tables[id(layout)] = _DecodedColumns(
-                        layout, max(expected, _FIRST) if index is None else _FIRST
-                    )
+                    # What a file promises is believed up to a size; beyond it the table grows as it fills.
+                    promised = min(expected, _RESERVED // layout.size) if index is None else 0
+                    self._tables[id(layout)] = _DecodedColumns(layout, max(promised, _FIRST))
                 table = self._tables[id(layout)]
                 if index is None:
                     table.append(spans, rows, log_ns)

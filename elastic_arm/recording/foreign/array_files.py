@@ -23,7 +23,16 @@ Arrays = dict[str, np.ndarray]
 TABLES = (".csv", ".txt", ".dat")
 # What numpy, scipy and csv raise for a file that is not what its name promises.
 _UNREADABLE: tuple[type[Exception], ...] = (OSError, ValueError, TypeError, LookupError, EOFError, MemoryError)
-_UNREADABLE += (AttributeError, SyntaxError, OverflowError, RuntimeError, AssertionError, struct.error, csv.Error)
+_UNREADABLE += (
+    AttributeError,
+    NameError,
+    SyntaxError,
+    OverflowError,
+    RuntimeError,
+    AssertionError,
+    struct.error,
+    csv.Error,
+)
 _UNREADABLE += (zlib.error, zipfile.BadZipFile, MatReadError, tokenize.TokenError)
 _ZIP_METHODS = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)  # what numpy writes
 _ENCRYPTED = 1  # flag of an entry

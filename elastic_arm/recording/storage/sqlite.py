@@ -169,12 +169,20 @@ class SqliteFile:
         if self.image is not None:
             database = sqlite3.connect(":memory:", check_same_thread=False)
             database.deserialize(self.image)
-            return database
-        # A killed recorder may leave a write-ahead log that holds the last messages. Without one the file is whole as
-        # it is, and is read without locks: it may lie on a medium that cannot be written.
-        log = self.path.with_name(f"{self.path.name}-wal")
-        options = "mode=ro" if log.exists() and log.stat().st_size else "mode=ro&immutable=1"
-        return sqlite3.connect(f"{self.path.resolve().as_uri()}?{options}", uri=True, check_same_thread=False)
+        else:
+            # A killed recorder may leave a write-ahead log that holds the last messages. Without one the file is whole
+            # as it is, and is read without locks: it may lie on a medium that cannot be written.
+            log = self.path.with_name(f"{self.path.name}-wal")
+            options = "mode=ro" if log.exists() and log.stat().st_size else "mode=ro&immutable=1"
+            uri = f"{self.path.resolve().as_uri()}?{options}"
+            database = sqlite3.connect(uri, uri=True, check_same_thread=False)
+        database.text_factory = _text
+        return database
+
+
+def _text(content: bytes) -> str:
+    """Return a text of the database, which need not be one."""
+    return content.decode(errors="replace")
 
 
 def open_sqlite(path: Path) -> SqliteFile:
