@@ -8,7 +8,7 @@ taken regularly; the smoothness of the motion decides which.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, field, fields
 from itertools import pairwise
 from typing import Any, Literal, NamedTuple
 
@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elastic_arm.errors import IdentificationError
+from elastic_arm.estimation.clocks import evidence, jitter_of
 from elastic_arm.recording import Samples
 
 Array = NDArray[np.float64]
@@ -23,6 +24,8 @@ CHANNELS = ("q", "dq", "tau_J", "theta", "dtheta", "tau_m")
 
 # Up to this many missing samples in a row are interpolated; the smoother would hardly notice them.
 LONGEST_HOLE = 4
+# Or up to so many seconds of them: an arm does little in that time.
+LONGEST_HOLE_SECONDS = 0.01
 # Two stamps further apart than this, in sample intervals, have a sample missing between them.
 MISSING = 1.6
 # Deviations of the stamps below this share of an interval change nothing.
@@ -95,14 +98,24 @@ class Clock:
         Samples per second.
     mode
         "regular": samples were taken regularly, whatever their stamps are; "stamps": at their stamps.
+    note
+        Why, in words; empty where stamps are regular.
     """
 
     rate: float
     mode: Mode = "regular"
+    note: str = field(default="", compare=False)
 
     @staticmethod
-    def of(samples: Samples) -> Clock:
+    def of(samples: Samples, mode: Mode | None = None) -> Clock:
         """Find rate and mode from the recording.
+
+        Parameters
+        ----------
+        samples
+            Of one recording.
+        mode
+            What stamps mean; decided by the evidence in the recording when None.
 
         Raises
         ------
@@ -119,7 +132,9 @@ class Clock:
             )
         k = np.concatenate([[0], np.cumsum(_increments(step * (1.0 / np.median(step))))])
         rate = float((k[-1] - k[0]) / (samples.t[-1] - samples.t[0]))
-        return Clock(rate, _mode(samples, k, rate))
+        if mode is not None:
+            return Clock(rate, mode, f"clock as demanded: {_MEANING[mode]}")
+        return Clock(rate, *_mode(samples, k, rate))
 
     def place(self, samples: Samples) -> list[Grid]:
         """Return the regular pieces of the samples."""
@@ -147,6 +162,7 @@ class Placing:
 
     def __init__(self, clock: Clock) -> None:
         self.clock = clock
+        self._longest = max(LONGEST_HOLE, int(LONGEST_HOLE_SECONDS * clock.rate))
         self._kept: Samples | None = None
         self._begin()
 
@@ -156,7 +172,7 @@ class Placing:
         if not held:
             return
         whole = held[0] if len(held) == 1 else joined(*held)
-        gaps = np.flatnonzero(_increments(np.diff(whole.t) * self.clock.rate) > LONGEST_HOLE + 1) + 1
+        gaps = np.flatnonzero(_increments(np.diff(whole.t) * self.clock.rate) > self._longest + 1) + 1
         edges = [0, *gaps.tolist(), len(whole)]
         for first, stop in pairwise(edges):
             ends = last or stop < len(whole)
@@ -264,21 +280,34 @@ def _increments(steps: Array) -> NDArray[np.int64]:
     return np.where(steps < MISSING, 1, np.rint(steps)).astype(np.int64)
 
 
-def _mode(samples: Samples, k: NDArray[np.int64], rate: float) -> Mode:
+_MEANING: dict[Mode, str] = {
+    "stamps": "samples were taken at their stamps",
+    "regular": "samples were taken regularly, whatever their stamps",
+}
+
+
+def _mode(samples: Samples, k: NDArray[np.int64], rate: float) -> tuple[Mode, str]:
+    """Return what the stamps mean, and why."""
     position = samples.q if samples.q is not None else samples.theta
     if position is None:
         raise IdentificationError("no positions were recorded", "Record /joint_states or /motor_states.")
-    steps = k - k.mean()
-    deviation = samples.t - (steps @ samples.t / (steps @ steps)) * steps
-    if np.std(np.diff(deviation)) * rate < NO_JITTER:
-        return "regular"
+    jitter = jitter_of(samples.t, k)
+    if np.std(np.diff(jitter)) * rate < NO_JITTER:
+        return "regular", ""
+    found = evidence(samples, k, rate)
+    size = f"stamps jitter by {1e3 * np.std(np.diff(jitter)) / np.sqrt(2):.2g} ms"
+    if found is not None:
+        mode: Mode = "stamps" if found.stamps else "regular"
+        numbers = f" with {found.share:.2f} ± {found.std:.2g} of it" if found.std > 0 else ""
+        return mode, f"{size}; {_MEANING[mode]}: {found.words}{numbers} (--clock overrules it)"
     piece = slice(0, min(len(k), 20000))
     regular = _roughness(position[piece])
     t = samples.t[piece]
     wanted = t[0] + np.arange(POINTS, len(t) - POINTS) / rate
     stamped = _roughness(interpolate(t, position[piece], wanted[wanted < t[-1]]))
-    # Where the encoders' noise hides the difference, it does not matter either.
-    return "stamps" if stamped < 0.8 * regular else "regular"
+    mode = "stamps" if stamped < 0.8 * regular else "regular"
+    why = f"the motion does not tell, its roughness is {stamped:.2g} by stamps and {regular:.2g} without"
+    return mode, f"{size}; taken for {mode}: {why} (--clock overrules it)"
 
 
 def _roughness(position: Array) -> float:

@@ -1,0 +1,143 @@
+"""Evidence on what stamps mean: were samples taken at their stamps, or regularly and only stamped late?
+
+Under the regular clock every sample is misplaced by the jitter e of its stamp if the stamps are true, and a position
+then is off by w e, w the velocity. The share b of that which is there is a regression coefficient: 1 where stamps are
+true, 0 where samples are regular. It is found twice, each with a standard deviation: from positions and velocities
+together (the change of position less the integral of the velocity), and from the smoothness of the positions alone.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from elastic_arm.recording import Samples
+
+Array = NDArray[np.float64]
+
+# Spans, in samples, over which positions are compared with integrals of velocities.
+SPANS = (1, 4, 16, 64)
+# Order of the differences that smooth motion does not have.
+ROUGHNESS = 6
+# A share is believed when its standard deviation is below this.
+CERTAIN = 0.15
+# Samples that are looked at.
+ENOUGH = 20000
+# Stamps that wander from a regular clock by more than so many samples, and so many times their own jitter, are no late
+# stamps of regular samples.
+WANDER = 2.0
+WANDER_OVER_JITTER = 5.0
+# A velocity that equals the difference of the positions to this share is made from it, and no measurement.
+DERIVED = 1e-3
+
+
+@dataclass(frozen=True)
+class Evidence:
+    """What speaks for the stamps.
+
+    Parameters
+    ----------
+    share
+        Of the stamps' jitter that the motion shows: 1 where stamps are true, 0 where samples are regular.
+    std
+        Its standard deviation.
+    words
+        Where it comes from.
+    """
+
+    share: float
+    std: float
+    words: str
+
+    @property
+    def stamps(self) -> bool:
+        """Whether the stamps are true."""
+        return self.share > 0.5
+
+
+def evidence(samples: Samples, k: NDArray[np.int64], rate: float) -> Evidence | None:
+    """Return what the recording shows of its clock; None where noise hides it.
+
+    Parameters
+    ----------
+    samples
+        Of one recording.
+    k
+        (N,) number of each sample on a regular clock.
+    rate
+        Of that clock, samples per second.
+    """
+    jitter = jitter_of(samples.t, k)
+    size = float(np.std(np.diff(jitter))) / np.sqrt(2.0)
+    if np.std(jitter) * rate > WANDER and np.std(jitter) > WANDER_OVER_JITTER * size:
+        words = (
+            f"they wander by {1e3 * np.std(jitter):.2g} ms from a regular clock, their jitter being {1e3 * size:.2g} ms"
+        )
+        return Evidence(1.0, 0.0, words)
+    part = slice(0, ENOUGH)
+    k, jitter = k[part], jitter[part]
+    found: list[Evidence] = []
+    for position, velocity in ((samples.q, samples.dq), (samples.theta, samples.dtheta)):
+        if position is not None:
+            found.append(_by_smoothness(position[part], k, jitter, rate))
+            if velocity is not None:
+                found += _by_velocity(position[part], velocity[part], k, jitter, rate)
+    best = min(found, key=lambda each: each.std, default=None)
+    return best if best is not None and best.std < CERTAIN else None
+
+
+def jitter_of(t: Array, k: NDArray[np.int64]) -> Array:
+    """Return the deviations (N,) s of stamps from the straight line through them over their numbers `k`."""
+    steps = k - k.mean()
+    at: Array = t - t.mean()
+    return at - (steps @ at / (steps @ steps)) * steps
+
+
+def _by_velocity(
+    position: Array, velocity: Array, k: NDArray[np.int64], jitter: Array, rate: float
+) -> Iterator[Evidence]:
+    """Yield the share by the change of position less the integral of the velocity, for each span."""
+    p, v, e = position, velocity, jitter
+    step = np.diff(k)[:, None] / rate
+    moved = np.diff(p, axis=0)
+    for made in (v[1:], v[:-1]):
+        if np.std(made * step - moved) < DERIVED * np.std(moved):
+            return
+    middle = 0.5 * (v[1:] + v[:-1])
+    left, expected = moved - middle * step, middle * np.diff(e)[:, None]
+    for span in SPANS:
+        count = len(left) // span
+        if count < 50:
+            return
+        sums = [x[: count * span].reshape(count, span, -1).sum(axis=1) for x in (left, expected)]
+        yield _share(sums[0], sums[1], "velocities are the derivatives of positions")
+
+
+def _by_smoothness(position: Array, k: NDArray[np.int64], jitter: Array, rate: float) -> Evidence:
+    """Return the share by what a smooth motion does not have."""
+    speed = np.gradient(position, k / rate, axis=0)
+    # Of the wander only what the differences see counts; a speed averaged over some samples is less noisy.
+    width = 9
+    smooth = np.apply_along_axis(lambda x: np.convolve(x, np.ones(width) / width, mode="same"), 0, speed)
+    regular = np.all(np.diff(k) == 1)
+    if not regular:
+        return Evidence(0.0, np.inf, "")
+    rough, expected = (np.diff(x, ROUGHNESS, axis=0) for x in (position, smooth * jitter[:, None]))
+    # Differences of neighbours are correlated: one of so many is independent.
+    return _share(rough[:: ROUGHNESS + 1], expected[:: ROUGHNESS + 1], "the motion is smooth")
+
+
+def _share(left: Array, expected: Array, words: str) -> Evidence:
+    """Return the coefficient of `expected` in `left` over all joints, each weighed by its own noise."""
+    left, expected = left - left.mean(axis=0), expected - expected.mean(axis=0)
+    size = np.sum(expected**2, axis=0)
+    own = np.sum(left * expected, axis=0) / np.where(size > 0, size, 1.0)
+    variance = np.mean((left - own * expected) ** 2, axis=0) + 1e-12 * np.mean(left**2, axis=0)
+    used = (size > 0) & (variance > 0)
+    if not used.any():
+        return Evidence(0.0, np.inf, words)
+    information = size[used] / variance[used]
+    return Evidence(float(own[used] @ information / information.sum()), float(information.sum() ** -0.5), words)
