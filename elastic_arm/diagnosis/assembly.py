@@ -10,13 +10,17 @@ from numpy.typing import NDArray
 
 from elastic_arm.diagnosis import format as texts
 from elastic_arm.diagnosis.context import DiagnosisContext
+from elastic_arm.diagnosis.data.calibration import imperfections
 from elastic_arm.diagnosis.data.preparation import PreparedData
 from elastic_arm.diagnosis.inference.estimated_hypothesis import EstimatedHypothesis
+from elastic_arm.diagnosis.inference.estimates import ParameterEstimate
 from elastic_arm.diagnosis.inference.excess import ResidualStatistics, residual_statistics
+from elastic_arm.diagnosis.inference.excess import shrink as shrink_of
 from elastic_arm.diagnosis.inference.gap_metric import GapMeasure
 from elastic_arm.diagnosis.inference.judgement import Judgement, verdict
 from elastic_arm.diagnosis.inference.lack_of_fit import LackOfFit
 from elastic_arm.diagnosis.inference.regimes import regime, shares
+from elastic_arm.diagnosis.inference.sensor_faults import with_faults
 from elastic_arm.diagnosis.result import Alternative, Cause, Diagnosis, ResidualSizes, UnexplainedResidual
 from elastic_arm.diagnosis.selection.hypothesis import Rival
 from elastic_arm.diagnosis.selection.regressor_library import Candidate
@@ -59,12 +63,13 @@ def assemble(prepared: PreparedData, judgement: Judgement, estimated: EstimatedH
     settings, measure, library = prepared.settings, judgement.measure, prepared.library
     hypothesis = estimated.hypothesis
     ranked = ranked_causes(prepared, estimated, measure)
+    ranked = sorted([*ranked, *fault_causes(prepared, judgement, hypothesis.baseline)], key=lambda r: -r.cause.shrink)
     shrink, interval = measure.share(hypothesis.selected)
     stands_out = measure.stands_out(hypothesis.selected)
     traces = [] if stands_out else judgement.test(hypothesis.selected)
     answer = verdict(
         shrink,
-        caused=bool(hypothesis.causes),
+        caused=bool(ranked),
         unexplained=stands_out or bool(traces),
         settings=settings.judgement,
     )
@@ -75,6 +80,7 @@ def assemble(prepared: PreparedData, judgement: Judgement, estimated: EstimatedH
     rng = settings.resampling.significance_rng()
     after = residual_statistics(prepared.validation, residuals, before.band, settings, rng)
     unexplained = _unexplained(prepared, before, after, residuals, traces) if answer == "unknown" else []
+    found = imperfections(prepared.calibration, prepared.found, hypothesis.selected)
     repeated = () if prepared.independent_motion else (texts.REPEATED_MOTION,)
     return Diagnosis(
         model=prepared.model.name,
@@ -94,7 +100,8 @@ def assemble(prepared: PreparedData, judgement: Judgement, estimated: EstimatedH
         log_likelihood=judgement.log_likelihood,
         causes=tuple(r.cause if sure is None else r.cause.less_sure(sure) for r in ranked),
         unexplained=tuple(unexplained),
-        notes=(*prepared.notes, *judgement.notes, *estimated.notes, *repeated),
+        imperfections=found,
+        notes=(*prepared.notes, *texts.imperfection_notes(found), *judgement.notes, *estimated.notes, *repeated),
         cumulative_shrink=cumulative_shrink(measure, hypothesis.baseline, [r.candidate for r in ranked]),
         context=_context(prepared, judgement, estimated, ranked, residuals),
     )
@@ -120,6 +127,47 @@ def ranked_causes(prepared: PreparedData, estimated: EstimatedHypothesis, measur
         residuals = prepared.library.validation_residuals(alone)
         found.append(RankedCause(cause, candidate, tuple(r.candidate for r in rivals), residuals))
     return sorted(found, key=lambda one: -one.cause.shrink)
+
+
+def fault_causes(prepared: PreparedData, judgement: Judgement, baseline: Sequence[Candidate]) -> list[RankedCause]:
+    """Return the causes that are faults of sensors.
+
+    Parameters
+    ----------
+    prepared
+        Data and regressors.
+    judgement
+        The faults, and the gap without them.
+    baseline
+        What counts as part of the model.
+    """
+    found, before = [], judgement.measure.before
+    settings, library, sides = prepared.settings, prepared.library, prepared.validation.layout.sides
+    left = library.validation_residuals(baseline)
+    for fault in judgement.faults:
+        feature = fault.feature
+        alone = with_faults(left, [other for other in judgement.faults if other is not fault])
+        rng = settings.resampling.significance_rng()
+        after = residual_statistics(prepared.validation, alone, before.band, settings, rng)
+        share = shrink_of(before, after, settings.resampling, settings.resampling.shrink_rng())[0]
+        name = feature.linear[0].name
+        cause = Cause(
+            effect=feature.effect.id,
+            joint=feature.joint,
+            sides=tuple(side for side in feature.sides if side in sides) or feature.sides,
+            regime=feature.effect.regime,
+            parameters={
+                name: ParameterEstimate(feature.parameters([fault.value])[name], fault.std, feature.linear[0].unit)
+            },
+            shrink=share,
+            confidence=1.0 - settings.judgement.least_listed,
+            alternatives=(),
+            instance=feature.instance([fault.value]),
+        )
+        candidate = library.add(feature, ())
+        library.close()
+        found.append(RankedCause(cause, candidate, (), alone))
+    return found
 
 
 def _cause(

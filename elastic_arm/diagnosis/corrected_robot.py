@@ -8,7 +8,9 @@ from elastic_arm.robot import Robot
 
 
 def repaired_robot(robot: Robot, diagnosis: Diagnosis) -> Robot:
-    """Return the nominal arm with the effects that the diagnosis found, besides those that counted as known.
+    """Return the arm with the effects that the diagnosis found, besides those that counted as known.
+
+    Where the model was refitted, its numbers are the refitted ones; else those of the description.
 
     What a model variant has is left out: take that variant. Known are those of the arm file and of the user, at the
     sizes that were fitted, and what is ordinary, such as lags of a sample.
@@ -16,4 +18,5 @@ def repaired_robot(robot: Robot, diagnosis: Diagnosis) -> Robot:
     context = diagnosis.context
     known = robot.effects if context is None else [instance.to_dict() for instance in context.known]
     found = [c.instance.to_dict() for c in diagnosis.causes if c.instance.effect.lacked_by == MODELS]
-    return robot.with_(effects=(*known, *found))
+    numbers = robot if context is None else context.model.robot
+    return numbers.with_(effects=(*known, *found))

@@ -12,7 +12,7 @@ if TYPE_CHECKING:
 
     from elastic_arm.diagnosis.inference.estimates import ParameterEstimate
     from elastic_arm.diagnosis.inference.prediction import Prediction
-    from elastic_arm.diagnosis.result import Cause, Diagnosis
+    from elastic_arm.diagnosis.result import Cause, Diagnosis, Imperfection
     from elastic_arm.effects import EffectInstance
     from elastic_arm.estimation.effect_columns import Feature
 
@@ -26,8 +26,8 @@ _OTHERWISE = "motion that covers more of the joint's range, speeds and loads, sl
 
 
 REFITTED = (
-    "The model's own numbers were refitted; an arm file with the causes keeps those of the description "
-    "(`elastic-arm identify` writes an arm that has them)."
+    "The description's numbers and the sensors' gains, offsets and lags were determined from the recording together "
+    "with the causes, each with a prior; an arm file with the causes has the refitted numbers."
 )
 REPEATED_MOTION = "The validation data repeat the motion of the fit: it is not an independent motion."
 
@@ -192,3 +192,13 @@ def log_likelihood_text(value: float) -> str:
     if value < 0.1:
         return "0"
     return f"{value:.2g}" if value < 100 else f"{float(f'{value:.2g}'):,.0f}".replace(",", "\u202f")
+
+
+def imperfection_notes(imperfections: Sequence[Imperfection]) -> list[str]:
+    """Return a note on each number that is further off than ordinary arms are."""
+    return [
+        f"{one.what} of {one.joint} is {_size(one.value, one.std)}{_unit(one.unit)}, beyond what is ordinary "
+        f"(standard deviation {one.prior_std:.2g})."
+        for one in imperfections
+        if not one.ordinary
+    ]

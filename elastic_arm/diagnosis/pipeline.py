@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from elastic_arm.diagnosis.assembly import assemble
-from elastic_arm.diagnosis.data.preparation import PreparedData, prepare
+from elastic_arm.diagnosis.data.preparation import PreparedData, prepare, recalibrated
 from elastic_arm.diagnosis.design.discriminating_motion import propose
 from elastic_arm.diagnosis.inference.across_recordings import agreements
 from elastic_arm.diagnosis.inference.estimated_hypothesis import estimate
@@ -45,6 +45,10 @@ def diagnose(recordings: Sequence[Recording], question: Question, validate: Sequ
     prepared = prepare(recordings, validate, question)
     # The set of effects with the highest log-likelihood on motion that its fit has not seen.
     hypothesis = search(prepared)
+    if question.refit and hypothesis.causes:
+        # Where the model and its sensors lie beside these causes, the search has less to mistake for another one.
+        prepared = recalibrated(prepared, hypothesis)
+        hypothesis = search(prepared)
     # Without the effects that are too small, uncertain in resampled blocks, or compatible with no effect.
     judgement = judge(prepared, hypothesis)
     # All parameters at their joint optimum, with standard deviations.

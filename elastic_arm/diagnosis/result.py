@@ -133,6 +133,43 @@ class Cause:
 
 
 @dataclass(frozen=True)
+class Imperfection:
+    """What a recording determines of one number of the description or of a sensor.
+
+    Parameters
+    ----------
+    what, joint, unit
+        Which number.
+    value, std
+        With its standard deviation: a ratio for unit "1", else a deviation.
+    prior_std
+        Over ordinary arms.
+    ordinary
+        Whether it is within what is ordinary.
+    """
+
+    what: str
+    joint: str
+    unit: str
+    value: float
+    std: float
+    prior_std: float
+    ordinary: bool
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return it as in `diagnosis.json`."""
+        return {
+            "what": self.what,
+            "joint": self.joint,
+            "value": _plain(self.value),
+            "std": _plain(self.std),
+            "unit": self.unit,
+            "prior_std": _plain(self.prior_std),
+            "ordinary": self.ordinary,
+        }
+
+
+@dataclass(frozen=True)
 class UnexplainedResidual:
     """Where something is left that no cause explains."""
 
@@ -179,6 +216,8 @@ class Diagnosis:
         What the causes gain, nats: on each data set with coefficients of the other.
     causes, unexplained
         What was found, most important first, and where something is left.
+    imperfections
+        Numbers of the description and of the sensors that the recording determines, where the model was refitted.
     notes
         What the reader should know besides.
     cumulative_shrink
@@ -210,6 +249,7 @@ class Diagnosis:
     log_likelihood: float
     causes: tuple[Cause, ...]
     unexplained: tuple[UnexplainedResidual, ...]
+    imperfections: tuple[Imperfection, ...] = ()
     notes: tuple[str, ...] = ()
     cumulative_shrink: tuple[float, ...] = ()
     prediction: Prediction | None = None
@@ -240,6 +280,7 @@ class Diagnosis:
             "unexplained": [
                 {"joint": p.joint, "side": p.side, "regime": p.regime, "rmse": _plain(p.rmse)} for p in self.unexplained
             ],
+            "imperfections": [one.to_dict() for one in self.imperfections],
             "notes": list(self.notes),
             "ladder": [_plain(share) for share in self.cumulative_shrink],
             "prediction": None if self.prediction is None else self.prediction.to_dict(),

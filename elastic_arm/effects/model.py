@@ -133,6 +133,9 @@ class Effect:
         Up to which size it is no cause; None where any size is one.
     regressor
         (equations of an arm) -> its regressor, where the derivatives of the law are not enough.
+    prior
+        (sample rate in Hz) -> standard deviation of its first parameter over ordinary arms of a refit; None where an
+        ordinary arm has none of it.
 
     Raises
     ------
@@ -160,6 +163,7 @@ class Effect:
     lacked_by: tuple[str, ...] = MODELS
     ordinary: Ordinary | None = None
     regressor: RegressorOf | None = None
+    prior: Callable[[float], float] | None = None
 
     def __post_init__(self) -> None:
         if not self.magnitude and self.parameters:

@@ -6,11 +6,13 @@ here, because the gap's own band (:mod:`.band`) follows it and takes the same sh
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.interpolate import CubicSpline
 
 from elastic_arm.errors import DiagnosisError
 from elastic_arm.estimation.motion import Motion
@@ -20,6 +22,9 @@ from elastic_arm.estimation.smoother import Smoother
 from elastic_arm.recording import Recording
 
 Array = NDArray[np.float64]
+
+# What each channel that may be late consists of.
+CHANNELS = {"link_encoder": ("q", "dq", "ddq"), "joint_torque": ("tau_J",), "motor_torque": ("tau_m",)}
 
 HIGHEST_BAND = 40.0  # Hz; the drives' resonances and what rotors excite lie below
 BAND_SHARE = 0.2  # of the sample rate
@@ -90,6 +95,32 @@ class Observation:
     def duration(self) -> float:
         """Seconds of usable motion."""
         return sum(len(piece) for piece in self.pieces) / self.rate
+
+    def aligned(self, lags: Mapping[str, Array]) -> Observation:
+        """Return it with late channels moved back to the time at which they were true.
+
+        Parameters
+        ----------
+        lags
+            Channel ("link_encoder", "joint_torque", "motor_torque") -> (n,) s.
+        """
+
+        def moved(motion: Motion) -> Motion:
+            changed: dict[str, Any] = {}
+            for channel, lag in lags.items():
+                for name in CHANNELS[channel]:
+                    values = getattr(motion, name)
+                    if values is not None and np.any(lag):
+                        changed[name] = np.stack(
+                            [
+                                CubicSpline(motion.t, column)(np.clip(motion.t + late, motion.t[0], motion.t[-1]))
+                                for column, late in zip(values.T, lag, strict=True)
+                            ],
+                            axis=1,
+                        )
+            return replace(motion, **changed)
+
+        return replace(self, pieces=tuple(map(moved, self.pieces)), quiet=tuple(map(moved, self.quiet)))
 
     def position_spectrum(self, side: str, f: Array) -> Array:
         """Noise of the smoothed position of "link" or "motor" at f (F,) Hz: (F, n), 1 = white of 1 rad a sample."""

@@ -34,6 +34,13 @@ def raw_residuals(model: Model, motion: CompletedMotion) -> Array:
     return np.hstack([link, motion.tau_J - spring, motor])
 
 
+def predicted_torques(model: Model, motion: CompletedMotion) -> tuple[Array, Array]:
+    """Return the joint torque and the motor torque (N, n) that the model predicts for a motion, Nm."""
+    n, raw = model.n, raw_residuals(model, motion)
+    load = motion.tau_J - raw[:, :n]
+    return load, motion.tau_m - motion.tau_J - raw[:, 2 * n :] + load
+
+
 @dataclass(frozen=True)
 class Stretch:
     """Residuals of one stretch without holes, in the band, at the kept rate.

@@ -7,12 +7,13 @@ their sum of squares is a negative log-likelihood, and its excess over the numbe
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import binary_dilation, binary_opening
 
 from elastic_arm.dynamics import Model
 from elastic_arm.estimation.band import Band, LowPass
@@ -21,7 +22,7 @@ from elastic_arm.estimation.equations import EquationSet
 from elastic_arm.estimation.motion import drive_constants
 from elastic_arm.estimation.observation import Observation
 from elastic_arm.estimation.regressors import Signals
-from elastic_arm.estimation.residuals import Stretch, residuals
+from elastic_arm.estimation.residuals import Stretch, predicted_torques, residuals
 
 Array = NDArray[np.float64]
 
@@ -29,6 +30,9 @@ EDGE = 10  # rows at the ends of a stretch that the whitening, being circular, s
 BLOCK = 0.5  # s; longer than the arm's memory in the residuals
 SLOWEST = 5e-4  # rad/s: slower than this a joint counts as standing, whatever the noise
 STANDING = 3.0  # standard deviations of velocity noise below which a joint counts as standing
+SLOW = 0.005  # of a joint's highest speed, below which it sticks if it is as slow for as long as STICKING
+STICKING = 0.03  # s
+MOST_STICKING = 0.3  # of a stretch; a joint that sticks longer is one that stands still
 NOISE_FREQUENCIES = 400
 # Poses at which the inertia is looked up for the way of encoder noise into the residuals.
 POSES = 12
@@ -144,9 +148,20 @@ class WhitenedData:
         Of the recordings.
     layout, band
         Usable equations, and where they are looked at.
+    predicted
+        Whether the laws of effects take the torques that the model predicts instead of the measured ones, and rows
+        where a joint sticks are left out.
     """
 
-    def __init__(self, model: Model, observations: Sequence[Observation], layout: EquationSet, band: Band) -> None:
+    def __init__(
+        self,
+        model: Model,
+        observations: Sequence[Observation],
+        layout: EquationSet,
+        band: Band,
+        *,
+        predicted: bool = False,
+    ) -> None:
         self.layout, self.band = layout, band
         self.parts: list[Part] = []
         self.pure: list[NoiseModel] = []
@@ -156,12 +171,25 @@ class WhitenedData:
             standstill = _standstill(observation, noise.f, model.n)
             for stretch in residuals(model, observation, layout, band):
                 elastic, cutoff = model.robot.elastic, observation.cutoff
-                signals = Signals.of(stretch.quiet, standstill, elastic=elastic, cutoff=cutoff)
+                motion = stretch.quiet
+                if predicted:
+                    load, drive = predicted_torques(model, motion)
+                    motion = replace(motion, tau_J=load, tau_m=drive)
+                signals = Signals.of(motion, standstill, elastic=elastic, cutoff=cutoff)
                 self.parts.append(Part(stretch, signals, noise))
                 self.pure.append(pure)
-        self.y = [part.stretch.values for part in self.parts]
+        ones = [np.ones(len(part.stretch.t)) for part in self.parts]
+        self._weights = [_moving(part.stretch, band) for part in self.parts] if predicted else ones
+        self.y = self.weighted([part.stretch.values for part in self.parts])
         self.white = self.whiten([y[:, :, None] for y in self.y])[:, 0]
         self.blocks = self._blocks()
+
+    def weighted(self, columns: Sequence[Array]) -> list[Array]:
+        """Return columns (N', …) of all stretches, null where a joint sticks."""
+        return [
+            values if weights.all() else values * weights.reshape(-1, *[1] * (values.ndim - 1))
+            for values, weights in zip(columns, self._weights, strict=True)
+        ]
 
     @property
     def seconds(self) -> float:
@@ -185,7 +213,7 @@ class WhitenedData:
             thin = np.zeros((len(part.stretch.t), R * k))
             thin[:, used] = self.band.apply(np.ascontiguousarray(flat[:, used]))[part.stretch.kept]
             columns.append(thin.reshape(-1, R, k))
-        return columns
+        return self.weighted(columns)
 
     def whiten(self, columns: Sequence[Array]) -> Array:
         """Whiten columns (N', R, k) of all stretches and stack them: (rows, k)."""
@@ -217,7 +245,27 @@ class WhitenedData:
     @property
     def freedom(self) -> float:
         """Number of independent rows: the band leaves out part of the kept spectrum."""
-        return len(self.white) * min(1.0, 2 * self.band.cutoff / self.band.kept_rate)
+        used = sum(float(w.sum()) for w in self._weights) / max(1, sum(len(w) for w in self._weights))
+        return len(self.white) * used * min(1.0, 2 * self.band.cutoff / self.band.kept_rate)
+
+
+def _moving(stretch: Stretch, band: Band) -> Array:
+    """Return weights (N',) of a stretch's rows: 0 where a joint sticks, as its friction takes any value there, else 1.
+
+    A joint that hardly moves in the whole stretch does not count.
+    """
+    t, speed = stretch.quiet.t, np.abs(stretch.quiet.dtheta)
+    slow = speed < np.maximum(SLOW * speed.max(axis=0), 2.0 * SLOWEST)
+    step = float(t[1] - t[0])
+    sticks = np.zeros(len(t), dtype=bool)
+    for column in slow.T:
+        stuck = binary_opening(column, np.ones(max(1, round(STICKING / step))))
+        if stuck.mean() < MOST_STICKING:
+            sticks |= stuck
+    around = round((0.5 * len(band.taps) / band.rate + STICKING) / step)
+    spread = binary_dilation(sticks, iterations=around) if sticks.any() else sticks
+    at = np.clip(np.searchsorted(t, stretch.t), 0, len(t) - 1)
+    return np.asarray(1.0 - spread[at])
 
 
 def _standstill(observation: Observation, f: Array, n: int) -> tuple[Array, Array]:

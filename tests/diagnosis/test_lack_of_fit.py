@@ -240,6 +240,9 @@ class Laws:
     def columns(self, which: int, feature: Any, values: Sequence[float]) -> Array:
         return np.asarray(feature.law(values))[:, None]
 
+    def marginalised(self, columns: Array, *, residual: bool = False) -> Array:
+        return columns
+
 
 def candidate_of(law: Callable[[Sequence[float]], Array], values: Sequence[float], *parameters: Parameter) -> Any:
     feature = SimpleNamespace(law=law, searched=parameters, effect=SimpleNamespace(parameters=parameters))

@@ -3,26 +3,29 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from elastic_arm.diagnosis import format as texts
+from elastic_arm.diagnosis.data.calibration import CalibrationProblem, Linearised, calibrate, linearise
+from elastic_arm.diagnosis.data.calibration import problem_of as calibration_problem
 from elastic_arm.diagnosis.data.preprocessing import needs_motion, standing, usable
 from elastic_arm.diagnosis.data.split import independent, split
-from elastic_arm.diagnosis.inference.model_refit import refitted
 from elastic_arm.diagnosis.question import Question
 from elastic_arm.diagnosis.selection.candidates import feature_of, features
-from elastic_arm.diagnosis.selection.regressor_library import Candidate, RegressorLibrary, build_library
+from elastic_arm.diagnosis.selection.hypothesis import Hypothesis
+from elastic_arm.diagnosis.selection.regressor_library import Candidate, RegressorLibrary
 from elastic_arm.diagnosis.settings import DiagnosisSettings, PreprocessingSettings
 from elastic_arm.dynamics import Model, build_model
-from elastic_arm.effects import EffectInstance, robot_effects
+from elastic_arm.effects import Effect, robot_effects
 from elastic_arm.effects.equations import ArmEquations
 from elastic_arm.errors import DiagnosisError
 from elastic_arm.estimation.band import Band
 from elastic_arm.estimation.effect_columns import Feature
 from elastic_arm.estimation.equations import EquationSet
 from elastic_arm.estimation.observation import Observation, observe, widest_band
+from elastic_arm.estimation.residuals import residuals
 from elastic_arm.estimation.whitening import WhitenedData
 from elastic_arm.recording import Recording
 
@@ -35,14 +38,12 @@ class PreparedData:
 
     Parameters
     ----------
-    model
-        The nominal model, or the refitted one.
-    library
-        The columns of all candidates on identification and validation data.
-    given
-        Candidates that count as part of the model: effects of the arm file and of the user.
-    observed
-        The recordings, observed, that causes are fitted on, and those that judge.
+    calibration
+        How the model's own numbers and its sensors are determined; without parameters where they are taken as stated.
+    found
+        Model, columns of all candidates, and known effects, where the calibration puts them.
+    candidates
+        Every effect at every place where the motion can show it.
     sources
         Where the recordings of either part come from.
     held_back
@@ -55,15 +56,34 @@ class PreparedData:
         All thresholds.
     """
 
-    model: Model
-    library: RegressorLibrary
-    given: tuple[Candidate, ...]
-    observed: tuple[Observations, Observations]
+    calibration: CalibrationProblem
+    found: Linearised
+    candidates: tuple[Feature, ...]
     sources: tuple[tuple[str, ...], tuple[str, ...]]
     held_back: bool
     independent_motion: bool
     notes: tuple[str, ...]
     settings: DiagnosisSettings
+
+    @property
+    def model(self) -> Model:
+        """The nominal model, or the calibrated one."""
+        return self.found.model
+
+    @property
+    def library(self) -> RegressorLibrary:
+        """The columns of all candidates on identification and validation data."""
+        return self.found.library
+
+    @property
+    def given(self) -> tuple[Candidate, ...]:
+        """Candidates that count as part of the model: effects of the arm file and of the user."""
+        return self.found.given
+
+    @property
+    def observed(self) -> tuple[Observations, Observations]:
+        """The recordings that causes are fitted on, and those that judge, late channels moved back."""
+        return self.found.observed
 
     @property
     def validation(self) -> WhitenedData:
@@ -109,20 +129,34 @@ def prepare(recordings: Sequence[Recording], validate: Sequence[Recording], ques
     selected = [[usable(r.select(names), settings.preprocessing) for r in part] for part in (recordings, validate)]
     parts = split(selected[0], selected[1], settings.split)
     observed = [[observe(r) for r in part] for part in parts]
-    model, whitened = _whitened(question, observed)
+    nominal = build_model(question.robot, question.model)
+    layout, band = _common([*observed[0], *observed[1]], nominal, settings.preprocessing)
+    _check_length(nominal, observed, layout, band)
     still = [joint for joint in names if all(joint in standing(r) for r in parts[0])]
-    equations = ArmEquations(question.robot, question.model)
-    library = build_library(*whitened, _candidates(question, equations, still), settings.candidates)
     known = (*robot_effects(question.robot, question.catalogue), *question.given)
-    given = [_given(library, equations, active) for active in known if feature_of(active, equations).acts]
+    equations = ArmEquations(question.robot, question.model)
+    known = tuple(active for active in known if feature_of(active, equations).acts)
+    candidates = _candidates(question, equations, still)
+    problem = calibration_problem(
+        question.robot,
+        question.model,
+        observed,
+        layout,
+        band,
+        _sensor_effects(question),
+        known,
+        settings,
+        refit=question.refit,
+    )
+    values = calibrate(problem, np.zeros(len(problem.parameters))) if question.refit else np.zeros(0)
+    found, _ = linearise(problem, values, candidates)
     notes = list(dict.fromkeys(note for part in observed for o in part for note in o.notes))
     notes += [texts.REFITTED] if question.refit else []
     notes += [texts.standing_note(joint) for joint in still]
     return PreparedData(
-        model=model,
-        library=library,
-        given=tuple(given),
-        observed=(tuple(observed[0]), tuple(observed[1])),
+        calibration=problem,
+        found=found,
+        candidates=tuple(candidates),
         sources=(tuple(r.source for r in parts[0]), tuple(r.source for r in parts[1])),
         held_back=not validate,
         independent_motion=independent(*parts, settings.split),
@@ -131,22 +165,27 @@ def prepare(recordings: Sequence[Recording], validate: Sequence[Recording], ques
     )
 
 
-def _whitened(
-    question: Question, observed: Sequence[Sequence[Observation]]
-) -> tuple[Model, tuple[WhitenedData, WhitenedData]]:
-    """Return the model, refitted if asked for, and the whitened residuals of both parts."""
-    model = build_model(question.robot, question.model)
-    settings = question.settings
-    layout, band = _common([*observed[0], *observed[1]], model, settings.preprocessing)
-    if question.refit:
-        model = refitted(model, observed[0], layout, band, settings.refit)
-    identify, judge = (WhitenedData(model, part, layout, band) for part in observed)
-    for purpose, data in (("fit", identify), ("judge", judge)):
-        if not data.parts:
+def recalibrated(prepared: PreparedData, hypothesis: Hypothesis) -> PreparedData:
+    """Return the data where the model and its sensors lie most probably beside the causes of a hypothesis."""
+    causes = [hypothesis.selected[k] for k in hypothesis.causes]
+    values = calibrate(prepared.calibration, prepared.found.values, causes)
+    found, _ = linearise(prepared.calibration, values, prepared.candidates)
+    return replace(prepared, found=found)
+
+
+def _sensor_effects(question: Question) -> tuple[Effect, ...]:
+    """Return the effects of sensors that an ordinary arm has some of, but those that the user knows."""
+    given = {active.effect.id for active in question.given}
+    return tuple(e for e in question.catalogue.values() if e.prior is not None and e.id not in given)
+
+
+def _check_length(model: Model, observed: Sequence[Sequence[Observation]], layout: EquationSet, band: Band) -> None:
+    """Raise DiagnosisError where filters leave nothing of either part."""
+    for purpose, part in zip(("fit", "judge"), observed, strict=True):
+        if not any(residuals(model, observation, layout, band) for observation in part):
             raise DiagnosisError(
                 f"too little motion is left to {purpose} after filtering", "Record longer without gaps"
             )
-    return model, (identify, judge)
 
 
 def _common(
@@ -186,13 +225,3 @@ def common_band(layout: EquationSet, model: Model, rate: float, settings: Prepro
 def _candidates(question: Question, equations: ArmEquations, still: Sequence[str]) -> list[Feature]:
     """Return every effect at every place where the motion can show it."""
     return [f for f in features(equations, question.candidates) if f.joint not in still or not needs_motion(f)]
-
-
-def _given(library: RegressorLibrary, equations: ArmEquations, active: EffectInstance) -> Candidate:
-    """Return a known effect as a candidate, at the values of its nonlinear parameters that were given."""
-    feature = feature_of(active, equations)
-    values = [np.atleast_1d(active.parameters[p.name]) for p in feature.searched]
-    searched = tuple(float(v) for v in np.concatenate([*values, np.zeros(0)]))
-    candidate = library.add(feature, searched, fixed=feature.fixed)
-    library.close()
-    return candidate

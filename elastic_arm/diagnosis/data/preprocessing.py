@@ -31,7 +31,7 @@ def usable(recording: Recording, settings: PreprocessingSettings) -> Recording:
     DiagnosisError
         If every torque channel is dead.
     """
-    return _one_clock(_live(recording), settings)
+    return _one_clock(_without_differences(_live(recording), settings), settings)
 
 
 def standing(recording: Recording) -> list[str]:
@@ -70,6 +70,27 @@ def _live(recording: Recording) -> Recording:
             "Record the effort of /motor_states, of /joint_states, or both",
         )
     notes += [f"{where}: {channel} holds one number throughout: taken as not recorded." for channel in dead]
+    return replace(recording, link=sides["link"], motor=sides["motor"], notes=(*recording.notes, *notes))
+
+
+def _without_differences(recording: Recording, settings: PreprocessingSettings) -> Recording:
+    """Leave out velocities that are differences of the positions: they hold nothing new, half a sample late."""
+    where = recording.source or "the recording"
+    sides: dict[str, Side | None] = {"link": recording.link, "motor": recording.motor}
+    notes = []
+    for name, side in sides.items():
+        if side is None or side.position is None or side.velocity is None or len(side) < 3:
+            continue
+        steps = np.diff(side.stamp_ns)[:, None] * 1e-9
+        differences = [np.diff(side.position, axis=0) / step for step in (steps, np.median(steps))]
+        errors = [
+            np.median(np.abs(velocity - difference), axis=0).max()
+            for difference in differences
+            for velocity in (side.velocity[1:], side.velocity[:-1])
+        ]
+        if min(errors) < settings.difference * np.std(side.velocity):
+            sides[name] = replace(side, velocity=None)
+            notes.append(f"{where}: velocities of the {name} side are differences of its positions: left out.")
     return replace(recording, link=sides["link"], motor=sides["motor"], notes=(*recording.notes, *notes))
 
 

@@ -131,6 +131,8 @@ def certain(library: RegressorLibrary, selected: Sequence[Candidate], settings: 
 
 def _scatter(blocks: NDArray[np.intp], columns: Array, left: Array, fitted: int) -> Array:
     """Return the covariance (k, k) of the scores on what is left, by whole blocks; `fitted` numbers are lost."""
+    # The rows of the nuisance parameters' priors are a block of their own.
+    blocks = np.append(blocks, np.full(len(left) - len(blocks), blocks.max() + 1))
     scores = np.zeros((int(blocks.max()) + 1, columns.shape[1]))
     np.add.at(scores, blocks, columns * left[:, None])
     covariance: Array = scores.T @ scores * (len(scores) / max(1, len(scores) - fitted))
@@ -184,7 +186,7 @@ class _JointFit:
 
     def __init__(self, library: RegressorLibrary, selected: Sequence[Candidate], settings: JudgementSettings) -> None:
         self._library, self._selected = library, list(selected)
-        self._y = library.matrix(0, [0])[:, 0]
+        self._y = library.marginalised(library.matrix(0, [0]), residual=True)[:, 0]
         self._cache: dict[tuple[int, tuple[float, ...]], Array] = {}
         # Where each free number stands: (candidate, component).
         self.free = [(k, j) for k, candidate in enumerate(selected) for j in _free_components(candidate)]
@@ -254,7 +256,7 @@ class _JointFit:
             columns = self._library.columns(0, self._selected[k].feature, values)
             if len(self._cache) > 200:
                 self._cache.clear()
-            self._cache[key] = columns.sum(axis=1)
+            self._cache[key] = self._library.marginalised(columns.sum(axis=1)[:, None])[:, 0]
         return self._cache[key]
 
 
@@ -272,7 +274,7 @@ def _free_components(candidate: Candidate) -> list[int]:
 
 
 def _scale(candidate: Candidate, j: int) -> float:
-    """ResidualSizes of a parameter: its own, or a hundredth of its plausible range where it is nearly nothing."""
+    """Size of a parameter: its own, or a hundredth of its plausible range where it is nearly nothing."""
     parameter, value = _component(candidate, j), (candidate.searched or ())[j]
     neutral = parameter.neutral or 0.0
     if parameter.low > 0 and neutral == 0.0:

@@ -13,6 +13,7 @@ from elastic_arm.diagnosis.data.preparation import PreparedData
 from elastic_arm.diagnosis.inference import excess
 from elastic_arm.diagnosis.inference.excess import ResidualStatistics
 from elastic_arm.diagnosis.inference.lack_of_fit import LackOfFitTest
+from elastic_arm.diagnosis.inference.sensor_faults import SensorFault, with_faults
 from elastic_arm.diagnosis.selection.hypothesis import Hypothesis
 from elastic_arm.diagnosis.selection.regressor_library import Candidate, RegressorLibrary
 from elastic_arm.diagnosis.settings import DiagnosisSettings
@@ -20,7 +21,9 @@ from elastic_arm.diagnosis.settings import DiagnosisSettings
 Share = tuple[float, tuple[float, float]]
 
 
-def gap_measure(prepared: PreparedData, hypothesis: Hypothesis, test: LackOfFitTest) -> GapMeasure:
+def gap_measure(
+    prepared: PreparedData, hypothesis: Hypothesis, test: LackOfFitTest, faults: Sequence[SensorFault] = ()
+) -> GapMeasure:
     """Return what the gap is measured by: residuals where any stands out by its size, else likelihood.
 
     Parameters
@@ -31,9 +34,11 @@ def gap_measure(prepared: PreparedData, hypothesis: Hypothesis, test: LackOfFitT
         The best hypothesis of the search.
     test
         Finds what the hypothesis leaves.
+    faults
+        Of sensors: part of the gap.
     """
     settings, library = prepared.settings, prepared.library
-    residuals = library.validation_residuals(hypothesis.baseline)
+    residuals = with_faults(library.validation_residuals(hypothesis.baseline), faults)
     tried = excess.statistics_in_bands(prepared.validation, residuals, settings)
     shown = _residuals_of_causes(prepared, hypothesis)
     if excess.select_band(tried, settings.significance) is not None:

@@ -13,10 +13,12 @@ from elastic_arm.diagnosis.data.preparation import PreparedData
 from elastic_arm.diagnosis.inference.estimates import ParameterEstimate, certain, differs, estimates, polish, several
 from elastic_arm.diagnosis.inference.gap_metric import GapMeasure, gap_measure
 from elastic_arm.diagnosis.inference.lack_of_fit import LackOfFitTest
+from elastic_arm.diagnosis.inference.sensor_faults import SensorFault, sensor_faults
 from elastic_arm.diagnosis.selection.hypothesis import Hypothesis
 from elastic_arm.diagnosis.selection.regressor_library import Candidate
 from elastic_arm.diagnosis.selection.stepwise import misfit
 from elastic_arm.diagnosis.settings import JudgementSettings
+from elastic_arm.effects.parameters import Role
 
 
 @dataclass(frozen=True)
@@ -35,6 +37,8 @@ class Judgement:
         Held-out log-likelihood that the causes gain, nats.
     notes
         Ordinary imperfections, and effects too small to be causes.
+    faults
+        Sensors that are further off than ordinary ones.
     """
 
     hypothesis: Hypothesis
@@ -42,6 +46,7 @@ class Judgement:
     test: LackOfFitTest
     log_likelihood: float
     notes: tuple[str, ...]
+    faults: tuple[SensorFault, ...] = ()
 
 
 def judge(prepared: PreparedData, hypothesis: Hypothesis) -> Judgement:
@@ -49,12 +54,17 @@ def judge(prepared: PreparedData, hypothesis: Hypothesis) -> Judgement:
     ratios = [prepared.gear_ratios(joint) for joint in range(prepared.model.n)]
     test = LackOfFitTest(prepared.library, ratios, prepared.settings)
     hypothesis, notes = without_ordinary(prepared, hypothesis)
-    measure = gap_measure(prepared, hypothesis, test)
+    faults = sensor_faults(prepared, hypothesis.selected)
+    measure = gap_measure(prepared, hypothesis, test, faults)
     kept, more_notes = eliminate(prepared, hypothesis, measure)
-    if len(kept.selected) < len(hypothesis.selected) and not kept.causes:
-        measure = gap_measure(prepared, kept, test)
+    if len(kept.selected) < len(hypothesis.selected):
+        faults = sensor_faults(prepared, kept.selected)
+        if not kept.causes:
+            measure = gap_measure(prepared, kept, test, faults)
     gained = gain(prepared, kept.selected, kept.baseline)
-    return Judgement(kept, measure, test, gained, (*notes, *more_notes))
+    # Of a gap that no residual shows, an imperfect sensor is no cause.
+    shown = faults if measure.name == "excess" else ()
+    return Judgement(kept, measure, test, gained, (*notes, *more_notes), shown)
 
 
 def verdict(shrink: float, *, caused: bool, unexplained: bool, settings: JudgementSettings) -> str:
@@ -189,7 +199,24 @@ def insignificant(prepared: PreparedData, hypothesis: Hypothesis) -> list[int]:
     estimated = estimates(library, polished, settings)
     uncertain = [k for k, c in enumerate(hypothesis.selected) if not differs(estimated[k], c, settings.level)]
     together = certain(library, polished, settings) if uncertain else []
-    return [k for k in uncertain if not (several(estimated[k]) and together[k])]
+    failed = {k for k in uncertain if not (several(estimated[k]) and together[k])}
+    if len(library.nuisance):
+        failed |= {k for k, c in enumerate(hypothesis.selected) if is_implausible(c, estimated[k])}
+    return sorted(failed)
+
+
+def is_implausible(candidate: Candidate, values: Mapping[str, ParameterEstimate]) -> bool:
+    """Whether an effect is smaller than any that an engineer would look for, or has a number far outside its range.
+
+    Beside nuisance parameters such an effect stands in for a detail that neither the model nor they describe.
+    """
+    effect = candidate.feature.effect
+    sizes = [effect.parameter(name) for name in effect.magnitude]
+    small = [p for p in sizes if p.size == 1 and p.neutral == 0.0 and p.low > 0.0 and p.name in values]
+    if sizes and len(small) == len(sizes) and all(abs(values[p.name].value) < p.low for p in small):
+        return True
+    searched = [p for p in effect.parameters if p.role is Role.SEARCHED and p.size == 1 and p.name in values]
+    return any(not p.low <= values[p.name].value <= p.high for p in searched)
 
 
 def is_small_effect(prepared: PreparedData, hypothesis: Hypothesis, k: int, share: float) -> bool:

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from elastic_arm.diagnosis.inference.regimes import bases
 from elastic_arm.diagnosis.selection.regressor_library import Candidate, RegressorLibrary
 from elastic_arm.diagnosis.settings import DiagnosisSettings, RegimeSettings
+from elastic_arm.estimation.band import LowPass
 from elastic_arm.estimation.whitening import WhitenedData
 
 Array = NDArray[np.float64]
@@ -73,7 +74,13 @@ class LackOfFitTest:
             self._found[key] = lack_of_fit(self._library, selected, self._ratios, self._settings.regimes)
         found, detected = self._found[key], self._settings.significance.detected
         share = self._settings.judgement.trace_share
-        return [one for one in found if one.gain > max(detected, share * found[0].gain)]
+        shown = [one for one in found if one.gain > max(detected, share * found[0].gain)]
+        if not len(self._library.nuisance):
+            return shown
+        # Beside nuisance parameters the noise is that of ordinary sensors, and follows angles a little.
+        data = self._library.sets[1]
+        noise = data.noise_std(LowPass(data.band.cutoff, data.band.kept_rate))
+        return [one for one in shown if one.rmse > self._settings.significance.practical * noise[one.row]]
 
 
 def lack_of_fit(
@@ -97,7 +104,10 @@ def lack_of_fit(
     """
     n = library.sets[0].layout.n
     left = [library.remainder(which, selected, library.fit(which, selected)) for which in (0, 1)]
-    explained = [_basis(library.matrix(which, _numbers(selected))) for which in (0, 1)]
+    explained = [
+        _basis(np.hstack([library.nuisance.white[which], library.matrix(which, _numbers(selected))]))
+        for which in (0, 1)
+    ]
     found: list[LackOfFit] = []
     for joint in range(n):
         shapes = {

@@ -132,6 +132,8 @@ class _Projection:
                 y = y - library.matrix(0, candidate.index).sum(axis=1)
         free = [candidate.index for candidate in others if not candidate.fixed]
         columns = library.matrix(0, np.concatenate(free)) if free else np.zeros((len(y), 0))
+        self._library = library
+        columns, y = library.marginalised(columns), library.marginalised(y[:, None], residual=True)[:, 0]
         # Null columns and repeated ones would make the basis meaningless.
         u, s, _ = np.linalg.svd(columns / np.maximum(np.linalg.norm(columns, axis=0), 1e-300), full_matrices=False)
         self._basis = u[:, s > 1e-5 * s[0]] if len(s) else u
@@ -142,7 +144,7 @@ class _Projection:
 
     def cost(self, columns: Array, *, fixed: bool) -> float:
         """Half the sum of squares that is left with these columns added."""
-        cleaned = self._clean(columns)
+        cleaned = self._clean(self._library.marginalised(columns))
         if fixed:
             return 0.5 * float(np.sum((self._y - cleaned.sum(axis=1)) ** 2))
         scaled = cleaned / np.maximum(np.linalg.norm(cleaned, axis=0), 1e-300)

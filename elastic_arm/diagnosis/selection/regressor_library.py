@@ -14,6 +14,7 @@ from itertools import product
 import numpy as np
 from numpy.typing import NDArray
 
+from elastic_arm.diagnosis.selection.marginalisation import Marginalisation, NuisanceColumns
 from elastic_arm.diagnosis.settings import CandidateSettings
 from elastic_arm.effects.parameters import Parameter
 from elastic_arm.estimation.effect_columns import Feature
@@ -59,16 +60,30 @@ class Candidate:
 class RegressorLibrary:
     """Columns of many features on two data sets.
 
+    With nuisance columns N and their prior precision 1, the Gram matrix G of any columns X is replaced by
+    G - X'N (1 + N'N)^-1 N'X, on one data set for a fit, on both for what one adds to the other.
+
     Parameters
     ----------
     identify, validate
         The data that causes are fitted on, and the data that judges them.
     settings
         The values of nonlinear parameters that are tried.
+    nuisance
+        Columns that are marginalised; none where the model is taken as it is.
     """
 
-    def __init__(self, identify: WhitenedData, validate: WhitenedData, settings: CandidateSettings) -> None:
+    def __init__(
+        self,
+        identify: WhitenedData,
+        validate: WhitenedData,
+        settings: CandidateSettings,
+        nuisance: NuisanceColumns | None = None,
+    ) -> None:
         self.sets = (identify, validate)
+        self.nuisance = nuisance or NuisanceColumns.none(identify, validate)
+        self._marginalisation = Marginalisation(self.nuisance)
+        self._marginal: list[Array] = []
         self._settings = settings
         self.candidates: list[Candidate] = []
         self._pending: list[list[Array]] = [[e.white[:, None]] for e in self.sets]
@@ -127,7 +142,48 @@ class RegressorLibrary:
             pending.clear()
             gram[:now, old:now] = columns[:, :now].T @ columns[:, old:now]
             gram[old:now, :old] = gram[:old, old:now].T
+            self._marginalisation.add(which, columns[:, old:now])
         self._filled = now
+        self._marginal = self._marginalisation.grams([gram[:now, :now] for gram in self._grams])
+
+    def marginalised(self, columns: Array, *, residual: bool = False) -> Array:
+        """Return rows whose products are those of columns of the identification data, the nuisance marginalised.
+
+        Parameters
+        ----------
+        columns
+            (rows, m).
+        residual
+            Whether they are the residual, which knows of the prior means.
+        """
+        return self._marginalisation.rows(columns, residual=residual)
+
+    def nuisance_values(self, selected: Sequence[Candidate], beta: Array | None = None) -> Array:
+        """Return posterior means (k,) of the nuisance parameters on both data sets, relative to where the model stands.
+
+        Parameters
+        ----------
+        selected
+            The candidates.
+        beta
+            Their coefficients; those fitted to the identification data when None.
+        """
+        beta = self.fit(0, selected) if beta is None else beta
+        return self._marginalisation.means(_split(selected)[0], beta)
+
+    def nuisance_step(self, selected: Sequence[Candidate], misfit: float) -> tuple[Array, Array]:
+        """Return posterior means and standard deviations (k,) with the candidates' coefficients free.
+
+        Parameters
+        ----------
+        selected
+            The candidates.
+        misfit
+            Factor on the noise's variance: with much unexplained the prior counts more.
+        """
+        index, free = _split(selected)
+        gram = self._grams[0] + self._grams[1]
+        return self._marginalisation.joint_posterior(gram, index[free], index[~free], misfit)
 
     def _reserve(self, which: int, count: int) -> None:
         columns, gram, old = self._columns[which], self._grams[which], self._filled
@@ -144,7 +200,7 @@ class RegressorLibrary:
 
     def fit(self, which: int, selected: Sequence[Candidate]) -> Array:
         """Return coefficients of all columns of the selected, in order, fitted on one data set."""
-        return _fit(self._grams[which], selected)
+        return _fit(self._marginal[which], selected)
 
     def coefficients(self, selected: Sequence[Candidate]) -> list[Array]:
         """Return the coefficients of each candidate's columns, fitted on the identification data."""
@@ -155,6 +211,9 @@ class RegressorLibrary:
         """Return the residuals (N', R) of each stretch of the validation data that candidates leave, Nm."""
         data = self.sets[1]
         left = [y.copy() for y in data.y]
+        if len(self.nuisance):
+            values = self.nuisance_values(selected)
+            left = [y - N @ values for y, N in zip(left, self.nuisance.validation, strict=True)]
         for candidate, beta in zip(selected, self.coefficients(selected), strict=True):
             for own, columns in zip(left, data.plain(candidate.feature, candidate.searched or ()), strict=True):
                 own -= columns @ beta
@@ -173,8 +232,14 @@ class RegressorLibrary:
             Coefficients of all their columns, in order.
         """
         index, _ = _split(selected)
-        gram = self._grams[which]
-        return float(beta @ gram[index, 0] - 0.5 * beta @ gram[np.ix_(index, index)] @ beta)
+
+        def gained(gram: Array) -> float:
+            return float(beta @ gram[index, 0] - 0.5 * beta @ gram[np.ix_(index, index)] @ beta)
+
+        if not len(self.nuisance):
+            return gained(self._grams[which])
+        # Given the other data set: what both hold beyond it.
+        return gained(self._marginal[2]) - gained(self._marginal[1 - which])
 
     def held_out(self, selected: Sequence[Candidate]) -> float:
         """Log-likelihood gained on both data sets, each with the coefficients of the other."""
@@ -186,7 +251,7 @@ class RegressorLibrary:
         """Log-likelihood gained on both data sets by one fit to both."""
         index, _ = _split(selected)
         keep = np.append(0, index)
-        gram = self._grams[0][np.ix_(keep, keep)] + self._grams[1][np.ix_(keep, keep)]
+        gram = self._marginal[2][np.ix_(keep, keep)]
         beta = _solution(gram, _split(selected)[1])
         return float(beta @ gram[1:, 0] - 0.5 * beta @ gram[1:, 1:] @ beta)
 
@@ -203,7 +268,8 @@ class RegressorLibrary:
             Coefficients of all their columns, in order.
         """
         index, _ = _split(selected)
-        return self.matrix(which, [0])[:, 0] - self.matrix(which, index) @ beta
+        left = self.matrix(which, [0])[:, 0] - self.matrix(which, index) @ beta
+        return left - self.nuisance.white[which] @ self.nuisance_values(selected, beta) if len(self.nuisance) else left
 
     def falls(self, without: Sequence[Candidate], selected: Sequence[Candidate]) -> tuple[Array, Array]:
         """Return what the squares of the residual fall, (blocks,) of each data set, fitted on the other."""
@@ -275,7 +341,11 @@ def _neighbourhood(feature: Feature, share: float) -> Array:
 
 
 def build_library(
-    identify: WhitenedData, validate: WhitenedData, features: Sequence[Feature], settings: CandidateSettings
+    identify: WhitenedData,
+    validate: WhitenedData,
+    features: Sequence[Feature],
+    settings: CandidateSettings,
+    nuisance: NuisanceColumns | None = None,
 ) -> RegressorLibrary:
     """Evaluate every feature on both data sets.
 
@@ -287,8 +357,10 @@ def build_library(
         What competes.
     settings
         The values of nonlinear parameters that are tried.
+    nuisance
+        Columns that are marginalised.
     """
-    library = RegressorLibrary(identify, validate, settings)
+    library = RegressorLibrary(identify, validate, settings, nuisance)
     for feature in features:
         for point in starting_points(feature, settings):
             # What has no free parameter at all has a known size; what is only searched may be scaled while searching.

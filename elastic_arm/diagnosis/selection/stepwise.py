@@ -43,6 +43,9 @@ def plausible(library: RegressorLibrary, selected: Sequence[Candidate], ratio_fa
     ratio_factor
         How far outside its plausible range a ratio may be.
     """
+    joints = {candidate.feature.joint for candidate in selected}
+    if len(library.nuisance) and not library.nuisance.possible(library.nuisance_values(selected), joints):
+        return False
     fitted = zip(selected, library.coefficients(selected), strict=True)
     return all(c.fixed or c.searched is None or _possible(c, beta, ratio_factor) for c, beta in fitted)
 
@@ -83,7 +86,10 @@ class StepwiseSearch:
         self._price = {key: np.log(count) for key, count in Counter(e.feature.key for e in library.candidates).items()}
         self._refinements_left = settings.search.refinements
         self._refined: dict[tuple[Candidate, frozenset[Candidate]], Candidate] = {}
-        total = 0.5 * sum(float(e.white @ e.white) - e.freedom for e in library.sets)
+        left = sum(float(e.white @ e.white) for e in library.sets)
+        if len(library.nuisance):
+            left = misfit(library, self.given) * sum(e.freedom for e in library.sets)
+        total = 0.5 * (left - sum(e.freedom for e in library.sets))
         self._least = settings.search.least_share * max(total, 0.0)
 
     def _score(self, selected: Sequence[Candidate]) -> float:

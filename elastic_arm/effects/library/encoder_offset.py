@@ -48,6 +48,7 @@ EFFECT: Effect = SensorEffect(
     sides=("drive",),
     regime="always",
     change=change,
+    prior=lambda rate: 1e-5,
     confusions=(
         Confusion(
             "backlash",

@@ -32,6 +32,7 @@ EFFECT: Effect = SensorEffect(
     sides=("link", "drive", "motor"),
     regime="load",
     change=scaling("joint_torque"),
+    prior=lambda rate: 0.02,  # strain gauges: 0.5 to 2 % of the reading
     confusions=(
         Confusion(
             "stiffness_mismatch",

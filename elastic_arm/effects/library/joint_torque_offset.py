@@ -47,6 +47,7 @@ EFFECT: Effect = SensorEffect(
     sides=("link", "drive", "motor"),
     regime="always",
     change=change,
+    prior=lambda rate: 1.0,
     confusions=(
         Confusion(
             "encoder_offset",

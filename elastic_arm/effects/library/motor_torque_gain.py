@@ -31,6 +31,7 @@ EFFECT: Effect = SensorEffect(
     sides=("motor",),
     regime="load",
     change=scaling("motor_torque"),
+    prior=lambda rate: 0.02,  # current sensors and torque constants: 1 to 3 %
     confusions=(
         Confusion(
             "rotor_inertia_mismatch",

@@ -47,6 +47,7 @@ EFFECT: Effect = SensorEffect(
     sides=("motor",),
     regime="always",
     change=change,
+    prior=lambda rate: 1.0,
     confusions=(
         Confusion(
             "coulomb_friction",

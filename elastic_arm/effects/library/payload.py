@@ -48,7 +48,6 @@ EFFECT = Effect(
     scope=Scope.LAST,
     sides=("link",),
     regime="load",
-    model_parameter=True,
     confusions=(
         Confusion(
             "link_inertia_mismatch",

@@ -90,6 +90,7 @@ EFFECT: Effect = SensorEffect(
     regime="frequency",
     change=change,
     ordinary=Ordinary("delay", lambda rate: 1.0 / rate, note),
+    prior=lambda rate: 0.3 / rate,  # channels that are sampled one after another
     confusions=(
         Confusion(
             "damping_mismatch",

@@ -1,0 +1,270 @@
+"""The model at the numbers that the recordings determine, beside the effects that are known or found.
+
+A description is wrong everywhere, and a sensor a little. Both are nuisance parameters with priors
+(:mod:`.nuisance`); the residuals are linearised where these lie most probably (Gauss-Newton), and late channels are
+moved back in time, so that what is left of them acts linearly.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from elastic_arm.diagnosis.data.nuisance import (
+    PRESLIDING,
+    NuisanceParameter,
+    calibrated_robot,
+    lags,
+    nuisance_columns,
+    nuisance_parameters,
+)
+from elastic_arm.diagnosis.result import Imperfection
+from elastic_arm.diagnosis.selection.candidates import feature_of
+from elastic_arm.diagnosis.selection.marginalisation import NuisanceColumns
+from elastic_arm.diagnosis.selection.regressor_library import Candidate, RegressorLibrary, build_library
+from elastic_arm.diagnosis.selection.stepwise import misfit
+from elastic_arm.diagnosis.settings import DiagnosisSettings
+from elastic_arm.dynamics import Model, build_model
+from elastic_arm.effects import Effect, EffectInstance
+from elastic_arm.effects.equations import ArmEquations
+from elastic_arm.effects.model import SensorEffect
+from elastic_arm.errors import RobotError
+from elastic_arm.estimation.band import Band
+from elastic_arm.estimation.effect_columns import Feature
+from elastic_arm.estimation.equations import EquationSet
+from elastic_arm.estimation.observation import Observation
+from elastic_arm.estimation.whitening import WhitenedData
+from elastic_arm.robot import Robot
+from elastic_arm.sensors import Sensors
+
+Array = NDArray[np.float64]
+# The channels of a recording that sensors make.
+SENSED = {"link_encoder": "q", "motor_encoder": "theta", "joint_torque": "tau_J", "motor_torque": "tau_m"}
+Observed = Sequence[Sequence[Observation]]
+
+
+@dataclass(frozen=True)
+class CalibrationProblem:
+    """What a calibration needs of recordings and question.
+
+    Parameters
+    ----------
+    robot, model
+        The description, and the variant of the model.
+    observed
+        The recordings of identification and validation.
+    layout, band
+        Usable equations, and where they are compared.
+    parameters
+        The nuisance parameters.
+    known
+        Effects that count as part of the model.
+    settings
+        All thresholds.
+    """
+
+    robot: Robot
+    model: str
+    observed: Observed
+    layout: EquationSet
+    band: Band
+    parameters: tuple[NuisanceParameter, ...]
+    known: Sequence[EffectInstance]
+    settings: DiagnosisSettings
+
+
+@dataclass(frozen=True)
+class Linearised:
+    """Residuals and columns where the nuisance parameters have certain values.
+
+    Parameters
+    ----------
+    model
+        The calibrated model.
+    library
+        Columns of known effects and candidates.
+    given
+        The known effects.
+    values
+        (k,) of the nuisance parameters, in standard deviations of their priors.
+    observed
+        The recordings of identification and validation, late channels moved back.
+    """
+
+    model: Model
+    library: RegressorLibrary
+    given: tuple[Candidate, ...]
+    values: Array
+    observed: tuple[tuple[Observation, ...], tuple[Observation, ...]]
+
+
+def problem_of(
+    robot: Robot,
+    model: str,
+    observed: Observed,
+    layout: EquationSet,
+    band: Band,
+    effects: Sequence[Effect],
+    known: Sequence[EffectInstance],
+    settings: DiagnosisSettings,
+    *,
+    refit: bool,
+) -> CalibrationProblem:
+    """Return the problem with the nuisance parameters of an arm and its recorded channels.
+
+    Parameters
+    ----------
+    robot, model
+        The description, and the variant of the model.
+    observed
+        The recordings of identification and validation.
+    layout, band
+        Usable equations, and where they are compared.
+    effects
+        Those of sensors among them have priors.
+    known
+        Effects that count as part of the model.
+    settings
+        All thresholds.
+    refit
+        Whether the description is uncertain; otherwise there are no nuisance parameters.
+    """
+    if not refit:
+        return CalibrationProblem(robot, model, observed, layout, band, (), known, settings)
+    equations = ArmEquations(robot, model)
+    features = [
+        feature_of(active, equations) for effect in effects if effect.prior for active in effect.candidates(robot)
+    ]
+    recorded = observed[0][0].pieces[0].recorded
+    shown = [f for f in features if f.acts and _channels(f, robot.n) <= recorded]
+    parameters = nuisance_parameters(robot, settings.priors, shown, observed[0][0].rate)
+    return CalibrationProblem(robot, model, observed, layout, band, parameters, known, settings)
+
+
+def _channels(feature: Feature, n: int) -> set[str]:
+    """Return the channels of which a sensor's effect can be seen: what it changes, and the other encoder."""
+    effect = feature.effect
+    assert isinstance(effect, SensorEffect)
+    exact, instance = Sensors.exact(), feature.instance([1e-3])
+    changed = effect.change(exact, 0, n, instance.parameters)
+    found = {channel for name, channel in SENSED.items() if getattr(changed, name) != getattr(exact, name)}
+    return found | ({"theta"} if "q" in found else set())
+
+
+def linearise(
+    problem: CalibrationProblem, values: Array, features: Sequence[Feature], extra: Sequence[Candidate] = ()
+) -> tuple[Linearised, list[Candidate]]:
+    """Evaluate residuals and columns at values of the nuisance parameters; return them and `extra` among them.
+
+    Parameters
+    ----------
+    problem
+        What is calibrated.
+    values
+        (k,) in standard deviations of the priors.
+    features
+        Candidates; with none, only the known effects are evaluated.
+    extra
+        Candidates of another linearisation.
+    """
+    robot, predicted = problem.robot, len(problem.parameters) > 0
+    if predicted:
+        robot = calibrated_robot(robot, problem.parameters, values)
+    model = build_model(robot, problem.model)
+    late = lags(problem.parameters, values, robot.joint_names)
+    aligned = [tuple(o.aligned(late) for o in part) if late else tuple(part) for part in problem.observed]
+    identify, validate = (
+        WhitenedData(model, part, problem.layout, problem.band, predicted=predicted) for part in aligned
+    )
+    nuisance = _nuisance(problem, model, identify, validate, values) if predicted else None
+    equations = ArmEquations(robot, problem.model)
+    moved = [replace(feature, equations=equations) for feature in features]
+    library = build_library(identify, validate, moved, problem.settings.candidates, nuisance)
+    given = [_given(library, feature_of(active, equations), active) for active in problem.known]
+    again = [library.add(replace(c.feature, equations=equations), c.searched, fixed=c.fixed) for c in extra]
+    library.close()
+    return Linearised(model, library, tuple(given), values, (aligned[0], aligned[1])), again
+
+
+def _nuisance(
+    problem: CalibrationProblem, model: Model, identify: WhitenedData, validate: WhitenedData, values: Array
+) -> NuisanceColumns:
+    columns = [nuisance_columns(model, problem.robot, data, problem.parameters) for data in (identify, validate)]
+    white = (identify.whiten(columns[0]), validate.whiten(columns[1]))
+    limits = np.array([parameter.limit for parameter in problem.parameters])
+    joints = tuple(parameter.joint for parameter in problem.parameters)
+    return NuisanceColumns(white, columns[1], -values, limits, joints)
+
+
+def _given(library: RegressorLibrary, feature: Feature, active: EffectInstance) -> Candidate:
+    values = [np.atleast_1d(active.parameters[p.name]) for p in feature.searched]
+    searched = tuple(float(v) for v in np.concatenate([*values, np.zeros(0)]))
+    return library.add(feature, searched, fixed=feature.fixed)
+
+
+def calibrate(problem: CalibrationProblem, start: Array, extra: Sequence[Candidate] = ()) -> Array:
+    """Return the most probable values (k,) of the nuisance parameters beside the known effects and `extra`.
+
+    Gauss-Newton steps, as long as they lower the misfit; unexplained misfit counts as noise, so that what no parameter
+    explains does not bend them.
+
+    Parameters
+    ----------
+    problem
+        What is calibrated.
+    start
+        (k,) where to begin.
+    extra
+        Effects that were found.
+    """
+    # Gains and offsets act linearly: they stay in the columns.
+    moves = np.array([parameter.moves_model for parameter in problem.parameters], dtype=bool)
+    values, best, least = start, start, np.inf
+    for _ in range(problem.settings.refit.steps):
+        try:
+            found, again = linearise(problem, values, (), extra)
+        except RobotError:  # no physical body is like that: stay where the arm still was one
+            break
+        selected = [*found.given, *again]
+        left = misfit(found.library, selected)
+        if left > problem.settings.refit.improvement * least:
+            break
+        best, least = values, left
+        values = np.where(moves, values + found.library.nuisance_step(selected, left)[0], 0.0)
+    return best
+
+
+def imperfections(
+    problem: CalibrationProblem, found: Linearised, selected: Sequence[Candidate]
+) -> tuple[Imperfection, ...]:
+    """Return what the recordings determine of each nuisance parameter.
+
+    Parameters
+    ----------
+    problem
+        What was calibrated.
+    found
+        Residuals and columns.
+    selected
+        The known effects and the causes.
+    """
+    if not problem.parameters:
+        return ()
+    values, stds = found.library.nuisance_step(selected, misfit(found.library, selected))
+    beyond = problem.settings.refit.beyond_ordinary
+    return tuple(
+        Imperfection(
+            p.what,
+            p.joint,
+            p.unit,
+            p.neutral + (at + value) * p.prior_std,
+            std * p.prior_std,
+            p.prior_std,
+            abs(at + value) <= beyond + 2.0 * std,
+        )
+        for p, at, value, std in zip(problem.parameters, found.values, values, stds, strict=True)
+        if not p.what.startswith(PRESLIDING)
+    )

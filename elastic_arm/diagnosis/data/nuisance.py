@@ -1,0 +1,324 @@
+"""Nuisance parameters: what is ordinarily imperfect in a description and its sensors, each with a Gaussian prior.
+
+The residuals r are linear in small changes of them, r = r_0 + N nu with nu ~ N(0, diag(std^2)). Marginalised, they turn
+the Gram matrix of all columns into its Schur complement, so that every comparison of hypotheses accounts for them.
+
+A measured torque enters an equation with the coefficient one: whatever scales a torque (a sensor's gain, a stiffness)
+has a column of torque that the model predicts. With the measured torque in its place, no torque sensor and a massless
+arm would explain every recording.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.interpolate import CubicSpline
+
+from elastic_arm.dynamics import Model, build_model
+from elastic_arm.effects.model import EffectInstance
+from elastic_arm.estimation.effect_columns import Feature
+from elastic_arm.estimation.motion import CompletedMotion, drive_constants
+from elastic_arm.estimation.residuals import predicted_torques
+from elastic_arm.estimation.whitening import WhitenedData
+from elastic_arm.robot import Component, Inertia, Joint, Robot
+
+Array = NDArray[np.float64]
+
+LARGEST_SCALE = 0.6  # relative error of a stiffness or a torque scale beyond which the description is of another arm
+PRESLIDING = "presliding"  # how gradually dry friction changes its sign: no number of the arm or of a sensor
+PRESLIDING_SPEEDS = ((5e-4, 2e-3), (2e-3, 8e-3))  # rad/s: between these widths of the sign function
+STEP = 1e-4  # of a prior's standard deviation, for derivatives of Psi; numerical
+TENSOR = ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))
+CHUNK = 24  # parameters whose columns are made at once, and samples: both bound the memory
+BLOCK = 8192
+
+
+@dataclass(frozen=True)
+class Priors:
+    """Standard deviations of what a description states of an arm, relative where no unit is given.
+
+    CAD masses leave out cables, grease and covers; catalogues of harmonic drives state stiffness to about 30 % and give
+    no damping. What sensors do is stated in the files of their effects.
+    """
+
+    mass: float = 0.10
+    centre_of_mass: float = 0.01  # m
+    inertia: float = 0.15  # of the mean moment of inertia about the centre of mass
+    product_of_inertia: float = 0.05  # of the same
+    rotor: float = 0.10
+    stiffness: float = 0.15
+    damping: float = 0.40
+    presliding: float = 2.0  # Nm; dry friction turns over gradually, below a speed that nobody states
+
+
+@dataclass(frozen=True)
+class NuisanceParameter:
+    """One number that may differ from what the description states.
+
+    Parameters
+    ----------
+    what
+        Which, e.g. "link_mass"; the id of an effect for what an effect's file states.
+    joint
+        Of the joint, or of the link behind it.
+    unit
+        "1" for a ratio.
+    prior_std
+        Of its deviation from the description.
+    neutral
+        Its value as described: 1 for a ratio, else 0.
+    feature
+        The effect; None for a number of the arm.
+    """
+
+    what: str
+    joint: str
+    unit: str
+    prior_std: float
+    neutral: float
+    feature: Feature | None = None
+
+    @property
+    def moves_model(self) -> bool:
+        """Whether residuals are made anew at its value: of the arm's numbers and of lags, not of gains and offsets."""
+        if self.feature is not None:
+            return "channels" in self.feature.choices
+        return not self.what.startswith(PRESLIDING)
+
+    @property
+    def limit(self) -> float:
+        """Largest believable deviation, in standard deviations of the prior; infinite where none is known."""
+        scales_torque = self.what == "stiffness" or (self.feature is not None and self.unit == "1")
+        return LARGEST_SCALE / self.prior_std if scales_torque else np.inf
+
+
+def nuisance_parameters(
+    robot: Robot, priors: Priors, features: Iterable[Feature], rate: float
+) -> tuple[NuisanceParameter, ...]:
+    """Return the numbers of an arm and of its sensors that have a prior.
+
+    Parameters
+    ----------
+    robot
+        The description.
+    priors
+        Of its numbers.
+    features
+        Effects of sensors at every place; those whose file states no prior are left out.
+    rate
+        Hz, of the recordings.
+    """
+    found: list[NuisanceParameter] = []
+    for joint in robot.joints:
+        stds = {"link_mass": ("1", priors.mass, 1.0)}
+        stds |= {f"link_com_{axis}": ("m", priors.centre_of_mass, 0.0) for axis in "xyz"}
+        for a, b in TENSOR:
+            std = priors.inertia if a == b else priors.product_of_inertia
+            stds[f"link_inertia_{'xyz'[a]}{'xyz'[b]}"] = ("1", std, 0.0)
+        if joint.transmission is not None:
+            stds |= {"rotor_inertia": ("1", priors.rotor, 1.0), "spline_inertia_ratio": ("1", priors.rotor, 1.0)}
+            stds |= {"stiffness": ("1", priors.stiffness, 1.0), "damping": ("1", priors.damping, 1.0)}
+        found += [NuisanceParameter(what, joint.name, *numbers) for what, numbers in stds.items()]
+        found += [
+            NuisanceParameter(f"{PRESLIDING}_{k}", joint.name, "Nm", priors.presliding, 0.0)
+            for k in range(len(PRESLIDING_SPEEDS))
+        ]
+    for feature in features:
+        chosen = _single_choices(feature)
+        if feature.effect.prior is None or feature.joint is None or chosen is None:
+            continue
+        parameter, std = feature.linear[0], feature.effect.prior(rate)
+        what = "_".join([feature.effect.id, *chosen])
+        neutral = parameter.neutral or 0.0
+        found.append(NuisanceParameter(what, feature.joint, parameter.unit, std, neutral, feature))
+    return tuple(found)
+
+
+def _single_choices(feature: Feature) -> list[str] | None:
+    """Return what was chosen of an effect's choices; None where several were made at once."""
+    chosen = [(value,) if isinstance(value, str) else tuple(value) for value in feature.choices.values()]
+    return None if any(len(values) > 1 for values in chosen) else [values[0] for values in chosen]
+
+
+def calibrated_robot(robot: Robot, parameters: Sequence[NuisanceParameter], values: Array) -> Robot:
+    """Return the arm with its numbers at these values.
+
+    Parameters
+    ----------
+    robot
+        The description.
+    parameters
+        The nuisance parameters.
+    values
+        (k,) deviations from the description, in units of the priors' standard deviations.
+
+    Raises
+    ------
+    RobotError
+        If no physical body has such inertia.
+    """
+    deviations: dict[str, dict[str, float]] = {}
+    for parameter, value in zip(parameters, values, strict=True):
+        if parameter.feature is None:
+            deviations.setdefault(parameter.joint, {})[parameter.what] = float(value) * parameter.prior_std
+    return robot.with_(joints=tuple(_changed(joint, deviations[joint.name]) for joint in robot.joints))
+
+
+def _changed(joint: Joint, deviation: dict[str, float]) -> Joint:
+    gear = joint.transmission
+    if gear is not None:
+        rotor, spline = 1.0 + deviation["rotor_inertia"], 1.0 + deviation["spline_inertia_ratio"]
+        gear = replace(
+            gear,
+            rotor=_scaled(gear.rotor, rotor),
+            wave_generator=_scaled(gear.wave_generator, rotor),
+            spline=_scaled(gear.spline, spline),
+            stiffness=gear.stiffness * max(0.05, 1.0 + deviation["stiffness"]),
+            damping=gear.damping * max(0.01, 1.0 + deviation["damping"]),
+        )
+    return replace(joint, link=_changed_link(joint.link, deviation), transmission=gear)
+
+
+def _changed_link(link: Inertia, deviation: dict[str, float]) -> Inertia:
+    ratio = 1.0 + deviation["link_mass"]
+    inertia = np.array(link.inertia, dtype=float) * ratio
+    size = np.trace(np.asarray(link.inertia)) / 3.0
+    for a, b in TENSOR:
+        change = size * deviation[f"link_inertia_{'xyz'[a]}{'xyz'[b]}"]
+        inertia[a, b] += change
+        if a != b:
+            inertia[b, a] += change
+    com = np.asarray(link.com, dtype=float) + [deviation[f"link_com_{axis}"] for axis in "xyz"]
+    return replace(link, mass=link.mass * ratio, com=com, inertia=inertia)
+
+
+def _scaled(part: Component, ratio: float) -> Component:
+    return replace(part, ixx=part.ixx * ratio, izz=part.izz * ratio)
+
+
+def lags(parameters: Sequence[NuisanceParameter], values: Array, joints: Sequence[str]) -> dict[str, Array]:
+    """Return by how much each channel is late, (n,) s by channel, at these values of the nuisance parameters.
+
+    Parameters
+    ----------
+    parameters
+        The nuisance parameters.
+    values
+        (k,) in units of the priors' standard deviations.
+    joints
+        Names, in order.
+    """
+    found: dict[str, Array] = {}
+    for parameter, value in zip(parameters, values, strict=True):
+        feature = parameter.feature
+        if feature is not None and "channels" in feature.choices:
+            (channel,) = feature.choices["channels"]
+            found.setdefault(channel, np.zeros(len(joints)))[joints.index(parameter.joint)] = (
+                value * parameter.prior_std
+            )
+    return found
+
+
+def nuisance_columns(
+    model: Model, nominal: Robot, data: WhitenedData, parameters: Sequence[NuisanceParameter]
+) -> list[Array]:
+    """Return columns (N', R, k) of each stretch, Nm for one standard deviation of each prior.
+
+    Parameters
+    ----------
+    model
+        At the present values of the arm's numbers.
+    nominal
+        The description, to which relative changes refer.
+    data
+        Whitened residuals of the model.
+    parameters
+        The nuisance parameters.
+    """
+    directions = _directions(model, nominal, parameters)
+    result = [np.zeros((len(part.stretch.t), data.layout.rows, len(parameters))) for part in data.parts]
+    for k, parameter in enumerate(parameters):
+        if parameter.feature is not None:
+            for out, columns in zip(result, data.plain(parameter.feature), strict=True):
+                out[:, :, k] = columns[:, :, 0] * parameter.prior_std
+    arm = [k for k, parameter in enumerate(parameters) if parameter.feature is None]
+    for out, part in zip(result, data.parts, strict=True):
+        for first in range(0, len(arm), CHUNK):
+            chosen = arm[first : first + CHUNK]
+            full = _arm_columns(
+                model, nominal, part.stretch.quiet, [parameters[k] for k in chosen], directions[:, chosen]
+            )
+            rows = data.layout.combine(full)
+            flat = data.band.apply(np.ascontiguousarray(rows.reshape(len(rows), -1)))[part.stretch.kept]
+            out[:, :, chosen] = flat.reshape(len(flat), data.layout.rows, -1)
+    return data.weighted(result)
+
+
+def _arm_columns(
+    model: Model, nominal: Robot, motion: CompletedMotion, parameters: Sequence[NuisanceParameter], directions: Array
+) -> Array:
+    """Columns (N, 3 n, k): inertial numbers by the regressor, those of the drive by predicted torque."""
+    n, N, elastic = model.n, len(motion), model.robot.elastic
+    springs = [index for spring in model.bodies.springs for index in (spring.stiffness, spring.damping)]
+    columns = np.zeros((N, 3 * n, len(parameters)))
+    for first in range(0, N, BLOCK):
+        part = slice(first, first + BLOCK)
+        x, dx, ddx = (motion.coordinates(rate, elastic=elastic)[part] for rate in ("", "d", "dd"))
+        Phi = model.regressor(x, dx, ddx)
+        Phi[:, :, springs] = 0.0
+        rows = Phi @ directions
+        columns[part, :n] = rows[:, :n]
+        columns[part, 2 * n :] = rows[:, n : 2 * n] if elastic else 0.0
+    for k, parameter in enumerate(parameters):
+        if parameter.what.startswith(PRESLIDING):
+            j, speeds = model.robot.joint_names.index(parameter.joint), PRESLIDING_SPEEDS[int(parameter.what[-1])]
+            w = (motion.dtheta if elastic else motion.dq)[:, j]
+            row = 2 * n + j if elastic else j
+            columns[:, row, k] = parameter.prior_std * (np.tanh(w / speeds[1]) - np.tanh(w / speeds[0]))
+    if not elastic:
+        return columns
+    load, _ = predicted_torques(model, motion)
+    K, _ = drive_constants(model)
+    for k, parameter in enumerate(parameters):
+        j = model.robot.joint_names.index(parameter.joint)
+        gear = nominal.joints[j].transmission
+        if gear is None:
+            continue
+        if parameter.what == "stiffness":
+            columns[:, n + j, k] = load[:, j] * (gear.stiffness / K[j]) * parameter.prior_std
+        elif parameter.what == "damping":
+            rate = CubicSpline(motion.t, load[:, j])(motion.t, 1)
+            columns[:, n + j, k] = gear.damping / K[j] * rate * parameter.prior_std
+    return columns
+
+
+def _directions(model: Model, nominal: Robot, parameters: Sequence[NuisanceParameter]) -> Array:
+    """Derivative (P, k) of Psi by the numbers of the arm, at the description, for one standard deviation each."""
+    base = build_model(nominal, model.name).Psi
+    found = np.zeros((len(base), len(parameters)))
+    for k, parameter in enumerate(parameters):
+        if parameter.feature is None:
+            values = np.zeros(len(parameters))
+            values[k] = STEP
+            found[:, k] = (build_model(calibrated_robot(nominal, parameters, values), model.name).Psi - base) / STEP
+    return found
+
+
+def instances(parameters: Sequence[NuisanceParameter], values: Array) -> list[EffectInstance]:
+    """Return the sensors' imperfections as effects, for a simulator.
+
+    Parameters
+    ----------
+    parameters
+        The nuisance parameters.
+    values
+        (k,) in units of the priors' standard deviations.
+    """
+    return [
+        p.feature.instance([float(value) * p.prior_std])
+        for p, value in zip(parameters, values, strict=True)
+        if p.feature is not None
+    ]

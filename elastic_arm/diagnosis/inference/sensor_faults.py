@@ -1,0 +1,103 @@
+"""Sensors that are further off than ordinary ones: nuisance parameters that became causes.
+
+A nuisance parameter takes what its sensor does in every hypothesis, so no candidate can gain by it. What lies far
+outside its prior is reported as a cause under the id of its effect.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from elastic_arm.diagnosis.data.nuisance import NuisanceParameter
+from elastic_arm.diagnosis.data.preparation import PreparedData
+from elastic_arm.diagnosis.selection.candidates import feature_of
+from elastic_arm.diagnosis.selection.regressor_library import Candidate
+from elastic_arm.diagnosis.selection.stepwise import misfit
+from elastic_arm.effects.model import Scope
+from elastic_arm.estimation.effect_columns import Feature
+
+Array = NDArray[np.float64]
+
+CERTAIN = 3.0  # standard deviations by which a value must differ from its prior's limit, and from nothing
+ALIKE = 0.1  # relative difference of joints up to which a fault is common to all
+
+
+@dataclass(frozen=True)
+class SensorFault:
+    """An effect of a sensor, beyond what is ordinary.
+
+    Parameters
+    ----------
+    feature
+        Effect, joint (None where all joints have it alike) and channels.
+    value, std
+        Coefficient of its column, with standard deviation.
+    contribution
+        What it does to the residuals (N', R) of each validation stretch, Nm.
+    """
+
+    feature: Feature
+    value: float
+    std: float
+    contribution: list[Array]
+
+
+def sensor_faults(prepared: PreparedData, selected: Sequence[Candidate]) -> tuple[SensorFault, ...]:
+    """Return the sensors that are further off than ordinary ones.
+
+    Parameters
+    ----------
+    prepared
+        Data, regressors and nuisance parameters.
+    selected
+        The known effects and the causes.
+    """
+    parameters, library = prepared.calibration.parameters, prepared.library
+    if not parameters:
+        return ()
+    values, stds = library.nuisance_step(selected, misfit(library, selected))
+    beyond, found = prepared.settings.refit.beyond_ordinary, []
+    for k, (p, value, std) in enumerate(zip(parameters, prepared.found.values + values, stds, strict=True)):
+        if p.feature is None or abs(value) < max(beyond, CERTAIN * std) + CERTAIN * std:
+            continue
+        columns = [N[:, :, k] * value for N in library.nuisance.validation]
+        fault = SensorFault(p.feature, float(value * p.prior_std), float(std * p.prior_std), columns)
+        if not _is_ordinary(prepared, p, fault):
+            found.append(fault)
+    return tuple(_common(prepared, found))
+
+
+def _is_ordinary(prepared: PreparedData, parameter: NuisanceParameter, fault: SensorFault) -> bool:
+    assert parameter.feature is not None
+    ordinary = parameter.feature.effect.ordinary
+    return ordinary is not None and abs(fault.value) <= ordinary.most(prepared.rate) + CERTAIN * fault.std
+
+
+def _common(prepared: PreparedData, faults: Sequence[SensorFault]) -> list[SensorFault]:
+    """Return faults that all joints have alike as one."""
+    robot, kept = prepared.model.robot, list(faults)
+    groups: dict[tuple[object, ...], list[SensorFault]] = {}
+    for fault in faults:
+        if fault.feature.effect.scope is Scope.EACH_OR_ARM:
+            groups.setdefault((fault.feature.effect.id, fault.feature.key[2]), []).append(fault)
+    for group in groups.values():
+        values, stds = (np.array([getattr(f, name) for f in group]) for name in ("value", "std"))
+        mean = float(np.average(values, weights=stds**-2.0))
+        if len(group) < robot.n or np.abs(values - mean).max() > max(ALIKE * abs(mean), CERTAIN * stds.max()):
+            continue
+        first = group[0].feature
+        instance = first.instance([mean])
+        whole = feature_of(type(instance)(first.effect, None, instance.parameters), first.equations)
+        contribution = [np.sum(parts, axis=0) for parts in zip(*(f.contribution for f in group), strict=True)]
+        kept = [f for f in kept if not any(f is one for one in group)]
+        kept.append(SensorFault(whole, mean, float(np.sum(stds**-2.0) ** -0.5), contribution))
+    return kept
+
+
+def with_faults(residuals: Sequence[Array], faults: Sequence[SensorFault]) -> list[Array]:
+    """Return residuals (N', R) of each stretch with what faults of sensors do to them."""
+    return [r + sum((f.contribution[k] for f in faults), np.zeros_like(r)) for k, r in enumerate(residuals)]

@@ -1,0 +1,167 @@
+"""Nuisance parameters marginalised in closed form.
+
+With nuisance columns N, whose parameters have standard normal priors, the Gram matrix G of any columns X becomes the
+Schur complement G - X'N (1 + N'N)^-1 N'X: on one data set for a fit, on both for what one adds to the other. So
+hypotheses are compared as if every nuisance parameter had been integrated out.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import solve_triangular
+
+from elastic_arm.estimation.whitening import WhitenedData
+
+Array = NDArray[np.float64]
+RANK = 1e-10  # relative eigenvalue below which a combination of columns is not determined; numerical
+
+
+@dataclass(frozen=True, eq=False)
+class NuisanceColumns:
+    """Columns of nuisance parameters with standard normal priors, marginalised in every fit.
+
+    Parameters
+    ----------
+    white
+        (rows, k) on the identification and on the validation data.
+    validation
+        (N', R, k) Nm, of each stretch of the validation data.
+    centre
+        (k,) prior means: minus the values at which the model stands already.
+    limits
+        (k,) largest believable distances from the description, in standard deviations of the priors.
+    joints
+        (k,) to which they belong.
+    """
+
+    white: tuple[Array, Array]
+    validation: Sequence[Array]
+    centre: Array
+    limits: Array
+    joints: Sequence[str]
+
+    @staticmethod
+    def none(identify: WhitenedData, validate: WhitenedData) -> NuisanceColumns:
+        """Return those of a model that is taken as it is."""
+        white = (np.zeros((len(identify.white), 0)), np.zeros((len(validate.white), 0)))
+        return NuisanceColumns(white, (), np.zeros(0), np.zeros(0), ())
+
+    def possible(self, values: Array, joints: Collection[str | None]) -> bool:
+        """Whether the nuisance parameters of some joints are within what is believable.
+
+        A hypothesis that makes a drive carry no torque, or a sensor measure none, explains every recording.
+
+        Parameters
+        ----------
+        values
+            (k,) relative to where the model stands.
+        joints
+            Names.
+        """
+        beyond = np.abs(values - self.centre) > self.limits
+        return not any(one and joint in joints for one, joint in zip(beyond, self.joints, strict=True))
+
+    def __len__(self) -> int:
+        return len(self.centre)
+
+
+class Marginalisation:
+    """Sums over the nuisance columns of two data sets, and what follows from them.
+
+    Parameters
+    ----------
+    nuisance
+        The columns, (rows, k) of identification and validation data.
+    """
+
+    def __init__(self, nuisance: NuisanceColumns) -> None:
+        self._nuisance = nuisance
+        own = [N.T @ N for N in nuisance.white]
+        one = np.eye(len(nuisance))
+        self._precision = (one + own[0], one + own[1], one + own[0] + own[1])
+        self._factors = [np.linalg.cholesky(a) for a in self._precision]
+        # N'X of each data set.
+        self._cross = [np.empty((len(one), 0)) for _ in own]
+
+    def add(self, which: int, columns: Array) -> None:
+        """Take further columns (rows, m) of one data set."""
+        self._cross[which] = np.hstack([self._cross[which], self._nuisance.white[which].T @ columns])
+
+    def grams(self, raw: Sequence[Array]) -> list[Array]:
+        """Return marginalised Gram matrices (m, m) of identification data, validation data and both."""
+        both = (*raw, raw[0] + raw[1])
+        if not len(self._nuisance):
+            return list(both)
+        found = []
+        crosses = (*self._cross, self._cross[0] + self._cross[1])
+        for factor, gram, cross in zip(self._factors, both, crosses, strict=True):
+            shifted = cross.copy()
+            shifted[:, 0] += self._nuisance.centre
+            z = solve_triangular(factor, shifted, lower=True)
+            found.append(gram - z.T @ z)
+        return found
+
+    def rows(self, columns: Array, *, residual: bool = False) -> Array:
+        """Return rows whose products are those of columns of the identification data, marginalised.
+
+        Parameters
+        ----------
+        columns
+            (rows, m).
+        residual
+            Whether they are the residual, which knows of the prior means.
+
+        Returns
+        -------
+        (rows + k, m): a prior is one more row for each of the k nuisance parameters.
+        """
+        if not len(self._nuisance):
+            return columns
+        below = np.zeros((len(self._nuisance), columns.shape[1]))
+        if residual:
+            below += self._nuisance.centre[:, None]
+        tall = np.vstack([columns, below])
+        return tall - self._basis @ (self._basis.T @ tall)
+
+    @cached_property
+    def _basis(self) -> Array:
+        """Orthonormal basis (rows + k, k) of the nuisance columns over their priors."""
+        tall = np.vstack([self._nuisance.white[0], np.eye(len(self._nuisance))])
+        basis: Array = solve_triangular(self._factors[0], tall.T, lower=True).T
+        return basis
+
+    def means(self, index: NDArray[np.intp], beta: Array) -> Array:
+        """Return posterior means (k,) on both data sets beside columns with these coefficients."""
+        target = sum(cross[:, 0] - cross[:, index] @ beta for cross in self._cross) + self._nuisance.centre
+        return np.asarray(np.linalg.solve(self._precision[2], target))
+
+    def joint_posterior(
+        self, gram: Array, free: NDArray[np.intp], fixed: NDArray[np.intp], misfit: float
+    ) -> tuple[Array, Array]:
+        """Return posterior means and standard deviations (k,) on both data sets.
+
+        Parameters
+        ----------
+        gram
+            Of all columns on both data sets, not marginalised.
+        free, fixed
+            Columns with a coefficient to fit, and with coefficient 1.
+        misfit
+            Factor on the noise's variance.
+        """
+        k, cross = len(self._nuisance), self._cross[0] + self._cross[1]
+        precision = self._precision[2] + (misfit - 1.0) * np.eye(k)
+        target = np.append(
+            cross[:, 0] - cross[:, fixed].sum(axis=1) + misfit * self._nuisance.centre,
+            gram[free, 0] - gram[np.ix_(free, fixed)].sum(axis=1),
+        )
+        whole = np.block([[precision, cross[:, free]], [cross[:, free].T, gram[np.ix_(free, free)]]])
+        scale = np.sqrt(np.maximum(np.diag(whole), 1e-300))
+        inverse = np.linalg.pinv(whole / np.outer(scale, scale), rcond=RANK, hermitian=True)
+        values = (inverse @ (target / scale)) / scale
+        return values[:k], np.sqrt(misfit * np.maximum(np.diag(inverse)[:k], 0.0)) / scale[:k]

@@ -1,0 +1,53 @@
+"""Refitted diagnoses of realistic arms, recorded on an engine that shares nothing with the diagnosis."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from elastic_arm.diagnosis import Diagnosis, Question, diagnose
+from elastic_arm.effects.text import known_effects
+from elastic_arm.robot import load_robot
+from elastic_arm.studies.blind_challenge.hidden_arms.effect_laws import Fault
+from tests.helpers.realistic_arms import imprecise, ordinary_faults, record
+
+ROBOT = load_robot()
+FRICTION = known_effects(("coulomb_friction", "viscous_friction"), ROBOT)
+
+
+def refitted(seed: int, *extra: Fault) -> tuple[Diagnosis, list[Fault]]:
+    """Diagnose an imprecise arm with ordinary friction and sensors, and with something more."""
+    rng = np.random.default_rng(seed)
+    true, ordinary = imprecise(ROBOT, rng), ordinary_faults(ROBOT.n, rng)
+    first, judge = record(true, [*ordinary, *extra], (16.0, 8.0), rng)
+    return diagnose([first], Question(ROBOT, refit=True, given=FRICTION), [judge]), ordinary
+
+
+@pytest.mark.slow
+def test_an_arm_that_is_only_ordinarily_wrong_has_no_cause() -> None:
+    """Wrong masses, stiffness, friction and sensors are found as such, and nothing is blamed."""
+    found, ordinary = refitted(31)
+    assert found.verdict == "none" and not found.causes
+    known = {(one.what, one.joint): one for one in found.imperfections}
+    for fault in ordinary:
+        if fault.effect.endswith("_offset"):
+            one = known[fault.effect, ROBOT.joint_names[fault.joint or 0]]
+            assert abs(one.value - fault.parameters["offset"]) < 4.0 * one.std + 0.02
+            assert one.ordinary
+
+
+@pytest.mark.slow
+def test_hysteresis_beside_ordinary_errors_is_named() -> None:
+    """Memory of a drive is not swallowed by the refit of stiffness, damping and friction."""
+    found, _ = refitted(32, Fault("hysteresis", 1, {"torque": 9.0, "width": 1.5e-4}))
+    assert [(c.effect, c.joint) for c in found.causes] == [("hysteresis", "joint_2")]
+
+
+@pytest.mark.slow
+def test_a_lag_of_all_link_encoders_is_one_cause() -> None:
+    """A delay of 2.6 ms on every joint's link encoder is reported once, to 1 %, and no eccentricity in its place."""
+    found, _ = refitted(33, Fault("time_delay", None, {"delay": 2.6e-3}, channels=("link_encoder",)))
+    (cause,) = found.causes
+    assert (cause.effect, cause.joint) == ("time_delay", None)
+    assert cause.parameters["delay"].value == pytest.approx(2.6e-3, rel=0.01)
+    assert found.verdict == "explained"

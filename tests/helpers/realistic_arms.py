@@ -1,0 +1,73 @@
+"""Arms on which everything is a little wrong, on the challenge's engine: what `--refit` is for."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from elastic_arm.recording import Recording
+from elastic_arm.robot import Component, Robot
+from elastic_arm.studies.blind_challenge.hidden_arms.effect_laws import Fault
+from elastic_arm.studies.blind_challenge.hidden_arms.hidden_arm import HiddenArm
+from elastic_arm.studies.blind_challenge.hidden_arms.motion import random_motion
+from elastic_arm.studies.blind_challenge.hidden_arms.sensor_models import SensorModel
+
+LINK_STEP, MOTOR_STEP = 2 * np.pi / 2**19, 2 * np.pi / 2**13  # rad, before the gear
+
+
+def imprecise(robot: Robot, rng: np.random.Generator) -> Robot:
+    """An arm of this description: masses and inertias to 8 %, centres to 1 cm, stiffness to 10 %, damping to 20 %."""
+    joints = []
+    for joint in robot.joints:
+        mass, link, gear = 1 + rng.uniform(-0.08, 0.08), joint.link, joint.transmission
+        assert gear is not None
+        inertia = np.asarray(link.inertia) * mass * (1 + rng.uniform(-0.08, 0.08))
+        com = np.asarray(link.com) + rng.uniform(-0.01, 0.01, 3)
+        rotor = 1 + rng.uniform(-0.05, 0.05)
+        gear = replace(
+            gear,
+            rotor=_scaled(gear.rotor, rotor),
+            wave_generator=_scaled(gear.wave_generator, rotor),
+            spline=_scaled(gear.spline, rotor),
+            stiffness=gear.stiffness * (1 + rng.uniform(-0.1, 0.1)),
+            damping=gear.damping * (1 + rng.uniform(-0.2, 0.2)),
+        )
+        joints.append(
+            replace(joint, link=replace(link, mass=link.mass * mass, com=com, inertia=inertia), transmission=gear)
+        )
+    return robot.with_(joints=tuple(joints))
+
+
+def ordinary_faults(n: int, rng: np.random.Generator) -> list[Fault]:
+    """Dry and viscous friction on every joint, torque sensors off by 1 % and 0.5 Nm."""
+    found = []
+    for i in range(n):
+        found.append(Fault("coulomb_friction", i, {"torque": float(rng.uniform(4, 14))}))
+        found.append(Fault("viscous_friction", i, {"coefficient": float(rng.uniform(3, 20))}))
+        for sensor in ("motor_torque", "joint_torque"):
+            found.append(Fault(f"{sensor}_gain", i, {"gain": float(1 + rng.uniform(-0.01, 0.01))}))
+            found.append(Fault(f"{sensor}_offset", i, {"offset": float(rng.uniform(-0.5, 0.5))}))
+    return found
+
+
+def record(
+    robot: Robot, faults: Sequence[Fault], seconds: Sequence[float], rng: np.random.Generator
+) -> list[Recording]:
+    """Record an arm with encoders of 19 and 13 bits, no velocities, and stamps that jitter by 20 us."""
+    arm, found = HiddenArm(robot, faults), []
+    ratios = np.array([joint.transmission.r_tot for joint in robot.joints if joint.transmission])
+    for k, duration in enumerate(seconds):
+        exact = arm.record(random_motion(rng, robot.n, duration), SensorModel(jitter=2e-5), rng)
+        assert exact.link is not None and exact.motor is not None
+        sides = {}
+        for name, side, step in (("link", exact.link, LINK_STEP), ("motor", exact.motor, MOTOR_STEP / ratios)):
+            assert side.position is not None
+            sides[name] = replace(side, position=np.round(side.position / step) * step, velocity=None)
+        found.append(replace(exact, **sides, source=f"run_{k}"))
+    return found
+
+
+def _scaled(part: Component, ratio: float) -> Component:
+    return replace(part, ixx=part.ixx * ratio, izz=part.izz * ratio)
