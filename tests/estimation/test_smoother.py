@@ -7,7 +7,7 @@ import pytest
 
 from elastic_arm.errors import IdentificationError
 from elastic_arm.estimation.noise import estimate_noise
-from elastic_arm.estimation.resampling import LONGEST_HOLE, Clock, Grid, part
+from elastic_arm.estimation.resampling import LONGEST_HOLE, LONGEST_HOLE_SECONDS, Clock, Grid, part
 from elastic_arm.estimation.series import find_period, fourier_motion
 from elastic_arm.estimation.smoother import Smoother, design_smoother, instantaneous
 from elastic_arm.recording import Samples
@@ -153,10 +153,10 @@ def test_short_holes_are_bridged() -> None:
 
 def test_long_gaps_part_the_recording() -> None:
     """A gap longer than the bridged ones makes two pieces, none of which reaches over it."""
-    t = np.arange(5000) / RATE
+    t, bridged = np.arange(5000) / RATE, max(LONGEST_HOLE, int(LONGEST_HOLE_SECONDS * RATE))
     whole = samples(t, motion(t, 0))
-    kept = part(whole, np.setdiff1d(np.arange(len(t)), np.arange(2000, 2000 + LONGEST_HOLE + 1)))
-    assert [len(grid) for grid in Clock.of(kept).place(kept)] == [2000, 5000 - 2000 - LONGEST_HOLE - 1]
+    kept = part(whole, np.setdiff1d(np.arange(len(t)), np.arange(2000, 2000 + bridged + 1)))
+    assert [len(grid) for grid in Clock.of(kept).place(kept)] == [2000, 5000 - 2000 - bridged - 1]
 
 
 def test_jittered_stamps_of_regular_samples_are_seen_through() -> None:

@@ -136,7 +136,7 @@ def problem_of(
         return CalibrationProblem(robot, model, observed, layout, band, (), known, settings)
     equations = ArmEquations(robot, model)
     features = [
-        feature_of(active, equations) for effect in effects if effect.prior for active in effect.candidates(robot)
+        feature_of(instance, equations) for effect in effects if effect.prior for instance in effect.candidates(robot)
     ]
     recorded = observed[0][0].pieces[0].recorded
     shown = [f for f in features if f.acts and _channels(f, robot.n) <= recorded]
@@ -183,7 +183,7 @@ def linearise(
     equations = ArmEquations(robot, problem.model)
     moved = [replace(feature, equations=equations) for feature in features]
     library = build_library(identify, validate, moved, problem.settings.candidates, nuisance)
-    given = [_given(library, feature_of(active, equations), active) for active in problem.known]
+    given = [_given(library, feature_of(instance, equations), instance) for instance in problem.known]
     again = [library.add(replace(c.feature, equations=equations), c.searched, fixed=c.fixed) for c in extra]
     library.close()
     return Linearised(model, library, tuple(given), values, (aligned[0], aligned[1])), again
@@ -199,8 +199,8 @@ def _nuisance(
     return NuisanceColumns(white, columns[1], -values, limits, joints)
 
 
-def _given(library: RegressorLibrary, feature: Feature, active: EffectInstance) -> Candidate:
-    values = [np.atleast_1d(active.parameters[p.name]) for p in feature.searched]
+def _given(library: RegressorLibrary, feature: Feature, instance: EffectInstance) -> Candidate:
+    values = [np.atleast_1d(instance.parameters[p.name]) for p in feature.searched]
     searched = tuple(float(v) for v in np.concatenate([*values, np.zeros(0)]))
     return library.add(feature, searched, fixed=feature.fixed)
 

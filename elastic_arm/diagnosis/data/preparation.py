@@ -135,7 +135,7 @@ def prepare(recordings: Sequence[Recording], validate: Sequence[Recording], ques
     still = [joint for joint in names if all(joint in standing(r) for r in parts[0])]
     known = (*robot_effects(question.robot, question.catalogue), *question.given)
     equations = ArmEquations(question.robot, question.model)
-    known = tuple(active for active in known if feature_of(active, equations).acts)
+    known = tuple(instance for instance in known if feature_of(instance, equations).acts)
     candidates = _candidates(question, equations, still)
     problem = calibration_problem(
         question.robot,
@@ -175,7 +175,7 @@ def recalibrated(prepared: PreparedData, hypothesis: Hypothesis) -> PreparedData
 
 def _sensor_effects(question: Question) -> tuple[Effect, ...]:
     """Return the effects of sensors that an ordinary arm has some of, but those that the user knows."""
-    given = {active.effect.id for active in question.given}
+    given = {instance.effect.id for instance in question.given}
     return tuple(e for e in question.catalogue.values() if e.prior is not None and e.id not in given)
 
 
