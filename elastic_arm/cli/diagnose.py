@@ -12,7 +12,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from elastic_arm.cli.console import err, out, print_json, refuse_repeated, reports_errors
-from elastic_arm.cli.options import EffectsFiles
+from elastic_arm.cli.options import ClockChoice, ClockOption, EffectsFiles, read_by_clock
 from elastic_arm.cli.outputs import claim_folder
 from elastic_arm.diagnosis import Question, diagnose, follow_up
 from elastic_arm.diagnosis.corrected_robot import repaired_robot
@@ -30,7 +30,7 @@ from elastic_arm.diagnosis.format import (
 from elastic_arm.diagnosis.result import SEPARATING, Cause, Diagnosis
 from elastic_arm.effects import Catalogue
 from elastic_arm.effects.text import known_effects
-from elastic_arm.recording import Recording, load_channels, read_recording
+from elastic_arm.recording import Recording, load_channels
 from elastic_arm.robot import Robot, load_robot, save_robot
 
 ROBOT = "robot.yaml"
@@ -57,6 +57,7 @@ def diagnose_command(
             help="Effects that are known: fitted first, part of the model. NAME=VALUE says where the fit starts.",
         ),
     ] = None,
+    clock: ClockOption = ClockChoice.auto,
     refit: Annotated[bool, typer.Option("--refit", help="Fit the model's own parameters first.")] = False,
     propose: Annotated[
         bool,
@@ -91,7 +92,7 @@ def diagnose_command(
     mapping = None if channels is None else load_channels(channels)
 
     def read(paths: list[Path]) -> list[Recording]:
-        return [read_recording(path, mapping, joints=list(robot.joint_names)) for path in paths]
+        return [read_by_clock(path, mapping, robot.joint_names, clock) for path in paths]
 
     with err.status("reading"):
         recordings, judges = read(bags), read(validate or [])

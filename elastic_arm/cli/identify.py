@@ -13,14 +13,14 @@ from rich.progress import BarColumn, Progress, TextColumn
 from rich.table import Table
 
 from elastic_arm.cli.console import columns_left, err, out, print_json, refuse_repeated, reports_errors
-from elastic_arm.cli.options import EffectsFiles, RobotFile, load_arm
+from elastic_arm.cli.options import ClockChoice, ClockOption, EffectsFiles, RobotFile, load_arm, read_by_clock
 from elastic_arm.cli.outputs import Force, claim_folder
 from elastic_arm.effects import Catalogue
 from elastic_arm.estimation.motion import Motion
 from elastic_arm.formatting import rounded
 from elastic_arm.identification import Estimate, Identification, identify_with, parse_laws
 from elastic_arm.identification.base_regression import BaseRegression
-from elastic_arm.recording import ChannelMap, Recording, load_channels, read_recording
+from elastic_arm.recording import ChannelMap, Recording, load_channels
 from elastic_arm.robot import Robot
 
 RESULTS = ("identification.json", "report.html", "robot.yaml")
@@ -56,6 +56,7 @@ def identify(
     ] = None,
     effects_files: EffectsFiles = None,
     channels: Annotated[Path | None, typer.Option(help="Channel map of foreign bags.")] = None,
+    clock: ClockOption = ClockChoice.auto,
     derivatives: Annotated[Derivatives, typer.Option(help="Where accelerations come from.")] = Derivatives.auto,
     period: Annotated[float | None, typer.Option(help="Of the motion, s, for a Fourier series.")] = None,
     weights: Annotated[Weights, typer.Option(help="Weigh equations by their noise, or all alike.")] = Weights.noise,
@@ -89,7 +90,7 @@ def identify(
         def says(what: str, share: float) -> None:
             bar.update(task, description=what, completed=share)
 
-        recordings, held_out = (_read(paths, mapping, robot, says) for paths in (bags, validate or []))
+        recordings, held_out = (_read(paths, mapping, robot, clock, says) for paths in (bags, validate or []))
         result, identifier, motion = identify_with(
             recordings,
             robot,
@@ -126,12 +127,16 @@ def _write(result: Identification, sections_of: tuple[BaseRegression, Motion], o
 
 
 def _read(
-    paths: list[Path], channels: ChannelMap | None, robot: Robot, says: Callable[[str, float], None]
+    paths: list[Path],
+    channels: ChannelMap | None,
+    robot: Robot,
+    clock: ClockChoice,
+    says: Callable[[str, float], None],
 ) -> list[Recording]:
     recordings = []
     for path in paths:
         says(f"reading {path}", 0.0)
-        recordings.append(read_recording(path, channels, robot.joint_names))
+        recordings.append(read_by_clock(path, channels, robot.joint_names, clock))
     return recordings
 
 

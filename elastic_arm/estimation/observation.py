@@ -208,7 +208,7 @@ def observe(recording: Recording, band: float | None = None) -> Observation:
     # a column made of it would be correlated with them.
     calm = replace(smoother, cutoff=min(smoother.cutoff, designed.cutoff))
     quiet = pieces if calm == smoother else tuple(calm(_extended(grid, calm.lag)) for grid in grids)
-    notes = (*recording.notes, *samples.notes)
+    notes = (*recording.notes, *samples.notes, *([f"{where}: {clock.note}"] if clock.note else []))
     return Observation(
         pieces, quiet, clock.rate, smoother, noise, designed.cutoff / (2 * np.pi), recording.source, notes
     )

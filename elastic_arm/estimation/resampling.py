@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, fields
 from itertools import pairwise
-from typing import Any, Literal, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,13 +18,14 @@ from numpy.typing import NDArray
 from elastic_arm.errors import IdentificationError
 from elastic_arm.estimation.clocks import evidence, jitter_of
 from elastic_arm.recording import Samples
+from elastic_arm.recording.sides import ClockMode as Mode
 
 Array = NDArray[np.float64]
 CHANNELS = ("q", "dq", "tau_J", "theta", "dtheta", "tau_m")
 
 # Up to this many missing samples in a row are interpolated; the smoother would hardly notice them.
 LONGEST_HOLE = 4
-# Or up to so many seconds of them: an arm does little in that time.
+# Or up to so many seconds of them where the times between samples differ anyway: an arm does little in that time.
 LONGEST_HOLE_SECONDS = 0.01
 # Two stamps further apart than this, in sample intervals, have a sample missing between them.
 MISSING = 1.6
@@ -37,7 +38,6 @@ AROUND = POINTS // 2 + 1
 SHORTEST = 2 * POINTS
 # An arm whose joints all travel less than this, rad, stands still.
 STILL = 1e-3
-Mode = Literal["regular", "stamps"]
 
 
 @dataclass(frozen=True)
@@ -107,15 +107,8 @@ class Clock:
     note: str = field(default="", compare=False)
 
     @staticmethod
-    def of(samples: Samples, mode: Mode | None = None) -> Clock:
-        """Find rate and mode from the recording.
-
-        Parameters
-        ----------
-        samples
-            Of one recording.
-        mode
-            What stamps mean; decided by the evidence in the recording when None.
+    def of(samples: Samples) -> Clock:
+        """Find the rate, and the mode by the evidence in the recording where `samples.clock` does not give it.
 
         Raises
         ------
@@ -132,8 +125,8 @@ class Clock:
             )
         k = np.concatenate([[0], np.cumsum(_increments(step * (1.0 / np.median(step))))])
         rate = float((k[-1] - k[0]) / (samples.t[-1] - samples.t[0]))
-        if mode is not None:
-            return Clock(rate, mode, f"clock as demanded: {_MEANING[mode]}")
+        if samples.clock is not None:
+            return Clock(rate, samples.clock, f"clock as demanded: {_MEANING[samples.clock]}")
         return Clock(rate, *_mode(samples, k, rate))
 
     def place(self, samples: Samples) -> list[Grid]:
@@ -162,7 +155,8 @@ class Placing:
 
     def __init__(self, clock: Clock) -> None:
         self.clock = clock
-        self._longest = max(LONGEST_HOLE, int(LONGEST_HOLE_SECONDS * clock.rate))
+        loose = int(LONGEST_HOLE_SECONDS * clock.rate) if clock.mode == "stamps" else 0
+        self._longest = max(LONGEST_HOLE, loose)
         self._kept: Samples | None = None
         self._begin()
 
@@ -257,22 +251,22 @@ def part(samples: Samples, piece: slice | NDArray[Any]) -> Samples:
     kept: dict[str, Any] = {
         f.name: None if (v := getattr(samples, f.name)) is None else v[piece]
         for f in fields(Samples)
-        if f.name != "notes"
+        if f.name not in ("notes", "clock")
     }
-    return Samples(**kept)
+    return Samples(**kept, clock=samples.clock)
 
 
 def joined(first: Samples, second: Samples) -> Samples:
     """Return samples with later ones after them; both hold the same channels."""
     kept: dict[str, Any] = {}
-    for name in (f.name for f in fields(Samples) if f.name != "notes"):
+    for name in (f.name for f in fields(Samples) if f.name not in ("notes", "clock")):
         a, b = getattr(first, name), getattr(second, name)
         if (a is None) != (b is None):
             raise IdentificationError(
                 f"{name} is in one part of the samples and not in the other", "Identify recordings with equal channels."
             )
         kept[name] = None if a is None else np.concatenate([a, b])
-    return Samples(**kept)
+    return Samples(**kept, clock=first.clock)
 
 
 def _increments(steps: Array) -> NDArray[np.int64]:

@@ -49,6 +49,8 @@ class Derived:
         In words.
     series
         Of link and motor side for each of `pieces`, where the derivatives come from them.
+    said
+        What is to be known of clock and pieces.
     zeros, shift
         Where deflections are measured: at no load, with standard deviations, and what is added to the link angles so
         that they count from where those of the first recording do, (n,) rad each.
@@ -57,6 +59,7 @@ class Derived:
     pieces: tuple[Callable[[], Motion], ...]
     method: str
     series: tuple[tuple[FourierFit | None, FourierFit | None], ...] = ()
+    said: tuple[str, ...] = ()
     zeros: tuple[Array, Array] | None = None
     shift: Array | None = None
 
@@ -67,10 +70,11 @@ class Derived:
 
     def notes(self, source: str, joints: Sequence[str]) -> list[str]:
         """Return what was done to the recording `source` beside smoothing it."""
+        said = [f"{source}: {note}" for note in self.said]
         if self.shift is None or not self.shift.any():
-            return []
+            return said
         moved = ", ".join(f"{name} {1e3 * by:+.3g}" for name, by in zip(joints, self.shift, strict=True) if by)
-        return [f"{source}: zeros of the link encoders moved to those of the first recording, mrad: {moved}"]
+        return [*said, f"{source}: zeros of the link encoders moved to those of the first recording, mrad: {moved}"]
 
     def aligned(self, equations: BaseRegression, first: Derived | None) -> Derived:
         """Return it with the zeros of the link encoders as in the first recording, where deflections are measured."""
@@ -112,18 +116,29 @@ def differentiate(
         raise IdentificationError("the recording has no run of samples without gaps", "Record some seconds of motion.")
     if not any(grid.moves() for grid in grids):
         raise IdentificationError("the recording holds no motion", "Record one that `elastic-arm excite` makes.")
+    said: tuple[str, ...] = (clock.note,) if clock.note else ()
     if method != "smoother":
         try:
-            return _by_series(grids, period)
+            return replace(_by_series(grids, period), said=said)
         except IdentificationError:
             if method == "fourier":
                 raise
     smoother = design_smoother(grids, _width(samples))
     lost = 2 * smoother.lag * (2 if equations is not None and equations.columns else 1)
-    long_enough = [grid for grid in grids if len(grid) > lost] or grids[:1]
+    long_enough = [grid for grid in grids if len(grid) > lost] or [max(grids, key=len)]
+    said += _left_out(grids, long_enough)
     stage = smoother if equations is None else partial(smoothed, smoother, equations=equations)
     pieces = [partial(stage, run) for grid in long_enough for run in _runs(grid, lost)]
-    return Derived(tuple(pieces), _describe(smoother))
+    return Derived(tuple(pieces), _describe(smoother), said=said)
+
+
+def _left_out(grids: Sequence[Grid], used: Sequence[Grid]) -> tuple[str, ...]:
+    """Return in words which pieces between gaps are too short for the smoother."""
+    kept, whole = (sum(map(len, some)) for some in (used, grids))
+    if len(used) == len(grids):
+        return ()
+    pieces = f"{len(grids) - len(used)} of {len(grids)} pieces between gaps"
+    return (f"{pieces} are too short and left out, {whole - kept} of {whole} samples",)
 
 
 def _runs(grid: Grid, lost: int) -> Iterator[Grid]:

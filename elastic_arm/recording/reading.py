@@ -93,6 +93,8 @@ def read_recording(
     path: str | Path | Sequence[str | Path],
     channels: ChannelMap | str | Path | None = None,
     joints: Sequence[str] | None = None,
+    *,
+    arrival: bool = False,
 ) -> Recording:
     """Read one or several bags as one recording.
 
@@ -105,6 +107,8 @@ def read_recording(
     joints
         The joints wanted, in robot-description order; by default all, in the order of the URDF in the bag, or else of
         the numbers in their names.
+    arrival
+        Take the times at which messages were recorded for their stamps.
 
     Raises
     ------
@@ -119,6 +123,8 @@ def read_recording(
     bags = [open_bag(each) for each in paths]
     source = ", ".join(str(bag.path) for bag in bags)
     content = read_content(bags, _CONTRACT if channels is None else channels.topics())
+    if arrival:
+        content.series = {topic: series.by_arrival() for topic, series in content.series.items()}
     try:
         recording = _contract_recording(content, joints) if channels is None else _mapped_recording(content, channels)
     except RecordingError as error:

@@ -10,7 +10,7 @@ import numpy as np
 
 from elastic_arm.errors import RecordingError
 from elastic_arm.recording import timebase
-from elastic_arm.recording.sides import Samples, Side
+from elastic_arm.recording.sides import ClockMode, Samples, Side
 
 
 @dataclass(frozen=True)
@@ -31,6 +31,8 @@ class Recording:
         Where it came from: the file or folder, or "simulation".
     notes
         What a reader had to assume or mend.
+    clock
+        What stamps mean where the user knows it, "regular" or "stamps"; None where the motion decides.
     """
 
     joints: tuple[str, ...]
@@ -40,6 +42,7 @@ class Recording:
     robot_description: str | None = None
     source: str = ""
     notes: tuple[str, ...] = ()
+    clock: ClockMode | None = None
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "joints", tuple(self.joints))
@@ -81,7 +84,7 @@ class Recording:
             If neither side was recorded, or the two do not overlap in time.
         """
         try:
-            return timebase.join(self.link, self.motor)
+            return replace(timebase.join(self.link, self.motor), clock=self.clock)
         except RecordingError as error:
             raise RecordingError(f"{self.source or 'the recording'}: {error.problem}", error.remedy) from None
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 
 import numpy as np
@@ -64,6 +64,10 @@ class Series:
     type_name: str
     pieces: list[Piece] = field(default_factory=list)
     count: int = 0
+
+    def by_arrival(self) -> Series:
+        """Return the series with the times of recording for stamps."""
+        return replace(self, pieces=[replace(piece, stamp_ns=piece.log_ns) for piece in self.pieces])
 
     def keep(self, wanted: Callable[[Piece], bool]) -> Series:
         """Return the series of those messages alone whose piece is `wanted`."""

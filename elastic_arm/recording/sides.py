@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,6 +14,9 @@ Array = NDArray[np.float64]
 Stamps = NDArray[np.int64]
 
 CHANNELS = ("position", "velocity", "effort", "acceleration")
+
+# Samples were taken regularly, whatever their stamps; or at their stamps.
+ClockMode = Literal["regular", "stamps"]
 
 
 @dataclass(frozen=True)
@@ -77,6 +81,8 @@ class Samples:
         (N,) the stamps of `t`.
     notes
         What was done to bring the channels together.
+    clock
+        "regular" or "stamps" where the user knows what the stamps mean; None where the motion decides.
     """
 
     t: Array
@@ -88,6 +94,7 @@ class Samples:
     tau_m: Array | None
     stamp_ns: Stamps
     notes: tuple[str, ...] = ()
+    clock: ClockMode | None = None
 
     def __len__(self) -> int:
         return len(self.t)

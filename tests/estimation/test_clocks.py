@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -66,7 +68,7 @@ def test_a_host_loop_that_wanders_goes_by_its_stamps() -> None:
 def test_the_users_word_overrules_the_evidence() -> None:
     """A demanded clock is taken, and noted."""
     _, irregular = jittered(3e-4)
-    clock = Clock.of(recorded(irregular, irregular), "regular")
+    clock = Clock.of(replace(recorded(irregular, irregular), clock="regular"))
     assert clock.mode == "regular" and "demanded" in clock.note
 
 
