@@ -27,6 +27,7 @@ from elastic_arm.identification.result import Identification
 from elastic_arm.identification.series_errors import series_covariance
 from elastic_arm.identification.stream import Identifier, smoothed
 from elastic_arm.recording import Recording, Samples
+from elastic_arm.recording.inspection.outliers import without_outliers
 from elastic_arm.robot import Robot
 
 Array = NDArray[np.float64]
@@ -232,7 +233,8 @@ def identify_with(
         raise IdentificationError("no recording was given", "Give at least one.")
     report = progress or (lambda what, share: None)
     speeds = SIGN_SPEEDS if any(is_dry(instance) for instance in effects) else (DEFAULT_SIGN_SPEED,)
-    prepared = [recording.select(robot.joint_names).samples() for recording in chosen]
+    chosen = [without_outliers(recording.select(robot.joint_names)) for recording in chosen]
+    prepared = [recording.samples() for recording in chosen]
     tries = []
     for k, speed in enumerate(speeds):
         columns = law_columns(effects, robot, model, speed)
@@ -299,7 +301,7 @@ def _held_out(
     motions = {}
     for recording in recordings:
         report(f"validation on {recording.source}", 1.0)
-        samples = recording.select(identifier.model.robot.joint_names).samples()
+        samples = without_outliers(recording.select(identifier.model.robot.joint_names)).samples()
         identifier.choose_equations(samples)
         derived = differentiate(samples, "smoother", equations=equations).aligned(equations, first)
         motions[recording.source] = list(derived.motions)

@@ -17,6 +17,7 @@ from elastic_arm.errors import DiagnosisError
 from elastic_arm.estimation.effect_columns import Feature
 from elastic_arm.estimation.resampling import STILL
 from elastic_arm.recording import Recording, Samples, Side
+from elastic_arm.recording.inspection.outliers import without_outliers
 
 Array = NDArray[np.float64]
 
@@ -24,14 +25,14 @@ TORQUES = {"link": "joint torque (effort of the link side)", "motor": "motor tor
 
 
 def usable(recording: Recording, settings: PreprocessingSettings) -> Recording:
-    """Return the recording without dead torque channels and with its clocks brought together; its notes state it.
+    """Return the recording without outliers and dead torque channels, its clocks together; its notes state it.
 
     Raises
     ------
     DiagnosisError
         If every torque channel is dead.
     """
-    return _one_clock(_without_differences(_live(recording), settings), settings)
+    return _one_clock(_without_differences(_live(without_outliers(recording)), settings), settings)
 
 
 def standing(recording: Recording) -> list[str]:

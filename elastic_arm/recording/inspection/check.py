@@ -9,6 +9,7 @@ import numpy as np
 
 from elastic_arm.errors import RecordingError
 from elastic_arm.recording.foreign.channels import ChannelMap
+from elastic_arm.recording.inspection.outliers import find_outliers, without_outliers
 from elastic_arm.recording.inspection.plausibility import implausible
 from elastic_arm.recording.inspection.quality import moment
 from elastic_arm.recording.inspection.report import Report
@@ -78,7 +79,9 @@ def _check_whole(path: str | Path, channels: ChannelMap | None, joints: Sequence
         recording = read_recording(path, channels, joints)
         for note in (*recording.notes, *recording.samples().notes):
             report.add("note", "reading", note)
-        report.findings += implausible(recording)
+        for outliers in find_outliers(recording):
+            report.add("warning", "outliers", f"outliers: {outliers.words()}: identify and diagnose leave them out")
+        report.findings += implausible(without_outliers(recording))
     except RecordingError as error:
         report.add("error", "unusable", str(error))
 

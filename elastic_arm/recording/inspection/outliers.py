@@ -1,0 +1,123 @@
+"""Numbers that are finite and yet far beyond all others of their channel: damaged words, not motion or torque.
+
+A sample counts as an outlier where it lies further from the median of its neighbours than several times the range in
+which nearly all samples of the channel lie. Noise, impacts and friction reversals stay well within that.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from elastic_arm.recording.recording import Recording
+from elastic_arm.recording.sides import Array, Side
+
+_FEWEST = 50  # samples; of fewer no range is known
+_LOOKED_AT = 5000  # samples that the range is taken from
+_CENTRAL = (0.5, 99.5)  # per cent of the samples that the range spans
+_INNER = (5.0, 95.0)  # of the narrower one that decides what is absurd
+_BEYOND = 3.0  # ranges from the neighbours
+_ABSURD = 1e2  # inner ranges from the middle; such numbers must not enter the range itself
+_LEAST_INNER = 1000.0  # times the least range: an arm may rest nearly all of the time
+_NEIGHBOURS = 5  # on either side
+_SHARE = 0.05  # of the largest range among the joints, for those that hardly move
+_LEAST = {"position": 1e-3, "velocity": 1e-3, "effort": 0.1, "acceleration": 1e-2}  # rad, rad/s, Nm, rad/s^2
+
+
+@dataclass(frozen=True)
+class Outliers:
+    """The outliers of one channel of one joint.
+
+    Parameters
+    ----------
+    side, channel, joint
+        Where.
+    rows
+        Indices of the samples.
+    largest
+        The one furthest from zero, rad, rad/s or Nm.
+    span : (2,)
+        Between which nearly all others lie.
+    """
+
+    side: str
+    channel: str
+    joint: str
+    rows: NDArray[np.intp]
+    largest: float
+    span: Array
+
+    def words(self) -> str:
+        """Return what was found, as a clause."""
+        count = f"{len(self.rows)} sample{'s' if len(self.rows) > 1 else ''}"
+        low, high = self.span
+        return (
+            f"{count} of the {self.side} {self.channel} of {self.joint} up to {self.largest:.3g}, "
+            f"where nearly all others lie between {low:.3g} and {high:.3g}"
+        )
+
+
+def find_outliers(recording: Recording) -> list[Outliers]:
+    """Return the outliers of the measured sides of a recording."""
+    sides = {"link": recording.link, "motor": recording.motor}
+    return [
+        found
+        for name, side in sides.items()
+        if side is not None and len(side) >= _FEWEST
+        for channel, values in side.channels().items()
+        for found in _of_channel(name, channel, values, recording.joints)
+    ]
+
+
+def without_outliers(recording: Recording) -> Recording:
+    """Return the recording without the samples that hold an outlier; its notes state which."""
+    found = find_outliers(recording)
+    if not found:
+        return recording
+    where = recording.source or "the recording"
+    kept: dict[str, Any] = {}
+    for name in {outliers.side for outliers in found}:
+        side: Side = getattr(recording, name)
+        good = np.ones(len(side), np.bool_)
+        for outliers in found:
+            if outliers.side == name:
+                good[outliers.rows] = False
+        kept[name] = side.at(good)
+    notes = [f"{where}: left out as outliers: {outliers.words()}." for outliers in found]
+    return replace(recording, notes=(*recording.notes, *notes), **kept)
+
+
+def _of_channel(side: str, channel: str, values: Array, joints: Sequence[str]) -> Iterator[Outliers]:
+    low, high = _central(values, channel)
+    width = high - low
+    # Most channels end here: nothing is far enough from the range to be looked at.
+    least = _LEAST_INNER * _LEAST[channel]
+    far = (values.max(axis=0) > high + 0.5 * _BEYOND * width) | (values.min(axis=0) < low - 0.5 * _BEYOND * width)
+    for j in map(int, np.flatnonzero(far)):
+        column = values[:, j]
+        suspects = np.flatnonzero((column > high[j] + 0.5 * width[j]) | (column < low[j] - 0.5 * width[j]))
+        begin = np.clip(suspects - _NEIGHBOURS, 0, len(column) - 2 * _NEIGHBOURS - 1)
+        window = begin[:, None] + np.arange(2 * _NEIGHBOURS + 1)
+        # Halves, as the difference of two numbers near the largest that there are would overflow.
+        apart = np.abs(0.5 * column[suspects] - 0.5 * np.median(column[window], axis=1))
+        absurd = np.abs(0.5 * column[suspects] - 0.25 * (low[j] + high[j])) > 0.5 * _ABSURD * max(width[j], least)
+        rows = suspects[(apart > 0.5 * _BEYOND * width[j]) | absurd]
+        if len(rows):
+            largest = float(column[rows][np.argmax(np.abs(column[rows]))])
+            yield Outliers(side, channel, joints[j], rows, largest, np.array([low[j], high[j]]))
+
+
+def _central(values: Array, channel: str) -> tuple[Array, Array]:
+    """(n,) lower and upper end of the range of nearly all samples, never narrower than what a channel resolves."""
+    looked_at = values[:: max(len(values) // _LOOKED_AT, 1)]
+    lower, upper = np.percentile(looked_at, _INNER, axis=0)
+    middle, spread = 0.5 * (lower + upper), np.maximum(upper - lower, _LEAST_INNER * _LEAST[channel])
+    limited = np.clip(looked_at, middle - _ABSURD * spread, middle + _ABSURD * spread)
+    sane = np.where(limited == looked_at, looked_at, middle)
+    low, high = np.percentile(sane, _CENTRAL, axis=0)
+    narrow = 0.5 * np.maximum(np.maximum(_LEAST[channel], _SHARE * (high - low).max()) - (high - low), 0.0)
+    return low - narrow, high + narrow

@@ -1,0 +1,97 @@
+"""Absurd but finite numbers: named by the check, left out with a note by identification and diagnosis."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from elastic_arm.diagnosis import Question, diagnose
+from elastic_arm.identification import identify
+from elastic_arm.recording import Recording, read_recording, write_recording
+from elastic_arm.recording.inspection.check import check_bag
+from elastic_arm.recording.inspection.outliers import find_outliers, without_outliers
+from elastic_arm.robot import load_robot
+from tests.helpers.bags import two_sided
+
+ROOT = Path(__file__).parents[2]
+ABSURD = [
+    ("link", "position", 1e200),
+    ("motor", "position", -1.7e308),
+    ("motor", "effort", 1e6),
+    ("link", "effort", 1.7e308),
+]
+
+
+@pytest.fixture(scope="module")
+def recording() -> Recording:
+    return read_recording(ROOT / "bags" / "excitation")
+
+
+def spoiled(recording: Recording, side: str, channel: str, value: float, rows: object = 5000) -> Recording:
+    """Set samples of joint_2 to a value."""
+    whole = getattr(recording, side)
+    values = getattr(whole, channel).copy()
+    values[rows, 1] = value
+    return replace(recording, **{side: replace(whole, **{channel: values})})
+
+
+def test_a_sound_recording_has_no_outliers(recording: Recording) -> None:
+    """Motion, noise and friction stay as they are: the very same object comes back."""
+    assert without_outliers(recording) is recording
+    noise = two_sided(np.random.default_rng(1), 20_000)
+    assert without_outliers(noise) is noise
+
+
+@pytest.mark.parametrize(("side", "channel", "value"), ABSURD)
+@pytest.mark.parametrize("rows", [5000, slice(5000, 5200), [0, 700, 9_000]])
+def test_absurd_numbers_are_found_and_left_out(
+    recording: Recording, side: str, channel: str, value: float, rows: object
+) -> None:
+    """One sample, a run of them, or some here and there: exactly these rows, with place and size in the note."""
+    bad = spoiled(recording, side, channel, value, rows)
+    (found,) = find_outliers(bad)
+    assert found.rows.tolist() == np.atleast_1d(np.arange(len(bad.link))[rows]).tolist()  # type: ignore[index, arg-type]
+    kept = without_outliers(bad)
+    assert len(getattr(kept, side)) == len(getattr(bad, side)) - len(found.rows)
+    assert f"{side} {channel} of joint_2" in kept.notes[-1]
+
+
+def test_joints_that_rest_have_no_outliers_by_resolution() -> None:
+    """A joint that stands still but for a step of its encoder keeps its samples."""
+    recording = two_sided(np.random.default_rng(1), 5000)
+    position = recording.link.position.copy()  # type: ignore[union-attr]
+    position[:, 0] = 0.5
+    position[2500, 0] += 1e-4
+    still = replace(recording, link=replace(recording.link, position=position))
+    assert not find_outliers(still)
+
+
+def test_the_check_names_them(tmp_path: Path, recording: Recording) -> None:
+    """`bag check` gives side, channel, joint and size."""
+    bag = write_recording(tmp_path / "bag", spoiled(recording, "motor", "effort", 1e6))
+    (finding,) = [f for f in check_bag(bag).findings if f.code == "outliers"]
+    assert finding.severity == "warning"
+    assert "motor effort of joint_2 up to 1e+06" in finding.message
+
+
+@pytest.mark.slow(10)
+@pytest.mark.parametrize(("side", "channel", "value"), ABSURD)
+def test_identification_goes_on_without_them(recording: Recording, side: str, channel: str, value: float) -> None:
+    """The same parameters as without the sample, within a small part of their deviations, and a note."""
+    sound = identify(recording, load_robot(), consistent=False)
+    found = identify(spoiled(recording, side, channel, value), load_robot(), consistent=False)
+    assert any("outliers" in note for note in found.notes)
+    np.testing.assert_array_less(np.abs(found.Psi_base - sound.Psi_base), 0.5 * sound.std)
+
+
+@pytest.mark.slow(10)
+def test_a_diagnosis_goes_on_without_them(recording: Recording) -> None:
+    """One absurd torque does not change the verdict."""
+    judge = read_recording(ROOT / "bags" / "validation")
+    sound = diagnose([recording], Question(load_robot()), [judge])
+    found = diagnose([spoiled(recording, "motor", "effort", 1e6)], Question(load_robot()), [judge])
+    assert found.verdict == sound.verdict
+    assert any("outliers" in note for note in found.notes)
