@@ -103,8 +103,7 @@ def read_fields(path: str | Path, kind: type[ElasticArmError], remedy: str, most
     """
     text = read_text(path, kind, remedy, most)
     try:
-        _check_yaml(text)
-        content = yaml.load(text, Loader=_LOADER)
+        content = parse_yaml(text)
     except yaml.YAMLError as error:
         mark = getattr(error, "problem_mark", None)
         # The end of a file may count as a line of its own.
@@ -118,6 +117,18 @@ def read_fields(path: str | Path, kind: type[ElasticArmError], remedy: str, most
     if not isinstance(content, dict):
         raise kind(f"{path}: holds no fields", remedy)
     return content
+
+
+def parse_yaml(text: str) -> Any:
+    """Return what a YAML text holds, within the limits of this module.
+
+    Raises
+    ------
+    yaml.YAMLError, ValueError, OverflowError, AttributeError
+        If it is no YAML, nested too deeply, too large, or holds numbers or dates that are none.
+    """
+    _check_yaml(text)
+    return yaml.load(text, Loader=_LOADER)
 
 
 def _check_yaml(text: str) -> None:

@@ -128,13 +128,17 @@ def run_apart(folder: Path, seconds: float, seed: int) -> dict[str, Outcome]:
         process = context.Process(target=_limited, args=(folder, min(left, 60.0), seed, receiver_sender[1]))
         process.start()
         receiver_sender[1].close()
-        process.join(min(left, 60.0) + _DEAD)
         part: dict[str, Outcome] = {}
+        # Received before the process is joined: it cannot end before all that it sends is taken.
+        try:
+            if receiver_sender[0].poll(min(left, 60.0) + _DEAD):
+                part = receiver_sender[0].recv()
+        except EOFError:
+            pass  # it died
+        process.join(1.0)
         if process.exitcode is None:
             process.kill()
             process.join()
-        elif process.exitcode == 0 and receiver_sender[0].poll():
-            part = receiver_sender[0].recv()
         if not part:
             deaths += 1
             words = f"process ended with {process.exitcode} after {time.monotonic() - begin:.0f} s, seed {seed}"

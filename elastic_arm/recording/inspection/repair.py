@@ -71,6 +71,7 @@ def repair_bag(path: str | Path, out: str | Path | None = None) -> Repair:
         if series.type_name == TYPES[topic]
     }
     seen: Counter[str] = Counter()
+    late = 0
     with StreamWriter(repair.path, sync_every=float("inf")) as writer:
         for topic in read_topics(path):
             # Without a definition in the bag the writer takes the type's known one.
@@ -78,9 +79,13 @@ def repair_bag(path: str | Path, out: str | Path | None = None) -> Repair:
         for message in read_messages(path, strict=False):
             number = seen[message.topic]
             seen[message.topic] += 1
-            if message.topic not in keep or keep[message.topic][number]:
+            if min(message.log_ns, message.publish_ns) < 0:
+                late += 1
+            elif message.topic not in keep or keep[message.topic][number]:
                 writer.write(message.topic, message.data, message.log_ns, message.publish_ns)
                 repair.kept += 1
+    if late:
+        repair.dropped.append(f"{late} messages logged or sent after the year 2262")
     return repair
 
 

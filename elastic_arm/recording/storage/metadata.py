@@ -8,6 +8,7 @@ from typing import Any
 
 import yaml
 
+from elastic_arm.input_files import parse_yaml
 from elastic_arm.recording.topics import LATCHED, STREAM_DEPTH
 
 METADATA_KEY = "rosbag2_bagfile_information"
@@ -103,11 +104,19 @@ def metadata(topics: Sequence[Topic], files: Sequence[FileSummary]) -> dict[str,
     }
 
 
+def _profiles(qos: str) -> Any:
+    """Return quality of service as plain data; none where a bag holds something else."""
+    try:
+        return parse_yaml(qos) if qos else []
+    except (yaml.YAMLError, ValueError, OverflowError, AttributeError):
+        return []
+
+
 def _topic(topic: Topic) -> dict[str, Any]:
     return {
         "name": topic.name,
         "type": topic.type_name,
         "serialization_format": "cdr",
-        "offered_qos_profiles": yaml.safe_load(topic.qos) if topic.qos else [],
+        "offered_qos_profiles": _profiles(topic.qos),
         "type_description_hash": topic.type_hash,
     }

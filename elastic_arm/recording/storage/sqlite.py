@@ -17,6 +17,8 @@ from elastic_arm.recording.storage.metadata import Topic
 from elastic_arm.recording.storage.unpacking import PACKED_FILES, unpack_file
 
 _MAGIC = b"SQLite format 3\0"
+# The library decodes its own messages, which quote what is damaged.
+_DAMAGED = (sqlite3.Error, UnicodeDecodeError)
 _ROWS = 16384  # of a block
 _REMEDY = "Give a rosbag2 folder, an .mcap or a .db3 file."
 # By timestamp: an index holds that order, so that nothing is sorted. Rows of one timestamp come as they were written.
@@ -148,7 +150,7 @@ class SqliteFile:
                     if len(rows) == _ROWS:
                         yield _block(rows)
                         rows.clear()
-        except sqlite3.Error as error:
+        except _DAMAGED as error:
             problem = f"{self.path}: the database is damaged ({error})"
             if strict:
                 raise RecordingError(
@@ -202,7 +204,7 @@ def open_sqlite(path: Path) -> SqliteFile:
     try:
         with closing(file.connect()) as database:
             file.channels = _channels(database, path)
-    except sqlite3.Error as error:
+    except _DAMAGED as error:
         raise RecordingError(f"{path} is damaged ({error})", "Record again.") from None
     return file
 
