@@ -22,7 +22,7 @@ from elastic_arm.diagnosis.data.nuisance import (
     nuisance_parameters,
 )
 from elastic_arm.diagnosis.result import Imperfection
-from elastic_arm.diagnosis.selection.candidates import feature_of
+from elastic_arm.diagnosis.selection.candidates import feature_of, features
 from elastic_arm.diagnosis.selection.marginalisation import NuisanceColumns
 from elastic_arm.diagnosis.selection.regressor_library import Candidate, RegressorLibrary, build_library
 from elastic_arm.diagnosis.selection.stepwise import misfit
@@ -135,11 +135,8 @@ def problem_of(
     if not refit:
         return CalibrationProblem(robot, model, observed, layout, band, (), known, settings)
     equations = ArmEquations(robot, model)
-    features = [
-        feature_of(instance, equations) for effect in effects if effect.prior for instance in effect.candidates(robot)
-    ]
     recorded = observed[0][0].pieces[0].recorded
-    shown = [f for f in features if f.acts and _channels(f, robot.n) <= recorded]
+    shown = [f for f in features(equations, effects) if _channels(f, robot.n) <= recorded]
     parameters = nuisance_parameters(robot, settings.priors, shown, observed[0][0].rate)
     return CalibrationProblem(robot, model, observed, layout, band, parameters, known, settings)
 
@@ -155,7 +152,7 @@ def _channels(feature: Feature, n: int) -> set[str]:
 
 
 def linearise(
-    problem: CalibrationProblem, values: Array, features: Sequence[Feature], extra: Sequence[Candidate] = ()
+    problem: CalibrationProblem, values: Array, candidates: Sequence[Feature], extra: Sequence[Candidate] = ()
 ) -> tuple[Linearised, list[Candidate]]:
     """Evaluate residuals and columns at values of the nuisance parameters; return them and `extra` among them.
 
@@ -165,8 +162,8 @@ def linearise(
         What is calibrated.
     values
         (k,) in standard deviations of the priors.
-    features
-        Candidates; with none, only the known effects are evaluated.
+    candidates
+        What competes; with none, only the known effects are evaluated.
     extra
         Candidates of another linearisation.
     """
@@ -181,7 +178,7 @@ def linearise(
     )
     nuisance = _nuisance(problem, model, identify, validate, values) if predicted else None
     equations = ArmEquations(robot, problem.model)
-    moved = [replace(feature, equations=equations) for feature in features]
+    moved = [replace(feature, equations=equations) for feature in candidates]
     library = build_library(identify, validate, moved, problem.settings.candidates, nuisance)
     given = [_given(library, feature_of(instance, equations), instance) for instance in problem.known]
     again = [library.add(replace(c.feature, equations=equations), c.searched, fixed=c.fixed) for c in extra]
@@ -260,10 +257,10 @@ def imperfections(
             p.what,
             p.joint,
             p.unit,
-            p.neutral + (at + value) * p.prior_std,
-            std * p.prior_std,
+            float(p.neutral + (at + value) * p.prior_std),
+            float(std * p.prior_std),
             p.prior_std,
-            abs(at + value) <= beyond + 2.0 * std,
+            bool(abs(at + value) <= beyond + 2.0 * std),
         )
         for p, at, value, std in zip(problem.parameters, found.values, values, stds, strict=True)
         if not p.what.startswith(PRESLIDING)

@@ -66,7 +66,10 @@ def sensor_faults(prepared: PreparedData, selected: Sequence[Candidate]) -> tupl
             continue
         columns = [N[:, :, k] * value for N in library.nuisance.validation]
         fault = SensorFault(p.feature, float(value * p.prior_std), float(std * p.prior_std), columns)
-        if not _is_ordinary(prepared, p, fault):
+        # A channel ahead of the others is no effect: it remains an imperfection.
+        if fault.feature.linear[0].value_of(fault.value) > fault.feature.linear[0].above and not _is_ordinary(
+            prepared, p, fault
+        ):
             found.append(fault)
     return tuple(_common(prepared, found))
 

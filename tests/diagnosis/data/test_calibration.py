@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+
 import numpy as np
 import pytest
 
@@ -28,6 +30,7 @@ def test_an_arm_that_is_only_ordinarily_wrong_has_no_cause() -> None:
     """Wrong masses, stiffness, friction and sensors are found as such, and nothing is blamed."""
     found, ordinary = refitted(31)
     assert found.verdict == "none" and not found.causes
+    assert json.loads(json.dumps(found.to_dict(), allow_nan=False))["imperfections"]
     known = {(one.what, one.joint): one for one in found.imperfections}
     for fault in ordinary:
         if fault.effect.endswith("_offset"):
