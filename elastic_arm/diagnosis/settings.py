@@ -51,6 +51,7 @@ class RefitSettings:
 
     steps: int = 3  # Gauss-Newton steps; the third changes the misfit of 8 % mass errors by less than a thousandth
     improvement: float = 0.999  # ratio of misfits from which a step is worth another; convention
+    most_discount: float = 50.0  # largest factor by which coloured residuals are discounted; convention
     beyond_ordinary: float = 3.0  # standard deviations of a prior; 0.3 % of ordinary arms have more
 
 

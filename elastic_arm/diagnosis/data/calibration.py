@@ -152,7 +152,11 @@ def _channels(feature: Feature, n: int) -> set[str]:
 
 
 def linearise(
-    problem: CalibrationProblem, values: Array, candidates: Sequence[Feature], extra: Sequence[Candidate] = ()
+    problem: CalibrationProblem,
+    values: Array,
+    candidates: Sequence[Feature],
+    extra: Sequence[Candidate] = (),
+    noise: float = 1.0,
 ) -> tuple[Linearised, list[Candidate]]:
     """Evaluate residuals and columns at values of the nuisance parameters; return them and `extra` among them.
 
@@ -166,6 +170,8 @@ def linearise(
         What competes; with none, only the known effects are evaluated.
     extra
         Candidates of another linearisation.
+    noise
+        Variance at which the whitened residuals count as white noise.
     """
     robot, predicted = problem.robot, len(problem.parameters) > 0
     if predicted:
@@ -176,7 +182,7 @@ def linearise(
     identify, validate = (
         WhitenedData(model, part, problem.layout, problem.band, predicted=predicted) for part in aligned
     )
-    nuisance = _nuisance(problem, model, identify, validate, values) if predicted else None
+    nuisance = _nuisance(problem, model, (identify, validate), values, noise) if predicted else None
     equations = ArmEquations(robot, problem.model)
     moved = [replace(feature, equations=equations) for feature in candidates]
     library = build_library(identify, validate, moved, problem.settings.candidates, nuisance)
@@ -187,13 +193,13 @@ def linearise(
 
 
 def _nuisance(
-    problem: CalibrationProblem, model: Model, identify: WhitenedData, validate: WhitenedData, values: Array
+    problem: CalibrationProblem, model: Model, data: tuple[WhitenedData, WhitenedData], values: Array, noise: float
 ) -> NuisanceColumns:
-    columns = [nuisance_columns(model, problem.robot, data, problem.parameters) for data in (identify, validate)]
-    white = (identify.whiten(columns[0]), validate.whiten(columns[1]))
+    columns = [nuisance_columns(model, problem.robot, one, problem.parameters) for one in data]
+    white = (data[0].whiten(columns[0]), data[1].whiten(columns[1]))
     limits = np.array([parameter.limit for parameter in problem.parameters])
     joints = tuple(parameter.joint for parameter in problem.parameters)
-    return NuisanceColumns(white, columns[1], -values, limits, joints)
+    return NuisanceColumns(white, columns[1], -values, limits, joints, noise)
 
 
 def _given(library: RegressorLibrary, feature: Feature, instance: EffectInstance) -> Candidate:
@@ -202,8 +208,8 @@ def _given(library: RegressorLibrary, feature: Feature, instance: EffectInstance
     return library.add(feature, searched, fixed=feature.fixed)
 
 
-def calibrate(problem: CalibrationProblem, start: Array, extra: Sequence[Candidate] = ()) -> Array:
-    """Return the most probable values (k,) of the nuisance parameters beside the known effects and `extra`.
+def calibrate(problem: CalibrationProblem, start: Array, extra: Sequence[Candidate] = ()) -> tuple[Array, float]:
+    """Return the most probable values (k,) of the nuisance parameters, and the variance of what they leave as noise.
 
     Gauss-Newton steps, as long as they lower the misfit; unexplained misfit counts as noise, so that what no parameter
     explains does not bend them.
@@ -230,8 +236,24 @@ def calibrate(problem: CalibrationProblem, start: Array, extra: Sequence[Candida
         if left > problem.settings.refit.improvement * least:
             break
         best, least = values, left
-        values = np.where(moves, values + found.library.nuisance_step(selected, left)[0], 0.0)
-    return best
+        step, _ = found.library.nuisance_step(selected, effective_noise(left, problem.settings))
+        values = np.where(moves, values + step, 0.0)
+    return best, effective_noise(least, problem.settings)
+
+
+def effective_noise(misfit: float, settings: DiagnosisSettings) -> float:
+    """Return the variance at which whitened residuals count as white noise.
+
+    What is unexplained is coloured: fewer of its rows are independent than there are.
+
+    Parameters
+    ----------
+    misfit
+        Mean square of the whitened residuals.
+    settings
+        Largest discount for colour.
+    """
+    return misfit * min(misfit, settings.refit.most_discount)
 
 
 def imperfections(
@@ -250,7 +272,8 @@ def imperfections(
     """
     if not problem.parameters:
         return ()
-    values, stds = found.library.nuisance_step(selected, misfit(found.library, selected))
+    left = effective_noise(misfit(found.library, selected), problem.settings)
+    values, stds = found.library.nuisance_step(selected, left)
     beyond = problem.settings.refit.beyond_ordinary
     return tuple(
         Imperfection(

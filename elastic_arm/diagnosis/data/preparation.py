@@ -148,8 +148,8 @@ def prepare(recordings: Sequence[Recording], validate: Sequence[Recording], ques
         settings,
         refit=question.refit,
     )
-    values = calibrate(problem, np.zeros(len(problem.parameters))) if question.refit else np.zeros(0)
-    found, _ = linearise(problem, values, candidates)
+    values, noise = calibrate(problem, np.zeros(len(problem.parameters))) if question.refit else (np.zeros(0), 1.0)
+    found, _ = linearise(problem, values, candidates, noise=noise)
     notes = list(dict.fromkeys(note for part in observed for o in part for note in o.notes))
     notes += [texts.REFITTED] if question.refit else []
     notes += [texts.standing_note(joint) for joint in still]
@@ -168,8 +168,8 @@ def prepare(recordings: Sequence[Recording], validate: Sequence[Recording], ques
 def recalibrated(prepared: PreparedData, hypothesis: Hypothesis) -> PreparedData:
     """Return the data where the model and its sensors lie most probably beside the causes of a hypothesis."""
     causes = [hypothesis.selected[k] for k in hypothesis.causes]
-    values = calibrate(prepared.calibration, prepared.found.values, causes)
-    found, _ = linearise(prepared.calibration, values, prepared.candidates)
+    values, noise = calibrate(prepared.calibration, prepared.found.values, causes)
+    found, _ = linearise(prepared.calibration, values, prepared.candidates, noise=noise)
     return replace(prepared, found=found)
 
 

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from elastic_arm.diagnosis.data.calibration import effective_noise
 from elastic_arm.diagnosis.data.nuisance import NuisanceParameter
 from elastic_arm.diagnosis.data.preparation import PreparedData
 from elastic_arm.diagnosis.selection.candidates import feature_of
@@ -59,7 +60,7 @@ def sensor_faults(prepared: PreparedData, selected: Sequence[Candidate]) -> tupl
     parameters, library = prepared.calibration.parameters, prepared.library
     if not parameters:
         return ()
-    values, stds = library.nuisance_step(selected, misfit(library, selected))
+    values, stds = library.nuisance_step(selected, effective_noise(misfit(library, selected), prepared.settings))
     beyond, found = prepared.settings.refit.beyond_ordinary, []
     for k, (p, value, std) in enumerate(zip(parameters, prepared.found.values + values, stds, strict=True)):
         if p.feature is None or abs(value) < max(beyond, CERTAIN * std) + CERTAIN * std:

@@ -37,6 +37,9 @@ class NuisanceColumns:
         (k,) largest believable distances from the description, in standard deviations of the priors.
     joints
         (k,) to which they belong.
+    noise
+        Variance of the whitened noise: what no hypothesis explains counts as noise, so that it does not bend the
+        nuisance parameters.
     """
 
     white: tuple[Array, Array]
@@ -44,6 +47,7 @@ class NuisanceColumns:
     centre: Array
     limits: Array
     joints: Sequence[str]
+    noise: float = 1.0
 
     @staticmethod
     def none(identify: WhitenedData, validate: WhitenedData) -> NuisanceColumns:
@@ -82,7 +86,7 @@ class Marginalisation:
     def __init__(self, nuisance: NuisanceColumns) -> None:
         self._nuisance = nuisance
         own = [N.T @ N for N in nuisance.white]
-        one = np.eye(len(nuisance))
+        one = nuisance.noise * np.eye(len(nuisance))
         self._precision = (one + own[0], one + own[1], one + own[0] + own[1])
         self._factors = [np.linalg.cholesky(a) for a in self._precision]
         # N'X of each data set.
@@ -101,7 +105,7 @@ class Marginalisation:
         crosses = (*self._cross, self._cross[0] + self._cross[1])
         for factor, gram, cross in zip(self._factors, both, crosses, strict=True):
             shifted = cross.copy()
-            shifted[:, 0] += self._nuisance.centre
+            shifted[:, 0] += self._nuisance.noise * self._nuisance.centre
             z = solve_triangular(factor, shifted, lower=True)
             found.append(gram - z.T @ z)
         return found
@@ -124,20 +128,22 @@ class Marginalisation:
             return columns
         below = np.zeros((len(self._nuisance), columns.shape[1]))
         if residual:
-            below += self._nuisance.centre[:, None]
+            below += np.sqrt(self._nuisance.noise) * self._nuisance.centre[:, None]
         tall = np.vstack([columns, below])
         return tall - self._basis @ (self._basis.T @ tall)
 
     @cached_property
     def _basis(self) -> Array:
         """Orthonormal basis (rows + k, k) of the nuisance columns over their priors."""
-        tall = np.vstack([self._nuisance.white[0], np.eye(len(self._nuisance))])
+        prior = np.sqrt(self._nuisance.noise) * np.eye(len(self._nuisance))
+        tall = np.vstack([self._nuisance.white[0], prior])
         basis: Array = solve_triangular(self._factors[0], tall.T, lower=True).T
         return basis
 
     def means(self, index: NDArray[np.intp], beta: Array) -> Array:
         """Return posterior means (k,) on both data sets beside columns with these coefficients."""
-        target = sum(cross[:, 0] - cross[:, index] @ beta for cross in self._cross) + self._nuisance.centre
+        target = sum(cross[:, 0] - cross[:, index] @ beta for cross in self._cross)
+        target = target + self._nuisance.noise * self._nuisance.centre
         return np.asarray(np.linalg.solve(self._precision[2], target))
 
     def joint_posterior(
@@ -155,7 +161,7 @@ class Marginalisation:
             Factor on the noise's variance.
         """
         k, cross = len(self._nuisance), self._cross[0] + self._cross[1]
-        precision = self._precision[2] + (misfit - 1.0) * np.eye(k)
+        precision = self._precision[2] + (misfit - self._nuisance.noise) * np.eye(k)
         target = np.append(
             cross[:, 0] - cross[:, fixed].sum(axis=1) + misfit * self._nuisance.centre,
             gram[free, 0] - gram[np.ix_(free, fixed)].sum(axis=1),
