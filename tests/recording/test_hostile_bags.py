@@ -20,6 +20,7 @@ from elastic_arm.errors import RecordingError
 from elastic_arm.recording import limits, read_recording, write_recording
 from elastic_arm.recording.inspection.check import check_bag
 from elastic_arm.recording.inspection.info import bag_info
+from elastic_arm.recording.inspection.repair import repair_bag
 from elastic_arm.recording.storage.bag import METADATA, open_bag
 from elastic_arm.recording.storage.mcap import MAGIC
 from elastic_arm.recording.storage.messages import read_topics
@@ -262,3 +263,27 @@ def test_pipes_are_refused(tmp_path: Path, name: str) -> None:
     if name != "pipe":
         assert "pipe or a device" in str(quickly(lambda: open_bag(tmp_path)))
     assert "pipe or a device" in str(quickly(lambda: open_bag("/dev/zero")))
+
+
+def test_a_repair_leaves_out_times_that_cannot_be_and_quality_that_is_none(tmp_path: Path) -> None:
+    """A message of the year 2400 is not copied, and hostile quality of service is replaced by none."""
+    qos = text("offered_qos_profiles") + text("\0" + "[" * 5000)
+    described = struct.pack("<HH", 2, 1) + text("/u") + text("cdr") + struct.pack("<I", len(qos)) + qos
+    late = record(Opcode.MESSAGE, struct.pack("<HIQQ", 1, 0, HUGE, HUGE))
+    file = tmp_path / "a.mcap"
+    file.write_bytes(mcap(record(Opcode.CHANNEL, described), message(2), late))
+    repair = repair_bag(file, tmp_path / "copy")
+    assert repair.kept == 1
+    assert "1 messages logged or sent after the year 2262" in repair.dropped
+    assert (tmp_path / "copy" / METADATA).exists()
+
+
+def test_errors_of_sqlite_that_are_no_text_are_one_line(tmp_path: Path) -> None:
+    """The library quotes damaged names in its errors, and fails to decode them."""
+    folder = write_sqlite(tmp_path / "bag", states("/joint_states", stamps(10)))
+    file = next(folder.glob("*.db3"))
+    content = file.read_bytes()
+    for name in (b"CREATE TABLE messages", b"CREATE TABLE topics"):
+        file.write_bytes(content.replace(name, name[:13] + b"\xff\xfe\x80" + name[16:]))
+        assert isinstance(quickly(lambda: read_recording(file)), str)
+        quickly(lambda: check_bag(file))
