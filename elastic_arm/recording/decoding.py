@@ -86,7 +86,8 @@ class _DecodedColumns:
     def __init__(self, layout: cdr.Layout, capacity: int) -> None:
         self.layout, self.count = layout, 0
         self.columns: dict[str, NDArray] = {name: np.empty(capacity, np.int64) for name in ("rows", "log_ns")}
-        if _SECONDS in layout.numbers:
+        stamp = [layout.numbers.get(path) for path in (_SECONDS, _NANOSECONDS)]
+        if all(part is not None and part.count == 1 for part in stamp):
             self.columns["stamp_ns"] = np.empty(capacity, np.int64)
         self.values: dict[str, NDArray] = {
             path: np.empty((capacity, numbers.count), numbers.dtype)
