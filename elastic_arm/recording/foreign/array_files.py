@@ -70,7 +70,11 @@ def _load(path: Path) -> Arrays:
         if kind == ".npz":
             _check_zip(path)
             with np.load(path, allow_pickle=False) as content:
-                return dict(content)
+                arrays = dict(content)
+            # Where the head of an entry is damaged, numpy returns its bytes.
+            if strange := [name for name, values in arrays.items() if not isinstance(values, np.ndarray)]:
+                raise ValueError(f"its entry {strange[0][:60]!r} is no array")
+            return arrays
         if kind == ".npy":
             return {_WHOLE_TABLE: np.load(path, allow_pickle=False)}
         if kind == ".mat":
