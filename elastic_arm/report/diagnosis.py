@@ -21,11 +21,13 @@ from elastic_arm.diagnosis.inference.across_recordings import Agreement
 from elastic_arm.diagnosis.result import SEPARATING, Cause, Diagnosis
 from elastic_arm.diagnosis.settings import DiagnosisSettings
 from elastic_arm.estimation.equations import SIDES
+from elastic_arm.formatting import rounded
 from elastic_arm.report import diagnosis_figures as figures
 from elastic_arm.report.html import Block, Figure, Section, Table, Text, write_report
 
 TONES = {"none": "good", "explained": "good", "unknown": "warn"}
 STANDS_OUT = 2.0  # times the noise
+DETERMINED = 0.7  # of the prior's standard deviation: the recording halves its variance
 SHOWN = 4  # causes that get figures of their own
 MEASURED = {
     "excess": "as what residuals have more than noise",
@@ -58,6 +60,8 @@ def sections(found: Diagnosis) -> list[Section]:
         if found.unexplained:
             shown.append(Section("What is not explained", _unexplained(found, context)))
     shown.append(Section("Before and after" if found.causes else "The residuals", _sizes(found, context)))
+    if found.imperfections:
+        shown.append(Section("Calibration", _calibration(found)))
     if found.prediction is not None:
         shown.append(Section("How far ahead the model sees", _prediction(found)))
     if found.proposal is not None:
@@ -162,6 +166,21 @@ def _unexplained(found: Diagnosis, context: DiagnosisContext) -> list[Block]:
         Table(["joint", "side", "follows", "left, Nm"], rows, digits=3),
         Figure(figures.residual_figure(found, context, row, context.after, added), caption),
     ]
+
+
+def _calibration(found: Diagnosis) -> list[Block]:
+    text = (
+        "Each number of the description and of the sensors, as the recording determines it together with the causes. "
+        "One that the recording leaves as uncertain as its prior is not listed."
+    )
+    rows = [
+        [one.joint, one.what.replace("_", " "), *rounded(one.value, one.std), one.unit.replace("1", ""),
+         f"{one.prior_std:.2g}", "yes" if one.ordinary else "no"]
+        for one in found.imperfections
+        if one.std < DETERMINED * one.prior_std
+    ]  # fmt: skip
+    header = ["joint", "number", "value", "± std", "unit", "prior std", "ordinary"]
+    return [Text(text), Table(header, rows, "A value without unit is the ratio to the description, or its change")]
 
 
 def _sizes(found: Diagnosis, context: DiagnosisContext | None) -> list[Block]:
