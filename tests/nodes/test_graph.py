@@ -72,8 +72,8 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Run:
         estimates = graph.listen(ParameterEstimate, "/parameter_estimate")
         identifier = graph.start("identifier", save_to=folder / "online", save_at_exit=True)
         recorder = graph.start("recorder", bag=folder / "bag")
-        # A little slower than real time, on its own clock: a machine that is busy with other tests skips nothing.
-        simulator = graph.start("simulator", seed=4, real_time_factor=0.8)
+        # Slower than real time, on its own clock: a machine that is busy with other work skips nothing.
+        simulator = graph.start("simulator", seed=4, real_time_factor=0.4)
         # Long beside what the first estimate is made of, so that deviations, which are estimates too, have to shrink.
         generator = graph.start("trajectory_generator", trajectory=excitation(folder, 15.0), use_sim_time=True)
         graph.until(lambda: generator.process.poll() is not None, "the trajectory ends", patience=90)

@@ -18,7 +18,6 @@ from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
 from elastic_arm.dynamics import Model, build_model
-from elastic_arm.effects.model import EffectInstance
 from elastic_arm.estimation.effect_columns import Feature
 from elastic_arm.estimation.motion import CompletedMotion, drive_constants
 from elastic_arm.estimation.residuals import predicted_torques
@@ -305,20 +304,3 @@ def _directions(model: Model, nominal: Robot, parameters: Sequence[NuisanceParam
             values[k] = STEP
             found[:, k] = (build_model(calibrated_robot(nominal, parameters, values), model.name).Psi - base) / STEP
     return found
-
-
-def instances(parameters: Sequence[NuisanceParameter], values: Array) -> list[EffectInstance]:
-    """Return the sensors' imperfections as effects, for a simulator.
-
-    Parameters
-    ----------
-    parameters
-        The nuisance parameters.
-    values
-        (k,) in units of the priors' standard deviations.
-    """
-    return [
-        p.feature.instance([float(value) * p.prior_std])
-        for p, value in zip(parameters, values, strict=True)
-        if p.feature is not None
-    ]
