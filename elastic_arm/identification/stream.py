@@ -25,8 +25,12 @@ from elastic_arm.recording import Samples
 
 Array = NDArray[np.float64]
 
-# Length of the first samples, s, from which clock and smoother are chosen.
+# Length of the first samples in motion, s, from which clock and smoother are chosen.
 CALIBRATION_SECONDS = 4.0
+# A joint that has left its first position by so much is in motion, rad: a standing arm shows no bandwidth.
+MOVED = 0.01
+# Of an arm that stands longer before its first motion, the last seconds are kept.
+STANDING_SECONDS = 60.0
 SENSED = ("q", "theta", "tau_J", "tau_m")
 
 
@@ -335,10 +339,14 @@ class Identifier:
         """Choose clock and smoother once there are enough samples."""
         if self.smoother is not None and self.clock is not None:
             return True
-        buffer = self._piece.buffer
-        if buffer is None or (wait and buffer.t[-1] - buffer.t[0] < CALIBRATION_SECONDS):
+        if self._piece.buffer is None:
             return False
-        first = part(buffer, buffer.t <= buffer.t[0] + CALIBRATION_SECONDS)
+        onset = _onset(self._piece.buffer)
+        self._piece.buffer = buffer = part(self._piece.buffer, self._piece.buffer.t >= onset - STANDING_SECONDS)
+        if wait and buffer.t[-1] < onset + CALIBRATION_SECONDS:
+            return False
+        since = min(onset, max(buffer.t[-1] - CALIBRATION_SECONDS, buffer.t[0]))
+        first = part(buffer, (buffer.t >= since) & (buffer.t <= since + CALIBRATION_SECONDS))
         self.clock = self.clock or Clock.of(first)
         self.smoother = self.smoother or design_smoother(self.clock.place(first), self.equations.n)
         return True
@@ -381,3 +389,12 @@ class Identifier:
         if self._calibrated(wait=False):
             self._process(last=True)
         self._piece = _PartialRun()
+
+
+def _onset(samples: Samples) -> float:
+    """Return the time at which the first joint leaves its first position; that of the last sample where all stand."""
+    position = samples.q if samples.q is not None else samples.theta
+    if position is None:
+        return float(samples.t[-1])
+    moves = (np.abs(position - position[0]) > MOVED).any(axis=1)
+    return float(samples.t[np.argmax(moves) if moves.any() else -1])

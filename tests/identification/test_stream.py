@@ -16,10 +16,13 @@ from elastic_arm.dynamics import Model, build_model
 from elastic_arm.errors import IdentificationError
 from elastic_arm.estimation.resampling import part
 from elastic_arm.estimation.smoother import Smoother
-from elastic_arm.identification import Identifier, identifier_of, parse_laws
+from elastic_arm.excitation import FourierTrajectory
+from elastic_arm.identification import Identifier, chi_square, identifier_of, parse_laws
 from elastic_arm.identification.least_squares import Fit
 from elastic_arm.recording import Samples
 from elastic_arm.robot import load_robot
+from elastic_arm.sensors import Encoder, Sensors, TorqueSensor
+from elastic_arm.simulation import Simulator
 from tests.helpers.periodic_arm import RATE, record
 
 SECONDS = 8
@@ -108,3 +111,28 @@ def test_sums_of_another_model_are_refused_by_name(tmp_path: Path) -> None:
     (tmp_path / "other.npz").write_text("no sums")
     with pytest.raises(IdentificationError, match="holds no sums"):
         identifier().load(tmp_path / "other.npz")
+
+
+@pytest.mark.parametrize("standing", [0.0, 1.0, 2.3, 20.0])
+def test_an_arm_that_stands_first_is_identified_within_the_deviations(standing: float) -> None:
+    """However long the arm stands before it moves, the smoother is chosen by the motion, and the deviations hold.
+
+    A smoother chosen from the transition between the two is too wide: motion under a drive that holds its command
+    from sample to sample then biases the estimate by four deviations.
+    """
+    robot = load_robot(None)
+    rng = np.random.default_rng(5)
+    a, b = (rng.normal(0.0, 0.3, (3, 5)) for _ in range(2))
+    trajectory = FourierTrajectory(2 * np.pi / 5.0, a, b, np.zeros(3), 10.0, 0.5, robot.joint_names)
+    reference = trajectory.evaluate(np.arange(-standing, 10.0, 1 / RATE).clip(0.0))
+    torque, encoder = TorqueSensor(noise=0.26), Encoder(noise=0.0, velocity_noise=0.0)
+    sensors = Sensors(encoder, encoder, torque, torque)
+    simulator = Simulator(robot, sensors=sensors, rate=RATE, rng=np.random.default_rng(3), q0=reference[0][0])
+    _, measured = simulator.follow(*reference)
+    stream = identifier_of(robot)
+    stamps = np.arange(len(reference[0])) * round(1e9 / RATE)
+    stream.add(Samples(stamp_ns=stamps, t=stamps * 1e-9, **measured))
+    stream.finish()
+    estimate = stream.estimate()
+    true = np.array([e.nominal for e in estimate.estimates])
+    assert np.sqrt(chi_square(estimate, true) / len(true)) < 1.5
