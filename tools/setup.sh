@@ -53,13 +53,23 @@ environment() {
   install_requirements requirements.txt requirements-ros.txt
 }
 
+# Folders of the packages to build. The interfaces of control_msgs are built where no ROS distribution brings them.
+package_folders() {
+  local prefix folders=(. msg_defs)
+  for prefix in ${AMENT_PREFIX_PATH//:/ }; do
+    [ "$prefix" = "$VIRTUAL_ENV" ] || [ ! -d "$prefix/share/control_msgs" ] || { echo "${folders[@]}" && return; }
+  done
+  echo "${folders[@]}" tools/control_msgs
+}
+
 packages() {
   command -v c++ >/dev/null && command -v cc >/dev/null ||
     die "no C and C++ compiler found. On Debian or Ubuntu: apt install build-essential"
   echo "setup: building the message package and the ROS package"
   # shellcheck source=tools/env.sh
   . tools/env.sh
-  quietly colcon --log-base build/log build --merge-install --install-base .venv --symlink-install --cmake-args \
+  # shellcheck disable=SC2046
+  quietly colcon --log-base build/log build --base-paths $(package_folders) --merge-install --install-base .venv --symlink-install --cmake-args \
     -DBUILD_TESTING=OFF "-DPython3_EXECUTABLE=$VIRTUAL_ENV/bin/python" "-DCMAKE_PROJECT_INCLUDE=$PWD/tools/ros_wheels.cmake"
   quietly python -m pip install --quiet --no-index --no-deps --no-build-isolation --editable .
 }

@@ -19,12 +19,13 @@ from trajectory_msgs.msg import JointTrajectory
 from elastic_arm.effects import parse
 from elastic_arm.effects.model import EffectInstance
 from elastic_arm.errors import ElasticArmError, GraphError
+from elastic_arm.nodes.following.follower import Follower
+from elastic_arm.nodes.following.goals import POLICIES
+from elastic_arm.nodes.following.splines import Row
 from elastic_arm.nodes.support import graph
 from elastic_arm.nodes.support.health import PERIOD, Health
 from elastic_arm.nodes.support.pacing import Pace
 from elastic_arm.nodes.support.parameters import declare, declare_numbers, declare_texts, texts
-from elastic_arm.nodes.support.reference import ReferenceQueue, Row
-from elastic_arm.nodes.support.reference_message import reference_points
 from elastic_arm.nodes.support.running import ArmNode, run
 from elastic_arm.nodes.support.wire import NANOSECONDS, Form
 from elastic_arm.recording import topics
@@ -67,6 +68,7 @@ class SimulatorNode(ArmNode):
         self._joints = names
         real_time = self._factor == 1.0
         self._waited = self._reminded = 0.0
+        self._refusal = ""
         self._publish_setup(names, real_time)
         self._start_clock(real_time)
         self.create_subscription(JointTrajectory, topics.REFERENCE, self._follow, graph.qos(topics.REFERENCE))
@@ -95,6 +97,13 @@ class SimulatorNode(ArmNode):
             "Simulated per real seconds; not 1: with /clock",
             between=(0.01, 20.0),
             live=True,
+        )
+        self._limits = declare(
+            self,
+            "limits",
+            "refuse",
+            "What to do with a goal that breaks a limit of position, velocity or acceleration",
+            choices=POLICIES,
         )
         self._position = declare_numbers(
             self, "initial_position", [0.0], "Where the arm starts, rad; one angle a joint, or one for all"
@@ -151,7 +160,7 @@ class SimulatorNode(ArmNode):
         self._origin_ns = time.time_ns() // self._step_ns * self._step_ns if real_time else 0
         self._step = 0 if real_time else 1  # a stamp of zero means no time at all
         self._skipped = self._told = self._starved = self._refused = self._refused_before = 0
-        self._reference = ReferenceQueue(self._start, self._origin_ns, self._step_ns)
+        self._reference = Follower(self._arm.nominal, self._start, self._origin_ns, self._step_ns, self._limits)
         self._pace = Pace(self._arm.rate, self._factor, CATCH_UP if real_time else MAKE_GOOD)
         self._pace.wait(time.monotonic())
 
@@ -198,7 +207,7 @@ class SimulatorNode(ArmNode):
 
     def _stream_is_behind(self, now: float) -> bool:
         """Return whether to wait until more of the reference arrives: in real time only while catching up."""
-        if not self._reference.starving():
+        if not self._reference.stream.starving():
             self._waited = now
             return False
         own_clock = self._clock_output is not None
@@ -217,18 +226,16 @@ class SimulatorNode(ArmNode):
             self._clock_output.publish(self._clock_form.filled(stamp))
 
     def _follow(self, message: JointTrajectory) -> None:
-        """Take streamed points; what cannot be followed is refused, and the arm goes on as before."""
+        """Take streamed points or a goal; what cannot be followed is refused, and the arm goes on as before."""
         try:
-            after_ns, points = reference_points(message, self._joints)
+            goal = self._reference.take(message)
         except GraphError as error:
             self._refused += 1
+            self._refusal = error.problem
             self.get_logger().error(f"refused a message on {topics.REFERENCE} that {error}", throttle_duration_sec=5.0)
             return
-        stamp = message.header.stamp
-        begin = stamp.sec * NANOSECONDS + stamp.nanosec
-        if begin == 0:  # at once, by the convention of trajectories
-            begin = self._origin_ns + (self._step + 1) * self._step_ns
-        self._reference.add(begin + after_ns, points)
+        if goal is not None and goal.reason:
+            self.get_logger().warning(f"slowed a goal down {goal.slower:.3g} times: as asked for it {goal.reason}")
 
     def _change(self, parameters: Sequence[Parameter]) -> SetParametersResult:
         """Change the speed or the effects while running."""
@@ -265,7 +272,7 @@ class SimulatorNode(ArmNode):
         if self._skipped > self._told:
             problems.append(f"{self._skipped - self._told} samples skipped, as the process was held up")
             self._told = self._skipped
-        reference = self._reference
+        reference = self._reference.stream
         delay = reference.delay / self._arm.rate
         if reference.starved > self._starved:
             problems.append(f"the stream on {topics.REFERENCE} broke off in motion: the arm slowed down")
@@ -274,7 +281,7 @@ class SimulatorNode(ArmNode):
             problems.append(f"the reference came late: it is followed {delay:.3g} s behind its stamps")
         if self._refused > self._refused_before:
             count = self._refused - self._refused_before
-            problems.append(f"{count} messages on {topics.REFERENCE} refused: they cannot be followed")
+            problems.append(f"{count} messages on {topics.REFERENCE} refused, the last one {self._refusal}")
             self._refused_before = self._refused
         figures = {
             "rate, Hz": pace * self._arm.rate * self._factor,

@@ -14,11 +14,11 @@ from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 from elastic_arm.errors import GraphError
 from elastic_arm.excitation import load_trajectory
+from elastic_arm.nodes.following.plan import Plan
+from elastic_arm.nodes.following.splines import Row
 from elastic_arm.nodes.support import graph
 from elastic_arm.nodes.support.health import PERIOD, Health
 from elastic_arm.nodes.support.parameters import declare
-from elastic_arm.nodes.support.plan import Plan
-from elastic_arm.nodes.support.reference import Row
 from elastic_arm.nodes.support.running import LONGEST_REST, ArmNode, run
 from elastic_arm.nodes.support.wire import NANOSECONDS, Form
 from elastic_arm.recording import topics

@@ -11,6 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 import pytest
+from builtin_interfaces.msg import Duration
 from diagnostic_msgs.msg import DiagnosticArray
 from elastic_arm_msgs.msg import JointTorques, ParameterEstimate
 from rosgraph_msgs.msg import Clock
@@ -349,6 +350,26 @@ def test_malformed_references_are_counted_and_the_arm_goes_on(graph: Graph) -> N
     np.testing.assert_allclose(states[-1].position, began, atol=1e-3)
     assert simulator.stop() == 0
     assert "Traceback" not in simulator.output
+
+
+def test_a_goal_is_gone_to_from_where_the_arm_is(graph: Graph) -> None:
+    """0.5 rad in 2 s for one joint is no step: that joint arrives, the others stay; 0.5 rad in 0.1 s is refused."""
+    states = graph.listen(JointState, "/motor_states")
+    simulator = graph.start("simulator", real_time_factor=0.5)
+    output = graph.peer.create_publisher(JointTrajectory, "/reference", qos("/reference"))
+    graph.until(lambda: output.get_subscription_count() and states, "the arm listens")
+    point = JointTrajectoryPoint(positions=[0.5], time_from_start=Duration(nanosec=100_000_000))
+    output.publish(JointTrajectory(joint_names=["joint_2"], points=[point]))
+    graph.until(lambda: "where 1.5 rad/s is the limit" in simulator.output, "too fast a goal is refused")
+    began = np.array(states[-1].position)
+    point = JointTrajectoryPoint(positions=[0.5], time_from_start=Duration(sec=2))
+    count = len(states)
+    output.publish(JointTrajectory(joint_names=["joint_2"], points=[point]))
+    graph.until(lambda: len(states) > count + 2500, "the motion is over")
+    np.testing.assert_allclose(states[-1].position, np.add(began, [0.0, 0.5, 0.0]), atol=2e-3)
+    speed = np.abs([message.velocity for message in states[count:]]).max(axis=0)
+    assert 0.2 < speed[1] < 0.75
+    assert speed[[0, 2]].max() < 0.1
 
 
 MISTAKES = {

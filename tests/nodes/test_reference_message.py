@@ -10,7 +10,7 @@ from builtin_interfaces.msg import Duration
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 from elastic_arm.errors import GraphError
-from elastic_arm.nodes.support.reference_message import reference_points
+from elastic_arm.nodes.following.reference_message import reference_points
 
 JOINTS = ("a", "b", "c")
 

@@ -12,11 +12,12 @@ from rclpy.serialization import deserialize_message, serialize_message
 from sensor_msgs.msg import JointState
 
 from elastic_arm.excitation import FourierTrajectory
+from elastic_arm.nodes.following.plan import Plan
+from elastic_arm.nodes.following.reference import ReferenceQueue
+from elastic_arm.nodes.following.splines import Row
 from elastic_arm.nodes.support.collecting import Collector
 from elastic_arm.nodes.support.pacing import Pace
 from elastic_arm.nodes.support.pairing import Pairing
-from elastic_arm.nodes.support.plan import Plan
-from elastic_arm.nodes.support.reference import ReferenceQueue, Row
 from elastic_arm.nodes.support.wire import Form, Inbox
 
 MS = 1_000_000

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Sequence
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+
+from elastic_arm.nodes.following.splines import LINEAR, QUINTIC, Row, interpolate, resting
 
 Array = NDArray[np.float64]
 NANOSECONDS = 1_000_000_000
@@ -24,20 +25,11 @@ OLDEST = 10.0
 STILL = 1e-6
 
 
-class Row(NamedTuple):
-    """Position, velocity and acceleration, each (n,)."""
-
-    position: Array
-    velocity: Array
-    acceleration: Array
-
-
 class ReferenceQueue:
     """Brings streamed points onto a grid of steps.
 
-    Between points, the cubic through positions and velocities holds (its error is of the fourth order in the points'
-    spacing), and the acceleration is linear. A message replaces whatever of the stream lies behind its first point, as
-    a trajectory does in ROS. Where the stream ends, the last position is held.
+    Between points the polynomial holds that they allow (:mod:`elastic_arm.nodes.following.splines`). A message replaces
+    whatever of the stream lies behind its first point. Where the stream ends, the last position is held.
 
     Nothing of a motion is left out because it comes late. A motion that begins late is followed from its first point
     on, late. Where the stream falls behind, the arm slows down along its path, stands, and picks up again, as a machine
@@ -66,7 +58,7 @@ class ReferenceQueue:
         self._last = Row(np.array(start, dtype=float), rest, rest)
         # Rows without a hole between them are one motion. What the arm has gone through is gone.
         self._motions: deque[deque[tuple[int, Row]]] = deque()
-        self._tail: tuple[int, Row] | None = None
+        self._tail: tuple[int, Row, int] | None = None
         self._head = 0.0
         self._speed = 0.0
         self._following = False
@@ -75,25 +67,71 @@ class ReferenceQueue:
         self.starved = 0
         self.late = 0
 
-    def add(self, stamps: Sequence[int] | NDArray[np.int64], points: Row) -> None:
-        """Take points at `stamps` (N,) ns, increasing; `points` holds (N, n) each."""
+    def add(
+        self, stamps: Sequence[int] | NDArray[np.int64], points: Row, degree: NDArray[np.int64] | int = QUINTIC
+    ) -> None:
+        """Take streamed points, which go on from those before where these lie less than half a second back.
+
+        Parameters
+        ----------
+        stamps
+            (N,) ns, increasing.
+        points
+            (N, n) each.
+        degree
+            Of the polynomials between them, (N,) or one for all.
+        """
         stamps = np.asarray(stamps, dtype=np.int64)
+        degree = np.broadcast_to(degree, len(stamps)).astype(np.int64)
         self._cut(int(stamps[0]))
-        if self._tail and 0 < stamps[0] - self._tail[0] <= LONGEST_HOLE_NS:
-            stamps = np.concatenate(([self._tail[0]], stamps))
-            points = Row(*(np.vstack((before, now)) for before, now in zip(self._tail[1], points, strict=True)))
+        if (tail := self.bridge(int(stamps[0]))) is not None:
+            stamp, row, kind = tail
+            if min(kind, degree[0]) == LINEAR:  # the straight line leaves the last point at its own speed
+                self._cut(stamp, keep=True)
+            stamps, degree = np.concatenate(([stamp], stamps)), np.concatenate(([kind], degree))
+            points = Row(*(np.vstack((before, now)) for before, now in zip(row, points, strict=True)))
         first = -(-(int(stamps[0]) - self._origin) // self._step)
         last = (int(stamps[-1]) - self._origin) // self._step
         end = self._motions[-1][-1][0] if self._motions else None
         if end is not None:
             first = max(first, end + 1)
         steps = np.arange(first, last + 1)
-        rows = _between(stamps, points, self._origin + steps * self._step)
+        rows = interpolate(stamps, points, degree, self._origin + steps * self._step)
         if len(steps):
             if end is None or steps[0] > end + 1:
                 self._motions.append(deque())
             self._motions[-1].extend((int(k), Row(*row)) for k, *row in zip(steps, *rows, strict=True))
-        self._tail = (int(stamps[-1]), Row(*(values[-1] for values in points)))
+        self._tail = (int(stamps[-1]), Row(*(values[-1] for values in points)), int(degree[-1]))
+
+    def bridge(self, stamp: int) -> tuple[int, Row, int] | None:
+        """Return stamp, point and degree from which a stream goes on to a point at `stamp`; None for another motion."""
+        if self._tail and 0 < stamp - self._tail[0] <= LONGEST_HOLE_NS:
+            return self._tail
+        return None
+
+    @property
+    def present(self) -> Row:
+        """What was returned last."""
+        return self._last
+
+    def clear(self) -> None:
+        """Forget all points to come; what is added next is another motion, in time."""
+        self._motions.clear()
+        self._tail, self._following, self.delay = None, False, 0.0
+
+    def extend(self, first: int, rows: Row) -> None:
+        """Append rows that lie on the grid, (N, n) each, from the step `first` on, which follows the last one's."""
+        if not self._motions or self._motions[-1][-1][0] != first - 1:
+            self._motions.append(deque())
+        self._motions[-1].extend((first + k, Row(*row)) for k, row in enumerate(zip(*rows, strict=True)))
+
+    def last_position(self, stamp: int) -> Array:
+        """Return where the arm will stand just before a stamp, as far as is known, (n,)."""
+        before = (stamp - 1 - self._origin) // self._step
+        for motion in reversed(self._motions):
+            if motion[0][0] <= before:
+                return motion[min(before, motion[-1][0]) - motion[0][0]][1].position
+        return self._last.position
 
     def at(self, step: int) -> Row:
         """Return the reference of a step; steps are taken in order."""
@@ -108,9 +146,11 @@ class ReferenceQueue:
         """Return whether the arm is in motion and the stream is about to break off."""
         return self._following and self._feed() < 1.0
 
-    def _cut(self, stamp: int) -> None:
-        """Forget what lies behind a stamp."""
+    def _cut(self, stamp: int, keep: bool = False) -> None:
+        """Forget what lies behind a stamp; with `keep` not where the arm is there already."""
         first = -(-(stamp - self._origin) // self._step)
+        if keep and self._motions and self._motions[-1][0][0] >= first - 1:
+            return
         while self._motions:
             motion = self._motions[-1]
             while motion and motion[-1][0] >= first:
@@ -148,7 +188,7 @@ class ReferenceQueue:
         # What is left of a motion that broke off is given up for the next.
         if over or (feed < SLOWEST and len(self._motions) > 1):
             self._motions.popleft()
-            self._following, self._last = False, _resting(self._last)
+            self._following, self._last = False, resting(self._last)
             return
         self._speed = min(feed, before + 1.0 / self._braking) if feed >= SLOWEST else 0.0
         self._head = min(self._head + self._speed, float(motion[-1][0]))
@@ -173,9 +213,9 @@ class ReferenceQueue:
         if rest > 0.0:
             stamps = np.array([0, self._step])
             ends = Row(*(np.array(values) for values in zip(motion[0][1], motion[1][1], strict=True)))
-            row = Row(*(values[0] for values in _between(stamps, ends, np.array([rest * self._step]))))
+            row = Row(*(values[0] for values in interpolate(stamps, ends, QUINTIC, np.array([rest * self._step]))))
         if self._speed == 0.0:
-            return _resting(row)
+            return resting(row)
         if self._speed == 1.0 and rise == 0.0:
             return row
         return Row(row.position, self._speed * row.velocity, self._speed**2 * row.acceleration + rise * row.velocity)
@@ -183,27 +223,3 @@ class ReferenceQueue:
 
 def _still(row: Row) -> bool:
     return bool(np.max(np.abs(row.velocity)) <= STILL)
-
-
-def _resting(row: Row) -> Row:
-    return Row(row.position, np.zeros_like(row.position), np.zeros_like(row.position))
-
-
-def _between(stamps: NDArray[np.int64], points: Row, wanted: NDArray[np.int64]) -> Row:
-    """Evaluate the cubic through positions and velocities, and the linear acceleration, at the times `wanted`."""
-    if len(stamps) == 1:
-        index = np.zeros(len(wanted), dtype=int)
-        return Row(*(values[index] for values in points))
-    left = np.clip(np.searchsorted(stamps, wanted, side="right") - 1, 0, len(stamps) - 2)
-    h = ((stamps[left + 1] - stamps[left]) * 1e-9)[:, None]
-    s = ((wanted - stamps[left]) * 1e-9)[:, None] / h
-    p0, p1 = points.position[left], points.position[left + 1]
-    v0, v1 = points.velocity[left] * h, points.velocity[left + 1] * h
-    rise = p1 - p0
-    quadratic, cubic = 3 * rise - 2 * v0 - v1, v0 + v1 - 2 * rise
-    a0, a1 = points.acceleration[left], points.acceleration[left + 1]
-    return Row(
-        p0 + s * (v0 + s * (quadratic + s * cubic)),
-        (v0 + s * (2 * quadratic + 3 * s * cubic)) / h,
-        a0 + s * (a1 - a0),
-    )

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 from scipy.interpolate import BPoly
 
 from elastic_arm.excitation import FourierTrajectory
-from elastic_arm.nodes.support.reference import Row
+from elastic_arm.nodes.following.splines import Row
 
 Array = NDArray[np.float64]
 # Peak speed and acceleration of a quintic from rest to rest: distance / duration and distance / duration² times these.

@@ -1,0 +1,162 @@
+"""What the arm follows: the streamed reference or a goal, whichever came last."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from trajectory_msgs.msg import JointTrajectory
+
+from elastic_arm.errors import GraphError
+from elastic_arm.nodes.following.goals import Goal, plan_goal, plan_stop
+from elastic_arm.nodes.following.joint_limits import JointLimits
+from elastic_arm.nodes.following.reference import ReferenceQueue
+from elastic_arm.nodes.following.reference_message import Points, reference_points
+from elastic_arm.nodes.following.splines import CUBIC, QUINTIC, Row
+from elastic_arm.nodes.support.wire import NANOSECONDS
+from elastic_arm.robot import Robot
+
+Array = NDArray[np.float64]
+# A stream that begins farther from where the arm stands, rad, would be a jump.
+LARGEST_JUMP = 0.1
+# Rows of a goal are made so many steps ahead, in parts: no goal is so long that the arm has to wait for it.
+AHEAD, PART = 1000, 500
+
+
+class Follower:
+    """Takes messages of points, and gives the reference of every step.
+
+    A message whose stamp is set and whose first point is at that stamp is part of a stream, as the trajectory
+    generator sends it: its points are followed as they are, and the limits that the arm states are checked. Any other
+    message is a goal (:func:`elastic_arm.nodes.following.goals.plan_goal`); where the arm states no limit, that of the
+    excitation's search counts.
+
+    Parameters
+    ----------
+    robot
+        The arm.
+    start
+        (n,) rad where it stands.
+    origin_ns, step_ns
+        Step k is at `origin_ns + k * step_ns`.
+    policy
+        What to do with a goal that breaks limits: refuse, slow_down or ignore (streams too).
+
+    Attributes
+    ----------
+    stream
+        The queue of streamed points, with its counts.
+    goal
+        The goal that is being followed, or was last; None after a stream.
+    """
+
+    def __init__(self, robot: Robot, start: Array, origin_ns: int, step_ns: int, policy: str = "refuse") -> None:
+        self.joints = robot.joint_names
+        self.stream = ReferenceQueue(start, origin_ns, step_ns)
+        self.goal: Goal | None = None
+        self._origin, self._step_ns, self._policy = origin_ns, step_ns, policy
+        self._stated, self._assumed = (JointLimits.of(robot, assumed) for assumed in (False, True))
+        self._step = 0
+        self._made = 0
+
+    @property
+    def now_ns(self) -> int:
+        """Stamp of the step that was given last."""
+        return self._origin + self._step * self._step_ns
+
+    def at(self, step: int) -> Row:
+        """Return the reference of a step; steps are taken in order."""
+        self._step = step
+        self._feed(step + AHEAD)
+        return self.stream.at(step)
+
+    def take(self, message: JointTrajectory) -> Goal | None:
+        """Take a message; return the goal that came of it, or None of a part of a stream.
+
+        Raises
+        ------
+        GraphError
+            If it cannot be followed; the arm goes on as before.
+        """
+        stamp = message.header.stamp.sec * NANOSECONDS + message.header.stamp.nanosec
+        first = message.points[0].time_from_start if message.points else None
+        if stamp and first is not None and first.sec == first.nanosec == 0:
+            self._take_stream(stamp, *reference_points(message, self.joints))
+            return None
+        return self.go_to(message)
+
+    def go_to(self, message: JointTrajectory) -> Goal:
+        """Take a message as a goal, whatever its stamp.
+
+        Raises
+        ------
+        GraphError
+            If it cannot be followed; the arm goes on as before.
+        """
+        present = self.stream.present
+        goal = plan_goal(message, self.joints, self.now_ns, present, self._assumed, self._policy)
+        self._begin(goal)
+        return goal
+
+    def stop(self) -> Goal:
+        """Bring the arm to a standstill, whatever it follows."""
+        goal = plan_stop(self.now_ns, self.stream.present, self._assumed)
+        self._begin(goal)
+        return goal
+
+    def _begin(self, goal: Goal) -> None:
+        self.stream.clear()
+        self.goal, self._made = goal, self._step
+
+    def _take_stream(self, stamp: int, after_ns: NDArray[np.int64], points: Points) -> None:
+        if self._policy != "ignore":
+            self._check_stream(stamp, after_ns, points)
+        if self.goal is not None:
+            self._feed((stamp - self._origin) // self._step_ns)
+            self.goal = None
+        self.stream.add(stamp + after_ns, points.row, points.degree)
+
+    def _check_stream(self, stamp: int, after_ns: NDArray[np.int64], points: Points) -> None:
+        bridge = None if self.goal is not None else self.stream.bridge(stamp)
+        if bridge is None:
+            before = self._planned(stamp)
+            jump = np.abs(points.position[0] - before)
+            joint = int(np.argmax(jump))
+            if jump[joint] > LARGEST_JUMP:
+                raise GraphError(
+                    f"begins {jump[joint]:.3g} rad from where {self.joints[joint]} is then",
+                    "Begin where the arm is, or give time_from_start to go there.",
+                )
+        motion = points.row
+        known = points.degree[:, None]
+        motion = Row(
+            motion.position,
+            np.where(known >= CUBIC, motion.velocity, _slopes(after_ns, motion.position)),
+            np.where(known >= QUINTIC, motion.acceleration, 0.0),
+        )
+        if (broken := self._stated.violation(motion, self.stream.present.position)) is not None:
+            raise GraphError(broken.problem, "Stream within the limits of the arm file, or set the parameter limits.")
+
+    def _planned(self, stamp: int) -> Array:
+        """Where the arm will be, as far as is known, (n,)."""
+        if self.goal is not None:
+            position: Array = self.goal.at(np.array([stamp])).position[0]
+            return position
+        return self.stream.last_position(stamp)
+
+    def _feed(self, until: int) -> None:
+        """Hand the rows of the goal on, up to a step."""
+        if self.goal is None:
+            return
+        end = -(-(self.goal.end_ns - self._origin) // self._step_ns)
+        while self._made < min(until, end):
+            steps = np.arange(self._made + 1, min(self._made + PART, end) + 1)
+            self.stream.extend(int(steps[0]), self.goal.at(self._origin + steps * self._step_ns))
+            self._made = int(steps[-1])
+
+
+def _slopes(after_ns: NDArray[np.int64], position: Array) -> Array:
+    """Return the velocity from each point to the next, zero of the last, (N, n)."""
+    slopes = np.zeros_like(position)
+    if len(position) > 1:
+        slopes[:-1] = np.diff(position, axis=0) / (np.diff(after_ns) * 1e-9)[:, None]
+    return slopes

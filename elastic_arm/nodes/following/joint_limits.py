@@ -1,0 +1,109 @@
+"""Limits of position, velocity and acceleration that a motion has to keep."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from elastic_arm.excitation.limits import DEFAULTS
+from elastic_arm.nodes.following.splines import Row
+from elastic_arm.robot import Robot
+
+Array = NDArray[np.float64]
+# Peaks of a motion that was planned at a limit exceed it by rounding and between samples: this share is no violation.
+SLACK = 0.02
+# Angle past a limit that counts as rounding, rad.
+ANGLE_SLACK = 1e-3
+_UNITS = {"position": "rad", "velocity": "rad/s", "acceleration": "rad/s²"}
+
+
+@dataclass(frozen=True)
+class Violation:
+    """The worst of what breaks limits.
+
+    Parameters
+    ----------
+    problem
+        In words, as what follows "a goal that".
+    slower
+        How many times slower the motion would have to be; infinite where that does not help.
+    """
+
+    problem: str
+    slower: float
+
+
+@dataclass(frozen=True, eq=False)
+class JointLimits:
+    """Limits of all joints, (n,) each, infinite where there is none.
+
+    Parameters
+    ----------
+    joints
+        Their names.
+    low, high, velocity, acceleration
+        rad, rad/s, rad/s².
+    assumed
+        Whether limits that the description does not state are those of the excitation's search.
+    """
+
+    joints: tuple[str, ...]
+    low: Array
+    high: Array
+    velocity: Array
+    acceleration: Array
+    assumed: bool = False
+
+    @classmethod
+    def of(cls, robot: Robot, assumed: bool) -> JointLimits:
+        """Take the limits that `robot` states; the others are assumed, or infinite."""
+
+        def all_of(name: str, unlimited: float) -> Array:
+            default = DEFAULTS[name] if assumed else unlimited
+            stated = [getattr(joint.limits, name) for joint in robot.joints]
+            return np.array([default if value is None else value for value in stated], dtype=float)
+
+        low, high = all_of("position_min", -np.inf), all_of("position_max", np.inf)
+        return cls(
+            robot.joint_names, low, high, all_of("velocity", np.inf), all_of("acceleration", np.inf), assumed=assumed
+        )
+
+    def violation(self, motion: Row, start: Array) -> Violation | None:
+        """Return what of a motion, (N, n) each, breaks a limit most; None where all are kept.
+
+        Parameters
+        ----------
+        motion
+            Position, velocity, acceleration.
+        start
+            (n,) where the arm stands: an arm outside its range may move back into it.
+        """
+        past = np.maximum(motion.position - np.maximum(self.high, start), np.minimum(self.low, start) - motion.position)
+        if past.max() > ANGLE_SLACK:
+            row, joint = divmod(int(np.argmax(past)), past.shape[1])
+            angle = float(motion.position[row, joint])
+            limit = float(self.high[joint] if angle > self.high[joint] else self.low[joint])
+            return Violation(self._words("position", joint, angle, limit), np.inf)
+        shares = {"velocity": _peak(motion.velocity) / self.velocity}
+        shares["acceleration"] = _peak(motion.acceleration) / self.acceleration
+        slower = {"velocity": float(shares["velocity"].max())}
+        slower["acceleration"] = float(shares["acceleration"].max()) ** 0.5
+        kind = max(slower, key=lambda name: slower[name])
+        if max(float(share.max()) for share in shares.values()) <= 1.0 + SLACK:
+            return None
+        joint = int(np.argmax(shares[kind]))
+        limit = float(getattr(self, kind)[joint])
+        return Violation(self._words(kind, joint, float(shares[kind][joint]) * limit, limit), slower[kind])
+
+    def _words(self, kind: str, joint: int, value: float, limit: float) -> str:
+        unit = _UNITS[kind]
+        article = "an" if kind == "acceleration" else "a"
+        where = f"where {limit:.3g} {unit} is the limit"
+        return f"takes {self.joints[joint]} to {article} {kind} of {value:.3g} {unit}, {where}"
+
+
+def _peak(values: Array) -> Array:
+    peak: Array = np.abs(values).max(axis=0)
+    return peak

@@ -1,0 +1,107 @@
+"""The messages of the reference: checked before an arm follows them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from trajectory_msgs.msg import JointTrajectory
+
+from elastic_arm.errors import GraphError
+from elastic_arm.nodes.following.splines import CUBIC, LINEAR, QUINTIC, Row
+from elastic_arm.nodes.support.wire import NANOSECONDS
+
+_FIELDS = ("positions", "velocities", "accelerations")
+
+
+class Points(NamedTuple):
+    """Points of a message, (N, n) each; `degree` (N,) is that of the polynomials they allow, see `splines`."""
+
+    position: NDArray[np.float64]
+    velocity: NDArray[np.float64]
+    acceleration: NDArray[np.float64]
+    degree: NDArray[np.int64]
+
+    @property
+    def row(self) -> Row:
+        """Position, velocity and acceleration alone."""
+        return Row(self.position, self.velocity, self.acceleration)
+
+    def where(self, chosen: NDArray[np.bool_]) -> Points:
+        """Return some of the points."""
+        return Points(self.position[chosen], self.velocity[chosen], self.acceleration[chosen], self.degree[chosen])
+
+
+def reference_points(
+    message: JointTrajectory, joints: Sequence[str], held: NDArray[np.float64] | None = None
+) -> tuple[NDArray[np.int64], Points]:
+    """Return the points of a message in the order of the arm's joints.
+
+    Parameters
+    ----------
+    message
+        Points with positions, and velocities and accelerations where they are given, zero elsewhere.
+    joints
+        Names of the arm's joints, (n,).
+    held
+        (n,) where joints that the message does not name stay; names of other joints are a mistake then. None where it
+        has to name all joints; further ones are left out.
+
+    Returns
+    -------
+    after_ns : (N,)
+        Time of each point after the message's stamp, increasing.
+    points
+        (N, n) each.
+
+    Raises
+    ------
+    GraphError
+        If a joint of the arm is missing or a name is repeated, there are no points, a point lacks its positions or has
+        another number of values than there are names, a value is not finite, or times do not increase.
+    """
+    names = list(message.joint_names)
+    _check_names(names, joints, partial=held is not None)
+    if not message.points:
+        raise GraphError("holds no points", "Send one point or more.")
+    after = [point.time_from_start.sec * NANOSECONDS + point.time_from_start.nanosec for point in message.points]
+    if np.any(np.diff(after) <= 0):
+        raise GraphError("has points whose times do not increase", "Sort them by time_from_start.")
+    columns = [_column(message, field, len(names)) for field in _FIELDS]
+    if not np.all(np.isfinite(columns)):
+        raise GraphError("has a value that is not finite", "Send finite numbers.")
+    named = [k for k, joint in enumerate(joints) if joint in names]
+    order = [names.index(joints[k]) for k in named]
+    position, velocity, acceleration = np.zeros((3, len(after), len(joints)))
+    if held is not None:
+        position[:] = held
+    for values, column in zip((position, velocity, acceleration), columns, strict=True):
+        values[:, named] = column[:, order]
+    degree = [LINEAR if not point.velocities else QUINTIC if point.accelerations else CUBIC for point in message.points]
+    return np.array(after, dtype=np.int64), Points(position, velocity, acceleration, np.array(degree, dtype=np.int64))
+
+
+def _check_names(names: list[str], joints: Sequence[str], partial: bool) -> None:
+    said = f"names {', '.join(names) or 'no joint'}"
+    if len(set(names)) != len(names):
+        raise GraphError(said, f"Name each of {', '.join(joints)} once.")
+    if partial:
+        if not names or not set(names) <= set(joints):
+            raise GraphError(said, f"Name one or more of {', '.join(joints)}.")
+    elif not set(joints) <= set(names):
+        raise GraphError(said, f"Name each of {', '.join(joints)} once.")
+
+
+def _column(message: JointTrajectory, field: str, n: int) -> NDArray[np.float64]:
+    """One field of all points for the n joints that the message names, (N, n); zeros where a point does not give it."""
+    rows = []
+    for k, point in enumerate(message.points):
+        values = getattr(point, field)
+        if len(values) == 0 and field != "positions":
+            values = np.zeros(n)
+        if len(values) != n:
+            raise GraphError(f"has {len(values)} {field} for {n} joints in point {k}", "Give one value a joint.")
+        rows.append(values)
+    return np.array(rows, dtype=float)
