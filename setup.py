@@ -47,6 +47,7 @@ setup(
     install_requires=list(LIBRARIES),
     extras_require={
         "test": ["pytest", "pytest-xdist", "hypothesis"],
+        "mujoco": ["mujoco", "lxml"],
         "paper": ["mujoco", "sympy"],
         "challenge": ["dask", "distributed", "pin"],
     },

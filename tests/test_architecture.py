@@ -25,7 +25,7 @@ KEPT_TO: dict[str, tuple[str, ...]] = {
     "matplotlib": ("report", "studies/paper/report", "studies/blind_challenge/report"),
     "jinja2": ("report",),
     "typer": ("cli", "app.py", "studies/paper/command.py", "studies/blind_challenge/command.py"),
-    "mujoco": ("studies/paper",),
+    "mujoco": ("studies/paper", "robot/mjcf", "mujoco"),
     "pinocchio": ("studies/blind_challenge",),
     "dask": ("studies/blind_challenge",),
     "distributed": ("studies/blind_challenge",),

@@ -13,6 +13,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from elastic_arm.cli.console import out, print_json, reports_errors
+from elastic_arm.cli.options import AtOption, ChainOption, load_arm
 from elastic_arm.cli.outputs import claim_bag
 from elastic_arm.cli.processes import require_ros
 from elastic_arm.recording.foreign.arrays import import_arrays
@@ -53,7 +54,11 @@ def check(
     bag: BagPath,
     repair: Annotated[bool, typer.Option("--repair", help="Write a usable copy beside the bag.")] = False,
     out_folder: Annotated[Path | None, typer.Option("--out", help="Of the copy; BAG_repaired by default.")] = None,
-    robot: Annotated[Path | None, typer.Option(help="Arm file or URDF whose joint names the bag should have.")] = None,
+    robot: Annotated[
+        Path | None, typer.Option(help="Arm file, URDF or MJCF whose joint names the bag should have.")
+    ] = None,
+    chain: ChainOption = None,
+    at: AtOption = None,
     channels: Channels = None,
     json: Json = False,
 ) -> None:
@@ -63,7 +68,7 @@ def check(
 
     Example: elastic-arm bag check --repair runs/killed
     """
-    joints = None if robot is None else _joint_names(robot)
+    joints = None if robot is None else list(load_arm(robot, chain, at).joint_names)
     report = check_bag(bag, _channels(channels), joints)
     mended = repair_bag(bag, out_folder) if repair and not report.ok else None
     after = None if mended is None else check_bag(mended.path, _channels(channels), joints)
@@ -138,12 +143,6 @@ def _repaired(mended: Repair | None, after: Report | None) -> dict[str, Any] | N
 
 def _channels(path: Path | None) -> ChannelMap | None:
     return None if path is None else load_channels(path)
-
-
-def _joint_names(path: Path) -> list[str]:
-    from elastic_arm.robot import load_robot
-
-    return list(load_robot(path).joint_names)
 
 
 def _print_info(summary: BagInfo) -> None:

@@ -11,7 +11,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from elastic_arm.cli.console import out, print_json, reports_errors
-from elastic_arm.cli.options import RobotFile, load_arm
+from elastic_arm.cli.options import AtOption, ChainOption, RobotFile, load_arm
 from elastic_arm.cli.outputs import Force, claim_file
 from elastic_arm.dynamics import build_model
 from elastic_arm.errors import OutputError
@@ -26,7 +26,8 @@ def describe(
     model: Annotated[str, typer.Option(help="mod1, mod2 or mod3.")] = "mod3",
     base: Annotated[bool, typer.Option("--base", help="List the base parameters.")] = False,
     urdf: Annotated[Path | None, typer.Option(help="Write the arm as URDF to this file.")] = None,
-    chain: Annotated[str | None, typer.Option(help="First and last link of the arm in a URDF: base:tip.")] = None,
+    chain: ChainOption = None,
+    at: AtOption = None,
     json: Annotated[bool, typer.Option("--json", help="Print JSON, for scripts.")] = False,
     force: Force = False,
 ) -> None:
@@ -42,7 +43,7 @@ def describe(
     """
     if urdf is not None:
         claim_file(urdf, force=force, option="--urdf")
-    robot = load_arm(robot_file, chain)
+    robot = load_arm(robot_file, chain, at)
     told = build_model(robot, model)
     parameters = base_of(told)
     if urdf is not None:
@@ -75,6 +76,9 @@ def _print_robot(robot: Robot) -> None:
     if robot.elastic:
         for heading in ("ratio", "K Nm/rad", "D Nms/rad", "bearing"):
             table.add_column(heading, justify="right")
+    spinning = any(joint.armature is not None for joint in robot.joints)
+    if spinning:
+        table.add_column("armature kg m²", justify="right")
     for joint in robot.joints:
         limits = joint.limits
         span = f"{_short(limits.position_min)} … {_short(limits.position_max)}"
@@ -83,10 +87,22 @@ def _print_robot(robot: Robot) -> None:
         if joint.transmission is not None:
             t = joint.transmission
             row += [f"{t.r_tot:g}", f"{t.stiffness:g}", f"{t.damping:g}", "yes" if t.bearing else "rigid"]
+        row += [_short(joint.armature)] if spinning else []
         table.add_row(*(escape(cell) for cell in row))
     out.print(table)
+    for line in _stated(robot):
+        out.print(escape(line), soft_wrap=True)
     for note in robot.notes:
         out.print(f"[cyan]note:[/] {escape(note)}", soft_wrap=True)
+
+
+def _stated(robot: Robot) -> list[str]:
+    """Return the effects that the description states, a line for each kind."""
+    found: dict[str, list[str]] = {}
+    for entry in robot.effects:
+        values = ", ".join(f"{value:.4g}" for value in entry["parameters"].values() if isinstance(value, float | int))
+        found.setdefault(entry["effect"], []).append(f"{entry.get('joint') or 'whole arm'} {values}".strip())
+    return [f"{effect}: {'; '.join(places)}" for effect, places in found.items()]
 
 
 def _content(robot: Robot, model: str, parameters: int, base: BaseParameters) -> dict[str, Any]:

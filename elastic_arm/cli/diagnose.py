@@ -12,7 +12,17 @@ from rich.markup import escape
 from rich.table import Table
 
 from elastic_arm.cli.console import err, out, print_json, refuse_repeated, reports_errors
-from elastic_arm.cli.options import ClockChoice, ClockOption, EffectsFiles, read_by_clock
+from elastic_arm.cli.options import (
+    AtOption,
+    ChainOption,
+    ClockChoice,
+    ClockOption,
+    EffectsFiles,
+    KnownEffects,
+    RobotFile,
+    load_arm,
+    read_by_clock,
+)
 from elastic_arm.cli.outputs import claim_folder
 from elastic_arm.diagnosis import Question, diagnose, follow_up
 from elastic_arm.diagnosis.corrected_robot import repaired_robot
@@ -31,7 +41,7 @@ from elastic_arm.diagnosis.result import SEPARATING, Cause, Diagnosis
 from elastic_arm.effects import Catalogue
 from elastic_arm.effects.text import known_effects
 from elastic_arm.recording import Recording, load_channels
-from elastic_arm.robot import Robot, load_robot, save_robot
+from elastic_arm.robot import Robot, save_robot
 
 ROBOT = "robot.yaml"
 COLOURS = {"none": "green", "explained": "cyan", "unknown": "yellow"}
@@ -44,19 +54,12 @@ def diagnose_command(
         list[Path] | None, typer.Option(metavar="BAG…", help="Recordings that judge; the last third otherwise.")
     ] = None,
     model: Annotated[str, typer.Option(help="mod1, mod2 or mod3.")] = "mod3",
-    robot_file: Annotated[
-        Path | None, typer.Option("--robot", help="Nominal arm: arm file or URDF; that of the package by default.")
-    ] = None,
+    robot_file: RobotFile = None,
+    chain: ChainOption = None,
+    at: AtOption = None,
     channels: Annotated[Path | None, typer.Option(help="Channel map of foreign bags.")] = None,
     effects_files: EffectsFiles = None,
-    with_: Annotated[
-        list[str] | None,
-        typer.Option(
-            "--with",
-            metavar="EFFECT[:JOINT][:NAME=VALUE]",
-            help="Effects that are known: fitted first, part of the model. NAME=VALUE says where the fit starts.",
-        ),
-    ] = None,
+    with_: KnownEffects = None,
     clock: ClockOption = ClockChoice.auto,
     refit: Annotated[bool, typer.Option("--refit", help="Fit the model's own parameters first.")] = False,
     propose: Annotated[
@@ -88,7 +91,7 @@ def diagnose_command(
     # Before the work; a diagnosis can be made again, so an earlier one is replaced.
     claim_folder(out_dir, (), force=True)
     catalogue = Catalogue.default().with_files(effects_files or ())
-    robot = load_robot(robot_file)
+    robot = load_arm(robot_file, chain, at, catalogue)
     mapping = None if channels is None else load_channels(channels)
 
     def read(paths: list[Path]) -> list[Recording]:

@@ -13,7 +13,7 @@ from rich.table import Table
 
 from elastic_arm.cli.console import err, out, print_json, reports_errors
 from elastic_arm.cli.describe import base_of
-from elastic_arm.cli.options import RobotFile, load_arm
+from elastic_arm.cli.options import AtOption, ChainOption, RobotFile, load_arm
 from elastic_arm.cli.outputs import Force, claim_file, claim_folder
 from elastic_arm.dynamics import Model, build_model
 from elastic_arm.excitation import (
@@ -34,6 +34,8 @@ Limit = Annotated[float | None, typer.Option(help="Lower the limit of all joints
 @reports_errors
 def excite(
     robot_file: RobotFile = None,
+    chain: ChainOption = None,
+    at: AtOption = None,
     file: Annotated[Path, typer.Option("--out", help="Trajectory file (YAML) to write.")] = Path("trajectory.yaml"),
     model: Annotated[str, typer.Option(help="mod1, mod2 or mod3.")] = "mod3",
     harmonics: Annotated[int, typer.Option(help="Of the Fourier series of every joint.")] = 5,
@@ -65,7 +67,7 @@ def excite(
         claim_folder(report, ["report.html"], force=force, option="--report")
     find_criterion(criterion)
     shape = Shape(harmonics, period, ramp, periods)
-    robot = load_arm(robot_file)
+    robot = load_arm(robot_file, chain, at)
     told = build_model(robot, model)
     base = base_of(told)
     limits = MotionLimits.of(

@@ -13,7 +13,16 @@ from rich.progress import BarColumn, Progress, TextColumn
 from rich.table import Table
 
 from elastic_arm.cli.console import columns_left, err, out, print_json, refuse_repeated, reports_errors
-from elastic_arm.cli.options import ClockChoice, ClockOption, EffectsFiles, RobotFile, load_arm, read_by_clock
+from elastic_arm.cli.options import (
+    AtOption,
+    ChainOption,
+    ClockChoice,
+    ClockOption,
+    EffectsFiles,
+    RobotFile,
+    load_arm,
+    read_by_clock,
+)
 from elastic_arm.cli.outputs import Force, claim_folder
 from elastic_arm.effects import Catalogue
 from elastic_arm.estimation.motion import Motion
@@ -49,6 +58,8 @@ def identify(
         list[Path] | None, typer.Option(help="Recording that no fit may see; may be given again.")
     ] = None,
     robot_file: RobotFile = None,
+    chain: ChainOption = None,
+    at: AtOption = None,
     model: Annotated[str, typer.Option(help="mod1, mod2 or mod3.")] = "mod3",
     with_: Annotated[
         list[str] | None,
@@ -81,7 +92,7 @@ def identify(
     claim_folder(out_dir, RESULTS, force=force)
     refuse_repeated([*bags, *(validate or [])])
     catalogue = Catalogue.default().with_files(effects_files or ())
-    robot = load_arm(robot_file, catalogue=catalogue)
+    robot = load_arm(robot_file, chain, at, catalogue)
     laws = parse_laws(with_ or (), robot, catalogue)
     mapping = None if channels is None else load_channels(channels)
     with Progress(TextColumn("{task.description}", markup=False), BarColumn(), console=err, transient=True) as bar:
@@ -102,6 +113,7 @@ def identify(
             consistent=consistent,
             validate=held_out,
             progress=says,
+            catalogue=catalogue,
         )
         says("report", 1.0)
         _write(result, sections_of=(identifier.equations, motion), out_dir=out_dir)

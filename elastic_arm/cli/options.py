@@ -32,22 +32,52 @@ ClockOption = Annotated[
         help="When samples were taken: at their stamps, regularly, when messages arrived; by the evidence otherwise.",
     ),
 ]
-RobotFile = Annotated[Path | None, typer.Option("--robot", help="Arm file or URDF; the nominal arm by default.")]
+RobotFile = Annotated[Path | None, typer.Option("--robot", help="Arm file, URDF or MJCF; the nominal arm by default.")]
+ChainOption = Annotated[
+    str | None,
+    typer.Option(
+        "--chain",
+        metavar="BASE:TIP",
+        help="First and last link of the arm in a URDF, first and last body in an MJCF.",
+        show_default=False,
+    ),
+]
+AtOption = Annotated[
+    str | None,
+    typer.Option(
+        "--at",
+        metavar="JOINT=VALUE,…",
+        help="Where joints of an MJCF outside the chain are held, or the name of a keyframe.",
+        show_default=False,
+    ),
+]
+KnownEffects = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--with",
+        metavar="EFFECT[:JOINT][:NAME=VALUE]",
+        help="Effects that are known: fitted first, part of the model. NAME=VALUE says where the fit starts.",
+    ),
+]
 EffectsFiles = Annotated[
     list[Path] | None,
     typer.Option("--effects", is_eager=True, help="Python file with effects of your own; may be given again."),
 ]
 
 
-def load_arm(path: Path | None, chain: str | None = None, catalogue: Catalogue | None = None) -> Robot:
-    """Read a robot description, of a URDF the part that `chain` names, and check that the effects it lists exist.
+def load_arm(
+    path: Path | None, chain: str | None = None, at: str | None = None, catalogue: Catalogue | None = None
+) -> Robot:
+    """Read a robot description, of a URDF or MJCF the part that `chain` names, and check that its effects exist.
 
     Parameters
     ----------
     path
-        Arm file or URDF; the nominal arm when None.
+        Arm file, URDF or MJCF; the nominal arm when None.
     chain
-        First and last link of the arm in a URDF, "base:tip".
+        First and last link of the arm in a URDF or MJCF, "base:tip".
+    at
+        Where joints of an MJCF outside the chain are held.
     catalogue
         Where effects are looked up; the default one when None.
 
@@ -56,7 +86,7 @@ def load_arm(path: Path | None, chain: str | None = None, catalogue: Catalogue |
     RobotError, EffectError
         Naming the file.
     """
-    robot = load_robot(path, chain)
+    robot = load_robot(path, chain, at)
     try:
         robot_effects(robot, catalogue)
     except EffectError as error:

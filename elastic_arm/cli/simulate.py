@@ -14,7 +14,7 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.table import Table
 
 from elastic_arm.cli.console import err, out, print_json, reports_errors
-from elastic_arm.cli.options import EffectsFiles, load_arm
+from elastic_arm.cli.options import AtOption, ChainOption, EffectsFiles, load_arm
 from elastic_arm.cli.outputs import claim_bag
 from elastic_arm.diagnosis.format import instance_text
 from elastic_arm.dynamics import build_model
@@ -51,8 +51,10 @@ def _list_effects(context: typer.Context, value: bool) -> None:
 def simulate(
     out_bag: Annotated[Path, typer.Option("--out", help="Bag to make (a folder that does not exist).")],
     robot_file: Annotated[
-        Path | None, typer.Option("--robot", help="True arm: arm file or URDF; the nominal arm by default.")
+        Path | None, typer.Option("--robot", help="True arm: arm file, URDF or MJCF; the nominal arm by default.")
     ] = None,
+    chain: ChainOption = None,
+    at: AtOption = None,
     nominal_file: Annotated[
         Path | None, typer.Option("--nominal", help="What controller and recording believe; the true arm by default.")
     ] = None,
@@ -93,7 +95,7 @@ def simulate(
     """
     claim_bag(out_bag)
     catalogue = Catalogue.default().with_files(effects_files or ())
-    robot = load_arm(robot_file, catalogue=catalogue)
+    robot = load_arm(robot_file, chain, at, catalogue)
     nominal = robot.with_(effects=()) if nominal_file is None else load_arm(nominal_file, catalogue=catalogue)
     check_same_joints(robot, nominal)
     effects = [parse(text, robot, catalogue) for text in effect or ()]

@@ -175,7 +175,7 @@ class LiveDiagnosis:
         """
         model, settings = self._model, self.question.settings.preprocessing
         observation = observe(usable(recording.select(self.question.robot.joint_names), settings))
-        layout = EquationSet.direct(observation.pieces[0].recorded, model.n)
+        layout = EquationSet.direct(observation.pieces[0].recorded, model.n, elastic=model.robot.elastic)
         band = common_band(layout, model, observation.rate, settings)
         stretches = residuals(model, observation, layout, band)
         if not stretches:

@@ -42,5 +42,5 @@ class Question:
     @property
     def candidates(self) -> tuple[Effect, ...]:
         """What may explain the gap; of errors of the model's own parameters a refit leaves nothing."""
-        effects = tuple(self.catalogue.values()) if self.effects is None else self.effects
+        effects = tuple(e for e in self.catalogue.values() if e.searched) if self.effects is None else self.effects
         return tuple(effect for effect in effects if not (self.refit and effect.model_parameter))

@@ -35,6 +35,8 @@ from elastic_arm.robot.description import Bearing, Component, Inertia, Joint, Ro
 from elastic_arm.robot.parts import snap
 
 X, Y, Z = range(3)
+# Last part of the name of the parameter that holds a rigid joint's armature.
+ARMATURE = "armature"
 
 
 @dataclass
@@ -109,7 +111,7 @@ class _Assembly:
 def compose(robot: Robot, name: str, *, bearings: bool = False) -> Bodies:
     """Put `robot` together as model `name`: mod1, mod2 or mod3.
 
-    A robot without transmissions is its links alone, whichever the name.
+    A robot without transmissions is its links and armatures, whichever the name.
 
     Parameters
     ----------
@@ -133,7 +135,7 @@ def compose(robot: Robot, name: str, *, bearings: bool = False) -> Bodies:
     arm = _Assembly(robot)
     for i in range(robot.n):
         arm.add_link(i, bearings)
-    (COMPOSITIONS[name] if robot.elastic else _links)(arm)
+    (COMPOSITIONS[name] if robot.elastic else _rigid)(arm)
     arm.add_springs(bearings)
     n = robot.n
     kinds = ("q_{}", *(("theta_{}",) if robot.elastic else ()), *(("q_{}x", "q_{}y") if bearings else ()))
@@ -155,6 +157,15 @@ def compose(robot: Robot, name: str, *, bearings: bool = False) -> Bodies:
 def _links(arm: _Assembly) -> None:
     for i, joint in enumerate(arm.robot.joints):
         arm.add_link_body(i, joint.link)
+
+
+def _rigid(arm: _Assembly) -> None:
+    """Links, and what spins with the motors of joints that are driven stiffly: felt by their own joints alone."""
+    _links(arm)
+    for i, joint in enumerate(arm.robot.joints):
+        if joint.armature is not None:
+            (inertia,) = arm.add_parameters(joint.name, (ARMATURE,), ("kg m^2",), np.array([joint.armature]))
+            arm.spins.append(Spin(GROUND, np.array([0.0, 0.0, 1.0]), ((i, 1.0),), inertia))
 
 
 def _mod3(arm: _Assembly) -> None:

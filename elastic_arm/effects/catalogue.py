@@ -11,9 +11,10 @@ from collections.abc import Iterator, Mapping, Sequence
 from functools import lru_cache
 from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
+from types import ModuleType
 from typing import Any
 
-from elastic_arm.effects import library
+from elastic_arm.effects import library, stated
 from elastic_arm.effects.law_check import check_law
 from elastic_arm.effects.model import Effect, EffectInstance
 from elastic_arm.errors import EffectError
@@ -59,7 +60,7 @@ class Catalogue(Mapping[str, Effect]):
 
     @staticmethod
     def default() -> Catalogue:
-        """Return the effects of the library and of installed packages (entry points of :data:`GROUP`).
+        """Return the effects of the library, those only stated, and of packages (entry points of :data:`GROUP`).
 
         Raises
         ------
@@ -104,17 +105,17 @@ class Catalogue(Mapping[str, Effect]):
         )
 
 
-def discover() -> Catalogue:
-    """Return the `EFFECT` of every module of the library that has one."""
-    modules = sorted(m.name for m in pkgutil.iter_modules(library.__path__))
-    held = (getattr(importlib.import_module(f"{library.__name__}.{m}"), "EFFECT", None) for m in modules)
+def discover(folder: ModuleType = library) -> Catalogue:
+    """Return the `EFFECT` of every module of a package, the library, that has one."""
+    modules = sorted(m.name for m in pkgutil.iter_modules(folder.__path__))
+    held = (getattr(importlib.import_module(f"{folder.__name__}.{m}"), "EFFECT", None) for m in modules)
     return Catalogue([effect for effect in held if isinstance(effect, Effect)])
 
 
 @lru_cache(maxsize=1)
 def _default() -> Catalogue:
     points = sorted(entry_points(group=GROUP), key=lambda point: point.name)
-    return Catalogue([*EFFECTS.values(), *(_of_entry_point(point) for point in points)])
+    return Catalogue([*EFFECTS.values(), *STATED.values(), *(_of_entry_point(point) for point in points)])
 
 
 def _of_entry_point(point: EntryPoint) -> Effect:
@@ -164,6 +165,7 @@ def _located(path: Path, error: Exception, remedy: str) -> EffectError:
 
 
 EFFECTS = discover()
+STATED = discover(stated)
 
 
 def from_dict(

@@ -59,12 +59,13 @@ class ArmEquations:
 
     @cached_property
     def B(self) -> SX:
-        """Diagonal of B, (6) or (7)."""
+        """Diagonal of B, (6) or (7); of an arm without transmissions its armatures."""
         n = self.robot.n
+        first = n if self.robot.elastic else 0
         inertias: list[Any] = [SX(0.0)] * n
         for spin in self.bodies.spins:
             for coordinate, ratio in spin.gears:
-                inertias[coordinate - n] += ratio**2 * self.Psi[spin.parameter]
+                inertias[coordinate - first] += ratio**2 * self.Psi[spin.parameter]
         return ca.vertcat(*inertias)
 
     def left_side(self, x: SX, dx: SX, ddx: SX, *, model: str | None = None) -> SX:

@@ -136,6 +136,8 @@ class Effect:
     prior
         (sample rate in Hz) -> standard deviation of its first parameter over ordinary arms of a refit; None where an
         ordinary arm has none of it.
+    searched
+        Whether a diagnosis looks for it; False for what acts only where a description or a user states it.
 
     Raises
     ------
@@ -164,6 +166,7 @@ class Effect:
     ordinary: Ordinary | None = None
     regressor: RegressorOf | None = None
     prior: Callable[[float], float] | None = None
+    searched: bool = True
 
     def __post_init__(self) -> None:
         if not self.magnitude and self.parameters:

@@ -230,6 +230,22 @@ class SymbolicMotion:
             )
         return transmission
 
+    def motor_inertia(self, i: int) -> SX:
+        """Return the inertia on the motor side of joint i, kg m².
+
+        Raises
+        ------
+        EffectError
+            If the arm's description holds none.
+        """
+        joint = self.robot.joints[i]
+        if joint.transmission is None and not joint.armature:
+            raise EffectError(
+                f"robot {self.robot.name} describes no motor inertia of {joint.name}",
+                "State its armature (kg m²) in the arm file, or use an arm file with transmissions.",
+            )
+        return self.equations.B[i]
+
     def at(self, i: int, *, rates: Mapping[str, SX] | None = None, **torques: Any) -> Contribution:
         """Return a contribution to joint i alone; `torques` are `link`, `drive`, `motor` in Nm.
 

@@ -99,7 +99,7 @@ class EquationSet:
     entries: tuple[tuple[Equation, int], ...]
 
     @classmethod
-    def direct(cls, recorded: Channels | Sequence[Channels], n: int) -> EquationSet:
+    def direct(cls, recorded: Channels | Sequence[Channels], n: int, *, elastic: bool = True) -> EquationSet:
         """Return the residuals themselves as far as their channels were recorded.
 
         Parameters
@@ -108,13 +108,15 @@ class EquationSet:
             Names among q, theta, tau_J, tau_m: one set for all joints, or a sequence of n sets.
         n
             Joints.
+        elastic
+            Whether the joints have transmissions; without them both encoders read one angle, and nothing winds.
 
         Raises
         ------
         IdentificationError
             If the channels allow no equation.
         """
-        return cls._of([_direct(frozenset(names)) for names in _of_joints(recorded, n)], tuple(SIDES))
+        return cls._of([_direct(frozenset(names), elastic=elastic) for names in _of_joints(recorded, n)], tuple(SIDES))
 
     @classmethod
     def independent(
@@ -189,13 +191,15 @@ def _require_channels(recorded: frozenset[str]) -> None:
         )
 
 
-def _direct(recorded: frozenset[str]) -> dict[str, Equation]:
+def _direct(recorded: frozenset[str], *, elastic: bool) -> dict[str, Equation]:
     """Return the residuals of one joint that hold no missing channel, by name."""
     _require_channels(recorded)
-    both = {"q", "theta"} <= recorded
+    both = elastic and {"q", "theta"} <= recorded
     if "tau_J" in recorded:
         needed = {"link": {"q"}, "drive": {"q", "theta"}, "motor": {"theta", "tau_m"}}
         found = {side: _DIRECT[side] for side, channels in needed.items() if channels <= recorded}
+        if not elastic:
+            found.pop("drive", None)
     elif both:
         found = {side: _WITHOUT_SENSOR[side] for side in ("link", *(("motor",) if "tau_m" in recorded else ()))}
     else:

@@ -23,8 +23,10 @@ def raw_residuals(model: Model, motion: CompletedMotion) -> Array:
     """Residuals (N, 3 n) Nm of completed motion at the recording's rate."""
     n = model.n
     if not model.robot.elastic:
-        left = model.inverse_dynamics(motion.q, motion.dq, motion.ddq)
-        return np.hstack([motion.tau_J - left, np.zeros_like(left), motion.tau_m - motion.tau_J])
+        # A torque sensor at the joint does not feel the armature, which is in the motor's row.
+        motor = armatures(model) * motion.ddq
+        link = model.inverse_dynamics(motion.q, motion.dq, motion.ddq) - motor
+        return np.hstack([motion.tau_J - link, np.zeros_like(link), motion.tau_m - motion.tau_J - motor])
     K, D = drive_constants(model)
     spring = K * (motion.theta - motion.q) + D * (motion.dtheta - motion.dq)
     left = model.inverse_dynamics(*(motion.coordinates(rate) for rate in ("", "d", "dd")))
@@ -32,6 +34,14 @@ def raw_residuals(model: Model, motion: CompletedMotion) -> Array:
     link = motion.tau_J - (left[:, :n] + spring)
     motor = motion.tau_m - (left[:, n : 2 * n] - spring) - motion.tau_J
     return np.hstack([link, motion.tau_J - spring, motor])
+
+
+def armatures(model: Model) -> Array:
+    """Return the armatures (n,) kg m² of an arm without transmissions; zero where its description states none."""
+    found = np.zeros(model.n)
+    for spin in model.bodies.spins:
+        found[spin.gears[0][0]] += model.Psi[spin.parameter]
+    return found
 
 
 def predicted_torques(model: Model, motion: CompletedMotion) -> tuple[Array, Array]:

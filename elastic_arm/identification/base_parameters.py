@@ -25,7 +25,7 @@ ABSOLUTE_FLOOR = 1e-10
 COEFFICIENT_FLOOR = 1e-9
 ROUNDING = 5e-13
 # What comes first is kept, what comes last is expressed by it.
-PREFERENCE = ("K", "D", "K_b", "D_b", "Izz", "Ixx", "Ixy", "Ixz", "Iyz", "mx", "my", "mz", "Iyy", "m")
+PREFERENCE = ("K", "D", "K_b", "D_b", "armature", "Izz", "Ixx", "Ixy", "Ixz", "Iyz", "mx", "my", "mz", "Iyy", "m")
 
 
 @dataclass(frozen=True)

@@ -37,6 +37,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elastic_arm.dynamics import Model
+from elastic_arm.dynamics.composition import ARMATURE
 from elastic_arm.dynamics.double_double import Pair
 from elastic_arm.dynamics.gram import Information, gram
 from elastic_arm.errors import IdentificationError
@@ -120,6 +121,7 @@ class BaseRegression:
         self.units = tuple(p.unit for p in own) + tuple(c.unit for c in added)
         self.nominal: Array = np.array([p.nominal for p in own] + [c.nominal for c in added])
         self._springs = np.array([k for k, p in enumerate(own) if p.name.rpartition(".")[2] in ("K", "D")], dtype=int)
+        self._armatures = np.array([k for k, p in enumerate(own) if p.name.endswith(f".{ARMATURE}")], dtype=int)
         self._own = len(own)
         self.base: BaseParameters = self._find_base()
 
@@ -133,8 +135,9 @@ class BaseRegression:
 
     def information(self, motion: Motion) -> Pair:
         """Return [Phi y]'[Phi y] of all groups, hi and lo (groups, B + 1, B + 1), in twice the working precision."""
-        # Equations that no line of the model stands for alone: sums of both, or one line measured twice.
-        if self.columns or self.summed or ("whole" in self.sides and (self.elastic or "joint" in self.sides)):
+        # Equations that no line of the model stands for alone: sums of both, one line measured twice, or a part of one.
+        sums = self.summed or ("whole" in self.sides and (self.elastic or "joint" in self.sides))
+        if self.columns or sums or ("joint" in self.sides and len(self._armatures)):
             rows = self.rows(motion)
             parts = [gram(group) for group in rows]
             return np.stack([hi for hi, _ in parts]), np.stack([lo for _, lo in parts])
@@ -239,6 +242,9 @@ class BaseRegression:
         link, motor, spring = self.equations.equation(side).lines
         if link:
             block += by_line[: self.n]
+        if not motor and len(self._armatures):
+            # A sensor behind the motor does not feel what spins with it.
+            block[:, :, np.isin(own, self._armatures)] = 0.0
         if motor and self.elastic:
             block += by_line[self.n : 2 * self.n]
         if spring:

@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elastic_arm.dynamics.bodies import Body, inertial_parameters
-from elastic_arm.dynamics.composition import inertia_from
+from elastic_arm.dynamics.composition import ARMATURE, inertia_from
 from elastic_arm.effects import EffectInstance
 from elastic_arm.errors import IdentificationError
 from elastic_arm.identification.base_regression import BaseRegression
@@ -174,6 +174,9 @@ def identified_robot(
     for joint in robot.joints:
         changes: dict[str, object] = {"link": inertia_from(_link_alone(robot, equations, joint.name, value))}
         t = joint.transmission
+        if joint.armature is not None:
+            # One that the description states as zero has no chart of its own, and may come out below.
+            changes["armature"] = max(0.0, value[f"{joint.name}.{ARMATURE}"])
         if t is not None:
             solids = {
                 what: replace(
@@ -188,7 +191,9 @@ def identified_robot(
             springs = {"stiffness": value[f"{joint.name}.K"], "damping": value[f"{joint.name}.D"]}
             changes["transmission"] = replace(t, **solids, **springs)  # type: ignore[arg-type]
         robot = robot.with_joint(joint.name, **changes)
-    return robot.with_(effects=(*robot.effects, *(_with_values(instance, robot, value) for instance in effects)))
+    replaced = {(instance.effect.id, instance.joint) for instance in effects}
+    kept = (entry for entry in robot.effects if (entry["effect"], entry.get("joint")) not in replaced)
+    return robot.with_(effects=(*kept, *(_with_values(instance, robot, value) for instance in effects)))
 
 
 def _with_values(instance: EffectInstance, robot: Robot, value: dict[str, float]) -> dict[str, object]:
@@ -256,7 +261,7 @@ def _chart(equations: BaseRegression) -> _Chart:
     for k, name in enumerate(names):
         if k in seen:
             continue
-        spring = name.rpartition(".")[2] in ("K", "D") and equations.nominal[k] > 0
+        spring = name.rpartition(".")[2] in ("K", "D", ARMATURE) and equations.nominal[k] > 0
         positive += [(len(x0), 1.0)] if spring else []
         free += [] if spring else [len(x0)]
         columns += _embedded(np.array([[equations.nominal[k] if spring else 1.0]]), [k], len(names))

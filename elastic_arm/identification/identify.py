@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elastic_arm.dynamics import build_model
-from elastic_arm.effects import EffectInstance
+from elastic_arm.effects import Catalogue, EffectInstance
 from elastic_arm.errors import IdentificationError
 from elastic_arm.estimation.motion import Motion
 from elastic_arm.estimation.noise import estimate_noise
@@ -21,7 +21,7 @@ from elastic_arm.estimation.smoother import Smoother, design_smoother
 from elastic_arm.identification.base_regression import BaseRegression
 from elastic_arm.identification.consistency import with_consistency
 from elastic_arm.identification.deflection import shifted, shifts, zeros
-from elastic_arm.identification.law_columns import DEFAULT_SIGN_SPEED, SIGN_SPEEDS, is_dry, law_columns
+from elastic_arm.identification.law_columns import DEFAULT_SIGN_SPEED, SIGN_SPEEDS, is_dry, law_columns, with_stated
 from elastic_arm.identification.regularisation import HeldOut, chosen_width, described_width, prior_of, validated
 from elastic_arm.identification.result import Identification
 from elastic_arm.identification.series_errors import series_covariance
@@ -160,6 +160,7 @@ def identify(
     consistent: bool = True,
     validate: Sequence[Recording] = (),
     progress: ProgressCallback | None = None,
+    catalogue: Catalogue | None = None,
 ) -> Identification:
     """Identify an arm from recordings.
 
@@ -172,7 +173,8 @@ def identify(
     model
         mod1, mod2 or mod3.
     effects
-        Laws identified beside the model's own parameters (:func:`elastic_arm.effects.text.parse_laws`).
+        Laws identified beside the model's own parameters (:func:`elastic_arm.effects.text.parse_laws`), and beside
+        those that the description states.
     derivatives, period
         See :func:`differentiate`.
     weighted
@@ -183,6 +185,8 @@ def identify(
         Recordings that no fit may see; the residuals on them are part of the result.
     progress
         Called with what is being done and the share that is done.
+    catalogue
+        Where the ids of the description's effects are looked up; the default one when None.
 
     Raises
     ------
@@ -200,6 +204,7 @@ def identify(
         consistent=consistent,
         validate=validate,
         progress=progress,
+        catalogue=catalogue,
     )[0]
 
 
@@ -215,12 +220,13 @@ def identify_with(
     consistent: bool = True,
     validate: Sequence[Recording] = (),
     progress: ProgressCallback | None = None,
+    catalogue: Catalogue | None = None,
 ) -> tuple[Identification, Identifier, Motion]:
     """Identify as :func:`identify` does, and hand out the estimator and a run of motion too.
 
     Parameters
     ----------
-    recordings, robot, model, effects, derivatives, period, weighted, consistent, validate, progress
+    recordings, robot, model, effects, derivatives, period, weighted, consistent, validate, progress, catalogue
         See :func:`identify`.
 
     Returns
@@ -232,9 +238,10 @@ def identify_with(
     if not chosen:
         raise IdentificationError("no recording was given", "Give at least one.")
     report = progress or (lambda what, share: None)
-    speeds = SIGN_SPEEDS if any(is_dry(instance) for instance in effects) else (DEFAULT_SIGN_SPEED,)
     chosen = [without_outliers(recording.select(robot.joint_names)) for recording in chosen]
     prepared = [recording.samples() for recording in chosen]
+    effects = with_stated(effects, robot, motored=any(s.tau_m is not None for s in prepared), catalogue=catalogue)
+    speeds = SIGN_SPEEDS if any(is_dry(instance) for instance in effects) else (DEFAULT_SIGN_SPEED,)
     tries = []
     for k, speed in enumerate(speeds):
         columns = law_columns(effects, robot, model, speed)

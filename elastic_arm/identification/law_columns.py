@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from elastic_arm.effects import EffectInstance, Role
+from elastic_arm.effects import Catalogue, EffectInstance, Role, robot_effects
 from elastic_arm.effects.effect_set import law_joints
 from elastic_arm.effects.equations import ArmEquations
 from elastic_arm.effects.model import Effect
@@ -43,13 +43,47 @@ def law_columns(
     if not instances:
         return []
     evaluate = _LawColumns(tuple(instances), robot, model, sign_speed)
-    entries = [
-        (f"{instance.effect.id}:{instance.joint or robot.name}.{name}", p.unit)
-        for instance in instances
-        for p in _linear(instance.effect)
-        for name in ([p.name] if p.size == 1 else [f"{p.name}_{'xyz'[i]}" for i in range(p.size)])
+    described = {_place(entry["effect"], entry.get("joint"), robot) for entry in robot.effects}
+    entries = []
+    for instance in instances:
+        place = _place(instance.effect.id, instance.joint, robot)
+        for p in _linear(instance.effect):
+            names = [p.name] if p.size == 1 else [f"{p.name}_{'xyz'[i]}" for i in range(p.size)]
+            values = np.atleast_1d(np.asarray(instance.parameters[p.name], dtype=float)) - (p.neutral or 0.0)
+            nominal = values if place in described else np.zeros(p.size)
+            entries += [(f"{place}.{name}", p.unit, float(value)) for name, value in zip(names, nominal, strict=True)]
+    return [Column(name, unit, partial(evaluate.column, k), value) for k, (name, unit, value) in enumerate(entries)]
+
+
+def _place(effect: str, joint: str | None, robot: Robot) -> str:
+    return f"{effect}:{joint or robot.name}"
+
+
+def with_stated(
+    effects: Sequence[EffectInstance], robot: Robot, *, motored: bool, catalogue: Catalogue | None = None
+) -> tuple[EffectInstance, ...]:
+    """Return laws that the description states, such as the friction of a simulator's joints, then the user's own.
+
+    Parameters
+    ----------
+    effects
+        The user's; at their places they take the place of those stated.
+    robot
+        The description. What it states without a linear parameter is left to it.
+    motored
+        Whether motor torques were recorded; what acts before a joint torque sensor leaves no trace otherwise.
+    catalogue
+        Where ids are looked up; the default catalogue when None.
+    """
+    own = {(instance.effect.id, instance.joint) for instance in effects}
+    stated = [
+        instance
+        for instance in robot_effects(robot, catalogue)
+        if _linear(instance.effect)
+        and (instance.effect.id, instance.joint) not in own
+        and (motored or set(instance.sides) != {"motor"})
     ]
-    return [Column(name, unit, partial(evaluate.column, k)) for k, (name, unit) in enumerate(entries)]
+    return (*stated, *effects)
 
 
 def is_dry(instance: EffectInstance) -> bool:

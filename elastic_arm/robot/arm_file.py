@@ -102,7 +102,10 @@ class TransmissionEntry(_Entry):
 
 
 class JointEntry(TransmissionEntry):
-    """A joint: placed by `dh` or by `before` and `after`; with a whole transmission or none."""
+    """A joint: placed by `dh` or by `before` and `after`; with a whole transmission or none.
+
+    `armature` is the inertia of motor and gears at a joint without transmission, kg m^2.
+    """
 
     name: Name
     dh: DHEntry | None = None
@@ -110,6 +113,7 @@ class JointEntry(TransmissionEntry):
     after: Matrix | None = None
     link: LinkEntry
     limits: LimitsEntry = LimitsEntry()
+    armature: Number | None = None
 
 
 class BaseEntry(_Entry):

@@ -47,6 +47,9 @@ class Joint:
         None for a joint driven at the link (a plain URDF).
     dh
         The row that `after` comes from, where there is one; only kept to be written again.
+    armature
+        Inertia of the motor and its gears, as the joint feels it, of a joint without transmission, kg m^2: it counts
+        for the joint's own acceleration alone. None where nothing is known of it, and no model then holds it.
     """
 
     name: str
@@ -57,8 +60,16 @@ class Joint:
     limits: Limits = field(default_factory=Limits)
     transmission: Transmission | None = None
     dh: DH | None = None
+    armature: float | None = None
 
     def __post_init__(self) -> None:
+        if self.armature is not None:
+            check_number(self.armature, "armature")
+            require(
+                self.transmission is None,
+                "there is an armature beside a transmission",
+                "The rotor of the transmission holds this inertia: leave armature out",
+            )
         object.__setattr__(self, "before", checked_placement(self.before, "before"))
         object.__setattr__(self, "after", checked_placement(self.after, "after"))
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -10,7 +11,7 @@ import numpy as np
 from pydantic import ValidationError
 
 from elastic_arm.errors import RobotError
-from elastic_arm.input_files import explain, read_fields
+from elastic_arm.input_files import explain, read_bytes, read_fields
 from elastic_arm.robot.arm_file import (
     ArmEntry,
     BaseEntry,
@@ -37,19 +38,23 @@ _TRANSMISSION_FIELDS = (
     "harmonic_drive_ratio",
 )
 REMEDY = "Give an arm file, which starts with name, gravity, base and joints, or a URDF."
+_COMMENTS = re.compile(rb"<!--.*?-->|<\?.*?\?>|<!DOCTYPE.*?>", re.DOTALL)
 REFERENCE = "the nominal arm.yaml shows every field"
 
 
-def load_robot(path: str | Path | None = None, chain: str | None = None) -> Robot:
+def load_robot(path: str | Path | None = None, chain: str | None = None, at: str | None = None) -> Robot:
     """Read a robot description.
 
     Parameters
     ----------
     path
-        An arm file (``.yaml``, ``.yml``), a ``.urdf``, or an overlay: YAML that names a ``urdf`` and adds what a URDF
-        cannot hold (``transmissions`` and ``limits`` by joint). The nominal three-joint arm when None.
+        An arm file (``.yaml``, ``.yml``), a ``.urdf``, an MJCF (``.xml``), or an overlay: YAML that names a ``urdf``
+        and adds what a URDF cannot hold (``transmissions`` and ``limits`` by joint). The nominal three-joint arm when
+        None.
     chain
-        The arm's first and last link as ``base:tip``, for a URDF that holds more than the arm.
+        The arm's first and last link as ``base:tip``, for a URDF or MJCF that holds more than the arm.
+    at
+        Where joints outside the chain of an MJCF are held: a keyframe, or ``joint=value,…``.
 
     Raises
     ------
@@ -57,10 +62,17 @@ def load_robot(path: str | Path | None = None, chain: str | None = None) -> Robo
         If it cannot be read, or describes no arm that can exist; names file, field, reason and remedy.
     """
     path = NOMINAL_ARM if path is None else Path(path)
+    ends = None if chain is None else parse_chain(chain)
+    if is_mjcf(path):
+        from elastic_arm.robot.mjcf import read_mjcf
+
+        return read_mjcf(path, ends, at)
+    if at is not None:
+        raise RobotError(f"{path}: at {at} goes with an MJCF alone", "Leave it out, or give the MJCF.")
     if path.suffix.lower() in (".urdf", ".xml"):
-        return read_urdf(path, None if chain is None else _chain(chain))
+        return read_urdf(path, ends)
     if chain is not None:
-        raise RobotError(f"{path}: chain {chain} goes with a URDF alone", "Leave it out, or give the URDF.")
+        raise RobotError(f"{path}: chain {chain} goes with a URDF or MJCF alone", "Leave it out, or give that file.")
     content = read_fields(path, RobotError, REMEDY)
     try:
         entry = (OverlayEntry if "urdf" in content else ArmEntry).model_validate(content)
@@ -69,6 +81,15 @@ def load_robot(path: str | Path | None = None, chain: str | None = None) -> Robo
         raise RobotError(f"{path}: {problem}", remedy) from error
     with located(f"{path}: "):
         return _overlaid(entry, path.parent) if isinstance(entry, OverlayEntry) else _robot(entry)
+
+
+def is_mjcf(path: Path) -> bool:
+    """Return whether a file is a MuJoCo model: XML whose first element is <mujoco>."""
+    if path.suffix.lower() not in (".xml", ".mjcf") or not path.is_file():
+        return False
+    # Whether the rest is well formed is for MuJoCo to say.
+    first = re.search(rb"<([A-Za-z_][\w.-]*)", _COMMENTS.sub(b"", read_bytes(path, RobotError, REMEDY)))
+    return first is not None and first[1] in (b"mujoco", b"mujocoinclude")
 
 
 def _robot(entry: ArmEntry) -> Robot:
@@ -95,7 +116,7 @@ def _robot(entry: ArmEntry) -> Robot:
 
 def _overlaid(entry: OverlayEntry, folder: Path) -> Robot:
     """Return the URDF's robot with what the overlay adds; limits that it does not state stay the URDF's."""
-    robot = read_urdf(folder / entry.urdf, None if entry.chain is None else _chain(entry.chain))
+    robot = read_urdf(folder / entry.urdf, None if entry.chain is None else parse_chain(entry.chain))
     for name in entry.transmissions:
         if name not in robot.joint_names:
             known = ", ".join(robot.joint_names)
@@ -116,7 +137,8 @@ def _overlaid(entry: OverlayEntry, folder: Path) -> Robot:
     return robot.with_(**others, notes=notes)
 
 
-def _chain(text: str) -> Chain:
+def parse_chain(text: str) -> Chain:
+    """Return the names of base and tip."""
     first, colon, last = text.partition(":")
     if not (first and colon and last):
         raise RobotError(f"chain is {text!r}", "Give the arm's first and last link as base:tip.")
@@ -145,7 +167,7 @@ def _joint(entry: JointEntry, link_name: str) -> Joint:
             "dh: is there beside before/after" if placed else "dh: missing field",
             "Place the joint by a dh row, or by the 4x4 matrices before and after",
         )
-    rest: dict[str, Any] = {"limits": limits, "transmission": transmission}
+    rest: dict[str, Any] = {"limits": limits, "transmission": transmission, "armature": entry.armature}
     if entry.dh is not None:
         return Joint.from_dh(entry.name, link_name, link, DH(**entry.dh.model_dump()), **rest)
     for what in ("before", "after"):

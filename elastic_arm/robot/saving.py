@@ -78,6 +78,8 @@ def _joint(joint: Joint) -> dict[str, Any]:
     }
     if joint.transmission is not None:
         content |= _transmission(joint.transmission)
+    if joint.armature is not None:
+        content["armature"] = float(joint.armature)
     limits = _floats(vars(joint.limits))
     if limits:
         content["limits"] = limits

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import xml.etree.ElementTree as ET
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,6 +34,8 @@ from elastic_arm.robot.urdf_tree import Chain, UrdfTree
 Array = NDArray[np.float64]
 
 REVOLUTE = ("revolute", "continuous")
+# What <dynamics> may state, and the effects, with their parameters, that these are.
+DYNAMICS = {"damping": ("viscous_friction", "coefficient"), "friction": ("coulomb_friction", "torque")}
 
 
 def read_urdf(path: str | Path, chain: Chain | None = None) -> Robot:
@@ -90,7 +93,27 @@ class _Reading:
             )
         name = self._element.get("name") or "robot"
         stand = self._stand()
-        return Robot(name, tuple(joints), base_placement=stand, base_mass=base.mass, notes=tuple(self._notes))
+        effects = tuple(effect for joint in joints for effect in self._friction(joint.name))
+        return Robot(
+            name,
+            tuple(joints),
+            base_placement=stand,
+            base_mass=base.mass,
+            effects=effects,
+            notes=tuple(self._notes),
+        )
+
+    def _friction(self, name: str) -> list[dict[str, Any]]:
+        """Return damping and friction that <dynamics> states as effects of that size."""
+        element = self._tree.joints[name].find("dynamics")
+        found: list[dict[str, Any]] = []
+        for key, (effect, parameter) in DYNAMICS.items():
+            if element is not None and element.get(key):
+                value = number(str(element.get(key)), f"joint {name!r}: dynamics {key}")
+                if value < 0.0:
+                    raise RobotError(f"joint {name!r}: dynamics {key} is {value:g}", "Give zero or a positive number")
+                found += [{"effect": effect, "joint": name, "parameters": {parameter: value}}] if value else []
+        return found
 
     def _stand(self) -> Array:
         """Return where the arm's first link stands in the root link, whose frame gravity is given in."""
@@ -207,8 +230,5 @@ class _Reading:
         return placement
 
     def _note_unused(self) -> None:
-        rubbing = [n for n, e in self._tree.joints.items() if e.find("dynamics") is not None]
-        if rubbing:
-            self._notes.append(f"<dynamics> (damping, friction) of {', '.join(rubbing)} is not part of the models")
         if self._element.find("transmission") is not None:
             self._notes.append("<transmission> states no stiffness: the joints are taken as rigid")

@@ -398,3 +398,18 @@ def test_a_wrong_overlay_is_refused_by_name(tmp_path: Path, content: str, proble
     with pytest.raises(RobotError) as caught:
         load_robot(path)
     assert problem in str(caught.value)
+
+
+def test_dynamics_of_a_joint_are_friction_of_that_size() -> None:
+    """<dynamics damping friction> is viscous and Coulomb friction; zero is none, and less is refused."""
+    text = to_urdf(load_robot()).replace("<axis", '<dynamics damping="1.5" friction="0.5"/><axis', 1)
+    (viscous, dry) = parse_urdf(text).effects
+    assert (viscous["effect"], viscous["joint"], viscous["parameters"]) == (
+        "viscous_friction",
+        "joint_1",
+        {"coefficient": 1.5},
+    )
+    assert (dry["effect"], dry["parameters"]) == ("coulomb_friction", {"torque": 0.5})
+    assert parse_urdf(text.replace('"1.5"', '"0"').replace('"0.5"', '"0.0"')).effects == ()
+    with pytest.raises(RobotError, match="joint 'joint_1': dynamics damping is -1"):
+        parse_urdf(text.replace('"1.5"', '"-1"'))

@@ -120,6 +120,8 @@ def nuisance_parameters(
         if joint.transmission is not None:
             stds |= {"rotor_inertia": ("1", priors.rotor, 1.0), "spline_inertia_ratio": ("1", priors.rotor, 1.0)}
             stds |= {"stiffness": ("1", priors.stiffness, 1.0), "damping": ("1", priors.damping, 1.0)}
+        if joint.armature:
+            stds |= {"rotor_inertia": ("1", priors.rotor, 1.0)}
         found += [NuisanceParameter(what, joint.name, *numbers) for what, numbers in stds.items()]
         found += [
             NuisanceParameter(f"{PRESLIDING}_{k}", joint.name, "Nm", priors.presliding, 0.0)
@@ -178,7 +180,10 @@ def _changed(joint: Joint, deviation: dict[str, float]) -> Joint:
             stiffness=gear.stiffness * max(0.05, 1.0 + deviation["stiffness"]),
             damping=gear.damping * max(0.01, 1.0 + deviation["damping"]),
         )
-    return replace(joint, link=_changed_link(joint.link, deviation), transmission=gear)
+    armature = joint.armature
+    if armature:
+        armature *= max(0.05, 1.0 + deviation["rotor_inertia"])
+    return replace(joint, link=_changed_link(joint.link, deviation), transmission=gear, armature=armature)
 
 
 def _changed_link(link: Inertia, deviation: dict[str, float]) -> Inertia:
@@ -262,6 +267,7 @@ def _arm_columns(
     """Columns (N, 3 n, k): inertial numbers by the regressor, those of the drive by predicted torque."""
     n, N, elastic = model.n, len(motion), model.robot.elastic
     springs = [index for spring in model.bodies.springs for index in (spring.stiffness, spring.damping)]
+    spins = [spin.parameter for spin in model.bodies.spins]
     columns = np.zeros((N, 3 * n, len(parameters)))
     for first in range(0, N, BLOCK):
         part = slice(first, first + BLOCK)
@@ -269,8 +275,12 @@ def _arm_columns(
         Phi = model.regressor(x, dx, ddx)
         Phi[:, :, springs] = 0.0
         rows = Phi @ directions
-        columns[part, :n] = rows[:, :n]
-        columns[part, 2 * n :] = rows[:, n : 2 * n] if elastic else 0.0
+        if elastic:
+            columns[part, :n], columns[part, 2 * n :] = rows[:, :n], rows[:, n : 2 * n]
+        else:
+            # The armature stands in the motor's row, as in the residuals.
+            motor = Phi[:, :, spins] @ directions[spins]
+            columns[part, :n], columns[part, 2 * n :] = rows - motor, motor
     for k, parameter in enumerate(parameters):
         if parameter.what.startswith(PRESLIDING):
             j, speeds = model.robot.joint_names.index(parameter.joint), PRESLIDING_SPEEDS[int(parameter.what[-1])]

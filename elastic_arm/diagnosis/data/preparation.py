@@ -133,7 +133,9 @@ def prepare(recordings: Sequence[Recording], validate: Sequence[Recording], ques
     layout, band = _common([*observed[0], *observed[1]], nominal, settings.preprocessing)
     _check_length(nominal, observed, layout, band)
     still = [joint for joint in names if all(joint in standing(r) for r in parts[0])]
-    known = (*robot_effects(question.robot, question.catalogue), *question.given)
+    own = {(instance.effect.id, instance.joint) for instance in question.given}
+    stated = robot_effects(question.robot, question.catalogue)
+    known = (*(i for i in stated if (i.effect.id, i.joint) not in own), *question.given)
     equations = ArmEquations(question.robot, question.model)
     known = tuple(instance for instance in known if feature_of(instance, equations).acts)
     candidates = _candidates(question, equations, still)
@@ -192,7 +194,7 @@ def _common(
     observations: Sequence[Observation], model: Model, settings: PreprocessingSettings
 ) -> tuple[EquationSet, Band]:
     """Return equations and band that all recordings allow."""
-    layouts = [EquationSet.direct(o.pieces[0].recorded, model.n) for o in observations]
+    layouts = [EquationSet.direct(o.pieces[0].recorded, model.n, elastic=model.robot.elastic) for o in observations]
     if any(layout.sides != layouts[0].sides for layout in layouts):
         raise DiagnosisError(
             "the recordings do not hold the same channels", "Diagnose those with equal channels together"

@@ -18,8 +18,7 @@ def law(motion: SymbolicMotion, i: int, p: Mapping[str, Any]) -> Contribution:
     p
         `inertia` (1).
     """
-    motion.gear(i)
-    return motion.at(i, motor=(p["inertia"] - 1.0) * motion.equations.B[i] * motion.ddtheta[i])
+    return motion.at(i, motor=(p["inertia"] - 1.0) * motion.motor_inertia(i) * motion.ddtheta[i])
 
 
 EFFECT = Effect(

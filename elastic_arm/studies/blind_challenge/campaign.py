@@ -70,7 +70,7 @@ class ChallengeSettings:
 
     def requests(self, catalogue: Catalogue = EFFECTS) -> list[SamplingRequest]:
         """Return what is to be drawn of a catalogue, in a random order."""
-        alone = self.effects or tuple(catalogue)
+        alone = self.effects or tuple(e for e in catalogue if catalogue[e].searched)
         together = [e for e in alone if combines(catalogue[e])]
         rng = np.random.default_rng(self.seed)
         kinds: list[tuple[str, ...]] = [()] * self.clean + [(e,) for e in alone for _ in range(self.per_effect)]
@@ -265,7 +265,7 @@ def _record(job: tuple[str, SamplingRequest]) -> str:
 def _diagnose(job: tuple[str, str, str, str]) -> tuple[str, str]:
     folder, name, model, without = Path(job[0]), *job[1:]
     catalogue = catalogue_of(folder)
-    effects = tuple(catalogue.without(without).values())
+    effects = tuple(e for e in catalogue.without(without).values() if e.searched)
     wall, cpu = time.perf_counter(), time.process_time()
     try:
         identify, validate = (read_recording(bag) for bag in _bags(folder, name))

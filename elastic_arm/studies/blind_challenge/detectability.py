@@ -80,7 +80,7 @@ class Detectability:
         course = self._arm_of(()).run(motion)
         self._observation = observe(measure(course, robot.joint_names, (), instruments, rng))
         rate = self._observation.rate
-        self._layout = EquationSet.direct(self._observation.pieces[0].recorded, robot.n)
+        self._layout = EquationSet.direct(self._observation.pieces[0].recorded, robot.n, elastic=robot.elastic)
         self._band = Band(widest_band(rate), rate)
         self._plain = self._residuals(course, (), "mod3")
 

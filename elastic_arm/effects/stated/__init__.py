@@ -1,0 +1,1 @@
+"""Effects that act where a description or a user states them, and that no diagnosis looks for: one file an effect."""

@@ -1,0 +1,6 @@
+"""MJCF in: the arm that a MuJoCo model holds. Needs the extra `mujoco`."""
+
+from elastic_arm.robot.mjcf.engine import engine
+from elastic_arm.robot.mjcf.reading import MjcfArm, open_mjcf, read_mjcf
+
+__all__ = ["MjcfArm", "engine", "open_mjcf", "read_mjcf"]

@@ -1,0 +1,259 @@
+"""Which bodies and joints of a compiled MuJoCo model are the arm, and what of the model no serial arm has."""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Collection, Iterator
+from dataclasses import dataclass
+from typing import Any
+
+from elastic_arm.errors import RobotError
+from elastic_arm.robot.mjcf.engine import engine
+from elastic_arm.robot.urdf_tree import Chain
+
+WORLD = 0
+
+
+@dataclass(frozen=True)
+class MjcfChain:
+    """The arm in a compiled model, by the model's ids.
+
+    Parameters
+    ----------
+    base
+        Body that the arm stands on.
+    joints
+        Hinges from base to tip.
+    link_of
+        By body, the index of the link that it is part of; bodies outside the arm are missing.
+    held
+        Moving joints on the links that are no part of the chain, such as fingers.
+    """
+
+    base: int
+    joints: tuple[int, ...]
+    link_of: dict[int, int]
+    held: tuple[int, ...]
+
+
+def find_chain(model: Any, chain: Chain | None) -> MjcfChain:
+    """Find the arm in a model.
+
+    Parameters
+    ----------
+    model
+        Compiled `MjModel`.
+    chain
+        Names of the first and the last body; without, the hinges from the world to where the model branches, fingers
+        (slides, and joints that are coupled to one another) apart.
+
+    Raises
+    ------
+    RobotError
+        If there are no such bodies, or what moves between them is no serial chain of hinges.
+    """
+    base, tip = _only_chain(model) if chain is None else _named(model, chain)
+    path = _path(model, base, tip)
+    joints = [joint for body in path for joint in joints_of(model, body)]
+    if not joints:
+        raise RobotError("no joint moves between base and tip", "Name the bodies of base and tip: --chain base:tip")
+    for joint in joints:
+        _require_hinge(model, joint)
+    last_joint = {body: joints.index(joints_of(model, body)[-1]) for body in path if joints_of(model, body)}
+    link_of: dict[int, int] = {}
+    for body in range(1, model.nbody):
+        parent = int(model.body_parentid[body])
+        if body in last_joint:
+            link_of[body] = last_joint[body]
+        elif parent in link_of:
+            link_of[body] = link_of[parent]
+    held = tuple(j for body in link_of for j in joints_of(model, body) if j not in joints)
+    found = MjcfChain(base, tuple(joints), link_of, held)
+    _refuse_couplings(model, found)
+    _refuse_actuators(model, found)
+    return found
+
+
+def name_of(model: Any, kind: str, index: int) -> str:
+    """Return the name of a body, joint, actuator …; one made of its number where it has none.
+
+    Parameters
+    ----------
+    model
+        Compiled `MjModel`.
+    kind
+        As MuJoCo's object types are called, in lower case.
+    index
+        Its id.
+    """
+    mj = engine()
+    name = mj.mj_id2name(model, getattr(mj.mjtObj, f"mjOBJ_{kind.upper()}"), index)
+    return name or f"{kind}_{index}"
+
+
+def joints_of(model: Any, body: int) -> list[int]:
+    """Return the joints of a body."""
+    first = int(model.body_jntadr[body])
+    return list(range(first, first + int(model.body_jntnum[body])))
+
+
+def _named(model: Any, chain: Chain) -> tuple[int, int]:
+    names = [name_of(model, "body", body) for body in range(model.nbody)]
+    for end in chain:
+        if end not in names:
+            close = difflib.get_close_matches(end, names, n=3) or names[1:9]
+            raise RobotError(
+                f"chain {':'.join(chain)}: there is no body {end!r}", f"Name two bodies, such as {', '.join(close)}"
+            )
+    base, tip = (names.index(end) for end in chain)
+    if base != tip and tip in _below(model, base):
+        return base, tip
+    raise RobotError(f"chain {':'.join(chain)}: {chain[1]!r} does not stand on {chain[0]!r}", "Name base and tip")
+
+
+def _below(model: Any, body: int) -> set[int]:
+    """Return a body and all that stand on it; parents come before their children."""
+    found = {body}
+    for other in range(body + 1, model.nbody):
+        if int(model.body_parentid[other]) in found:
+            found.add(other)
+    return found
+
+
+def _path(model: Any, base: int, tip: int) -> list[int]:
+    """Return the bodies from base, which is left out, to tip."""
+    path = []
+    while tip != base:
+        path.append(tip)
+        tip = int(model.body_parentid[tip])
+    return path[::-1]
+
+
+def _only_chain(model: Any) -> tuple[int, int]:
+    """Return base and tip of the chain that begins at the world."""
+    coupled = set(_coupled(model))
+    base, tip, body = None, WORLD, WORLD
+    while True:
+        moving = [child for child in _children(model, body) if _arm_joints(model, child, coupled)]
+        if not moving:
+            break
+        if len(moving) > 1:
+            names = ", ".join(name_of(model, "body", child) for child in moving)
+            raise RobotError(
+                f"the model branches at body {name_of(model, 'body', body)!r} into {names}",
+                "Name the bodies of base and tip: --chain base:tip",
+            )
+        if joints_of(model, moving[0]):
+            base, tip = body if base is None else base, moving[0]
+        body = moving[0]
+    if base is None:
+        raise RobotError("no hinge moves", "Give a model with a hinge joint")
+    return base, tip
+
+
+def _children(model: Any, body: int) -> list[int]:
+    return [child for child in range(1, model.nbody) if int(model.body_parentid[child]) == body]
+
+
+def _arm_joints(model: Any, body: int, coupled: Collection[int]) -> list[int]:
+    """Return the joints on a body, and on what it carries, that no finger has."""
+    slide = int(engine().mjtJoint.mjJNT_SLIDE)
+    all_joints = [joint for below in _below(model, body) for joint in joints_of(model, below)]
+    return [joint for joint in all_joints if joint not in coupled and int(model.jnt_type[joint]) != slide]
+
+
+def _coupled(model: Any) -> Iterator[int]:
+    """Yield joints that equality constraints couple to others."""
+    joint_kind = int(engine().mjtEq.mjEQ_JOINT)
+    for k in range(model.neq):
+        if int(model.eq_type[k]) == joint_kind:
+            yield from (int(j) for j in (model.eq_obj1id[k], model.eq_obj2id[k]) if j >= 0)
+
+
+def _require_hinge(model: Any, joint: int) -> None:
+    mj = engine()
+    kind = int(model.jnt_type[joint])
+    if kind != int(mj.mjtJoint.mjJNT_HINGE):
+        what = {int(mj.mjtJoint.mjJNT_SLIDE): "slides", int(mj.mjtJoint.mjJNT_BALL): "is a ball joint"}
+        raise RobotError(
+            f"joint {name_of(model, 'joint', joint)!r} {what.get(kind, 'is free')}",
+            "Only hinges are handled: name a chain without it (--chain base:tip); joints outside are held at --at",
+        )
+    name = name_of(model, "joint", joint)
+    dof = int(model.jnt_dofadr[joint])
+    poly = {"damping": model.dof_dampingpoly[dof], "stiffness": model.jnt_stiffnesspoly[joint]}
+    for term, coefficients in poly.items():
+        if coefficients.any():
+            raise RobotError(
+                f"joint {name!r} has a {term} of higher order ({', '.join(f'{c:g}' for c in coefficients)})",
+                f"Only linear {term} is handled: leave the higher coefficients out",
+            )
+
+
+def _refuse_couplings(model: Any, chain: MjcfChain) -> None:
+    """Refuse tendons and equality constraints that act between links."""
+    mj = engine()
+    for k in range(model.neq):
+        kind, ends = int(model.eq_type[k]), (int(model.eq_obj1id[k]), int(model.eq_obj2id[k]))
+        name = name_of(model, "equality", k)
+        if kind == int(mj.mjtEq.mjEQ_JOINT):
+            for joint in ends:
+                if joint in chain.joints:
+                    raise RobotError(
+                        f"equality {name!r} couples joint {name_of(model, 'joint', joint)!r} to another",
+                        "Take it out, or name a chain without this joint (--chain base:tip)",
+                    )
+        elif kind in (int(mj.mjtEq.mjEQ_CONNECT), int(mj.mjtEq.mjEQ_WELD)):
+            bodies: tuple[int, ...] = ends
+            if int(model.eq_objtype[k]) == int(mj.mjtObj.mjOBJ_SITE):
+                bodies = tuple(int(model.site_bodyid[site]) for site in ends)
+            first, second = (chain.link_of.get(body) for body in bodies)
+            if first != second:
+                raise RobotError(
+                    f"equality {name!r} closes a loop between bodies "
+                    f"{' and '.join(repr(name_of(model, 'body', body)) for body in bodies)}",
+                    "Only serial chains are handled: take the constraint out",
+                )
+    for tendon in range(model.ntendon):
+        _refuse_tendon(model, chain, tendon)
+
+
+def _refuse_tendon(model: Any, chain: MjcfChain, tendon: int) -> None:
+    mj = engine()
+    first = int(model.tendon_adr[tendon])
+    links: set[int | None] = set()
+    for wrap in range(first, first + int(model.tendon_num[tendon])):
+        kind, obj = int(model.wrap_type[wrap]), int(model.wrap_objid[wrap])
+        if kind == int(mj.mjtWrap.mjWRAP_JOINT):
+            if obj in chain.joints:
+                links |= {-1, -2}
+        elif kind == int(mj.mjtWrap.mjWRAP_SITE):
+            links.add(chain.link_of.get(int(model.site_bodyid[obj])))
+        elif kind in (int(mj.mjtWrap.mjWRAP_SPHERE), int(mj.mjtWrap.mjWRAP_CYLINDER)):
+            links.add(chain.link_of.get(int(model.geom_bodyid[obj])))
+    if len(links) > 1:
+        raise RobotError(
+            f"tendon {name_of(model, 'tendon', tendon)!r} acts on joints of the chain",
+            "Arms driven by tendons are not handled: drive the joints, or name a chain without them",
+        )
+
+
+def _refuse_actuators(model: Any, chain: MjcfChain) -> None:
+    """Refuse actuators whose torque at the chain's joints no formula of gain and bias gives."""
+    mj = engine()
+    on_joints = (int(mj.mjtTrn.mjTRN_JOINT), int(mj.mjtTrn.mjTRN_JOINTINPARENT))
+    for k in range(model.nu):
+        if int(model.actuator_trntype[k]) not in on_joints or int(model.actuator_trnid[k, 0]) not in chain.joints:
+            continue
+        name = name_of(model, "actuator", k)
+        kinds = {
+            "a muscle": (mj.mjtGain.mjGAIN_MUSCLE, mj.mjtBias.mjBIAS_MUSCLE, mj.mjtDyn.mjDYN_MUSCLE),
+            "defined by callbacks": (mj.mjtGain.mjGAIN_USER, mj.mjtBias.mjBIAS_USER, mj.mjtDyn.mjDYN_USER),
+        }
+        found = (model.actuator_gaintype[k], model.actuator_biastype[k], model.actuator_dyntype[k])
+        for what, values in kinds.items():
+            if any(int(a) == int(b) for a, b in zip(found, values, strict=True)):
+                raise RobotError(
+                    f"actuator {name!r} is {what}: its torque is not known",
+                    "Drive the joint by a motor, position, velocity or general actuator",
+                )

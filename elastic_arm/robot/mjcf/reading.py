@@ -1,0 +1,318 @@
+"""From a compiled MuJoCo model to a robot with the same equations of motion.
+
+Link i's frame is that of the body that carries joint i. Bodies without a joint of the chain, and those whose joints are
+held, are part of the link that they stand on. Nominal is what MuJoCo computes: armatures; damping, friction loss,
+springs and gravity compensation as effects of the size that the model states.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from elastic_arm.errors import RobotError
+from elastic_arm.robot.description import Inertia, Joint, Limits, Robot
+from elastic_arm.robot.kinematics import lumped, moved
+from elastic_arm.robot.mjcf.chain import MjcfChain, find_chain, joints_of, name_of
+from elastic_arm.robot.mjcf.engine import compiled, engine
+from elastic_arm.robot.parts import located
+from elastic_arm.robot.urdf_elements import z_onto
+from elastic_arm.robot.urdf_tree import Chain
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class MjcfArm:
+    """An arm in a compiled MuJoCo model.
+
+    Parameters
+    ----------
+    model
+        `MjModel`.
+    chain
+        Which of its bodies and joints are the arm.
+    qpos : (nq,)
+        Positions at which what is outside the chain is held; chain joints at their reference.
+    robot
+        The arm as data.
+    """
+
+    model: Any
+    chain: MjcfChain
+    qpos: Array
+    robot: Robot
+
+    @property
+    def positions(self) -> NDArray[np.intp]:
+        """Where the chain's angles stand in MuJoCo's qpos, (n,)."""
+        return np.asarray(self.model.jnt_qposadr[list(self.chain.joints)], dtype=np.intp)
+
+    @property
+    def dofs(self) -> NDArray[np.intp]:
+        """Where their rates stand in qvel, (n,)."""
+        return np.asarray(self.model.jnt_dofadr[list(self.chain.joints)], dtype=np.intp)
+
+
+def read_mjcf(path: str | Path, chain: Chain | None = None, at: str | None = None) -> Robot:
+    """Read the arm of an MJCF file; see :func:`open_mjcf`.
+
+    Parameters
+    ----------
+    path, chain, at
+        As of :func:`open_mjcf`.
+    """
+    return open_mjcf(path, chain, at).robot
+
+
+def open_mjcf(path: str | Path, chain: Chain | None = None, at: str | None = None) -> MjcfArm:
+    """Read an MJCF file and find the arm in it.
+
+    Parameters
+    ----------
+    path
+        Of the file, with whatever it includes beside it.
+    chain
+        First and last body of the arm; what stands on the arm's links is held and part of them.
+    at
+        Where joints outside the chain are held: a keyframe's name, or `joint=value,…` in MuJoCo's units (m, rad). At
+        their reference positions when None.
+
+    Raises
+    ------
+    RobotError
+        If MuJoCo refuses the model, or it holds no serial chain of hinges; names element, reason and remedy.
+    """
+    path = Path(path)
+    with located(f"{path}: "):
+        model, notes = compiled(path)
+        found = find_chain(model, chain)
+        qpos = _held_positions(model, found, at)
+        name = getattr(model, "names", b"").split(b"\0", 1)[0].decode() or path.stem
+        return MjcfArm(model, found, qpos, _robot(name, model, found, qpos, notes))
+
+
+def _held_positions(model: Any, chain: MjcfChain, at: str | None) -> Array:
+    """Return qpos with the joints outside the chain where `at` holds them."""
+    mj = engine()
+    qpos: Array = np.array(model.qpos0, dtype=float)
+    if at:
+        key = mj.mj_name2id(model, mj.mjtObj.mjOBJ_KEY, at)
+        if key >= 0:
+            qpos[:] = model.key_qpos[key]
+        else:
+            for name, value in _assignments(at, model).items():
+                qpos[int(model.jnt_qposadr[mj.mj_name2id(model, mj.mjtObj.mjOBJ_JOINT, name)])] = value
+    addresses = [int(model.jnt_qposadr[joint]) for joint in chain.joints]
+    qpos[addresses] = model.qpos0[addresses]
+    return qpos
+
+
+def _assignments(at: str, model: Any) -> Mapping[str, float]:
+    """Read `joint=value,…`."""
+    mj = engine()
+    scalar = (int(mj.mjtJoint.mjJNT_HINGE), int(mj.mjtJoint.mjJNT_SLIDE))
+    known = [name_of(model, "joint", j) for j in range(model.njnt) if int(model.jnt_type[j]) in scalar]
+    found = {}
+    for part in at.split(","):
+        name, equals, text = (word.strip() for word in part.partition("="))
+        keys = ", ".join(name_of(model, "key", k) for k in range(model.nkey)) or "none"
+        try:
+            value = float(text)
+        except ValueError:
+            value = np.nan
+        if not equals or name not in known or not np.isfinite(value):
+            raise RobotError(
+                f"at: cannot read {part!r}",
+                f"Give joint=value,… of {', '.join(known)}, or the name of a keyframe ({keys})",
+            )
+        found[name] = value
+    return found
+
+
+def _robot(name: str, model: Any, chain: MjcfChain, qpos: Array, notes: list[str]) -> Robot:
+    mj = engine()
+    data = mj.MjData(model)
+    data.qpos[:] = qpos
+    mj.mj_kinematics(model, data)
+    frames = _joint_frames(model, data, chain)
+    carriers = [_placement(data.xpos[body], data.xmat[body]) for body in _carriers(model, chain)]
+    bodies = _link_bodies(model, data, chain, carriers)
+    joints = []
+    for i, joint in enumerate(chain.joints):
+        label = name_of(model, "joint", joint)
+        turn_back = np.eye(4)
+        c, s = np.cos(model.qpos0[model.jnt_qposadr[joint]]), np.sin(model.qpos0[model.jnt_qposadr[joint]])
+        turn_back[:2, :2] = [[c, s], [-s, c]]
+        previous = np.eye(4) if i == 0 else carriers[i - 1]
+        before = (np.linalg.inv(_base(data, chain)) if i == 0 else np.linalg.inv(previous)) @ frames[i]
+        after = turn_back @ np.linalg.inv(frames[i]) @ carriers[i]
+        with located(f"joint {label!r}: "):
+            limits = _limits(model, joint)
+            armature, _ = motor_inertia_and_damping(model, joint)
+            link = _link_name(model, chain, i)
+            joints.append(Joint(label, link, bodies[i], before, after, limits=limits, armature=armature))
+    if joints[-1].link.mass == 0.0:
+        raise RobotError(f"body {joints[-1].link_name!r} has no mass", "Give it an <inertial>, or name a shorter chain")
+    return Robot(
+        name,
+        tuple(joints),
+        gravity=_gravity(model),
+        base_placement=_base(data, chain),
+        base_mass=float(model.body_mass[chain.base]) if chain.base else 0.0,
+        effects=tuple(_effects(model, data, chain, carriers, [joint.name for joint in joints])),
+        notes=(*notes, *_notes(model, chain)),
+    )
+
+
+def _gravity(model: Any) -> Array:
+    off = int(model.opt.disableflags) & int(engine().mjtDisableBit.mjDSBL_GRAVITY)
+    return np.zeros(3) if off else np.array(model.opt.gravity, dtype=float)
+
+
+def _base(data: Any, chain: MjcfChain) -> Array:
+    return _placement(data.xpos[chain.base], data.xmat[chain.base])
+
+
+def _carriers(model: Any, chain: MjcfChain) -> list[int]:
+    """Return the body that each joint of the chain belongs to."""
+    return [int(model.jnt_bodyid[joint]) for joint in chain.joints]
+
+
+def _link_name(model: Any, chain: MjcfChain, i: int) -> str:
+    """Return the body's name; of several joints of one body the last moves it, those before massless links."""
+    bodies = _carriers(model, chain)
+    name = name_of(model, "body", bodies[i])
+    later = bodies[i + 1 :].count(bodies[i])
+    name = f"{name}_before_{name_of(model, 'joint', chain.joints[i + 1])}" if later else name
+    return f"{name}_link" if name == "base" else name
+
+
+def _joint_frames(model: Any, data: Any, chain: MjcfChain) -> list[Array]:
+    """Return the frames (4, 4) of the chain's joints in the world, z along the axis."""
+    frames = []
+    for joint, body in zip(chain.joints, _carriers(model, chain), strict=True):
+        turned = data.xmat[body].reshape(3, 3) @ z_onto(np.array(model.jnt_axis[joint], dtype=float))
+        # Several joints of one body turn one after another: the body's own turn belongs to the last.
+        frames.append(_placement(data.xanchor[joint], turned))
+    return frames
+
+
+def _link_bodies(model: Any, data: Any, chain: MjcfChain, carriers: list[Array]) -> list[Inertia]:
+    """Return what each link weighs, in its frame."""
+    parts: list[list[Inertia]] = [[] for _ in chain.joints]
+    for body, link in chain.link_of.items():
+        if model.body_mass[body] > 0.0:
+            principal = np.diag(np.array(model.body_inertia[body], dtype=float))
+            place = np.linalg.inv(carriers[link]) @ _placement(data.xipos[body], data.ximat[body])
+            with located(f"body {name_of(model, 'body', body)!r}: "):
+                parts[link].append(moved(Inertia(float(model.body_mass[body]), np.zeros(3), principal), place))
+    return [lumped(own) for own in parts]
+
+
+def motor_inertia_and_damping(model: Any, joint: int) -> tuple[float, float]:
+    """Return armature (kg m²) and damping (Nm s/rad) of a joint, with those of the actuator that brings its own."""
+    dof, actuator = int(model.jnt_dofadr[joint]), int(model.jnt_actuatorid[joint])
+    armature, damping = float(model.dof_armature[dof]), float(model.dof_damping[dof])
+    if actuator >= 0:
+        gear = float(model.actuator_gear[actuator, 0])
+        armature += gear**2 * float(model.actuator_armature[actuator])
+        damping += gear**2 * float(model.actuator_damping[actuator])
+    return armature, damping
+
+
+def drives_of(model: Any, joint: int) -> list[int]:
+    """Return the actuators that act on a joint."""
+    kinds = (int(engine().mjtTrn.mjTRN_JOINT), int(engine().mjtTrn.mjTRN_JOINTINPARENT))
+    return [
+        k for k in range(model.nu) if int(model.actuator_trntype[k]) in kinds and model.actuator_trnid[k, 0] == joint
+    ]
+
+
+def _limits(model: Any, joint: int) -> Limits:
+    lower, upper = (float(v) if model.jnt_limited[joint] else None for v in model.jnt_range[joint])
+    torques = []
+    for k in drives_of(model, joint):
+        gear = abs(float(model.actuator_gear[k, 0]))
+        if model.actuator_forcelimited[k]:
+            torques.append(gear * float(np.abs(model.actuator_forcerange[k]).max()))
+        elif model.actuator_ctrllimited[k] and not model.actuator_biasprm[k].any():
+            gain = abs(float(model.actuator_gainprm[k, 0]))
+            torques.append(gear * gain * float(np.abs(model.actuator_ctrlrange[k]).max()))
+    if model.jnt_actfrclimited[joint]:
+        torques.append(float(np.abs(model.jnt_actfrcrange[joint]).max()))
+    return Limits(position_min=lower, position_max=upper, torque=min(torques, default=0.0) or None)
+
+
+def _effects(model: Any, data: Any, chain: MjcfChain, carriers: list[Array], names: list[str]) -> list[dict[str, Any]]:
+    """Return what MuJoCo adds to the rigid arm, as effects of the stated size."""
+    flags = int(model.opt.disableflags)
+    off = engine().mjtDisableBit
+    found: list[dict[str, Any]] = []
+    for name, joint in zip(names, chain.joints, strict=True):
+        dof, adr = int(model.jnt_dofadr[joint]), int(model.jnt_qposadr[joint])
+        _, damping = motor_inertia_and_damping(model, joint)
+        stiffness, loss = float(model.jnt_stiffness[joint]), float(model.dof_frictionloss[dof])
+        stated: list[tuple[str, bool, dict[str, Any]]] = [
+            ("viscous_friction", bool(damping) and not flags & off.mjDSBL_DAMPER, {"coefficient": damping}),
+            ("coulomb_friction", bool(loss) and not flags & off.mjDSBL_FRICTIONLOSS, {"torque": loss}),
+            (
+                "joint_spring",
+                bool(stiffness) and not flags & off.mjDSBL_SPRING,
+                {"stiffness": stiffness, "rest": float(model.qpos_spring[adr])},
+            ),
+        ]
+        found += [{"effect": effect, "joint": name, "parameters": p} for effect, there, p in stated if there]
+    return [*found, *_compensation(model, data, chain, carriers, names)]
+
+
+def _compensation(
+    model: Any, data: Any, chain: MjcfChain, carriers: list[Array], names: list[str]
+) -> list[dict[str, Any]]:
+    """Return gravity compensation as an effect of each link; that which the actuators carry is part of their torque."""
+    gains = np.array([float(model.body_gravcomp[body]) for body in chain.link_of])
+    by_motor = [bool(model.jnt_actgravcomp[joint]) for joint in chain.joints]
+    if not gains.any() or all(by_motor):
+        return []
+    if any(by_motor):
+        raise RobotError(
+            "gravity compensation acts through the actuators of some joints (actuatorgravcomp) and not of others",
+            "Set it for all joints of the chain, or for none",
+        )
+    found = []
+    for i, name in enumerate(names):
+        own = [body for body, link in chain.link_of.items() if link == i]
+        masses = np.array([model.body_gravcomp[body] * model.body_mass[body] for body in own], dtype=float)
+        if not masses.sum():
+            continue
+        centres = np.array([np.linalg.inv(carriers[i]) @ [*data.xipos[body], 1.0] for body in own])[:, :3]
+        position = (masses @ centres / masses.sum()).tolist()
+        parameters = {"mass": float(masses.sum()), "position": position}
+        found.append({"effect": "gravity_compensation", "joint": name, "parameters": parameters})
+    return found
+
+
+def _notes(model: Any, chain: MjcfChain) -> list[str]:
+    notes = []
+    if chain.held:
+        names = ", ".join(name_of(model, "joint", joint) for joint in chain.held)
+        notes.append(f"joints {names} are held, and their bodies are part of the link that they stand on")
+    outside = set(range(1, model.nbody)) - set(chain.link_of)
+    moving = [name_of(model, "joint", j) for body in outside for j in joints_of(model, body)]
+    if moving:
+        notes.append(f"joints {', '.join(moving)} are outside the chain and held")
+    if float(model.opt.density) or float(model.opt.viscosity):
+        notes.append("the fluid that MuJoCo's option states (density, viscosity) is not part of the models")
+    return notes
+
+
+def _placement(position: Any, rotation: Any) -> Array:
+    placement = np.eye(4)
+    placement[:3, :3] = np.asarray(rotation, dtype=float).reshape(3, 3)
+    placement[:3, 3] = position
+    return placement

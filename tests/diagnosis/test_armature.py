@@ -1,0 +1,64 @@
+"""Motor inertia without elasticity: a rigid arm with armatures, simulated, identified and diagnosed."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from elastic_arm.diagnosis import Question, diagnose
+from elastic_arm.dynamics import build_model
+from elastic_arm.effects import EFFECTS
+from elastic_arm.excitation import MotionLimits, random_trajectories
+from elastic_arm.identification import identify
+from elastic_arm.recording import Recording
+from elastic_arm.robot import Robot, load_robot, parse_urdf, to_urdf
+from elastic_arm.simulation import simulate
+
+ARMATURES = (0.5, 1.5, 2.5)
+HEAVIER = 1.4
+
+
+def rigid(factor: float = 1.0) -> Robot:
+    """Return the nominal arm without elasticity, with armatures."""
+    robot = parse_urdf(to_urdf(load_robot()))
+    joints = zip(robot.joints, ARMATURES, strict=True)
+    return robot.with_(joints=tuple(replace(joint, armature=factor * value) for joint, value in joints))
+
+
+@pytest.fixture(scope="module")
+def recordings() -> list[Recording]:
+    """Two motions of an arm whose armatures are larger than described."""
+    rng = np.random.default_rng(0)
+    motions = random_trajectories(build_model(rigid()), MotionLimits.of(rigid()), 2, rng=rng)
+    return [simulate(rigid(HEAVIER), motion, rng=rng, nominal=rigid()) for motion in motions]
+
+
+def test_an_armature_is_felt_by_its_own_joint_alone() -> None:
+    """Inverse dynamics with and without armatures differ by armature times acceleration."""
+    x, dx, ddx = np.random.default_rng(1).standard_normal((3, 5, 3))
+    bare = rigid().with_(joints=tuple(replace(joint, armature=None) for joint in rigid().joints))
+    apart = build_model(rigid()).inverse_dynamics(x, dx, ddx) - build_model(bare).inverse_dynamics(x, dx, ddx)
+    np.testing.assert_allclose(apart, np.array(ARMATURES) * ddx, atol=1e-12)
+
+
+def test_identification_finds_armatures_that_the_motion_determines(recordings: list[Recording]) -> None:
+    """The armature of the last joint, which its link's inertia does not hide, comes out; the arm predicts torques."""
+    result = identify(recordings[0], rigid())
+    assert result.identified is not None
+    named = {estimate.name: estimate for estimate in result.estimates}
+    (third,) = [e for name, e in named.items() if name == "joint_3.armature"]
+    assert abs(third.value - HEAVIER * ARMATURES[2]) < 4 * third.std + 0.01 * ARMATURES[2]
+    assert all(joint.armature is not None and joint.armature >= 0.0 for joint in result.identified.joints)
+
+
+def test_the_diagnosis_names_larger_motor_inertia(recordings: list[Recording]) -> None:
+    """Rotor inertia mismatch of the right ratio is the cause where nothing in the arm is elastic."""
+    effects = tuple(EFFECTS[name] for name in ("rotor_inertia_mismatch", "coulomb_friction", "viscous_friction"))
+    found = diagnose(recordings[:1], Question(rigid(), effects=effects), recordings[1:])
+    assert found.verdict == "explained" and found.shrink is not None and found.shrink > 0.95
+    assert {cause.effect for cause in found.causes} == {"rotor_inertia_mismatch"}
+    assert all(
+        abs(cause.parameters["inertia"].value - HEAVIER) < 0.02 for cause in found.causes if cause.joint != "joint_1"
+    )

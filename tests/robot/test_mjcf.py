@@ -1,0 +1,178 @@
+"""MuJoCo models in: the equations of motion that MuJoCo computes, chains, and what is refused."""
+
+from __future__ import annotations
+
+import os
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from elastic_arm.errors import RobotError
+from elastic_arm.robot import Robot, load_robot
+from tests.helpers.mujoco_arms import MODELS, mujoco_torque, random_motion, stated_torque
+
+pytest.importorskip("mujoco")
+
+from elastic_arm.robot.mjcf import open_mjcf
+
+# A developer's folder of public models (as MuJoCo Menagerie has them), each beside its meshes or without.
+PUBLIC = Path(os.environ.get("ELASTIC_ARM_MJCF_MODELS", "/nowhere"))
+CHAINS = {
+    "xarm7.xml": "link_base:link7",
+    "aloha.xml": "left/base_link:left/gripper_link",
+    "tidybot.xml": "gen3/base_link:bracelet_link",
+}
+
+
+def without_dry_friction(robot: Robot) -> Robot:
+    return robot.with_(effects=tuple(e for e in robot.effects if e["effect"] != "coulomb_friction"))
+
+
+def assert_same_torque(path: Path, chain: str | None = None, at: str | None = None) -> None:
+    """Inverse dynamics are those of `mj_inverse` to 1e-9 of their size."""
+    ends = None if chain is None else tuple(chain.split(":"))
+    arm = open_mjcf(path, ends, at)
+    motion = random_motion(arm.robot.n)
+    ours, theirs = stated_torque(without_dry_friction(arm.robot), *motion), mujoco_torque(arm, *motion)
+    assert np.abs(ours - theirs).max() < 1e-9 * max(1.0, np.abs(theirs).max())
+
+
+@pytest.mark.parametrize(
+    ("file", "chain", "at"),
+    [
+        ("arm.xml", None, None),
+        ("arm.xml", None, "open"),
+        ("arm.xml", None, "finger_left=0.03,finger_right=0.01"),
+        ("arm.xml", "pedestal:link4", None),
+        ("arm.xml", "link2:hand", "joint1=0.7"),
+        ("everything.xml", None, None),
+    ],
+)
+def test_inverse_dynamics_are_mujocos(file: str, chain: str | None, at: str | None) -> None:
+    """Defaults, includes, several joints and bodies a link, held joints, springs, armature, gravcomp: all as MuJoCo."""
+    assert_same_torque(MODELS / file, chain, at)
+
+
+if PUBLIC.is_dir():
+
+    @pytest.mark.parametrize("path", sorted(PUBLIC.rglob("*.xml")), ids=lambda path: path.name)
+    def test_inverse_dynamics_of_public_models_are_mujocos(path: Path) -> None:
+        """Models of a developer's folder, $ELASTIC_ARM_MJCF_MODELS, are read as MuJoCo computes them."""
+        try:
+            open_mjcf(path, tuple(CHAINS[path.name].split(":")) if path.name in CHAINS else None)
+        except RobotError as error:
+            pytest.skip(str(error))
+        assert_same_torque(path, CHAINS.get(path.name))
+
+
+def test_friction_loss_is_coulomb_friction() -> None:
+    """Where the joints move fast, MuJoCo's friction loss is Coulomb friction of the stated size."""
+    arm = open_mjcf(MODELS / "everything.xml")
+    q, dq, ddq = random_motion(3)
+    dq = np.where(np.abs(dq) < 0.5, 0.5, dq)
+    ours = stated_torque(arm.robot, q, dq, 0.01 * ddq)
+    theirs = mujoco_torque(arm, q, dq, 0.01 * ddq, friction_loss=True)
+    assert np.abs(ours - theirs).max() < 1e-9 * np.abs(theirs).max()
+
+
+def test_limits_come_from_ranges_and_actuators() -> None:
+    """Ranges are position limits, the force range times the gear the torque limit."""
+    joints = {joint.name: joint for joint in load_robot(MODELS / "arm.xml").joints}
+    assert (joints["joint2"].limits.position_min, joints["joint2"].limits.torque) == (-1.7, 150.0)
+    assert joints["joint5"].armature == 0.03
+    roll = load_robot(MODELS / "everything.xml").joints[-1]
+    assert roll.limits.torque == 30.0
+    assert roll.armature == pytest.approx(1e-4 * 30.0**2)
+
+
+def test_what_is_held_is_noted() -> None:
+    """Fingers are held and named; a chain may begin and end anywhere."""
+    robot = load_robot(MODELS / "arm.xml")
+    assert robot.n == 7 and any("finger_left" in note for note in robot.notes)
+    assert load_robot(MODELS / "arm.xml", "link2:link5").joint_names == ("joint3", "joint4", "joint5")
+
+
+def test_meshes_without_files_are_left_out_where_inertia_is_stated(tmp_path: Path) -> None:
+    """A model whose meshes are not at hand is read all the same, unless a moving body's inertia comes from them."""
+    text = (MODELS / "arm.xml").read_text()
+    text = text.replace("<worldbody>", '<asset><mesh name="shell" file="shell.stl"/></asset><worldbody>')
+    text = text.replace('<geom fromto="0 0 -0.2 0 0 0"/>', '<geom type="mesh" mesh="shell"/>')
+    (tmp_path / "arm.xml").write_text(text)
+    (tmp_path / "hand.xml").write_text((MODELS / "hand.xml").read_text())
+    assert any("mesh" in note for note in load_robot(tmp_path / "arm.xml").notes)
+    weighing = '<inertial mass="4.9" pos="0.004 0.002 -0.05" fullinertia="0.07 0.068 0.02 -0.0001 0.004 0.006"/>'
+    assert weighing in text
+    (tmp_path / "arm.xml").write_text(text.replace(weighing, ""))
+    with pytest.raises(RobotError, match=r"link1 take their inertia from them.*<inertial>"):
+        load_robot(tmp_path / "arm.xml")
+
+
+BODY = '<body name="a"><joint name="j" {joint}/><geom size=".1"/>{inside}</body>'
+CHILD = '<body name="b" pos="0.3 0 0"><joint name="k"/><geom size=".1"/></body>'
+
+
+@pytest.mark.parametrize(
+    ("joint", "inside", "rest", "words"),
+    [
+        ('type="slide"', CHILD, "", "slides"),
+        ("", CHILD + CHILD.replace('"b"', '"c"').replace('"k"', '"l"'), "", "branches .* --chain base:tip"),
+        ("", CHILD, '<equality><connect body1="b" anchor="0.1 0 0"/></equality>', "closes a loop"),
+        ("", CHILD, '<equality><joint joint1="j" joint2="k"/></equality>', "no hinge moves|couples joint"),
+        (
+            "",
+            CHILD,
+            '<tendon><fixed name="t"><joint joint="j" coef="1"/><joint joint="k" coef="1"/></fixed></tendon>',
+            "tendon 't'",
+        ),
+        ("", CHILD, '<actuator><muscle name="m" joint="j" lengthrange="0 1"/></actuator>', "is a muscle"),
+        ('damping="1 2"', CHILD, "", "higher order"),
+    ],
+)
+def test_what_no_serial_arm_has_is_refused_by_name(
+    tmp_path: Path, joint: str, inside: str, rest: str, words: str
+) -> None:
+    """Slides, branches, loops, tendons, muscles: one line names what it is, and what to do."""
+    path = tmp_path / "model.xml"
+    path.write_text(f"<mujoco><worldbody>{BODY.format(joint=joint, inside=inside)}</worldbody>{rest}</mujoco>")
+    with pytest.raises(RobotError, match=words) as error:
+        load_robot(path)
+    assert "\n" not in str(error.value) and str(path) in str(error.value)
+
+
+@pytest.mark.parametrize(
+    ("chain", "at", "words"),
+    [
+        ("link1:link9", None, "no body 'link9'.*link"),
+        ("link4:link1", None, "does not stand on"),
+        (None, "elbow=1", "cannot read 'elbow=1'.*open"),
+        (None, "joint1=x", "cannot read"),
+    ],
+)
+def test_unknown_ends_and_positions_are_refused(chain: str | None, at: str | None, words: str) -> None:
+    """A chain's ends and what is held are names of the model."""
+    with pytest.raises(RobotError, match=words):
+        load_robot(MODELS / "arm.xml", chain, at)
+
+
+def test_broken_models_are_refused_in_one_line(tmp_path: Path) -> None:
+    """What MuJoCo refuses is refused with its own words."""
+    path = tmp_path / "model.xml"
+    path.write_text("<mujoco><worldbody><body><joint typo='1'/></body></worldbody></mujoco>")
+    with pytest.raises(RobotError, match="MuJoCo refuses it") as error:
+        load_robot(path)
+    assert "\n" not in str(error.value)
+
+
+def test_an_arm_file_keeps_armatures_and_effects(tmp_path: Path) -> None:
+    """A model saved as an arm file is the same arm."""
+    from elastic_arm.robot import save_robot
+
+    robot = load_robot(MODELS / "everything.xml")
+    save_robot(robot, tmp_path / "arm.yaml")
+    again = load_robot(tmp_path / "arm.yaml")
+    motion = random_motion(3)
+    np.testing.assert_allclose(stated_torque(again, *motion), stated_torque(robot, *motion), atol=1e-12)
+    with pytest.raises(RobotError, match="armature beside a transmission"):
+        replace(load_robot().joints[0], armature=0.1)
