@@ -16,8 +16,11 @@ from elastic_arm.cli.console import out, print_json, reports_errors
 from elastic_arm.cli.options import AtOption, ChainOption, load_arm
 from elastic_arm.cli.outputs import claim_bag
 from elastic_arm.cli.processes import require_ros
+from elastic_arm.errors import RecordingError
+from elastic_arm.recording.foreign.array_files import load_arrays
 from elastic_arm.recording.foreign.arrays import import_arrays
 from elastic_arm.recording.foreign.channels import ChannelMap, load_channels
+from elastic_arm.recording.foreign.guess import Draft, guess_mapping
 from elastic_arm.recording.inspection.check import check_bag
 from elastic_arm.recording.inspection.info import BagInfo, bag_info
 from elastic_arm.recording.inspection.repair import Repair, repair_bag
@@ -87,16 +90,35 @@ def check(
 @bag_app.command("import")
 @reports_errors
 def import_(
-    arrays: Annotated[Path, typer.Argument(help="Arrays: .npz, .csv or .mat.", show_default=False)],
-    mapping: Annotated[Path, typer.Option("--map", help="Mapping file (YAML).", show_default=False)],
-    out_folder: Annotated[Path, typer.Option("--out", help="Bag to make.", show_default=False)],
+    arrays: Annotated[
+        Path, typer.Argument(help="Arrays: .npz, .csv or .mat, or a folder of such.", show_default=False)
+    ],
+    out_folder: Annotated[
+        Path, typer.Option("--out", help="Bag to make; with --guess, the mapping file.", show_default=False)
+    ],
+    mapping: Annotated[Path | None, typer.Option("--map", help="Mapping file (YAML).", show_default=False)] = None,
+    guess: Annotated[bool, typer.Option("--guess", help="Write a draft of the mapping, to be read first.")] = False,
+    robot: Annotated[Path | None, typer.Option(help="Arm file or URDF with the joints' names, for --guess.")] = None,
+    chain: ChainOption = None,
+    at: AtOption = None,
     compression: Annotated[str, typer.Option(help=f"Of its chunks: {', '.join(COMPRESSIONS)}.")] = "zstd",
     json: Json = False,
 ) -> None:
     """Turn arrays of a real robot into a bag.
 
-    Example: elastic-arm bag import measurements_1.npz --map examples/kuka_lwr4/import.yaml --out kuka_1
+    Examples:
+
+        elastic-arm bag import run.mat --guess --robot arm.urdf --out import.yaml
+
+        elastic-arm bag import run.mat --map import.yaml --out run
     """
+    if guess:
+        if mapping is not None or robot is None:
+            raise typer.BadParameter("needs --robot, and no --map", param_hint="--guess")
+        _write_draft(arrays, out_folder, guess_mapping(load_arrays(arrays), load_arm(robot, chain, at).joint_names))
+        return
+    if mapping is None:
+        raise typer.BadParameter("give a mapping file, or --guess to make a draft of one", param_hint="--map")
     chosen: Compression = next((name for name in COMPRESSIONS if name == compression), "zstd")
     if chosen != compression:
         raise typer.BadParameter(f"one of {', '.join(COMPRESSIONS)}", param_hint="--compression")
@@ -143,6 +165,24 @@ def _repaired(mended: Repair | None, after: Report | None) -> dict[str, Any] | N
 
 def _channels(path: Path | None) -> ChannelMap | None:
     return None if path is None else load_channels(path)
+
+
+def _write_draft(arrays: Path, file: Path, draft: Draft) -> None:
+    """Write the draft of a mapping and print it, with what to do next."""
+    if file.exists():
+        raise RecordingError(f"{file} exists", "Give another --out, or move it away.")
+    try:
+        file.write_text(draft.to_yaml(), encoding="utf-8")
+    except OSError as error:
+        raise RecordingError(f"{file} cannot be written: {error.strerror}", "Choose another --out.") from None
+    out.print(escape(draft.to_yaml()), soft_wrap=True, highlight=False)
+    if draft.missing:
+        out.print(f"[yellow]to be filled in[/] {', '.join(draft.missing)}", soft_wrap=True)
+    out.print(
+        f"Read and correct {escape(str(file))}, then: "
+        f"elastic-arm bag import {escape(str(arrays))} --map {escape(str(file))} --out BAG",
+        soft_wrap=True,
+    )
 
 
 def _print_info(summary: BagInfo) -> None:

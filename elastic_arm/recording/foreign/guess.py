@@ -1,0 +1,351 @@
+"""A draft of an array mapping: what each array of a file may be, with the reason, for a person to read and correct."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from itertools import product
+from typing import Literal
+
+import numpy as np
+import yaml
+
+from elastic_arm.errors import RecordingError
+from elastic_arm.recording.foreign.channels import CHANNEL_NAMES, ChannelName
+from elastic_arm.recording.foreign.tables import Contents, Table, TimeArray, find_tables
+from elastic_arm.recording.sides import Array
+
+SideName = Literal["link", "motor"]
+Quantity = Literal["position", "velocity", "acceleration", "effort", "other"]
+
+# Above this correlation one array counts as the derivative of another.
+ALIKE = 0.9
+# Within this factor of a unit's size a slope shows the unit.
+CLOSE = 0.15
+# Seconds over which differences and velocities are averaged before they are compared.
+AVERAGED = 0.05
+# Angles of an arm in radians stay below this.
+LARGEST_ANGLE = 4 * np.pi
+# A rotor's angle over the joint's is at least this.
+SMALLEST_RATIO = 5.0
+
+_ANGLES = {"rad": 1.0, "deg": np.pi / 180, "turns": 2 * np.pi}
+_SPEEDS = {"rad/s": 1.0, "deg/s": np.pi / 180, "turns/s": 2 * np.pi, "rpm": 2 * np.pi / 60}
+_WORDS: dict[Quantity, str] = {
+    "other": r"temp|volt|target|desired|des(?=_|\d|$)|ref|cmd|cmpt|command|setpoint|error|status|mode|noise|friction|"
+    r"grav|model|predict|simul|ff(?=_|\d|$)|init",
+    "acceleration": r"acc|ddq|qdd|d2",
+    "velocity": r"vel|dq|qd|omega|speed|rpm|dtheta",
+    "effort": r"torq|tau|eff|cur|load|moment|(?<![a-z])i(?=_|\d|$)",
+    "position": r"pos|ang|theta|(?<![a-z])q(?=_|\d|$)|joint_state",
+}
+# Read in this order: a sensor of a motor's torque is rarer than a torque sensor.
+_SIDE_WORDS: dict[SideName, str] = {
+    "link": r"link|(?<![a-z])se(?=_|\d|$)|second|output|load|sensor|torq\w*s(m|ens)|tau_?j|arm_side",
+    "motor": r"mot|rotor|theta|drive|actuat|cur(?!v)|tau_?m|(?<![a-z])i(?=_|\d|$)",
+}
+# Of several arrays for one channel the one with more of these in its name is taken.
+_MEASURED = r"act(?=_|ual)|meas|rec|sens|raw|abs"
+
+
+@dataclass(frozen=True)
+class Guess:
+    """One channel of the draft.
+
+    Parameters
+    ----------
+    side, channel
+        Where it goes.
+    table
+        Its arrays.
+    unit
+        Of its numbers; empty if nothing shows it.
+    reasons
+        Why, in words.
+    scales
+        Further keys of the mapping: sign, ratio.
+    missing
+        Keys that the mapping needs and no array can show, with what they are.
+    """
+
+    side: SideName
+    channel: ChannelName
+    table: Table
+    unit: str
+    reasons: tuple[str, ...]
+    scales: Mapping[str, list[float]] = field(default_factory=dict)
+    missing: Mapping[str, str] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Draft:
+    """A draft of a mapping.
+
+    Parameters
+    ----------
+    joints
+        Names.
+    times
+        None where no array looks like times.
+    channels
+        What was recognised.
+    ignored
+        Arrays left out, and why.
+    """
+
+    joints: tuple[str, ...]
+    times: TimeArray | None
+    channels: tuple[Guess, ...]
+    ignored: tuple[tuple[str, str], ...]
+
+    @property
+    def missing(self) -> list[str]:
+        """What has to be filled in before the mapping can be used."""
+        words = [] if self.times is not None else ["times.rate"]
+        return words + [f"{g.side}.{g.channel}.{key}" for g in self.channels for key in g.missing]
+
+    def to_yaml(self) -> str:
+        """Return the text of the mapping file, with the reasons as comments."""
+        lines = ["# Draft of an array mapping, guessed from the numbers and names of the arrays: read every line and"]
+        lines += ["# correct it (docs/channel_maps.md). Signs and zeros of the joints cannot be guessed."]
+        if self.times is None:
+            lines += ["# No array looks like times: give the sample rate, Hz.", "times: {rate: }"]
+        else:
+            key = _inline(self.times.key)
+            lines += [f"times: {{key: {key}, unit: {self.times.unit}}}          # {self.times.rate:.6g} Hz"]
+        lines += [f"joints: {_inline(list(self.joints))}"]
+        for side in ("link", "motor"):
+            if chosen := [guess for guess in self.channels if guess.side == side]:
+                lines.append(f"{side}:")
+                for guess in chosen:
+                    lines += _channel_lines(guess)
+        lines.append("ignore:" if self.ignored else "ignore: []")
+        lines += [f"  - {_inline(key)}    # {reason}" for key, reason in self._ignored_patterns()]
+        return "\n".join(lines) + "\n"
+
+    def _ignored_patterns(self) -> list[tuple[str, str]]:
+        """Return what is left out, counted names and structs of which nothing is used as one pattern."""
+        used = [key for guess in self.channels for key in guess.table.keys]
+        used += [] if self.times is None else [self.times.key]
+        patterns: dict[str, list[str]] = {}
+        for key, reason in self.ignored:
+            stem = f"{key.rpartition('.')[0]}." if "." in key else re.sub(r"\d+\D*$", "", key)
+            whole = not stem or stem == key or any(name.startswith(stem) for name in used)
+            patterns.setdefault(key if whole else f"{stem}*", []).append(reason)
+        return [(pattern, "; ".join(dict.fromkeys(reasons))) for pattern, reasons in patterns.items()]
+
+
+def guess_mapping(arrays: Mapping[str, np.ndarray], joints: Sequence[str]) -> Draft:
+    """Return a draft of the mapping from arrays to a recording.
+
+    Units follow from names, ranges, and slopes of derivatives; sides and kinds of torque from names.
+
+    Parameters
+    ----------
+    arrays
+        By name, as :func:`elastic_arm.recording.foreign.array_files.load_arrays` reads them.
+    joints
+        n names, in robot-description order.
+
+    Raises
+    ------
+    RecordingError
+        If no array can be the positions or torques of n joints.
+    """
+    contents = find_tables(arrays, len(joints))
+    ignored = [(key, "no table of all joints") for key in contents.rest]
+    chosen: dict[tuple[SideName, ChannelName], Guess] = {}
+    for guess in _recognised(contents):
+        if isinstance(guess, Guess) and (guess.side, guess.channel) not in chosen:
+            chosen[guess.side, guess.channel] = guess
+            continue
+        if isinstance(guess, Guess):
+            first = chosen[guess.side, guess.channel]
+            others = (*first.reasons, f"{guess.table.name} may be it as well")
+            chosen[guess.side, guess.channel] = replace(first, reasons=others)
+            table, reason = guess.table, f"{guess.side} {guess.channel} too; {first.table.name} was chosen"
+        else:
+            table, reason = guess
+        ignored += [(key, reason) for key in table.keys]
+    if not chosen:
+        raise RecordingError(
+            f"no array holds positions or torques of {len(joints)} joints; there are {', '.join(arrays)[:300]}",
+            "Check --robot: it needs as many joints as the arrays have columns; or write the mapping by hand.",
+        )
+    found = _with_ratio(chosen)
+    ordered = [found[place] for place in product(_SIDE_WORDS, CHANNEL_NAMES) if place in found]
+    return Draft(tuple(joints), contents.times, tuple(ordered), tuple(ignored))
+
+
+def _recognised(contents: Contents) -> list[Guess | tuple[Table, str]]:
+    """Return each table as a guess, or with the reason why it is left out; those recognised by name come first."""
+    named: list[Guess] = []
+    unnamed: list[Guess | tuple[Table, str]] = []
+    tables = [(table, *_quantity(table)) for table in contents.tables]
+    known = [table for table, quantity, _ in tables if quantity == "position"]
+    speeds = [table for table, quantity, _ in tables if quantity == "velocity"]
+    for table, quantity, word in tables:
+        by_name = [f"called {word}"] if word else []
+        if quantity == "other" or quantity == "acceleration":
+            unnamed.append(
+                (table, "derived, no measurement" if quantity == "acceleration" else "no sensor by its name")
+            )
+        elif np.ptp(table.values, axis=0).max() == 0:
+            unnamed.append((table, "constant throughout"))
+        elif quantity is not None:
+            named.append(_guess(table, quantity, by_name, known, contents.times))
+        elif source := _integral(table, known, contents.times):
+            unnamed.append(_guess(table, "velocity", [], [source], contents.times))
+        elif _integral(table, speeds, contents.times):
+            unnamed.append((table, "the derivative of a velocity: derived, no measurement"))
+        elif any(_integral(other, [table], contents.times) for other in contents.tables if other is not table):
+            reason = ["another array is its derivative"]
+            known.append(table)
+            unnamed.append(_guess(table, "position", reason, known, contents.times))
+        else:
+            reason = ["neither an angle nor a velocity by its name or its derivatives"]
+            unnamed.append(_guess(table, "effort", reason, known, contents.times))
+    named.sort(key=lambda guess: -len(re.findall(_MEASURED, guess.table.name, re.I)))
+    return [*named, *unnamed]
+
+
+def _quantity(table: Table) -> tuple[Quantity | None, str]:
+    """Return what the name of a table means, and the part of the name that shows it."""
+    for quantity, pattern in _WORDS.items():
+        if re.search(pattern, _stem(table), re.I) is not None:
+            return quantity, table.name
+    return None, ""
+
+
+def _stem(table: Table) -> str:
+    """Return the name without the joint's number."""
+    return re.sub(r"\d+\D*$", "", table.keys[0]) if len(table.keys) > 1 else table.keys[0]
+
+
+def _guess(
+    table: Table, quantity: Quantity, reasons: list[str], positions: Sequence[Table], times: TimeArray | None
+) -> Guess:
+    """Return a table as a channel, with side and unit."""
+    side, word = _side_by_name(table.name)
+    missing: dict[str, str] = {}
+    if quantity == "position":
+        unit, why = _angle_unit(table)
+    elif quantity == "velocity":
+        unit, why = _speed_unit(table, positions, times)
+    else:
+        unit, why = _torque_unit(table)
+        side = side or "motor"
+        if not word:
+            why += "; a motor's torque unless the arm has joint torque sensors: then it goes under link"
+        if unit == "A":
+            missing = {"torque_constant": "Nm/A at the motor shaft", "ratio": "motor turns per output turn"}
+    if word:
+        reasons = [*reasons, f"{side} side by {word!r} in its name"]
+    elif quantity != "effort":
+        reasons = [*reasons, "link side, as nothing in its name points to the motor"]
+    channel: ChannelName = "position" if quantity == "position" else "velocity" if quantity == "velocity" else "effort"
+    if still := [str(k) for k in np.flatnonzero(np.ptp(table.values, axis=0) == 0)]:
+        reasons.append(f"column {', '.join(still)} is constant: no sensor there, or a joint that stood")
+    return Guess(side or "link", channel, table, unit, (*reasons, why), missing=missing)
+
+
+def _side_by_name(name: str) -> tuple[SideName | None, str]:
+    for side, pattern in _SIDE_WORDS.items():
+        if (match := re.search(pattern, name, re.I)) is not None:
+            return side, match[0]
+    return None, ""
+
+
+def _angle_unit(table: Table) -> tuple[str, str]:
+    if (word := re.search(r"deg|rad|turn|rev", table.name, re.I)) is not None:
+        return {"deg": "deg", "rad": "rad"}.get(word[0].lower(), "turns"), f"unit by {word[0]!r} in its name"
+    largest = float(np.abs(table.values).max())
+    unit = "rad" if largest < LARGEST_ANGLE else "deg"
+    return unit, f"largest angle {largest:.3g}: {unit}"
+
+
+def _speed_unit(table: Table, positions: Sequence[Table], times: TimeArray | None) -> tuple[str, str]:
+    """Return the unit of velocities by the slope of the positions' derivatives over them."""
+    if times is not None:
+        slopes = [(source, *_slope(source, table, times)) for source in positions]
+        for source, alike, slope in sorted(slopes, key=lambda found: -found[1]):
+            for unit, size in _SPEEDS.items():
+                ratio = slope * _ANGLES[_angle_unit(source)[0]] / size
+                if alike > ALIKE and abs(ratio - 1) < CLOSE:
+                    return unit, f"derivative of {source.name} (correlation {alike:.3f}, slope {ratio:.3f})"
+    if (word := re.search(r"deg|rpm|rad", table.name, re.I)) is not None:
+        unit = {"deg": "deg/s", "rpm": "rpm"}.get(word[0].lower(), "rad/s")
+        return unit, f"unit by {word[0]!r} in its name; it is the derivative of no position in the file"
+    return "rad/s", "unit is a guess: it is the derivative of no position in the file"
+
+
+def _torque_unit(table: Table) -> tuple[str, str]:
+    if re.search(r"cur(?!v)|amp|(?<![a-z])i(?=_|\d|$)", table.name, re.I) and not re.search(r"torq", table.name, re.I):
+        return "A", "a current by its name"
+    largest = float(np.abs(table.values).max())
+    return "Nm", f"largest {largest:.3g}: taken as Nm at the joint (at the motor shaft: unit Nm_motor, with ratio)"
+
+
+def _integral(table: Table, candidates: Sequence[Table], times: TimeArray | None) -> Table | None:
+    """Return the table whose derivative this one is."""
+    if times is None:
+        return None
+    return next((c for c in candidates if c is not table and _slope(c, table, times)[0] > ALIKE), None)
+
+
+def _slope(source: Table, rate: Table, times: TimeArray) -> tuple[float, float]:
+    """Return correlation and slope of a table's derivative over another table: medians over the moving joints."""
+    width = max(round(AVERAGED * times.rate), 3)
+    dt = np.maximum(np.gradient(times.seconds), 1e-9)[:, None]
+    derivative = np.gradient(source.values, axis=0) / dt
+    # Where angles wrap, the difference is no velocity.
+    derivative[np.abs(derivative) > 50 * np.median(np.abs(derivative), axis=0) + 1e-12] = 0.0
+    d, v = (_averaged(values, width) for values in (derivative, rate.values))
+    power = np.sqrt((d * d).sum(axis=0) * (v * v).sum(axis=0))
+    moving = power > 0
+    if not moving.any():
+        return 0.0, 0.0
+    both = (d * v).sum(axis=0)[moving]
+    return float(np.median(both / power[moving])), float(np.median(both / (v * v).sum(axis=0)[moving]))
+
+
+def _averaged(values: Array, width: int) -> Array:
+    total = np.cumsum(np.vstack([np.zeros(values.shape[1]), values]), axis=0)
+    return (total[width:] - total[:-width]) / width
+
+
+def _with_ratio(chosen: dict[tuple[SideName, ChannelName], Guess]) -> dict[tuple[SideName, ChannelName], Guess]:
+    """Give the motor side's channels the ratio that shows where both sides' positions are there."""
+    motor, link = chosen.get(("motor", "position")), chosen.get(("link", "position"))
+    if motor is None or link is None:
+        return chosen
+    centred = [g.table.values * _ANGLES[g.unit] for g in (motor, link)]
+    of_rotor, of_link = (values - values.mean(axis=0) for values in centred)
+    slope = (of_rotor * of_link).sum(axis=0) / np.maximum((of_link**2).sum(axis=0), 1e-300)
+    if np.abs(slope).min() < SMALLEST_RATIO:
+        return chosen
+    scales = {"ratio": [round(float(s), 4) for s in np.abs(slope)], "sign": [float(np.sign(s)) for s in slope]}
+    why = "slope over the link's angle: the rotor's own turns"
+    for guess in (motor, chosen.get(("motor", "velocity"))):
+        if guess is not None:
+            chosen["motor", guess.channel] = replace(guess, reasons=(*guess.reasons, why), scales=scales)
+    return chosen
+
+
+def _channel_lines(guess: Guess) -> list[str]:
+    keys: dict[str, object] = {"key": guess.table.keys[0] if len(guess.table.keys) == 1 else list(guess.table.keys)}
+    if guess.table.columns is not None:
+        keys["columns"] = list(guess.table.columns)
+    keys["unit"] = guess.unit
+    keys |= {k: [int(v) if k == "sign" else v for v in values] for k, values in guess.scales.items()}
+    lines = [f"  # {reason}" for reason in guess.reasons]
+    lines.append(f"  {guess.channel}:")
+    lines += [f"    {key}: {_inline(value)}" for key, value in keys.items()]
+    lines += [f"    # {key}:    # to be filled in: {what}" for key, what in guess.missing.items()]
+    return lines
+
+
+def _inline(value: object) -> str:
+    """Return YAML on one line."""
+    return yaml.safe_dump(value, default_flow_style=True, width=10**6, allow_unicode=True).removesuffix("...\n").strip()

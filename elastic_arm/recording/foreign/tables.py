@@ -1,0 +1,159 @@
+"""Tables of all joints among the arrays of a file: one array, or a group of columns whose names count the joints."""
+
+from __future__ import annotations
+
+import re
+from collections import Counter
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from elastic_arm.recording.sides import Array
+
+_SECONDS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
+# Sample rates of arms, Hz: the unit of the times is the one with which the rate is among them.
+_RATES = (15.0, 12_000.0)
+_TIME_NAME = re.compile(r"(^|[._ ])(t|time|times|stamp|stamps|timestamp|timestamps|sec|secs|seconds)($|[._ \[(])", re.I)
+_COUNTED = re.compile(r"^(.*?)(\d+)(\D*)$")
+
+
+@dataclass(frozen=True, eq=False)
+class Table:
+    """One quantity of all joints.
+
+    Parameters
+    ----------
+    keys
+        Names of the arrays: one with a column a joint, or one a joint.
+    columns
+        Columns of a single array that has more than the joints; None for all.
+    values
+        (N, n) numbers as recorded.
+    """
+
+    keys: tuple[str, ...]
+    columns: tuple[int, ...] | None
+    values: Array
+
+    @property
+    def name(self) -> str:
+        """What the table is called in messages: its array, or the common part of its columns' names."""
+        if len(self.keys) == 1:
+            return self.keys[0]
+        return f"{self.keys[0]} to {self.keys[-1]}"
+
+
+@dataclass(frozen=True, eq=False)
+class TimeArray:
+    """The times of the samples.
+
+    Parameters
+    ----------
+    key, unit
+        Name of the array, and what its numbers count.
+    seconds
+        (N,) from the first sample.
+    """
+
+    key: str
+    unit: str
+    seconds: Array
+
+    @property
+    def rate(self) -> float:
+        """Samples per second, by the median interval."""
+        steps = np.diff(self.seconds)
+        return float(1.0 / np.median(steps[steps > 0]))
+
+
+@dataclass(frozen=True, eq=False)
+class Contents:
+    """The arrays of a file as tables of n joints.
+
+    Parameters
+    ----------
+    times
+        None if no array looks like times.
+    tables
+        In the file's order.
+    rest
+        Names of the arrays that are neither.
+    """
+
+    times: TimeArray | None
+    tables: tuple[Table, ...]
+    rest: tuple[str, ...]
+
+
+def find_tables(arrays: Mapping[str, np.ndarray], n: int) -> Contents:
+    """Sort arrays into times, tables of n joints, and others.
+
+    An array of more than n columns is a table of its first n; columns without names are taken n at a time.
+    """
+    numeric = {key: np.squeeze(values) for key, values in arrays.items() if values.dtype.kind in "biuf"}
+    count = _sample_count(numeric)
+    numeric = {key: values for key, values in numeric.items() if count in values.shape and values.ndim <= 2}
+    times = _find_times(numeric, count)
+    columns = {key: values for key, values in numeric.items() if values.ndim == 1 and not (times and key == times.key)}
+    tables = [
+        table
+        for key, values in numeric.items()
+        if values.ndim == 2 and (table := _whole(key, values, count, n)) is not None
+    ]
+    tables += _counted(columns, n)
+    used = {key for table in tables for key in table.keys} | ({times.key} if times is not None else set())
+    return Contents(times, tuple(tables), tuple(key for key in arrays if key not in used))
+
+
+def _sample_count(arrays: Mapping[str, np.ndarray]) -> int:
+    """Return the length that most numbers have."""
+    lengths: Counter[int] = Counter()
+    for values in arrays.values():
+        if values.ndim and values.size > 1:
+            lengths[max(values.shape)] += values.size
+    return lengths.most_common(1)[0][0] if lengths else 0
+
+
+def _find_times(arrays: Mapping[str, np.ndarray], count: int) -> TimeArray | None:
+    """Return the array that grows from sample to sample with a rate that arms have; one called time before others."""
+    found = []
+    for key, values in arrays.items():
+        if values.shape != (count,) or not np.isfinite(values).all():
+            continue
+        steps = np.diff(values.astype(np.float64))
+        if np.all(steps >= 0) and np.mean(steps > 0) > 0.5:
+            step = float(np.median(steps[steps > 0]))
+            # An index grows by one too: times that are whole milliseconds are called times.
+            unit = next((u for u, s in _SECONDS.items() if _RATES[0] <= 1 / (step * s) <= _RATES[1]), None)
+            named = bool(_TIME_NAME.search(key)) or key == next(iter(arrays))
+            if unit is not None and (named or np.ptp(steps) > 0):
+                seconds = (values - values[0]).astype(np.float64) * _SECONDS[unit]
+                found.append((not _TIME_NAME.search(key), TimeArray(key, unit, seconds)))
+    return min(found, key=lambda pair: pair[0])[1] if found else None
+
+
+def _whole(key: str, values: np.ndarray, count: int, n: int) -> Table | None:
+    values = (values if values.shape[0] == count else values.T).astype(np.float64)
+    width = values.shape[1]
+    if width < n:
+        return None
+    return Table((key,), None if width == n else tuple(range(n)), values[:, :n])
+
+
+def _counted(columns: Mapping[str, np.ndarray], n: int) -> list[Table]:
+    """Return the groups of columns whose names differ by a number alone, in its order."""
+    groups: dict[tuple[str, str], dict[int, str]] = {}
+    for key in columns:
+        if (match := _COUNTED.match(key)) is not None:
+            groups.setdefault((match[1], match[3]), {})[int(match[2])] = key
+    tables = []
+    for stem, members in groups.items():
+        keys = [members[number] for number in sorted(members)]
+        # Columns without names hold several quantities one after the other; a counted name is one quantity.
+        parts = [keys[k : k + n] for k in range(0, len(keys), n)] if stem == ("", "") else [keys[:n]]
+        for part in parts:
+            if len(part) == n:
+                values = np.column_stack([columns[key].astype(np.float64) for key in part])
+                tables.append(Table(tuple(part), None, values))
+    return tables

@@ -1,0 +1,84 @@
+"""Drafts of array mappings."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from elastic_arm.errors import RecordingError
+from elastic_arm.recording.foreign.array_files import load_arrays
+from elastic_arm.recording.foreign.arrays import import_arrays, load_array_map
+from elastic_arm.recording.foreign.guess import guess_mapping
+
+ROOT = Path(__file__).parents[2]
+SHARED = ROOT.parent / "shared" / "data"
+JOINTS = ("a", "b", "c")
+T = np.arange(0.0, 8.0, 0.002)
+Q = np.column_stack([np.sin((1 + 0.3 * k) * T + k) for k in range(3)])
+DQ = np.column_stack([(1 + 0.3 * k) * np.cos((1 + 0.3 * k) * T + k) for k in range(3)])
+TAU = np.random.default_rng(1).normal(0.0, 20.0, Q.shape)
+
+
+def test_a_draft_of_named_arrays_is_imported_as_it_is(tmp_path: Path) -> None:
+    """Degrees and rpm are recognised by the derivative, the times by their rate, and the import has SI units."""
+    np.savez(tmp_path / "run.npz", stamps=T * 1e3, angles=np.degrees(Q), speeds=DQ * 30 / np.pi, torques=TAU)
+    draft = guess_mapping(load_arrays(tmp_path / "run.npz"), JOINTS)
+    (tmp_path / "map.yaml").write_text(draft.to_yaml())
+    taken = import_arrays(tmp_path / "run.npz", tmp_path / "map.yaml")
+    assert not draft.missing
+    assert draft.times is not None and draft.times.unit == "ms"
+    assert taken.link is not None and taken.motor is not None
+    np.testing.assert_allclose(taken.link.position, Q, atol=1e-12)
+    np.testing.assert_allclose(taken.link.velocity, DQ, atol=1e-12)
+    np.testing.assert_allclose(taken.motor.effort, TAU)
+
+
+def test_a_table_without_names_is_cut_by_its_derivatives(tmp_path: Path) -> None:
+    """Ten columns of numbers: the first grows as time does, the others are three joints each, told by derivatives."""
+    np.savetxt(tmp_path / "run.csv", np.column_stack([T, TAU, Q, DQ]), delimiter=",")
+    draft = guess_mapping(load_arrays(tmp_path / "run.csv"), JOINTS)
+    found = {(g.side, g.channel): (g.table.keys, g.unit) for g in draft.channels}
+    assert found == {
+        ("motor", "effort"): (("1", "2", "3"), "Nm"),
+        ("link", "position"): (("4", "5", "6"), "rad"),
+        ("link", "velocity"): (("7", "8", "9"), "rad/s"),
+    }
+    (tmp_path / "map.yaml").write_text(draft.to_yaml())
+    assert load_array_map(tmp_path / "map.yaml").times.key == "0"
+
+
+def test_rotor_angles_get_their_ratio_and_currents_ask_for_theirs(tmp_path: Path) -> None:
+    """The ratio and sign follow from both sides' angles; a torque constant is left open and named."""
+    ratio = np.array([121.0, -101.0, 80.0])
+    arrays = {"time": T, "q_link": Q, "theta_motor": Q * ratio, "dtheta_motor": DQ * ratio, "motor_current": TAU}
+    draft = guess_mapping(arrays, JOINTS)
+    motor = next(g for g in draft.channels if (g.side, g.channel) == ("motor", "position"))
+    assert motor.scales == {"ratio": [121.0, 101.0, 80.0], "sign": [1.0, -1.0, 1.0]}
+    assert draft.missing == ["motor.effort.torque_constant", "motor.effort.ratio"]
+    (tmp_path / "map.yaml").write_text(draft.to_yaml())
+    with pytest.raises(RecordingError, match="torque_constant"):
+        load_array_map(tmp_path / "map.yaml")
+
+
+def test_arrays_of_other_joints_are_refused() -> None:
+    """Arrays of three columns are no arm of seven joints."""
+    with pytest.raises(RecordingError, match="no array holds positions or torques of 7 joints"):
+        guess_mapping({"time": T, "q": Q}, [f"joint_{k}" for k in range(7)])
+
+
+@pytest.mark.skipif(not SHARED.is_dir(), reason="needs the recordings of real robots")
+@pytest.mark.parametrize(
+    ("file", "n", "expected"),
+    [
+        ("kuka_lwr4/measurements_1.npz", 7, {"position": "positions", "velocity": "velocities", "effort": "torques"}),
+        ("kinova_gen3/opti_traj_testing1.csv", 7, {"position": "Position1", "effort": "TorqueSm1"}),
+        ("kuka_kr300/run_A.mat", 3, {"position": "rec.act_pos_se_deg"}),
+    ],
+)
+def test_files_of_real_robots(file: str, n: int, expected: dict[str, str]) -> None:
+    """The measured arrays are found among commands, models and temperatures."""
+    draft = guess_mapping(load_arrays(SHARED / file), [f"joint_{k}" for k in range(n)])
+    first = {channel: next(g for g in draft.channels if g.channel == channel).table.keys[0] for channel in expected}
+    assert first == expected
