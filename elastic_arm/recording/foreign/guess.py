@@ -31,6 +31,7 @@ LARGEST_ANGLE = 4 * np.pi
 SMALLEST_RATIO = 5.0
 
 _ANGLES = {"rad": 1.0, "deg": np.pi / 180, "turns": 2 * np.pi}
+_ANGLE_WORDS = r"deg|rad|turn|rev"
 _SPEEDS = {"rad/s": 1.0, "deg/s": np.pi / 180, "turns/s": 2 * np.pi, "rpm": 2 * np.pi / 60}
 _WORDS: dict[Quantity, str] = {
     "other": r"temp|volt|target|desired|des(?=_|\d|$)|ref|cmd|cmpt|command|setpoint|error|status|mode|noise|friction|"
@@ -258,7 +259,7 @@ def _side_by_name(name: str) -> tuple[SideName | None, str]:
 
 
 def _angle_unit(table: Table) -> tuple[str, str]:
-    if (word := re.search(r"deg|rad|turn|rev", table.name, re.I)) is not None:
+    if (word := re.search(_ANGLE_WORDS, table.name, re.I)) is not None:
         return {"deg": "deg", "rad": "rad"}.get(word[0].lower(), "turns"), f"unit by {word[0]!r} in its name"
     largest = float(np.abs(table.values).max())
     unit = "rad" if largest < LARGEST_ANGLE else "deg"
@@ -320,16 +321,20 @@ def _with_ratio(chosen: dict[tuple[SideName, ChannelName], Guess]) -> dict[tuple
     motor, link = chosen.get(("motor", "position")), chosen.get(("link", "position"))
     if motor is None or link is None:
         return chosen
-    centred = [g.table.values * _ANGLES[g.unit] for g in (motor, link)]
-    of_rotor, of_link = (values - values.mean(axis=0) for values in centred)
+    # Without a unit in its name, a rotor's angle is far beyond a joint's range in any unit: it has that of the link.
+    unit = motor.unit if re.search(_ANGLE_WORDS, motor.table.name, re.I) else link.unit
+    of_rotor, of_link = motor.table.values * _ANGLES[unit], link.table.values * _ANGLES[link.unit]
+    of_rotor, of_link = of_rotor - of_rotor.mean(axis=0), of_link - of_link.mean(axis=0)
     slope = (of_rotor * of_link).sum(axis=0) / np.maximum((of_link**2).sum(axis=0), 1e-300)
     if np.abs(slope).min() < SMALLEST_RATIO:
         return chosen
     scales = {"ratio": [round(float(s), 4) for s in np.abs(slope)], "sign": [float(np.sign(s)) for s in slope]}
-    why = "slope over the link's angle: the rotor's own turns"
+    why = f"slope over the link's angle: turns of the rotor, in {unit}"
     for guess in (motor, chosen.get(("motor", "velocity"))):
         if guess is not None:
-            chosen["motor", guess.channel] = replace(guess, reasons=(*guess.reasons, why), scales=scales)
+            of_angle = guess.unit.replace(motor.unit, unit)
+            reasons = (*(r for r in guess.reasons if not r.startswith("largest")), why)
+            chosen["motor", guess.channel] = replace(guess, unit=of_angle, reasons=reasons, scales=scales)
     return chosen
 
 
