@@ -111,7 +111,17 @@ def plan_goal(
 
 
 def plan_stop(now_ns: int, present: Row, limits: JointLimits) -> Goal:
-    """Return the way to a standstill from the present motion, (n,) each, at an even deceleration within the limits."""
+    """Return the way to a standstill from the present motion at an even deceleration within the limits.
+
+    Parameters
+    ----------
+    now_ns
+        Time at which it begins, ns.
+    present
+        (n,) position, velocity and acceleration at that time.
+    limits
+        Of the joints.
+    """
     speed = np.abs(present.velocity)
     seconds = max(STOPPING, float(np.max(speed / limits.acceleration)))
     end = present.position + 0.5 * seconds * present.velocity

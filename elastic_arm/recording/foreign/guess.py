@@ -13,7 +13,7 @@ import yaml
 
 from elastic_arm.errors import RecordingError
 from elastic_arm.recording.foreign.channels import CHANNEL_NAMES, ChannelName
-from elastic_arm.recording.foreign.tables import Contents, Table, TimeArray, find_tables
+from elastic_arm.recording.foreign.tables import Contents, JointTable, TimeArray, find_tables
 from elastic_arm.recording.sides import Array
 
 SideName = Literal["link", "motor"]
@@ -72,7 +72,7 @@ class Guess:
 
     side: SideName
     channel: ChannelName
-    table: Table
+    table: JointTable
     unit: str
     reasons: tuple[str, ...]
     scales: Mapping[str, list[float]] = field(default_factory=dict)
@@ -179,10 +179,10 @@ def guess_mapping(arrays: Mapping[str, np.ndarray], joints: Sequence[str]) -> Dr
     return Draft(tuple(joints), contents.times, tuple(ordered), tuple(ignored))
 
 
-def _recognised(contents: Contents) -> list[Guess | tuple[Table, str]]:
+def _recognised(contents: Contents) -> list[Guess | tuple[JointTable, str]]:
     """Return each table as a guess, or with the reason why it is left out; those recognised by name come first."""
     named: list[Guess] = []
-    unnamed: list[Guess | tuple[Table, str]] = []
+    unnamed: list[Guess | tuple[JointTable, str]] = []
     tables = [(table, *_quantity(table)) for table in contents.tables]
     known = [table for table, quantity, _ in tables if quantity == "position"]
     speeds = [table for table, quantity, _ in tables if quantity == "velocity"]
@@ -211,7 +211,7 @@ def _recognised(contents: Contents) -> list[Guess | tuple[Table, str]]:
     return [*named, *unnamed]
 
 
-def _quantity(table: Table) -> tuple[Quantity | None, str]:
+def _quantity(table: JointTable) -> tuple[Quantity | None, str]:
     """Return what the name of a table means, and the part of the name that shows it."""
     for quantity, pattern in _WORDS.items():
         if re.search(pattern, _stem(table), re.I) is not None:
@@ -219,13 +219,13 @@ def _quantity(table: Table) -> tuple[Quantity | None, str]:
     return None, ""
 
 
-def _stem(table: Table) -> str:
+def _stem(table: JointTable) -> str:
     """Return the name without the joint's number."""
     return re.sub(r"\d+\D*$", "", table.keys[0]) if len(table.keys) > 1 else table.keys[0]
 
 
 def _guess(
-    table: Table, quantity: Quantity, reasons: list[str], positions: Sequence[Table], times: TimeArray | None
+    table: JointTable, quantity: Quantity, reasons: list[str], positions: Sequence[JointTable], times: TimeArray | None
 ) -> Guess:
     """Return a table as a channel, with side and unit."""
     side, word = _side_by_name(table.name)
@@ -258,7 +258,7 @@ def _side_by_name(name: str) -> tuple[SideName | None, str]:
     return None, ""
 
 
-def _angle_unit(table: Table) -> tuple[str, str]:
+def _angle_unit(table: JointTable) -> tuple[str, str]:
     if (word := re.search(_ANGLE_WORDS, table.name, re.I)) is not None:
         return {"deg": "deg", "rad": "rad"}.get(word[0].lower(), "turns"), f"unit by {word[0]!r} in its name"
     largest = float(np.abs(table.values).max())
@@ -266,7 +266,7 @@ def _angle_unit(table: Table) -> tuple[str, str]:
     return unit, f"largest angle {largest:.3g}: {unit}"
 
 
-def _speed_unit(table: Table, positions: Sequence[Table], times: TimeArray | None) -> tuple[str, str]:
+def _speed_unit(table: JointTable, positions: Sequence[JointTable], times: TimeArray | None) -> tuple[str, str]:
     """Return the unit of velocities by the slope of the positions' derivatives over them."""
     if times is not None:
         slopes = [(source, *_slope(source, table, times)) for source in positions]
@@ -281,21 +281,21 @@ def _speed_unit(table: Table, positions: Sequence[Table], times: TimeArray | Non
     return "rad/s", "unit is a guess: it is the derivative of no position in the file"
 
 
-def _torque_unit(table: Table) -> tuple[str, str]:
+def _torque_unit(table: JointTable) -> tuple[str, str]:
     if re.search(r"cur(?!v)|amp|(?<![a-z])i(?=_|\d|$)", table.name, re.I) and not re.search(r"torq", table.name, re.I):
         return "A", "a current by its name"
     largest = float(np.abs(table.values).max())
     return "Nm", f"largest {largest:.3g}: taken as Nm at the joint (at the motor shaft: unit Nm_motor, with ratio)"
 
 
-def _integral(table: Table, candidates: Sequence[Table], times: TimeArray | None) -> Table | None:
+def _integral(table: JointTable, candidates: Sequence[JointTable], times: TimeArray | None) -> JointTable | None:
     """Return the table whose derivative this one is."""
     if times is None:
         return None
     return next((c for c in candidates if c is not table and _slope(c, table, times)[0] > ALIKE), None)
 
 
-def _slope(source: Table, rate: Table, times: TimeArray) -> tuple[float, float]:
+def _slope(source: JointTable, rate: JointTable, times: TimeArray) -> tuple[float, float]:
     """Return correlation and slope of a table's derivative over another table: medians over the moving joints."""
     width = max(round(AVERAGED * times.rate), 3)
     dt = np.maximum(np.gradient(times.seconds), 1e-9)[:, None]

@@ -19,7 +19,7 @@ _COUNTED = re.compile(r"^(.*?)(\d+)(\D*)$")
 
 
 @dataclass(frozen=True, eq=False)
-class Table:
+class JointTable:
     """One quantity of all joints.
 
     Parameters
@@ -82,7 +82,7 @@ class Contents:
     """
 
     times: TimeArray | None
-    tables: tuple[Table, ...]
+    tables: tuple[JointTable, ...]
     rest: tuple[str, ...]
 
 
@@ -133,15 +133,15 @@ def _find_times(arrays: Mapping[str, np.ndarray], count: int) -> TimeArray | Non
     return min(found, key=lambda pair: pair[0])[1] if found else None
 
 
-def _whole(key: str, values: np.ndarray, count: int, n: int) -> Table | None:
+def _whole(key: str, values: np.ndarray, count: int, n: int) -> JointTable | None:
     values = (values if values.shape[0] == count else values.T).astype(np.float64)
     width = values.shape[1]
     if width < n:
         return None
-    return Table((key,), None if width == n else tuple(range(n)), values[:, :n])
+    return JointTable((key,), None if width == n else tuple(range(n)), values[:, :n])
 
 
-def _counted(columns: Mapping[str, np.ndarray], n: int) -> list[Table]:
+def _counted(columns: Mapping[str, np.ndarray], n: int) -> list[JointTable]:
     """Return the groups of columns whose names differ by a number alone, in its order."""
     groups: dict[tuple[str, str], dict[int, str]] = {}
     for key in columns:
@@ -155,5 +155,5 @@ def _counted(columns: Mapping[str, np.ndarray], n: int) -> list[Table]:
         for part in parts:
             if len(part) == n:
                 values = np.column_stack([columns[key].astype(np.float64) for key in part])
-                tables.append(Table(tuple(part), None, values))
+                tables.append(JointTable(tuple(part), None, values))
     return tables
