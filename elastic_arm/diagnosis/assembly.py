@@ -9,9 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elastic_arm.diagnosis import format as texts
+from elastic_arm.diagnosis.calibration.calibrate import imperfections
 from elastic_arm.diagnosis.context import DiagnosisContext
-from elastic_arm.diagnosis.data.calibration import imperfections
-from elastic_arm.diagnosis.data.preparation import PreparedData
 from elastic_arm.diagnosis.inference.estimated_hypothesis import EstimatedHypothesis
 from elastic_arm.diagnosis.inference.estimates import ParameterEstimate
 from elastic_arm.diagnosis.inference.excess import ResidualStatistics, residual_statistics
@@ -21,6 +20,7 @@ from elastic_arm.diagnosis.inference.judgement import Judgement, verdict
 from elastic_arm.diagnosis.inference.lack_of_fit import LackOfFit
 from elastic_arm.diagnosis.inference.regimes import regime, shares
 from elastic_arm.diagnosis.inference.sensor_faults import with_faults
+from elastic_arm.diagnosis.preparation import PreparedData
 from elastic_arm.diagnosis.result import Alternative, Cause, Diagnosis, ResidualSizes, UnexplainedResidual
 from elastic_arm.diagnosis.selection.hypothesis import Rival
 from elastic_arm.diagnosis.selection.regressor_library import Candidate

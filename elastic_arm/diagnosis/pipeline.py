@@ -8,13 +8,13 @@ from dataclasses import replace
 import numpy as np
 
 from elastic_arm.diagnosis.assembly import assemble
-from elastic_arm.diagnosis.data.preparation import PreparedData, prepare, recalibrated
 from elastic_arm.diagnosis.design.discriminating_motion import propose
 from elastic_arm.diagnosis.inference.across_recordings import agreements
 from elastic_arm.diagnosis.inference.estimated_hypothesis import estimate
 from elastic_arm.diagnosis.inference.excess import select_band, statistics_in_bands
 from elastic_arm.diagnosis.inference.judgement import judge
 from elastic_arm.diagnosis.inference.prediction import predict
+from elastic_arm.diagnosis.preparation import PreparedData, prepare, recalibrated
 from elastic_arm.diagnosis.question import Question
 from elastic_arm.diagnosis.result import Diagnosis
 from elastic_arm.diagnosis.selection.hypothesis import Hypothesis

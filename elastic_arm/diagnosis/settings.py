@@ -16,7 +16,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from elastic_arm.diagnosis.data.nuisance import Priors
+from elastic_arm.diagnosis.priors import Priors
 
 
 @dataclass(frozen=True)
@@ -49,7 +49,8 @@ class PreprocessingSettings:
 class RefitSettings:
     """The calibration of the model's numbers and the sensors."""
 
-    steps: int = 3  # Gauss-Newton steps; the third changes the misfit of 8 % mass errors by less than a thousandth
+    steps: int = 5  # Gauss-Newton steps; the third changes the misfit of 8 % mass errors by less than a thousandth
+    step_shares: tuple[float, ...] = (1.0, 0.5, 0.25)  # of a step, tried until one lowers the misfit; convention
     improvement: float = 0.999  # ratio of misfits from which a step is worth another; convention
     most_discount: float = 50.0  # largest factor by which coloured residuals are discounted; convention
     beyond_ordinary: float = 3.0  # standard deviations of a prior; 0.3 % of ordinary arms have more

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from copy import copy
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -69,6 +70,12 @@ class Model:
         self._engine = engine
         self._functions: dict[str, casadi.Function] = {}
         self._kernels: dict[tuple[str, tuple[int, ...] | None], kernels.Kernel] = {}
+
+    def at(self, Psi: np.ndarray) -> Model:
+        """Return the same model at other parameters (P,), which need not be those of physical bodies."""
+        moved = copy(self)
+        moved.Psi = np.asarray(Psi, dtype=float)
+        return moved
 
     @property
     def n(self) -> int:

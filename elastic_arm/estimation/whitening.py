@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import binary_dilation, binary_opening
 
 from elastic_arm.dynamics import Model
+from elastic_arm.errors import DiagnosisError
 from elastic_arm.estimation.band import Band, LowPass
 from elastic_arm.estimation.effect_columns import Feature
 from elastic_arm.estimation.equations import EquationSet
@@ -137,6 +138,29 @@ class Part:
     noise: NoiseModel
 
 
+@dataclass(frozen=True, eq=False)
+class ActingEffect:
+    """An effect that adds to the torques which a model predicts.
+
+    Parameters
+    ----------
+    feature, searched
+        What, and its searched parameters.
+    coefficients
+        (count,) of its columns.
+    """
+
+    feature: Feature
+    searched: tuple[float, ...]
+    coefficients: Array
+
+    def torques(self, signals: Signals) -> tuple[Array, Array]:
+        """Return what it adds to the joint torque and to the motor torque (N, n), Nm."""
+        rows = self.feature.columns(signals, self.searched) @ self.coefficients
+        link, _, motor = np.split(rows, 3, axis=1)
+        return link, link + motor
+
+
 class WhitenedData:
     """All stretches of one or several recordings.
 
@@ -151,6 +175,8 @@ class WhitenedData:
     predicted
         Whether the laws of effects take the torques that the model predicts instead of the measured ones, and rows
         where a joint sticks are left out.
+    acting
+        Effects that are part of the predicted torques.
     """
 
     def __init__(
@@ -161,6 +187,7 @@ class WhitenedData:
         band: Band,
         *,
         predicted: bool = False,
+        acting: Sequence[ActingEffect] = (),
     ) -> None:
         self.layout, self.band = layout, band
         self.parts: list[Part] = []
@@ -176,8 +203,22 @@ class WhitenedData:
                     load, drive = predicted_torques(model, motion)
                     motion = replace(motion, tau_J=load, tau_m=drive)
                 signals = Signals.of(motion, standstill, elastic=elastic, cutoff=cutoff)
+                if acting:
+                    more = [effect.torques(signals) for effect in acting]
+                    load, drive = (
+                        torque + sum(parts)
+                        for torque, parts in zip((load, drive), zip(*more, strict=True), strict=True)
+                    )
+                    motion = replace(motion, tau_J=load, tau_m=drive)
+                    signals = Signals.of(motion, standstill, elastic=elastic, cutoff=cutoff)
                 self.parts.append(Part(stretch, signals, noise))
                 self.pure.append(pure)
+        if not self.parts:
+            raise DiagnosisError(
+                f"too little motion is left of {', '.join(o.source or 'the recording' for o in observations)} "
+                "after filtering",
+                "Record longer without gaps",
+            )
         ones = [np.ones(len(part.stretch.t)) for part in self.parts]
         self._weights = [_moving(part.stretch, band) for part in self.parts] if predicted else ones
         self.y = self.weighted([part.stretch.values for part in self.parts])
@@ -205,15 +246,18 @@ class WhitenedData:
         """Return a feature's columns (N', R, count) in the band, one array a stretch."""
         columns = []
         for part in self.parts:
-            full = feature.columns(part.signals, searched)
-            rows = self.layout.combine(full)
-            N, R, k = rows.shape
-            flat = rows.reshape(N, R * k)
-            used = np.flatnonzero(flat.any(axis=0))
-            thin = np.zeros((len(part.stretch.t), R * k))
-            thin[:, used] = self.band.apply(np.ascontiguousarray(flat[:, used]))[part.stretch.kept]
-            columns.append(thin.reshape(-1, R, k))
+            columns.append(self.in_band(part, feature.columns(part.signals, searched)))
         return self.weighted(columns)
+
+    def in_band(self, part: Part, columns: Array) -> Array:
+        """Carry columns (N, 3 n, k) at the recording's rate over to the usable equations in the band, (N', R, k)."""
+        rows = self.layout.combine(columns)
+        N, R, k = rows.shape
+        flat = rows.reshape(N, R * k)
+        used = np.flatnonzero(flat.any(axis=0))
+        thin = np.zeros((len(part.stretch.t), R * k))
+        thin[:, used] = self.band.apply(np.ascontiguousarray(flat[:, used]))[part.stretch.kept]
+        return thin.reshape(-1, R, k)
 
     def whiten(self, columns: Sequence[Array]) -> Array:
         """Whiten columns (N', R, k) of all stretches and stack them: (rows, k)."""
@@ -223,13 +267,19 @@ class WhitenedData:
 
     def _whiten(self, values: Array, noise: NoiseModel) -> Array:
         band = self.band
-        spectrum = np.fft.rfft(values, axis=0) * np.sqrt(band.step)
-        f = np.fft.rfftfreq(len(values), 1 / band.kept_rate)
+        N, R, k = values.shape
+        f = np.fft.rfftfreq(N, 1 / band.kept_rate)
         inside = f <= band.cutoff
-        out = np.zeros_like(spectrum)
-        out[inside] = noise.whitener(f[inside]) @ spectrum[inside]
-        rows = np.fft.irfft(out, len(values), axis=0)[EDGE:-EDGE]
-        return rows.reshape(-1, values.shape[2])
+        # Most columns show in few of the rows, and an equation's noise is removed from those after it alone.
+        acting = np.flatnonzero(values.any(axis=(0, 2)))
+        if not len(acting):
+            return np.zeros(((N - 2 * EDGE) * R, k))
+        spectrum = np.fft.rfft(values[:, acting], axis=0)[inside] * np.sqrt(band.step)
+        out = np.zeros((len(f), R - acting[0], k), dtype=complex)
+        out[inside] = noise.whitener(f[inside])[:, acting[0] :, acting] @ spectrum
+        rows = np.zeros((N - 2 * EDGE, R, k))
+        rows[:, acting[0] :] = np.fft.irfft(out, N, axis=0)[EDGE:-EDGE]
+        return rows.reshape(-1, k)
 
     def _blocks(self) -> NDArray[np.intp]:
         """Number of the block (rows,) to which each whitened row belongs."""

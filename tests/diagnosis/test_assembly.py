@@ -10,10 +10,10 @@ import pytest
 
 from elastic_arm.diagnosis import Question
 from elastic_arm.diagnosis.assembly import assemble
-from elastic_arm.diagnosis.data.preparation import PreparedData, prepare
 from elastic_arm.diagnosis.inference.estimated_hypothesis import EstimatedHypothesis, estimate
 from elastic_arm.diagnosis.inference.judgement import Judgement, judge
 from elastic_arm.diagnosis.pipeline import search
+from elastic_arm.diagnosis.preparation import PreparedData, prepare
 from elastic_arm.diagnosis.result import Diagnosis
 from elastic_arm.diagnosis.selection.hypothesis import Rival
 from elastic_arm.effects import EFFECTS

@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from elastic_arm.diagnosis import format as texts
-from elastic_arm.diagnosis.data.preparation import PreparedData
 from elastic_arm.diagnosis.inference.estimates import ParameterEstimate, estimates, polish
+from elastic_arm.diagnosis.preparation import PreparedData
 from elastic_arm.diagnosis.selection.hypothesis import Hypothesis
 from elastic_arm.effects import EffectInstance
 

@@ -9,11 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elastic_arm.diagnosis.bootstrap import lower_bound
-from elastic_arm.diagnosis.data.preparation import PreparedData
 from elastic_arm.diagnosis.inference import excess
 from elastic_arm.diagnosis.inference.excess import ResidualStatistics
 from elastic_arm.diagnosis.inference.lack_of_fit import LackOfFitTest
 from elastic_arm.diagnosis.inference.sensor_faults import SensorFault, with_faults
+from elastic_arm.diagnosis.preparation import PreparedData
 from elastic_arm.diagnosis.selection.hypothesis import Hypothesis
 from elastic_arm.diagnosis.selection.regressor_library import Candidate, RegressorLibrary
 from elastic_arm.diagnosis.settings import DiagnosisSettings

@@ -9,11 +9,11 @@ import numpy as np
 
 from elastic_arm.diagnosis import format as texts
 from elastic_arm.diagnosis.bootstrap import lower_bound
-from elastic_arm.diagnosis.data.preparation import PreparedData
 from elastic_arm.diagnosis.inference.estimates import ParameterEstimate, certain, differs, estimates, polish, several
 from elastic_arm.diagnosis.inference.gap_metric import GapMeasure, gap_measure
 from elastic_arm.diagnosis.inference.lack_of_fit import LackOfFitTest
 from elastic_arm.diagnosis.inference.sensor_faults import SensorFault, sensor_faults
+from elastic_arm.diagnosis.preparation import PreparedData
 from elastic_arm.diagnosis.selection.hypothesis import Hypothesis
 from elastic_arm.diagnosis.selection.regressor_library import Candidate
 from elastic_arm.diagnosis.selection.stepwise import misfit

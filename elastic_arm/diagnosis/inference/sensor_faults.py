@@ -12,12 +12,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from elastic_arm.diagnosis.data.calibration import effective_noise
-from elastic_arm.diagnosis.data.nuisance import NuisanceParameter
-from elastic_arm.diagnosis.data.preparation import PreparedData
+from elastic_arm.diagnosis.calibration.calibrate import posterior
+from elastic_arm.diagnosis.calibration.nuisance import NuisanceParameter
+from elastic_arm.diagnosis.preparation import PreparedData
 from elastic_arm.diagnosis.selection.candidates import feature_of
 from elastic_arm.diagnosis.selection.regressor_library import Candidate
-from elastic_arm.diagnosis.selection.stepwise import misfit
 from elastic_arm.effects.model import Scope
 from elastic_arm.estimation.effect_columns import Feature
 
@@ -60,7 +59,7 @@ def sensor_faults(prepared: PreparedData, selected: Sequence[Candidate]) -> tupl
     parameters, library = prepared.calibration.parameters, prepared.library
     if not parameters:
         return ()
-    values, stds = library.nuisance_step(selected, effective_noise(misfit(library, selected), prepared.settings))
+    values, stds = posterior(library, selected, prepared.settings)
     beyond, found = prepared.settings.refit.beyond_ordinary, []
     for k, (p, value, std) in enumerate(zip(parameters, prepared.found.values + values, stds, strict=True)):
         if p.feature is None or abs(value) < max(beyond, CERTAIN * std) + CERTAIN * std:

@@ -130,10 +130,10 @@ class Marginalisation:
         if residual:
             below += np.sqrt(self._nuisance.noise) * self._nuisance.centre[:, None]
         tall = np.vstack([columns, below])
-        return tall - self._basis @ (self._basis.T @ tall)
+        return tall - self.basis @ (self.basis.T @ tall)
 
     @cached_property
-    def _basis(self) -> Array:
+    def basis(self) -> Array:
         """Orthonormal basis (rows + k, k) of the nuisance columns over their priors."""
         prior = np.sqrt(self._nuisance.noise) * np.eye(len(self._nuisance))
         tall = np.vstack([self._nuisance.white[0], prior])

@@ -16,6 +16,7 @@ from scipy.optimize import minimize, minimize_scalar
 from elastic_arm.diagnosis.selection.regressor_library import Candidate, RegressorLibrary
 from elastic_arm.diagnosis.settings import RefinementSettings
 from elastic_arm.effects.parameters import Parameter
+from elastic_arm.estimation.effect_columns import Feature
 
 Array = NDArray[np.float64]
 
@@ -26,7 +27,11 @@ Cost = Callable[[Sequence[float]], float]
 
 
 def refine(
-    library: RegressorLibrary, selected: Sequence[Candidate], which: Candidate, settings: RefinementSettings
+    library: RegressorLibrary,
+    selected: Sequence[Candidate],
+    which: Candidate,
+    settings: RefinementSettings,
+    plausible: Callable[[Sequence[Candidate]], bool] = lambda _: True,
 ) -> Candidate:
     """Return one candidate with its nonlinear parameters optimised on the identification data.
 
@@ -43,6 +48,8 @@ def refine(
         The candidate.
     settings
         Range and number of evaluations.
+    plausible
+        Whether a hypothesis is possible; where that of the best value is not, the next best optimum is taken.
     """
     feature = which.feature
     free = [p for p in feature.searched for _ in range(p.size)]
@@ -55,12 +62,20 @@ def refine(
         return project.cost(library.columns(0, feature, tuple(float(v) for v in point)), fixed=feature.fixed)
 
     if len(free) > 1:
-        best = _together(cost, free, which.searched)
-    else:
-        assert which.searched is not None
-        scaled = feature.fixed and not which.fixed
-        best = (_scalar(cost, free[0], which.searched[0], settings, wide=scaled),)
-    refined = library.add(feature, best, fixed=feature.fixed)
+        return _added(library, feature, _together(cost, free, which.searched))
+    assert which.searched is not None
+    scaled = feature.fixed and not which.fixed
+    found = []
+    for start, width in _starts(cost, free[0], which.searched[0], settings, wide=scaled):
+        best = _scalar(cost, free[0], start, width, settings)
+        found.append(_added(library, feature, (best,)))
+        if plausible([*others, found[-1]]):
+            return found[-1]
+    return found[0]
+
+
+def _added(library: RegressorLibrary, feature: Feature, values: tuple[float, ...]) -> Candidate:
+    refined = library.add(feature, values, fixed=feature.fixed)
     library.close()
     return refined
 
@@ -81,18 +96,27 @@ def _together(cost: Cost, free: Sequence[Parameter], start: tuple[float, ...] | 
     return values(minimize(lambda point: cost(values(point)), first, method="Nelder-Mead", options=options).x)
 
 
-def _scalar(cost: Cost, parameter: Parameter, start: float, settings: RefinementSettings, *, wide: bool) -> float:
+def _starts(
+    cost: Cost, parameter: Parameter, start: float, settings: RefinementSettings, *, wide: bool
+) -> list[tuple[float, float]]:
+    """Return where on the axis to look for an optimum, and how far around it, the best first."""
     axis = _Axis.of(parameter, beyond=settings.range_factor)
-    low, high = axis.low, axis.high
-    if wide:
-        # Only the shape of a scaled column was fitted, not its size: evaluate the whole range first.
-        tried = np.linspace(low, high, settings.evaluations)
-        centre = tried[int(np.argmin([cost((axis.value(v),)) for v in tried]))]
-        width = 1.5 * (tried[1] - tried[0])
-    else:
-        centre, width = axis.at(start), 1.2 * (high - low) / 7
-    bounds = (max(low, centre - width), min(high, centre + width))
-    options = {"maxiter": settings.evaluations, "xatol": 1e-4 if axis.logarithmic else 1e-4 * (high - low)}
+    if not wide:
+        return [(axis.at(start), 1.2 * (axis.high - axis.low) / 7)]
+    # Only the shape of a scaled column was fitted, not its size: evaluate the whole range first.
+    tried = np.linspace(axis.low, axis.high, settings.evaluations)
+    costs = np.array([cost((axis.value(v),)) for v in tried])
+    around = np.concatenate([[np.inf], costs, [np.inf]])
+    optima = np.flatnonzero((costs <= around[:-2]) & (costs <= around[2:]))
+    width = 1.5 * float(tried[1] - tried[0])
+    return [(float(tried[k]), width) for k in optima[np.argsort(costs[optima])]]
+
+
+def _scalar(cost: Cost, parameter: Parameter, centre: float, width: float, settings: RefinementSettings) -> float:
+    axis = _Axis.of(parameter, beyond=settings.range_factor)
+    bounds = (max(axis.low, centre - width), min(axis.high, centre + width))
+    tolerance = 1e-4 if axis.logarithmic else 1e-4 * (axis.high - axis.low)
+    options = {"maxiter": settings.evaluations, "xatol": tolerance}
     found = minimize_scalar(lambda v: cost((axis.value(v),)), bounds=bounds, method="bounded", options=options)
     return axis.value(found.x)
 
@@ -123,7 +147,7 @@ class _Axis:
 
 
 class _Projection:
-    """Least squares on the identification data with some columns always there."""
+    """Least squares on the identification data with some columns and the nuisance parameters always there."""
 
     def __init__(self, library: RegressorLibrary, others: Sequence[Candidate]) -> None:
         y = library.matrix(0, [0])[:, 0]
@@ -132,22 +156,28 @@ class _Projection:
                 y = y - library.matrix(0, candidate.index).sum(axis=1)
         free = [candidate.index for candidate in others if not candidate.fixed]
         columns = library.matrix(0, np.concatenate(free)) if free else np.zeros((len(y), 0))
-        self._library = library
+        rows = len(y)
         columns, y = library.marginalised(columns), library.marginalised(y[:, None], residual=True)[:, 0]
         # Null columns and repeated ones would make the basis meaningless.
         u, s, _ = np.linalg.svd(columns / np.maximum(np.linalg.norm(columns, axis=0), 1e-300), full_matrices=False)
-        self._basis = u[:, s > 1e-5 * s[0]] if len(s) else u
-        self._y = self._clean(y)
-
-    def _clean(self, values: Array) -> Array:
-        return values - self._basis @ (self._basis.T @ values)
+        basis = u[:, s > 1e-5 * s[0]] if len(s) else u
+        y = y - basis @ (basis.T @ y)
+        # Further columns are zero in the rows of the priors, so only the rows of the data are needed of either.
+        self._bases = [part[:rows] for part in (library.nuisance_basis, basis) if part.shape[1]]
+        self._y, self._square = y[:rows], float(y @ y)
 
     def cost(self, columns: Array, *, fixed: bool) -> float:
         """Half the sum of squares that is left with these columns added."""
-        cleaned = self._clean(self._library.marginalised(columns))
         if fixed:
-            return 0.5 * float(np.sum((self._y - cleaned.sum(axis=1)) ** 2))
-        scaled = cleaned / np.maximum(np.linalg.norm(cleaned, axis=0), 1e-300)
-        u, s, _ = np.linalg.svd(scaled, full_matrices=False)
-        u = u[:, s > 1e-5 * max(s[0], 1e-300)]
-        return 0.5 * float(self._y @ self._y - np.sum((u.T @ self._y) ** 2))
+            columns = columns.sum(axis=1, keepdims=True)
+        target, gram = columns.T @ self._y, columns.T @ columns
+        for basis in self._bases:
+            part = basis.T @ columns
+            gram = gram - part.T @ part
+        if fixed:
+            return 0.5 * (self._square - 2.0 * float(target[0]) + float(gram[0, 0]))
+        scale = np.sqrt(np.maximum(np.diag(gram), 1e-300))
+        values, vectors = np.linalg.eigh(gram / np.outer(scale, scale))
+        acts = values > 1e-10 * max(values[-1], 1e-300)
+        shown = vectors[:, acts].T @ (target / scale)
+        return 0.5 * (self._square - float(np.sum(shown**2 / values[acts])))

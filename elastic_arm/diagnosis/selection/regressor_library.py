@@ -14,6 +14,7 @@ from itertools import product
 import numpy as np
 from numpy.typing import NDArray
 
+from elastic_arm.diagnosis.selection.gram_fits import bordered, solution
 from elastic_arm.diagnosis.selection.marginalisation import Marginalisation, NuisanceColumns
 from elastic_arm.diagnosis.settings import CandidateSettings
 from elastic_arm.effects.parameters import Parameter
@@ -21,8 +22,6 @@ from elastic_arm.estimation.effect_columns import Feature
 from elastic_arm.estimation.whitening import WhitenedData
 
 Array = NDArray[np.float64]
-
-RANK = 1e-10  # relative eigenvalue below which a combination of columns is not determined; numerical
 
 
 @dataclass(frozen=True, eq=False)
@@ -158,6 +157,11 @@ class RegressorLibrary:
         """
         return self._marginalisation.rows(columns, residual=residual)
 
+    @property
+    def nuisance_basis(self) -> Array:
+        """Orthonormal basis (rows + k, k) of the nuisance columns of the identification data over their priors."""
+        return self._marginalisation.basis
+
     def nuisance_values(self, selected: Sequence[Candidate], beta: Array | None = None) -> Array:
         """Return posterior means (k,) of the nuisance parameters on both data sets, relative to where the model stands.
 
@@ -200,7 +204,9 @@ class RegressorLibrary:
 
     def fit(self, which: int, selected: Sequence[Candidate]) -> Array:
         """Return coefficients of all columns of the selected, in order, fitted on one data set."""
-        return _fit(self._marginal[which], selected)
+        index, free = _split(selected)
+        keep = np.append(0, index)
+        return solution(self._marginal[which][np.ix_(keep, keep)], free)
 
     def coefficients(self, selected: Sequence[Candidate]) -> list[Array]:
         """Return the coefficients of each candidate's columns, fitted on the identification data."""
@@ -247,12 +253,52 @@ class RegressorLibrary:
             return 0.0
         return self.gain(1, selected, self.fit(0, selected)) + self.gain(0, selected, self.fit(1, selected))
 
+    def held_out_each(self, base: Sequence[Candidate], further: Sequence[Candidate]) -> Array:
+        """Return :meth:`held_out` of `base` with each further candidate, (candidates,).
+
+        Parameters
+        ----------
+        base
+            Candidates that are always there.
+        further
+            Of these, one at a time is added.
+        """
+        scores = np.zeros(len(further))
+        groups: dict[tuple[int, bool], list[int]] = {}
+        for k, candidate in enumerate(further):
+            groups.setdefault((len(candidate.index), candidate.fixed), []).append(k)
+        for (_, fixed), members in groups.items():
+            columns = np.stack([further[k].index for k in members])
+            for fitted, judged in ((0, 1), (1, 0)):
+                scores[members] += self._held_out_each(base, columns, fitted, judged, fixed=fixed)
+        return scores
+
+    def _held_out_each(
+        self, base: Sequence[Candidate], columns: NDArray[np.intp], fitted: int, judged: int, *, fixed: bool
+    ) -> Array:
+        """Return the gain (M,) on one data set of further columns (M, m) fitted with the base on the other."""
+        index, free = _split(base)
+        beta, gamma = bordered(self._marginal[fitted], index, free, columns, fixed=fixed)
+
+        def gained(gram: Array) -> Array:
+            own = gram[np.ix_(index, index)]
+            cross = gram[index[:, None, None], columns[None]]
+            of_base = beta.T @ gram[index, 0] - 0.5 * np.einsum("pM,pq,qM->M", beta, own, beta, optimize=True)
+            target = gram[columns, 0] - np.einsum("pM,pMm->Mm", beta, cross)
+            square = gram[columns[:, :, None], columns[:, None, :]]
+            of_further = np.einsum("Mm,Mm->M", gamma, target) - 0.5 * np.einsum("Mm,Mmk,Mk->M", gamma, square, gamma)
+            return np.asarray(of_base + of_further)
+
+        if not len(self.nuisance):
+            return gained(self._grams[judged])
+        return gained(self._marginal[2]) - gained(self._marginal[fitted])
+
     def both(self, selected: Sequence[Candidate]) -> float:
         """Log-likelihood gained on both data sets by one fit to both."""
         index, _ = _split(selected)
         keep = np.append(0, index)
         gram = self._marginal[2][np.ix_(keep, keep)]
-        beta = _solution(gram, _split(selected)[1])
+        beta = solution(gram, _split(selected)[1])
         return float(beta @ gram[1:, 0] - 0.5 * beta @ gram[1:, 1:] @ beta)
 
     def remainder(self, which: int, selected: Sequence[Candidate], beta: Array) -> Array:
@@ -286,30 +332,6 @@ def _split(selected: Sequence[Candidate]) -> tuple[NDArray[np.intp], NDArray[np.
     return np.concatenate([candidate.index for candidate in selected]), np.concatenate(
         [candidate.free for candidate in selected]
     )
-
-
-def _fit(gram: Array, selected: Sequence[Candidate]) -> Array:
-    index, free = _split(selected)
-    keep = np.append(0, index)
-    return _solution(gram[np.ix_(keep, keep)], free)
-
-
-def _solution(gram: Array, free: NDArray[np.bool_]) -> Array:
-    """Least squares for the free columns, the others with coefficient 1; row and column 0 are the residual's."""
-    beta = np.ones(len(free))
-    if free.any():
-        a, fixed = 1 + np.flatnonzero(free), 1 + np.flatnonzero(~free)
-        beta[free] = _solve(gram[np.ix_(a, a)], gram[a, 0] - gram[np.ix_(a, fixed)].sum(axis=1))
-    return beta
-
-
-def _solve(gram: Array, target: Array) -> Array:
-    """Least squares from a Gram matrix, what it does not determine set to nothing."""
-    scale = np.sqrt(np.maximum(np.diag(gram), 1e-300))
-    values, vectors = np.linalg.eigh(gram / np.outer(scale, scale))
-    keep = values > RANK * values[-1]
-    part = vectors[:, keep]
-    return part @ ((part.T @ (target / scale)) / values[keep]) / scale
 
 
 def starting_points(feature: Feature, settings: CandidateSettings) -> list[tuple[float, ...] | None]:

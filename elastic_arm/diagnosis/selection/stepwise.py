@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Sequence
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -153,21 +154,27 @@ class StepwiseSearch:
 
         What was searched alone may have gone astray for want of the newcomer, so its other values are tried again.
         """
-        others: dict[str | None, list[list[Candidate]]] = {}
+        free = self._open(selected)
+        tried = self._tried(selected, free)
         for k in range(len(self.given), len(selected)):
             same = [e for e in self._candidates if e.feature.key == selected[k].feature.key]
-            if len(same) > 1:
-                tried = [[*selected[:k], e, *selected[k + 1 :]] for e in same]
-                others.setdefault(selected[k].feature.joint, []).extend(tried)
+            beside = [e for e in free if e.feature.joint == selected[k].feature.joint]
+            for e in same if len(same) > 1 else ():
+                tried += self._tried([*selected[:k], e, *selected[k + 1 :]], beside)
         best: dict[Key, tuple[float, list[Candidate]]] = {}
-        for candidate in self._open(selected):
-            key = candidate.feature.key
-            for base in [list(selected), *others.get(candidate.feature.joint, [])]:
-                trial = [*base, candidate]
-                score = self._score(trial)
-                if (key not in best or score > best[key][0]) and self._plausible(trial):
-                    best[key] = (score, trial)
-        return sorted(best.values(), key=lambda pair: -pair[0])
+        for score, trial in sorted(tried, key=lambda pair: -pair[0]):
+            if trial[-1].feature.key not in best and self._plausible(trial):
+                best[trial[-1].feature.key] = (score, trial)
+        return list(best.values())
+
+    def _tried(self, base: Sequence[Candidate], further: Sequence[Candidate]) -> list[tuple[float, list[Candidate]]]:
+        """Return a set of candidates with each further one, and its score."""
+        scores = self.library.held_out_each(base, further)
+        paid = sum(self._price[candidate.feature.key] for candidate in base)
+        return [
+            (float(score) - paid - self._price[candidate.feature.key], [*base, candidate])
+            for score, candidate in zip(scores, further, strict=True)
+        ]
 
     def _best_next(self, chosen: Sequence[Candidate]) -> list[Candidate] | None:
         ranked = self._ranked(chosen)[: self._search.shortlist]
@@ -191,7 +198,8 @@ class StepwiseSearch:
             return candidate
         if key not in self._refined:
             self._refinements_left -= 1
-            self._refined[key] = refine(self.library, [*others, candidate], candidate, self._settings.refinement)
+            selected, settings = [*others, candidate], self._settings.refinement
+            self._refined[key] = refine(self.library, selected, candidate, settings, self._plausible)
         return self._refined[key]
 
     def _exchanged(self, selected: list[Candidate]) -> list[Candidate]:
@@ -257,11 +265,16 @@ class StepwiseSearch:
                 rivals.append(Rival(better, odds))
         return sorted(rivals, key=lambda rival: -rival.odds)
 
+    @cached_property
+    def _resamples(self) -> Array:
+        """How often (draws, blocks) each block of both data sets is drawn: the same for all hypotheses."""
+        resampling = self._settings.resampling
+        blocks = sum(int(data.blocks.max()) + 1 for data in self.library.sets)
+        return block_counts(blocks, resampling.odds_draws, resampling.odds_rng()).astype(float)
+
     def _odds(self, chosen: Sequence[Candidate], trial: Sequence[Candidate], scale: float) -> float:
         """Odds of a trial hypothesis: by likelihood over the misfit, or by how often blocks prefer it, if more."""
         behind = (self._score(chosen) - self._score(trial)) / scale
         blocks = np.concatenate(self.library.falls(trial, chosen))
-        resampling = self._settings.resampling
-        weights = block_counts(len(blocks), resampling.odds_draws, resampling.odds_rng())
-        share = float(np.mean(weights @ blocks <= 0.0))
+        share = float(np.mean(self._resamples @ blocks <= 0.0))
         return float(max(np.exp(-np.clip(behind, 0.0, 700.0)), min(1.0, share / max(1.0 - share, 0.5))))

@@ -65,6 +65,19 @@ def found(added: dict[str, float], *names: str, settings: DiagnosisSettings = SE
     return [c.feature.effect.id for c in StepwiseSearch(library, (), settings).run().selected]
 
 
+@pytest.mark.parametrize("fixed", [False, True])
+def test_further_candidates_are_judged_as_one_by_one(fixed: bool) -> None:
+    """Block elimination gives each further candidate what its own fit gives, of repeated columns too."""
+    library, (one, two, both) = library_of({"one": 1.0, "two": 0.3}, "one", "two", "both")
+    three = library.add(feature("three"), (), fixed=fixed)
+    library.close()
+    for base in ([], [one], [one, three]):
+        further = [c for c in (two, both, three) if c not in base]
+        alone = [library.held_out([*base, c]) for c in further]
+        assert library.held_out_each(base, further) == pytest.approx(alone, rel=1e-9, abs=1e-9)
+    assert library.held_out_each([one, two], [both]) == pytest.approx([library.held_out([one, two])], rel=1e-9)
+
+
 def test_coefficients_are_those_of_least_squares() -> None:
     """The library's Gram matrices give what a solver gives with the columns themselves."""
     library, candidates = library_of({"one": 1.0}, "one", "two", "three")

@@ -2,10 +2,6 @@
 
 The residuals r are linear in small changes of them, r = r_0 + N nu with nu ~ N(0, diag(std^2)). Marginalised, they turn
 the Gram matrix of all columns into its Schur complement, so that every comparison of hypotheses accounts for them.
-
-A measured torque enters an equation with the coefficient one: whatever scales a torque (a sensor's gain, a stiffness)
-has a column of torque that the model predicts. With the measured torque in its place, no torque sensor and a massless
-arm would explain every recording.
 """
 
 from __future__ import annotations
@@ -15,13 +11,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.interpolate import CubicSpline
 
-from elastic_arm.dynamics import Model, build_model
+from elastic_arm.diagnosis.priors import Priors
+from elastic_arm.errors import RobotError
 from elastic_arm.estimation.effect_columns import Feature
-from elastic_arm.estimation.motion import CompletedMotion, drive_constants
-from elastic_arm.estimation.residuals import predicted_torques
-from elastic_arm.estimation.whitening import WhitenedData
 from elastic_arm.robot import Component, Inertia, Joint, Robot
 
 Array = NDArray[np.float64]
@@ -29,28 +22,8 @@ Array = NDArray[np.float64]
 LARGEST_SCALE = 0.6  # relative error of a stiffness or a torque scale beyond which the description is of another arm
 PRESLIDING = "presliding"  # how gradually dry friction changes its sign: no number of the arm or of a sensor
 PRESLIDING_SPEEDS = ((5e-4, 2e-3), (2e-3, 8e-3))  # rad/s: between these widths of the sign function
-STEP = 1e-4  # of a prior's standard deviation, for derivatives of Psi; numerical
+LINK_SHARES = (1.0, 0.75, 0.5, 0.25)  # of the links' deviations, tried until the bodies are physical
 TENSOR = ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))
-CHUNK = 24  # parameters whose columns are made at once, and samples: both bound the memory
-BLOCK = 8192
-
-
-@dataclass(frozen=True)
-class Priors:
-    """Standard deviations of what a description states of an arm, relative where no unit is given.
-
-    CAD masses leave out cables, grease and covers; catalogues of harmonic drives state stiffness to about 30 % and give
-    no damping. What sensors do is stated in the files of their effects.
-    """
-
-    mass: float = 0.10
-    centre_of_mass: float = 0.01  # m
-    inertia: float = 0.15  # of the mean moment of inertia about the centre of mass
-    product_of_inertia: float = 0.05  # of the same
-    rotor: float = 0.10
-    stiffness: float = 0.15
-    damping: float = 0.40
-    presliding: float = 2.0  # Nm; dry friction turns over gradually, below a speed that nobody states
 
 
 @dataclass(frozen=True)
@@ -168,6 +141,27 @@ def calibrated_robot(robot: Robot, parameters: Sequence[NuisanceParameter], valu
     return robot.with_(joints=tuple(_changed(joint, deviations[joint.name]) for joint in robot.joints))
 
 
+def nearest_robot(robot: Robot, parameters: Sequence[NuisanceParameter], values: Array) -> Robot:
+    """Return the arm with its numbers at these values, its links only as far as they are physical bodies.
+
+    Parameters
+    ----------
+    robot
+        The description.
+    parameters
+        The nuisance parameters.
+    values
+        (k,) deviations from the description, in units of the priors' standard deviations.
+    """
+    of_links = np.array([parameter.what.startswith("link_") for parameter in parameters])
+    for share in LINK_SHARES:
+        try:
+            return calibrated_robot(robot, parameters, np.where(of_links, share * values, values))
+        except RobotError:
+            continue
+    return calibrated_robot(robot, parameters, np.where(of_links, 0.0, values))
+
+
 def _changed(joint: Joint, deviation: dict[str, float]) -> Joint:
     gear = joint.transmission
     if gear is not None:
@@ -223,94 +217,4 @@ def lags(parameters: Sequence[NuisanceParameter], values: Array, joints: Sequenc
             found.setdefault(channel, np.zeros(len(joints)))[joints.index(parameter.joint)] = (
                 value * parameter.prior_std
             )
-    return found
-
-
-def nuisance_columns(
-    model: Model, nominal: Robot, data: WhitenedData, parameters: Sequence[NuisanceParameter]
-) -> list[Array]:
-    """Return columns (N', R, k) of each stretch, Nm for one standard deviation of each prior.
-
-    Parameters
-    ----------
-    model
-        At the present values of the arm's numbers.
-    nominal
-        The description, to which relative changes refer.
-    data
-        Whitened residuals of the model.
-    parameters
-        The nuisance parameters.
-    """
-    directions = _directions(model, nominal, parameters)
-    result = [np.zeros((len(part.stretch.t), data.layout.rows, len(parameters))) for part in data.parts]
-    for k, parameter in enumerate(parameters):
-        if parameter.feature is not None:
-            for out, columns in zip(result, data.plain(parameter.feature), strict=True):
-                out[:, :, k] = columns[:, :, 0] * parameter.prior_std
-    arm = [k for k, parameter in enumerate(parameters) if parameter.feature is None]
-    for out, part in zip(result, data.parts, strict=True):
-        for first in range(0, len(arm), CHUNK):
-            chosen = arm[first : first + CHUNK]
-            full = _arm_columns(
-                model, nominal, part.stretch.quiet, [parameters[k] for k in chosen], directions[:, chosen]
-            )
-            rows = data.layout.combine(full)
-            flat = data.band.apply(np.ascontiguousarray(rows.reshape(len(rows), -1)))[part.stretch.kept]
-            out[:, :, chosen] = flat.reshape(len(flat), data.layout.rows, -1)
-    return data.weighted(result)
-
-
-def _arm_columns(
-    model: Model, nominal: Robot, motion: CompletedMotion, parameters: Sequence[NuisanceParameter], directions: Array
-) -> Array:
-    """Columns (N, 3 n, k): inertial numbers by the regressor, those of the drive by predicted torque."""
-    n, N, elastic = model.n, len(motion), model.robot.elastic
-    springs = [index for spring in model.bodies.springs for index in (spring.stiffness, spring.damping)]
-    spins = [spin.parameter for spin in model.bodies.spins]
-    columns = np.zeros((N, 3 * n, len(parameters)))
-    for first in range(0, N, BLOCK):
-        part = slice(first, first + BLOCK)
-        x, dx, ddx = (motion.coordinates(rate, elastic=elastic)[part] for rate in ("", "d", "dd"))
-        Phi = model.regressor(x, dx, ddx)
-        Phi[:, :, springs] = 0.0
-        rows = Phi @ directions
-        if elastic:
-            columns[part, :n], columns[part, 2 * n :] = rows[:, :n], rows[:, n : 2 * n]
-        else:
-            # The armature stands in the motor's row, as in the residuals.
-            motor = Phi[:, :, spins] @ directions[spins]
-            columns[part, :n], columns[part, 2 * n :] = rows - motor, motor
-    for k, parameter in enumerate(parameters):
-        if parameter.what.startswith(PRESLIDING):
-            j, speeds = model.robot.joint_names.index(parameter.joint), PRESLIDING_SPEEDS[int(parameter.what[-1])]
-            w = (motion.dtheta if elastic else motion.dq)[:, j]
-            row = 2 * n + j if elastic else j
-            columns[:, row, k] = parameter.prior_std * (np.tanh(w / speeds[1]) - np.tanh(w / speeds[0]))
-    if not elastic:
-        return columns
-    load, _ = predicted_torques(model, motion)
-    K, _ = drive_constants(model)
-    for k, parameter in enumerate(parameters):
-        j = model.robot.joint_names.index(parameter.joint)
-        gear = nominal.joints[j].transmission
-        if gear is None:
-            continue
-        if parameter.what == "stiffness":
-            columns[:, n + j, k] = load[:, j] * (gear.stiffness / K[j]) * parameter.prior_std
-        elif parameter.what == "damping":
-            rate = CubicSpline(motion.t, load[:, j])(motion.t, 1)
-            columns[:, n + j, k] = gear.damping / K[j] * rate * parameter.prior_std
-    return columns
-
-
-def _directions(model: Model, nominal: Robot, parameters: Sequence[NuisanceParameter]) -> Array:
-    """Derivative (P, k) of Psi by the numbers of the arm, at the description, for one standard deviation each."""
-    base = build_model(nominal, model.name).Psi
-    found = np.zeros((len(base), len(parameters)))
-    for k, parameter in enumerate(parameters):
-        if parameter.feature is None:
-            values = np.zeros(len(parameters))
-            values[k] = STEP
-            found[:, k] = (build_model(calibrated_robot(nominal, parameters, values), model.name).Psi - base) / STEP
     return found

@@ -8,8 +8,15 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from elastic_arm.diagnosis import format as texts
-from elastic_arm.diagnosis.data.calibration import CalibrationProblem, Linearised, calibrate, linearise
-from elastic_arm.diagnosis.data.calibration import problem_of as calibration_problem
+from elastic_arm.diagnosis.calibration.calibrate import calibrate
+from elastic_arm.diagnosis.calibration.linearisation import (
+    CalibrationProblem,
+    Linearised,
+    Observations,
+    expand,
+    linearise,
+)
+from elastic_arm.diagnosis.calibration.linearisation import problem_of as calibration_problem
 from elastic_arm.diagnosis.data.preprocessing import needs_motion, standing, usable
 from elastic_arm.diagnosis.data.split import independent, split
 from elastic_arm.diagnosis.question import Question
@@ -25,11 +32,8 @@ from elastic_arm.estimation.band import Band
 from elastic_arm.estimation.effect_columns import Feature
 from elastic_arm.estimation.equations import EquationSet
 from elastic_arm.estimation.observation import Observation, observe, widest_band
-from elastic_arm.estimation.residuals import residuals
 from elastic_arm.estimation.whitening import WhitenedData
 from elastic_arm.recording import Recording
-
-Observations = tuple[Observation, ...]
 
 
 @dataclass(frozen=True)
@@ -68,7 +72,7 @@ class PreparedData:
     @property
     def model(self) -> Model:
         """The nominal model, or the calibrated one."""
-        return self.found.model
+        return self.found.expansion.model
 
     @property
     def library(self) -> RegressorLibrary:
@@ -83,7 +87,7 @@ class PreparedData:
     @property
     def observed(self) -> tuple[Observations, Observations]:
         """The recordings that causes are fitted on, and those that judge, late channels moved back."""
-        return self.found.observed
+        return self.found.expansion.observed
 
     @property
     def validation(self) -> WhitenedData:
@@ -131,14 +135,12 @@ def prepare(recordings: Sequence[Recording], validate: Sequence[Recording], ques
     observed = [[observe(r) for r in part] for part in parts]
     nominal = build_model(question.robot, question.model)
     layout, band = _common([*observed[0], *observed[1]], nominal, settings.preprocessing)
-    _check_length(nominal, observed, layout, band)
     still = [joint for joint in names if all(joint in standing(r) for r in parts[0])]
     own = {(instance.effect.id, instance.joint) for instance in question.given}
     stated = robot_effects(question.robot, question.catalogue)
     known = (*(i for i in stated if (i.effect.id, i.joint) not in own), *question.given)
     equations = ArmEquations(question.robot, question.model)
     known = tuple(instance for instance in known if feature_of(instance, equations).acts)
-    candidates = _candidates(question, equations, still)
     problem = calibration_problem(
         question.robot,
         question.model,
@@ -150,8 +152,11 @@ def prepare(recordings: Sequence[Recording], validate: Sequence[Recording], ques
         settings,
         refit=question.refit,
     )
-    values, noise = calibrate(problem, np.zeros(len(problem.parameters))) if question.refit else (np.zeros(0), 1.0)
-    found, _ = linearise(problem, values, candidates, noise=noise)
+    candidates = _candidates(question, equations, still, problem)
+    expansion, noise = expand(problem, np.zeros(len(problem.parameters))), 1.0
+    if problem.parameters:
+        expansion, noise = calibrate(problem, expansion)
+    found, _ = linearise(problem, expansion, candidates, noise=noise)
     notes = list(dict.fromkeys(note for part in observed for o in part for note in o.notes))
     notes += [texts.REFITTED] if question.refit else []
     notes += [texts.standing_note(joint) for joint in still]
@@ -168,10 +173,13 @@ def prepare(recordings: Sequence[Recording], validate: Sequence[Recording], ques
 
 
 def recalibrated(prepared: PreparedData, hypothesis: Hypothesis) -> PreparedData:
-    """Return the data where the model and its sensors lie most probably beside the causes of a hypothesis."""
+    """Return the data where the model and its sensors lie most probably beside the causes of a hypothesis.
+
+    These are among the candidates as they were found.
+    """
     causes = [hypothesis.selected[k] for k in hypothesis.causes]
-    values, noise = calibrate(prepared.calibration, prepared.found.values, causes)
-    found, _ = linearise(prepared.calibration, values, prepared.candidates, noise=noise)
+    expansion, noise = calibrate(prepared.calibration, prepared.found.expansion, causes)
+    found, _ = linearise(prepared.calibration, expansion, prepared.candidates, causes, noise=noise)
     return replace(prepared, found=found)
 
 
@@ -179,15 +187,6 @@ def _sensor_effects(question: Question) -> tuple[Effect, ...]:
     """Return the effects of sensors that an ordinary arm has some of, but those that the user knows."""
     given = {instance.effect.id for instance in question.given}
     return tuple(e for e in question.catalogue.values() if e.prior is not None and e.id not in given)
-
-
-def _check_length(model: Model, observed: Sequence[Sequence[Observation]], layout: EquationSet, band: Band) -> None:
-    """Raise DiagnosisError where filters leave nothing of either part."""
-    for purpose, part in zip(("fit", "judge"), observed, strict=True):
-        if not any(residuals(model, observation, layout, band) for observation in part):
-            raise DiagnosisError(
-                f"too little motion is left to {purpose} after filtering", "Record longer without gaps"
-            )
 
 
 def _common(
@@ -224,6 +223,13 @@ def common_band(layout: EquationSet, model: Model, rate: float, settings: Prepro
     return Band(min(widest, settings.one_encoder_band) if one_encoder else widest, rate)
 
 
-def _candidates(question: Question, equations: ArmEquations, still: Sequence[str]) -> list[Feature]:
-    """Return every effect at every place where the motion can show it."""
-    return [f for f in features(equations, question.candidates) if f.joint not in still or not needs_motion(f)]
+def _candidates(
+    question: Question, equations: ArmEquations, still: Sequence[str], problem: CalibrationProblem
+) -> list[Feature]:
+    """Return every effect at every place where the motion can show it.
+
+    What the nuisance parameters hold is in every hypothesis already, and competes with none.
+    """
+    held = {p.feature.effect.id for p in problem.parameters if p.feature is not None}
+    effects = [effect for effect in question.candidates if effect.id not in held]
+    return [f for f in features(equations, effects) if f.joint not in still or not needs_motion(f)]

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from elastic_arm.diagnosis import Question
-from elastic_arm.diagnosis.data.preparation import common_band, prepare
+from elastic_arm.diagnosis.preparation import common_band, prepare
 from elastic_arm.diagnosis.settings import DiagnosisSettings, PreprocessingSettings, SplitSettings
 from elastic_arm.dynamics import build_model
 from elastic_arm.effects import EFFECTS, parse

@@ -1,0 +1,171 @@
+"""Where nuisance parameters lie most probably, and what the recordings determine of each."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from elastic_arm.diagnosis.calibration.linearisation import (
+    CalibrationProblem,
+    Expansion,
+    Linearised,
+    expand,
+    linearise,
+)
+from elastic_arm.diagnosis.calibration.nuisance import PRESLIDING
+from elastic_arm.diagnosis.result import Imperfection
+from elastic_arm.diagnosis.selection.regressor_library import Candidate, RegressorLibrary
+from elastic_arm.diagnosis.selection.stepwise import misfit
+from elastic_arm.diagnosis.settings import DiagnosisSettings
+from elastic_arm.effects.model import SensorEffect
+from elastic_arm.estimation.whitening import ActingEffect
+
+Array = NDArray[np.float64]
+
+
+def calibrate(
+    problem: CalibrationProblem, start: Expansion, extra: Sequence[Candidate] = ()
+) -> tuple[Expansion, float]:
+    """Expand the residuals where the nuisance parameters lie most probably; return that and what is left as noise.
+
+    Gauss-Newton steps, as long as they lower the misfit; unexplained misfit counts as noise, so that what no parameter
+    explains does not bend them.
+
+    Parameters
+    ----------
+    problem
+        What is calibrated.
+    start
+        Where to begin.
+    extra
+        Effects that were found.
+    """
+    settings = problem.settings
+    best = _fitted(problem, start, extra)
+    for _ in range(settings.refit.steps):
+        nearer = _nearer(problem, best, extra)
+        if nearer is None:
+            break
+        before, best = best.misfit, nearer
+        if best.misfit > settings.refit.improvement * before:
+            break
+    return best.expansion, effective_noise(best.misfit, settings)
+
+
+@dataclass(frozen=True)
+class _FittedExpansion:
+    """An expansion with the effects fitted beside the nuisance parameters.
+
+    Parameters
+    ----------
+    expansion
+        Where it is linearised.
+    misfit
+        Mean square of what is left.
+    step
+        (k,) of Gauss and Newton, in standard deviations of the priors.
+    acting
+        The effects of the arm.
+    """
+
+    expansion: Expansion
+    misfit: float
+    step: Array
+    acting: tuple[ActingEffect, ...]
+
+
+def _fitted(problem: CalibrationProblem, expansion: Expansion, extra: Sequence[Candidate]) -> _FittedExpansion:
+    found, again = linearise(problem, expansion, (), extra)
+    selected = [*found.given, *again]
+    left = misfit(found.library, selected)
+    step, _ = found.library.nuisance_step(selected, effective_noise(left, problem.settings))
+    coefficients = found.library.coefficients(selected)
+    acting = tuple(
+        ActingEffect(c.feature, c.searched or (), beta)
+        for c, beta in zip(selected, coefficients, strict=True)
+        if not isinstance(c.feature.effect, SensorEffect)
+    )
+    return _FittedExpansion(expansion, left, step, acting)
+
+
+def _nearer(problem: CalibrationProblem, best: _FittedExpansion, extra: Sequence[Candidate]) -> _FittedExpansion | None:
+    """Return the fit after a step; None where it leaves more.
+
+    Where the full step leaves more than before, a part of it is gone.
+    """
+    # Gains and offsets act linearly: they stay in the columns.
+    moves = np.array([parameter.moves_model for parameter in problem.parameters], dtype=bool)
+    for share in problem.settings.refit.step_shares:
+        values = np.where(moves, best.expansion.values + share * best.step, 0.0)
+        found = _fitted(problem, expand(problem, values, best.expansion, best.acting), extra)
+        if found.misfit * problem.settings.refit.improvement < best.misfit:
+            return found
+    return None
+
+
+def effective_noise(misfit: float, settings: DiagnosisSettings) -> float:
+    """Return the variance at which whitened residuals count as white noise.
+
+    What is unexplained is coloured: fewer of its rows are independent than there are.
+
+    Parameters
+    ----------
+    misfit
+        Mean square of the whitened residuals.
+    settings
+        Largest discount for colour.
+    """
+    return misfit * min(misfit, settings.refit.most_discount)
+
+
+def posterior(
+    library: RegressorLibrary, selected: Sequence[Candidate], settings: DiagnosisSettings
+) -> tuple[Array, Array]:
+    """Return posterior means and standard deviations (k,) of the nuisance parameters, relative to the expansion.
+
+    Parameters
+    ----------
+    library
+        Of all columns.
+    selected
+        The known effects and the causes.
+    settings
+        Largest discount for colour.
+    """
+    return library.nuisance_step(selected, effective_noise(misfit(library, selected), settings))
+
+
+def imperfections(
+    problem: CalibrationProblem, found: Linearised, selected: Sequence[Candidate]
+) -> tuple[Imperfection, ...]:
+    """Return what the recordings determine of each nuisance parameter.
+
+    Parameters
+    ----------
+    problem
+        What was calibrated.
+    found
+        Residuals and columns.
+    selected
+        The known effects and the causes.
+    """
+    if not problem.parameters:
+        return ()
+    values, stds = posterior(found.library, selected, problem.settings)
+    beyond = problem.settings.refit.beyond_ordinary
+    return tuple(
+        Imperfection(
+            p.what,
+            p.joint,
+            p.unit,
+            float(p.neutral + (at + value) * p.prior_std),
+            float(std * p.prior_std),
+            p.prior_std,
+            bool(abs(at + value) <= beyond + 2.0 * std),
+        )
+        for p, at, value, std in zip(problem.parameters, found.values, values, stds, strict=True)
+        if not p.what.startswith(PRESLIDING)
+    )

@@ -1,0 +1,193 @@
+"""Columns of nuisance parameters: what one standard deviation of each prior changes in the residuals.
+
+A measured torque enters an equation with the coefficient one: whatever scales a torque (a sensor's gain, a stiffness)
+has a column of torque that the model predicts. With the measured torque in its place, no torque sensor and a massless
+arm would explain every recording.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.interpolate import CubicSpline
+
+from elastic_arm.diagnosis.calibration.nuisance import (
+    PRESLIDING,
+    PRESLIDING_SPEEDS,
+    NuisanceParameter,
+    calibrated_robot,
+)
+from elastic_arm.dynamics import Model, build_model
+from elastic_arm.estimation.motion import CompletedMotion, drive_constants
+from elastic_arm.estimation.residuals import predicted_torques
+from elastic_arm.estimation.whitening import WhitenedData
+from elastic_arm.robot import Robot
+
+Array = NDArray[np.float64]
+
+STEP = 1e-4  # of a prior's standard deviation, for derivatives of Psi; numerical
+BLOCK = 8192  # samples of the regressor that are evaluated at once; bounds the memory
+MOST = 2.5e8  # bytes of columns at the recording's rate that are made at once
+
+
+def nuisance_columns(
+    model: Model,
+    nominal: Robot,
+    data: WhitenedData,
+    parameters: Sequence[NuisanceParameter],
+    inertial: Sequence[Array],
+) -> list[Array]:
+    """Return columns (N', R, k) of each stretch, Nm for one standard deviation of each prior.
+
+    Parameters
+    ----------
+    model
+        At the present values of the arm's numbers.
+    nominal
+        The description, to which relative changes refer.
+    data
+        Whitened residuals of the model.
+    parameters
+        The nuisance parameters.
+    inertial
+        Of :func:`inertial_columns`, of each stretch.
+    """
+    result = [columns.copy() for columns in inertial]
+    for k, parameter in enumerate(parameters):
+        if parameter.feature is not None:
+            for out, columns in zip(result, data.plain(parameter.feature), strict=True):
+                out[:, :, k] = columns[:, :, 0] * parameter.prior_std
+    others = [k for k, p in enumerate(parameters) if p.feature is None and not _is_inertial(p)]
+    for out, part in zip(result, data.parts, strict=True):
+        full = _drive_columns(model, nominal, part.stretch.quiet, [parameters[k] for k in others])
+        out[:, :, others] = data.in_band(part, full)
+    return data.weighted(result)
+
+
+def inertial_columns(
+    model: Model, data: WhitenedData, parameters: Sequence[NuisanceParameter], directions: Array
+) -> list[Array]:
+    """Return the columns (N', R, k) of the inertial numbers of each stretch, zero for other parameters.
+
+    They are linear in Psi and depend on the motion alone.
+
+    Parameters
+    ----------
+    model
+        Of the residuals.
+    data
+        Whitened residuals of the model.
+    parameters
+        The nuisance parameters.
+    directions
+        (P, k) of :func:`directions_of`.
+    """
+    chosen = [k for k, parameter in enumerate(parameters) if _is_inertial(parameter)]
+    found = []
+    for part in data.parts:
+        motion = part.stretch.quiet
+        out = np.zeros((len(part.stretch.t), data.layout.rows, len(parameters)))
+        count = max(1, int(MOST / (3 * model.n * len(motion) * 8)))
+        for first in range(0, len(chosen), count):
+            some = chosen[first : first + count]
+            out[:, :, some] = data.in_band(part, _regressor(model, motion, directions[:, some]))
+        found.append(out)
+    return found
+
+
+def calibrated_parameters(model: Model, nominal: Robot, values: Array, directions: Array) -> Array:
+    """Return Psi (P,) with inertial numbers at these values, linear in them whether or not bodies are physical.
+
+    Parameters
+    ----------
+    model
+        Its stiffness and damping are kept.
+    nominal
+        The description, to which relative changes refer.
+    values
+        (k,) deviations from the description, in units of the priors' standard deviations.
+    directions
+        (P, k) of :func:`directions_of`.
+    """
+    moved = build_model(nominal, model.name).Psi + directions @ values
+    springs = _springs(model)
+    moved[springs] = model.Psi[springs]
+    return np.asarray(moved)
+
+
+def _springs(model: Model) -> list[int]:
+    """Return the numbers of stiffnesses and dampings in Psi."""
+    return [index for spring in model.bodies.springs for index in (spring.stiffness, spring.damping)]
+
+
+def _is_inertial(parameter: NuisanceParameter) -> bool:
+    return parameter.feature is None and parameter.what.startswith(("link_", "rotor_", "spline_"))
+
+
+def _regressor(model: Model, motion: CompletedMotion, directions: Array) -> Array:
+    """Columns (N, 3 n, k) of directions (P, k) of Psi."""
+    n, N, elastic = model.n, len(motion), model.robot.elastic
+    along = directions.copy()
+    along[_springs(model)] = 0.0
+    spins = [spin.parameter for spin in model.bodies.spins]
+    columns = np.zeros((N, 3 * n, along.shape[1]))
+    for first in range(0, N, BLOCK):
+        part = slice(first, first + BLOCK)
+        x, dx, ddx = (motion.coordinates(rate, elastic=elastic)[part] for rate in ("", "d", "dd"))
+        Phi = model.regressor(x, dx, ddx)
+        rows = Phi @ along
+        if elastic:
+            columns[part, :n], columns[part, 2 * n :] = rows[:, :n], rows[:, n : 2 * n]
+        else:
+            # The armature stands in the motor's row, as in the residuals.
+            motor = Phi[:, :, spins] @ along[spins]
+            columns[part, :n], columns[part, 2 * n :] = rows - motor, motor
+    return columns
+
+
+def _drive_columns(
+    model: Model, nominal: Robot, motion: CompletedMotion, parameters: Sequence[NuisanceParameter]
+) -> Array:
+    """Columns (N, 3 n, k): stiffness and damping by predicted torque, presliding by speed."""
+    n, elastic = model.n, model.robot.elastic
+    columns = np.zeros((len(motion), 3 * n, len(parameters)))
+    load = predicted_torques(model, motion)[0] if elastic else np.zeros((len(motion), n))
+    K = drive_constants(model)[0] if elastic else np.ones(n)
+    for k, parameter in enumerate(parameters):
+        j = model.robot.joint_names.index(parameter.joint)
+        gear = nominal.joints[j].transmission
+        if parameter.what.startswith(PRESLIDING):
+            speeds = PRESLIDING_SPEEDS[int(parameter.what[-1])]
+            w = (motion.dtheta if elastic else motion.dq)[:, j]
+            row = 2 * n + j if elastic else j
+            columns[:, row, k] = parameter.prior_std * (np.tanh(w / speeds[1]) - np.tanh(w / speeds[0]))
+        elif parameter.what == "stiffness" and gear is not None:
+            columns[:, n + j, k] = load[:, j] * (gear.stiffness / K[j]) * parameter.prior_std
+        elif parameter.what == "damping" and gear is not None:
+            rate = CubicSpline(motion.t, load[:, j])(motion.t, 1)
+            columns[:, n + j, k] = gear.damping / K[j] * rate * parameter.prior_std
+    return columns
+
+
+def directions_of(nominal: Robot, model: str, parameters: Sequence[NuisanceParameter]) -> Array:
+    """Return the derivative (P, k) of Psi by the numbers of the arm, for one standard deviation of each prior.
+
+    Parameters
+    ----------
+    nominal
+        The description, where it is evaluated.
+    model
+        The variant of the model.
+    parameters
+        The nuisance parameters.
+    """
+    base = build_model(nominal, model).Psi
+    found = np.zeros((len(base), len(parameters)))
+    for k, parameter in enumerate(parameters):
+        if parameter.feature is None:
+            values = np.zeros(len(parameters))
+            values[k] = STEP
+            found[:, k] = (build_model(calibrated_robot(nominal, parameters, values), model).Psi - base) / STEP
+    return found

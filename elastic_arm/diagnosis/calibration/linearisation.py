@@ -1,0 +1,289 @@
+"""Residuals and columns of a model at certain values of its nuisance parameters.
+
+A description is wrong everywhere, and a sensor a little. Both are nuisance parameters with priors
+(:mod:`.nuisance`), in which the residuals are linear nearby. Late channels are moved back in time, so that what is left
+of them acts linearly.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from elastic_arm.diagnosis.calibration.columns import (
+    calibrated_parameters,
+    directions_of,
+    inertial_columns,
+    nuisance_columns,
+)
+from elastic_arm.diagnosis.calibration.nuisance import NuisanceParameter, lags, nearest_robot, nuisance_parameters
+from elastic_arm.diagnosis.selection.candidates import feature_of, features
+from elastic_arm.diagnosis.selection.marginalisation import NuisanceColumns
+from elastic_arm.diagnosis.selection.regressor_library import Candidate, RegressorLibrary, build_library
+from elastic_arm.diagnosis.settings import DiagnosisSettings
+from elastic_arm.dynamics import Model, build_model
+from elastic_arm.effects import Effect, EffectInstance
+from elastic_arm.effects.equations import ArmEquations
+from elastic_arm.effects.model import SensorEffect
+from elastic_arm.estimation.band import Band
+from elastic_arm.estimation.effect_columns import Feature
+from elastic_arm.estimation.equations import EquationSet
+from elastic_arm.estimation.observation import Observation
+from elastic_arm.estimation.whitening import ActingEffect, WhitenedData
+from elastic_arm.robot import Robot
+from elastic_arm.sensors import Sensors
+
+Array = NDArray[np.float64]
+# The channels of a recording that sensors make.
+SENSED = {"link_encoder": "q", "motor_encoder": "theta", "joint_torque": "tau_J", "motor_torque": "tau_m"}
+Observations = tuple[Observation, ...]
+Observed = Sequence[Sequence[Observation]]
+
+
+@dataclass(frozen=True)
+class CalibrationProblem:
+    """What a calibration needs of recordings and question.
+
+    Parameters
+    ----------
+    robot, model
+        The description, and the variant of the model.
+    observed
+        The recordings of identification and validation.
+    layout, band
+        Usable equations, and where they are compared.
+    parameters
+        The nuisance parameters.
+    directions
+        (P, k) derivative of Psi by them.
+    known
+        Effects that count as part of the model.
+    settings
+        All thresholds.
+    """
+
+    robot: Robot
+    model: str
+    observed: Observed
+    layout: EquationSet
+    band: Band
+    parameters: tuple[NuisanceParameter, ...]
+    directions: Array
+    known: Sequence[EffectInstance]
+    settings: DiagnosisSettings
+
+
+@dataclass(frozen=True)
+class Expansion:
+    """Residuals and their derivatives at certain values of the nuisance parameters.
+
+    Parameters
+    ----------
+    model
+        At these values.
+    values
+        (k,) of the nuisance parameters, in standard deviations of their priors.
+    observed
+        The recordings of identification and validation, late channels moved back.
+    data
+        Their whitened residuals.
+    nuisance
+        The derivatives by the nuisance parameters; None where there are none.
+    inertial
+        Those among them that depend on the motion alone, of each stretch of both data sets.
+    late
+        By how much each channel was moved back, (n,) s.
+    """
+
+    model: Model
+    values: Array
+    observed: tuple[Observations, Observations]
+    data: tuple[WhitenedData, WhitenedData]
+    nuisance: NuisanceColumns | None
+    inertial: tuple[list[Array], list[Array]] | None = None
+    late: Mapping[str, Array] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Linearised:
+    """An expansion with the columns of known effects and candidates.
+
+    Parameters
+    ----------
+    expansion
+        Model, residuals and their derivatives.
+    library
+        Columns of known effects and candidates.
+    given
+        The known effects.
+    """
+
+    expansion: Expansion
+    library: RegressorLibrary
+    given: tuple[Candidate, ...]
+
+    @property
+    def values(self) -> Array:
+        """Values (k,) of the nuisance parameters, in standard deviations of their priors."""
+        return self.expansion.values
+
+
+def problem_of(
+    robot: Robot,
+    model: str,
+    observed: Observed,
+    layout: EquationSet,
+    band: Band,
+    effects: Sequence[Effect],
+    known: Sequence[EffectInstance],
+    settings: DiagnosisSettings,
+    *,
+    refit: bool,
+) -> CalibrationProblem:
+    """Return the problem with the nuisance parameters of an arm and its recorded channels.
+
+    Parameters
+    ----------
+    robot, model
+        The description, and the variant of the model.
+    observed
+        The recordings of identification and validation.
+    layout, band
+        Usable equations, and where they are compared.
+    effects
+        Those of sensors among them have priors.
+    known
+        Effects that count as part of the model.
+    settings
+        All thresholds.
+    refit
+        Whether the description is uncertain; otherwise there are no nuisance parameters.
+    """
+    if not refit:
+        return CalibrationProblem(robot, model, observed, layout, band, (), np.zeros((0, 0)), known, settings)
+    equations = ArmEquations(robot, model)
+    recorded = observed[0][0].pieces[0].recorded
+    shown = [f for f in features(equations, effects) if _channels(f, robot.n) <= recorded]
+    parameters = nuisance_parameters(robot, settings.priors, shown, observed[0][0].rate)
+    directions = directions_of(robot, model, parameters)
+    return CalibrationProblem(robot, model, observed, layout, band, parameters, directions, known, settings)
+
+
+def _channels(feature: Feature, n: int) -> set[str]:
+    """Return the channels of which a sensor's effect can be seen: what it changes, and the other encoder."""
+    effect = feature.effect
+    assert isinstance(effect, SensorEffect)
+    exact, instance = Sensors.exact(), feature.instance([1e-3])
+    changed = effect.change(exact, 0, n, instance.parameters)
+    found = {channel for name, channel in SENSED.items() if getattr(changed, name) != getattr(exact, name)}
+    return found | ({"theta"} if "q" in found else set())
+
+
+def expand(
+    problem: CalibrationProblem, values: Array, near: Expansion | None = None, acting: Sequence[ActingEffect] = ()
+) -> Expansion:
+    """Evaluate residuals and their derivatives at values of the nuisance parameters.
+
+    Parameters
+    ----------
+    problem
+        What is calibrated.
+    values
+        (k,) in standard deviations of the priors.
+    near
+        Another expansion: what depends on the motion alone is taken from it where channels moved by less than a sample.
+    acting
+        Known effects and causes as they were fitted there: a sensor's gain scales their torques, too.
+
+    Raises
+    ------
+    DiagnosisError
+        If filters leave nothing of either part of the recordings.
+    """
+    robot, parameters = problem.robot, problem.parameters
+    if parameters:
+        robot = nearest_robot(robot, parameters, values)
+    model = build_model(robot, problem.model)
+    if parameters:
+        model = model.at(calibrated_parameters(model, problem.robot, values, problem.directions))
+    late = lags(parameters, values, robot.joint_names)
+    aligned = [tuple(o.aligned(late) for o in part) if late else tuple(part) for part in problem.observed]
+    identify, validate = (
+        WhitenedData(model, part, problem.layout, problem.band, predicted=len(parameters) > 0, acting=acting)
+        for part in aligned
+    )
+    seen, data = (aligned[0], aligned[1]), (identify, validate)
+    if not parameters:
+        return Expansion(model, values, seen, data, None)
+    inertial = None if near is None else near.inertial
+    if near is None or inertial is None or not _alike(data, late, near):
+        first, second = (inertial_columns(model, one, parameters, problem.directions) for one in data)
+        inertial = (first, second)
+    nuisance = _nuisance(problem, model, data, values, inertial)
+    return Expansion(model, values, seen, data, nuisance, inertial, late)
+
+
+def _alike(data: tuple[WhitenedData, WhitenedData], late: Mapping[str, Array], near: Expansion) -> bool:
+    """Whether channels were moved by the same to within a sample, and the stretches are as long."""
+    rate = near.observed[0][0].rate
+    lengths, others = ([len(y) for one in sets for y in one.y] for sets in (data, near.data))
+    moved = [np.abs(late[k] - near.late[k]).max() for k in late] if late.keys() == near.late.keys() else [np.inf]
+    return lengths == others and max(moved, default=0.0) * rate < 1.0
+
+
+def _nuisance(
+    problem: CalibrationProblem,
+    model: Model,
+    data: tuple[WhitenedData, WhitenedData],
+    values: Array,
+    inertial: tuple[list[Array], list[Array]],
+) -> NuisanceColumns:
+    columns = [
+        nuisance_columns(model, problem.robot, one, problem.parameters, own)
+        for one, own in zip(data, inertial, strict=True)
+    ]
+    white = (data[0].whiten(columns[0]), data[1].whiten(columns[1]))
+    limits = np.array([parameter.limit for parameter in problem.parameters])
+    joints = tuple(parameter.joint for parameter in problem.parameters)
+    return NuisanceColumns(white, columns[1], -values, limits, joints)
+
+
+def linearise(
+    problem: CalibrationProblem,
+    expansion: Expansion,
+    candidates: Sequence[Feature],
+    extra: Sequence[Candidate] = (),
+    noise: float = 1.0,
+) -> tuple[Linearised, list[Candidate]]:
+    """Add the columns of effects to an expansion; return them and `extra` among them.
+
+    Parameters
+    ----------
+    problem
+        What is calibrated.
+    expansion
+        Where it is linearised.
+    candidates
+        What competes; with none, only the known effects are evaluated.
+    extra
+        Candidates of another linearisation.
+    noise
+        Variance at which the whitened residuals count as white noise.
+    """
+    nuisance = None if expansion.nuisance is None else replace(expansion.nuisance, noise=noise)
+    equations = ArmEquations(expansion.model.robot, problem.model)
+    moved = [replace(feature, equations=equations) for feature in candidates]
+    library = build_library(*expansion.data, moved, problem.settings.candidates, nuisance)
+    given = [_given(library, feature_of(instance, equations), instance) for instance in problem.known]
+    again = [library.add(replace(c.feature, equations=equations), c.searched, fixed=c.fixed) for c in extra]
+    library.close()
+    return Linearised(expansion, library, tuple(given)), again
+
+
+def _given(library: RegressorLibrary, feature: Feature, instance: EffectInstance) -> Candidate:
+    values = [np.atleast_1d(instance.parameters[p.name]) for p in feature.searched]
+    searched = tuple(float(v) for v in np.concatenate([*values, np.zeros(0)]))
+    return library.add(feature, searched, fixed=feature.fixed)
