@@ -13,7 +13,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from elastic_arm.cli.console import out, print_json, reports_errors
-from elastic_arm.cli.options import AtOption, ChainOption, load_arm
+from elastic_arm.cli.options import AtOption, ChainOption, Namespace, load_arm
 from elastic_arm.cli.outputs import claim_bag
 from elastic_arm.cli.processes import require_ros
 from elastic_arm.errors import RecordingError
@@ -39,12 +39,12 @@ _COLOURS = {"error": "bold red", "warning": "yellow", "note": "cyan"}
 
 @bag_app.command("info")
 @reports_errors
-def info(bag: BagPath, channels: Channels = None, json: Json = False) -> None:
+def info(bag: BagPath, channels: Channels = None, namespace: Namespace = None, json: Json = False) -> None:
     """Show topics, rates, joints and channels of a bag.
 
     Example: elastic-arm bag info bags/excitation
     """
-    summary = bag_info(bag, _channels(channels))
+    summary = bag_info(bag, _channels(channels), namespace)
     if json:
         print_json(summary.to_json())
     else:
@@ -63,6 +63,7 @@ def check(
     chain: ChainOption = None,
     at: AtOption = None,
     channels: Channels = None,
+    namespace: Namespace = None,
     json: Json = False,
 ) -> None:
     """List what is wrong with a bag; with --repair, save what can be saved.
@@ -72,9 +73,9 @@ def check(
     Example: elastic-arm bag check --repair runs/killed
     """
     joints = None if robot is None else list(load_arm(robot, chain, at).joint_names)
-    report = check_bag(bag, _channels(channels), joints)
+    report = check_bag(bag, _channels(channels), joints, namespace)
     mended = repair_bag(bag, out_folder) if repair and not report.ok else None
-    after = None if mended is None else check_bag(mended.path, _channels(channels), joints)
+    after = None if mended is None else check_bag(mended.path, _channels(channels), joints, namespace)
     if json:
         print_json({**report.to_json(), "repaired": _repaired(mended, after)})
     else:

@@ -19,6 +19,7 @@ from elastic_arm.cli.options import (
     ClockOption,
     EffectsFiles,
     KnownEffects,
+    Namespace,
     RobotFile,
     load_arm,
     read_by_clock,
@@ -58,6 +59,7 @@ def diagnose_command(
     chain: ChainOption = None,
     at: AtOption = None,
     channels: Annotated[Path | None, typer.Option(help="Channel map of foreign bags.")] = None,
+    namespace: Namespace = None,
     effects_files: EffectsFiles = None,
     with_: KnownEffects = None,
     clock: ClockOption = ClockChoice.auto,
@@ -95,7 +97,7 @@ def diagnose_command(
     mapping = None if channels is None else load_channels(channels)
 
     def read(paths: list[Path]) -> list[Recording]:
-        return [read_by_clock(path, mapping, robot.joint_names, clock) for path in paths]
+        return [read_by_clock(path, mapping, robot.joint_names, clock, namespace) for path in paths]
 
     with err.status("reading"):
         recordings, judges = read(bags), read(validate or [])

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from enum import StrEnum
 from pathlib import Path
 from typing import Annotated
@@ -19,6 +19,7 @@ from elastic_arm.cli.options import (
     ClockChoice,
     ClockOption,
     EffectsFiles,
+    Namespace,
     RobotFile,
     load_arm,
     read_by_clock,
@@ -29,8 +30,7 @@ from elastic_arm.estimation.motion import Motion
 from elastic_arm.formatting import rounded
 from elastic_arm.identification import Estimate, Identification, identify_with, parse_laws
 from elastic_arm.identification.base_regression import BaseRegression
-from elastic_arm.recording import ChannelMap, Recording, load_channels
-from elastic_arm.robot import Robot
+from elastic_arm.recording import Recording, load_channels
 
 RESULTS = ("identification.json", "report.html", "robot.yaml")
 COLOURS = {"well": "green", "poorly": "yellow", "not": "red"}
@@ -67,6 +67,7 @@ def identify(
     ] = None,
     effects_files: EffectsFiles = None,
     channels: Annotated[Path | None, typer.Option(help="Channel map of foreign bags.")] = None,
+    namespace: Namespace = None,
     clock: ClockOption = ClockChoice.auto,
     derivatives: Annotated[Derivatives, typer.Option(help="Where accelerations come from.")] = Derivatives.auto,
     period: Annotated[float | None, typer.Option(help="Of the motion, s, for a Fourier series.")] = None,
@@ -101,7 +102,11 @@ def identify(
         def says(what: str, share: float) -> None:
             bar.update(task, description=what, completed=share)
 
-        recordings, held_out = (_read(paths, mapping, robot, clock, says) for paths in (bags, validate or []))
+        def read(path: Path) -> Recording:
+            says(f"reading {path}", 0.0)
+            return read_by_clock(path, mapping, robot.joint_names, clock, namespace)
+
+        recordings, held_out = ([read(path) for path in paths] for paths in (bags, validate or []))
         result, identifier, motion = identify_with(
             recordings,
             robot,
@@ -136,20 +141,6 @@ def _write(result: Identification, sections_of: tuple[BaseRegression, Motion], o
     subtitle = f"{result.model}, {', '.join(result.recordings)}"
     parts = sections(result, *sections_of)
     write_report(out_dir / "report.html", f"Identification of {result.robot}", parts, subtitle=subtitle)
-
-
-def _read(
-    paths: list[Path],
-    channels: ChannelMap | None,
-    robot: Robot,
-    clock: ClockChoice,
-    says: Callable[[str, float], None],
-) -> list[Recording]:
-    recordings = []
-    for path in paths:
-        says(f"reading {path}", 0.0)
-        recordings.append(read_by_clock(path, channels, robot.joint_names, clock))
-    return recordings
 
 
 def _print(result: Identification, out_dir: Path) -> None:

@@ -32,6 +32,9 @@ ClockOption = Annotated[
         help="When samples were taken: at their stamps, regularly, when messages arrived; by the evidence otherwise.",
     ),
 ]
+Namespace = Annotated[
+    str | None, typer.Option(help="Of the arm, where bags hold several: left for /left/joint_states and so on.")
+]
 RobotFile = Annotated[Path | None, typer.Option("--robot", help="Arm file, URDF or MJCF; the nominal arm by default.")]
 ChainOption = Annotated[
     str | None,
@@ -94,7 +97,13 @@ def load_arm(
     return robot
 
 
-def read_by_clock(path: Path, channels: ChannelMap | None, joints: Sequence[str], clock: ClockChoice) -> Recording:
+def read_by_clock(
+    path: Path,
+    channels: ChannelMap | None,
+    joints: Sequence[str],
+    clock: ClockChoice,
+    namespace: str | None = None,
+) -> Recording:
     """Read a recording whose stamps mean what the user demands.
 
     Parameters
@@ -107,13 +116,15 @@ def read_by_clock(path: Path, channels: ChannelMap | None, joints: Sequence[str]
         Names, in robot-description order.
     clock
         What times of samples are.
+    namespace
+        Of the arm.
 
     Raises
     ------
     RecordingError
         Naming what is missing or wrong.
     """
-    recording = read_recording(path, channels, joints, arrival=clock is ClockChoice.arrival)
+    recording = read_recording(path, channels, joints, arrival=clock is ClockChoice.arrival, namespace=namespace)
     if clock is ClockChoice.auto:
         return recording
     return replace(recording, clock="regular" if clock is ClockChoice.regular else "stamps")

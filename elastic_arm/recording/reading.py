@@ -16,6 +16,7 @@ from elastic_arm.recording.decoding import Decoder
 from elastic_arm.recording.foreign.channels import ChannelMap, load_channels
 from elastic_arm.recording.foreign.mapping import mapped_side
 from elastic_arm.recording.inspection.quality import check_times, checked
+from elastic_arm.recording.namespaces import choose_namespace, local_name
 from elastic_arm.recording.recording import Recording
 from elastic_arm.recording.series import Piece, Series
 from elastic_arm.recording.sides import Side
@@ -56,6 +57,8 @@ class Content:
         Number of messages on all topics.
     damage
         What was wrong with the bags.
+    namespace
+        Of the arm; names in `series` and `decoders` are those within it.
     """
 
     series: dict[str, Series] = field(default_factory=dict)
@@ -64,6 +67,7 @@ class Content:
     topics: dict[str, str] = field(default_factory=dict)
     messages: int = 0
     damage: list[str] = field(default_factory=list)
+    namespace: str = ""
 
     def take(self, file: BagFile, block: Block, wanted: Collection[str]) -> None:
         """Decode a block.
@@ -81,9 +85,10 @@ class Content:
             topic = file.topic(channel)
             self.topics[topic.name] = topic.type_name
             self.messages += count
-            if topic.name in wanted:
-                self.decoders.setdefault(topic.name, Decoder(topic.name, topic.type_name)).add(file, channel, block)
-            elif topic.name == ROBOT_DESCRIPTION and topic.type_name == TYPES[ROBOT_DESCRIPTION]:
+            name = local_name(topic.name, self.namespace)
+            if name is not None and name in wanted:
+                self.decoders.setdefault(name, Decoder(name, topic.type_name)).add(file, channel, block)
+            elif name == ROBOT_DESCRIPTION and topic.type_name == TYPES[ROBOT_DESCRIPTION]:
                 data = block.spans(channel).message(-1)
                 begin, end = cdr.layout_of(data, topic.type_name, message_types.typestore()).text["data"]
                 self.robot_description = bytes(data[begin:end]).decode(errors="replace")
@@ -95,6 +100,7 @@ def read_recording(
     joints: Sequence[str] | None = None,
     *,
     arrival: bool = False,
+    namespace: str | None = None,
 ) -> Recording:
     """Read one or several bags as one recording.
 
@@ -109,6 +115,8 @@ def read_recording(
         the numbers in their names.
     arrival
         Take the times at which messages were recorded for their stamps.
+    namespace
+        Of the arm, where the bag holds several; a channel map names whole topics instead.
 
     Raises
     ------
@@ -122,7 +130,11 @@ def read_recording(
         channels = load_channels(channels)
     bags = [open_bag(each) for each in paths]
     source = ", ".join(str(bag.path) for bag in bags)
-    content = read_content(bags, _CONTRACT if channels is None else channels.topics())
+    if channels is not None and namespace is not None:
+        raise RecordingError("a channel map and a namespace are given", "Name whole topics in the map.")
+    chosen = choose_namespace(bags, namespace) if channels is None else ""
+    source += f" ({chosen})" if chosen else ""
+    content = read_content(bags, _CONTRACT if channels is None else channels.topics(), namespace=chosen)
     if arrival:
         content.series = {topic: series.by_arrival() for topic, series in content.series.items()}
     try:
@@ -134,7 +146,7 @@ def read_recording(
     return replace(recording, source=source, notes=(*content.damage, *recording.notes))
 
 
-def read_content(bags: Sequence[Bag], wanted: Collection[str], strict: bool = True) -> Content:
+def read_content(bags: Sequence[Bag], wanted: Collection[str], strict: bool = True, namespace: str = "") -> Content:
     """Decode the topics `wanted`; with `strict` a damaged chunk raises, otherwise it is skipped and noted.
 
     Parameters
@@ -145,13 +157,15 @@ def read_content(bags: Sequence[Bag], wanted: Collection[str], strict: bool = Tr
         The topics to decode.
     strict
         Raise for a damaged chunk; otherwise skip it and note it.
+    namespace
+        Of the arm, as :func:`~elastic_arm.recording.namespaces.choose_namespace` returns it.
 
     Raises
     ------
     RecordingError
         If a chunk or message is damaged.
     """
-    content = Content()
+    content = Content(namespace=namespace)
     for bag in bags:
         for file in bag.files:
             for block in file.blocks(strict):

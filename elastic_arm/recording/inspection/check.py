@@ -13,6 +13,7 @@ from elastic_arm.recording.inspection.outliers import find_outliers, without_out
 from elastic_arm.recording.inspection.plausibility import implausible
 from elastic_arm.recording.inspection.quality import moment
 from elastic_arm.recording.inspection.report import Report
+from elastic_arm.recording.namespaces import choose_namespace
 from elastic_arm.recording.reading import Content, read_content, read_recording, urdf_joints
 from elastic_arm.recording.series import Series
 from elastic_arm.recording.sides import Stamps
@@ -27,7 +28,12 @@ _SAME_RATE = 0.01  # rates this close are meant to be equal
 _DRIFT = 20e-6  # two good crystals differ by less
 
 
-def check_bag(path: str | Path, channels: ChannelMap | None = None, joints: Sequence[str] | None = None) -> Report:
+def check_bag(
+    path: str | Path,
+    channels: ChannelMap | None = None,
+    joints: Sequence[str] | None = None,
+    namespace: str | None = None,
+) -> Report:
     """Look for everything that may be wrong with a bag.
 
     Parameters
@@ -38,6 +44,8 @@ def check_bag(path: str | Path, channels: ChannelMap | None = None, joints: Sequ
         A channel map, for a foreign bag.
     joints
         Names of the robot's joints, to compare with.
+    namespace
+        Of the arm, where the bag holds several.
 
     Raises
     ------
@@ -48,7 +56,8 @@ def check_bag(path: str | Path, channels: ChannelMap | None = None, joints: Sequ
     report = Report(str(path))
     wanted = (*_STATES, JOINT_TORQUES, REFERENCE) if channels is None else channels.topics()
     try:
-        content = read_content([bag], wanted, strict=False)
+        chosen = choose_namespace([bag], namespace) if channels is None else ""
+        content = read_content([bag], wanted, strict=False, namespace=chosen)
     except RecordingError as error:
         report.add("error", "undecodable", str(error))
         return report
@@ -69,14 +78,20 @@ def check_bag(path: str | Path, channels: ChannelMap | None = None, joints: Sequ
     if channels is None:
         _check_drift(content, report)
     if report.usable:
-        _check_whole(path, channels, joints, report)
+        _check_whole(path, channels, joints, report, namespace)
     return report
 
 
-def _check_whole(path: str | Path, channels: ChannelMap | None, joints: Sequence[str] | None, report: Report) -> None:
+def _check_whole(
+    path: str | Path,
+    channels: ChannelMap | None,
+    joints: Sequence[str] | None,
+    report: Report,
+    namespace: str | None,
+) -> None:
     """Add what reading refuses or remarks, and what no sensors of a moving arm measure."""
     try:
-        recording = read_recording(path, channels, joints)
+        recording = read_recording(path, channels, joints, namespace=namespace)
         for note in (*recording.notes, *recording.samples().notes):
             report.add("note", "reading", note)
         for outliers in find_outliers(recording):

@@ -84,8 +84,17 @@ class BagInfo:
         return {**plain, "messages": self.messages, "start_ns": self.start_ns, "duration": self.duration}
 
 
-def bag_info(path: str | Path, channels: ChannelMap | None = None) -> BagInfo:
+def bag_info(path: str | Path, channels: ChannelMap | None = None, namespace: str | None = None) -> BagInfo:
     """Sum up a bag.
+
+    Parameters
+    ----------
+    path
+        Bag folder, .mcap or .db3 file.
+    channels
+        A channel map, for a foreign bag.
+    namespace
+        Of the arm, where the bag holds several.
 
     Raises
     ------
@@ -108,7 +117,7 @@ def bag_info(path: str | Path, channels: ChannelMap | None = None) -> BagInfo:
     sizes = {file.path.name: file.size for file in bag.files}
     info = BagInfo(str(path), sizes, sorted(kinds), list(topics.values()), damage=bag.all_damage())
     try:
-        recording = read_recording(path, channels)
+        recording = read_recording(path, channels, namespace=namespace)
     except RecordingError as error:
         info.notes.append(str(error))
         return info

@@ -1,0 +1,66 @@
+"""Which arm of a bag: topics of an arm in the namespace /left are /left/joint_states and so on."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from elastic_arm.errors import RecordingError
+from elastic_arm.recording.storage.bag import Bag
+from elastic_arm.recording.storage.messages import read_topics
+from elastic_arm.recording.storage.metadata import Topic
+from elastic_arm.recording.topics import JOINT_STATES, MOTOR_STATES, TYPES
+
+
+def choose_namespace(bags: Sequence[Bag], wanted: str | None = None) -> str:
+    """Return the namespace of the arm to read, "" for the root.
+
+    Where none is asked for, it is that of the topics without a namespace if they are there, and otherwise the only one
+    that holds states.
+
+    Parameters
+    ----------
+    bags
+        Opened bags, parts of one recording.
+    wanted
+        With or without slashes at the ends; None for whichever there is.
+
+    Raises
+    ------
+    RecordingError
+        If there are several, or not the one that is asked for.
+    """
+    found = sorted(
+        {
+            topic.name.removesuffix(states)
+            for bag in bags
+            for topic in _topics(bag)
+            for states in (JOINT_STATES, MOTOR_STATES)
+            if topic.name.endswith(states) and topic.type_name == TYPES[states]
+        }
+    )
+    if wanted is None:
+        if len(found) > 1 and "" not in found:
+            source = ", ".join(str(bag.path) for bag in bags)
+            raise RecordingError(f"{source} holds {len(found)} arms: {', '.join(found)}", "Choose one: --namespace.")
+        return found[0] if found else ""
+    namespace = f"/{wanted.strip('/')}".rstrip("/")
+    if namespace not in found:
+        source = ", ".join(str(bag.path) for bag in bags)
+        held = ", ".join(name or "/" for name in found) or "none"
+        raise RecordingError(f"{source} holds no arm in the namespace {namespace or '/'}", f"There are: {held}.")
+    return namespace
+
+
+def _topics(bag: Bag) -> list[Topic]:
+    """Return the topics of a bag; where its files do not list them all, from another look through its messages."""
+    listed = [file.topics() for file in bag.files]
+    if all(topics and all(topic.type_name for topic in topics) for topics in listed):
+        return [topic for topics in listed for topic in topics]
+    return read_topics(bag.path)
+
+
+def local_name(topic: str, namespace: str) -> str | None:
+    """Return the name of a topic within a namespace; None for a topic outside of it."""
+    if not namespace:
+        return topic
+    return topic.removeprefix(namespace) if topic.startswith(f"{namespace}/") else None
