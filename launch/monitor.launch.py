@@ -2,18 +2,20 @@
 
 from launch import LaunchDescription
 
-from elastic_arm.nodes.launching import EFFECTS, MODEL, ROBOT, SEED, TRAJECTORY, scenario
+from elastic_arm.nodes.launching import ARM, EFFECTS, MODEL, ROBOT, SEED, SIMULATED, TRAJECTORY, scenario
 
 
 def generate_launch_description() -> LaunchDescription:
     """Simulator, trajectory generator and gap monitor; they go on until Ctrl-C."""
-    effects = ("['coulomb_friction:joint_2:torque=6.0']", EFFECTS[1])
-    repeat = ("0", "how often the trajectory is run; 0: until stopped")
+    own = {
+        "repeat": ("0", "how often the trajectory is run; 0: until stopped"),
+        "effects": ("['coulomb_friction:joint_2:torque=6.0']", EFFECTS[1]),
+    }
     return scenario(
-        {"trajectory": TRAJECTORY, "repeat": repeat, "robot": ROBOT, "model": MODEL, "effects": effects, "seed": SEED},
+        {"trajectory": TRAJECTORY, "robot": ROBOT, "model": MODEL, "seed": SEED, **own, **ARM},
         {
-            "simulator": ["robot", "effects", "seed"],
-            "gap_monitor": ["robot", "model"],
-            "trajectory_generator": ["trajectory", "repeat"],
+            "simulator": ["robot", "effects", "seed", *SIMULATED],
+            "gap_monitor": ["robot", "model", "use_sim_time"],
+            "trajectory_generator": ["trajectory", "repeat", "rate", "use_sim_time"],
         },
     )

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 import sys
 import time
+from functools import partial
 from typing import Any
 
 from elastic_arm_msgs.msg import GapDiagnosis, GapResidual
@@ -55,16 +56,17 @@ class GapMonitorNode(ArmNode):
         robot = load_robot(file or None)
         known_effects(known, robot, Catalogue.default().with_files(files))  # a mistake is to be heard of here
         self._worker = WorkerProcess(answering, file or None, model, known, refit, files)
-        self._collector = Collector(robot.joint_names, sides)
-        self._window = Window(robot.joint_names, window, source=" ".join(self._collector.inboxes))
-        self._output = self.create_publisher(GapDiagnosis, topics.GAP, graph.qos(topics.GAP))
+        self._collector = Collector(robot.joint_names, sides, partial(graph.resolved, self))
+        source = " ".join(graph.resolved(self, topic) for topic in self._collector.inboxes)
+        self._window = Window(robot.joint_names, window, source=source)
+        self._output = self.create_publisher(GapDiagnosis, graph.relative(topics.GAP), graph.qos(topics.GAP))
         self._residual_outputs: dict[tuple[str, str], Publisher] = {}
         for topic, inbox in self._collector.inboxes.items():
-            self.create_subscription(JointState, topic, inbox.put, graph.STREAM, raw=True)
+            self.create_subscription(JointState, graph.relative(topic), inbox.put, graph.STREAM, raw=True)
         self.create_service(Trigger, "~/reset", self._reset)
         self.create_service(SetBool, "~/pause", self._pause)
         self._health = Health(self, "diagnosis")
-        self.create_timer(PERIOD, self._report)
+        self.every(PERIOD, self._report)
         self._paused = False
         self._due = self._diagnosis_due = self._residuals_due = time.monotonic()
         # The question under way: what was asked, the stamp of its last sample, when; None when it no longer matters.

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import sys
 import time
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -46,18 +47,18 @@ class IdentifierNode(ArmNode):
         self._lines = declare(self, "print", False, "Print each estimate as a line of JSON on stdout")
         robot = load_robot(file or None)
         self._identifier = identifier_of(robot, self._name, parse_laws(laws, robot))
-        self._collector = Collector(robot.joint_names, sides)
+        self._collector = Collector(robot.joint_names, sides, partial(graph.resolved, self))
         self._warm_up(robot.n)
         self._output = self.create_publisher(
-            ParameterEstimate, topics.PARAMETER_ESTIMATE, graph.qos(topics.PARAMETER_ESTIMATE)
+            ParameterEstimate, graph.relative(topics.PARAMETER_ESTIMATE), graph.qos(topics.PARAMETER_ESTIMATE)
         )
         for topic, inbox in self._collector.inboxes.items():
-            self.create_subscription(JointState, topic, inbox.put, graph.STREAM, raw=True)
+            self.create_subscription(JointState, graph.relative(topic), inbox.put, graph.STREAM, raw=True)
         self.create_service(Trigger, "~/reset", self._reset)
         self.create_service(SetBool, "~/pause", self._pause)
         self.create_service(Trigger, "~/save", self._save)
         self._health = Health(self, "estimate")
-        self.create_timer(PERIOD, self._report)
+        self.every(PERIOD, self._report)
         self._due = self._estimate_due = time.monotonic()
         self._fit: Fit | None = None
         self._problem = ""
@@ -162,7 +163,7 @@ class IdentifierNode(ArmNode):
 
     def _write(self) -> str:
         """Write the estimate; return what was done, in words."""
-        result = self._identifier.estimate((topics.JOINT_STATES, topics.MOTOR_STATES))
+        result = self._identifier.estimate(tuple(graph.resolved(self, topic) for topic in self._collector.inboxes))
         file = Path(self._folder) / "identification.json"
         try:
             file.parent.mkdir(parents=True, exist_ok=True)

@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from launch import LaunchDescription
-from launch.actions import DeclareLaunchArgument, Shutdown
-from launch.substitutions import LaunchConfiguration
+from launch import Action, LaunchContext, LaunchDescription
+from launch.actions import DeclareLaunchArgument, OpaqueFunction, Shutdown
+from launch.substitutions import LaunchConfiguration, PythonExpression
 from launch_ros.actions import Node
 from launch_ros.parameter_descriptions import ParameterValue
 from launch_ros.substitutions import FindPackageShare
@@ -20,8 +20,28 @@ ROBOT = ("", "nominal arm: file (YAML) or URDF; empty: the arm of the package")
 MODEL = ("mod3", "mod1, mod2 or mod3")
 SEED = ("1", "of the sensors' noise")
 EFFECTS = ("['']", "what the arm has more than the model, such as ['coulomb_friction:joint_2:torque=13.9']")
+NAMESPACE = ("", "of all nodes: left for /left/joint_states and so on")
+# Those of a simulated arm: of the simulator, and what the other nodes make of them.
+ARM = {
+    "rate": ("1000.0", "samples, and points of the reference, a second"),
+    "real_time_factor": ("1.0", "simulated seconds a second; other than 1: with /clock"),
+    "torque_noise": ("0.26", "standard deviation of the torque sensors, Nm"),
+    "use_sim_time": (
+        PythonExpression(["'false' if float('", LaunchConfiguration("real_time_factor"), "') == 1.0 else 'true'"]),
+        "whether the other nodes go by /clock; by default where the arm publishes it",
+    ),
+}
+SIMULATED = ("rate", "real_time_factor", "torque_noise")
 # What the arguments are that are no texts.
-TYPES = {"seed": int, "repeat": int, "rate": float, "effects": list[str]}
+TYPES = {
+    "seed": int,
+    "repeat": int,
+    "rate": float,
+    "real_time_factor": float,
+    "torque_noise": float,
+    "use_sim_time": bool,
+    "effects": list[str],
+}
 
 
 def scenario(arguments: Mapping[str, tuple[Any, str]], nodes: Mapping[str, Sequence[str]]) -> LaunchDescription:
@@ -30,27 +50,67 @@ def scenario(arguments: Mapping[str, tuple[Any, str]], nodes: Mapping[str, Seque
     Parameters
     ----------
     arguments
-        Default (None: it has to be given) and words of each.
+        Default (None: it has to be given) and words of each; `namespace` is added.
     nodes
         For each node the arguments that it takes as parameters; the others are those of `config/elastic_arm.yaml`.
     """
+    namespace = LaunchConfiguration("namespace")
     return LaunchDescription(
-        [
-            *(
-                DeclareLaunchArgument(n, default_value=given, description=text)
-                for n, (given, text) in arguments.items()
-            ),
-            *(_node(name, taken) for name, taken in nodes.items()),
-        ]
+        [*declared({**arguments, "namespace": NAMESPACE}), *(arm_node(name, nodes[name], namespace) for name in nodes)]
     )
 
 
-def _node(name: str, taken: Sequence[str]) -> Node:
+def declared(arguments: Mapping[str, tuple[Any, str]]) -> list[DeclareLaunchArgument]:
+    """Return the declarations of arguments: default (None: it has to be given) and words of each."""
+    return [
+        DeclareLaunchArgument(name, default_value=given, description=text) for name, (given, text) in arguments.items()
+    ]
+
+
+def arm_node(
+    name: str,
+    taken: Sequence[str],
+    namespace: Any,
+    renamed: Mapping[str, str] | None = None,
+    on_exit: Action | None = None,
+) -> Node:
+    """Return a node of the package.
+
+    Parameters
+    ----------
+    name
+        Of the node.
+    taken
+        Arguments of the launch that it takes as parameters.
+    namespace
+        That it starts in.
+    renamed
+        Parameters that have another name among the arguments.
+    on_exit
+        What happens when it ends; the launch ends as well by default.
+    """
     defaults = [FindPackageShare(PACKAGE), "/config/elastic_arm.yaml"]
-    given = {argument: _value(argument) for argument in taken}
-    return Node(package=PACKAGE, executable=name, parameters=[defaults, given], output="screen", on_exit=[Shutdown()])
+    given = {parameter: _value(parameter, (renamed or {}).get(parameter, parameter)) for parameter in taken}
+    return Node(
+        package=PACKAGE,
+        executable=name,
+        namespace=namespace,
+        parameters=[defaults, given],
+        output="screen",
+        on_exit=[on_exit or Shutdown()],
+    )
 
 
-def _value(argument: str) -> Any:
+def last_of(count: int) -> Action:
+    """Return what ends the launch when it happens for the last of `count` nodes."""
+    ended = iter(range(1, count + 1))
+
+    def end(context: LaunchContext) -> list[Action]:
+        return [Shutdown()] if next(ended) == count else []
+
+    return OpaqueFunction(function=end)
+
+
+def _value(parameter: str, argument: str) -> Any:
     value = LaunchConfiguration(argument)
-    return ParameterValue(value, value_type=TYPES[argument]) if argument in TYPES else value
+    return ParameterValue(value, value_type=TYPES[parameter]) if parameter in TYPES else value

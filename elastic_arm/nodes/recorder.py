@@ -30,11 +30,12 @@ class Recorder(ArmNode):
         folder = declare(self, "bag", "recording", "Folder to make; must not exist")
         wanted = declare_texts(self, "topics", "Topics to record; empty: all of the suite's")
         compression: Any = declare(self, "compression", "zstd", "Of the bag", choices=COMPRESSIONS)
-        self._wanted = set(wanted or topics.TYPES)
+        names = wanted or [graph.relative(topic) for topic in topics.TYPES]
+        self._wanted = {self.resolve_topic_name(name) for name in names}
         self._writer = StreamWriter(folder, compression)
         self._health = Health(self, "bag")
-        self.create_timer(SEARCH_PERIOD, self._search)
-        self.create_timer(PERIOD, self._report)
+        self.every(SEARCH_PERIOD, self._search)
+        self.every(PERIOD, self._report)
         self.get_logger().info(f"recording to {folder}")
 
     def tick(self) -> float:

@@ -53,7 +53,7 @@ class Replayer(ArmNode):
         self._matched: float | None = None
         self._finished = False
         self._health = Health(self, "bag")
-        self.create_timer(PERIOD, self._report)
+        self.every(PERIOD, self._report)
 
     def tick(self) -> float:
         """Publish what is due."""
@@ -91,11 +91,16 @@ class Replayer(ArmNode):
             except GraphError as error:
                 self.get_logger().warning(f"{topic.name} is not played: {error}")
                 continue
-            outputs[topic.name] = self.create_publisher(kind, topic.name, graph.qos(topic.name))
+            outputs[topic.name] = self.create_publisher(kind, self._placed(topic.name), graph.qos(topic.name))
         if not outputs:
             held = ", ".join(topic.name for topic in found) or "no topics"
             raise GraphError(f"{self._bag} has nothing to play; it holds {held}", "Choose other topics.")
         return outputs
+
+    def _placed(self, topic: str) -> str:
+        """Return where a topic of the bag is played: within this node's namespace, in which it may lie already."""
+        namespace = self.get_namespace().rstrip("/")
+        return topic if topic.startswith(f"{namespace}/") else namespace + topic
 
     def _rewind(self) -> None:
         messages: Iterator[Message] = read_messages(self._bag, set(self._outputs))

@@ -8,12 +8,13 @@ from array import array
 from collections.abc import Sequence
 
 import numpy as np
+from builtin_interfaces.msg import Time
 from elastic_arm_msgs.msg import JointTorques
 from rcl_interfaces.msg import SetParametersResult
 from rclpy.parameter import Parameter
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
-from std_msgs.msg import String
+from std_msgs.msg import Header, String
 from trajectory_msgs.msg import JointTrajectory
 
 from elastic_arm.effects import parse
@@ -71,9 +72,11 @@ class SimulatorNode(ArmNode):
         self._refusal = ""
         self._publish_setup(names, real_time)
         self._start_clock(real_time)
-        self.create_subscription(JointTrajectory, topics.REFERENCE, self._follow, graph.qos(topics.REFERENCE))
-        self._health = Health(self, "pace")
-        self.create_timer(PERIOD, self._report)
+        self._reference_topic = self.create_subscription(
+            JointTrajectory, graph.relative(topics.REFERENCE), self._follow, graph.qos(topics.REFERENCE)
+        ).topic_name
+        self._health = Health(self, "pace", self._now)
+        self.every(PERIOD, self._report)
         self.add_on_set_parameters_callback(self._change)
 
     def _declare(self) -> None:
@@ -134,10 +137,11 @@ class SimulatorNode(ArmNode):
     def _publish_setup(self, names: list[str], real_time: bool) -> None:
         """Make the publishers, and the forms of what they publish."""
         zeros = array("d", bytes(8 * len(names)))
-        state = JointState(name=names, position=zeros, velocity=zeros, effort=zeros)
-        rigid = JointState(name=names, position=zeros, velocity=zeros)
+        header = Header(frame_id=f"{self.get_namespace().strip('/')}/base".lstrip("/"))
+        state = JointState(header=header, name=names, position=zeros, velocity=zeros, effort=zeros)
+        rigid = JointState(header=header, name=names, position=zeros, velocity=zeros)
         std = array("d", [self._torque_noise] * len(names))
-        torques = JointTorques(name=names, motor_torque=zeros, motor_torque_std=std)
+        torques = JointTorques(header=header, name=names, motor_torque=zeros, motor_torque_std=std)
         if self._arm.robot.elastic:
             torques.joint_torque, torques.joint_torque_std = zeros, std
         types = topics.TYPES
@@ -147,11 +151,16 @@ class SimulatorNode(ArmNode):
             topics.JOINT_TORQUES: Form(types[topics.JOINT_TORQUES], torques),
         }
         classes = {topics.JOINT_STATES: JointState, topics.MOTOR_STATES: JointState, topics.JOINT_TORQUES: JointTorques}
-        self._outputs = {topic: self.create_publisher(kind, topic, graph.qos(topic)) for topic, kind in classes.items()}
+        self._outputs = {
+            topic: self.create_publisher(kind, graph.relative(topic), graph.qos(topic))
+            for topic, kind in classes.items()
+        }
         self._clock_output = None if real_time else self.create_publisher(Clock, topics.CLOCK, graph.qos(topics.CLOCK))
         self._clock_form = Form(types[topics.CLOCK], Clock())
         self._clock_every = max(round(CLOCK_PERIOD * self._arm.rate), 1)
-        description = self.create_publisher(String, topics.ROBOT_DESCRIPTION, graph.qos(topics.ROBOT_DESCRIPTION))
+        description = self.create_publisher(
+            String, graph.relative(topics.ROBOT_DESCRIPTION), graph.qos(topics.ROBOT_DESCRIPTION)
+        )
         description.publish(String(data=to_urdf(self._arm.nominal)))
 
     def _start_clock(self, real_time: bool) -> None:
@@ -221,6 +230,13 @@ class SimulatorNode(ArmNode):
                 self._tell_time(self._origin_ns + (self._step - 1) * self._step_ns)
         return True
 
+    def _now(self) -> Time:
+        """Return the arm's time: that of its last sample where it has a clock of its own."""
+        if self._clock_output is None:
+            return self.get_clock().now().to_msg()
+        sec, nanosec = divmod(self._origin_ns + (self._step - 1) * self._step_ns, NANOSECONDS)
+        return Time(sec=sec, nanosec=nanosec)
+
     def _tell_time(self, stamp: int) -> None:
         if self._clock_output is not None:
             self._clock_output.publish(self._clock_form.filled(stamp))
@@ -232,7 +248,9 @@ class SimulatorNode(ArmNode):
         except GraphError as error:
             self._refused += 1
             self._refusal = error.problem
-            self.get_logger().error(f"refused a message on {topics.REFERENCE} that {error}", throttle_duration_sec=5.0)
+            self.get_logger().error(
+                f"refused a message on {self._reference_topic} that {error}", throttle_duration_sec=5.0
+            )
             return
         if goal is not None and goal.reason:
             self.get_logger().warning(f"slowed a goal down {goal.slower:.3g} times: as asked for it {goal.reason}")
@@ -258,12 +276,12 @@ class SimulatorNode(ArmNode):
 
     def _report(self) -> None:
         now = time.monotonic()
-        others = graph.other_publishers(self, topics.MOTOR_STATES)
+        others, states = graph.other_publishers(self, topics.MOTOR_STATES), graph.resolved(self, topics.MOTOR_STATES)
         if others and now - self._born < SETTLING:
-            self.failure = graph.company(others, topics.MOTOR_STATES)
+            self.failure = graph.company(others, states)
             return
         pace = self._pace.achieved(now)
-        problems = [f"{name} publishes {topics.MOTOR_STATES} too: stop one of the two" for name in others]
+        problems = [f"{name} publishes {states} too: stop one of the two" for name in others]
         if pace < 1.0 - PACE_TOLERANCE:
             problems.append(f"holds {100 * pace:.0f} % of the rate asked for")
         behind = max(-self._pace.wait(now), 0.0)
@@ -275,13 +293,13 @@ class SimulatorNode(ArmNode):
         reference = self._reference.stream
         delay = reference.delay / self._arm.rate
         if reference.starved > self._starved:
-            problems.append(f"the stream on {topics.REFERENCE} broke off in motion: the arm slowed down")
+            problems.append(f"the stream on {self._reference_topic} broke off in motion: the arm slowed down")
             self._starved = reference.starved
         elif delay > 0:
             problems.append(f"the reference came late: it is followed {delay:.3g} s behind its stamps")
         if self._refused > self._refused_before:
             count = self._refused - self._refused_before
-            problems.append(f"{count} messages on {topics.REFERENCE} refused, the last one {self._refusal}")
+            problems.append(f"{count} messages on {self._reference_topic} refused, the last one {self._refusal}")
             self._refused_before = self._refused
         figures = {
             "rate, Hz": pace * self._arm.rate * self._factor,

@@ -57,9 +57,11 @@ class TrajectoryGenerator(ArmNode):
         self._prepared_ns = self._start_ns = 0
         self._matched: float | None = None
         self._sent = 0
-        self._publisher = self.create_publisher(JointTrajectory, topics.REFERENCE, graph.qos(topics.REFERENCE))
+        self._publisher = self.create_publisher(
+            JointTrajectory, graph.relative(topics.REFERENCE), graph.qos(topics.REFERENCE)
+        )
         self._states = self.create_subscription(
-            JointState, topics.MOTOR_STATES, self._found, graph.qos(topics.MOTOR_STATES)
+            JointState, graph.relative(topics.MOTOR_STATES), self._found, graph.qos(topics.MOTOR_STATES)
         )
         self._names: list[str] = []
         self._offset = ""
@@ -67,7 +69,7 @@ class TrajectoryGenerator(ArmNode):
         self._position = np.zeros(0)
         self._form: Form | None = None
         self._health = Health(self, "stream")
-        self.create_timer(PERIOD, self._report)
+        self.every(PERIOD, self._report)
 
     def tick(self) -> float:
         """Stream what is due."""
@@ -78,7 +80,7 @@ class TrajectoryGenerator(ArmNode):
             self._start()
             return 0.01
         if not self._publisher.get_subscription_count() and not self.done():
-            raise GraphError(f"the arm has gone: nobody reads {topics.REFERENCE} any more", "Start it again.")
+            raise GraphError(f"the arm has gone: nobody reads {self._publisher.topic_name} any more", "Start it again.")
         now = self.get_clock().now().nanoseconds
         horizon = max(now, self._start_ns) + self._lead_ns
         while not self._all_sent() and self._time(self._sent) < horizon:
@@ -138,15 +140,14 @@ class TrajectoryGenerator(ArmNode):
 
     def _settled(self) -> bool:
         """Return whether the arm reads the reference: its own node, or whoever has done so for a while."""
-        readers = self.get_subscriptions_info_by_topic(topics.REFERENCE)
+        readers = self.get_subscriptions_info_by_topic(self._publisher.topic_name)
         if not readers or not self._publisher.get_subscription_count():
             self._matched = None
             return False
         now = time.monotonic()
         self._matched = self._matched or now
-        arms = {
-            (info.node_namespace, info.node_name) for info in self.get_publishers_info_by_topic(topics.MOTOR_STATES)
-        }
+        states = graph.resolved(self, topics.MOTOR_STATES)
+        arms = {(info.node_namespace, info.node_name) for info in self.get_publishers_info_by_topic(states)}
         own = any((info.node_namespace, info.node_name) in arms for info in readers)
         return now - self._matched >= (SETTLING if own else READER_PATIENCE)
 
@@ -183,9 +184,9 @@ class TrajectoryGenerator(ArmNode):
     def _report(self) -> None:
         problems = []
         if not self._publisher.get_subscription_count():
-            problems.append(f"nobody reads {topics.REFERENCE}")
+            problems.append(f"nobody reads {self._publisher.topic_name}")
         elif not self._names:
-            problems.append(f"no arm on {topics.MOTOR_STATES}")
+            problems.append(f"no arm on {graph.resolved(self, topics.MOTOR_STATES)}")
         streamed = self._sent * self._step_ns / NANOSECONDS
         total = self._plan.duration if self._plan else 0.0
         self._health.report(problems, "streaming", {"streamed, s": streamed, "in all, s": total})

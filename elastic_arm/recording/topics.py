@@ -1,4 +1,4 @@
-"""The names that every recording and every live graph uses."""
+"""The names that every recording and every live graph uses; an arm in a namespace has them below it."""
 
 from __future__ import annotations
 
@@ -24,6 +24,8 @@ TYPES = {
     CLOCK: "rosgraph_msgs/msg/Clock",
 }
 
+# Not an arm's but the graph's: the same in every namespace.
+GLOBAL = frozenset({CLOCK, DIAGNOSTICS})
 # A late subscriber still gets the last message of these.
 LATCHED = frozenset({ROBOT_DESCRIPTION})
 # Messages that may pile up on the others: after the machine was busy a simulator catches up,

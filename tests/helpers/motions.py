@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 
 from elastic_arm.excitation import FourierTrajectory
@@ -13,6 +15,16 @@ def trajectory(seed: int = 0, n: int = 3, harmonics: int = 4, **changes: float) 
     a, b = rng.normal(size=(2, n, harmonics))
     settings_ = {"period": 7.0, "periods": 2, "ramp": 1.5, **changes}
     return FourierTrajectory.of_periods(a=a, b=b, q0=rng.normal(size=n), **settings_)
+
+
+def lively_excitation(folder: Path, seconds: float) -> Path:
+    """Write a trajectory of some seconds for the package's arm, and return its file."""
+    rng = np.random.default_rng(5)
+    a, b = (rng.normal(0.0, 0.3, (3, 5)) for _ in range(2))
+    file = folder / "trajectory.yaml"
+    names = ("joint_1", "joint_2", "joint_3")
+    FourierTrajectory(2 * np.pi / 5.0, a, b, np.zeros(3), seconds, 0.5, names).save(file)
+    return file
 
 
 def planar_arm(links: int, **limits: float) -> Robot:

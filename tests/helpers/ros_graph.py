@@ -7,7 +7,7 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -27,9 +27,13 @@ PATIENCE = 90.0
 class NodeProcess:
     """A node of the suite in a process of its own."""
 
-    def __init__(self, name: str, parameters: dict[str, Any], log: Path, env: dict[str, str]) -> None:
+    def __init__(
+        self, name: str, parameters: dict[str, Any], log: Path, env: dict[str, str], arguments: Sequence[str] = ()
+    ) -> None:
         self.name, self.log = name, log
-        options = [part for key, value in parameters.items() for part in ("-p", f"{key}:={_text(value)}")]
+        # What comes later counts: parameters behind the files of parameters.
+        options = [*arguments]
+        options += [part for key, value in parameters.items() for part in ("-p", f"{key}:={_text(value)}")]
         command = [sys.executable, "-m", f"elastic_arm.nodes.{name}", "--ros-args", *options]
         with log.open("wb") as output:
             self.process = subprocess.Popen(command, stdout=output, stderr=subprocess.STDOUT, env=env)
@@ -63,9 +67,9 @@ class Graph:
         self._executor = SingleThreadedExecutor(context=self._context)
         self._executor.add_node(self.peer)
 
-    def start(self, name: str, **parameters: Any) -> NodeProcess:
-        """Start a node with parameters."""
-        node = NodeProcess(name, parameters, self.folder / f"{len(self.nodes)}_{name}.log", self.env)
+    def start(self, name: str, /, *arguments: str, **parameters: Any) -> NodeProcess:
+        """Start a node with parameters, and further arguments of ROS such as `-r __ns:=/left`."""
+        node = NodeProcess(name, parameters, self.folder / f"{len(self.nodes)}_{name}.log", self.env, arguments)
         self.nodes.append(node)
         return node
 

@@ -14,17 +14,20 @@ import pytest
 from builtin_interfaces.msg import Duration
 from diagnostic_msgs.msg import DiagnosticArray
 from elastic_arm_msgs.msg import JointTorques, ParameterEstimate
+from rcl_interfaces.msg import Parameter as RosParameter
+from rcl_interfaces.msg import ParameterType, ParameterValue
+from rcl_interfaces.srv import SetParameters
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 from std_srvs.srv import SetBool, Trigger
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
-from elastic_arm.excitation import FourierTrajectory
 from elastic_arm.identification import Identification, chi_square, identifier_of
 from elastic_arm.nodes.support.graph import qos
 from elastic_arm.recording import read_recording
 from elastic_arm.robot import load_robot
+from tests.helpers.motions import lively_excitation
 from tests.helpers.ros_graph import Graph, NodeProcess, ros_graph
 
 pytestmark = pytest.mark.graph
@@ -43,15 +46,6 @@ def graph(tmp_path: Path) -> Iterator[Graph]:
 def stamps(messages: list) -> np.ndarray:
     """Return the stamps of messages in ns."""
     return np.array([m.header.stamp.sec * 10**9 + m.header.stamp.nanosec for m in messages])
-
-
-def excitation(folder: Path, seconds: float) -> Path:
-    """Write a lively trajectory of some seconds."""
-    rng = np.random.default_rng(5)
-    a, b = (rng.normal(0.0, 0.3, (3, 5)) for _ in range(2))
-    file = folder / "trajectory.yaml"
-    FourierTrajectory(2 * np.pi / 5.0, a, b, np.zeros(3), seconds, 0.5, JOINTS).save(file)
-    return file
 
 
 class Run(NamedTuple):
@@ -76,7 +70,7 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Run:
         # Slower than real time, on its own clock: a machine that is busy with other work skips nothing.
         simulator = graph.start("simulator", seed=4, real_time_factor=0.8)
         # Long beside what the first estimate is made of, so that deviations, which are estimates too, have to shrink.
-        generator = graph.start("trajectory_generator", trajectory=excitation(folder, 15.0), use_sim_time=True)
+        generator = graph.start("trajectory_generator", trajectory=lively_excitation(folder, 15.0), use_sim_time=True)
         graph.until(lambda: generator.process.poll() is not None, "the trajectory ends", patience=90)
         # The arm first, so that both listeners hear its last sample.
         codes = {node.name: node.stop() for node in (simulator, recorder, identifier)}
@@ -181,7 +175,7 @@ def test_an_arm_faster_than_real_time_is_moved_on_its_own_clock(graph: Graph) ->
     status: list[DiagnosticArray] = graph.listen(DiagnosticArray, "/diagnostics")
     recorder = graph.start("recorder", bag=graph.folder / "bag")
     graph.start("simulator", real_time_factor=1.5)
-    generator = graph.start("trajectory_generator", trajectory=excitation(graph.folder, 3.0), use_sim_time=True)
+    generator = graph.start("trajectory_generator", trajectory=lively_excitation(graph.folder, 3.0), use_sim_time=True)
     graph.until(lambda: generator.process.poll() is not None, "the motion ends")
     assert generator.process.returncode == 0
     assert recorder.stop() == 0
@@ -222,7 +216,7 @@ def test_the_clock_of_the_arm_waits_for_a_generator_that_is_held_up(graph: Graph
     clock = graph.listen(Clock, "/clock")
     recorder = graph.start("recorder", bag=graph.folder / "bag")
     graph.start("simulator", real_time_factor=1.5)
-    generator = graph.start("trajectory_generator", trajectory=excitation(graph.folder, 4.0), use_sim_time=True)
+    generator = graph.start("trajectory_generator", trajectory=lively_excitation(graph.folder, 4.0), use_sim_time=True)
     graph.until(lambda: clock and "streaming 4.0 s" in generator.output, "the motion is announced")
     begun = clock[-1].clock.sec
     graph.until(lambda: clock[-1].clock.sec > begun + 2, "the motion is under way")
@@ -239,7 +233,7 @@ def test_an_arm_that_is_held_up_in_real_time_loses_no_sample(graph: Graph) -> No
     heard = graph.listen(JointState, "/motor_states")
     recorder = graph.start("recorder", bag=graph.folder / "bag")
     simulator = graph.start("simulator")
-    generator = graph.start("trajectory_generator", trajectory=excitation(graph.folder, 5.0))
+    generator = graph.start("trajectory_generator", trajectory=lively_excitation(graph.folder, 5.0))
     graph.until(lambda: "streaming 5.0 s" in generator.output, "the motion is announced")
     end = time.monotonic() + 2.0
     graph.until(lambda: time.monotonic() > end, "the motion is under way")
@@ -256,7 +250,7 @@ def test_an_arm_that_is_held_up_in_real_time_loses_no_sample(graph: Graph) -> No
 def test_two_clocks_are_a_mistake(graph: Graph) -> None:
     """A generator on the time of day refuses an arm on a clock of its own, and says what to set."""
     graph.start("simulator", real_time_factor=0.5)
-    generator = graph.start("trajectory_generator", trajectory=excitation(graph.folder, 3.0))
+    generator = graph.start("trajectory_generator", trajectory=lively_excitation(graph.folder, 3.0))
     assert generator.wait() == 2
     assert "use_sim_time" in generator.output.splitlines()[-1]
 
@@ -273,6 +267,24 @@ def test_an_effect_is_switched_on_by_a_parameter(graph: Graph) -> None:
     difference = np.array(messages[5].motor_torque) - np.array(plain[5].motor_torque)
     # The two arms are not in step: the controller has moved them a little, by different amounts.
     np.testing.assert_allclose(difference, [0.0, 50.0, 0.0], atol=1.0)
+
+
+def test_effects_are_set_and_cleared_while_the_arm_runs(graph: Graph) -> None:
+    """`ros2 param set` takes a list of effects, an empty list for none, and refuses what is no list of texts."""
+    simulator = graph.start("simulator", real_time_factor=0.5)
+    friction = "viscous_friction:joint_1:coefficient=2.0"
+    # The second is what `ros2 param set /simulator effects "[]"` sends.
+    one = ParameterValue(type=ParameterType.PARAMETER_STRING_ARRAY, string_array_value=[friction])
+    none = ParameterValue(type=ParameterType.PARAMETER_BOOL_ARRAY)
+    number = ParameterValue(type=ParameterType.PARAMETER_INTEGER, integer_value=3)
+    results = []
+    for value in (one, none, number):
+        request = SetParameters.Request(parameters=[RosParameter(name="effects", value=value)])
+        results += graph.call(SetParameters, "/simulator/set_parameters", request).results
+    assert [result.successful for result in results] == [True, True, False], results
+    assert "no list of texts" in results[2].reason
+    graph.until(lambda: "effects: none" in simulator.output, "it is reported")
+    assert simulator.output.index(f"effects: {friction}") < simulator.output.index("effects: none")
 
 
 def test_a_killed_recorder_leaves_a_readable_bag(graph: Graph) -> None:

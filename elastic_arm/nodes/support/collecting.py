@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -51,10 +52,14 @@ class Collector:
         The joints wanted, in the order of the samples' columns; messages may name them in any order.
     sides
         "both", or only "link" or "motor".
+    shown
+        Full names of the topics, as a node has them in its namespace.
     """
 
-    def __init__(self, joints: tuple[str, ...], sides: str = "both") -> None:
-        self.joints = joints
+    def __init__(
+        self, joints: tuple[str, ...], sides: str = "both", shown: Callable[[str], str] = lambda topic: topic
+    ) -> None:
+        self.joints, self._shown = joints, shown
         self.inboxes = {topic: Inbox(topics.TYPES[topic]) for topic in SIDES[sides]}
         self._heard = dict.fromkeys(self.inboxes, time.monotonic())
         self._empty = dict.fromkeys(self.inboxes, 0)
@@ -123,7 +128,7 @@ class Collector:
         """Return in words what is wrong with what arrives."""
         now = time.monotonic()
         said = [
-            f"nothing on {topic} for {now - heard:.0f} s"
+            f"nothing on {self._shown(topic)} for {now - heard:.0f} s"
             for topic, heard in self._heard.items()
             if now - heard > SILENCE and self._empty[topic] >= LOOKS
         ]

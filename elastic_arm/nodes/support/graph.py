@@ -19,9 +19,22 @@ LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 DISCOVERY = 1.0
 
 
+def relative(topic: str) -> str:
+    """Return the name by which a node of any namespace publishes or subscribes one of the suite's topics.
+
+    Clock and diagnostics are the graph's, not an arm's: nodes of all namespaces share them, as ROS expects.
+    """
+    return topic if topic in topics.GLOBAL else topic.lstrip("/")
+
+
+def resolved(node: Node, topic: str) -> str:
+    """Return the full name of one of the suite's topics for a node, with its namespace and remapping."""
+    return str(node.resolve_topic_name(relative(topic)))
+
+
 def qos(topic: str) -> QoSProfile:
-    """Return the quality of service of one of the suite's topics."""
-    return LATCHED if topic in topics.LATCHED else STREAM
+    """Return the quality of service of one of the suite's topics, in whatever namespace."""
+    return LATCHED if f"/{topic.rpartition('/')[2]}" in topics.LATCHED else STREAM
 
 
 def message_class(type_name: str) -> Any:
@@ -40,7 +53,11 @@ def message_class(type_name: str) -> Any:
 
 
 def other_publishers(node: Node, topic: str) -> list[str]:
-    """Return the full names of other nodes that publish a topic; a node of this one's name counts once too often."""
+    """Return the full names of other nodes that publish one of the suite's topics in a node's namespace.
+
+    A node of this one's name counts once too often.
+    """
+    topic = resolved(node, topic)
     names = [
         # The node behind an endpoint may be known only later than the endpoint.
         "another node" if "UNKNOWN" in info.node_name else f"{info.node_namespace.rstrip('/')}/{info.node_name}"
@@ -75,7 +92,7 @@ def require_single_publisher(node: Node, topic: str, seconds: float = DISCOVERY)
     end = time.monotonic() + seconds + (os.getpid() % 8) * 0.05
     while True:
         if others := other_publishers(node, topic):
-            raise company(others, topic)
+            raise company(others, resolved(node, topic))
         if time.monotonic() >= end:
             return
         time.sleep(0.05)
@@ -84,6 +101,6 @@ def require_single_publisher(node: Node, topic: str, seconds: float = DISCOVERY)
 def company(others: list[str], topic: str) -> GraphError:
     """Return the error of a topic that has another source already."""
     return GraphError(
-        f"{others[0]} publishes {topic} already: two arms on one topic would mix",
-        "Stop it, or start this one with another ROS_DOMAIN_ID or namespace.",
+        f"{others[0]} publishes {topic} already: two sources of one topic would mix",
+        "Stop it, or start this one in a namespace (--ros-args -r __ns:=/left) or with another ROS_DOMAIN_ID.",
     )

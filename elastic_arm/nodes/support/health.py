@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
+from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rclpy.node import Node
 
@@ -23,12 +25,16 @@ class Health:
         Whose health it is.
     what
         What of it, as in `simulator: pace`.
+    now
+        Time of the status; that of the node's clock where there is no other.
     """
 
-    def __init__(self, node: Node, what: str) -> None:
+    def __init__(self, node: Node, what: str, now: Callable[[], Time] | None = None) -> None:
+        self._now = now or (lambda: node.get_clock().now().to_msg())
         self._node = node
         self._publisher = node.create_publisher(DiagnosticArray, topics.DIAGNOSTICS, graph.qos(topics.DIAGNOSTICS))
-        self._name = f"{node.get_name()}: {what}"
+        self._name = f"{node.get_fully_qualified_name().lstrip('/')}: {what}"
+        self._arm = node.get_namespace().strip("/") or "elastic_arm"
         self._level = DiagnosticStatus.OK
 
     def report(self, problems: list[str], fine: str, values: dict[str, Any]) -> None:
@@ -45,10 +51,10 @@ class Health:
         """
         level = DiagnosticStatus.WARN if problems else DiagnosticStatus.OK
         message = "; ".join(problems) or fine
-        status = DiagnosticStatus(level=level, name=self._name, message=message, hardware_id="elastic_arm")
+        status = DiagnosticStatus(level=level, name=self._name, message=message, hardware_id=self._arm)
         status.values = [KeyValue(key=key, value=_text(value)) for key, value in values.items()]
         array = DiagnosticArray(status=[status])
-        array.header.stamp = self._node.get_clock().now().to_msg()
+        array.header.stamp = self._now()
         self._publisher.publish(array)
         if level != self._level:
             log = self._node.get_logger()

@@ -58,7 +58,8 @@ def declare(
 def declare_texts(node: Node, name: str, description: str, *, live: bool = False) -> list[str]:
     """Declare a list of texts, empty by default, and return it.
 
-    An empty list has no type in ROS; a list of one empty text stands for it.
+    An empty list has no type in ROS: as a default a list of one empty text stands for it. Where the parameter may be
+    set, it takes an empty list of whatever type `ros2 param set NODE NAME "[]"` makes of it.
 
     Parameters
     ----------
@@ -69,9 +70,9 @@ def declare_texts(node: Node, name: str, description: str, *, live: bool = False
     live
         Whether it may be set while the node runs.
     """
-    descriptor = ParameterDescriptor(
-        description=description, read_only=not live, type=Parameter.Type.STRING_ARRAY.value
-    )
+    descriptor = ParameterDescriptor(description=description, read_only=not live, dynamic_typing=live)
+    if not live:
+        descriptor.type = Parameter.Type.STRING_ARRAY.value
     return texts(node.declare_parameter(name, [""], descriptor).value)
 
 
@@ -89,6 +90,15 @@ def declare_numbers(node: Node, name: str, default: list[float], description: st
     return list(node.declare_parameter(name, default, descriptor).value)
 
 
-def texts(value: Sequence[str]) -> list[str]:
-    """Return the texts of a list parameter that are not empty."""
-    return [text for text in value if text]
+def texts(value: Any) -> list[str]:
+    """Return the texts of a list parameter that are not empty.
+
+    Raises
+    ------
+    GraphError
+        If it is no list of texts.
+    """
+    given = [] if value is None else value
+    if not isinstance(given, Sequence) or isinstance(given, str) or not all(isinstance(text, str) for text in given):
+        raise GraphError(f"{given!r} is no list of texts", "Write it as \"['first', 'second']\", or [] for none.")
+    return [text for text in given if text]

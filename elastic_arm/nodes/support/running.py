@@ -9,6 +9,7 @@ from collections.abc import Callable, Sequence
 from types import FrameType
 
 import rclpy
+from rclpy.clock import Clock, ClockType
 from rclpy.exceptions import InvalidParameterTypeException, InvalidParameterValueException, ParameterException
 from rclpy.executors import Executor
 from rclpy.experimental import EventsExecutor
@@ -35,6 +36,10 @@ class ArmNode(Node):
     """
 
     failure: ElasticArmError | None = None
+
+    def every(self, seconds: float, callback: Callable[[], None]) -> None:
+        """Call something again and again, in real time: also where the node goes by a clock that nobody publishes."""
+        self.create_timer(seconds, callback, clock=Clock(clock_type=ClockType.STEADY_TIME))
 
     def tick(self) -> float:
         """Do what is due; return the seconds until there is more to do."""
@@ -73,6 +78,8 @@ def run(make: Callable[[], ArmNode], args: Sequence[str] | None = None) -> int:
         return _refuse(f"{str(error).strip().removesuffix('.')}. `config/` shows the parameters and their types.")
     finally:
         rclpy.try_shutdown()
+        for number in (signal.SIGINT, signal.SIGTERM):  # one that comes now is late, and would count as a crash
+            signal.signal(number, signal.SIG_IGN)
     return 0
 
 
