@@ -51,20 +51,22 @@ class Weights(StrEnum):
     ordinary = "ordinary"
 
 
+Laws = Annotated[
+    list[str] | None,
+    typer.Option("--with", help="Law identified too: EFFECT[:JOINT][:side=link]; may be given again."),
+]
+HeldOut = Annotated[list[Path] | None, typer.Option(help="Recording that no fit may see; may be given again.")]
+
+
 @reports_errors
 def identify(
     bags: Annotated[list[Path], typer.Argument(metavar="BAG…", help="Recordings to fit.")],
-    validate: Annotated[
-        list[Path] | None, typer.Option(help="Recording that no fit may see; may be given again.")
-    ] = None,
+    validate: HeldOut = None,
     robot_file: RobotFile = None,
     chain: ChainOption = None,
     at: AtOption = None,
     model: Annotated[str, typer.Option(help="mod1, mod2 or mod3.")] = "mod3",
-    with_: Annotated[
-        list[str] | None,
-        typer.Option("--with", help="Law identified too: EFFECT[:JOINT][:side=link]; may be given again."),
-    ] = None,
+    with_: Laws = None,
     effects_files: EffectsFiles = None,
     channels: Annotated[Path | None, typer.Option(help="Channel map of foreign bags.")] = None,
     namespace: Namespace = None,
