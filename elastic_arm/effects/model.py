@@ -177,7 +177,7 @@ class Effect:
     def _contradictions(self) -> Iterator[tuple[str, str]]:
         """Yield what is wrong with the entries, and what to do about it."""
         if not self.id.isidentifier():
-            yield f"{self.id!r} is no id", "Take lower-case letters, digits and _, such as gravity_spring."
+            yield f"{self.id!r} is no id", "Take lower-case letters, digits and _, such as rubber_buffer."
         names = [*self.names, *self.states]
         if twice := next((name for name in names if names.count(name) > 1), None):
             yield f"{twice} stands for two things", "Give parameters, choices and states names of their own."

@@ -126,6 +126,13 @@ class Parameter:
         """Whether values are spread over its range at equal ratios."""
         return self.scale is Scale.LOG
 
+    @property
+    def component_names(self) -> list[str]:
+        """Names of its components: its own, with the axis for a vector of three and a number for another."""
+        if self.size == 1:
+            return [self.name]
+        return [f"{self.name}_{'xyz'[k] if self.size == 3 else k}" for k in range(self.size)]
+
     def start(self) -> float | tuple[float, ...]:
         """Return its default, else its value of no effect, else the middle of its range."""
         middle = math.sqrt(self.low * self.high) if self.logarithmic else (self.low + self.high) / 2

@@ -200,7 +200,7 @@ def _with_values(instance: EffectInstance, robot: Robot, value: dict[str, float]
     place = f"{instance.effect.id}:{instance.joint or robot.name}"
     found = {}
     for p in instance.effect.parameters:
-        names = [f"{place}.{p.name}"] if p.size == 1 else [f"{place}.{p.name}_{axis}" for axis in "xyz"]
+        names = [f"{place}.{name}" for name in p.component_names]
         if names[0] in value:
             numbers = tuple(p.value_of(value[name]) for name in names)
             found[p.name] = numbers[0] if p.size == 1 else numbers

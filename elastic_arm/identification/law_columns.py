@@ -48,10 +48,12 @@ def law_columns(
     for instance in instances:
         place = _place(instance.effect.id, instance.joint, robot)
         for p in _linear(instance.effect):
-            names = [p.name] if p.size == 1 else [f"{p.name}_{'xyz'[i]}" for i in range(p.size)]
             values = np.atleast_1d(np.asarray(instance.parameters[p.name], dtype=float)) - (p.neutral or 0.0)
             nominal = values if place in described else np.zeros(p.size)
-            entries += [(f"{place}.{name}", p.unit, float(value)) for name, value in zip(names, nominal, strict=True)]
+            entries += [
+                (f"{place}.{name}", p.unit, float(value))
+                for name, value in zip(p.component_names, nominal, strict=True)
+            ]
     return [Column(name, unit, partial(evaluate.column, k), value) for k, (name, unit, value) in enumerate(entries)]
 
 

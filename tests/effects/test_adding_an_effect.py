@@ -32,33 +32,33 @@ def run(arguments: list[str]) -> str:
 def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """A folder with the page's file."""
     (code,) = re.findall(r"```python\n(.+?)```", PAGE, re.DOTALL)
-    (tmp_path / "gravity_spring.py").write_text(code, encoding="utf-8")
+    (tmp_path / "rubber_buffer.py").write_text(code, encoding="utf-8")
     monkeypatch.chdir(tmp_path)
     return tmp_path
 
 
 @pytest.mark.slow
 def test_the_pages_effect_is_simulated_and_named_blindly(folder: Path) -> None:
-    """The recordings that the page makes are diagnosed as the spring on its joint, with stiffness and rest angle."""
+    """The recordings that the page makes are diagnosed as the buffer on its joint, with stiffness and contact angle."""
     for arguments in [*commands("## 2."), *commands("## 3.")]:
         run(arguments)
     found = json.loads((folder / "diagnosis" / "diagnosis.json").read_text())
     assert found["verdict"] == "explained"
     cause = found["causes"][0]
-    assert (cause["effect"], cause["joint"]) == ("gravity_spring", "joint_2")
+    assert (cause["effect"], cause["joint"]) == ("rubber_buffer", "joint_2")
     assert cause["parameters"]["stiffness"]["value"] == pytest.approx(60.0, rel=0.05)
-    assert cause["parameters"]["rest"]["value"] == pytest.approx(0.4, abs=0.05)
+    assert cause["parameters"]["contact"]["value"] == pytest.approx(0.4, abs=0.05)
 
 
 @pytest.mark.slow
 def test_the_pages_effect_is_drawn_in_a_challenge(folder: Path) -> None:
-    """The challenge draws, records and names the spring, and states that the suite's own simulator moved the arm."""
+    """The challenge draws, records and names the buffer, and states that the suite's own simulator moved the arm."""
     create, diagnose, score = commands("## 4.")
     output = run([*create, "--workers", "0", "--seconds", "6", "--validate-seconds", "5"])
-    assert "gravity_spring" in output and "own simulator" in " ".join(output.split())
+    assert "rubber_buffer" in output and "own simulator" in " ".join(output.split())
     run([*diagnose, "--workers", "0"])
     run(score)
     found = json.loads((folder / "blind" / "score.json").read_text())
-    assert found["simulated"] == ["gravity_spring"]
+    assert found["simulated"] == ["rubber_buffer"]
     (line,) = (x for x in found["items"] if x["truth"])
-    assert line["effect_right"] and line["named"][0] == "gravity_spring"
+    assert line["effect_right"] and line["named"][0] == "rubber_buffer"

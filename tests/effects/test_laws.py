@@ -34,6 +34,9 @@ CONTRACT = {
     "damping_mismatch",
     "spline_inertia",
     "inertia_coupling",
+    "joint_spring",
+    "counterbalance",
+    "degressive_friction",
 }
 
 # id -> (motion m at joint i, transmission g, parameters p) -> expected residuals of that joint.
@@ -79,6 +82,9 @@ CLOSED_FORMS = {
     },
     "stiffness_mismatch": lambda m, g, p: {"drive": (p["stiffness"] - 1) * g.stiffness * m.d},
     "damping_mismatch": lambda m, g, p: {"drive": (p["damping"] - 1) * g.damping * (m.dtheta - m.dq)},
+    "joint_spring": lambda m, g, p: {"link": p["stiffness"] * (m.q - p["rest"])},
+    "counterbalance": lambda m, g, p: {"link": np.polynomial.Polynomial(p["torque"])(m.q)},
+    "degressive_friction": lambda m, g, p: {"motor": p["torque"] * np.tanh(m.dtheta / p["speed"])},
 }
 
 
@@ -99,8 +105,8 @@ class At:
 
 
 def test_the_catalogue_holds_the_contracts_effects():
-    """All 25 ids of the contract and no other, each with words, formula and sides."""
-    assert set(EFFECTS) == CONTRACT and len(CONTRACT) == 25
+    """All 28 ids of the contract and no other, each with words, formula and sides."""
+    assert set(EFFECTS) == CONTRACT and len(CONTRACT) == 28
     for effect in EFFECTS.values():
         assert effect.formula and effect.description and effect.signature and effect.sides
         assert all(other.effect in EFFECTS for other in effect.confusions)
@@ -122,7 +128,7 @@ def test_law_meets_its_closed_form(arm, effect):
             assert np.allclose(found[side], row, rtol=1e-12, atol=1e-12), (side, found[side], row)
 
 
-@pytest.mark.parametrize("effect", ["viscous_friction", "coulomb_friction", "stribeck_friction"])
+@pytest.mark.parametrize("effect", ["viscous_friction", "coulomb_friction", "stribeck_friction", "degressive_friction"])
 def test_friction_acts_on_the_chosen_side(arm, effect):
     """Friction of the link side follows the link's velocity and shows in the link equation."""
     instance = parse(INSTANCES[effect][0]).with_parameters(side="link")
@@ -142,7 +148,8 @@ def test_no_effect_at_the_neutral_value(arm, effect):
     """With its parameters at "no effect" a law adds nothing."""
     motion = random_motion(arm, np.random.default_rng(0))
     for instance in EFFECTS[effect].candidates(arm):
-        neutral = {p.name: p.neutral for p in instance.effect.parameters if p.neutral is not None and p.size == 1}
+        stated = [p for p in instance.effect.parameters if p.neutral is not None]
+        neutral = {p.name: p.neutral if p.size == 1 else (p.neutral,) * p.size for p in stated}
         assert neutral
         found = contribution(arm, [instance.with_parameters(**neutral)], motion)
         assert all(np.abs(found[side]).max() < 1e-10 for side in ("link", "drive", "motor"))

@@ -1,33 +1,15 @@
 """A drive with more or less damping than the model believes."""
 
-from collections.abc import Mapping
-from typing import Any
-
+from elastic_arm.effects.library.mismatch import scaled
 from elastic_arm.effects.model import Confusion, Effect
-from elastic_arm.effects.motion import Contribution, SymbolicMotion
 from elastic_arm.effects.parameters import Parameter
-
-
-def law(motion: SymbolicMotion, i: int, p: Mapping[str, Any]) -> Contribution:
-    """(ratio - 1) D d'.
-
-    Parameters
-    ----------
-    motion, i
-        Symbols of the motion, and index of the joint.
-    p
-        `damping` (1).
-    """
-    motion.gear(i)
-    return motion.at(i, drive=(p["damping"] - 1.0) * motion.D[i] * motion.deflection_rate[i])
-
 
 EFFECT = Effect(
     id="damping_mismatch",
     formula="(ratio - 1) D (theta' - q')",
     description="The drive's damping differs from the nominal one.",
     signature="The drive residual follows the rate of deflection: small on slow motion, largest where the arm rings.",
-    law=law,
+    law=scaled("damping", "drive", lambda motion, i: motion.D[i] * motion.deflection_rate[i]),
     parameters=(Parameter("damping", "1", 0.1, 10.0, neutral=1.0, least=0.0, meaning="true / nominal D"),),
     sides=("drive",),
     regime="frequency",

@@ -5,10 +5,10 @@ from typing import Any
 
 import casadi as ca
 
+from elastic_arm.effects.library.sensor_error import changing
 from elastic_arm.effects.model import Confusion, Effect, SensorEffect
 from elastic_arm.effects.motion import Contribution, SymbolicMotion
 from elastic_arm.effects.parameters import Parameter, Role
-from elastic_arm.sensors import Sensors
 
 
 def law(motion: SymbolicMotion, i: int, p: Mapping[str, Any]) -> Contribution:
@@ -28,21 +28,6 @@ def law(motion: SymbolicMotion, i: int, p: Mapping[str, Any]) -> Contribution:
     return motion.at(i, drive=motion.K[i] * error + motion.D[i] * rate)
 
 
-def change(sensors: Sensors, i: int, n: int, p: Mapping[str, Any]) -> Sensors:
-    """Put the disc off centre.
-
-    Parameters
-    ----------
-    sensors
-        Of the arm.
-    i, n
-        Index of the joint, and number of joints.
-    p
-        `amplitude` (rad) and `phase` (rad).
-    """
-    return sensors.changed("link_encoder", i, n, eccentricity=p["amplitude"], phase=p["phase"])
-
-
 EFFECT: Effect = SensorEffect(
     id="encoder_eccentricity",
     formula="link encoder = true + A sin(q + phi)",
@@ -55,7 +40,7 @@ EFFECT: Effect = SensorEffect(
     ),
     sides=("drive",),
     regime="position",
-    change=change,
+    change=changing("link_encoder", eccentricity="amplitude", phase="phase"),
     confusions=(
         Confusion(
             "encoder_offset",

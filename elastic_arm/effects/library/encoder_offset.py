@@ -3,10 +3,9 @@
 from collections.abc import Mapping
 from typing import Any
 
+from elastic_arm.effects.library.sensor_error import changing, offset
 from elastic_arm.effects.model import Confusion, Effect, SensorEffect
 from elastic_arm.effects.motion import Contribution, SymbolicMotion
-from elastic_arm.effects.parameters import Parameter
-from elastic_arm.sensors import Sensors
 
 
 def law(motion: SymbolicMotion, i: int, p: Mapping[str, Any]) -> Contribution:
@@ -23,31 +22,16 @@ def law(motion: SymbolicMotion, i: int, p: Mapping[str, Any]) -> Contribution:
     return motion.at(i, drive=motion.K[i] * p["offset"])
 
 
-def change(sensors: Sensors, i: int, n: int, p: Mapping[str, Any]) -> Sensors:
-    """Shift the channel.
-
-    Parameters
-    ----------
-    sensors
-        Of the arm.
-    i, n
-        Index of the joint, and number of joints.
-    p
-        `offset` (rad).
-    """
-    return sensors.changed("link_encoder", i, n, offset=p["offset"])
-
-
 EFFECT: Effect = SensorEffect(
     id="encoder_offset",
     formula="link encoder = true + offset, beside the motor encoder",
     description="The zeros of link and motor encoder do not agree.",
     signature="The drive residual is a constant: at rest without load the drive seems wound up.",
     law=law,
-    parameters=(Parameter("offset", "rad", -0.01, 0.01, neutral=0.0, meaning="recorded - true"),),
+    parameters=(offset("rad", 0.01),),
     sides=("drive",),
     regime="always",
-    change=change,
+    change=changing("link_encoder", offset="offset"),
     prior=lambda rate: 1e-5,
     confusions=(
         Confusion(

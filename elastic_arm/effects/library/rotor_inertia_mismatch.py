@@ -1,32 +1,15 @@
 """A motor side that is heavier than the model believes."""
 
-from collections.abc import Mapping
-from typing import Any
-
+from elastic_arm.effects.library.mismatch import scaled
 from elastic_arm.effects.model import Confusion, Effect
-from elastic_arm.effects.motion import Contribution, SymbolicMotion
 from elastic_arm.effects.parameters import Parameter
-
-
-def law(motion: SymbolicMotion, i: int, p: Mapping[str, Any]) -> Contribution:
-    """(ratio - 1) B_ii theta''.
-
-    Parameters
-    ----------
-    motion, i
-        Symbols of the motion, and index of the joint.
-    p
-        `inertia` (1).
-    """
-    return motion.at(i, motor=(p["inertia"] - 1.0) * motion.motor_inertia(i) * motion.ddtheta[i])
-
 
 EFFECT = Effect(
     id="rotor_inertia_mismatch",
     formula="(ratio - 1) B_ii theta''",
     description="The inertia on the motor side differs: rotor, wave generator and spline act together in B.",
     signature="The motor residual follows the motor's acceleration.",
-    law=law,
+    law=scaled("inertia", "motor", lambda motion, i: motion.motor_inertia(i) * motion.ddtheta[i]),
     parameters=(Parameter("inertia", "1", 0.5, 2.0, neutral=1.0, above=0.0, meaning="true / nominal B_ii"),),
     sides=("motor",),
     regime="acceleration",

@@ -15,7 +15,6 @@ from elastic_arm.robot import Robot
 from elastic_arm.studies.blind_challenge.hidden_arms.effect_laws import Fault, variation
 
 COMMON = 0.25  # share of effects of one joint or all that all joints have
-AXES = "xyz"
 
 
 def model_without(effect: Effect) -> str | None:
@@ -33,19 +32,11 @@ def combines(effect: Effect) -> bool:
     return bool(effect.magnitude) and effect.parameter(effect.magnitude[0]).neutral is not None
 
 
-def component_names(parameter: Parameter) -> list[str]:
-    """Return the names of a parameter's components in a :class:`Fault`, which holds numbers alone."""
-    if parameter.size == 1:
-        return [parameter.name]
-    axes = AXES if parameter.size == len(AXES) else map(str, range(parameter.size))
-    return [f"{parameter.name}_{axis}" for axis in axes]
-
-
 def true_parameters(fault: Fault, effect: Effect) -> dict[str, Any]:
     """Return a fault's parameters as the effect's file names them, vectors whole; nothing of the engine's own."""
     found: dict[str, Any] = {}
     for p in effect.parameters:
-        names = component_names(p)
+        names = p.component_names
         if all(name in fault.parameters for name in names):
             values = tuple(fault.parameters[name] for name in names)
             found[p.name] = values[0] if p.size == 1 else values
@@ -95,7 +86,7 @@ class SampledEffect:
     def sized(self, amount: float) -> Fault:
         """Return the effect with so much of it, 0 for none."""
         sizes = [self.effect.parameter(name) for name in self.effect.magnitude]
-        components = [(name, p) for p in sizes for name in component_names(p)]
+        components = [(name, p) for p in sizes for name in p.component_names]
         values = {
             name: 1.0 / amount if p.inverse else (p.neutral or 0.0) + part * amount
             for (name, p), part in zip(components, self.direction, strict=True)
@@ -166,7 +157,7 @@ def _others(effect: Effect, rng: np.random.Generator) -> dict[str, float]:
             values = np.broadcast_to(np.asarray(p.default, dtype=float), p.size)
         else:
             values = _drawn(p, rng)
-        found |= {name: float(v) for name, v in zip(component_names(p), values, strict=True)}
+        found |= {name: float(v) for name, v in zip(p.component_names, values, strict=True)}
     return found
 
 
