@@ -89,7 +89,7 @@ def simulate(
 
         elastic-arm simulate --effect payload:mass=5,position=0/0/0.1 --sensors real --out loaded
 
-        elastic-arm simulate --effects rubber_buffer.py --effect rubber_buffer:joint_2:stiffness=40,contact=0.5 --out own
+        elastic-arm simulate --effects buffer.py --effect rubber_buffer:joint_2:stiffness=40,contact=0.4 --out own
 
         elastic-arm simulate --list-effects
     """
