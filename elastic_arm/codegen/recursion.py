@@ -37,17 +37,25 @@ class Recursion:
         self._compiled: Any = self._build(step) if find_compiler() else None
         self._steps: Any = None if self._compiled else self._unrolled(step)
 
-    def run(self, arguments: Array, constants: Array) -> Array:
-        """Return the states (N, s) at all samples, from zero on, for arguments (N, a) and constants (c,)."""
+    def run(self, arguments: Array, constants: Array, start: float = 0.0) -> Array:
+        """Return the states (N, s) at all samples.
+
+        Parameters
+        ----------
+        arguments, constants
+            (N, a) and (c,).
+        start
+            Of all states at the first sample.
+        """
         if self._compiled is not None:
-            z, states = np.zeros(self._states), np.empty((len(arguments), self._states))
+            z, states = np.full(self._states, start), np.empty((len(arguments), self._states))
             arrays = (z, np.ascontiguousarray(arguments), np.ascontiguousarray(constants), states)
             self._compiled(len(arguments), *(array.ctypes.data for array in arrays))
             return states
         chunks = -(-len(arguments) // _STEPS)
         missing = chunks * _STEPS - len(arguments)
         padded = np.vstack([arguments, np.repeat(arguments[-1:], missing, axis=0)])
-        state, parts = np.zeros(self._states), []
+        state, parts = np.full(self._states, start), []
         for chunk in padded.reshape(chunks, -1):
             last, states = self._steps(state, chunk, constants)
             state = np.asarray(last, dtype=float).ravel()

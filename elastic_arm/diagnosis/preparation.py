@@ -31,7 +31,7 @@ from elastic_arm.errors import DiagnosisError
 from elastic_arm.estimation.band import Band
 from elastic_arm.estimation.effect_columns import Feature
 from elastic_arm.estimation.equations import EquationSet
-from elastic_arm.estimation.observation import Observation, observe, widest_band
+from elastic_arm.estimation.observation import Observation, continued, observe, widest_band
 from elastic_arm.estimation.whitening import WhitenedData
 from elastic_arm.recording import Recording
 
@@ -133,6 +133,10 @@ def prepare(recordings: Sequence[Recording], validate: Sequence[Recording], ques
     selected = [[usable(r.select(names), settings.preprocessing) for r in part] for part in (recordings, validate)]
     parts = split(selected[0], selected[1], settings.split)
     observed = [[observe(r) for r in part] for part in parts]
+    if not validate:
+        cuts = [(rest.start_ns - first.start_ns) * 1e-9 for first, rest in zip(*parts, strict=True)]
+        joined = [continued(*each) for each in zip(*observed, cuts, strict=True)]
+        observed = [[first for first, _ in joined], [rest for _, rest in joined]]
     nominal = build_model(question.robot, question.model)
     layout, band = _common([*observed[0], *observed[1]], nominal, settings.preprocessing)
     still = [joint for joint in names if all(joint in standing(r) for r in parts[0])]

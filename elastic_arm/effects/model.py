@@ -114,7 +114,7 @@ class Effect:
     scope, sides, regime
         Where it shows.
     states
-        Names of internal states; all start at zero.
+        Names of internal states, which stay within -1 and 1; they start at zero in a simulation.
     twist
         For a transmission error: (motion, joint index, parameters) -> e(theta) and its rate, which all laws of the
         joint then find in the deflection.

@@ -6,7 +6,7 @@ parameters that do not are arguments of the columns, and searched.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
@@ -21,6 +21,10 @@ from elastic_arm.errors import EffectError
 from elastic_arm.estimation.regressors import CompiledColumns, Signals, Term
 
 Array = NDArray[np.float64]
+
+USUAL_START = 0.5  # standard deviation of an internal state, which stays within -1 and 1, where a recording begins
+WIDTHS = (1.0, 0.1)  # of the starts between which a column is taken as linear
+COLOUR = 20.0  # samples of a residual's misfit that count as one independent one
 
 
 @dataclass(frozen=True, eq=False)
@@ -108,9 +112,19 @@ class Feature:
         except EffectError:
             return False
 
-    def columns(self, signals: Signals, searched: Sequence[float] = ()) -> Array:
-        """Evaluate the columns (N, 3 n, count) at values of the searched parameters."""
-        return self._compiled(signals, searched)
+    def columns(self, signals: Signals, searched: Sequence[float] = (), start: float = 0.0) -> Array:
+        """Evaluate the columns (N, 3 n, count).
+
+        Parameters
+        ----------
+        signals
+            Of the motion.
+        searched
+            Values of the searched parameters.
+        start
+            Of all internal states, where the motion before the first sample is not known.
+        """
+        return self._compiled(signals, searched, start)
 
     def parameters(self, coefficients: Sequence[float], searched: Sequence[float] = ()) -> dict[str, Any]:
         """Return the effect's parameters for the coefficients of its columns."""
@@ -164,3 +178,45 @@ def _spread(parameters: Sequence[Parameter], values: Sequence[float], convert: A
         found[p.name] = part[0] if p.size == 1 else tuple(part)
         k += p.size
     return found
+
+
+def starting_state(residual: Array, columns: Callable[[float], Array], size: float | None) -> float:
+    """Return where internal states begin, by least squares on what a stretch leaves of the model.
+
+    Gauss-Newton steps, beside a constant in each residual. What is left counts as noise, of which few samples are
+    independent; a start is expected near zero.
+
+    Parameters
+    ----------
+    residual
+        (N, R) Nm.
+    columns
+        Start -> columns (N, R, k) with all states beginning there.
+    size
+        Coefficient of the first column; None for the one that fits best.
+    """
+    start, prior = 0.0, 0.0
+    for width in WIDTHS:
+        low, high = max(-1.0, start - width), min(1.0, start + width)
+        lowest, highest = (columns(at)[:, :, 0] for at in (low, high))
+        between, change = 0.5 * (lowest + highest), (highest - lowest) / (high - low)
+        if size is None:
+            size = _scale(residual, between)
+        rows = np.flatnonzero(np.abs(change).max(axis=0) > 1e-9 * np.abs(between).max())
+        left, change = (v[:, rows] - v[:, rows].mean(axis=0) for v in (residual - size * between, size * change))
+        power = float(np.sum(change**2))
+        if power == 0.0:
+            return start
+        prior = COLOUR * float(np.mean(left**2)) / USUAL_START**2
+        start = float(np.clip((low + high) / 2 + _step(change, left, (low + high) / 2, prior), -1.0, 1.0))
+    return start
+
+
+def _step(change: Array, left: Array, start: float, prior: float) -> float:
+    return (float(np.sum(change * left)) - prior * start) / (float(np.sum(change**2)) + prior)
+
+
+def _scale(residual: Array, column: Array) -> float:
+    """Return the coefficient of a column (N, R) that fits residuals (N, R) best, beside a constant in each."""
+    column = column - column.mean(axis=0)
+    return float(np.sum(column * residual)) / max(float(np.sum(column**2)), 1e-300)

@@ -16,6 +16,7 @@ Array = NDArray[np.float64]
 
 STIFF = 12.0  # Hz, up to which the deflection behind a single encoder follows the load
 PADDING = 500  # samples
+_NO_CHANNELS = ("noise", "every", "span", "before")
 
 
 @dataclass(frozen=True)
@@ -37,6 +38,10 @@ class Motion:
         Of positions and their derivatives; None where they are taken for exact.
     every
         How many samples of the recording each of these stands for.
+    span
+        Begin and end of the whole recording on the axis of `t`, s; None where it is these samples alone.
+    before
+        The motion up to the first sample, where the recording was cut there: internal states of effects go on from it.
     """
 
     t: Array
@@ -51,6 +56,8 @@ class Motion:
     laws: Array | None = None
     noise: StateNoise | None = None
     every: int = 1
+    span: tuple[float, float] | None = None
+    before: Motion | None = None
 
     def __len__(self) -> int:
         return len(self.t)
@@ -66,7 +73,7 @@ class Motion:
 
     def channels(self) -> dict[str, Array]:
         """Return what is there for every sample, by name."""
-        kept = {f.name: getattr(self, f.name) for f in fields(self) if f.name not in ("noise", "every")}
+        kept = {f.name: getattr(self, f.name) for f in fields(self) if f.name not in _NO_CHANNELS}
         return {name: values for name, values in kept.items() if values is not None}
 
     @staticmethod
@@ -77,7 +84,8 @@ class Motion:
         whole: dict[str, Any] = {
             name: np.concatenate([getattr(part, name) for part in parts]) for name in parts[0].channels()
         }
-        return Motion(**whole, noise=parts[0].noise, every=parts[0].every)
+        first = parts[0]
+        return Motion(**whole, noise=first.noise, every=first.every, span=first.span, before=first.before)
 
 
 @dataclass(frozen=True)
@@ -92,6 +100,7 @@ class CompletedMotion(Motion):
     ddtheta: Array
     tau_J: Array
     tau_m: Array
+    before: CompletedMotion | None = None
 
     def coordinates(self, rate: str = "", *, elastic: bool = True) -> Array:
         """Return generalized coordinates [q, theta] (N, 2 n) or [q], or their `rate` "d" or "dd"."""
@@ -112,7 +121,8 @@ def completed(motion: Motion, model: Model) -> CompletedMotion:
         raise DiagnosisError("the recording holds no positions", "Record /motor_states or /joint_states with positions")
     tau_J = motion.tau_J if motion.tau_J is not None else K * (theta - q) + D * (dtheta - dq)
     tau_m = motion.tau_m if motion.tau_m is not None else np.zeros_like(tau_J)
-    return CompletedMotion(motion.t, q, dq, ddq, theta, dtheta, ddtheta, tau_J, tau_m)
+    before = None if motion.before is None else completed(motion.before, model)
+    return CompletedMotion(motion.t, q, dq, ddq, theta, dtheta, ddtheta, tau_J, tau_m, span=motion.span, before=before)
 
 
 def _deflection(model: Model, t: Array, q: Array, dq: Array, ddq: Array) -> tuple[Array, Array, Array]:

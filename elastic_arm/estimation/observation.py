@@ -31,6 +31,7 @@ BAND_SHARE = 0.2  # of the sample rate
 SMOOTHER_WIDTH = 2.2  # smoother's cutoff over the band: 0.2 % of a term is taken at the band's edge, from all alike
 ABOVE_MOTION = 0.2  # share of the sample rate above which torque channels hold noise alone
 SHORTEST = 2.0  # s
+UNBROKEN = 5.0  # sample intervals between two parts of a recording up to which its motion counts as going on
 
 
 @dataclass(frozen=True)
@@ -106,7 +107,7 @@ class Observation:
         """
 
         def moved(motion: Motion) -> Motion:
-            changed: dict[str, Any] = {}
+            changed: dict[str, Any] = {"before": None if motion.before is None else moved(motion.before)}
             for channel, lag in lags.items():
                 for name in CHANNELS[channel]:
                     values = getattr(motion, name)
@@ -209,9 +210,39 @@ def observe(recording: Recording, band: float | None = None) -> Observation:
     calm = replace(smoother, cutoff=min(smoother.cutoff, designed.cutoff))
     quiet = pieces if calm == smoother else tuple(calm(_extended(grid, calm.lag)) for grid in grids)
     notes = (*recording.notes, *samples.notes, *([f"{where}: {clock.note}"] if clock.note else []))
+    span = (0.0, float(samples.t[-1]))
+    pieces, quiet = (tuple(replace(piece, span=span) for piece in some) for some in (pieces, quiet))
     return Observation(
         pieces, quiet, clock.rate, smoother, noise, designed.cutoff / (2 * np.pi), recording.source, notes
     )
+
+
+def continued(first: Observation, rest: Observation, offset: float) -> tuple[Observation, Observation]:
+    """Return the parts of a recording that was cut in two as what they are: one motion that goes on.
+
+    Parameters
+    ----------
+    first, rest
+        Up to the cut, and from there on.
+    offset
+        s from the first sample of `first` to that of `rest`.
+    """
+    end = offset + max(piece.span[1] for piece in rest.pieces if piece.span)
+    unbroken = offset - first.quiet[-1].t[-1] + rest.quiet[0].t[0] < UNBROKEN / rest.rate
+
+    def placed(motion: Motion, begin: float, before: Motion | None = None) -> Motion:
+        return replace(motion, span=(-begin, end - begin), before=before)
+
+    def parts(motions: Sequence[Motion]) -> tuple[Motion, ...]:
+        head = placed(motions[0], offset, placed(first.quiet[-1], 0.0) if unbroken else None)
+        return (head, *(placed(motion, offset) for motion in motions[1:]))
+
+    whole = replace(
+        first,
+        pieces=tuple(placed(piece, 0.0) for piece in first.pieces),
+        quiet=tuple(placed(piece, 0.0) for piece in first.quiet),
+    )
+    return whole, replace(rest, pieces=parts(rest.pieces), quiet=parts(rest.quiet))
 
 
 def _extended(grid: Grid, count: int) -> Grid:

@@ -42,11 +42,14 @@ class Signals:
         (N, …) each, by the names of :data:`INPUTS`.
     cutoff
         Hz up to which accelerations are motion rather than noise.
+    before
+        The same up to the first sample; None where the motion that came before is not known.
     """
 
     t: Array
     values: Mapping[str, Array]
     cutoff: float = np.inf
+    before: Signals | None = None
 
     @staticmethod
     def of(
@@ -66,7 +69,10 @@ class Signals:
             Hz up to which accelerations are motion rather than noise.
         """
         rates = [CubicSpline(motion.t, torque)(motion.t, 1) for torque in (motion.tau_J, motion.tau_m)]
-        return Signals(motion.t, _values(motion, standstill, rates, elastic=elastic), cutoff)
+        before = None
+        if motion.before is not None:
+            before = Signals.of(motion.before, standstill, elastic=elastic, cutoff=cutoff)
+        return Signals(motion.t, _values(motion, standstill, rates, elastic=elastic), cutoff, before)
 
     @staticmethod
     def of_samples(motion: CompletedMotion, standstill: tuple[Array, Array], *, elastic: bool = True) -> Signals:
@@ -196,13 +202,23 @@ class CompiledColumns:
         """Whether any entry of the columns is not null."""
         return len(self.places) > 0
 
-    def __call__(self, signals: Signals, searched: Sequence[float] = ()) -> Array:
-        """Evaluate the columns (N, 3 n, k) at values of the searched parameters."""
+    def __call__(self, signals: Signals, searched: Sequence[float] = (), start: float = 0.0) -> Array:
+        """Evaluate the columns (N, 3 n, k).
+
+        Parameters
+        ----------
+        signals
+            Of the motion.
+        searched
+            Values of the searched parameters.
+        start
+            Of all internal states, where the motion before the first sample is not known.
+        """
         N, (rows, count) = len(signals.t), self._shape
         out = np.zeros((N, rows * count))
         if self._kernel is not None:
             argument = np.asarray(searched, dtype=float) if self._arguments else np.zeros(1)
-            states = np.zeros((N, 1)) if self._scan is None else _states(self._scan, signals, argument)
+            states = np.zeros((N, 1)) if self._scan is None else _states(self._scan, signals, argument, start)
             out[:, self.places] = self._kernel(*signals.arrays(), argument, states, self._equations.nominal)
         return out.reshape(N, count, rows).transpose(0, 2, 1)
 
@@ -251,10 +267,13 @@ def _recursion(
     return Recursion(ca.Function("step", [z, arguments, constants], [z + h * factor * rate]))
 
 
-def _states(scan: Recursion, signals: Signals, searched: Array) -> Array:
+def _states(scan: Recursion, signals: Signals, searched: Array, start: float) -> Array:
     """Run the internal states (N, s) over the samples, by the exponential Euler rule."""
     h = float(signals.t[1] - signals.t[0])
     stacked = np.hstack(signals.arrays())
+    if signals.before is not None:
+        stacked = np.vstack([np.hstack(signals.before.arrays()), stacked])
+        start = 0.0
     # Over a step the rates are those of its middle.
     stacked[:-1] = 0.5 * (stacked[:-1] + stacked[1:])
-    return scan.run(stacked, np.append(searched, h))
+    return scan.run(stacked, np.append(searched, h), start)[-len(signals.t) :]

@@ -18,7 +18,7 @@ from scipy.ndimage import binary_dilation, binary_opening
 from elastic_arm.dynamics import Model
 from elastic_arm.errors import DiagnosisError
 from elastic_arm.estimation.band import Band, LowPass
-from elastic_arm.estimation.effect_columns import Feature
+from elastic_arm.estimation.effect_columns import Feature, starting_state
 from elastic_arm.estimation.equations import EquationSet
 from elastic_arm.estimation.motion import drive_constants
 from elastic_arm.estimation.observation import Observation
@@ -244,10 +244,22 @@ class WhitenedData:
 
     def plain(self, feature: Feature, searched: Sequence[float] = ()) -> list[Array]:
         """Return a feature's columns (N', R, count) in the band, one array a stretch."""
-        columns = []
-        for part in self.parts:
-            columns.append(self.in_band(part, feature.columns(part.signals, searched)))
-        return self.weighted(columns)
+        return self.weighted(
+            [
+                self.in_band(part, feature.columns(part.signals, searched, self._start(k, feature, searched)))
+                for k, part in enumerate(self.parts)
+            ]
+        )
+
+    def _start(self, k: int, feature: Feature, searched: Sequence[float]) -> float:
+        """Return where the internal states of an effect begin in stretch k, where the motion before is not known."""
+        part = self.parts[k]
+        if not feature.effect.states or part.signals.before is not None:
+            return 0.0
+        size = 1.0 if feature.fixed else None
+        return starting_state(
+            self.y[k], lambda at: self.in_band(part, feature.columns(part.signals, searched, at)), size
+        )
 
     def in_band(self, part: Part, columns: Array) -> Array:
         """Carry columns (N, 3 n, k) at the recording's rate over to the usable equations in the band, (N', R, k)."""

@@ -83,7 +83,7 @@ CLOSED_FORMS = {
     "stiffness_mismatch": lambda m, g, p: {"drive": (p["stiffness"] - 1) * g.stiffness * m.d},
     "damping_mismatch": lambda m, g, p: {"drive": (p["damping"] - 1) * g.damping * (m.dtheta - m.dq)},
     "joint_spring": lambda m, g, p: {"link": p["stiffness"] * (m.q - p["rest"])},
-    "counterbalance": lambda m, g, p: {"link": np.polynomial.Polynomial(p["torque"])(m.q)},
+    "counterbalance": lambda m, g, p: {"link": np.polynomial.Polynomial((0, 0, *p["torque"]))(m.q)},
     "degressive_friction": lambda m, g, p: {"motor": p["torque"] * np.tanh(m.dtheta / p["speed"])},
 }
 

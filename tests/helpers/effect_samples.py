@@ -40,7 +40,7 @@ INSTANCES = {
     "spline_inertia": ("spline_inertia", "mod1"),
     "inertia_coupling": ("inertia_coupling", "mod2"),
     "joint_spring": ("joint_spring:joint_2:stiffness=80,rest=0.4", "mod3"),
-    "counterbalance": ("counterbalance:joint_2:torque=20/-60/35/12/-8", "mod3"),
+    "counterbalance": ("counterbalance:joint_2:torque=35/12/-8/3", "mod3"),
     "degressive_friction": ("degressive_friction:joint_2:torque=12,speed=0.3", "mod3"),
 }
 

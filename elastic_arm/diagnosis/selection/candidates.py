@@ -41,8 +41,18 @@ class OwnRegressor(Feature):
         """Return itself: its column is the effect at given values of all its parameters already."""
         return self
 
-    def columns(self, signals: Signals, searched: Sequence[float] = ()) -> Array:
-        """Return what the effect adds to the residuals, (N, 3 n, 1)."""
+    def columns(self, signals: Signals, searched: Sequence[float] = (), start: float = 0.0) -> Array:
+        """Return what the effect adds to the residuals, (N, 3 n, 1).
+
+        Parameters
+        ----------
+        signals
+            Of the motion.
+        searched
+            Values of the searched parameters.
+        start
+            Not used: it has no internal states.
+        """
         return self._regressor.residuals(signals, self.parameters((), searched))[:, :, None]
 
 

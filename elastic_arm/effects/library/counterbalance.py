@@ -1,4 +1,4 @@
-"""A counterbalance whose torque is no straight line over the angle."""
+"""What a counterbalance does beyond a spring: its torque is no straight line over the angle."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -9,7 +9,7 @@ from elastic_arm.effects.model import Confusion, Effect
 from elastic_arm.effects.motion import Contribution, SymbolicMotion
 from elastic_arm.effects.parameters import Parameter
 
-ORDERS = 5  # a gas spring on a crank is met to some 0.1 % over 2 rad
+ORDERS = (2, 3, 4, 5)  # with a joint spring beside it a gas spring on a crank is met to some 0.1 % over 2 rad
 
 
 def law(motion: SymbolicMotion, i: int, p: Mapping[str, Any]) -> Contribution:
@@ -20,16 +20,17 @@ def law(motion: SymbolicMotion, i: int, p: Mapping[str, Any]) -> Contribution:
     motion, i
         Symbols of the motion, and index of the joint.
     p
-        `torque` (Nm), the coefficients of q^0 to q^4.
+        `torque` (Nm), the coefficients of q^2 to q^5.
     """
-    powers = ca.vertcat(*(motion.q[i] ** k for k in range(ORDERS)))
+    powers = ca.vertcat(*(motion.q[i] ** k for k in ORDERS))
     return motion.at(i, link=ca.dot(p["torque"], powers))
 
 
 EFFECT = Effect(
     id="counterbalance",
-    formula="c_0 + c_1 q + c_2 q^2 + c_3 q^3 + c_4 q^4 on the link, q in rad",
-    description="A counterbalance on a crank, a gas spring: a torque that is a curve over the joint angle.",
+    formula="c_2 q^2 + c_3 q^3 + c_4 q^4 + c_5 q^5 on the link, q in rad: what a joint spring lacks",
+    description="A counterbalance on a crank, a gas spring: beside a joint spring, the bend of its torque over the "
+    "angle.",
     signature="The link residual is one curve over the joint's own angle, whatever the speed and the other joints.",
     law=law,
     parameters=(
@@ -39,9 +40,9 @@ EFFECT = Effect(
             -2e4,
             2e4,
             neutral=0.0,
-            size=ORDERS,
+            size=len(ORDERS),
             example=(-100.0, 100.0),
-            meaning="c_0 to c_4, coefficients of a polynomial of q in rad",
+            meaning="c_2 to c_5, coefficients of a polynomial of q in rad",
         ),
     ),
     sides=("link",),

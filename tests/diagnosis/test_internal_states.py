@@ -1,0 +1,70 @@
+"""Internal states of effects run through a recording that is cut in two, and begin where the recording says."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from elastic_arm.diagnosis import Question, diagnose
+from elastic_arm.diagnosis.preparation import prepare
+from elastic_arm.diagnosis.selection.candidates import feature_of
+from elastic_arm.effects import EFFECTS, parse
+from elastic_arm.effects.equations import ArmEquations
+from elastic_arm.excitation import FourierTrajectory
+from elastic_arm.recording import Recording
+from elastic_arm.robot import load_robot
+from elastic_arm.simulation.rollout import simulate
+
+ROBOT = load_robot(None)
+HYSTERESIS = "hysteresis:joint_2:torque=12,width=3e-4"
+
+
+def recording(seconds: float = 12.0, skipped: float = 0.0) -> Recording:
+    """An arm with hysteresis, from some time after its start on."""
+    a, b = np.random.default_rng(3).uniform(-0.25, 0.25, (2, 3, 3))
+    motion = FourierTrajectory(2 * np.pi / 7.0, a, b, np.array([0.0, 0.4, 0.5]), seconds, 1.0)
+    whole = simulate(ROBOT, motion, effects=[parse(HYSTERESIS, ROBOT)], rng=np.random.default_rng(0), rate=500.0)
+    return whole.between(skipped, seconds + 1.0)
+
+
+def left(found: Recording) -> tuple[np.ndarray, np.ndarray]:
+    """Drive residual of joint 2 over its noise that the true effect leaves, in the fitted and in the judging part."""
+    prepared = prepare([found], [], Question(ROBOT, effects=(EFFECTS["hysteresis"],)))
+    feature = feature_of(parse(HYSTERESIS, ROBOT), ArmEquations(ROBOT)).whole()
+    rows = []
+    for data in prepared.library.sets:
+        (y,), (columns,) = data.y, data.plain(feature, (12.0, 3e-4))
+        rows.append((y - columns[:, :, 0])[:, 4] / y[:, 4].std() * 12.0)
+    return rows[0], rows[1]
+
+
+def test_states_go_on_across_the_cut() -> None:
+    """The last third of a recording begins with the states that the first two thirds end with."""
+    _, judged = left(recording())
+    assert np.abs(judged[:100]).max() < 1.2 * np.abs(judged[100:]).max()
+
+
+def test_the_start_of_a_recording_is_estimated() -> None:
+    """A recording that begins in the middle of a motion is explained from its first second on."""
+    fitted, _ = left(recording(skipped=1.3))
+    assert np.abs(fitted[:100]).max() < 1.3 * np.abs(fitted[100:]).max()
+
+
+@pytest.mark.parametrize("skipped", [0.0, 1.3])
+def test_one_recording_with_hysteresis_is_explained(skipped: float) -> None:
+    """A single recording, its last third judging, has hysteresis and nothing else as its cause."""
+    effects = tuple(EFFECTS[name] for name in ("hysteresis", "damping_mismatch", "backlash", "joint_torque_offset"))
+    found = diagnose([recording(skipped=skipped)], Question(ROBOT, effects=effects))
+    assert found.verdict == "explained"
+    assert [(c.instance.effect.id, c.instance.joint) for c in found.causes] == [("hysteresis", "joint_2")]
+    torque = found.causes[0].parameters["torque"]
+    assert torque.value == pytest.approx(12.0, abs=max(4.0 * torque.std, 0.02))
+
+
+def test_the_second_part_knows_the_whole_recording() -> None:
+    """The judging part holds the motion before it, and where it lies in the recording."""
+    prepared = prepare([recording()], [], Question(ROBOT, effects=(EFFECTS["hysteresis"],)))
+    (first,), (rest,) = prepared.observed
+    assert first.quiet[0].before is None and rest.quiet[0].before is not None
+    assert first.quiet[0].span == pytest.approx((0.0, 12.0), abs=0.01)
+    assert rest.quiet[0].span == pytest.approx((-8.0, 4.0), abs=0.01)
