@@ -296,7 +296,7 @@ def test_a_refused_diagnosis_is_a_wrong_answer(tmp_path: Path, monkeypatch: pyte
     def refuse(*_: Any) -> None:
         raise DiagnosisError("too little motion", "Record longer")
 
-    monkeypatch.setattr(campaign, "read_recording", lambda bag: None)
+    monkeypatch.setattr(campaign, "read_recording", lambda *_: None)
     monkeypatch.setattr(campaign, "diagnose", refuse)
     name, problem = campaign._diagnose((str(tmp_path), "a", "mod3", ""))
     assert name == "a" and "too little motion" in problem

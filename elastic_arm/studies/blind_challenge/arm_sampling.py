@@ -16,6 +16,7 @@ from elastic_arm.robot import Robot
 from elastic_arm.studies.blind_challenge.detectability import Detectability, EffectSignal, sized
 from elastic_arm.studies.blind_challenge.effect_sampling import SampledEffect, model_of, sample_effect
 from elastic_arm.studies.blind_challenge.hidden_arms.effect_laws import Fault
+from elastic_arm.studies.blind_challenge.hidden_arms.further_laws import FOREIGN
 from elastic_arm.studies.blind_challenge.hidden_arms.motion import MultiSine, random_motion
 from elastic_arm.studies.blind_challenge.hidden_arms.sensor_models import SensorModel
 from elastic_arm.studies.blind_challenge.simulated_arm import arm_maker
@@ -83,6 +84,11 @@ class SamplingRequest:
     seed: tuple[int, ...]
     seconds: tuple[float, float]
     ratio: tuple[float, float] = (LOWEST, HIGHEST)
+
+    @property
+    def of_catalogue(self) -> tuple[str, ...]:
+        """Effects that a catalogue has."""
+        return tuple(effect for effect in self.effects if effect not in FOREIGN)
 
 
 def sample_arm(

@@ -7,7 +7,7 @@ import json
 import shutil
 import time
 from collections.abc import Callable
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
@@ -17,12 +17,22 @@ import numpy as np
 import elastic_arm
 from elastic_arm.diagnosis import Question, diagnose
 from elastic_arm.effects import EFFECTS, Catalogue
+from elastic_arm.effects.text import known_effects
 from elastic_arm.errors import DiagnosisError, RecordingError
 from elastic_arm.recording import read_recording, write_recording
 from elastic_arm.robot import Robot, load_robot
 from elastic_arm.studies.blind_challenge.arm_sampling import HIGHEST, LOWEST, SamplingRequest, sample_arm
 from elastic_arm.studies.blind_challenge.effect_sampling import combines, model_of
 from elastic_arm.studies.blind_challenge.hidden_arms.effect_laws import KNOWN
+from elastic_arm.studies.blind_challenge.hidden_arms.further_laws import FOREIGN
+from elastic_arm.studies.blind_challenge.levels.level import (
+    KNOWN_FRICTION,
+    LABORATORY,
+    drawn_effects,
+    foreign_effects,
+    level_of,
+)
+from elastic_arm.studies.blind_challenge.levels.recording import channels_path, description_path, record_realistic_arm
 from elastic_arm.studies.blind_challenge.parallel_jobs import Failure, mapped
 from elastic_arm.studies.blind_challenge.sealed_truth import NAME, drop_pieces, open_sealed, pieces, seal, seal_piece
 from elastic_arm.studies.blind_challenge.simulated_arm import arm_maker
@@ -55,6 +65,10 @@ class ChallengeSettings:
         Ids; all where none is given.
     effects_files
         Python files with effects of the user.
+    level
+        laboratory, workshop or field.
+    foreign
+        Recordings of each effect that no catalogue has; the laboratory has none.
     """
 
     seed: int = 0
@@ -67,10 +81,12 @@ class ChallengeSettings:
     ratio: tuple[float, float] = (LOWEST, HIGHEST)
     effects: tuple[str, ...] = ()
     effects_files: tuple[str, ...] = ()
+    level: str = LABORATORY
+    foreign: int = 0
 
     def requests(self, catalogue: Catalogue = EFFECTS) -> list[SamplingRequest]:
         """Return what is to be drawn of a catalogue, in a random order."""
-        alone = self.effects or tuple(e for e in catalogue if catalogue[e].searched)
+        alone = self.effects or drawn_effects(tuple(catalogue), self.level)
         together = [e for e in alone if combines(catalogue[e])]
         rng = np.random.default_rng(self.seed)
         kinds: list[tuple[str, ...]] = [()] * self.clean + [(e,) for e in alone for _ in range(self.per_effect)]
@@ -78,6 +94,7 @@ class ChallengeSettings:
             if times and len(together) < count:
                 raise DiagnosisError(f"{len(together)} effects make no set of {count}", "Name more with --effect")
             kinds += [tuple(str(e) for e in rng.choice(together, count, replace=False)) for _ in range(times)]
+        kinds += [(e,) for e in foreign_effects(self.level) for _ in range(self.foreign)]
         durations = (self.seconds, self.validate_seconds)
         return [
             SamplingRequest(f"arm_{k:04d}", kinds[i], (self.seed, int(i)), durations, self.ratio)
@@ -119,12 +136,14 @@ def create(
         raise DiagnosisError("a challenge of no arms", "Ask for some: --per-effect, --clean, --pairs or --triples")
     folder.mkdir(parents=True, exist_ok=True)
     _copy_files(folder, settings.effects_files)
-    items = [{"name": o.name, "model": model_of(o.effects, catalogue)} for o in requests]
-    own = sorted({e for o in requests for e in o.effects} - KNOWN)
+    items = [{"name": o.name, "model": model_of(o.of_catalogue, catalogue)} for o in requests]
+    own = sorted({e for o in requests for e in o.effects} - KNOWN - set(FOREIGN))
     manifest = {"settings": plain, "items": items, "simulated": own}
+    if settings.level != LABORATORY:
+        manifest["question"] = {"refit": True, "with": list(KNOWN_FRICTION)}
     _write(manifest_path, manifest)
     made = pieces(folder)
-    jobs = [(str(folder), request) for request in requests if request.name not in made]
+    jobs = [(str(folder), request, settings.level) for request in requests if request.name not in made]
     for done, outcome in enumerate(mapped(_record, jobs, workers, scheduler), 1):
         if isinstance(outcome, Failure):
             raise DiagnosisError(f"{outcome.job[1].name} was not recorded: {outcome.problem}", "Report this")
@@ -247,9 +266,13 @@ def _bags(folder: Path, name: str) -> tuple[Path, Path]:
     return folder / "bags" / f"{name}_identify", folder / "bags" / f"{name}_validate"
 
 
-def _record(job: tuple[str, SamplingRequest]) -> str:
-    folder, request = Path(job[0]), job[1]
+def _record(job: tuple[str, SamplingRequest, str]) -> str:
+    folder, request, level = Path(job[0]), job[1], level_of(job[2])
     rng, catalogue = np.random.default_rng(request.seed), catalogue_of(folder)
+    if level is not None:
+        truth = record_realistic_arm(folder, _bags(folder, request.name), request, level, catalogue)
+        seal_piece(folder, request.name, truth)
+        return request.name
     item, motions = sample_arm(request, _robot(), rng, catalogue)
     arm = arm_maker(_robot(), request.effects, catalogue)(item.faults)
     for bag, motion in zip(_bags(folder, item.name), motions, strict=True):
@@ -268,8 +291,10 @@ def _diagnose(job: tuple[str, str, str, str]) -> tuple[str, str]:
     effects = tuple(e for e in catalogue.without(without).values() if e.searched)
     wall, cpu = time.perf_counter(), time.process_time()
     try:
-        identify, validate = (read_recording(bag) for bag in _bags(folder, name))
-        found = diagnose([identify], Question(_robot(), model, effects=effects, catalogue=catalogue), [validate])
+        channels = channels_path(folder, name)
+        identify, validate = (read_recording(bag, channels) for bag in _bags(folder, name))
+        question = _question(folder, name, model, catalogue)
+        found = diagnose([identify], replace(question, effects=effects), [validate])
         answer, problem = found.to_dict(), ""
     except (DiagnosisError, RecordingError) as error:  # to refuse is an answer too, and counts as one
         answer, problem = REFUSED | {"notes": [str(error)]}, str(error)
@@ -278,6 +303,20 @@ def _diagnose(job: tuple[str, str, str, str]) -> tuple[str, str]:
     path.parent.mkdir(parents=True, exist_ok=True)
     _write(path, answer | spent | {"code": code_state()})
     return name, problem
+
+
+def _question(folder: Path, name: str, model: str, catalogue: Catalogue) -> Question:
+    """Return what is asked of an arm's recordings: its description, and what its challenge counts as ordinary."""
+    path = description_path(folder, name)
+    robot = _robot() if path is None else load_robot(path)
+    asked = _asked(folder)
+    given = known_effects(asked.get("with", ()), robot, catalogue)
+    return Question(robot, model, refit=bool(asked.get("refit", False)), given=given, catalogue=catalogue)
+
+
+def _asked(folder: Path) -> dict[str, Any]:
+    path = folder / MANIFEST
+    return dict(json.loads(path.read_text()).get("question", {})) if path.is_file() else {}
 
 
 def _write(path: Path, content: dict[str, Any]) -> None:

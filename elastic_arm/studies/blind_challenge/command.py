@@ -5,6 +5,7 @@ from __future__ import annotations
 import json as json_module
 import os
 from collections.abc import Callable
+from enum import StrEnum
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -18,6 +19,7 @@ from elastic_arm.cli.options import EffectsFiles
 from elastic_arm.cli.outputs import claim_folder
 from elastic_arm.effects import Catalogue
 from elastic_arm.studies.blind_challenge import campaign
+from elastic_arm.studies.blind_challenge.levels.level import FIELD, LABORATORY, WORKSHOP
 from elastic_arm.studies.blind_challenge.scoring import score as score_answers
 from elastic_arm.studies.blind_challenge.summary import SIMULATED, effect_rows, markdown, question_rows
 
@@ -31,6 +33,15 @@ Scheduler = Annotated[
     str | None, typer.Option(help="Address of a Dask cluster, instead of --workers; it must see the same folder.")
 ]
 CORES = os.cpu_count() or 1
+DURATIONS = ((12.0, 8.0), (20.0, 10.0))  # s, of the laboratory and of the other levels
+
+
+class LevelName(StrEnum):
+    """Names of the levels."""
+
+    laboratory = LABORATORY
+    workshop = WORKSHOP.name
+    field = FIELD.name
 
 
 @challenge_app.command("create")
@@ -45,8 +56,17 @@ def create(
     effects_files: EffectsFiles = None,
     effect: Annotated[list[str] | None, typer.Option(help="Only this effect; may be given again.")] = None,
     ratio: Annotated[str, typer.Option(help="Sizes LOW:HIGH, over the smallest that theory lets detect.")] = "10:300",
-    seconds: Annotated[float, typer.Option(min=4.0, help="Duration of what is fitted.")] = 12.0,
-    validate_seconds: Annotated[float, typer.Option(min=4.0, help="Duration of what judges.")] = 8.0,
+    seconds: Annotated[
+        float | None, typer.Option(min=4.0, help="Duration of what is fitted; 12 s, beyond the laboratory 20 s.")
+    ] = None,
+    validate_seconds: Annotated[
+        float | None, typer.Option(min=4.0, help="Duration of what judges; 8 s, beyond the laboratory 10 s.")
+    ] = None,
+    level: Annotated[
+        LevelName,
+        typer.Option(help="laboratory: arms perfect but for their effects; workshop, field: as they are."),
+    ] = LevelName.laboratory,
+    foreign: Annotated[int, typer.Option(min=0, help="Recordings of each effect that no catalogue has.")] = 0,
     workers: Workers = CORES,
     scheduler: Scheduler = None,
 ) -> None:
@@ -56,17 +76,20 @@ def create(
     """
     claim_folder(folder, (), force=True, option="FOLDER")
     catalogue = Catalogue.default().with_files(effects_files or ())
+    durations = DURATIONS[level is not LevelName.laboratory]
     settings = campaign.ChallengeSettings(
         seed=seed,
         per_effect=per_effect,
         clean=clean,
         pairs=pairs,
         triples=triples,
-        seconds=seconds,
-        validate_seconds=validate_seconds,
+        seconds=seconds or durations[0],
+        validate_seconds=validate_seconds or durations[1],
         ratio=_range(ratio),
         effects=tuple(catalogue.find(e).id for e in effect or ()),
         effects_files=tuple(str(path) for path in effects_files or ()),
+        level=level.value,
+        foreign=foreign,
     )
     with _bar("recording") as bar:
         digest = campaign.create(folder, settings, workers=workers, scheduler=scheduler, report=_reporter(bar))

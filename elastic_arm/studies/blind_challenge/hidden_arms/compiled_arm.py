@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from elastic_arm.codegen import kernels
 from elastic_arm.robot import Robot
-from elastic_arm.studies.blind_challenge.hidden_arms import effect_laws
+from elastic_arm.studies.blind_challenge.hidden_arms import effect_laws, further_laws
 from elastic_arm.studies.blind_challenge.hidden_arms.kinematic_tree import KinematicTree
 from elastic_arm.studies.blind_challenge.hidden_arms.recursion import NUMBERS, inverse_dynamics
 
@@ -93,6 +93,8 @@ class CompiledArm:
         Its placements and gears count; inertias are arguments.
     bearings
         Whether they tilt.
+    further
+        Whether it has the effects of :mod:`.further_laws`.
 
     Raises
     ------
@@ -100,12 +102,13 @@ class CompiledArm:
         If there is no C compiler.
     """
 
-    def __init__(self, robot: Robot, *, bearings: bool) -> None:
+    def __init__(self, robot: Robot, *, bearings: bool, further: bool = False) -> None:
         self.n = robot.n
-        function = _equations(KinematicTree(robot, bearings=bearings))
+        tree = KinematicTree(robot, bearings=bearings)
+        function = _equations(tree, further=further)
         self.states, self.inputs = function.size1_in(0), sum(function.size1_in(k) for k in range(3))
         self.outputs = sum(function.size1_out(k) for k in range(3))
-        self.dof = (self.states - self.n) // 2
+        self.dof = tree.dof
         loop = LOOP.format(
             states=self.states, inputs=self.inputs, outputs=self.outputs,
             joints=self.n, motor=self.n, motor_speed=self.dof + self.n,
@@ -118,7 +121,7 @@ class CompiledArm:
         Parameters
         ----------
         state
-            Coordinates, velocities and states of the hystereses, (S,).
+            Coordinates, velocities, states of the hystereses, and those of the further laws with their clock, (S,).
         u
             Motor torques (n,), Nm.
         parameters
@@ -158,22 +161,45 @@ class CompiledArm:
 
 
 @lru_cache(maxsize=8)
-def compiled_arm(robot: Robot, bearings: bool) -> CompiledArm:
-    """Return the engine of an arm, made once."""
-    return CompiledArm(robot, bearings=bearings)
+def compiled_arm(robot: Robot, bearings: bool, further: bool = False) -> CompiledArm:
+    """Return the engine of an arm, made once.
+
+    Parameters
+    ----------
+    robot
+        Its placements and gears count.
+    bearings, further
+        As of :class:`CompiledArm`.
+    """
+    return CompiledArm(robot, bearings=bearings, further=further)
 
 
-def _equations(tree: KinematicTree) -> Any:
+def _equations(tree: KinematicTree, *, further: bool) -> Any:
     n, dof = tree.n, tree.dof
-    y, u = ca.SX.sym("y", 2 * dof + n), ca.SX.sym("u", n)
+    y, u = ca.SX.sym("y", 2 * dof + n + (n + 1 if further else 0)), ca.SX.sym("u", n)
     numbers, gravity = ca.SX.sym("numbers", NUMBERS * len(tree.gears)), ca.SX.sym("gravity", 3)
     joints = {name: ca.SX.sym(name, n) for name in effect_laws.NUMBERS}
+    others = {name: ca.SX.sym(name, n) for name in further_laws.NEUTRAL} if further else {}
     tilts = ca.SX.sym("tilts", 2 * (dof - 2 * n))
-    x, dx, z = y[:dof], y[dof : 2 * dof], y[2 * dof :]
+    x, dx, z = y[:dof], y[dof : 2 * dof], y[2 * dof : 2 * dof + n]
     tau_J, lever, dz = effect_laws.joint_torque(joints, x[:n], x[n : 2 * n], dx[:n], dx[n : 2 * n], z)
-    link = tau_J - effect_laws.friction(joints, "link", dx[:n], tau_J)
-    motor = u + effect_laws.ripple(joints, x[n : 2 * n]) - lever * tau_J
-    motor -= effect_laws.friction(joints, "motor", dx[n : 2 * n], tau_J)
+    if further:
+        relaxed = y[2 * dof + n : 2 * dof + 2 * n]
+        tau_J += others["creep"] * relaxed
+    friction = {
+        side: effect_laws.friction(joints, side, w, tau_J) for side, w in (("link", dx[:n]), ("motor", dx[n : 2 * n]))
+    }
+    rates = [dz]
+    if further:
+        clock = y[2 * dof + 2 * n]
+        friction = {side: further_laws.warmth(others, side, clock) * torque for side, torque in friction.items()}
+        friction["link"] -= further_laws.link_torque(others, x[:n], relaxed, clock)
+        friction["motor"] -= further_laws.motor_torque(others, x[:n], dx[n : 2 * n], joints["standstill"], clock)
+        rates += [further_laws.relaxation(others, x[:n], dx[n : 2 * n] - dx[:n], relaxed), ca.SX.ones(1)]
+    link = tau_J - friction["link"]
+    drive = further_laws.delivered(others, u) if further else u
+    motor = drive + effect_laws.ripple(joints, x[n : 2 * n]) - lever * tau_J
+    motor -= friction["motor"]
     held = -(tilts[: dof - 2 * n] * x[2 * n :] + tilts[dof - 2 * n :] * dx[2 * n :])
     f = ca.vertcat(link, motor, held)
     ddx = ca.SX.sym("ddx", dof)
@@ -182,8 +208,8 @@ def _equations(tree: KinematicTree) -> Any:
     M = ca.substitute(ca.jacobian(inertial, ddx), ddx, ca.SX.zeros(dof))
     h = ca.substitute(inertial, ddx, ca.SX.zeros(dof))
     acceleration = _solved(M, f - h)
-    parameters = ca.vertcat(numbers, gravity, *joints.values(), tilts)
-    return ca.Function("rate", [y, u, parameters], [ca.vertcat(dx, acceleration, dz), tau_J, f])
+    parameters = ca.vertcat(numbers, gravity, *joints.values(), *others.values(), tilts)
+    return ca.Function("rate", [y, u, parameters], [ca.vertcat(dx, acceleration, *rates), tau_J, f])
 
 
 def _solved(M: Any, f: Any) -> Any:

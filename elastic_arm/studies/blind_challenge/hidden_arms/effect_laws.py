@@ -22,6 +22,9 @@ SENSOR_EFFECTS = frozenset(
         "encoder_offset",
         "encoder_eccentricity",
         "time_delay",
+        "torque_drift",
+        "torque_lowpass",
+        "sensor_crosstalk",
     }
 )
 # Ids of all effects that this engine has; the suite's own simulator moves arms with others.
@@ -44,6 +47,8 @@ KNOWN = SENSOR_EFFECTS | {
     "damping_mismatch",
     "spline_inertia",
     "inertia_coupling",
+    "joint_spring",
+    "thermal_friction",
 }
 FRICTION = ("viscous", "coulomb", "stribeck", "stribeck_speed", "load")
 # Numbers of a joint, in the order in which the laws take them; what is not there has its value of no effect.

@@ -13,6 +13,7 @@ from elastic_arm.recording import Recording
 from elastic_arm.robot import Component, Inertia, Robot, Transmission
 from elastic_arm.studies.blind_challenge.hidden_arms.compiled_arm import StateHistory, compiled_arm
 from elastic_arm.studies.blind_challenge.hidden_arms.effect_laws import Fault, joint_numbers
+from elastic_arm.studies.blind_challenge.hidden_arms.further_laws import further_numbers, needs_further_laws
 from elastic_arm.studies.blind_challenge.hidden_arms.kinematic_tree import KinematicTree
 from elastic_arm.studies.blind_challenge.hidden_arms.motion import MultiSine
 from elastic_arm.studies.blind_challenge.hidden_arms.recursion import inertial_numbers
@@ -37,9 +38,18 @@ class HiddenArm:
         What the real arm has more.
     standstill
         rad/s below which dry friction is smoothed; None for the smallest at which the steps stay stable.
+    geometry
+        An arm of the same placements and gears, whose compiled engine serves; `robot` itself when None.
     """
 
-    def __init__(self, robot: Robot, faults: Sequence[Fault] = (), *, standstill: float | None = None) -> None:
+    def __init__(
+        self,
+        robot: Robot,
+        faults: Sequence[Fault] = (),
+        *,
+        standstill: float | None = None,
+        geometry: Robot | None = None,
+    ) -> None:
         self.nominal, self.faults = robot, tuple(faults)
         self.robot = altered(robot, faults)
         self.n = n = robot.n
@@ -48,7 +58,8 @@ class HiddenArm:
         tilt = by_effect.get("base_tilt")
         angles = (tilt.parameters["x"], tilt.parameters["y"]) if tilt else (0.0, 0.0)
         self.tree = KinematicTree(self.robot, bearings=soft is not None, base_tilt=angles)
-        self._engine = compiled_arm(robot, soft is not None)
+        self._further = needs_further_laws(faults)
+        self._engine = compiled_arm(robot if geometry is None else geometry, soft is not None, self._further)
         self.substeps = BEARING_SUBSTEPS if soft else SUBSTEPS
         self._h = 1.0 / RATE / self.substeps
         gears = [joint.transmission for joint in self.robot.joints if joint.transmission]
@@ -63,7 +74,14 @@ class HiddenArm:
         base = KinematicTree(self.robot, bearings=soft is not None)
         gravity = rotation(*angles).T @ np.asarray(robot.gravity, dtype=float)
         tilts = self._tilts(soft.parameters["stiffness_scale"]) if soft else np.zeros(0)
-        self._parameters = np.concatenate([inertial_numbers(base), gravity, *numbers.values(), tilts])
+        self._numbers = [inertial_numbers(base), gravity, *numbers.values()], tilts
+        self._parameters = self._all_numbers(1.0)
+
+    def _all_numbers(self, duration: float) -> np.ndarray:
+        """Return all numbers of arm and effects as the engine takes them, for a run of so many seconds."""
+        numbers, tilts = self._numbers
+        others = further_numbers(self.faults, self.n, duration).values() if self._further else ()
+        return np.concatenate([*numbers, *others, tilts])
 
     def _added_inertia(self) -> np.ndarray:
         """Inertia (n,) that the motors have in B alone."""
@@ -88,11 +106,14 @@ class HiddenArm:
         torque = np.concatenate(
             [numbers[f"coulomb_{side}"] + numbers[f"stribeck_{side}"] for side in ("link", "motor")]
         )
+        if self._further:
+            others = further_numbers(self.faults, self.n, 1.0)
+            torque[self.n :] += others["worn"] + others["brake"]
         speeds = torque * self._h / (1.5 * inertia)
         return np.maximum(np.maximum(speeds[: self.n], speeds[self.n :]), 1e-4)
 
     def rate(self, state: np.ndarray, u: np.ndarray) -> np.ndarray:
-        """Return the rate of a state (coordinates, velocities, hystereses) under motor torques u (n,)."""
+        """Return the rate of a state (coordinates, velocities, further states) under motor torques u (n,)."""
         return self._engine.rate(state, u, self._parameters)[0]
 
     def run(self, motion: MultiSine) -> TrueChannels:
@@ -104,6 +125,7 @@ class HiddenArm:
             When the motion leaves the finite numbers, or Pinocchio finds other torques for it.
         """
         n, dof, N = self.n, self.tree.dof, round(motion.duration * RATE)
+        self._parameters = self._all_numbers(motion.duration)
         t = np.arange(N + 1) / RATE
         desired = motion.evaluate(t)
         feed_forward = self._feed_forward(*desired)
@@ -168,7 +190,7 @@ class HiddenArm:
         x = np.zeros(dof)
         x[n : 2 * n] = theta
         x[:n] = theta - torque / self._K
-        return np.concatenate([x, np.zeros(dof), np.zeros(n)])
+        return np.concatenate([x, np.zeros(self._engine.states - dof)])
 
 
 def altered(robot: Robot, faults: Sequence[Fault]) -> Robot:

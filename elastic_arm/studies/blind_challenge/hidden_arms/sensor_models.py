@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy.interpolate import CubicSpline
+from scipy.signal import lfilter
 
 from elastic_arm.recording import Recording, Side
 from elastic_arm.studies.blind_challenge.hidden_arms.effect_laws import SENSOR_EFFECTS, Fault
@@ -77,16 +78,16 @@ def measure(
     q, dq = sampled(course.q, "link_encoder"), sampled(course.dq, "link_encoder")
     theta, dtheta = sampled(course.theta, ""), sampled(course.dtheta, "")
     tau_J, tau_m = sampled(course.tau_J, "joint_torque"), sampled(course.tau_m, "motor_torque")
+    torques = {"joint_torque": tau_J, "motor_torque": tau_m}
+    for fault in sensors:
+        _distort(torques, fault, t)
     for fault in sensors:
         j, p = fault.joint, fault.parameters
-        if fault.effect == "motor_torque_gain":
-            tau_m[:, j] *= p["gain"]
-        elif fault.effect == "joint_torque_gain":
-            tau_J[:, j] *= p["gain"]
-        elif fault.effect == "motor_torque_offset":
-            tau_m[:, j] += p["offset"]
-        elif fault.effect == "joint_torque_offset":
-            tau_J[:, j] += p["offset"]
+        channel, _, what = fault.effect.rpartition("_")
+        if what == "gain":
+            torques[channel][:, j] *= p["gain"]
+        elif what == "offset" and channel in torques:
+            torques[channel][:, j] += p["offset"]
         elif fault.effect == "encoder_offset":
             q[:, j] += p["offset"]
         elif fault.effect == "encoder_eccentricity":
@@ -108,6 +109,33 @@ def measure(
         tau_m + noise.torque_noise * rng.standard_normal(shape),
     )
     return Recording(tuple(joints), link=link, motor=motor, source="challenge")
+
+
+def _distort(torques: dict[str, np.ndarray], fault: Fault, t: np.ndarray) -> None:
+    """Let a torque channel pass a low-pass, read another joint's load, or wander, in place.
+
+    Parameters
+    ----------
+    torques
+        (N, n) by channel.
+    fault
+        Of a sensor; others than these change nothing.
+    t
+        (N,) s.
+    """
+    p, joints = fault.parameters, slice(None) if fault.joint is None else slice(fault.joint, fault.joint + 1)
+    if fault.effect == "torque_lowpass":
+        decay = np.exp(-2 * np.pi * p["cutoff"] * (t[1] - t[0]))
+        for values in (torques[channel] for channel in fault.channels):
+            before = values[0, joints] * decay
+            values[:, joints] = lfilter([1 - decay], [1, -decay], values[:, joints], axis=0, zi=before[None])[0]
+    elif fault.effect == "torque_drift":
+        length = t[-1] - t[0]
+        wander = t - t[0] + 0.15 * length * np.sin(2 * np.pi * (t - t[0]) / length)
+        torques[str(fault.choices["channel"])][:, joints] += p["rate"] * wander[:, None]
+    elif fault.effect == "sensor_crosstalk" and fault.joint is not None:
+        other = fault.joint + (1 if fault.joint + 1 < torques["joint_torque"].shape[1] else -1)
+        torques["joint_torque"][:, fault.joint] += p["share"] * torques["joint_torque"][:, other]
 
 
 def _delays(sensors: Sequence[Fault], channel: str, n: int) -> np.ndarray:

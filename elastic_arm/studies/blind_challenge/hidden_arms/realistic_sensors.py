@@ -1,0 +1,145 @@
+"""Sensors of ordinary quality: encoders of some bits, coloured torque noise, rates and sides that are not all there."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.signal import lfilter
+
+from elastic_arm.recording import Recording, Side
+from elastic_arm.studies.blind_challenge.hidden_arms.effect_laws import Fault
+from elastic_arm.studies.blind_challenge.hidden_arms.hidden_arm import RATE
+from elastic_arm.studies.blind_challenge.hidden_arms.sensor_models import SensorModel, measure
+from elastic_arm.studies.blind_challenge.hidden_arms.true_channels import TrueChannels
+
+BOTH, MOTOR, LINK = "both", "motor", "link"
+MISSING, DIFFERENCED, MEASURED = "missing", "differenced", "measured"
+WHITE_SHARE = 0.3  # of the amplitude of a coloured noise that is white
+
+
+@dataclass(frozen=True)
+class RealisticSensors:
+    """Quality of the sensors of one arm.
+
+    Parameters
+    ----------
+    torque_noise
+        Standard deviation of each joint's torque channels (n,), Nm.
+    corner
+        Hz, of the first-order low-pass that colours the torque noise; None for white noise.
+    link_bits, motor_bits
+        Of the encoders; the motor's sits before the gear.
+    velocity
+        "missing", "differenced" (differences of the quantised angles) or "measured".
+    jitter
+        Standard deviation of the instants of sampling, s.
+    rate
+        Samples a second, a divisor of 1000.
+    sides
+        "both", "motor" (theta and tau_m alone) or "link" (q and tau_J alone).
+    drift
+        Standard deviation that a torque channel's zero reaches by a random walk over the run, relative to the noise.
+    """
+
+    torque_noise: tuple[float, ...]
+    corner: float | None = None
+    link_bits: int = 19
+    motor_bits: int = 13
+    velocity: str = MISSING
+    jitter: float = 2e-5
+    rate: float = 1000.0
+    sides: str = BOTH
+    drift: float = 0.0
+
+    @property
+    def link_step(self) -> float:
+        """Resolution of the link encoders, rad."""
+        return float(2 * np.pi / 2**self.link_bits)
+
+    def motor_steps(self, ratios: np.ndarray) -> np.ndarray:
+        """Return the resolution (n,) of the motor encoders behind their gears, rad."""
+        return np.asarray(2 * np.pi / 2**self.motor_bits / ratios)
+
+
+def measure_realistically(
+    course: TrueChannels,
+    joints: Sequence[str],
+    faults: Sequence[Fault],
+    sensors: RealisticSensors,
+    ratios: np.ndarray,
+    rng: np.random.Generator,
+) -> Recording:
+    """Return the recording that such sensors make of a course.
+
+    Parameters
+    ----------
+    course
+        The true motion and torques, at 1000 Hz.
+    joints
+        Names.
+    faults
+        Effects of the arm; those of its sensors act here.
+    sensors
+        Their quality.
+    ratios
+        (n,) total ratios of the drives.
+    rng
+        Of the noise.
+    """
+    every = round(RATE / sensors.rate)
+    ideal = SensorModel(torque_noise=0.0, velocity_noise=0.0, jitter=sensors.jitter)
+    taken = _every(measure(course, joints, faults, ideal, rng), every)
+    assert taken.link is not None and taken.motor is not None
+    sides: dict[str, Side] = {}
+    for name, side, step in (
+        ("link", taken.link, sensors.link_step),
+        ("motor", taken.motor, sensors.motor_steps(ratios)),
+    ):
+        assert side.position is not None and side.effort is not None
+        position = np.round(side.position / step) * step
+        velocity = _velocity(side, position, sensors, rng)
+        sides[name] = replace(
+            side, position=position, velocity=velocity, effort=side.effort + _noise(sensors, len(position), rng)
+        )
+    link = None if sensors.sides == MOTOR else sides["link"]
+    motor = None if sensors.sides == LINK else sides["motor"]
+    return replace(taken, link=link, motor=motor)
+
+
+def _every(recording: Recording, every: int) -> Recording:
+    """Return each so manieth sample; torques are means over the interval between samples, centred on them."""
+    if every == 1:
+        return recording
+    sides = {}
+    for name, side in (("link", recording.link), ("motor", recording.motor)):
+        assert side is not None and side.effort is not None
+        total = np.cumsum(np.vstack([np.zeros((1, side.effort.shape[1])), side.effort]), axis=0)
+        kept = np.arange(every, len(side.effort) - every, every)
+        low, high = kept - every // 2, kept + (every + 1) // 2
+        thinned = side.at(kept)
+        sides[name] = replace(thinned, effort=(total[high] - total[low]) / every)
+    return replace(recording, link=sides["link"], motor=sides["motor"])
+
+
+def _velocity(
+    side: Side, position: np.ndarray, sensors: RealisticSensors, rng: np.random.Generator
+) -> np.ndarray | None:
+    if sensors.velocity == MISSING or side.velocity is None:
+        return None
+    if sensors.velocity == DIFFERENCED:
+        return np.vstack([np.zeros((1, position.shape[1])), np.diff(position, axis=0)]) * sensors.rate
+    return side.velocity + 1e-4 * rng.standard_normal(side.velocity.shape)
+
+
+def _noise(sensors: RealisticSensors, N: int, rng: np.random.Generator) -> np.ndarray:
+    """Noise (N, n) of one side's torque channels: white or of the first order, and a wandering zero."""
+    std = np.asarray(sensors.torque_noise)
+    white = rng.standard_normal((N, len(std)))
+    if sensors.corner is not None:
+        decay = np.exp(-2 * np.pi * sensors.corner / sensors.rate)
+        coloured = lfilter([np.sqrt(1 - decay**2)], [1, -decay], rng.standard_normal((N + 500, len(std))), axis=0)[500:]
+        white = WHITE_SHARE * white + np.sqrt(1 - WHITE_SHARE**2) * coloured
+    walk = np.cumsum(rng.standard_normal((N, len(std))), axis=0) / np.sqrt(N)
+    return std * (white + sensors.drift * walk)

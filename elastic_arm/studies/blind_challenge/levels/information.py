@@ -1,0 +1,277 @@
+"""How much a recording of an arm knows of an effect, everything ordinary marginalised.
+
+Nothing of the diagnosis is used: residuals are those of Pinocchio's tree along the true motion, their noise follows
+from the sensors as they were drawn. With r the whitened change of the residuals by an effect, and N the whitened
+changes by one standard deviation of each ordinary number, the distance is the square root of
+
+    r'r - r'N (1 + N'N)^-1 N'r,
+
+the size of the effect over its Cramér-Rao bound, all ordinary numbers estimated beside it from their priors.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.interpolate import CubicSpline
+from scipy.signal import decimate
+
+from elastic_arm.robot import Joint, Robot, Transmission
+from elastic_arm.studies.blind_challenge.hidden_arms.hidden_arm import RATE
+from elastic_arm.studies.blind_challenge.hidden_arms.kinematic_tree import KinematicTree
+from elastic_arm.studies.blind_challenge.hidden_arms.realistic_sensors import BOTH, LINK, RealisticSensors
+from elastic_arm.studies.blind_challenge.hidden_arms.true_channels import TrueChannels
+
+Array = NDArray[np.float64]
+Key = tuple[str, int]
+
+EVERY = 10  # samples at 1000 Hz, a row of the residuals
+EDGE = 40.0  # Hz, upper edge of what counts; with one encoder alone:
+EDGE_ONE_ENCODER = 5.0
+FREE = 100.0  # a prior so wide that it states nothing: friction known by name
+STEP = 1e-3  # of an ordinary number, for derivatives
+ENDS = 50  # rows left out at either end, where derivatives are inexact
+# Standard deviations of what is ordinary, as :func:`.base_arms.imprecise` and :func:`.base_arms.ordinary_faults` draw.
+ORDINARY = {"mass": 0.05, "com": 0.006, "inertia": 0.06, "rotor": 0.03, "stiffness": 0.06, "damping": 0.12}
+SENSOR_GAIN, SENSOR_OFFSET, WARMING = 0.006, 0.3, 0.06
+
+
+@dataclass(frozen=True)
+class TrueMotion:
+    """A true motion with its accelerations.
+
+    Parameters
+    ----------
+    channels
+        The motion and torques, at 1000 Hz.
+    ddq, ddtheta
+        (N, n) rad/s².
+    """
+
+    channels: TrueChannels
+    ddq: Array
+    ddtheta: Array
+
+    @staticmethod
+    def of(channels: TrueChannels) -> TrueMotion:
+        """Differentiate the velocities of a motion."""
+        ddq, ddtheta = (CubicSpline(channels.t, v)(channels.t, 1) for v in (channels.dq, channels.dtheta))
+        return TrueMotion(channels, ddq, ddtheta)
+
+    def rows(self) -> tuple[Array, Array, Array]:
+        """Return coordinates, velocities and accelerations (N / 10, 2 n) of every tenth sample."""
+        c = self.channels
+        pairs = ((c.q, c.theta), (c.dq, c.dtheta), (self.ddq, self.ddtheta))
+        q, dq, ddq = (np.hstack(pair)[::EVERY] for pair in pairs)
+        return q, dq, ddq
+
+
+class MarginalInformation:
+    """What sensors tell of effects on one arm.
+
+    Parameters
+    ----------
+    robot
+        The true arm without the effect.
+    sensors
+        Of known quality.
+    motion
+        True motion and torques of the arm, along which ordinary numbers act.
+    warming, torque_constant
+        What is ordinary besides: see :class:`.level.ChallengeLevel`.
+    """
+
+    def __init__(
+        self,
+        robot: Robot,
+        sensors: RealisticSensors,
+        motion: TrueChannels,
+        *,
+        warming: float = 0.0,
+        torque_constant: float = 0.0,
+    ) -> None:
+        self._robot, self._sensors, self.n = robot, sensors, robot.n
+        self._warming = WARMING if warming else 0.0
+        self._motor_gain = max(SENSOR_GAIN, 0.6 * torque_constant)
+        gears = [joint.transmission for joint in robot.joints if joint.transmission]
+        self._K, self._D = np.array([g.stiffness for g in gears]), np.array([g.damping for g in gears])
+        self._ratios = np.array([g.r_tot for g in gears])
+        M = KinematicTree(robot).terms(np.zeros(2 * self.n), np.zeros(2 * self.n))[0]
+        self._M, self._B = np.diag(M)[: self.n], np.diag(M)[self.n :]
+        columns = self._ordinary(TrueMotion.of(motion))
+        self._keys = tuple(columns)
+        self._white = self._whiten(np.stack(list(columns.values()), axis=-1))
+
+    def residuals(self, read: TrueChannels) -> Array:
+        """Return what torques exceed the arm's own equations by, (N / 10, R, n).
+
+        Parameters
+        ----------
+        read
+            What ideal sensors read of a motion.
+        """
+        tree, now = KinematicTree(self._robot), TrueMotion.of(read)
+        left = np.array([tree.torque(*row) for row in zip(*now.rows(), strict=True)])
+        spring = self._K * (read.theta - read.q) + self._D * (read.dtheta - read.dq)
+        slow = {name: decimate(getattr(read, name), EVERY, ftype="fir", axis=0) for name in ("tau_J", "tau_m")}
+        spring = decimate(spring, EVERY, ftype="fir", axis=0)
+        link, motor = slow["tau_J"] - left[:, : self.n], slow["tau_m"] - left[:, self.n :] - slow["tau_J"]
+        return self.seen(link, slow["tau_J"] - spring, motor)
+
+    def distance(self, change: Array, *, without: Collection[Key] = ()) -> float:
+        """Return the whitened size of a change of the residuals, everything ordinary marginalised.
+
+        Parameters
+        ----------
+        change
+            (N / 10, R, n) as of :meth:`residuals`.
+        without
+            Ordinary numbers, by name and joint, that the effect is itself.
+        """
+        r = self._whiten(change[..., None])[:, 0]
+        N = self._white[:, [k for k, key in enumerate(self._keys) if key not in without]]
+        explained = N.T @ r
+        left = float(r @ r - explained @ np.linalg.solve(np.eye(N.shape[1]) + N.T @ N, explained))
+        return float(np.sqrt(max(left, 0.0)))
+
+    def seen(self, link: Array, drive: Array, motor: Array) -> Array:
+        """Stack the equations that the recorded sides leave, (N, R, n).
+
+        Parameters
+        ----------
+        link, drive, motor
+            Residuals (N, n), Nm.
+        """
+        if self._sensors.sides == BOTH:
+            return np.stack([link, drive, motor], axis=1)
+        return (link if self._sensors.sides == LINK else link + motor)[:, None]
+
+    def _ordinary(self, course: TrueMotion) -> dict[Key, Array]:
+        """Return the changes of the residuals by one standard deviation of each ordinary number."""
+        rows, n = course.rows(), self.n
+        plain = self._torque(self._robot, rows)
+        found: dict[Key, Array] = {}
+        for j in range(n):
+            for what, std, altered in _alterations(self._robot, j):
+                change = (self._torque(altered, rows) - plain) / STEP * std
+                found[what, j] = self.seen(-change[:, :n], np.zeros_like(change[:, :n]), -change[:, n:])
+        found |= self._of_drives_and_sensors(course)
+        return found
+
+    def _of_drives_and_sensors(self, course: TrueMotion) -> dict[Key, Array]:
+        c = course.channels
+        part = {name: getattr(c, name)[::EVERY] for name in ("q", "theta", "dq", "dtheta", "tau_J", "tau_m")}
+        N, n = part["q"].shape
+        time = np.linspace(-0.5, 0.5, N)
+        noise = np.asarray(self._sensors.torque_noise)
+        found: dict[Key, Array] = {}
+        for j in range(n):
+
+            def at(
+                link: Array | float = 0.0, drive: Array | float = 0.0, motor: Array | float = 0.0, j: int = j
+            ) -> Array:
+                rows = np.zeros((3, N, n))
+                rows[0, :, j], rows[1, :, j], rows[2, :, j] = link, drive, motor
+                return self.seen(*rows)
+
+            sign, w = np.sign(part["dtheta"][:, j]), part["dtheta"][:, j]
+            tau_J, tau_m = part["tau_J"][:, j], part["tau_m"][:, j]
+            d = part["theta"][:, j] - part["q"][:, j]
+            rate = part["dtheta"][:, j] - part["dq"][:, j]
+            found["stiffness", j] = at(drive=-ORDINARY["stiffness"] * self._K[j] * d)
+            found["damping", j] = at(drive=-ORDINARY["damping"] * self._D[j] * rate)
+            found["coulomb", j], found["viscous", j] = at(motor=FREE * sign), at(motor=FREE * w)
+            found["joint_torque_gain", j] = SENSOR_GAIN * at(tau_J, tau_J, -tau_J)
+            found["joint_torque_offset", j] = SENSOR_OFFSET * at(1.0, 1.0, -1.0)
+            found["motor_torque_gain", j] = self._motor_gain * at(motor=tau_m)
+            found["motor_torque_offset", j] = SENSOR_OFFSET * at(motor=1.0)
+            if self._warming:
+                warm = self._warming * 10.0 * time
+                found["thermal", j] = at(motor=warm * sign)
+                found["thermal_viscous", j] = at(motor=warm * w)
+            if self._sensors.drift:
+                for k in (1, 2, 3):
+                    wander = noise[j] * np.cos(k * np.pi * (time + 0.5))
+                    found[f"drift_{k}", j] = at(wander, 0.0, wander)
+        return found
+
+    @staticmethod
+    def _torque(robot: Robot, rows: tuple[Array, Array, Array]) -> Array:
+        tree = KinematicTree(robot)
+        return np.array([tree.torque(*row) for row in zip(*rows, strict=True)])
+
+    def _whiten(self, columns: Array) -> Array:
+        """Whiten columns (N, R, n, k) in the frequency domain, (N' R n, k): real and imaginary parts side by side."""
+        columns = columns[ENDS:-ENDS]
+        N = len(columns)
+        f = np.fft.rfftfreq(N, EVERY / RATE)
+        edge = EDGE if self._sensors.sides == BOTH else EDGE_ONE_ENCODER
+        inside = (f <= edge) & (f <= 0.4 * self._sensors.rate)
+        spectrum = np.fft.rfft(columns, axis=0)[inside] * (EVERY / RATE)
+        S = self._noise(np.asarray(f[inside], dtype=float))
+        # |X(f)|² over the power density of a stretch of T seconds has mean 1 a real part where the noise is white.
+        T = N * EVERY / RATE
+        root = np.linalg.cholesky(S * T / 4.0)
+        found = []
+        for j in range(self.n):
+            white = np.linalg.solve(root[:, j], spectrum[:, :, j])
+            found += [white.real.reshape(-1, columns.shape[-1]), white.imag.reshape(-1, columns.shape[-1])]
+        return np.concatenate(found)
+
+    def _noise(self, f: Array) -> Array:
+        """One-sided cross-spectral density (F, n, R, R) of the residuals of each joint, Nm²/Hz."""
+        s, rate = self._sensors, self._sensors.rate
+        variance = np.asarray(s.torque_noise) ** 2
+        torque = np.full((len(f), self.n), 2.0 / rate) * variance
+        if s.corner is not None:
+            torque = 0.1 * torque + 0.9 * variance * (2 / (np.pi * s.corner) / (1 + (f / s.corner) ** 2))[:, None]
+        link = np.full(self.n, s.link_step**2 / 6 / rate)
+        motor = s.motor_steps(self._ratios) ** 2 / 6 / rate
+        w2 = ((2 * np.pi * f) ** 2)[:, None]
+        # Rows: how tau_J, tau_m, q and theta enter link, drive and motor.
+        H = np.zeros((len(f), self.n, 3, 4))
+        H[:, :, 0, 0], H[:, :, 1, 0], H[:, :, 2, 0], H[:, :, 2, 1] = 1.0, 1.0, -1.0, 1.0
+        H[:, :, 0, 2], H[:, :, 1, 2], H[:, :, 1, 3], H[:, :, 2, 3] = self._M * w2, self._K, -self._K, self._B * w2
+        if s.sides == LINK:
+            H = H[:, :, :1]
+        elif s.sides != BOTH:
+            # q is not seen: theta stands in its place.
+            H = (H[:, :, 0] + H[:, :, 2])[:, :, None]
+            H[..., 3] += H[..., 2]
+            H[..., 2] = 0.0
+        power = np.stack(
+            [torque, torque, np.broadcast_to(link, torque.shape), np.broadcast_to(motor, torque.shape)], -1
+        )
+        S = np.einsum("fnrc,fnc,fnsc->fnrs", H, power, H)
+        return S + 1e-4 * variance[:, None, None] * np.eye(S.shape[-1]) * 2.0 / rate
+
+
+def _alterations(robot: Robot, j: int) -> list[tuple[str, float, Robot]]:
+    """Return arms with one inertial number of joint j changed by STEP, with its name and ordinary deviation."""
+    joint = robot.joints[j]
+    link, gear = joint.link, joint.transmission
+    assert gear is not None
+    found = []
+
+    def add(what: str, std: float, changed: Joint) -> None:
+        joints = [*robot.joints[:j], changed, *robot.joints[j + 1 :]]
+        found.append((what, std, robot.with_(joints=tuple(joints))))
+
+    up = 1 + STEP
+    add("mass", ORDINARY["mass"], replace(joint, link=replace(link, mass=link.mass * up, inertia=link.inertia * up)))
+    for axis in range(3):
+        com = np.asarray(link.com) + STEP * np.eye(3)[axis]
+        add(f"com_{'xyz'[axis]}", ORDINARY["com"], replace(joint, link=replace(link, com=com)))
+    add("inertia", ORDINARY["inertia"], replace(joint, link=replace(link, inertia=link.inertia * up)))
+    add("rotor", ORDINARY["rotor"], replace(joint, transmission=_with_rotors(gear, up)))
+    return found
+
+
+def _with_rotors(gear: Transmission, factor: float) -> Transmission:
+    parts = {
+        name: replace(part, ixx=part.ixx * factor, izz=part.izz * factor) for name, (part, _) in gear.components.items()
+    }
+    return replace(gear, rotor=parts["rotor"], wave_generator=parts["wave_generator"], spline=parts["spline"])
