@@ -50,7 +50,7 @@ $(DONE)/environment: requirements.txt requirements-ros.txt constraints.txt
 
 $(DONE)/packages: $(DONE)/environment package.xml setup.py setup.cfg tools/ros_wheels.cmake \
                   $(wildcard msg_defs/*.xml msg_defs/*.txt msg_defs/msg/*.msg tools/control_msgs/*/*) \
-                  $(wildcard launch/*.py config/*.yaml)
+                  $(wildcard launch/*.py config/*.yaml layouts/*)
 	@tools/setup.sh packages
 	@touch $@
 

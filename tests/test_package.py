@@ -17,7 +17,7 @@ import elastic_arm
 
 ROOT = Path(__file__).parents[1]
 PACKAGE_FILES = ("setup.py", "setup.cfg", "package.xml", "LICENSE")
-PACKAGE_FOLDERS = ("elastic_arm", "resource", "launch", "config", "tests", "msg_defs")
+PACKAGE_FOLDERS = ("elastic_arm", "resource", "launch", "config", "layouts", "tests", "msg_defs")
 
 
 @pytest.fixture(scope="module")
@@ -56,7 +56,7 @@ def test_all_that_the_code_reads_is_installed(wheel: zipfile.ZipFile) -> None:
     assert needed <= set(wheel.namelist())
 
 
-@pytest.mark.parametrize("folder", ["launch", "config"])
+@pytest.mark.parametrize("folder", ["launch", "config", "layouts"])
 def test_launch_files_and_parameters_are_installed(wheel: zipfile.ZipFile, folder: str) -> None:
     """Every launch file and parameter file is found where `ros2 launch` looks."""
     installed = {Path(name).name for name in wheel.namelist() if f"share/elastic_arm/{folder}/" in name}

@@ -24,13 +24,14 @@ from elastic_arm.nodes.following.follower import Follower
 from elastic_arm.nodes.following.goals import POLICIES
 from elastic_arm.nodes.following.splines import Row
 from elastic_arm.nodes.support import graph
+from elastic_arm.nodes.support.description import ros_description
 from elastic_arm.nodes.support.health import PERIOD, Health
 from elastic_arm.nodes.support.pacing import Pace
 from elastic_arm.nodes.support.parameters import declare, declare_numbers, declare_texts, texts
 from elastic_arm.nodes.support.running import ArmNode, run
 from elastic_arm.nodes.support.wire import NANOSECONDS, Form
 from elastic_arm.recording import topics
-from elastic_arm.robot import load_robot, to_urdf
+from elastic_arm.robot import load_robot
 from elastic_arm.sensors import Encoder, Sensors, TorqueSensor
 from elastic_arm.simulation import Simulator
 
@@ -161,7 +162,7 @@ class SimulatorNode(ArmNode):
         description = self.create_publisher(
             String, graph.relative(topics.ROBOT_DESCRIPTION), graph.qos(topics.ROBOT_DESCRIPTION)
         )
-        description.publish(String(data=to_urdf(self._arm.nominal)))
+        description.publish(String(data=ros_description(self._arm.nominal)))
 
     def _start_clock(self, real_time: bool) -> None:
         self._step_ns = round(NANOSECONDS / self._arm.rate)

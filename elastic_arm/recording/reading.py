@@ -254,7 +254,7 @@ def _joints(states: Sequence[Series], wanted: Sequence[str] | None, urdf: str | 
 def urdf_joints(urdf: str | None) -> list[str]:
     """Return the names of all joints of a URDF; none if there is no readable one."""
     try:
-        return [joint.get("name", "") for joint in ElementTree.fromstring(urdf or "").iter("joint")]
+        return [joint.get("name", "") for joint in ElementTree.fromstring(urdf or "").findall("joint")]
     except ElementTree.ParseError:
         return []
 

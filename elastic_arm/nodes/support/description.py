@@ -1,0 +1,129 @@
+"""The arm as ROS's tools want it: a URDF with limits, a tool frame, shapes for collisions and a ros2_control block.
+
+What `elastic_arm.robot.to_urdf` writes is the arm alone, so that reading it gives the same arm again. What is added
+here is for MoveIt, RViz, Pinocchio and ros2_control.
+"""
+
+from __future__ import annotations
+
+import xml.etree.ElementTree as ET
+from collections.abc import Iterable, Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from elastic_arm.nodes.following.joint_limits import JointLimits
+from elastic_arm.robot import Joint, Robot, to_urdf
+from elastic_arm.robot.kinematics import link_points
+from elastic_arm.robot.urdf_elements import rotation, vector
+
+Array = NDArray[np.float64]
+TOOL = "tool0"
+# Of the cylinders between joints: those are what the collision check of `elastic-arm excite` looks at, as capsules.
+_BARS = ("base_grey", "link_blue")
+# What a joint of the arm takes and gives.
+_COMMANDS, _STATES = ("position", "velocity"), ("position", "velocity", "effort")
+# Stands in for drivers: the arm itself is driven by the nodes of this package.
+_PLUGIN = "mock_components/GenericSystem"
+# Attribute of <dynamics>, by effect and its parameter.
+_FRICTION = {"viscous_friction": ("damping", "coefficient"), "coulomb_friction": ("friction", "torque")}
+
+
+def ros_description(robot: Robot) -> str:
+    """Return the URDF that nodes publish on `/robot_description`.
+
+    All joints are revolute with limits; those that the description does not state are assumed, as for goals.
+    """
+    tree = ET.fromstring(to_urdf(robot))
+    limits = JointLimits.of(robot, assumed=True)
+    for i, joint in enumerate(robot.joints):
+        element = next(each for each in tree.findall("joint") if each.get("name") == joint.name)
+        element.set("type", "revolute")
+        _set_limits(element, joint, (limits.low[i], limits.high[i], limits.velocity[i], _effort(robot, joint)))
+        ET.SubElement(element, "dynamics", _friction(robot.effects, joint.name))
+    for link in tree.findall("link"):
+        for visual in link.findall("visual"):
+            _add_capsule(link, visual)
+    _add_tool(tree, robot)
+    _add_control(tree, robot, limits)
+    ET.indent(tree)
+    return '<?xml version="1.0"?>\n' + ET.tostring(tree, encoding="unicode") + "\n"
+
+
+def _set_limits(element: ET.Element, joint: Joint, values: tuple[float, float, float, float]) -> None:
+    for found in element.findall("limit"):
+        element.remove(found)
+    if None in (joint.limits.position_min, joint.limits.position_max, joint.limits.velocity, joint.limits.torque):
+        element.append(ET.Comment(" what the arm's description does not state is assumed "))
+    names = ("lower", "upper", "velocity", "effort")
+    ET.SubElement(element, "limit", {name: _text(value) for name, value in zip(names, values, strict=True)})
+
+
+def _effort(robot: Robot, joint: Joint) -> float:
+    """Return a joint's torque limit, Nm; where there is none, twice what the weight of the stretched arm asks for."""
+    if joint.limits.torque is not None:
+        return joint.limits.torque
+    reach = np.linalg.norm(np.diff(link_points(robot, np.zeros((1, robot.n)))[0, 1:], axis=0), axis=1).sum()
+    weight = (robot.mass - robot.base_mass) * np.linalg.norm(robot.gravity)
+    return float(f"{2.0 * weight * reach:.2g}")
+
+
+def _friction(effects: Iterable[Mapping[str, Any]], joint: str) -> dict[str, str]:
+    found = {"damping": 0.0, "friction": 0.0}
+    for effect in effects:
+        if effect["joint"] == joint and effect["effect"] in _FRICTION:
+            attribute, parameter = _FRICTION[effect["effect"]]
+            found[attribute] += float(effect["parameters"].get(parameter, 0.0))
+    return {name: _text(value) for name, value in found.items()}
+
+
+def _add_capsule(link: ET.Element, visual: ET.Element) -> None:
+    """Add a collision shape to a bar: URDF has no capsules, so it is a cylinder with a sphere at both ends."""
+    cylinder, material, origin = visual.find("geometry/cylinder"), visual.find("material"), visual.find("origin")
+    if cylinder is None or material is None or origin is None or material.get("name") not in _BARS:
+        return
+    centre = vector(origin.get("xyz"), "visual: xyz")
+    along = rotation(*vector(origin.get("rpy"), "visual: rpy"))[:, 2]
+    half = 0.5 * float(cylinder.get("length", "0")) * along
+    _collision(link, dict(origin.items()), "cylinder", dict(cylinder.items()))
+    for end in (centre - half, centre + half):
+        xyz = " ".join(_text(number) for number in end)
+        _collision(link, {"xyz": xyz, "rpy": "0 0 0"}, "sphere", {"radius": cylinder.get("radius", "0")})
+
+
+def _collision(link: ET.Element, origin: dict[str, str], shape: str, size: dict[str, str]) -> None:
+    collision = ET.SubElement(link, "collision")
+    ET.SubElement(collision, "origin", origin)
+    ET.SubElement(ET.SubElement(collision, "geometry"), shape, size)
+
+
+def _add_tool(tree: ET.Element, robot: Robot) -> None:
+    """Add the last link's frame O_n as a link without mass."""
+    if TOOL in robot.link_names:
+        return
+    last = robot.joints[-1]
+    ET.SubElement(tree, "link", name=TOOL)
+    joint = ET.SubElement(tree, "joint", name=f"{last.link_name}_to_{TOOL}", type="fixed")
+    ET.SubElement(joint, "parent", link=last.link_name)
+    ET.SubElement(joint, "child", link=TOOL)
+    position = last.after[:3, :3].T @ last.after[:3, 3]
+    ET.SubElement(joint, "origin", xyz=" ".join(_text(number) for number in position), rpy="0 0 0")
+
+
+def _add_control(tree: ET.Element, robot: Robot, limits: JointLimits) -> None:
+    control = ET.SubElement(tree, "ros2_control", name=robot.name, type="system")
+    ET.SubElement(ET.SubElement(control, "hardware"), "plugin").text = _PLUGIN
+    for i, name in enumerate(robot.joint_names):
+        joint = ET.SubElement(control, "joint", name=name)
+        ranges = {"position": (limits.low[i], limits.high[i]), "velocity": (-limits.velocity[i], limits.velocity[i])}
+        for command in _COMMANDS:
+            element = ET.SubElement(joint, "command_interface", name=command)
+            for bound, value in zip(("min", "max"), ranges[command], strict=True):
+                ET.SubElement(element, "param", name=bound).text = _text(value)
+        for state in _STATES:
+            ET.SubElement(joint, "state_interface", name=state)
+
+
+def _text(number: float) -> str:
+    return repr(round(float(number), 12) + 0.0)
