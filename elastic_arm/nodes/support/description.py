@@ -61,7 +61,7 @@ def _set_limits(element: ET.Element, joint: Joint, values: tuple[float, float, f
 
 
 def _effort(robot: Robot, joint: Joint) -> float:
-    """Return a joint's torque limit, Nm; where there is none, twice what the weight of the stretched arm asks for."""
+    """Return a joint's torque limit, Nm; where there is none, twice the torque of its weight when stretched out."""
     if joint.limits.torque is not None:
         return joint.limits.torque
     reach = np.linalg.norm(np.diff(link_points(robot, np.zeros((1, robot.n)))[0, 1:], axis=0), axis=1).sum()
