@@ -54,6 +54,16 @@ SUBCOMMANDS = {
         "Find where a recording and a model differ, which effect the model lacks, and how far the gap shrinks with it.",
         SeveralValues,
     ),
+    "export": Subcommand(
+        "cli.export",
+        "export",
+        "Write an arm, such as the robot.yaml of a diagnosis, as MJCF or URDF, and list what changes and what is left.",
+    ),
+    "replay": Subcommand(
+        "cli.replay",
+        "replay_command",
+        "Replay a recording in MuJoCo, and measure how far each model is from it.",
+    ),
     "challenge": Subcommand(
         "studies.blind_challenge.command",
         "challenge_app",

@@ -26,6 +26,7 @@ KEPT_TO: dict[str, tuple[str, ...]] = {
     "jinja2": ("report",),
     "typer": ("cli", "app.py", "studies/paper/command.py", "studies/blind_challenge/command.py"),
     "mujoco": ("studies/paper", "robot/mjcf", "mujoco"),
+    "lxml": ("mujoco",),
     "pinocchio": ("studies/blind_challenge",),
     "dask": ("studies/blind_challenge",),
     "distributed": ("studies/blind_challenge",),

@@ -32,7 +32,7 @@ def to_urdf(robot: Robot) -> str:
         ET.SubElement(ET.SubElement(tree, "material", name=name), "color", rgba=rgba)
     radius = link_radius(robot)
     frames = [_urdf_frame(joint) for joint in robot.joints]
-    bodies = _bodies(robot)
+    bodies = bodies_with_components(robot)
     ground = "world" if "world" not in robot.link_names else "elastic_arm_world"
     # KDL, and with it robot_state_publisher, wants a root link without inertia.
     ET.SubElement(tree, "link", name=ground)
@@ -61,7 +61,7 @@ def _urdf_frame(joint: Joint) -> Array:
     return frame
 
 
-def _bodies(robot: Robot) -> list[Inertia]:
+def bodies_with_components(robot: Robot) -> list[Inertia]:
     """Return the base, in ``O_0``, and the links, each in its ``O_i``, with what rides on them."""
     riding: dict[str, list[Inertia]] = {name: [] for name in ("base", *robot.link_names)}
     for joint in robot.joints:

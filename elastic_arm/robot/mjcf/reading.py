@@ -226,6 +226,16 @@ def motor_inertia_and_damping(model: Any, joint: int) -> tuple[float, float]:
     return armature, damping
 
 
+def torque_delays(model: Any, chain: MjcfChain) -> Array:
+    """Return by how much the recorded motor torque of each joint is late, (n,) s, as its sensor states it."""
+    found: Array = np.zeros(len(chain.joints))
+    for k in range(model.nsensor):
+        joint = int(model.sensor_objid[k])
+        if int(model.sensor_type[k]) == int(engine().mjtSensor.mjSENS_JOINTACTFRC) and joint in chain.joints:
+            found[chain.joints.index(joint)] = float(model.sensor_delay[k])
+    return found
+
+
 def drives_of(model: Any, joint: int) -> list[int]:
     """Return the actuators that act on a joint."""
     kinds = (int(engine().mjtTrn.mjTRN_JOINT), int(engine().mjtTrn.mjTRN_JOINTINPARENT))
@@ -268,6 +278,9 @@ def _effects(model: Any, data: Any, chain: MjcfChain, carriers: list[Array], nam
             ),
         ]
         found += [{"effect": effect, "joint": name, "parameters": p} for effect, there, p in stated if there]
+    for name, delay in zip(names, torque_delays(model, chain).tolist(), strict=True):
+        late = {"delay": delay, "channels": ["motor_torque"]}
+        found += [{"effect": "time_delay", "joint": name, "parameters": late}] if delay else []
     return [*found, *_compensation(model, data, chain, carriers, names)]
 
 

@@ -1,0 +1,135 @@
+"""`elastic-arm replay`: a recording in MuJoCo, and how far each model is from it."""
+
+from __future__ import annotations
+
+from json import dumps as json_text
+from pathlib import Path
+from typing import Annotated
+
+import numpy as np
+import typer
+from rich.markup import escape
+from rich.table import Table
+
+from elastic_arm.cli.console import err, out, print_json, reports_errors
+from elastic_arm.cli.options import AtOption, ChainOption, ClockChoice, ClockOption, read_by_clock
+from elastic_arm.cli.outputs import Force, claim_folder
+from elastic_arm.errors import OutputError, RobotError
+from elastic_arm.mujoco import Replay, replay
+from elastic_arm.mujoco.replaying import WINDOW
+from elastic_arm.recording import load_channels
+from elastic_arm.robot.loading import is_mjcf, parse_chain
+from elastic_arm.robot.mjcf import MjcfArm, open_mjcf
+
+RESULTS = ("replay.json", "report.html")
+
+
+@reports_errors
+def replay_command(
+    bag: Annotated[Path, typer.Argument(metavar="BAG", help="Recording with positions and motor torques.")],
+    robots: Annotated[list[Path], typer.Option("--robot", help="MJCF; may be given again.", show_default=False)],
+    window: Annotated[float, typer.Option(help="s that the arm moves on its own before it is put back.")] = WINDOW,
+    chain: ChainOption = None,
+    at: AtOption = None,
+    channels: Annotated[Path | None, typer.Option(help="Channel map of a foreign bag.")] = None,
+    clock: ClockOption = ClockChoice.auto,
+    out_dir: Annotated[Path, typer.Option("--out", help="Folder for the results.")] = Path("replay"),
+    json: Annotated[bool, typer.Option("--json", help="Print replay.json.")] = False,
+    force: Force = False,
+) -> None:
+    """Replay a recording in MuJoCo, and measure how far each model is from it.
+
+    Open loop: the arm is driven by the recorded motor torque, and put back to the
+    recorded motion after every window. Torque: what MuJoCo's inverse dynamics
+    needs for the recorded motion. Closed loop, where the model has servos and the
+    reference was recorded: the reference is their input.
+
+    Examples:
+
+        elastic-arm replay run_3 --robot arm.xml --robot diagnosis/arm_corrected.xml
+
+        elastic-arm replay run_3 --robot arm.xml --window 0.5 --json
+    """
+    claim_folder(out_dir, RESULTS, force=force)
+    arms = {path: open_arm(path, chain, at) for path in robots}
+    mapping = None if channels is None else load_channels(channels)
+    found = []
+    for path, arm in arms.items():
+        recording = read_by_clock(bag, mapping, arm.robot.joint_names, clock)
+        with err.status(f"replaying in {escape(path.name)}"):
+            found.append(replay(recording, arm, window=window, name=str(path)))
+    write_replays(found, str(bag), out_dir)
+    if json:
+        print_json({"bag": str(bag), "replays": [one.to_dict() for one in found]})
+    else:
+        print_replays(found)
+        out.print(f"written: {escape(str(out_dir))}/{', '.join(RESULTS)}")
+
+
+def open_arm(path: Path, chain: str | None, at: str | None) -> MjcfArm:
+    """Open the arm of an MJCF.
+
+    Parameters
+    ----------
+    path
+        Of the file.
+    chain, at
+        As the options.
+
+    Raises
+    ------
+    RobotError
+        If it is no MJCF.
+    """
+    if path.is_file() and not is_mjcf(path):
+        raise RobotError(f"{path} is no MJCF", "Write one with elastic-arm export ROBOT --to mjcf --out FILE")
+    return open_mjcf(path, None if chain is None else parse_chain(chain), at)
+
+
+def write_replays(found: list[Replay], source: str, folder: Path) -> None:
+    """Write replay.json and report.html.
+
+    Parameters
+    ----------
+    found
+        One for each model.
+    source
+        Of the recording.
+    folder
+        Made where it does not exist.
+    """
+    # Matplotlib is slow to import, and only reports need it.
+    from elastic_arm.report.html import write_report
+    from elastic_arm.report.replay import sections
+
+    text = json_text({"bag": source, "replays": [one.to_dict() for one in found]}, indent=2, allow_nan=False)
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        (folder / RESULTS[0]).write_text(f"{text}\n", encoding="utf-8")
+    except OSError as error:
+        raise OutputError(f"{folder} cannot be written: {error.strerror}", "Name another folder with --out.") from error
+    write_report(folder / RESULTS[1], "Replay in MuJoCo", sections(found), subtitle=source)
+
+
+def print_replays(found: list[Replay]) -> None:
+    """Print the errors of all models side by side, joint by joint."""
+    for title, rows in (
+        ("position, mrad", [1e3 * one.open_loop.position for one in found]),
+        ("velocity, mrad/s", [1e3 * one.open_loop.velocity for one in found]),
+        ("torque, Nm", [one.open_loop.torque for one in found]),
+        ("correlation of torques", [one.open_loop.correlation for one in found]),
+        ("lag of torque, ms", [1e3 * one.open_loop.lag for one in found]),
+        ("servo position, mrad", [np.nan if one.closed_loop is None else 1e3 * one.closed_loop for one in found]),
+    ):
+        values = [np.broadcast_to(np.asarray(row, dtype=float), len(found[0].joints)) for row in rows]
+        if not np.isfinite(values).any():
+            continue
+        table = Table(box=None, header_style="bold", pad_edge=False)
+        table.add_column(title, overflow="fold")
+        for joint in found[0].joints:
+            table.add_column(escape(joint), justify="right")
+        for one, row in zip(found, values, strict=True):
+            table.add_row(escape(one.name), *(f"{v:.4g}" if np.isfinite(v) else "–" for v in row))
+        out.print(table)
+    seconds = found[0].window
+    out.print(f"root mean squares over {found[0].windows} windows of {seconds:g} s driven by the recorded torque")

@@ -1,0 +1,12 @@
+"""MuJoCo as the place where models are used: corrected files out, laws through its callbacks, recordings replayed.
+
+Needs the extra `mujoco`.
+"""
+
+from elastic_arm.mujoco.mjcf_export import Exported, export_mjcf
+from elastic_arm.mujoco.new_model import export_new_mjcf, to_mjcf
+from elastic_arm.mujoco.recorder import record
+from elastic_arm.mujoco.replaying import Replay, replay
+from elastic_arm.mujoco.urdf_file import export_urdf
+
+__all__ = ["Exported", "Replay", "export_mjcf", "export_new_mjcf", "export_urdf", "record", "replay", "to_mjcf"]

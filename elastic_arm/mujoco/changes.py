@@ -1,0 +1,168 @@
+"""The table of what an export changes: element, number, before and after."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from elastic_arm.dynamics.bodies import inertial_parameters
+from elastic_arm.dynamics.composition import inertia_from
+from elastic_arm.errors import RobotError
+from elastic_arm.mujoco.stated_arm import StatedArm
+from elastic_arm.robot import Inertia, Robot
+
+Array = NDArray[np.float64]
+
+# Numbers closer than this, relative to their size, are the same: what is written has nine digits.
+SAME = 1e-9
+# What each number of a joint is called in a file, and its unit.
+JOINT_NUMBERS = {
+    "armature": ("armature", "kg m²"),
+    "damping": ("damping", "Nm s/rad"),
+    "friction_loss": ("frictionloss", "Nm"),
+    "delay": ("delay of its torque sensor", "s"),
+}
+# Deviations of estimates, by effect, joint and parameter.
+Deviations = Mapping[tuple[str, str | None, str], float]
+_FROM = {
+    "armature": ("rotor_inertia_mismatch", "inertia"),
+    "damping": ("viscous_friction", "coefficient"),
+    "friction_loss": ("coulomb_friction", "torque"),
+    "delay": ("time_delay", "delay"),
+}
+
+
+@dataclass(frozen=True)
+class Change:
+    """A number of a file that changes.
+
+    Parameters
+    ----------
+    element
+        Joint or body, by name.
+    number, unit
+        What it is.
+    before, after
+        Its values.
+    std
+        Standard deviation of the new value, where it was estimated.
+    """
+
+    element: str
+    number: str
+    unit: str
+    before: tuple[float, ...]
+    after: tuple[float, ...]
+    std: float | None = None
+
+    def to_dict(self) -> dict[str, object]:
+        """Return it as plain data."""
+        return {
+            "element": self.element,
+            "number": self.number,
+            "unit": self.unit,
+            "before": list(self.before),
+            "after": list(self.after),
+            "std": self.std,
+        }
+
+
+def joint_changes(
+    robot: Robot, before: StatedArm, after: StatedArm, deviations: Deviations | None = None
+) -> dict[tuple[int, str], Change]:
+    """Return the numbers of joints that change, by joint index and field of :class:`.StatedJoint`.
+
+    Parameters
+    ----------
+    robot
+        The base's arm, for names.
+    before, after
+        What the base states, and what it shall state.
+    deviations
+        Of estimates; none when None.
+    """
+    found = {}
+    for i, (joint, old, new) in enumerate(zip(robot.joints, before.joints, after.joints, strict=True)):
+        for field, (number, unit) in JOINT_NUMBERS.items():
+            values = getattr(old, field), getattr(new, field)
+            if abs(values[1] - values[0]) > SAME * max(abs(values[0]), abs(values[1])):
+                effect, parameter = _FROM[field]
+                std = (deviations or {}).get((effect, joint.name, parameter))
+                if std is not None and field == "armature":
+                    std *= values[0]
+                found[i, field] = Change(joint.name, number, unit, (values[0],), (values[1],), std)
+                if values[1] < 0.0:
+                    raise RobotError(
+                        f"{number} of {joint.name} would be {values[1]:.4g} {unit}",
+                        "No simulator takes it: record a richer motion, or state what is known (--with)",
+                    )
+    return found
+
+
+def differs(old: Inertia, new: Inertia) -> bool:
+    """Return whether two inertias are different numbers."""
+    a, b = (inertial_parameters(body.mass, body.com, body.inertia) for body in (old, new))
+    return bool(np.abs(a - b).max() > SAME * max(np.abs(a).max(), np.abs(b).max()))
+
+
+def body_after(own: Inertia, old_link: Inertia, new_link: Inertia, name: str) -> Inertia:
+    """Return the body that makes a link of several bodies the new one, the others unchanged.
+
+    Parameters
+    ----------
+    own
+        The link's main body, in the link's frame.
+    old_link, new_link
+        The whole link.
+    name
+        Of the body, for errors.
+
+    Raises
+    ------
+    RobotError
+        If no body of positive density has such inertia.
+    """
+    ten = [inertial_parameters(body.mass, body.com, body.inertia) for body in (own, new_link, old_link)]
+    try:
+        return inertia_from(ten[0] + ten[1] - ten[2])
+    except RobotError as error:
+        raise RobotError(
+            f"what is found leaves body {name!r} no physical inertia ({error.problem})",
+            "Identify with physical consistency on a richer motion, or join the bodies of the link in the file",
+        ) from None
+
+
+def inertial_change(name: str, before: Inertia, after: Inertia) -> list[Change]:
+    """Return the changes of a body's inertial.
+
+    Parameters
+    ----------
+    name
+        Of the body.
+    before, after
+        In the body's frame.
+    """
+    found = [
+        ("mass", "kg", (before.mass,), (after.mass,)),
+        ("centre of mass", "m", tuple(before.com), tuple(after.com)),
+        ("moments xx yy zz xy xz yz", "kg m²", six(before), six(after)),
+    ]
+    return [
+        Change(name, number, unit, tuple(float(v) for v in old), tuple(float(v) for v in new))
+        for number, unit, old, new in found
+        if np.abs(np.subtract(old, new)).max() > SAME * max(np.abs(old).max(), np.abs(new).max(), 1e-12)
+    ]
+
+
+def six(body: Inertia) -> tuple[float, ...]:
+    """Return the moments xx yy zz xy xz yz about the centre of mass."""
+    order = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
+    return tuple(float(body.inertia[index]) for index in order)
+
+
+def text_of(value: float) -> str:
+    """Return a number as files hold it: ten digits, none needless."""
+    return f"{value:.10g}"

@@ -1,0 +1,281 @@
+"""A user's own MJCF with the numbers of a corrected arm in it: everything else stays as they wrote it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from elastic_arm.dynamics import build_model
+from elastic_arm.effects import Catalogue, EffectInstance
+from elastic_arm.errors import RobotError
+from elastic_arm.mujoco.changes import (
+    Change,
+    Deviations,
+    body_after,
+    differs,
+    inertial_change,
+    joint_changes,
+    six,
+    text_of,
+)
+from elastic_arm.mujoco.mjcf_file import ShapedMjcf
+from elastic_arm.mujoco.stated_arm import StatedArm, stated_arm
+from elastic_arm.robot import Inertia, Robot
+from elastic_arm.robot.kinematics import moved
+from elastic_arm.robot.mjcf import MjcfArm, engine, open_mjcf
+from elastic_arm.robot.mjcf.reading import motor_inertia_and_damping
+from elastic_arm.robot.parts import located
+from elastic_arm.robot.urdf_tree import Chain
+
+Array = NDArray[np.float64]
+
+# What is read back from a written file is what was meant, to this share: nine digits are written.
+READ_BACK = 1e-6
+_ORIENTATIONS = ("quat", "axisangle", "xyaxes", "zaxis", "euler")
+
+
+@dataclass(frozen=True)
+class Exported:
+    """What an export wrote.
+
+    Parameters
+    ----------
+    files
+        The file, and copies of what it includes where that changed.
+    changes
+        Numbers before and after.
+    left
+        Effects that no number of the file states, with the reason.
+    """
+
+    files: tuple[Path, ...]
+    changes: tuple[Change, ...]
+    left: tuple[tuple[EffectInstance, str], ...]
+
+
+def require_same_joints(robot: Robot, base: Robot, path: Path) -> None:
+    """Refuse an arm that the base does not describe.
+
+    Parameters
+    ----------
+    robot, base
+        The corrected arm, and the base's.
+    path
+        Of the base, for the error.
+
+    Raises
+    ------
+    RobotError
+        If joints differ, or the arm is elastic and the base is not.
+    """
+    if robot.joint_names != base.joint_names:
+        raise RobotError(
+            f"{path} has the joints {', '.join(base.joint_names)}, the arm {', '.join(robot.joint_names)}",
+            "Give the file that the arm was read from, with the same --chain",
+        )
+    if robot.elastic:
+        raise RobotError(f"{robot.name} has transmissions, {path} has none", "Export it without --base, as a new file")
+
+
+def export_mjcf(
+    robot: Robot,
+    base: Path,
+    out: Path,
+    *,
+    chain: Chain | None = None,
+    at: str | None = None,
+    deviations: Deviations | None = None,
+    catalogue: Catalogue | None = None,
+) -> Exported:
+    """Write an MJCF with the numbers of an arm: inertials, armature, damping, friction loss, gravity, sensor delays.
+
+    Parameters
+    ----------
+    robot
+        The corrected arm, with its effects; of the same joints and frames as the base.
+    base
+        The user's file.
+    out
+        Where the copy goes.
+    chain, at
+        As the arm was read from the base.
+    deviations
+        Of estimates, for the table.
+    catalogue
+        Where ids of effects are looked up.
+
+    Raises
+    ------
+    RobotError
+        If the arm is another one, its numbers are of no physical body, or the file's elements cannot be found.
+    """
+    arm = open_mjcf(base, chain, at)
+    require_same_joints(robot, arm.robot, base)
+    before, after = stated_arm(arm.robot, catalogue), stated_arm(robot, catalogue)
+    with located(f"{base}: "):
+        document = _Document(arm, ShapedMjcf(base), before, after)
+        changes = document.change(deviations)
+        files = document.file.write(out)
+        _check(out, chain, at, after)
+    return Exported(tuple(files), tuple(changes), (*after.left, *document.left))
+
+
+class _Document:
+    """One pass over the trees of a file."""
+
+    def __init__(self, arm: MjcfArm, file: ShapedMjcf, before: StatedArm, after: StatedArm) -> None:
+        self.arm, self.file, self.before, self.after = arm, file, before, after
+        self.left: list[tuple[EffectInstance, str]] = []
+        model = arm.model
+        if len(file.bodies) != model.nbody - 1:
+            raise RobotError(
+                f"the file shows {len(file.bodies)} bodies, MuJoCo makes {model.nbody - 1} of it",
+                "Bodies of <replicate>, <attach> or <composite> have no line to change: save the model from MuJoCo",
+            )
+        self._carriers = [int(model.jnt_bodyid[joint]) for joint in arm.chain.joints]
+
+    def change(self, deviations: Deviations | None) -> list[Change]:
+        changes = list(self._joints(deviations))
+        for i in range(self.arm.robot.n):
+            if differs(self.before.links[i], self.after.links[i]):
+                changes += self._inertial(i)
+        if not np.allclose(self.before.gravity, self.after.gravity, rtol=0.0, atol=1e-9):
+            self._gravity()
+            old, new = (tuple(map(float, v)) for v in (self.before.gravity, self.after.gravity))
+            changes.append(Change("option", "gravity", "m/s²", old, new))
+        return changes
+
+    def _joints(self, deviations: Deviations | None) -> list[Change]:
+        robot, changes = self.arm.robot, []
+        for (i, field), change in joint_changes(robot, self.before, self.after, deviations).items():
+            if field == "delay":
+                if self._delay(i):
+                    changes.append(change)
+                else:
+                    reason = "the file has no jointactuatorfrc sensor of this joint"
+                    name = self.arm.robot.joint_names[i]
+                    self.left += [(one, reason) for one in self.after.delays if one.joint == name]
+                continue
+            element = self._joint_element(i)
+            from_actuator = self._from_actuator(i, field)
+            value = change.after[0] - from_actuator
+            if value < 0.0:
+                raise RobotError(
+                    f"{change.number} of {change.element} would be less than its actuator brings ({from_actuator:g})",
+                    "Take armature and damping from the actuator to the joint in the file",
+                )
+            self.file.set(element, **{change.number: text_of(value)})
+            changes.append(change)
+            if field == "friction_loss" and change.before == (0.0,):
+                changes += self._sharp(element, change.element)
+        return changes
+
+    def _sharp(self, element: Any, name: str) -> list[Change]:
+        """Let new friction loss turn over with the velocity: by MuJoCo's default it does some 10 ms earlier.
+
+        Its force follows a + b v with b = 2 / time constant, which changes sign before v does.
+        """
+        if element.get("solreffriction") is not None:
+            return []
+        own = tuple(float(v) for v in self.arm.model.dof_solref[int(self.arm.model.jnt_dofadr[self._id(name)])])
+        new = (2.0 * float(self.arm.model.opt.timestep), 1.0)
+        if not 0.0 < new[0] < own[0]:
+            return []
+        self.file.set(element, solreffriction=" ".join(map(text_of, new)))
+        return [Change(name, "solreffriction", "s, 1", own, new)]
+
+    def _id(self, joint: str) -> int:
+        return self.arm.chain.joints[self.arm.robot.joint_names.index(joint)]
+
+    def _from_actuator(self, i: int, field: str) -> float:
+        model, joint = self.arm.model, self.arm.chain.joints[i]
+        dof = int(model.jnt_dofadr[joint])
+        armature, damping = motor_inertia_and_damping(model, joint)
+        own = {
+            "armature": armature - float(model.dof_armature[dof]),
+            "damping": damping - float(model.dof_damping[dof]),
+        }
+        return own.get(field, 0.0)
+
+    def _joint_element(self, i: int) -> Any:
+        joint, body = self.arm.chain.joints[i], self._carriers[i]
+        elements = self.file.children(self.file.bodies[body - 1], "joint")
+        k = joint - int(self.arm.model.body_jntadr[body])
+        if k >= len(elements) or elements[k].get("name") not in (None, self.arm.robot.joint_names[i]):
+            raise RobotError(
+                f"joint {self.arm.robot.joint_names[i]!r} has no line of its own in the file",
+                "Joints made by <attach> or <replicate> cannot be changed: save the model from MuJoCo first",
+            )
+        return elements[k]
+
+    def _delay(self, i: int) -> bool:
+        """Delay the sensor of a joint's motor torque; without one the recording alone is late."""
+        delay, name = self.after.joints[i].delay, self.arm.robot.joint_names[i]
+        for element in self.file.elements("jointactuatorfrc"):
+            if element.get("joint") == name:
+                samples = str(int(np.ceil(delay / self.arm.model.opt.timestep)) + 2)
+                self.file.set(element, delay=text_of(delay), nsample=samples)
+                return True
+        return False
+
+    def _inertial(self, i: int) -> list[Change]:
+        model, body = self.arm.model, self._carriers[i]
+        name = self.arm.robot.joints[i].link_name
+        if self._carriers[i + 1 : i + 2] == [body]:
+            raise RobotError(f"{name} is no body of its own in the file", "Give each joint a body of its own")
+        if any(e.get("inertiafromgeom") == "true" for e in self.file.elements("compiler")):
+            raise RobotError(
+                "its compiler takes all inertia from geoms (inertiafromgeom)", 'Set inertiafromgeom="auto"'
+            )
+        own = _own_inertia(model, body)
+        new = body_after(own, self.before.links[i], self.after.links[i], name)
+        element = self.file.bodies[body - 1]
+        inertials = self.file.children(element, "inertial")
+        inertial = inertials[0] if inertials else self.file.insert_first(element, "inertial")
+        xx, yy, zz, xy, xz, yz = six(new)
+        values: dict[str, str | None] = dict.fromkeys(("diaginertia", *_ORIENTATIONS))
+        values["pos"] = " ".join(map(text_of, new.com))
+        values["mass"] = text_of(new.mass)
+        values["fullinertia"] = " ".join(map(text_of, (xx, yy, zz, xy, xz, yz)))
+        self.file.set(inertial, **values)
+        return inertial_change(name, own, new)
+
+    def _gravity(self) -> None:
+        options = [element for element in self.file.elements("option") if element.getparent().tag != "default"]
+        option = options[0] if options else self.file.insert_first(self.file.root, "option")
+        self.file.set(option, gravity=" ".join(map(text_of, self.after.gravity)))
+
+
+def _own_inertia(model: Any, body: int) -> Inertia:
+    """Return a body's inertia in its own frame."""
+    rotation = np.empty(9)
+    engine().mju_quat2Mat(rotation, model.body_iquat[body])
+    placement = np.eye(4)
+    placement[:3, :3], placement[:3, 3] = rotation.reshape(3, 3), model.body_ipos[body]
+    principal = np.diag(np.array(model.body_inertia[body], dtype=float))
+    return moved(Inertia(float(model.body_mass[body]), np.zeros(3), principal), placement)
+
+
+def _check(out: Path, chain: Chain | None, at: str | None, wanted: StatedArm) -> None:
+    """Read the written file back and compare torques with those that were meant."""
+    again = open_mjcf(out, chain, at)
+    meant = again.robot.with_(
+        gravity=wanted.gravity,
+        joints=tuple(
+            replace(joint, link=wanted.links[i], armature=wanted.joints[i].armature)
+            for i, joint in enumerate(again.robot.joints)
+        ),
+    )
+    q, dq, ddq = np.random.default_rng(0).uniform(-2.0, 2.0, (3, 10, again.robot.n))
+    read, asked = (build_model(robot, engine="numpy").inverse_dynamics(q, dq, ddq) for robot in (again.robot, meant))
+    joints = stated_arm(again.robot).joints
+    numbers = [(j.damping, j.friction_loss) for j in joints], [(j.damping, j.friction_loss) for j in wanted.joints]
+    if np.abs(read - asked).max() > READ_BACK * np.abs(asked).max() or not np.allclose(*numbers, rtol=READ_BACK):
+        raise RobotError(
+            "the written file is not the arm that was meant: some default or attribute overrides it",
+            "Please report it with the file",
+        )

@@ -1,0 +1,178 @@
+"""A new MJCF of an arm: rigid, or elastic with a motor joint and a spring joint on each link's body.
+
+Both joints of an elastic drive turn about one axis: the first by theta, with B of (6) or (7) as armature, the second by
+the deflection q - theta, with K and D. Components of the transmissions rest on their carriers and spin on the ground:
+this is mod2, and mod1 where the splines are folded into the links. The coupling S of mod3 by spinning rotors is no
+number of an MJCF.
+"""
+
+from __future__ import annotations
+
+import xml.etree.ElementTree as ET
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from elastic_arm.effects import Catalogue, EffectInstance, robot_effects
+from elastic_arm.errors import OutputError
+from elastic_arm.mujoco.changes import six, text_of
+from elastic_arm.mujoco.mjcf_export import Exported
+from elastic_arm.mujoco.stated_arm import StatedArm, stated_arm
+from elastic_arm.robot import Inertia, Robot
+from elastic_arm.robot.kinematics import link_radius
+from elastic_arm.robot.urdf_export import bodies_with_components
+
+Array = NDArray[np.float64]
+
+DEFLECTION = "_deflection"  # joint that a drive winds by, after the name of its motor joint
+TIMESTEP = 1e-3
+
+
+def export_new_mjcf(
+    robot: Robot, base: None, out: Path, *, catalogue: Catalogue | None = None, timestep: float = TIMESTEP
+) -> Exported:
+    """Write an arm as a new MJCF.
+
+    Parameters
+    ----------
+    robot
+        The arm, with its effects.
+    base
+        None: there is no file whose shape is kept.
+    out
+        The file.
+    catalogue
+        Where ids of effects are looked up.
+    timestep
+        Of MuJoCo, s.
+
+    Raises
+    ------
+    OutputError
+        If the file cannot be written.
+    """
+    text, left = to_mjcf(robot, catalogue=catalogue, timestep=timestep)
+    try:
+        out.parent.mkdir(parents=True, exist_ok=True)
+        out.write_text(text, encoding="utf-8")
+    except OSError as error:
+        raise OutputError(f"{out} cannot be written: {error.strerror}", "Name another file.") from error
+    return Exported((out,), (), left)
+
+
+def to_mjcf(
+    robot: Robot, *, catalogue: Catalogue | None = None, timestep: float = TIMESTEP
+) -> tuple[str, tuple[tuple[EffectInstance, str], ...]]:
+    """Return an arm as MJCF text, and the effects that it does not state, each with the reason.
+
+    Parameters
+    ----------
+    robot
+        The arm, with its effects.
+    catalogue
+        Where ids of effects are looked up.
+    timestep
+        Of MuJoCo, s.
+    """
+    arm = stated_arm(robot, catalogue)
+    reason = "the new file has no such number: elastic_arm.mujoco.attach adds its law"
+    stated = [e for e in robot_effects(robot, catalogue) if e.effect.id in ("joint_spring", "gravity_compensation")]
+    root = ET.Element("mujoco", model=robot.name)
+    root.append(
+        ET.Comment(" elastic: a motor joint and a spring joint a drive " if robot.elastic else " rigid joints ")
+    )
+    ET.SubElement(root, "compiler", angle="radian", autolimits="true")
+    ET.SubElement(root, "option", timestep=text_of(timestep), integrator="implicitfast", gravity=_words(arm.gravity))
+    base = ET.SubElement(ET.SubElement(root, "worldbody"), "body", {"name": "base", **_placed(robot.base_placement)})
+    bodies = _bodies(robot, arm)
+    if bodies[0].mass > 0.0:
+        _inertial(base, bodies[0])
+    parent, place, radius = base, np.eye(4), link_radius(robot)
+    waiting: list[tuple[int, Array]] = []  # joints of massless links, which MuJoCo has on the next body
+    for i, joint in enumerate(robot.joints):
+        waiting.append((i, place @ joint.before))
+        place = place @ joint.before @ joint.after
+        if bodies[i + 1].mass == 0.0:
+            continue
+        body = ET.SubElement(parent, "body", {"name": joint.link_name, **_placed(place)})
+        _inertial(body, bodies[i + 1])
+        for k, frame in waiting:
+            _joints(body, robot, arm, k, np.linalg.inv(place) @ frame)
+        waiting = []
+        onward = robot.joints[i + 1].before[:3, 3] if i + 1 < robot.n else np.zeros(3)
+        start = np.linalg.inv(joint.after)[:3, 3]
+        _capsule(body, start, onward, radius)
+        parent, place = body, np.eye(4)
+    _drives(root, robot)
+    ET.indent(root)
+    left = (*arm.left, *((one, reason) for one in (*stated, *arm.delays)))
+    return ET.tostring(root, encoding="unicode") + "\n", left
+
+
+def _bodies(robot: Robot, arm: StatedArm) -> list[Inertia]:
+    """Return the base and the links with what rides on them; the links as the effects have changed them."""
+    changed = robot.with_(
+        joints=tuple(replace(joint, link=link) for joint, link in zip(robot.joints, arm.links, strict=True))
+    )
+    return bodies_with_components(changed)
+
+
+def _joints(body: ET.Element, robot: Robot, arm: StatedArm, i: int, frame: Array) -> None:
+    """Add joint i, whose frame stands at `frame` in the body's, and the joint that its drive winds by."""
+    joint, numbers = robot.joints[i], arm.joints[i]
+    where = {"pos": _words(frame[:3, 3]), "axis": _words(frame[:3, 2])}
+    limits = joint.limits
+    ranged = {}
+    if limits.position_min is not None and limits.position_max is not None:
+        ranged = {"range": f"{text_of(limits.position_min)} {text_of(limits.position_max)}"}
+    stated = {"armature": numbers.armature, "damping": numbers.damping, "frictionloss": numbers.friction_loss}
+    if joint.transmission is not None:
+        turns = joint.transmission.components.values()
+        nominal = sum(ratio**2 * component.izz for component, ratio in turns)
+        stated["armature"] += nominal
+    words = {name: text_of(value) for name, value in stated.items() if value}
+    ET.SubElement(body, "joint", {"name": joint.name, "type": "hinge", **where, **ranged, **words})
+    if joint.transmission is not None:
+        spring = {"stiffness": joint.transmission.stiffness, "damping": joint.transmission.damping}
+        texts = {name: text_of(value) for name, value in spring.items()}
+        ET.SubElement(body, "joint", {"name": f"{joint.name}{DEFLECTION}", "type": "hinge", **where, **texts})
+
+
+def _drives(root: ET.Element, robot: Robot) -> None:
+    actuators, sensors = ET.SubElement(root, "actuator"), ET.SubElement(root, "sensor")
+    for joint in robot.joints:
+        torque = joint.limits.torque
+        limit = {} if torque is None else {"ctrlrange": f"{text_of(-torque)} {text_of(torque)}"}
+        ET.SubElement(actuators, "motor", {"name": f"{joint.name}_motor", "joint": joint.name, **limit})
+        ET.SubElement(sensors, "jointpos", name=f"{joint.name}_theta", joint=joint.name)
+        ET.SubElement(sensors, "jointactuatorfrc", name=f"{joint.name}_tau_m", joint=joint.name)
+
+
+def _inertial(body: ET.Element, inertia: Inertia) -> None:
+    xx, yy, zz, xy, xz, yz = six(inertia)
+    moments = " ".join(map(_exact, (xx, yy, zz, xy, xz, yz)))
+    if inertia.mass > 0.0:
+        ET.SubElement(body, "inertial", pos=_words(inertia.com), mass=_exact(inertia.mass), fullinertia=moments)
+
+
+def _capsule(body: ET.Element, start: Array, end: Array, radius: float) -> None:
+    if np.linalg.norm(end - start) > 1e-6:
+        ends = " ".join(map(text_of, (*start, *end)))
+        seen = {"contype": "0", "conaffinity": "0", "mass": "0"}
+        ET.SubElement(body, "geom", {"type": "capsule", "size": text_of(0.7 * radius), "fromto": ends, **seen})
+
+
+def _placed(placement: Array) -> dict[str, str]:
+    rotation = placement[:3, :3]
+    return {"pos": _words(placement[:3, 3]), "xyaxes": _words(np.concatenate([rotation[:, 0], rotation[:, 1]]))}
+
+
+def _words(values: Array) -> str:
+    return " ".join(map(_exact, values))
+
+
+def _exact(value: float) -> str:
+    """Return all digits of a number: a new file is the arm to the bit."""
+    return repr(float(value) + 0.0)

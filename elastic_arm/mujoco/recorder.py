@@ -1,0 +1,89 @@
+"""A MuJoCo arm follows a trajectory, and is recorded as a real one would be."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from elastic_arm.errors import SimulationError
+from elastic_arm.recording import Recording, Side
+from elastic_arm.robot import Robot, to_urdf
+from elastic_arm.robot.mjcf import MjcfArm, engine
+from elastic_arm.robot.mjcf.reading import torque_delays
+from elastic_arm.simulation.controller import tuned
+from elastic_arm.simulation.rollout import Trajectory
+
+Array = NDArray[np.float64]
+
+
+def record(
+    arm: MjcfArm,
+    trajectory: Trajectory,
+    *,
+    nominal: Robot | None = None,
+    rate: float = 1000.0,
+    torque_noise: float = 0.0,
+    encoder_noise: float = 0.0,
+    rng: np.random.Generator | None = None,
+) -> Recording:
+    """Let the arm follow a trajectory by computed torque, in MuJoCo, and record angles and motor torques.
+
+    The model's own actuators are off: the torque comes from a controller tuned to `nominal`, held for a sample.
+    Torques are recorded as late as the model's sensors (`jointactuatorfrc`) state.
+
+    Parameters
+    ----------
+    arm
+        The true arm.
+    trajectory
+        Its reference.
+    nominal
+        What the controller believes; the true rigid arm when None.
+    rate
+        Samples a second.
+    torque_noise, encoder_noise
+        Standard deviations, Nm and rad.
+    rng
+        Source of the noise.
+
+    Raises
+    ------
+    SimulationError
+        If the motion leaves the finite numbers.
+    """
+    mj, model = engine(), arm.model
+    believed = arm.robot.with_(effects=()) if nominal is None else nominal.with_(effects=())
+    controller = tuned(believed, rate=rate)
+    t = np.arange(round(trajectory.duration * rate) + 1) / rate
+    q_ref, dq_ref, ddq_ref = trajectory.evaluate(t)
+    forward = controller.feedforward(q_ref, dq_ref, ddq_ref)
+    substeps = max(1, int(np.ceil(1.0 / rate / model.opt.timestep - 1e-9)))
+    model.opt.timestep = 1.0 / rate / substeps
+    model.opt.disableflags |= int(mj.mjtDisableBit.mjDSBL_ACTUATION)
+    data, positions, dofs = mj.MjData(model), arm.positions, arm.dofs
+    data.qpos[:] = arm.qpos
+    data.qpos[positions], data.qvel[dofs] = q_ref[0], dq_ref[0]
+    q, dq, command = np.empty((3, len(t), arm.robot.n))
+    for k in range(len(t)):
+        q[k], dq[k] = data.qpos[positions], data.qvel[dofs]
+        command[k] = forward[k] + controller.kp * (q_ref[k] - q[k]) + controller.kd * (dq_ref[k] - dq[k])
+        data.qfrc_applied[dofs] = command[k]
+        for _ in range(substeps):
+            mj.mj_step(model, data)
+    if not (np.isfinite(q).all() and np.isfinite(dq).all()):
+        raise SimulationError("the motion left the finite numbers", "Take a slower motion or a smaller timestep.")
+    # Over a sample interval centred on its stamp the torque changes in the middle.
+    torque = 0.5 * (command + np.vstack([command[:1], command[:-1]]))
+    late = torque_delays(model, arm.chain)
+    torque = np.stack([np.interp(t - late[i], t, torque[:, i]) for i in range(arm.robot.n)], axis=1)
+    noise = np.random.default_rng() if rng is None else rng
+    stamp_ns = np.round(t * 1e9).astype(np.int64)
+    measured = q + encoder_noise * noise.standard_normal(q.shape)
+    effort = torque + torque_noise * noise.standard_normal(q.shape)
+    return Recording(
+        joints=arm.robot.joint_names,
+        motor=Side(stamp_ns, position=measured, velocity=dq, effort=effort),
+        reference=Side(stamp_ns, position=q_ref, velocity=dq_ref, acceleration=ddq_ref),
+        robot_description=to_urdf(believed),
+        source="MuJoCo",
+    )

@@ -1,0 +1,315 @@
+"""A recording replayed in MuJoCo: how far each model's motion and torque are from what was recorded.
+
+Open loop, in windows: the arm starts as recorded and is driven by the recorded motor torque alone. Torque: what
+MuJoCo's inverse dynamics needs for the recorded motion, beside the torque recorded. Closed loop, where the model has
+actuators with feedback and the reference was recorded: the reference is their input.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from elastic_arm.errors import DiagnosisError
+from elastic_arm.estimation.motion import Motion
+from elastic_arm.estimation.observation import observe
+from elastic_arm.recording import Recording
+from elastic_arm.robot.mjcf import MjcfArm, engine
+from elastic_arm.robot.mjcf.reading import drives_of, torque_delays
+
+Array = NDArray[np.float64]
+
+WINDOW = 0.2  # s
+LONGEST_LAG = 0.05  # s; beyond, a lag is not looked for
+MOST_POINTS = 20000  # of a course that is kept for figures
+
+
+@dataclass(frozen=True)
+class JointErrors:
+    """How far a model is from a recording, (n,) each.
+
+    Parameters
+    ----------
+    position, velocity, torque
+        Root mean squares, rad, rad/s and Nm.
+    correlation
+        Of the torque that the model needs with the torque recorded.
+    lag
+        s by which the recorded torque is later than the model's; NaN where no lag fits better than none.
+    """
+
+    position: Array
+    velocity: Array
+    torque: Array
+    correlation: Array
+    lag: Array
+
+
+@dataclass(frozen=True)
+class Course:
+    """What was recorded and replayed, for figures: t (N,) s, the others (N, n)."""
+
+    t: Array
+    recorded: Array
+    replayed: Array
+    torque_recorded: Array
+    torque_needed: Array
+
+
+@dataclass(frozen=True)
+class Replay:
+    """A model on a recording.
+
+    Parameters
+    ----------
+    name
+        Of the model.
+    joints
+        Names.
+    window
+        s.
+    windows
+        How many were replayed.
+    open_loop
+        Errors in windows.
+    closed_loop
+        Root mean square of the position error under the recorded reference (n,) rad; None where there is none.
+    course
+        For figures.
+    """
+
+    name: str
+    joints: tuple[str, ...]
+    window: float
+    windows: int
+    open_loop: JointErrors
+    closed_loop: Array | None
+    course: Course
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return it as plain data, courses left out."""
+        errors = {name: _by_joint(self.joints, getattr(self.open_loop, name)) for name in vars(self.open_loop)}
+        closed = None if self.closed_loop is None else _by_joint(self.joints, self.closed_loop)
+        return {
+            "model": self.name,
+            "window_s": self.window,
+            "windows": self.windows,
+            "open_loop": errors,
+            "closed_loop_position": closed,
+        }
+
+
+def replay(recording: Recording, arm: MjcfArm, *, window: float = WINDOW, name: str = "") -> Replay:
+    """Replay a recording.
+
+    Parameters
+    ----------
+    recording
+        With positions and motor torques.
+    arm
+        The model, whatever callbacks are attached to it included.
+    window
+        s that the arm moves on its own before it is put back to the recorded motion.
+    name
+        Of the model in tables; the robot's when empty.
+
+    Raises
+    ------
+    DiagnosisError
+        If the recording holds no motor torque, or is shorter than a window.
+    """
+    chosen = recording.select(arm.robot.joint_names)
+    observation = observe(chosen)
+    lags = torque_delays(arm.model, arm.chain)
+    pieces = [_rigid(piece) for piece in observation.aligned({"motor_torque": lags}).pieces]
+    margin = int(np.ceil(observation.margin * observation.rate))
+    pieces = [_cut(piece, margin) for piece in pieces if len(piece) > 2 * margin]
+    steps = round(window * observation.rate)
+    if steps < 1 or not any(len(piece) > steps for piece in pieces):
+        raise DiagnosisError(
+            f"{recording.source or 'the recording'} has no stretch of {window:g} s", "Give a shorter --window"
+        )
+    runs = [_open_loop(arm, piece, steps, 1.0 / observation.rate) for piece in pieces if len(piece) > steps]
+    used = [piece for piece in pieces if len(piece) > steps]
+    needed = [_inverse(arm, piece) for piece in used]
+    errors = _errors(used, runs, needed, observation.rate)
+    course = _course(used, runs, needed, steps)
+    windows = sum(int(np.isfinite(run[0][:, 0]).sum()) // steps for run in runs)
+    closed = _closed_loop(arm, chosen)
+    return Replay(name or arm.robot.name, arm.robot.joint_names, window, windows, errors, closed, course)
+
+
+def _by_joint(joints: Sequence[str], values: Array) -> dict[str, float | None]:
+    return {joint: float(f"{v:.6g}") if np.isfinite(v) else None for joint, v in zip(joints, values, strict=True)}
+
+
+def _rigid(piece: Motion) -> Motion:
+    """Return the motion of joints without elasticity: one angle, and the motor's torque."""
+    torque = piece.tau_m if piece.tau_m is not None else piece.tau_J
+    if torque is None:
+        raise DiagnosisError("the recording holds no torque: there is nothing to drive with", "Record /motor_states")
+    q, dq, ddq = (piece.q, piece.dq, piece.ddq) if piece.q is not None else (piece.theta, piece.dtheta, piece.ddtheta)
+    return replace(piece, q=q, dq=dq, ddq=ddq, tau_m=torque)
+
+
+def _cut(piece: Motion, margin: int) -> Motion:
+    kept = slice(margin, len(piece) - margin)
+    return replace(piece, **{name: values[kept] for name, values in piece.channels().items()})  # type: ignore[arg-type]
+
+
+def _present(values: Array | None) -> Array:
+    assert values is not None  # _rigid has seen to it
+    return values
+
+
+def _open_loop(arm: MjcfArm, piece: Motion, steps: int, period: float) -> tuple[Array, Array]:
+    """Return positions and velocities (N, n) replayed; NaN at the starts of windows and after the last."""
+    mj, model = engine(), arm.model
+    q, dq, torque = (_present(values) for values in (piece.q, piece.dq, piece.tau_m))
+    mean = 0.5 * (torque[:-1] + torque[1:])  # acts between two samples
+    data, own = mj.MjData(model), float(model.opt.timestep)
+    substeps = max(1, int(np.ceil(period / own - 1e-9)))
+    found = np.full((2, *q.shape), np.nan)
+    positions, dofs = arm.positions, arm.dofs
+    held = _held(arm)
+    flags = int(model.opt.disableflags)
+    model.opt.timestep = period / substeps
+    model.opt.disableflags = flags | int(mj.mjtDisableBit.mjDSBL_ACTUATION)
+    try:
+        for start in range(0, len(q) - steps, steps):
+            mj.mj_resetData(model, data)
+            data.qpos[:] = arm.qpos
+            data.qpos[positions], data.qvel[dofs] = q[start], dq[start]
+            for k in range(start, start + steps):
+                data.qfrc_applied[dofs] = mean[k]
+                for _ in range(substeps):
+                    mj.mj_step(model, data)
+                    held(data)
+                found[0, k + 1], found[1, k + 1] = data.qpos[positions], data.qvel[dofs]
+    finally:
+        model.opt.timestep, model.opt.disableflags = own, flags
+    return found[0], found[1]
+
+
+def _held(arm: MjcfArm) -> Any:
+    """Return what puts joints outside the chain back after a step."""
+    model = arm.model
+    other_q = np.setdiff1d(np.arange(model.nq), arm.positions)
+    other_v = np.setdiff1d(np.arange(model.nv), arm.dofs)
+
+    def hold(data: Any) -> None:
+        if len(other_v):
+            data.qpos[other_q], data.qvel[other_v] = arm.qpos[other_q], 0.0
+
+    return hold
+
+
+def _inverse(arm: MjcfArm, piece: Motion) -> Array:
+    """Return the torque (N, n) that the model needs for the motion."""
+    mj, model = engine(), arm.model
+    data = mj.MjData(model)
+    q, dq, ddq = (_present(values) for values in (piece.q, piece.dq, piece.ddq))
+    found = np.empty_like(q)
+    flags = int(model.opt.disableflags)
+    # What is held is held by forces that are none of the motors'; limits are for the drives to keep.
+    off = mj.mjtDisableBit
+    model.opt.disableflags = flags | int(off.mjDSBL_EQUALITY) | int(off.mjDSBL_LIMIT) | int(off.mjDSBL_CONTACT)
+    try:
+        for k in range(len(q)):
+            data.qpos[:], data.qvel[:], data.qacc[:] = arm.qpos, 0.0, 0.0
+            data.qpos[arm.positions], data.qvel[arm.dofs], data.qacc[arm.dofs] = q[k], dq[k], ddq[k]
+            mj.mj_inverse(model, data)
+            found[k] = data.qfrc_inverse[arm.dofs]
+    finally:
+        model.opt.disableflags = flags
+    return found
+
+
+def _errors(
+    pieces: Sequence[Motion], runs: Sequence[tuple[Array, Array]], needed: Sequence[Array], rate: float
+) -> JointErrors:
+    apart_q = np.concatenate([run[0] - _present(piece.q) for piece, run in zip(pieces, runs, strict=True)])
+    apart_v = np.concatenate([run[1] - _present(piece.dq) for piece, run in zip(pieces, runs, strict=True)])
+    torque, model = np.concatenate([_present(p.tau_m) for p in pieces]), np.concatenate(needed)
+    lags = [_lag(_present(piece.tau_m), own, rate) for piece, own in zip(pieces, needed, strict=True)]
+    weights = [len(piece) for piece in pieces]
+    return JointErrors(
+        np.sqrt(np.nanmean(apart_q**2, axis=0)),
+        np.sqrt(np.nanmean(apart_v**2, axis=0)),
+        np.sqrt(np.mean((torque - model) ** 2, axis=0)),
+        np.array([_correlation(torque[:, i], model[:, i]) for i in range(torque.shape[1])]),
+        np.average(lags, axis=0, weights=weights),
+    )
+
+
+def _correlation(a: Array, b: Array) -> float:
+    a, b = a - a.mean(), b - b.mean()
+    size = np.sqrt((a @ a) * (b @ b))
+    return float(a @ b / size) if size > 0 else float("nan")
+
+
+def _lag(recorded: Array, needed: Array, rate: float) -> Array:
+    """Return by how much the recorded torque is later than the needed one, (n,) s, between samples by a parabola."""
+    most = max(2, int(LONGEST_LAG * rate))
+    found = np.full(recorded.shape[1], np.nan)
+    if len(recorded) < 4 * most:
+        return found
+    inner = needed[most : len(needed) - most]
+    for i in range(recorded.shape[1]):
+        score = np.array(
+            [
+                -np.mean((recorded[most + k : len(recorded) - most + k, i] - inner[:, i]) ** 2)
+                for k in range(-most, most + 1)
+            ]
+        )
+        best = int(np.argmax(score))
+        if 0 < best < 2 * most:
+            left, middle, right = score[best - 1 : best + 2]
+            curve = left - 2.0 * middle + right
+            found[i] = (best - most + (0.5 * (left - right) / curve if curve else 0.0)) / rate
+    return found
+
+
+def _course(
+    pieces: Sequence[Motion], runs: Sequence[tuple[Array, Array]], needed: Sequence[Array], steps: int
+) -> Course:
+    piece, run, own = max(zip(pieces, runs, needed, strict=True), key=lambda each: len(each[0]))
+    kept = slice(0, MOST_POINTS)
+    return Course(piece.t[kept], _present(piece.q)[kept], run[0][kept], _present(piece.tau_m)[kept], own[kept])
+
+
+def _closed_loop(arm: MjcfArm, recording: Recording) -> Array | None:
+    """Return the rms position error (n,) under the recorded reference; None without reference or servo."""
+    mj, model, reference = engine(), arm.model, recording.reference
+    drives = [drives_of(model, joint) for joint in arm.chain.joints]
+    if reference is None or reference.position is None or any(len(own) != 1 for own in drives):
+        return None
+    actuators = [own[0] for own in drives]
+    if not all(model.actuator_biasprm[k, 1] < 0.0 for k in actuators):
+        return None
+    side = recording.link if recording.link is not None else recording.motor
+    if side is None or side.position is None:
+        return None
+    t_reference, t = (np.asarray(s.stamp_ns - reference.stamp_ns[0], dtype=float) * 1e-9 for s in (reference, side))
+    data, held, own = mj.MjData(model), _held(arm), float(model.opt.timestep)
+    data.qpos[:] = arm.qpos
+    start = np.searchsorted(t, max(0.0, t[0]))
+    data.qpos[arm.positions] = side.position[start]
+    count = int((min(t[-1], t_reference[-1]) - t[start]) / own)
+    times = t[start] + own * np.arange(1, count + 1)
+    inputs = _interpolated(times - own, t_reference, reference.position)
+    found = np.empty((count, arm.robot.n))
+    for k in range(count):
+        data.ctrl[actuators] = inputs[k]
+        mj.mj_step(model, data)
+        held(data)
+        found[k] = data.qpos[arm.positions]
+    return np.asarray(np.sqrt(np.mean((found - _interpolated(times, t, side.position)) ** 2, axis=0)))
+
+
+def _interpolated(at: Array, t: Array, values: Array) -> Array:
+    return np.stack([np.interp(at, t, column) for column in values.T], axis=1)

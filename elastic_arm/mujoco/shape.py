@@ -1,0 +1,93 @@
+"""XML that keeps its shape: a changed tree as text, in the original's own spelling where nothing changed."""
+
+from __future__ import annotations
+
+import re
+from difflib import SequenceMatcher
+from typing import Any
+
+from elastic_arm.errors import MissingExtraError, RobotError
+
+_TOKEN = re.compile(r"<!--.*?-->|<!\[CDATA\[.*?\]\]>|<\?.*?\?>|<[^>]*>|[^<]+", re.DOTALL)
+
+
+def xml_library() -> Any:
+    """Return lxml's tree module.
+
+    Raises
+    ------
+    MissingExtraError
+        When it is not installed.
+    """
+    try:
+        from lxml import etree
+    except ImportError as error:
+        raise MissingExtraError(
+            "files that keep their shape need lxml, which is not installed",
+            "Install it with: pip install 'elastic_arm[mujoco]'",
+        ) from error
+    return etree
+
+
+class ShapedXml:
+    """A file as lxml's tree, and its text.
+
+    Parameters
+    ----------
+    text
+        The whole file.
+    what
+        Its name in errors.
+
+    Raises
+    ------
+    RobotError
+        If it is no XML.
+    """
+
+    def __init__(self, text: bytes, what: str) -> None:
+        etree = xml_library()
+        # Entities of a file that somebody sent are not expanded, and nothing is fetched.
+        parser = etree.XMLParser(resolve_entities=False, no_network=True, remove_comments=False)
+        try:
+            self.root = etree.fromstring(text, parser)
+        except etree.XMLSyntaxError as error:
+            raise RobotError(f"{what}: {' '.join(str(error).split())}", "Mend the XML") from None
+        self._original = text.decode(self.root.getroottree().docinfo.encoding or "utf-8", errors="replace")
+        self._plain = self._serialised()
+
+    def text(self) -> str:
+        """Return the file with what changed in the tree; the rest is the original to the letter."""
+        before, plain, after = (_TOKEN.findall(t) for t in (self._original, self._plain, self._serialised()))
+        elements = [k for k, token in enumerate(before) if token[0] == "<" and token[1] not in "?!"]
+        # What stands around the root element is the original's.
+        body = before[elements[0] : elements[-1] + 1]
+        lead, trail = before[: elements[0]], before[elements[-1] + 1 :]
+        if len(body) != len(plain):
+            # Spellings that lxml does not keep, such as <a></a>: the whole is as lxml writes it.
+            return "".join([*lead, *after, *trail])
+        found: list[str] = []
+        for kind, i, j, k, m in SequenceMatcher(None, plain, after, autojunk=False).get_opcodes():
+            found += body[i:j] if kind == "equal" else after[k:m]
+        return "".join([*lead, *found, *trail])
+
+    def _serialised(self) -> str:
+        text: str = xml_library().tostring(self.root, encoding="unicode", with_tail=False)
+        return text
+
+
+def insert_first(parent: Any, tag: str) -> Any:
+    """Insert an element as the first child, on a line of its own, and return it."""
+    element = xml_library().Element(tag)
+    element.tail = parent.text if parent.text and not parent.text.strip() else "\n"
+    parent.insert(0, element)
+    return element
+
+
+def append_last(parent: Any, tag: str) -> Any:
+    """Insert an element as the last child, on a line of its own, and return it."""
+    element = xml_library().SubElement(parent, tag)
+    if len(parent) > 1:
+        previous = parent[-2]
+        element.tail, previous.tail = previous.tail, parent.text
+    return element

@@ -1,0 +1,186 @@
+"""What of an arm with effects the numbers of an MJCF or a URDF can state, and what only laws can.
+
+Each effect is taken apart by the meaning that its file gives its parameters; those without a rule here are left to
+:func:`elastic_arm.mujoco.attach`, or, if they are of sensors, to the recording that they belong to.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from elastic_arm.effects import Catalogue, EffectInstance, SensorEffect, StructuralEffect, robot_effects
+from elastic_arm.robot import Inertia, Robot
+from elastic_arm.robot.kinematics import lumped
+
+Array = NDArray[np.float64]
+
+MOTOR_TORQUE = "motor_torque"
+
+
+@dataclass(frozen=True)
+class StatedJoint:
+    """Numbers of a joint: kg m², Nm s/rad, Nm, and the delay of its recorded motor torque, s."""
+
+    armature: float = 0.0
+    damping: float = 0.0
+    friction_loss: float = 0.0
+    delay: float = 0.0
+
+
+@dataclass(frozen=True)
+class StatedArm:
+    """A rigid arm in the numbers that simulators' files hold.
+
+    Parameters
+    ----------
+    links
+        Inertia of each link, in its frame.
+    joints
+        Numbers of each joint.
+    gravity : (3,)
+        m/s^2.
+    left
+        Effects that no number states, each with the reason.
+    delays
+        The effects that the joints' delays come from.
+    """
+
+    links: tuple[Inertia, ...]
+    joints: tuple[StatedJoint, ...]
+    gravity: Array
+    left: tuple[tuple[EffectInstance, str], ...] = ()
+    delays: tuple[EffectInstance, ...] = ()
+
+    def with_joint(self, i: int, **numbers: float) -> StatedArm:
+        """Return it with these numbers added to those of a joint."""
+        changed = {name: getattr(self.joints[i], name) + value for name, value in numbers.items()}
+        return replace(self, joints=_put(self.joints, i, replace(self.joints[i], **changed)))
+
+    def with_link(self, i: int, link: Inertia) -> StatedArm:
+        """Return it with another link."""
+        return replace(self, links=_put(self.links, i, link))
+
+    def without(self, instance: EffectInstance, reason: str) -> StatedArm:
+        """Return it with an effect that it cannot state."""
+        return replace(self, left=(*self.left, (instance, reason)))
+
+
+def stated_arm(robot: Robot, catalogue: Catalogue | None = None) -> StatedArm:
+    """Return the numbers of a robot with those of its effects in them.
+
+    Parameters
+    ----------
+    robot
+        Rigid; its effects act.
+    catalogue
+        Where their ids are looked up; the default catalogue when None.
+    """
+    arm = StatedArm(
+        tuple(joint.link for joint in robot.joints),
+        tuple(StatedJoint(armature=joint.armature or 0.0) for joint in robot.joints),
+        np.array(robot.gravity),
+    )
+    for instance in robot_effects(robot, catalogue):
+        rule = RULES.get(instance.effect.id)
+        if rule is not None:
+            for i in instance.joint_indices(robot):
+                arm = rule(arm, robot, i, instance)
+        elif instance.effect.id in KEPT:
+            continue
+        else:
+            arm = arm.without(instance, reason_left(instance))
+    return arm
+
+
+def reason_left(instance: EffectInstance) -> str:
+    """Return why no number of a file states an effect."""
+    if isinstance(instance.effect, SensorEffect):
+        return "of the recording's sensors, not of the arm"
+    if isinstance(instance.effect, StructuralEffect):
+        return "changes what the arm is made of: neither a number nor a law for MuJoCo"
+    return "no number states it: elastic_arm.mujoco.attach adds its law"
+
+
+def _put(values: Sequence[Any], i: int, value: Any) -> tuple[Any, ...]:
+    return (*values[:i], value, *values[i + 1 :])
+
+
+def _viscous(arm: StatedArm, robot: Robot, i: int, instance: EffectInstance) -> StatedArm:
+    return arm.with_joint(i, damping=_number(instance, "coefficient"))
+
+
+def _coulomb(arm: StatedArm, robot: Robot, i: int, instance: EffectInstance) -> StatedArm:
+    return arm.with_joint(i, friction_loss=_number(instance, "torque"))
+
+
+def _rotor(arm: StatedArm, robot: Robot, i: int, instance: EffectInstance) -> StatedArm:
+    nominal = robot.joints[i].armature or 0.0
+    return arm.with_joint(i, armature=(_number(instance, "inertia") - 1.0) * nominal)
+
+
+def _payload(arm: StatedArm, robot: Robot, i: int, instance: EffectInstance) -> StatedArm:
+    mass = _number(instance, "mass")
+    if mass < 0.0:
+        return arm.without(instance, f"its mass is {mass:g} kg: no body has less than none")
+    point = Inertia(mass, np.array(instance.parameters["position"]), np.zeros((3, 3)))
+    return arm.with_link(i, lumped([arm.links[i], point]))
+
+
+def _link(arm: StatedArm, robot: Robot, i: int, instance: EffectInstance) -> StatedArm:
+    """The effect's law refers to the nominal link; what else was joined to it stays."""
+    nominal, p = robot.joints[i].link, instance.parameters
+    if arm.links[i] is not nominal:
+        return _link_before(arm, robot, i, instance)
+    mass = _number(instance, "mass")
+    com = nominal.com + np.array(p["com"])
+    return arm.with_link(i, Inertia(mass * nominal.mass, com, mass * _number(instance, "inertia") * nominal.inertia))
+
+
+def _link_before(arm: StatedArm, robot: Robot, i: int, instance: EffectInstance) -> StatedArm:
+    """Change the link of its own, then join to it again what was joined before."""
+    from elastic_arm.dynamics.bodies import inertial_parameters
+    from elastic_arm.dynamics.composition import inertia_from
+
+    nominal = robot.joints[i].link
+    changed = _link(replace(arm, links=tuple(joint.link for joint in robot.joints)), robot, i, instance).links[i]
+    ten = [inertial_parameters(b.mass, b.com, b.inertia) for b in (arm.links[i], changed, nominal)]
+    return arm.with_link(i, inertia_from(ten[0] + ten[1] - ten[2]))
+
+
+def _tilt(arm: StatedArm, robot: Robot, i: int, instance: EffectInstance) -> StatedArm:
+    if i != instance.joint_indices(robot)[0]:
+        return arm
+    (sa, sb), (ca, cb) = ([f(_number(instance, axis)) for axis in "xy"] for f in (np.sin, np.cos))
+    about_x = np.array([[1.0, 0.0, 0.0], [0.0, ca, -sa], [0.0, sa, ca]])
+    about_y = np.array([[cb, 0.0, sb], [0.0, 1.0, 0.0], [-sb, 0.0, cb]])
+    return replace(arm, gravity=(about_x @ about_y).T @ arm.gravity)
+
+
+def _delay(arm: StatedArm, robot: Robot, i: int, instance: EffectInstance) -> StatedArm:
+    if instance.parameters["channels"] == (MOTOR_TORQUE,):
+        delays = arm.delays if instance in arm.delays else (*arm.delays, instance)
+        return replace(arm.with_joint(i, delay=_number(instance, "delay")), delays=delays)
+    return arm.without(instance, reason_left(instance))
+
+
+def _number(instance: EffectInstance, name: str) -> float:
+    return float(instance.parameters[name])  # type: ignore[arg-type]
+
+
+Rule = Callable[[StatedArm, Robot, int, EffectInstance], StatedArm]
+RULES: Mapping[str, Rule] = {
+    "viscous_friction": _viscous,
+    "coulomb_friction": _coulomb,
+    "rotor_inertia_mismatch": _rotor,
+    "payload": _payload,
+    "link_inertia_mismatch": _link,
+    "base_tilt": _tilt,
+    "time_delay": _delay,
+}
+# What the user's own file states in ways that are kept as they are.
+KEPT = ("joint_spring", "gravity_compensation")

@@ -1,0 +1,166 @@
+"""A user's own URDF with the numbers of a corrected arm in it, or a new one; everything else stays as they wrote it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from elastic_arm.effects import Catalogue, EffectInstance
+from elastic_arm.errors import OutputError, RobotError
+from elastic_arm.input_files import read_bytes
+from elastic_arm.mujoco.changes import (
+    Change,
+    Deviations,
+    body_after,
+    differs,
+    inertial_change,
+    joint_changes,
+    six,
+    text_of,
+)
+from elastic_arm.mujoco.mjcf_export import Exported, require_same_joints
+from elastic_arm.mujoco.shape import ShapedXml, append_last
+from elastic_arm.mujoco.stated_arm import StatedArm, stated_arm
+from elastic_arm.robot import Inertia, Robot, parse_urdf, to_urdf
+from elastic_arm.robot.kinematics import moved
+from elastic_arm.robot.parts import located
+from elastic_arm.robot.urdf_elements import rotation, vector
+from elastic_arm.robot.urdf_tree import Chain
+
+# Attribute of <dynamics> by the field of a joint's numbers.
+_ATTRIBUTES = {"damping": "damping", "friction_loss": "friction"}
+_NO_NUMBER = "a URDF has no number for it"
+
+
+def export_urdf(
+    robot: Robot,
+    base: Path | None,
+    out: Path,
+    *,
+    chain: Chain | None = None,
+    deviations: Deviations | None = None,
+    catalogue: Catalogue | None = None,
+) -> Exported:
+    """Write a URDF with the numbers of an arm: inertials, damping and friction of joints.
+
+    Parameters
+    ----------
+    robot
+        The corrected arm, with its effects.
+    base
+        The user's file; a new one of simple shapes when None.
+    out
+        Where the copy goes.
+    chain
+        As the arm was read from the base.
+    deviations
+        Of estimates, for the table.
+    catalogue
+        Where ids of effects are looked up.
+
+    Raises
+    ------
+    RobotError
+        If the arm is another one, or its numbers are of no physical body.
+    OutputError
+        If the file cannot be written.
+    """
+    text = (
+        to_urdf(robot.with_(effects=())).encode()
+        if base is None
+        else read_bytes(base, RobotError, "Give the URDF that the arm was read from.")
+    )
+    document = ShapedXml(text, str(base or robot.name))
+    root = document.root
+    arm = parse_urdf(text, chain)
+    with located(f"{base or robot.name}: "):
+        if base is not None:
+            require_same_joints(robot, arm, base)
+        after = stated_arm(robot if base is not None else arm.with_(effects=robot.effects), catalogue)
+        before = stated_arm(arm, catalogue)
+        left = list(after.left) + [(one, _NO_NUMBER) for one in after.delays]
+        changes = [*_joints(root, arm, before, after, deviations, left), *_links(root, arm, before, after)]
+        if base is not None and not np.allclose(before.gravity, after.gravity, rtol=0.0, atol=1e-9):
+            raise RobotError("gravity changes, and a URDF does not state it", "Tilt the joint that carries the base")
+        _check(document.text(), chain, after)
+    try:
+        out.parent.mkdir(parents=True, exist_ok=True)
+        out.write_text(document.text(), encoding="utf-8")
+    except OSError as error:
+        raise OutputError(f"{out} cannot be written: {error.strerror}", "Name another file.") from error
+    return Exported((out,), tuple(changes), tuple(left))
+
+
+def _joints(
+    root: Any,
+    arm: Robot,
+    before: StatedArm,
+    after: StatedArm,
+    deviations: Deviations | None,
+    left: list[tuple[EffectInstance, str]],
+) -> list[Change]:
+    changes = []
+    for (_, field), change in joint_changes(arm, before, after, deviations).items():
+        attribute = _ATTRIBUTES.get(field)
+        if attribute is None:
+            continue
+        joint = next(e for e in root.findall("joint") if e.get("name") == change.element)
+        dynamics = joint.find("dynamics")
+        if dynamics is None:
+            dynamics = append_last(joint, "dynamics")
+        dynamics.set(attribute, text_of(change.after[0]))
+        changes.append(change)
+    return changes
+
+
+def _links(root: Any, arm: Robot, before: StatedArm, after: StatedArm) -> list[Change]:
+    changes = []
+    for i, joint in enumerate(arm.joints):
+        if not differs(before.links[i], after.links[i]):
+            continue
+        link = next(e for e in root.findall("link") if e.get("name") == joint.link_name)
+        own = _own(link)
+        new = body_after(own, before.links[i], after.links[i], joint.link_name)
+        inertial = link.find("inertial")
+        if inertial is None:
+            inertial = append_last(link, "inertial")
+        xx, yy, zz, xy, xz, yz = map(text_of, six(new))
+        _child(inertial, "origin", xyz=" ".join(map(text_of, new.com)), rpy="0 0 0")
+        _child(inertial, "mass", value=text_of(new.mass))
+        _child(inertial, "inertia", ixx=xx, ixy=xy, ixz=xz, iyy=yy, iyz=yz, izz=zz)
+        changes += inertial_change(joint.link_name, own, new)
+    return changes
+
+
+def _own(link: Any) -> Inertia:
+    """Return what a link itself weighs, in its frame."""
+    inertial = link.find("inertial")
+    if inertial is None:
+        return Inertia(0.0, np.zeros(3), np.zeros((3, 3)))
+    placement, origin = np.eye(4), inertial.find("origin")
+    if origin is not None:
+        placement[:3, 3] = vector(origin.get("xyz", "0 0 0"), "origin xyz")
+        placement[:3, :3] = rotation(*vector(origin.get("rpy", "0 0 0"), "origin rpy"))
+    mass, values = float(inertial.find("mass").get("value")), inertial.find("inertia")
+    xx, xy, xz, yy, yz, zz = (float(values.get(key)) for key in ("ixx", "ixy", "ixz", "iyy", "iyz", "izz"))
+    tensor = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+    return moved(Inertia(mass, np.zeros(3), tensor), placement)
+
+
+def _child(parent: Any, tag: str, **attributes: str) -> None:
+    child = parent.find(tag)
+    if child is None:
+        child = append_last(parent, tag)
+    for name, value in attributes.items():
+        child.set(name, value)
+
+
+def _check(text: str, chain: Chain | None, wanted: StatedArm) -> None:
+    again = stated_arm(parse_urdf(text, chain))
+    for i, (read, meant) in enumerate(zip(again.links, wanted.links, strict=True)):
+        if not np.allclose(read.mass, meant.mass, rtol=1e-6) or not np.allclose(read.com, meant.com, atol=1e-7):
+            raise RobotError(
+                f"link {i + 1} of the written file is not what was meant", "Please report it with the file"
+            )

@@ -1,0 +1,75 @@
+"""Sections of a replay's report: errors of all models side by side, and recorded and replayed courses overlaid."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from matplotlib.figure import Figure as MplFigure
+
+from elastic_arm.mujoco.replaying import Replay
+from elastic_arm.report.html import Figure, Section, Table, Text
+from elastic_arm.report.style import CYCLE, GREY, draw_signal, new_figure, style
+
+SHOWN_SECONDS = 6.0  # of a recording in a figure: windows stay visible
+
+
+def sections(found: Sequence[Replay]) -> list[Section]:
+    """Return the sections, most important first."""
+    first = found[0]
+    how = Text(
+        f"The arm is driven by the recorded motor torque for {first.window:g} s from each of {first.windows} starts, "
+        "in MuJoCo itself. Torque: what was recorded beside MuJoCo's inverse dynamics of the recorded motion."
+    )
+    tables = [
+        _table(found, "position", 1e3, "mrad"),
+        _table(found, "velocity", 1e3, "mrad/s"),
+        _table(found, "torque", 1.0, "Nm"),
+        _table(found, "correlation", 1.0, "of needed and recorded torque"),
+        _table(found, "lag", 1e3, "ms by which the recorded torque is later"),
+    ]
+    shown = [
+        Section("How far each model is from the recording", [how, *tables]),
+        Section("Positions, recorded and replayed", [Figure(positions(found), "Windows begin on the recording.")]),
+        Section("Torques, recorded and needed", [Figure(torques(found), "Needed: by MuJoCo's inverse dynamics.")]),
+    ]
+    if any(one.closed_loop is not None for one in found):
+        rows = [[one.name, *map(float, 1e3 * one.closed_loop)] for one in found if one.closed_loop is not None]
+        table = Table(["model", *first.joints], rows, "Root mean square of the position error, mrad")
+        shown.insert(1, Section("Under the recorded reference, with the model's own servos", [table]))
+    return shown
+
+
+def _table(found: Sequence[Replay], name: str, factor: float, unit: str) -> Table:
+    rows = [[one.name, *(factor * float(v) for v in getattr(one.open_loop, name))] for one in found]
+    return Table(["model", *found[0].joints], rows, f"{name.capitalize()}, {unit}")
+
+
+def positions(found: Sequence[Replay]) -> MplFigure:
+    """Draw recorded angles and those of each model."""
+    return _overlay(found, "recorded", "replayed", "rad")
+
+
+def torques(found: Sequence[Replay]) -> MplFigure:
+    """Draw recorded torques and those that each model needs."""
+    return _overlay(found, "torque_recorded", "torque_needed", "Nm")
+
+
+def _overlay(found: Sequence[Replay], recorded: str, model: str, unit: str) -> MplFigure:
+    joints = found[0].joints
+    with style():
+        figure, axes = new_figure(len(joints), 1, size=(8.4, 1.5 * len(joints)), sharex=True)
+        for i, joint in enumerate(joints):
+            ax, course = axes[i, 0], found[0].course
+            kept = course.t <= course.t[0] + SHOWN_SECONDS
+            values = getattr(course, recorded)[kept, i]
+            draw_signal(ax, course.t[kept], values, color=GREY, lw=2.6, alpha=0.6, label="recorded")
+            for k, one in enumerate(found):
+                values = getattr(one.course, model)[:, i]
+                own = one.course.t <= one.course.t[0] + SHOWN_SECONDS
+                values = np.where(np.isfinite(values), values, np.nan)
+                draw_signal(ax, one.course.t[own], values[own], color=CYCLE[k % len(CYCLE)], lw=0.9, label=one.name)
+            ax.set_title(f"{joint} [{unit}]", loc="left")
+        axes[-1, 0].set_xlabel("time [s]")
+        figure.legend(*axes[0, 0].get_legend_handles_labels(), loc="outside upper center", ncols=1 + len(found))
+    return figure

@@ -1,0 +1,144 @@
+"""Corrected files: a user's own MJCF or URDF with numbers changed, and nothing else."""
+
+from __future__ import annotations
+
+import difflib
+import shutil
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from elastic_arm.dynamics import build_model
+from elastic_arm.errors import RobotError
+from elastic_arm.robot import Inertia, Robot, load_robot, to_urdf
+from elastic_arm.robot.kinematics import lumped
+from tests.helpers.mujoco_arms import MODELS, random_motion
+
+pytest.importorskip("mujoco")
+pytest.importorskip("lxml")
+
+from elastic_arm.mujoco import export_mjcf, export_urdf
+
+LOAD = {"effect": "payload", "joint": None, "parameters": {"mass": 1.5, "position": [0.02, 0.03, 0.2]}}
+FRICTION = {"effect": "coulomb_friction", "joint": "joint3", "parameters": {"torque": 2.0}}
+DAMPING = {"effect": "viscous_friction", "joint": "joint1", "parameters": {"coefficient": 0.75}}
+ROTOR = {"effect": "rotor_inertia_mismatch", "joint": "joint5", "parameters": {"inertia": 1.5}}
+STRIBECK = {"effect": "stribeck_friction", "joint": "joint2", "parameters": {"torque": 1.0, "speed": 0.1}}
+
+
+@pytest.fixture
+def base(tmp_path: Path) -> Path:
+    """A copy of the seven-joint arm, with what it includes."""
+    for name in ("arm.xml", "hand.xml"):
+        shutil.copy(MODELS / name, tmp_path / name)
+    return tmp_path / "arm.xml"
+
+
+def corrected(base: Path, *effects: dict[str, object]) -> Robot:
+    """Return the base's arm with effects in the place of those that the base states for the same joint."""
+    robot = load_robot(base)
+    taken = {(e["effect"], e["joint"]) for e in effects}
+    kept = [e for e in robot.effects if (e["effect"], e["joint"]) not in taken]
+    return robot.with_(effects=(*kept, *effects))
+
+
+def changed_lines(before: Path, after: Path) -> list[str]:
+    lines = difflib.ndiff(before.read_text().splitlines(), after.read_text().splitlines())
+    return [line for line in lines if line[:2] in ("- ", "+ ")]
+
+
+def test_only_the_lines_of_changed_numbers_change(base: Path) -> None:
+    """Comments, order, names and layout stay; each changed element is one changed line."""
+    out = base.parent / "fixed.xml"
+    done = export_mjcf(corrected(base, FRICTION, DAMPING), base, out)
+    assert {(c.element, c.number) for c in done.changes} == {
+        ("joint3", "frictionloss"),
+        ("joint3", "solreffriction"),
+        ("joint1", "damping"),
+    }
+    lines = changed_lines(base, out)
+    assert len(lines) == 4, lines
+    assert '<joint name="joint1" damping="0.75"/>' in lines[1] and 'frictionloss="2"' in lines[3]
+
+
+def test_what_is_written_is_the_corrected_arm(base: Path) -> None:
+    """Payload and rotor inertia, lumped into the file's numbers, give the torques of the corrected arm."""
+    out = base.parent / "fixed.xml"
+    done = export_mjcf(corrected(base, LOAD, ROTOR), base, out)
+    assert [path.name for path in done.files] == ["fixed.xml", "fixed_hand.xml"]  # the include changed, too
+    again, before = load_robot(out), load_robot(base)
+    assert again.joints[4].armature == pytest.approx(0.045)
+    point = Inertia(1.5, np.array([0.02, 0.03, 0.2]), np.zeros((3, 3)))
+    joints = list(before.joints)
+    joints[-1] = replace(joints[-1], link=lumped([joints[-1].link, point]))
+    joints[4] = replace(joints[4], armature=0.045)
+    motion = random_motion(7)
+    torques = [build_model(r).inverse_dynamics(*motion) for r in (again, before.with_(joints=tuple(joints)))]
+    np.testing.assert_allclose(*torques, rtol=1e-7, atol=1e-7)
+
+
+def test_a_file_in_another_folder_finds_its_includes(base: Path) -> None:
+    """What is included and unchanged is found where it was."""
+    out = base.parent / "other" / "fixed.xml"
+    export_mjcf(corrected(base, DAMPING), base, out)
+    assert 'file="../hand.xml"' in out.read_text()
+    assert load_robot(out).n == 7
+
+
+def test_what_no_number_states_is_listed(base: Path) -> None:
+    """Stribeck friction is left to a law, with the reason."""
+    done = export_mjcf(corrected(base, STRIBECK), base, base.parent / "fixed.xml")
+    ((instance, reason),) = done.left
+    assert instance.effect.id == "stribeck_friction" and "attach" in reason
+    assert not done.changes
+
+
+def test_unphysical_numbers_are_refused(base: Path) -> None:
+    """Friction that drives, and a link that leaves a body no positive inertia, are refused by name."""
+    bad = {**DAMPING, "parameters": {"coefficient": -1.0}}
+    with pytest.raises(RobotError, match="damping of joint1 would be -1"):
+        export_mjcf(corrected(base, bad), base, base.parent / "fixed.xml")
+    robot = load_robot(base)
+    light = Inertia(0.2, np.zeros(3), 1e-3 * np.eye(3))  # less than the cover that stands on the link
+    joints = (replace(robot.joints[0], link=light), *robot.joints[1:])
+    with pytest.raises(RobotError, match="leaves body 'link1' no physical inertia"):
+        export_mjcf(robot.with_(joints=joints), base, base.parent / "fixed.xml")
+    assert not (base.parent / "fixed.xml").exists()
+
+
+def test_another_arm_is_refused(base: Path) -> None:
+    """The base must describe the arm."""
+    with pytest.raises(RobotError, match="has the joints"):
+        export_mjcf(load_robot(base, "link2:link5"), base, base.parent / "fixed.xml")
+
+
+def test_a_torque_delay_goes_to_the_sensor(base: Path) -> None:
+    """A late motor torque is the delay of the joint's torque sensor, where the file has one, and is read back."""
+    text = base.read_text().replace("</mujoco>", '<sensor><jointactuatorfrc joint="joint2"/></sensor></mujoco>')
+    base.write_text(text)
+    late = {"effect": "time_delay", "joint": "joint2", "parameters": {"delay": 0.01, "channels": ["motor_torque"]}}
+    other = {**late, "joint": "joint3"}
+    done = export_mjcf(corrected(base, late, other), base, base.parent / "fixed.xml")
+    assert [(instance.joint, reason) for instance, reason in done.left] == [
+        ("joint3", "the file has no jointactuatorfrc sensor of this joint")
+    ]
+    (effect,) = [e for e in load_robot(base.parent / "fixed.xml").effects if e["effect"] == "time_delay"]
+    assert (effect["joint"], effect["parameters"]["delay"]) == ("joint2", 0.01)
+
+
+def test_a_urdf_keeps_its_shape(tmp_path: Path) -> None:
+    """A URDF's inertials, damping and friction change, nothing else does."""
+    base = tmp_path / "arm.urdf"
+    base.write_text(to_urdf(load_robot()))
+    robot = load_robot(base)
+    load = {**LOAD, "parameters": {"mass": 2.0, "position": [0.0, 0.0, 0.1]}}
+    friction = {**FRICTION, "joint": "joint_2"}
+    done = export_urdf(robot.with_(effects=(load, friction)), base, tmp_path / "fixed.urdf")
+    assert {c.element for c in done.changes} == {"link_3", "joint_2"}
+    lines = changed_lines(base, tmp_path / "fixed.urdf")
+    assert len([line for line in lines if line.startswith("- ")]) == 3
+    again = load_robot(tmp_path / "fixed.urdf")
+    assert again.mass == pytest.approx(robot.mass + 2.0)
+    assert again.effects == ({"effect": "coulomb_friction", "joint": "joint_2", "parameters": {"torque": 2.0}},)
