@@ -55,12 +55,12 @@ SUBCOMMANDS = {
         SeveralValues,
     ),
     "export": Subcommand(
-        "cli.export",
+        "cli.mujoco.export",
         "export",
         "Write an arm, such as the robot.yaml of a diagnosis, as MJCF or URDF, and list what changes and what is left.",
     ),
     "replay": Subcommand(
-        "cli.replay",
+        "cli.mujoco.replay",
         "replay_command",
         "Replay a recording in MuJoCo, and measure how far each model is from it.",
     ),

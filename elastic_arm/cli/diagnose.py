@@ -12,6 +12,8 @@ from rich.markup import escape
 from rich.table import Table
 
 from elastic_arm.cli.console import err, out, print_json, refuse_repeated, reports_errors
+from elastic_arm.cli.mujoco.corrected import Correction, print_correction
+from elastic_arm.cli.mujoco.replay import print_replays, replay_both
 from elastic_arm.cli.options import (
     AtOption,
     ChainOption,
@@ -26,7 +28,7 @@ from elastic_arm.cli.options import (
 )
 from elastic_arm.cli.outputs import claim_folder
 from elastic_arm.diagnosis import Question, diagnose, follow_up
-from elastic_arm.diagnosis.corrected_robot import repaired_robot
+from elastic_arm.diagnosis.corrected_robot import deviations, repaired_robot
 from elastic_arm.diagnosis.design.proposal import Proposal
 from elastic_arm.diagnosis.format import (
     effect_at,
@@ -41,6 +43,7 @@ from elastic_arm.diagnosis.format import (
 from elastic_arm.diagnosis.result import SEPARATING, Cause, Diagnosis
 from elastic_arm.effects import Catalogue
 from elastic_arm.effects.text import known_effects
+from elastic_arm.mujoco import Exported, Replay
 from elastic_arm.recording import Recording, load_channels
 from elastic_arm.robot import Robot, save_robot
 
@@ -69,12 +72,14 @@ def diagnose_command(
         typer.Option(help="Look for the motion that tells causes from their alternatives, where there are any."),
     ] = True,
     out_dir: Annotated[Path, typer.Option("--out", help="Folder for the results.")] = Path("diagnosis"),
+    replayed: Annotated[bool, typer.Option("--replay", help="Replay in MuJoCo, before and after (MJCF).")] = False,
     json: Annotated[bool, typer.Option("--json", help="Print diagnosis.json.")] = False,
 ) -> None:
     """Find where a recording and a model differ, which effect the model lacks, and how far the gap shrinks with it.
 
     Writes diagnosis.json and report.html. Where causes were found, robot.yaml:
-    the arm with the causes in it, for `elastic-arm simulate --robot`. Where the
+    the arm with the causes in it, for `elastic-arm simulate --robot`, and beside it
+    the MJCF or URDF that the arm came from with its numbers changed. Where the
     recording does not separate causes, separating_trajectory.yaml: the motion to
     record next, for `elastic-arm simulate --trajectory` and the trajectory node.
     Of several recordings it states which causes agree over them.
@@ -107,14 +112,36 @@ def diagnose_command(
         found = diagnose(recordings, question, judges)
     with err.status("predicting, comparing, proposing"):
         found = follow_up(found, rng=np.random.default_rng(0) if propose else None)
-        write_diagnosis(found, robot, out_dir)
+        correction = Correction(robot_file, chain, at, catalogue)
+        corrected = correct(found, robot, out_dir, correction)
+        replays = replay_both(correction, out_dir, (judges or recordings)[0]) if replayed else []
+        write_diagnosis(found, robot, out_dir, replays)
     if json:
         print_json(found.to_dict())
     else:
         print_diagnosis(found, out_dir)
+        print_correction(corrected)
+        print_replays(replays)
 
 
-def write_diagnosis(found: Diagnosis, robot: Robot, folder: Path) -> None:
+def correct(found: Diagnosis, robot: Robot, folder: Path, correction: Correction) -> Exported | str | None:
+    """Write the file that the arm came from with what was found; None where nothing was.
+
+    Parameters
+    ----------
+    found
+        The diagnosis.
+    robot
+        The nominal arm.
+    folder
+        Where to.
+    correction
+        Where the arm came from.
+    """
+    return correction.write(repaired_robot(robot, found) if found.causes else None, folder, deviations(found))
+
+
+def write_diagnosis(found: Diagnosis, robot: Robot, folder: Path, replays: Sequence[Replay] = ()) -> None:
     """Write diagnosis.json, report.html and, where there are any, the arm with its causes and the motion proposed.
 
     What an earlier diagnosis left in the folder is replaced.
@@ -127,12 +154,14 @@ def write_diagnosis(found: Diagnosis, robot: Robot, folder: Path) -> None:
         The nominal arm, to which the causes are added.
     folder
         Made where it does not exist.
+    replays
+        Of the models without and with the causes, for the report.
     """
     # Matplotlib is slow to import, and only reports need it.
     from elastic_arm.report.diagnosis import write_gap_report
 
     found.save(folder / "diagnosis.json")
-    write_gap_report(folder / "report.html", found)
+    write_gap_report(folder / "report.html", found, replays)
     for name in (ROBOT, SEPARATING):
         (folder / name).unlink(missing_ok=True)
     if ROBOT in _further(found):

@@ -13,6 +13,7 @@ from rich.progress import BarColumn, Progress, TextColumn
 from rich.table import Table
 
 from elastic_arm.cli.console import columns_left, err, out, print_json, refuse_repeated, reports_errors
+from elastic_arm.cli.mujoco.corrected import Correction, print_correction
 from elastic_arm.cli.options import (
     AtOption,
     ChainOption,
@@ -30,6 +31,7 @@ from elastic_arm.estimation.motion import Motion
 from elastic_arm.formatting import rounded
 from elastic_arm.identification import Estimate, Identification, identify_with, parse_laws
 from elastic_arm.identification.base_regression import BaseRegression
+from elastic_arm.mujoco import Exported
 from elastic_arm.recording import Recording, load_channels
 
 RESULTS = ("identification.json", "report.html", "robot.yaml")
@@ -82,7 +84,7 @@ def identify(
     """Identify an arm's parameters from recordings.
 
     Writes identification.json, report.html and, with physical consistency, robot.yaml, an arm file that
-    `elastic-arm simulate --robot` takes.
+    `elastic-arm simulate --robot` takes, and beside it the MJCF or URDF that the arm came from, its numbers changed.
 
     Examples:
 
@@ -124,10 +126,11 @@ def identify(
         )
         says("report", 1.0)
         _write(result, sections_of=(identifier.equations, motion), out_dir=out_dir)
+        corrected = Correction(robot_file, chain, at, catalogue).write(result.identified, out_dir)
     if json:
         print_json(result.to_dict())
     else:
-        _print(result, out_dir)
+        _print(result, out_dir, corrected)
 
 
 def _write(result: Identification, sections_of: tuple[BaseRegression, Motion], out_dir: Path) -> None:
@@ -145,7 +148,7 @@ def _write(result: Identification, sections_of: tuple[BaseRegression, Motion], o
     write_report(out_dir / "report.html", f"Identification of {result.robot}", parts, subtitle=subtitle)
 
 
-def _print(result: Identification, out_dir: Path) -> None:
+def _print(result: Identification, out_dir: Path, corrected: Exported | str | None) -> None:
     if result.excitation["poor"]:
         reasons = "; ".join(result.excitation["reasons"])
         out.print(f"[bold yellow]the excitation is poor[/] (known from the motion alone): {escape(reasons)}")
@@ -166,6 +169,7 @@ def _print(result: Identification, out_dir: Path) -> None:
         out.print(shown)
     written = ["identification.json", "report.html", *(["robot.yaml"] if result.identified is not None else [])]
     out.print(f"results in {escape(str(out_dir))}: {', '.join(written)}")
+    print_correction(corrected)
 
 
 def _print_estimates(estimates: Sequence[Estimate]) -> None:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import numpy as np
+
 from elastic_arm.diagnosis.result import Diagnosis
 from elastic_arm.effects.model import MODELS
 from elastic_arm.robot import Robot
@@ -20,3 +22,13 @@ def repaired_robot(robot: Robot, diagnosis: Diagnosis) -> Robot:
     found = [c.instance.to_dict() for c in diagnosis.causes if c.instance.effect.lacked_by == MODELS]
     numbers = robot if context is None else context.model.robot
     return numbers.with_(effects=(*known, *found))
+
+
+def deviations(diagnosis: Diagnosis) -> dict[tuple[str, str | None, str], float]:
+    """Return the standard deviations of the causes' scalar parameters, by effect, joint and parameter."""
+    return {
+        (cause.effect, cause.joint, name): float(estimate.std)
+        for cause in diagnosis.causes
+        for name, estimate in cause.parameters.items()
+        if np.ndim(estimate.std) == 0 and estimate.std is not None
+    }

@@ -10,7 +10,7 @@ from elastic_arm.recording import Recording, Side
 from elastic_arm.robot import Robot, to_urdf
 from elastic_arm.robot.mjcf import MjcfArm, engine
 from elastic_arm.robot.mjcf.reading import torque_delays
-from elastic_arm.simulation.controller import tuned
+from elastic_arm.simulation.controller import Controller, tuned
 from elastic_arm.simulation.rollout import Trajectory
 
 Array = NDArray[np.float64]
@@ -51,30 +51,13 @@ def record(
     SimulationError
         If the motion leaves the finite numbers.
     """
-    mj, model = engine(), arm.model
     believed = arm.robot.with_(effects=()) if nominal is None else nominal.with_(effects=())
-    controller = tuned(believed, rate=rate)
     t = np.arange(round(trajectory.duration * rate) + 1) / rate
-    q_ref, dq_ref, ddq_ref = trajectory.evaluate(t)
-    forward = controller.feedforward(q_ref, dq_ref, ddq_ref)
-    substeps = max(1, int(np.ceil(1.0 / rate / model.opt.timestep - 1e-9)))
-    model.opt.timestep = 1.0 / rate / substeps
-    model.opt.disableflags |= int(mj.mjtDisableBit.mjDSBL_ACTUATION)
-    data, positions, dofs = mj.MjData(model), arm.positions, arm.dofs
-    data.qpos[:] = arm.qpos
-    data.qpos[positions], data.qvel[dofs] = q_ref[0], dq_ref[0]
-    q, dq, command = np.empty((3, len(t), arm.robot.n))
-    for k in range(len(t)):
-        q[k], dq[k] = data.qpos[positions], data.qvel[dofs]
-        command[k] = forward[k] + controller.kp * (q_ref[k] - q[k]) + controller.kd * (dq_ref[k] - dq[k])
-        data.qfrc_applied[dofs] = command[k]
-        for _ in range(substeps):
-            mj.mj_step(model, data)
-    if not (np.isfinite(q).all() and np.isfinite(dq).all()):
-        raise SimulationError("the motion left the finite numbers", "Take a slower motion or a smaller timestep.")
+    reference = trajectory.evaluate(t)
+    q, dq, command = _followed(arm, tuned(believed, rate=rate), reference, rate)
     # Over a sample interval centred on its stamp the torque changes in the middle.
     torque = 0.5 * (command + np.vstack([command[:1], command[:-1]]))
-    late = torque_delays(model, arm.chain)
+    late = torque_delays(arm.model, arm.chain)
     torque = np.stack([np.interp(t - late[i], t, torque[:, i]) for i in range(arm.robot.n)], axis=1)
     noise = np.random.default_rng() if rng is None else rng
     stamp_ns = np.round(t * 1e9).astype(np.int64)
@@ -83,7 +66,34 @@ def record(
     return Recording(
         joints=arm.robot.joint_names,
         motor=Side(stamp_ns, position=measured, velocity=dq, effort=effort),
-        reference=Side(stamp_ns, position=q_ref, velocity=dq_ref, acceleration=ddq_ref),
+        reference=Side(stamp_ns, position=reference[0], velocity=reference[1], acceleration=reference[2]),
         robot_description=to_urdf(believed),
         source="MuJoCo",
     )
+
+
+def _followed(
+    arm: MjcfArm, controller: Controller, reference: tuple[Array, Array, Array], rate: float
+) -> tuple[Array, Array, Array]:
+    """Return angles, velocities and held torques (N, n) of the arm on its way along a reference."""
+    mj, model = engine(), arm.model
+    q_ref, dq_ref, _ = reference
+    forward = controller.feedforward(*reference)
+    substeps = max(1, int(np.ceil(1.0 / rate / model.opt.timestep - 1e-9)))
+    own, flags = float(model.opt.timestep), int(model.opt.disableflags)
+    model.opt.timestep = 1.0 / rate / substeps
+    model.opt.disableflags = flags | int(mj.mjtDisableBit.mjDSBL_ACTUATION)
+    data, positions, dofs = mj.MjData(model), arm.positions, arm.dofs
+    data.qpos[:] = arm.qpos
+    data.qpos[positions], data.qvel[dofs] = q_ref[0], dq_ref[0]
+    q, dq, command = np.empty((3, len(q_ref), arm.robot.n))
+    for k in range(len(q_ref)):
+        q[k], dq[k] = data.qpos[positions], data.qvel[dofs]
+        command[k] = forward[k] + controller.kp * (q_ref[k] - q[k]) + controller.kd * (dq_ref[k] - dq[k])
+        data.qfrc_applied[dofs] = command[k]
+        for _ in range(substeps):
+            mj.mj_step(model, data)
+    model.opt.timestep, model.opt.disableflags = own, flags
+    if not (np.isfinite(q).all() and np.isfinite(dq).all()):
+        raise SimulationError("the motion left the finite numbers", "Take a slower motion or a smaller timestep.")
+    return q, dq, command

@@ -50,7 +50,7 @@ class JointErrors:
 
 
 @dataclass(frozen=True)
-class Course:
+class ReplayedCourse:
     """What was recorded and replayed, for figures: t (N,) s, the others (N, n)."""
 
     t: Array
@@ -88,7 +88,7 @@ class Replay:
     windows: int
     open_loop: JointErrors
     closed_loop: Array | None
-    course: Course
+    course: ReplayedCourse
 
     def to_dict(self) -> dict[str, Any]:
         """Return it as plain data, courses left out."""
@@ -276,10 +276,10 @@ def _lag(recorded: Array, needed: Array, rate: float) -> Array:
 
 def _course(
     pieces: Sequence[Motion], runs: Sequence[tuple[Array, Array]], needed: Sequence[Array], steps: int
-) -> Course:
+) -> ReplayedCourse:
     piece, run, own = max(zip(pieces, runs, needed, strict=True), key=lambda each: len(each[0]))
     kept = slice(0, MOST_POINTS)
-    return Course(piece.t[kept], _present(piece.q)[kept], run[0][kept], _present(piece.tau_m)[kept], own[kept])
+    return ReplayedCourse(piece.t[kept], _present(piece.q)[kept], run[0][kept], _present(piece.tau_m)[kept], own[kept])
 
 
 def _closed_loop(arm: MjcfArm, recording: Recording) -> Array | None:

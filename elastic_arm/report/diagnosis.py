@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -22,8 +23,10 @@ from elastic_arm.diagnosis.result import SEPARATING, Cause, Diagnosis
 from elastic_arm.diagnosis.settings import DiagnosisSettings
 from elastic_arm.estimation.equations import SIDES
 from elastic_arm.formatting import rounded
+from elastic_arm.mujoco.replaying import Replay
 from elastic_arm.report import diagnosis_figures as figures
 from elastic_arm.report.html import Block, Figure, Section, Table, Text, write_report
+from elastic_arm.report.replay import sections as replay_sections
 
 TONES = {"none": "good", "explained": "good", "unknown": "warn"}
 STANDS_OUT = 2.0  # times the noise
@@ -43,10 +46,23 @@ EQUATION = {
 }
 
 
-def write_gap_report(path: str | Path, found: Diagnosis) -> Path:
-    """Write the report of a diagnosis as one HTML file."""
+def write_gap_report(path: str | Path, found: Diagnosis, replays: Sequence[Replay] = ()) -> Path:
+    """Write the report of a diagnosis, and of replays in MuJoCo where there are any, as one HTML file.
+
+    Parameters
+    ----------
+    path
+        The file.
+    found
+        The diagnosis.
+    replays
+        Of the models without and with the causes.
+    """
     subtitle = f"{', '.join(found.identify) or 'a recording'} against {found.robot} ({found.model})"
-    return write_report(path, "Gap diagnosis", sections(found), subtitle=subtitle)
+    parts = sections(found)
+    if replays:
+        parts[3:3] = replay_sections(replays)
+    return write_report(path, "Gap diagnosis", parts, subtitle=subtitle)
 
 
 def sections(found: Diagnosis) -> list[Section]:

@@ -12,12 +12,13 @@ from rich.markup import escape
 from rich.table import Table
 
 from elastic_arm.cli.console import err, out, print_json, reports_errors
+from elastic_arm.cli.mujoco.corrected import Correction
 from elastic_arm.cli.options import AtOption, ChainOption, ClockChoice, ClockOption, read_by_clock
 from elastic_arm.cli.outputs import Force, claim_folder
 from elastic_arm.errors import OutputError, RobotError
 from elastic_arm.mujoco import Replay, replay
 from elastic_arm.mujoco.replaying import WINDOW
-from elastic_arm.recording import load_channels
+from elastic_arm.recording import Recording, load_channels
 from elastic_arm.robot.loading import is_mjcf, parse_chain
 from elastic_arm.robot.mjcf import MjcfArm, open_mjcf
 
@@ -86,6 +87,30 @@ def open_arm(path: Path, chain: str | None, at: str | None) -> MjcfArm:
     return open_mjcf(path, None if chain is None else parse_chain(chain), at)
 
 
+def replay_both(correction: Correction, folder: Path, recording: Recording) -> list[Replay]:
+    """Replay a recording in the model that an arm came from, and in the corrected one where it was written.
+
+    Parameters
+    ----------
+    correction
+        Where the arm came from.
+    folder
+        Of the corrected file.
+    recording
+        To replay.
+
+    Raises
+    ------
+    RobotError
+        If the arm came from no MJCF.
+    """
+    if correction.base is None or not correction.mjcf:
+        raise RobotError("--replay needs an MJCF", "Give one with --robot model.xml")
+    after = correction.path(folder)
+    files = [correction.base, *([after] if after is not None and after.exists() else [])]
+    return [replay(recording, correction.open(path), name=str(path)) for path in files]
+
+
 def write_replays(found: list[Replay], source: str, folder: Path) -> None:
     """Write replay.json and report.html.
 
@@ -113,6 +138,8 @@ def write_replays(found: list[Replay], source: str, folder: Path) -> None:
 
 def print_replays(found: list[Replay]) -> None:
     """Print the errors of all models side by side, joint by joint."""
+    if not found:
+        return
     for title, rows in (
         ("position, mrad", [1e3 * one.open_loop.position for one in found]),
         ("velocity, mrad/s", [1e3 * one.open_loop.velocity for one in found]),

@@ -1,0 +1,1 @@
+"""Subcommands of MuJoCo: export and replay, and the corrected files that other commands write."""
