@@ -215,9 +215,9 @@ def _print_causes(causes: Sequence[Cause]) -> None:
 
 def _print_followed_up(found: Diagnosis) -> None:
     """Print how far ahead the model sees, what to move next, and which causes agree over the recordings."""
-    if found.prediction is not None and found.prediction.reason:
+    if found.prediction is not None and found.prediction.before is None:
         out.print(f"prediction: not measured, {escape(found.prediction.reason)}")
-    elif found.prediction is not None and found.causes:
+    elif found.prediction is not None and (found.causes or found.prediction.reason):
         out.print(f"prediction: {escape(prediction_sentence(found.prediction))}")
     if found.proposal is not None:
         _print_proposal(found.proposal)

@@ -170,8 +170,10 @@ def negative_shrink_note(causes: Sequence[Cause]) -> str:
 
 
 def prediction_sentence(prediction: Prediction) -> str:
-    """Return in a sentence how far the prediction error of the worst angle falls at the longest horizon."""
+    """Return in a sentence how far the prediction error of the worst angle falls, or why that is not known."""
     before, after = prediction.before or {}, prediction.after or {}
+    if prediction.reason:
+        return f"{prediction.reason[0].upper()}{prediction.reason[1:]}."
     joint, side = max(before, key=lambda place: before[place][-1])
     errors = [_angle(size[joint, side][-1]) for size in (before, after)]
     horizon = f"{1e3 * prediction.horizons[-1]:g} ms"

@@ -232,7 +232,8 @@ def _prediction(found: Diagnosis) -> list[Block]:
         for joint, side in prediction.before
     ]
     drawing = Figure(figures.horizons(prediction, found.joints))
-    return [Text(text), drawing, Table(header, rows, "Prediction error, µrad", 2)]
+    gone = [Text(prediction_sentence(prediction), "warn")] if prediction.reason else []
+    return [Text(text), *gone, drawing, Table(header, rows, "Prediction error, µrad", 2)]
 
 
 def _next(found: Diagnosis) -> list[Block]:

@@ -1,12 +1,13 @@
 """Many short predictions at once: from measured states on, motor torque in, angles out.
 
 The arm is put into the measured state at many instants and driven by the measured motor torque from each of them. All
-starts are integrated in one call a step, with the equations and the scheme of the simulator.
+starts are integrated in one call a step, with the equations and the scheme of the simulator; where a light link under
+strong friction makes them too stiff for that, with a linearly implicit scheme.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Protocol
 
 import casadi as ca
@@ -19,12 +20,14 @@ from elastic_arm.effects import EffectInstance
 from elastic_arm.effects.equations import ArmEquations
 from elastic_arm.simulation.assembly import System, assemble
 from elastic_arm.simulation.integrator import runge_kutta_step
-from elastic_arm.simulation.simulator import SIGN_SPEED, sign_speed
+from elastic_arm.simulation.simulator import sign_speed
 
 Array = NDArray[np.float64]
 
 LONGEST_STEP = 1e-3  # s
-SHARPEST = 1.0  # rad of the fastest vibration in a step; Runge-Kutta is stable up to 2.8 without damping, less with it
+SHARPEST = 1.0  # fastest eigenvalue times the step; Runge-Kutta is stable up to 2.8
+MOST_SUBSTEPS = 32  # a sample; where more were needed, the implicit scheme takes over
+GAMMA = 1.0 - np.sqrt(0.5)  # of the scheme ROS2, which is L-stable with it
 DEFLECTION_STEPS = 12  # of a fixed point that contracts as true over nominal stiffness comes near to one
 
 
@@ -75,6 +78,7 @@ class BatchPrediction:
         self._system: System = assemble(equations, laws)
         self._substeps = 1
         self._rate: ca.Function | None = None
+        self._jacobian: ca.Function | None = None
         self._constants = np.zeros(0)
 
     def angles(self, motion: MeasuredMotion, begins: NDArray[np.intp], steps: Sequence[int]) -> tuple[Array, Array]:
@@ -148,17 +152,31 @@ class BatchPrediction:
     def _prepare(self, starts: int, x: Array, torque: Array) -> None:
         """Make the equations of all starts one call, and choose the step by the fastest vibration."""
         system, z = self._system, np.zeros(self._system.states)
-        given = (self._Psi, system.effect_set.numbers(), np.full(2 * system.n, SIGN_SPEED))
-        rest = np.zeros_like(x)
-        stiffness = np.array(system.stiffness_of_balance(x, rest, z, *given))
-        mass = np.array(system.friction(x, rest, z, torque, *given)[1])
-        fastest = np.sqrt(np.abs(np.linalg.eigvals(np.linalg.solve(mass, stiffness))).max())
-        step = min(LONGEST_STEP, SHARPEST / fastest)
+        step = min(LONGEST_STEP, SHARPEST / self._fastest(x, z, torque))
         self._substeps = int(np.ceil(self._period / step - 1e-9))
+        self._jacobian = None
+        if self._substeps > MOST_SUBSTEPS:
+            self._substeps = int(np.ceil(self._period / LONGEST_STEP - 1e-9))
+            self._jacobian = self._state_jacobian().map(starts)
         speed = sign_speed(system, self._Psi, x, z, torque, self._period / self._substeps)
         constants = system.constants(self._Psi, system.effect_set.numbers(), speed)
         self._constants = np.repeat(np.array(constants).reshape(-1, 1), starts, axis=1)
         self._rate = system.accelerations.map(starts)
+
+    def _fastest(self, x: Array, z: Array, torque: Array) -> float:
+        """Return the largest eigenvalue, 1/s, of the arm at rest, dry friction aside (its slope follows the step)."""
+        system = self._system
+        constants = system.constants(self._Psi, system.effect_set.numbers(), np.full(2 * system.n, np.inf))
+        state = np.concatenate([x, np.zeros_like(x), z])
+        return float(np.abs(np.linalg.eigvals(np.array(self._state_jacobian()(state, torque, constants)))).max())
+
+    def _state_jacobian(self) -> ca.Function:
+        """Return the derivative of the state's rate with respect to the state: (y, torque, constants) -> (m, m)."""
+        system = self._system
+        x, dx, z, torque, constants = (ca.SX.sym(f"given_{k}", *system.accelerations.size_in(k)) for k in range(5))
+        ddx, dz, _ = system.accelerations(x, dx, z, torque, constants)
+        state = ca.vertcat(x, dx, z)
+        return ca.Function("jacobian", [state, torque, constants], [ca.jacobian(ca.vertcat(dx, ddx, dz), state)])
 
     def _evaluate(self, y: Array, torque: Array) -> tuple[Array, Array, Array]:
         """Return accelerations, rates of internal states, and joint torques, starts first."""
@@ -177,5 +195,15 @@ class BatchPrediction:
             return np.hstack([at[:, dof : 2 * dof], ddx, dz])
 
         for _ in range(self._substeps):
-            y = runge_kutta_step(rate, y, h)
+            y = runge_kutta_step(rate, y, h) if self._jacobian is None else self._implicit_step(rate, y, torque, h)
         return y
+
+    def _implicit_step(self, rate: Callable[[Array], Array], y: Array, torque: Array, h: float) -> Array:
+        """Return the states a step later by ROS2 (Verwer, Spee, Blom, Hundsdorfer, SIAM J. Sci. Comput. 20, 1999)."""
+        assert self._jacobian is not None
+        m = y.shape[1]
+        jacobian = np.array(self._jacobian(y.T, torque.T, self._constants)).reshape(m, len(y), m).swapaxes(0, 1)
+        implicit = np.eye(m) - GAMMA * h * jacobian
+        k1 = np.linalg.solve(implicit, rate(y)[:, :, None])[:, :, 0]
+        k2 = np.linalg.solve(implicit, (rate(y + h * k1) - 2.0 * k1)[:, :, None])[:, :, 0]
+        return y + h * (1.5 * k1 + 0.5 * k2)

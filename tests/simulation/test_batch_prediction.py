@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
@@ -18,6 +21,14 @@ from tests.helpers.smooth_motion import smooth_motion
 
 ROBOT = load_robot(None)
 MODEL = build_model(ROBOT, "mod3")
+ONE_JOINT = """
+name: one
+gravity: [0, 0, -9.81]
+joints:
+- name: a
+  dh: {{a: 0, d: 0, alpha: 0, offset: 0}}
+  link: {{mass: 1.0e-3, com: [0, 0, 0], inertia: {{xx: {inertia}, yy: {inertia}, zz: {inertia}, xy: 0, xz: 0, yz: 0}}}}
+"""
 
 
 @pytest.mark.parametrize("effects", [(), ("viscous_friction:joint_2:coefficient=20",)])
@@ -48,3 +59,23 @@ def test_the_step_is_of_fourth_order() -> None:
         return float(np.abs(y - [np.cos(1.0), -np.sin(1.0)]).max())
 
     assert 15.0 < error(10) / error(20) < 18.0
+
+
+def test_strong_friction_on_a_light_link_is_followed(tmp_path: Path) -> None:
+    """A joint of 1e-3 kg m² under 370 Nm s/rad, far too stiff for explicit steps, takes its speed at once.
+
+    Its exact motion is w = tau/d (1 − exp(−d t/J)): after 40 ms the angle is tau/d (t − J/d).
+    """
+    inertia, damping, torque = 1e-3, 370.0, 7.4
+    file = tmp_path / "one.yaml"
+    file.write_text(ONE_JOINT.format(inertia=inertia))
+    robot = load_robot(file)
+    laws = [parse(f"viscous_friction:a:side=link,coefficient={damping}", robot)]
+    equations = ArmEquations(robot, "mod3")
+    batch = BatchPrediction(equations, laws, equations.nominal, np.ones(1), 4e-3)
+    zeros = np.zeros((20, 1))
+    channels = dict.fromkeys(("q", "dq", "ddq", "theta", "dtheta", "ddtheta", "tau_J"), zeros)
+    motion = SimpleNamespace(t=4e-3 * np.arange(20), tau_m=zeros + torque, **channels)
+    q, _ = batch.angles(motion, np.array([0, 5]), [5, 10])  # type: ignore[arg-type]
+    exact = torque / damping * (np.array([0.02, 0.04]) - inertia / damping)
+    np.testing.assert_allclose(q[:, :, 0], [exact, exact], rtol=0.01)

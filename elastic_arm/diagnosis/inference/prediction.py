@@ -29,6 +29,8 @@ Place = tuple[str, str]
 
 HORIZONS = (0.01, 0.02, 0.05, 0.1, 0.2)  # s
 STARTS = 64
+# An angle that is further off than this, rad, is no prediction: the model has left the motion.
+FARTHEST = 1.0
 
 
 @dataclass(frozen=True)
@@ -42,9 +44,10 @@ class Prediction:
     starts
         How many.
     before, after
-        (joint, side) -> (H,) rad for "link" (q) and "motor" (theta), with the model and with the causes added.
+        (joint, side) -> (H,) rad for "link" (q) and "motor" (theta), with the model and with the causes added; NaN
+        where the model leaves the motion.
     reason
-        Why there is no prediction, empty where there is one.
+        Why there is no prediction, or not everywhere; empty where there is one.
     """
 
     horizons: tuple[float, ...] = HORIZONS
@@ -65,10 +68,10 @@ class Prediction:
         }
 
 
-def _nested(size: Mapping[Place, tuple[float, ...]]) -> dict[str, dict[str, list[float]]]:
-    found: dict[str, dict[str, list[float]]] = {}
+def _nested(size: Mapping[Place, tuple[float, ...]]) -> dict[str, dict[str, list[float | None]]]:
+    found: dict[str, dict[str, list[float | None]]] = {}
     for (joint, side), values in size.items():
-        found.setdefault(joint, {})[side] = [float(f"{v:.4g}") for v in values]
+        found.setdefault(joint, {})[side] = [float(f"{v:.4g}") if np.isfinite(v) else None for v in values]
     return found
 
 
@@ -95,7 +98,21 @@ def predict(context: DiagnosisContext, causes: Sequence[EffectInstance], starts:
         sides = sides[:1]
     before = _errors(context, context.known, begins, sides)
     after = _errors(context, (*context.known, *causes), begins, sides) if causes else before
-    return Prediction(_horizons(1.0 / context.seen[1][0].rate), sum(len(b) for b in begins), before, after)
+    horizons = _horizons(1.0 / context.seen[1][0].rate)
+    reason = _left(before, horizons, "the model") or _left(after, horizons, "the model with the causes")
+    return Prediction(horizons, sum(len(b) for b in begins), before, after, reason)
+
+
+def _left(size: Mapping[Place, tuple[float, ...]], horizons: Sequence[float], what: str) -> str:
+    """Return where the model leaves the motion, in words; empty where it follows everywhere."""
+    first = {place: int(np.argmax(np.isnan(values))) for place, values in size.items() if np.isnan(values).any()}
+    if not first:
+        return ""
+    (joint, side), k = min(first.items(), key=lambda found: found[1])
+    return (
+        f"driven by the measured torque, {what} is more than {FARTHEST:g} rad off within {1e3 * horizons[k]:g} ms "
+        f"({joint}, {side}), as where friction that it lacks takes most of the torque, or an inertia is far too small"
+    )
 
 
 def _horizons(period: float) -> tuple[float, ...]:
@@ -128,7 +145,8 @@ def _errors(
         motion = corrected(part.stretch.quiet, plant.sensors)
         # Without transmissions a joint torque sensor reads what drives the arm as well.
         motion = motion if motored else replace(motion, tau_m=motion.tau_J)
-        q, theta = predictor.angles(motion, starts, steps)
+        with np.errstate(over="ignore", invalid="ignore"):
+            q, theta = predictor.angles(motion, starts, steps)
         ends = starts[:, None] + np.array(steps)
         found["link"].append(q - motion.q[ends])
         found["motor"].append(theta - motion.theta[ends])
@@ -151,8 +169,9 @@ def _begins(context: DiagnosisContext, starts: int) -> list[NDArray[np.intp]]:
 
 
 def _rms(errors: Sequence[Array]) -> Array:
-    """Root mean square (H, n) of errors (starts, H, n) of all stretches."""
-    return np.sqrt(np.mean(np.concatenate(errors) ** 2, axis=0))
+    """Root mean square (H, n) of errors (starts, H, n) of all stretches; NaN where it is no prediction any more."""
+    size = np.sqrt(np.mean(np.concatenate(errors) ** 2, axis=0))
+    return np.where(size < FARTHEST, size, np.nan)
 
 
 def _predictor(model: Model, plant: Plant, period: float) -> BatchPrediction:
