@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,7 +22,14 @@ from elastic_arm.diagnosis.inference.lack_of_fit import LackOfFit
 from elastic_arm.diagnosis.inference.regimes import regime, shares
 from elastic_arm.diagnosis.inference.sensor_faults import with_faults
 from elastic_arm.diagnosis.preparation import PreparedData
-from elastic_arm.diagnosis.result import Alternative, Cause, Diagnosis, ResidualSizes, UnexplainedResidual
+from elastic_arm.diagnosis.result import (
+    Alternative,
+    Cause,
+    Diagnosis,
+    ResidualSizes,
+    UnexplainedResidual,
+    plain_parameters,
+)
 from elastic_arm.diagnosis.selection.hypothesis import Rival
 from elastic_arm.diagnosis.selection.regressor_library import Candidate
 
@@ -101,9 +109,24 @@ def assemble(prepared: PreparedData, judgement: Judgement, estimated: EstimatedH
         causes=tuple(r.cause if sure is None else r.cause.less_sure(sure) for r in ranked),
         unexplained=tuple(unexplained),
         imperfections=found,
+        known=_known(estimated),
         notes=(*prepared.notes, *texts.imperfection_notes(found), *judgement.notes, *estimated.notes, *repeated),
         cumulative_shrink=cumulative_shrink(measure, hypothesis.baseline, [r.candidate for r in ranked]),
         context=_context(prepared, judgement, estimated, ranked, residuals),
+    )
+
+
+def _known(estimated: EstimatedHypothesis) -> tuple[dict[str, Any], ...]:
+    """Return what known effects came out as."""
+    given = estimated.hypothesis.given
+    return tuple(
+        {
+            "effect": instance.effect.id,
+            "joint": instance.joint,
+            "sides": list(instance.sides),
+            "parameters": plain_parameters(parameters),
+        }
+        for instance, parameters in zip(estimated.instances[:given], estimated.parameters[:given], strict=True)
     )
 
 

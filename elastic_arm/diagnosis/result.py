@@ -103,10 +103,7 @@ class Cause:
 
     def to_dict(self) -> dict[str, Any]:
         """Return it as in `diagnosis.json`."""
-        parameters = {
-            name: {"value": _plain(e.value), "std": _plain(e.std), "unit": e.unit}
-            for name, e in self.parameters.items()
-        }
+        parameters = plain_parameters(self.parameters)
         for choice in self.instance.effect.choices:
             if choice.name != "side":
                 chosen = self.instance.parameters[choice.name]
@@ -218,6 +215,8 @@ class Diagnosis:
         What was found, most important first, and where something is left.
     imperfections
         Numbers of the description and of the sensors that the recording determines, where the model was refitted.
+    known
+        Effects that count as part of the model, with the sizes that were fitted, as in `diagnosis.json`.
     notes
         What the reader should know besides.
     cumulative_shrink
@@ -250,6 +249,7 @@ class Diagnosis:
     causes: tuple[Cause, ...]
     unexplained: tuple[UnexplainedResidual, ...]
     imperfections: tuple[Imperfection, ...] = ()
+    known: tuple[Mapping[str, Any], ...] = ()
     notes: tuple[str, ...] = ()
     cumulative_shrink: tuple[float, ...] = ()
     prediction: Prediction | None = None
@@ -281,6 +281,7 @@ class Diagnosis:
                 {"joint": p.joint, "side": p.side, "regime": p.regime, "rmse": _plain(p.rmse)} for p in self.unexplained
             ],
             "imperfections": [one.to_dict() for one in self.imperfections],
+            "known": [dict(one) for one in self.known],
             "notes": list(self.notes),
             "ladder": [_plain(share) for share in self.cumulative_shrink],
             "prediction": None if self.prediction is None else self.prediction.to_dict(),
@@ -313,6 +314,11 @@ class Diagnosis:
             return {"rmse": _plain(size.rmse[place]), "max": _plain(size.peak[place])} if place in size.rmse else None
 
         return {joint: {side: cell(joint, side) for side in SIDES} for joint in self.joints}
+
+
+def plain_parameters(parameters: Mapping[str, ParameterEstimate]) -> dict[str, Any]:
+    """Return parameters as in `diagnosis.json`."""
+    return {name: {"value": _plain(e.value), "std": _plain(e.std), "unit": e.unit} for name, e in parameters.items()}
 
 
 def _plain(value: Any) -> Any:

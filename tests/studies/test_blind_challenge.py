@@ -190,7 +190,7 @@ def test_an_effect_out_of_the_catalogue_is_not_named(tmp_path: Path) -> None:
         seed=1, clean=0, pairs=0, seconds=5.0, validate_seconds=4.0, effects=("torque_ripple",), ratio=(100.0, 200.0)
     )
     campaign.create(tmp_path, settings)
-    assert campaign.solve(tmp_path) == {} and campaign.solve(tmp_path, withheld=True) == {}
+    assert campaign.solve(tmp_path) == {} and campaign.solve(tmp_path, kind=campaign.WITHHELD) == {}
     found = score(tmp_path)
     assert found["items"][0]["named"] == ["torque_ripple"]
     assert "torque_ripple" not in found["withheld_items"][0]["named"]
@@ -298,7 +298,7 @@ def test_a_refused_diagnosis_is_a_wrong_answer(tmp_path: Path, monkeypatch: pyte
 
     monkeypatch.setattr(campaign, "read_recording", lambda *_: None)
     monkeypatch.setattr(campaign, "diagnose", refuse)
-    name, problem = campaign._diagnose((str(tmp_path), "a", "mod3", ""))
+    name, problem = campaign._diagnose((str(tmp_path), "a", "mod3", "", campaign.ANSWERS))
     assert name == "a" and "too little motion" in problem
     answer = json.loads(campaign.answer_path(tmp_path, "a").read_text())
     found = score_answer(_entry(), answer, ROBOT.joint_names)

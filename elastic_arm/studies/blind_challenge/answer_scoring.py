@@ -45,6 +45,7 @@ def score_answer(
     hits = [_hit(fault, causes, joints) for fault in placed]
     covered = [_coverage(f, h, effects[f.effect]) for f, h in zip(faults, hits, strict=True) if h is not None]
     itself = [_is(f, c["effect"], c["joint"], joints) for f in placed for c in causes]
+    right = [any(_is(f, c["effect"], c["joint"], joints) for f in placed) or c["effect"] in lacking for c in causes]
     return {
         "name": entry["name"],
         "truth": [f.effect for f in faults],
@@ -58,9 +59,7 @@ def score_answer(
         "named": [c["effect"] for c in causes],
         "named_joints": [c["joint"] for c in causes],
         "confidence": [c["confidence"] for c in causes],
-        "cause_right": [
-            any(_is(f, c["effect"], c["joint"], joints) for f in placed) or c["effect"] in lacking for c in causes
-        ],
+        "cause_right": right,
         "shrink": answer["shrink"],
         "measured_by": answer.get("measured_by", "excess"),
         "log_likelihood": answer.get("log_likelihood", 0.0),

@@ -22,6 +22,7 @@ from elastic_arm.errors import DiagnosisError, RecordingError
 from elastic_arm.recording import read_recording, write_recording
 from elastic_arm.robot import Robot, load_robot
 from elastic_arm.studies.blind_challenge.arm_sampling import HIGHEST, LOWEST, SamplingRequest, sample_arm
+from elastic_arm.studies.blind_challenge.baseline import baseline_answer
 from elastic_arm.studies.blind_challenge.effect_sampling import combines, model_of
 from elastic_arm.studies.blind_challenge.hidden_arms.effect_laws import KNOWN
 from elastic_arm.studies.blind_challenge.hidden_arms.further_laws import FOREIGN
@@ -38,6 +39,8 @@ from elastic_arm.studies.blind_challenge.sealed_truth import NAME, drop_pieces, 
 from elastic_arm.studies.blind_challenge.simulated_arm import arm_maker
 
 MANIFEST = "challenge.json"
+# Folders of answers: of the diagnosis, of the diagnosis without the arm's effect, and of plain least squares with BIC.
+ANSWERS, WITHHELD, BASELINE = "answers", "withheld", "baseline"
 FILES = "effects"  # folder of a challenge that holds copies of the files with effects of the user
 STATE_OF = ("codegen", "dynamics", "effects", "estimation", "diagnosis")  # packages whose code gives the answers
 REFUSED: dict[str, Any] = {
@@ -158,7 +161,7 @@ def create(
 def solve(
     folder: Path,
     *,
-    withheld: bool = False,
+    kind: str = ANSWERS,
     stale: bool = False,
     workers: int = 0,
     scheduler: str | None = None,
@@ -168,21 +171,21 @@ def solve(
 
     Parameters
     ----------
-    withheld
-        Diagnose the arms with one effect again, that effect taken out of the catalogue. The truth is opened to know
-        which; the diagnosis learns nothing of it.
+    kind
+        ANSWERS; WITHHELD for the arms with one effect again, that effect taken out of the catalogue (the truth is
+        opened to know which; the diagnosis learns nothing of it); BASELINE for plain least squares instead.
     stale
         Answer again what another state of the code has answered.
     """
     manifest = load_manifest(folder)
-    without = _own_effects(folder, manifest) if withheld else {}
+    without = _own_effects(folder, manifest) if kind == WITHHELD else {}
     jobs = []
     for item in manifest["items"]:
-        path = answer_path(folder, item["name"], withheld=withheld)
-        if withheld and item["name"] not in without:
+        path = answer_path(folder, item["name"], kind)
+        if kind == WITHHELD and item["name"] not in without:
             continue
         if not path.is_file() or (stale and json.loads(path.read_text()).get("code") != code_state()):
-            jobs.append((str(folder), item["name"], item["model"], without.get(item["name"], "")))
+            jobs.append((str(folder), item["name"], item["model"], without.get(item["name"], ""), kind))
     wrong = {}
     for done, outcome in enumerate(mapped(_diagnose, jobs, workers, scheduler), 1):
         if isinstance(outcome, Failure):
@@ -211,7 +214,7 @@ def load_manifest(folder: Path) -> dict[str, Any]:
     return manifest
 
 
-def answer_path(folder: Path, name: str, *, withheld: bool = False) -> Path:
+def answer_path(folder: Path, name: str, kind: str = ANSWERS) -> Path:
     """Where the diagnosis of an item stands.
 
     Parameters
@@ -220,10 +223,10 @@ def answer_path(folder: Path, name: str, *, withheld: bool = False) -> Path:
         Of the challenge.
     name
         Of the arm.
-    withheld
-        Whether the diagnosis had the arm's effect taken out of the catalogue.
+    kind
+        Which answers.
     """
-    return folder / ("withheld" if withheld else "answers") / f"{name}.json"
+    return folder / kind / f"{name}.json"
 
 
 @lru_cache(maxsize=1)
@@ -285,21 +288,23 @@ def _record(job: tuple[str, SamplingRequest, str]) -> str:
     return item.name
 
 
-def _diagnose(job: tuple[str, str, str, str]) -> tuple[str, str]:
-    folder, name, model, without = Path(job[0]), *job[1:]
+def _diagnose(job: tuple[str, str, str, str, str]) -> tuple[str, str]:
+    folder, name, model, without, kind = Path(job[0]), *job[1:]
     catalogue = catalogue_of(folder)
     effects = tuple(e for e in catalogue.without(without).values() if e.searched)
     wall, cpu = time.perf_counter(), time.process_time()
     try:
         channels = channels_path(folder, name)
         identify, validate = (read_recording(bag, channels) for bag in _bags(folder, name))
-        question = _question(folder, name, model, catalogue)
-        found = diagnose([identify], replace(question, effects=effects), [validate])
-        answer, problem = found.to_dict(), ""
+        question = replace(_question(folder, name, model, catalogue), effects=effects)
+        if kind == BASELINE:
+            answer, problem = baseline_answer(identify, validate, question), ""
+        else:
+            answer, problem = diagnose([identify], question, [validate]).to_dict(), ""
     except (DiagnosisError, RecordingError) as error:  # to refuse is an answer too, and counts as one
         answer, problem = REFUSED | {"notes": [str(error)]}, str(error)
     spent = {"seconds": time.perf_counter() - wall, "cpu_seconds": time.process_time() - cpu}
-    path = answer_path(folder, name, withheld=bool(without))
+    path = answer_path(folder, name, kind)
     path.parent.mkdir(parents=True, exist_ok=True)
     _write(path, answer | spent | {"code": code_state()})
     return name, problem

@@ -20,8 +20,9 @@ from elastic_arm.cli.outputs import claim_folder
 from elastic_arm.effects import Catalogue
 from elastic_arm.studies.blind_challenge import campaign
 from elastic_arm.studies.blind_challenge.levels.level import FIELD, LABORATORY, WORKSHOP
+from elastic_arm.studies.blind_challenge.levels.table import LEVEL_HEADINGS, table_rows
 from elastic_arm.studies.blind_challenge.scoring import score as score_answers
-from elastic_arm.studies.blind_challenge.summary import SIMULATED, effect_rows, markdown, question_rows
+from elastic_arm.studies.blind_challenge.summary import SIMULATED, effect_rows, markdown, of_levels_alone, question_rows
 
 challenge_app = typer.Typer(
     name="challenge", help="Check the diagnosis on arms whose effect is withheld from it.", no_args_is_help=True
@@ -105,6 +106,9 @@ def diagnose(
     withheld: Annotated[
         bool, typer.Option("--withheld", help="Arms with one effect again, that effect not in the catalogue.")
     ] = False,
+    baseline: Annotated[
+        bool, typer.Option("--baseline", help="Answer by plain least squares and BIC instead, to compare with.")
+    ] = False,
     stale: Annotated[bool, typer.Option("--stale", help="Again what another state of the code answered.")] = False,
     workers: Workers = CORES,
     scheduler: Scheduler = None,
@@ -115,9 +119,12 @@ def diagnose(
 
     Example: elastic-arm challenge diagnose blind
     """
+    if withheld and baseline:
+        raise typer.BadParameter("the baseline answers with the whole catalogue", param_hint="--baseline")
+    kind = campaign.WITHHELD if withheld else campaign.BASELINE if baseline else campaign.ANSWERS
     with _bar("diagnosing") as bar:
         wrong = campaign.solve(
-            folder, withheld=withheld, stale=stale, workers=workers, scheduler=scheduler, report=_reporter(bar)
+            folder, kind=kind, stale=stale, workers=workers, scheduler=scheduler, report=_reporter(bar)
         )
     for name, problem in wrong.items():
         err.print(escape(f"{name}: {problem}"))
@@ -146,6 +153,11 @@ def score(
         to.write_text(markdown(found), encoding="utf-8")
     if json:
         print_json(found)
+        return
+    for level, tables in found["levels"].items():
+        _print(f"level {level}", LEVEL_HEADINGS, table_rows(level, tables))
+    if of_levels_alone(found):
+        out.print(escape(f"{folders[0] / 'score.json'}, {page}"))
         return
     _print("", ("question", "right", "of", "share", "95 % interval", "to reach"), question_rows(found))
     headings, rows = effect_rows(found)

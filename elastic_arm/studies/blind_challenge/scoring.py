@@ -14,7 +14,16 @@ from elastic_arm.effects import EFFECTS, Effect
 from elastic_arm.robot import load_robot
 from elastic_arm.studies.blind_challenge.answer_scoring import score_answer
 from elastic_arm.studies.blind_challenge.arm_sampling import LOWEST
-from elastic_arm.studies.blind_challenge.campaign import answer_path, catalogue_of, load_manifest
+from elastic_arm.studies.blind_challenge.campaign import (
+    ANSWERS,
+    BASELINE,
+    WITHHELD,
+    answer_path,
+    catalogue_of,
+    load_manifest,
+)
+from elastic_arm.studies.blind_challenge.levels.answers import score_realistic_answer
+from elastic_arm.studies.blind_challenge.levels.table import level_table
 from elastic_arm.studies.blind_challenge.proportions import Proportion, calibration, detection
 from elastic_arm.studies.blind_challenge.sealed_truth import open_sealed
 
@@ -48,6 +57,7 @@ def score(folders: Path | Sequence[Path]) -> dict[str, Any]:
     settings, total = [], 0
     effects: dict[str, Effect] = dict(EFFECTS)
     simulated: set[str] = set()
+    baseline: list[Line] = []
     for folder in folders:
         manifest = load_manifest(folder)
         effects |= catalogue_of(folder)
@@ -55,17 +65,22 @@ def score(folders: Path | Sequence[Path]) -> dict[str, Any]:
         truth = open_sealed(folder, manifest["truth_sha256"])
         settings.append(manifest["settings"] | {"truth_sha256": manifest["truth_sha256"]})
         total += len(truth)
-        own = _lines(folder, truth, effects, withheld=False)
+        own = _lines(folder, truth, effects, ANSWERS)
         lines += own
-        withheld += _beside(_lines(folder, truth, effects, withheld=True), own)
+        withheld += _beside(_lines(folder, truth, effects, WITHHELD), own)
+        baseline += _lines(folder, truth, effects, BASELINE)
+    levels = _levels(lines, withheld, baseline)
+    answered = len(lines)
+    lines = [x for x in lines if not x.get("foreign")]
     single = [x for x in lines if len(x["truth"]) == 1]
     large = [x for x in single if x["multiple"] >= LOWEST]
     told = [(c, r) for x in lines for c, r in zip(x["confidence"], x["cause_right"], strict=True)]
     shrinks = _shrinks(large)
     return {
         "challenges": settings,
-        "answered": len(lines),
-        "open": total - len(lines),
+        "answered": answered,
+        "open": total - answered,
+        "levels": levels,
         "simulated": sorted(simulated),
         "code": dict(Counter(x["code"] for x in lines)),
         "shares": {name: s.to_dict() for name, s in _shares(lines, large, withheld).items()},
@@ -113,16 +128,30 @@ def _shares(lines: Sequence[Line], large: Sequence[Line], withheld: Sequence[Lin
     }
 
 
-def _lines(
-    folder: Path, truth: Sequence[dict[str, Any]], effects: Mapping[str, Effect], *, withheld: bool
-) -> list[Line]:
+def _lines(folder: Path, truth: Sequence[dict[str, Any]], effects: Mapping[str, Effect], kind: str) -> list[Line]:
     joints = load_robot(None).joint_names
-    paths = [answer_path(folder, entry["name"], withheld=withheld) for entry in truth]
-    return [
-        score_answer(entry, json.loads(path.read_text()), joints, effects)
-        for entry, path in zip(truth, paths, strict=True)
-        if path.is_file()
-    ]
+    found = []
+    for entry in truth:
+        path = answer_path(folder, entry["name"], kind)
+        if path.is_file():
+            answer = json.loads(path.read_text())
+            if "level" in entry:
+                found.append(score_realistic_answer(entry, answer, effects))
+            else:
+                found.append(score_answer(entry, answer, joints, effects))
+    return found
+
+
+def _levels(lines: Sequence[Line], withheld: Sequence[Line], baseline: Sequence[Line]) -> dict[str, Any]:
+    """Return the tables of each level but the laboratory: of the diagnosis, and of the baseline where it was run."""
+    found: dict[str, Any] = {}
+    for level in dict.fromkeys(x["level"] for x in lines if "level" in x):
+        taken_out = [x | {"due": _due(x)} for x in withheld if x.get("level") == level]
+        tables = {"diagnosis": level_table([x for x in lines if x.get("level") == level], taken_out)}
+        if plain := [x for x in baseline if x.get("level") == level]:
+            tables["baseline"] = level_table(plain, [])
+        found[level] = tables
+    return found
 
 
 def _of(lines: Sequence[Line], effect: str) -> bool:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
+from elastic_arm.studies.blind_challenge.levels.table import LEVEL_HEADINGS, table_rows
 from elastic_arm.studies.blind_challenge.scoring import TARGET_SECONDS, TARGET_SHRINK, TARGETS
 
 QUESTIONS = ("question", "right", "of", "share", "95 % interval", "to reach")
@@ -98,8 +99,49 @@ def withheld_rows(found: dict[str, Any]) -> list[tuple[str, ...]]:
     ]
 
 
+LEVEL = """## Level {level}
+
+{challenges}
+- {answers}
+
+{table}
+
+Effects of no catalogue, and what was said: {foreign}.
+
+Missed: {missed}.
+"""
+
+
+def of_levels_alone(found: dict[str, Any]) -> bool:
+    """Whether nothing of the laboratory was answered."""
+    return bool(found["levels"]) and all("level" in x for x in found["items"])
+
+
+def level_sections(found: dict[str, Any]) -> str:
+    """Return a section for each level but the laboratory, as part of a document."""
+    states = ", ".join(str(state) for state in found["code"])
+    return "\n".join(
+        LEVEL.format(
+            level=level,
+            challenges="\n".join(f"- {challenge(c)}" for c in found["challenges"] if c.get("level") == level),
+            answers=f"state of the code: {states}",
+            table=_table(LEVEL_HEADINGS, table_rows(level, tables)),
+            foreign=_said(tables["diagnosis"]["foreign"]),
+            missed=_said(tables["diagnosis"]["missed"]),
+        )
+        for level, tables in found["levels"].items()
+    )
+
+
+def _said(answers: dict[str, list[str]]) -> str:
+    """Return what each arm had, and the verdict with the causes."""
+    return "; ".join(f"{name}: {', '.join(what)}" for name, what in answers.items()) or "none"
+
+
 def markdown(found: dict[str, Any]) -> str:
     """Return the tables as a document."""
+    if of_levels_alone(found):
+        return level_sections(found)
     states = ", ".join(str(state) for state in found["code"])
     return PAGE.format(
         challenges="\n".join(f"- {challenge(c)}" for c in found["challenges"]),
@@ -110,7 +152,7 @@ def markdown(found: dict[str, Any]) -> str:
         withheld=_table(WITHHELD, withheld_rows(found)) if found["withheld"] else "Not run.",
         false_causes="\n".join(f"- {where}: {_list(counts)}" for where, counts in found["false_causes"].items()),
         calibration=_table(CALIBRATION, calibration_rows(found)),
-    )
+    ) + (f"\n{sections}" if (sections := level_sections(found)) else "")
 
 
 def calibration_rows(found: dict[str, Any]) -> list[tuple[str, ...]]:
@@ -123,8 +165,8 @@ def calibration_rows(found: dict[str, Any]) -> list[tuple[str, ...]]:
 
 def challenge(settings: dict[str, Any]) -> str:
     """Return what a challenge consists of, in a line."""
-    kinds = ("per_effect", "clean", "pairs", "triples")
-    counts = ", ".join(f"{settings[k]} {k.replace('_', ' ')}" for k in kinds)
+    kinds = ("per_effect", "clean", "pairs", "triples", "foreign")
+    counts = ", ".join(f"{settings[k]} {k.replace('_', ' ')}" for k in kinds if settings.get(k))
     low, high = settings["ratio"]
     return (
         f"seed {settings['seed']}: {counts}; {settings['seconds']:g} + {settings['validate_seconds']:g} s, sizes "

@@ -8,6 +8,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from elastic_arm.report.style import BLUE, GREEN, GREY, ORANGE, SKY, VERMILION, new_figure, style
+from elastic_arm.studies.blind_challenge.levels.table import level_target
 from elastic_arm.studies.blind_challenge.proportions import DETECTED, DetectionCurve
 from elastic_arm.studies.blind_challenge.scoring import TARGETS
 
@@ -32,6 +33,29 @@ def shares(found: dict[str, Any]) -> Figure:
         ax.set_yticks(range(len(named)), [f"{name}  ({s['hits']}/{s['trials']})" for name, s in named])
         ax.invert_yaxis()
         ax.set_xlim(0, 101)
+        ax.set_xlabel("%, with 95 % binomial interval; mark: to reach")
+        return figure
+
+
+def level_shares(level: str, tables: dict[str, Any]) -> Figure:
+    """Every share of a level with its interval, of the diagnosis and of the baseline, and what is to be reached."""
+    named = [name for name, share in tables["diagnosis"]["shares"].items() if share["trials"]]
+    with style():
+        figure, axes = new_figure(size=(8.6, 0.8 + 0.4 * len(named)))
+        ax = axes[0, 0]
+        for shift, kind, colour in ((-0.13, "diagnosis", BLUE), (0.13, "baseline", ORANGE)):
+            shares = tables[kind]["shares"] if kind in tables else {}
+            for row, name in enumerate(named):
+                if (share := shares.get(name)) and share["trials"]:
+                    low, high = (100 * v for v in share["interval"])
+                    ax.plot([low, high], [row + shift] * 2, color=colour, linewidth=3, alpha=0.45)
+                    ax.plot(100 * share["share"], row + shift, "o", color=colour)
+        for row, name in enumerate(named):
+            if (target := level_target(name, level)) is not None:
+                ax.plot(100 * target, row, "|", color="black", markersize=16, markeredgewidth=1.8)
+        ax.set_yticks(range(len(named)), named)
+        ax.invert_yaxis()
+        ax.set_xlim(-1, 101)
         ax.set_xlabel("%, with 95 % binomial interval; mark: to reach")
         return figure
 

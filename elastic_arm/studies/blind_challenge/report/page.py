@@ -7,6 +7,7 @@ from typing import Any
 
 from elastic_arm.report.html import Block, Figure, Section, Table, Text, write_report
 from elastic_arm.studies.blind_challenge import summary
+from elastic_arm.studies.blind_challenge.levels.table import LEVEL_HEADINGS, table_rows
 from elastic_arm.studies.blind_challenge.report import figures
 from elastic_arm.studies.blind_challenge.scoring import TARGET_SECONDS, TARGET_SHRINK, TARGETS
 
@@ -19,7 +20,10 @@ def write_challenge_report(path: str | Path, found: dict[str, Any]) -> Path:
 
 def sections(found: dict[str, Any]) -> list[Section]:
     """Return the sections of the report, most important first."""
-    told = [Section("What was reached", _reached(found))]
+    told = [_level(level, tables) for level, tables in found["levels"].items()]
+    if summary.of_levels_alone(found):
+        return told
+    told.append(Section("What was reached", _reached(found)))
     if found["confusion"]:
         caption = "Single effects of at least ten times the bound. Red numbers: an effect taken for another."
         told.append(Section("What was named for what", [Figure(figures.confusion(found), caption), _false(found)]))
@@ -39,6 +43,12 @@ def sections(found: dict[str, Any]) -> list[Section]:
     return told
 
 
+def _level(level: str, tables: dict[str, Any]) -> Section:
+    rows = table_rows(level, tables)
+    return Section(f"Level {level}", [Figure(figures.level_shares(level, tables), LEVEL), Table(LEVEL_HEADINGS, rows)])
+
+
+LEVEL = "Shares with their 95 % intervals; blue: the diagnosis, orange: least squares and BIC; black: to reach."
 DETECTION = (
     "The bound is the smallest size that theory allows to be known on the arm's own motion, all else known. Dots: "
     "arms; grey: fitted share; orange: the size found in 90 % of cases, and its 95 % interval. No curve where none was "
