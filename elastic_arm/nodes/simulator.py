@@ -5,7 +5,7 @@ from __future__ import annotations
 import sys
 import time
 from array import array
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 from builtin_interfaces.msg import Time
@@ -15,13 +15,15 @@ from rclpy.parameter import Parameter
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Header, String
+from std_srvs.srv import Trigger
 from trajectory_msgs.msg import JointTrajectory
 
 from elastic_arm.effects import parse
 from elastic_arm.effects.model import EffectInstance
 from elastic_arm.errors import ElasticArmError, GraphError
+from elastic_arm.nodes.following.action import TrajectoryAction
 from elastic_arm.nodes.following.follower import Follower
-from elastic_arm.nodes.following.goals import POLICIES
+from elastic_arm.nodes.following.goals import POLICIES, Goal
 from elastic_arm.nodes.following.splines import Row
 from elastic_arm.nodes.support import graph
 from elastic_arm.nodes.support.description import ros_description
@@ -76,6 +78,9 @@ class SimulatorNode(ArmNode):
         self._reference_topic = self.create_subscription(
             JointTrajectory, graph.relative(topics.REFERENCE), self._follow, graph.qos(topics.REFERENCE)
         ).topic_name
+        self.create_subscription(JointTrajectory, "~/joint_trajectory", self._go_to, graph.STREAM)
+        self._action = TrajectoryAction(self, lambda: self._reference)
+        self.create_service(Trigger, "~/reset", self._reset)
         self._health = Health(self, "pace", self._now)
         self.every(PERIOD, self._report)
         self.add_on_set_parameters_callback(self._change)
@@ -164,13 +169,17 @@ class SimulatorNode(ArmNode):
         )
         description.publish(String(data=ros_description(self._arm.nominal)))
 
+    def close(self) -> None:
+        """Take the action out of the graph while the node is still there."""
+        self._action.destroy()
+
     def _start_clock(self, real_time: bool) -> None:
         self._step_ns = round(NANOSECONDS / self._arm.rate)
         # Stamps lie on the grid of the time of day; a clock of its own begins at zero.
         self._origin_ns = time.time_ns() // self._step_ns * self._step_ns if real_time else 0
         self._step = 0 if real_time else 1  # a stamp of zero means no time at all
         self._skipped = self._told = self._starved = self._refused = self._refused_before = 0
-        self._reference = Follower(self._arm.nominal, self._start, self._origin_ns, self._step_ns, self._limits)
+        self._reference = self._standing()
         self._pace = Pace(self._arm.rate, self._factor, CATCH_UP if real_time else MAKE_GOOD)
         self._pace.wait(time.monotonic())
 
@@ -214,6 +223,7 @@ class SimulatorNode(ArmNode):
             self._outputs[topic].publish(self._forms[topic].filled(stamp, **values))
         if self._step % self._clock_every == 0:
             self._tell_time(stamp)
+        self._action.observe(stamp, row, motor["position"], motor["velocity"])
 
     def _stream_is_behind(self, now: float) -> bool:
         """Return whether to wait until more of the reference arrives: in real time only while catching up."""
@@ -242,16 +252,35 @@ class SimulatorNode(ArmNode):
         if self._clock_output is not None:
             self._clock_output.publish(self._clock_form.filled(stamp))
 
+    def _standing(self) -> Follower:
+        """Return what holds the arm at its initial position."""
+        return Follower(self._arm.nominal, self._start, self._origin_ns, self._step_ns, self._limits)
+
+    def _reset(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        """Service: put the arm at rest at its initial position."""
+        self._arm.reset(self._start)
+        self._reference = self._standing()
+        response.success, response.message = True, "the arm is at rest at its initial position"
+        return response
+
     def _follow(self, message: JointTrajectory) -> None:
-        """Take streamed points or a goal; what cannot be followed is refused, and the arm goes on as before."""
+        """Take streamed points or a goal."""
+        self._take_points(self._reference.take, message, self._reference_topic)
+
+    def _go_to(self, message: JointTrajectory) -> None:
+        """Take a goal, as joint_trajectory_controller does on its topic."""
+        self._take_points(self._reference.go_to, message, "~/joint_trajectory")
+
+    def _take_points(
+        self, take: Callable[[JointTrajectory], Goal | None], message: JointTrajectory, topic: str
+    ) -> None:
+        """Take a message; what cannot be followed is refused, and the arm goes on as before."""
         try:
-            goal = self._reference.take(message)
+            goal = take(message)
         except GraphError as error:
             self._refused += 1
             self._refusal = error.problem
-            self.get_logger().error(
-                f"refused a message on {self._reference_topic} that {error}", throttle_duration_sec=5.0
-            )
+            self.get_logger().error(f"refused a message on {topic} that {error}", throttle_duration_sec=5.0)
             return
         if goal is not None and goal.reason:
             self.get_logger().warning(f"slowed a goal down {goal.slower:.3g} times: as asked for it {goal.reason}")

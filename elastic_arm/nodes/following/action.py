@@ -1,0 +1,171 @@
+"""`~/follow_joint_trajectory`: the action by which MoveIt and other clients of joint_trajectory_controller move an arm.
+
+Tolerances, defaults (parameters `constraints.*`) and outcomes are those of joint_trajectory_controller.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from builtin_interfaces.msg import Duration
+from control_msgs.action import FollowJointTrajectory
+from numpy.typing import NDArray
+from rclpy.action import ActionServer, CancelResponse
+from rclpy.action.server import ServerGoalHandle
+from rclpy.node import Node
+from rclpy.task import Future
+from trajectory_msgs.msg import JointTrajectoryPoint
+
+from elastic_arm.errors import GraphError
+from elastic_arm.nodes.following.follower import Follower
+from elastic_arm.nodes.following.goals import Goal
+from elastic_arm.nodes.following.splines import Row
+from elastic_arm.nodes.following.tolerances import Tolerances
+from elastic_arm.nodes.support.parameters import declare
+from elastic_arm.nodes.support.wire import NANOSECONDS
+
+Array = NDArray[np.float64]
+Result = FollowJointTrajectory.Result
+NAME = "~/follow_joint_trajectory"
+# Between two messages of feedback, in the arm's time.
+FEEDBACK_NS = NANOSECONDS // 20
+
+
+@dataclass(eq=False)
+class _Active:
+    """A goal that is being followed."""
+
+    handle: ServerGoalHandle
+    goal: Goal
+    path: Tolerances
+    end: Tolerances
+    patience_ns: int
+    outcome: Future
+    told_ns: int = 0
+
+
+class TrajectoryAction:
+    """Serves the action; :meth:`observe` is called once a step.
+
+    Parameters
+    ----------
+    node
+        Of the arm.
+    follower
+        Gives what the arm follows at the moment.
+    """
+
+    def __init__(self, node: Node, follower: Callable[[], Follower]) -> None:
+        self._follower = follower
+        self._path = declare(node, "constraints.trajectory", 0.0, "Largest error on the way, rad; 0: any")
+        self._goal = declare(node, "constraints.goal", 0.0, "Largest error at the end, rad; 0: any")
+        self._seconds = declare(node, "constraints.goal_time", 0.0, "How late a goal may be reached, s; 0: any time")
+        self._stopped = declare(node, "constraints.stopped_velocity_tolerance", 0.01, "At the end, rad/s; 0: any")
+        self._active: _Active | None = None
+        self._log = node.get_logger()
+        self._server = ActionServer(
+            node, FollowJointTrajectory, NAME, self._execute, cancel_callback=lambda _: CancelResponse.ACCEPT
+        )
+
+    def destroy(self) -> None:
+        """Take the action out of the graph."""
+        self._server.destroy()
+
+    def observe(self, now_ns: int, reference: Row, position: Array, velocity: Array) -> None:
+        """Compare the arm with its reference: give feedback, and end a goal that is reached, missed or cancelled.
+
+        Parameters
+        ----------
+        now_ns
+            The arm's time.
+        reference
+            Of this step, (n,) each.
+        position, velocity
+            (n,) as measured.
+        """
+        active = self._active
+        if active is None:
+            return
+        if self._follower().goal is not active.goal:
+            self._end(Result.INVALID_GOAL, "another motion has taken its place")
+        elif active.handle.is_cancel_requested:
+            self._follower().stop()
+            self._end(Result.SUCCESSFUL, "cancelled: the arm slows down and stands", active.handle.canceled)
+        elif now_ns < active.goal.end_ns:
+            self._watch(active, reference, position, velocity)
+        else:
+            self._arrive(active, now_ns, reference, position, velocity)
+        if self._active is active and now_ns - active.told_ns >= FEEDBACK_NS:
+            active.told_ns = now_ns
+            self._tell(active, now_ns, reference, Row(position, velocity, np.zeros(0)))
+
+    def _watch(self, active: _Active, reference: Row, position: Array, velocity: Array) -> None:
+        joints = self._follower().joints
+        if wrong := active.path.exceeded(joints, position - reference.position, velocity - reference.velocity):
+            self._follower().stop()
+            self._end(Result.PATH_TOLERANCE_VIOLATED, f"on the way {wrong}")
+
+    def _arrive(self, active: _Active, now_ns: int, reference: Row, position: Array, velocity: Array) -> None:
+        wrong = active.end.exceeded(self._follower().joints, position - reference.position, velocity)
+        if not wrong:
+            words = f"{active.goal.slower:.3g} times slower: as asked for it {active.goal.reason}"
+            self._end(Result.SUCCESSFUL, words if active.goal.reason else "reached", active.handle.succeed)
+        elif active.patience_ns and now_ns > active.goal.end_ns + active.patience_ns:
+            late = (now_ns - active.goal.end_ns) / NANOSECONDS
+            self._end(Result.GOAL_TOLERANCE_VIOLATED, f"{late:.3g} s after the end {wrong}")
+
+    async def _execute(self, handle: ServerGoalHandle) -> Any:
+        """Begin a goal, and wait for its outcome."""
+        try:
+            active = self._begin(handle)
+        except GraphError as error:
+            handle.abort()
+            self._log.error(f"refused a goal that {error}")
+            return Result(error_code=_code(error), error_string=str(error))
+        if self._active is not None:
+            self._end(Result.INVALID_GOAL, "another goal has taken its place")
+        self._active = active
+        return await active.outcome
+
+    def _begin(self, handle: ServerGoalHandle) -> _Active:
+        request, follower = handle.request, self._follower()
+        if request.multi_dof_trajectory.points:
+            raise GraphError("moves joints of several degrees of freedom", "This arm has none.")
+        path = Tolerances.of(request.path_tolerance, follower.joints, self._path)
+        end = Tolerances.of(request.goal_tolerance, follower.joints, self._goal, self._stopped)
+        seconds = request.goal_time_tolerance.sec + request.goal_time_tolerance.nanosec / NANOSECONDS
+        patience = round((seconds or self._seconds) * NANOSECONDS)
+        return _Active(handle, follower.go_to(request.trajectory), path, end, patience, Future())
+
+    def _end(self, code: int, words: str, state: Callable[[], None] | None = None) -> None:
+        """Report the outcome of the present goal: aborted, where `state` does not set another."""
+        assert self._active is not None
+        active, self._active = self._active, None
+        (state or active.handle.abort)()
+        if state is None:
+            self._log.warning(f"a goal was aborted: {words}")
+        active.outcome.set_result(Result(error_code=code, error_string=words))
+
+    def _tell(self, active: _Active, now_ns: int, desired: Row, actual: Row) -> None:
+        feedback = FollowJointTrajectory.Feedback(joint_names=list(self._follower().joints))
+        feedback.header.stamp.sec, feedback.header.stamp.nanosec = divmod(now_ns, NANOSECONDS)
+        elapsed = now_ns - int(active.goal.stamps[0])
+        error = Row(desired.position - actual.position, desired.velocity - actual.velocity, np.zeros(0))
+        feedback.desired, feedback.actual, feedback.error = (_point(row, elapsed) for row in (desired, actual, error))
+        active.handle.publish_feedback(feedback)
+
+
+def _point(row: Row, elapsed_ns: int) -> JointTrajectoryPoint:
+    seconds, rest = divmod(elapsed_ns, NANOSECONDS)
+    names = ("positions", "velocities", "accelerations")
+    values = {name: column.tolist() for name, column in zip(names, row, strict=True)}
+    return JointTrajectoryPoint(**values, time_from_start=Duration(sec=seconds, nanosec=rest))
+
+
+def _code(error: GraphError) -> int:
+    if error.problem.startswith("names "):
+        return int(Result.INVALID_JOINTS)
+    return int(Result.OLD_HEADER_TIMESTAMP if error.problem.startswith("lies in the past") else Result.INVALID_GOAL)
