@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -178,7 +179,8 @@ def test_types_are_those_of_control_msgs() -> None:
         f"control_msgs/msg/{name}": (TEXTS / "msg" / f"{name}.msg").read_text()
         for name in ("JointTolerance", "JointComponentTolerance")
     }
-    parts = (TEXTS / "action" / "FollowJointTrajectory.action").read_text().split("---\n")
+    text = (TEXTS / "action" / "FollowJointTrajectory.action").read_text()
+    parts = re.sub(r"^(?=Joint\w*Tolerance)", "control_msgs/", text, flags=re.MULTILINE).split("---\n")
     texts |= {
         f"control_msgs/action/FollowJointTrajectory_{name}": part
         for name, part in zip(("Goal", "Result", "Feedback"), parts, strict=True)
