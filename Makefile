@@ -49,7 +49,7 @@ $(DONE)/environment: requirements.txt requirements-ros.txt constraints.txt
 	@mkdir -p $(DONE) && touch $@
 
 $(DONE)/packages: $(DONE)/environment package.xml setup.py setup.cfg tools/ros_wheels.cmake \
-                  $(wildcard msg_defs/*.xml msg_defs/*.txt msg_defs/msg/*.msg tools/control_msgs/*/*) \
+                  $(wildcard msg_defs/*.xml msg_defs/*.txt msg_defs/msg/*.msg tools/interfaces/*/*/*) \
                   $(wildcard launch/*.py config/*.yaml layouts/*)
 	@tools/setup.sh packages
 	@touch $@

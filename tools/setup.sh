@@ -53,13 +53,17 @@ environment() {
   install_requirements requirements.txt requirements-ros.txt
 }
 
-# Folders of the packages to build. The interfaces of control_msgs are built where no ROS distribution brings them.
+# Folders of the packages to build. Interfaces that ROS 2 from wheels lacks are built unless a distribution brings them.
 package_folders() {
-  local prefix folders=(. msg_defs)
-  for prefix in ${AMENT_PREFIX_PATH//:/ }; do
-    [ "$prefix" = "$VIRTUAL_ENV" ] || [ ! -d "$prefix/share/control_msgs" ] || { echo "${folders[@]}" && return; }
+  local folder prefix found folders=(. msg_defs)
+  for folder in tools/interfaces/*/; do
+    found=
+    for prefix in ${AMENT_PREFIX_PATH//:/ }; do
+      [ "$prefix" = "$VIRTUAL_ENV" ] || [ ! -d "$prefix/share/$(basename "$folder")" ] || found=yes
+    done
+    [ -n "$found" ] || folders+=("${folder%/}")
   done
-  echo "${folders[@]}" tools/control_msgs
+  echo "${folders[@]}"
 }
 
 packages() {
@@ -69,8 +73,9 @@ packages() {
   # shellcheck source=tools/env.sh
   . tools/env.sh
   # shellcheck disable=SC2046
-  quietly colcon --log-base build/log build --base-paths $(package_folders) --merge-install --install-base .venv --symlink-install --cmake-args \
-    -DBUILD_TESTING=OFF "-DPython3_EXECUTABLE=$VIRTUAL_ENV/bin/python" "-DCMAKE_PROJECT_INCLUDE=$PWD/tools/ros_wheels.cmake"
+  quietly colcon --log-base build/log build --base-paths $(package_folders) --merge-install --install-base .venv \
+    --symlink-install --cmake-args -DBUILD_TESTING=OFF "-DPython3_EXECUTABLE=$VIRTUAL_ENV/bin/python" \
+    "-DCMAKE_PROJECT_INCLUDE=$PWD/tools/ros_wheels.cmake"
   quietly python -m pip install --quiet --no-index --no-deps --no-build-isolation --editable .
 }
 

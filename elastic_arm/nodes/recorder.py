@@ -8,18 +8,29 @@ from typing import Any
 
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.topic_endpoint_info import TopicEndpointInfo
+from rosbag2_interfaces.srv import IsPaused, Pause, Resume, SplitBagfile
 
 from elastic_arm.errors import GraphError, RecordingError
 from elastic_arm.nodes.support import graph
 from elastic_arm.nodes.support.health import PERIOD, Health
 from elastic_arm.nodes.support.parameters import declare, declare_texts
 from elastic_arm.nodes.support.running import LONGEST_REST, ArmNode, run
-from elastic_arm.recording import topics
+from elastic_arm.nodes.support.type_definitions import installed_definition
+from elastic_arm.recording import message_types, topics
 from elastic_arm.recording.storage.mcap_sink import COMPRESSIONS
 from elastic_arm.recording.stream_writer import StreamWriter
 
 # How often to look for publishers of topics not yet found, seconds.
 SEARCH_PERIOD = 0.1
+
+
+# Those of rosbag2's recorder.
+SERVICES: dict[Any, str] = {
+    SplitBagfile: "split_bagfile",
+    Pause: "pause",
+    Resume: "resume",
+    IsPaused: "is_paused",
+}
 
 
 class Recorder(ArmNode):
@@ -29,10 +40,22 @@ class Recorder(ArmNode):
         super().__init__("recorder")
         folder = declare(self, "bag", "recording", "Folder to make; must not exist")
         wanted = declare_texts(self, "topics", "Topics to record; empty: all of the suite's")
+        self._all = declare(self, "all", False, "Record every topic of the graph, but hidden ones")
+        size = declare(self, "max_size", 0.0, "MB after which another file begins; 0: never", between=(0.0, 1e6))
+        length = declare(self, "max_duration", 0.0, "Seconds after which another begins; 0: never", between=(0.0, 1e6))
         compression: Any = declare(self, "compression", "zstd", "Of the bag", choices=COMPRESSIONS)
         names = wanted or [graph.relative(topic) for topic in topics.TYPES]
         self._wanted = {self.resolve_topic_name(name) for name in names}
-        self._writer = StreamWriter(folder, compression)
+        self._subscribed: set[str] = set()
+        self._paused = False
+        self._writer = StreamWriter(folder, compression, max_bytes=round(size * 1e6), max_seconds=length)
+        for kind, serve in (
+            (SplitBagfile, self._split),
+            (Pause, partial(self._pause, True)),
+            (Resume, partial(self._pause, False)),
+            (IsPaused, self._is_paused),
+        ):
+            self.create_service(kind, f"~/{SERVICES[kind]}", serve)
         self._health = Health(self, "bag")
         self.every(SEARCH_PERIOD, self._search)
         self.every(PERIOD, self._report)
@@ -53,10 +76,17 @@ class Recorder(ArmNode):
 
     def _search(self) -> None:
         """Subscribe to the wanted topics that have a publisher by now."""
-        for topic in sorted(self._wanted):
+        for topic in sorted(self._wanted | self._present() - self._subscribed):
             if infos := self.get_publishers_info_by_topic(topic):
                 self._wanted.discard(topic)
+                self._subscribed.add(topic)
                 self._subscribe(topic, infos)
+
+    def _present(self) -> set[str]:
+        """Return all topics of the graph where all are wanted; a part of a hidden one's name begins with `_`."""
+        if not self._all:
+            return set()
+        return {name for name, _ in self.get_topic_names_and_types() if "/_" not in name}
 
     def _subscribe(self, topic: str, infos: list[TopicEndpointInfo]) -> None:
         type_name = infos[0].topic_type
@@ -65,19 +95,43 @@ class Recorder(ArmNode):
         except GraphError as error:
             self.get_logger().error(f"{topic} is not recorded: {error}")
             return
-        self._writer.add_topic(topic, type_name)
+        known = message_types.known(type_name)
+        definition, type_hash = message_types.definition(type_name) if known else installed_definition(type_name)
+        self._writer.add_topic(topic, type_name, definition, type_hash)
         take = partial(self._take, topic)
         self.create_subscription(kind, topic, take, matching(infos), raw=True)
 
     def _take(self, topic: str, data: bytes) -> None:
+        if self._paused:
+            return
         try:
             self._writer.write(topic, data, self.get_clock().now().nanoseconds)
         except RecordingError as error:
             self.failure = error
 
+    def _split(self, request: SplitBagfile.Request, response: SplitBagfile.Response) -> SplitBagfile.Response:
+        """Service: begin another file of the bag."""
+        try:
+            self._writer.split()
+        except RecordingError as error:
+            self.failure = error
+        return response
+
+    def _pause(self, paused: bool, request: Any, response: Any) -> Any:
+        """Service: leave out messages from now on, or take them again."""
+        self._paused = paused
+        return response
+
+    def _is_paused(self, request: IsPaused.Request, response: IsPaused.Response) -> IsPaused.Response:
+        """Service: whether messages are left out."""
+        response.paused = self._paused
+        return response
+
     def _report(self) -> None:
         counts = self._writer.counts
         problems = [] if counts else ["none of the topics is published"]
+        if self._paused:
+            problems.append("paused")
         self._health.report(problems, "recording", {"messages": sum(counts.values()), **counts})
 
 

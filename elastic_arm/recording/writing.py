@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from collections import deque
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, field
 from itertools import islice, pairwise
@@ -23,7 +23,7 @@ from elastic_arm.recording.spans import Bytes, Offsets, place
 from elastic_arm.recording.storage.bag import METADATA
 from elastic_arm.recording.storage.mcap_records import MESSAGE_HEAD, lay_messages
 from elastic_arm.recording.storage.mcap_sink import Compression, McapSink, Packed, pack
-from elastic_arm.recording.storage.metadata import METADATA_KEY, Topic, metadata, offered_qos
+from elastic_arm.recording.storage.metadata import METADATA_KEY, FileSummary, Topic, metadata, offered_qos
 from elastic_arm.recording.topics import (
     JOINT_STATES,
     JOINT_TORQUES,
@@ -149,15 +149,15 @@ def standard_topic(name: str) -> Topic:
     return Topic(name, TYPES[name], definition, type_hash, offered_qos(name))
 
 
-def finish_bag(sink: McapSink) -> None:
-    """Close the file of a bag and write its metadata.yaml.
+def finish_bag(sink: McapSink, before: Sequence[FileSummary] = ()) -> None:
+    """Close the last file of a bag and write its metadata.yaml; `before` are the files that are finished.
 
     Raises
     ------
     RecordingError
         If the disk is full or the folder cannot be written.
     """
-    information = metadata(sink.topics, [sink.summary()])
+    information = metadata(sink.topics, [*before, sink.summary()])
     # The same inside the file, for readers that are given it without its folder.
     inside = yaml.safe_dump(information, sort_keys=False)
     sink.add_metadata("rosbag2", {"serialized_metadata": inside, "ROS_DISTRO": "jazzy"})

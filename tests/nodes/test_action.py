@@ -26,7 +26,7 @@ from tests.helpers.ros_graph import Graph, NodeProcess, ros_graph
 
 pytestmark = pytest.mark.graph
 
-TEXTS = Path(__file__).parents[2] / "tools" / "control_msgs"
+TEXTS = Path(__file__).parents[2] / "tools" / "interfaces" / "control_msgs"
 JOINTS = ["joint_1", "joint_2", "joint_3"]
 Result = FollowJointTrajectory.Result
 

@@ -57,7 +57,7 @@ class FileSummary:
 
 def offered_qos(topic: str) -> str:
     """Return the quality of service that the suite's nodes offer on a topic, as rosbag2 writes it (YAML)."""
-    latched = topic in LATCHED
+    latched = f"/{topic.rpartition('/')[2]}" in LATCHED
     profile = {
         "history": "keep_last",
         "depth": 1 if latched else STREAM_DEPTH,

@@ -1,0 +1,77 @@
+"""The clock of a replay: due times, pauses, other speeds, steps and jumps; and definitions of installed types."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import pytest
+
+from elastic_arm.nodes.support.playback import Playback
+from elastic_arm.nodes.support.type_definitions import installed_definition
+from elastic_arm.recording import message_types
+from elastic_arm.recording.definitions import parse_definition
+from elastic_arm.recording.storage.messages import Message
+
+SECOND = 1_000_000_000
+
+
+def playback() -> Playback:
+    """Ten messages a second apart, from 100 s on."""
+
+    def read() -> Iterator[Message]:
+        return iter([Message((100 + k) * SECOND, 0, "/a", "", bytes([k])) for k in range(10)])
+
+    return Playback(read)
+
+
+def test_messages_are_due_in_the_rhythm_of_their_recording() -> None:
+    """The first is due at once, the next a second later, or half a second at twice the speed."""
+    bag = playback()
+    assert bag.wait(5.0, 1.0) == 0.0
+    assert bag.take().data == b"\x00"
+    assert bag.wait(5.25, 1.0) == pytest.approx(0.75)
+    assert bag.wait(5.25, 2.0) == pytest.approx(0.375)
+    assert bag.wait(5.625, 2.0) == pytest.approx(0.0)
+
+
+def test_a_pause_costs_the_bag_no_time() -> None:
+    """While the clock stands still nothing becomes due; steps set it to the message that was played."""
+    bag = playback()
+    bag.wait(0.0, 1.0)
+    bag.take()
+    assert bag.wait(0.5, 1.0) == pytest.approx(0.5)
+    bag.paused = True
+    assert bag.wait(10.0, 1.0) == pytest.approx(0.5)
+    assert bag.take().data == b"\x01"
+    bag.paused = False
+    assert bag.wait(10.0, 1.0) == pytest.approx(1.0)
+
+
+def test_a_jump_goes_to_the_first_message_from_there_on() -> None:
+    """What is passed over is returned; behind the end there is nothing."""
+    bag = playback()
+    passed = bag.seek(103 * SECOND + 1)
+    assert [message.data for message in passed] == [b"\x00", b"\x01", b"\x02", b"\x03"]
+    assert bag.next is not None
+    assert bag.next.data == b"\x04"
+    assert bag.wait(7.0, 1.0) == pytest.approx(1.0)
+    bag.seek(200 * SECOND)
+    assert bag.next is None
+
+
+@pytest.mark.parametrize("type_name", ["control_msgs/msg/JointTolerance", "trajectory_msgs/msg/JointTrajectory"])
+def test_the_definition_of_an_installed_type_holds_all_that_it_is_made_of(type_name: str) -> None:
+    """The text made of the installed files parses, and is what the library has for a type that it knows."""
+    text, type_hash = installed_definition(type_name)
+    assert type_hash.startswith("RIHS01_")
+    fields = parse_definition(type_name, "ros2msg", text)
+    assert type_name in fields
+    if message_types.known(type_name):
+        assert type_hash == message_types.definition(type_name)[1]
+        known = message_types.typestore().fielddefs
+        assert all(fields[name][1] == known[name][1] for name in fields)
+
+
+def test_a_type_that_is_not_installed_has_no_definition() -> None:
+    """Its messages are recorded all the same."""
+    assert installed_definition("nowhere_msgs/msg/Nothing") == ("", "")
