@@ -1,7 +1,7 @@
 # Two commands: `make demo` and `make test`. Both set up what they need; `make help` lists the rest.
 SHELL := /bin/bash
 .DELETE_ON_ERROR:
-.PHONY: help demo test quick fuzz paper setup lint types unit clean
+.PHONY: help demo test quick oldest fuzz paper setup lint types unit clean
 
 DONE := .venv/.done
 RUN := . tools/env.sh &&
@@ -20,6 +20,11 @@ test: lint types unit ## set up, then lint, type check and run all tests
 
 quick: $(DONE)/packages $(DONE)/tests ## the tests that need no ROS graph, no browser and little time
 	@$(RUN) $(PYTEST) -m "not graph and not slow and not browser"
+
+oldest: ## the tests that need no ROS and little time, with the oldest libraries allowed
+	@tools/setup.sh oldest
+	@PATH="$$PWD/.venv-oldest/bin:$$PATH" PYTHONPATH=. $(PYTEST) -m "not graph and not slow and not browser" \
+	  --ignore tests/nodes --ignore tests/test_package.py
 
 MINUTES := 60
 fuzz: $(DONE)/packages $(DONE)/tests ## feed broken bags and files to all readers, for MINUTES=60
@@ -41,7 +46,7 @@ unit: $(DONE)/packages $(DONE)/tests
 	@$(RUN) $(ALONE) -m graph
 
 clean: ## remove all that the set-up made
-	rm -rf .venv build install log *.egg-info
+	rm -rf .venv .venv-oldest build install log *.egg-info
 
 # A step is done again when what it was made from changes.
 $(DONE)/environment: requirements.txt requirements-ros.txt constraints.txt

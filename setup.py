@@ -12,25 +12,26 @@ VERSION = next(
 NODES = ("simulator", "trajectory_generator", "identifier", "gap_monitor", "recorder", "replayer")
 
 
-# What the library needs at run time. Names only: the pins of requirements.txt belong to the project's own environment.
+# What the library needs at run time, from the oldest versions that it is tested with (`make oldest`) or known to need.
+# The pins of requirements.txt belong to the project's own environment.
 LIBRARIES = (
-    "casadi",
-    "clarabel",
-    "cvxpy",
-    "jinja2",
-    "lz4",
-    "matplotlib",
-    "mcap",
-    "numpy",
-    "platformdirs",
-    "PyNomadBBO",
-    "pydantic>=2",
-    "pyyaml",
-    "rich",
-    "rosbags",
-    "scipy",
+    "casadi>=3.7",
+    "clarabel>=0.9",
+    "cvxpy>=1.6",
+    "jinja2>=3.1.2",
+    "lz4>=4.0.2",
+    "matplotlib>=3.6",
+    "mcap>=1.2",
+    "numpy>=1.26",
+    "platformdirs>=4.2",
+    "PyNomadBBO>=4.5",
+    "pydantic>=2.6",
+    "pyyaml>=6.0.1",
+    "rich>=13.8",
+    "rosbags>=0.11",
+    "scipy>=1.11",
     "typer>=0.29",
-    "zstandard",
+    "zstandard>=0.22",
 )
 
 

@@ -125,6 +125,19 @@ def test_what_the_package_asks_for_is_what_the_environment_pins(wheel: zipfile.Z
     }
 
 
+def test_the_ranges_for_ubuntu_are_those_of_the_package(wheel: zipfile.ZipFile) -> None:
+    """requirements-jazzy.txt allows what setup.py allows, NumPy below 2 alone, and what `make oldest` installs."""
+    metadata = wheel.read(next(name for name in wheel.namelist() if name.endswith("/METADATA"))).decode()
+    asked = dict(re.findall(r"^Requires-Dist: ([\w.-]+?)(>=[\d.]+)$", metadata, flags=re.MULTILINE))
+    ranges = dict(re.fullmatch(r"([\w.-]+?)(>=.+)", line).groups() for line in requirements("requirements-jazzy.txt"))  # type: ignore[union-attr]
+    assert ranges.pop("numpy") == asked.pop("numpy") + ",<2"
+    assert {name.lower(): bound for name, bound in ranges.items()} == {n.lower(): b for n, b in asked.items()}
+    for line in requirements("constraints-oldest.txt"):
+        name, version = line.split("==")
+        lowest = ranges.get(name, ">=1.26").removeprefix(">=")
+        assert tuple(map(int, version.split("."))) >= tuple(map(int, lowest.split("."))), line
+
+
 def test_the_parameter_file_names_parameters_that_exist() -> None:
     """Every parameter in config/elastic_arm.yaml is declared by its node, and every one declared is in the file."""
     text = (ROOT / "config" / "elastic_arm.yaml").read_text()

