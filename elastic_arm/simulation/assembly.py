@@ -157,6 +157,35 @@ def _derive(equations: ArmEquations, effect_set: EffectSet) -> list[ca.Function]
     ]
 
 
+def law_rows(equations: ArmEquations, effect_set: EffectSet) -> ca.Function:
+    """Return (x, dx, ddx, z, tau_m, Psi, p, speed) -> what the laws add to the left side of (1), and the rates of z.
+
+    For engines that are not ours: `speed` (2n,) regularises the signs of the velocities, as in the simulator.
+
+    Parameters
+    ----------
+    equations
+        Of the arm.
+    effect_set
+        The laws.
+    """
+    n, dof = equations.robot.n, equations.dof
+    x, dx, ddx = (SX.sym(name, dof) for name in ("x", "dx", "ddx"))
+    tau_m, tau_J, speed = SX.sym("tau_m", n), SX.sym("tau_J", n), SX.sym("speed", 2 * n)
+    unused, signs = (
+        SX.zeros(n),
+        ca.tanh(ca.vertcat(dx[:n], dx[n : 2 * n] if equations.robot.elastic else dx[:n]) / speed),
+    )
+    motion = SymbolicMotion(
+        equations, x, dx, ddx, tau_J, tau_m, unused, unused, sign=lambda side, i: signs[i if side == "link" else n + i]
+    )
+    added, rates = effect_set.contribution(motion)
+    outputs = [_rows(motion, added), rates]
+    found = [ca.densify(ca.substitute(each, tau_J, _joint_torque(motion, added, tau_m))) for each in outputs]
+    given = [x, dx, ddx, effect_set.z, tau_m, equations.Psi, effect_set.p, speed]
+    return ca.Function("law_rows", given, found, ["x", "dx", "ddx", "z", "tau_m", "Psi", "p", "speed"], ["rows", "dz"])
+
+
 def _joint_torque(motion: SymbolicMotion, added: Contribution, tau_m: SX) -> SX:
     """tau_J of the drive equation; where there is no drive, the motor's torque."""
     if not motion.robot.elastic:

@@ -1,0 +1,197 @@
+"""Laws that no number of an MJCF states, acting in MuJoCo through its callback for passive forces.
+
+The laws are those of the effects' own files. Dry friction is regularised over the speed that the model's time step can
+follow. MuJoCo knows one callback a process: arms attached here share it, and one that was set before is called first.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from elastic_arm.effects import Catalogue, EffectInstance, SensorEffect, StructuralEffect
+from elastic_arm.effects.effect_set import EffectSet
+from elastic_arm.effects.equations import ArmEquations
+from elastic_arm.errors import EffectError, RobotError
+from elastic_arm.mujoco.new_model import DEFLECTION
+from elastic_arm.mujoco.stated_arm import stated_arm
+from elastic_arm.robot import Robot, load_robot
+from elastic_arm.robot.mjcf import engine
+from elastic_arm.simulation.assembly import law_rows
+from elastic_arm.simulation.simulator import SIGN_SPEED, STEEPEST
+
+Array = NDArray[np.float64]
+
+_attached: dict[int, Attachment] = {}
+_before: list[Any] = []  # the callback that somebody else had set
+
+
+class Attachment:
+    """Laws that act on a model; also a context manager that takes them away again.
+
+    Parameters
+    ----------
+    model
+        Compiled `MjModel`.
+    robot
+        The arm in it, by the names of its joints.
+    instances
+        Effects that act by their laws.
+
+    Raises
+    ------
+    RobotError
+        If the model lacks a joint.
+    """
+
+    def __init__(self, model: Any, robot: Robot, instances: Sequence[EffectInstance]) -> None:
+        self.model, self.robot, self.instances = model, robot, tuple(instances)
+        self._theta, self._wound = _addresses(model, robot)
+        equations, effects = ArmEquations(robot), EffectSet(self.instances, robot)
+        self._law = law_rows(equations, effects)
+        self._numbers = equations.nominal, effects.numbers()
+        self._states = int(effects.z.numel())
+        self._memory: dict[int, tuple[float, Array, Array]] = {}
+        self._speed = np.full(2 * robot.n, SIGN_SPEED)
+        self._speed = self._followable()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None) -> None:
+        self.detach()
+
+    def detach(self) -> None:
+        """Take the laws away from the model."""
+        _attached.pop(self.model._address, None)
+        if not _attached:
+            engine().set_mjcb_passive(_before.pop() if _before else None)
+
+    def act(self, data: Any) -> None:
+        """Add the laws' forces to the passive forces of a state."""
+        time, z = float(data.time), self._state(data)
+        rows, rates = self._evaluate(data, z)
+        if self._states:
+            self._memory[data._address] = (time, z, rates)
+        dofs, n = self._theta[1], self.robot.n
+        if not self.robot.elastic:
+            data.qfrc_passive[dofs] -= rows
+            return
+        # q is the sum of both joints, so that what pulls the link pulls both.
+        data.qfrc_passive[dofs] -= rows[:n] + rows[n : 2 * n]
+        data.qfrc_passive[self._wound[1]] -= rows[:n]
+
+    def _evaluate(self, data: Any, z: Array) -> tuple[Array, Array]:
+        (positions, dofs), (wound, wound_dofs) = self._theta, self._wound
+        values = [np.array(data.qpos[positions]), np.array(data.qvel[dofs]), np.array(data.qacc[dofs])]
+        if self.robot.elastic:
+            apart = (data.qpos[wound], data.qvel[wound_dofs], data.qacc[wound_dofs])
+            values = [np.concatenate([own + more, own]) for own, more in zip(values, apart, strict=True)]
+        torque = np.array(data.qfrc_actuator[dofs] + data.qfrc_applied[dofs])
+        rows, rates = self._law(*values, z, torque, *self._numbers, self._speed)
+        return np.array(rows).ravel(), np.array(rates).ravel()
+
+    def _state(self, data: Any) -> Array:
+        """Return the internal states at the time of `data`: explicit Euler from where the laws were last evaluated."""
+        known = self._memory.get(data._address)
+        if known is None or not known[0] <= data.time <= known[0] + 1.0:
+            return np.zeros(self._states)  # a new motion, or one that was put back
+        time, z, rates = known
+        return z + (float(data.time) - time) * rates
+
+    def _followable(self) -> Array:
+        """Return the speeds (2n,) over which signs turn over: `friction step / inertia` or more."""
+        mj, model, n = engine(), self.model, self.robot.n
+        data = mj.MjData(model)
+        mj.mj_forward(model, data)
+        full = np.zeros((model.nv, model.nv))
+        mj.mj_fullM(model, data, full)
+        least = np.diag(full)
+        found = self._speed.copy()
+        for k in range(2 * n):
+            i, side = k % n, "link" if k < n else "motor"
+            mass = least[(self._wound if side == "link" and self.robot.elastic else self._theta)[1][i]]
+            dry = [e for e in self.instances if i in e.joint_indices(self.robot) and side in e.sides]
+            torque = sum(abs(float(v)) for e in dry for p, v in e.numbers.items() if e.effect.parameter(p).unit == "Nm")
+            found[k] = max(found[k], torque * float(model.opt.timestep) / float(mass) / STEEPEST)
+        return found
+
+
+def attach(
+    model: Any, robot: Robot | str | Path, *, chain: str | None = None, catalogue: Catalogue | None = None
+) -> Attachment:
+    """Let the laws of an arm's effects act in a MuJoCo model: those that the numbers of its file do not state.
+
+    Parameters
+    ----------
+    model
+        Compiled `MjModel` of the file that `elastic-arm export` wrote, or that `diagnose` wrote beside robot.yaml.
+    robot
+        The arm with its effects, such as diagnosis/robot.yaml.
+    chain
+        As the arm was read, where `robot` is a URDF or MJCF.
+    catalogue
+        Where ids of effects are looked up; the default catalogue when None.
+
+    Returns
+    -------
+    Attachment
+        With `detach()`; its `instances` are the effects that act.
+
+    Raises
+    ------
+    EffectError
+        If an effect is none that acts by a law.
+    RobotError
+        If the model lacks a joint of the arm.
+    """
+    arm = robot if isinstance(robot, Robot) else load_robot(robot, chain)
+    left = [instance for instance, _ in stated_arm(arm, catalogue).left]
+    structural = [e for e in left if isinstance(e.effect, StructuralEffect)]
+    if structural:
+        raise EffectError(
+            f"{structural[0].effect.id} changes what the arm is made of", "Leave it out, or model it in the MJCF."
+        )
+    instances = [e for e in left if not isinstance(e.effect, SensorEffect)]
+    attachment = Attachment(model, arm, instances)
+    if not _attached:
+        mj = engine()
+        earlier = mj.get_mjcb_passive()
+        if earlier is not None:
+            _before.append(earlier)
+        mj.set_mjcb_passive(_passive)
+    _attached[model._address] = attachment
+    return attachment
+
+
+def _passive(model: Any, data: Any) -> None:
+    for earlier in _before:
+        earlier(model, data)
+    attachment = _attached.get(model._address)
+    if attachment is not None:
+        attachment.act(data)
+
+
+Addresses = tuple[NDArray[np.intp], NDArray[np.intp]]
+
+
+def _addresses(model: Any, robot: Robot) -> tuple[Addresses, Addresses]:
+    """Return where motor joints, and the joints that drives wind by, stand in qpos and qvel."""
+    mj = engine()
+    found = []
+    for end in ("", DEFLECTION) if robot.elastic else ("",):
+        ids = [mj.mj_name2id(model, mj.mjtObj.mjOBJ_JOINT, f"{name}{end}") for name in robot.joint_names]
+        missing = [f"{name}{end}" for name, k in zip(robot.joint_names, ids, strict=True) if k < 0]
+        if missing:
+            raise RobotError(
+                f"the model has no joint {', '.join(missing)}",
+                "Load the file that elastic-arm export wrote of this arm",
+            )
+        places = (model.jnt_qposadr[ids], model.jnt_dofadr[ids])
+        found.append((np.asarray(places[0], dtype=np.intp), np.asarray(places[1], dtype=np.intp)))
+    return found[0], found[-1]
