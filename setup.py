@@ -48,6 +48,7 @@ setup(
     install_requires=list(LIBRARIES),
     extras_require={
         "test": ["pytest", "pytest-xdist", "hypothesis"],
+        "learning": ["h5py", "pyarrow"],
         "mujoco": ["mujoco", "lxml"],
         "paper": ["mujoco", "sympy"],
         "challenge": ["dask", "distributed", "pin"],

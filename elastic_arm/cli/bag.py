@@ -14,9 +14,11 @@ from rich.table import Table
 
 from elastic_arm.cli.console import out, print_json, reports_errors
 from elastic_arm.cli.options import AtOption, ChainOption, Namespace, load_arm
-from elastic_arm.cli.outputs import claim_bag
+from elastic_arm.cli.outputs import Force, claim_bag, claim_file
 from elastic_arm.cli.processes import require_ros
 from elastic_arm.errors import RecordingError
+from elastic_arm.recording import read_recording
+from elastic_arm.recording.foreign.array_export import export_arrays
 from elastic_arm.recording.foreign.array_files import load_arrays
 from elastic_arm.recording.foreign.arrays import import_arrays
 from elastic_arm.recording.foreign.channels import ChannelMap, load_channels
@@ -130,6 +132,23 @@ def import_(
         print_json(summary.to_json())
     else:
         _print_info(summary)
+
+
+@bag_app.command("export")
+@reports_errors
+def export(
+    bag: BagPath,
+    file: Annotated[Path, typer.Option("--out", help="File: .csv, .npz or .parquet.", show_default=False)],
+    channels: Channels = None,
+    force: Force = False,
+) -> None:
+    """Write a bag as arrays: angles, velocities and torques on one time base.
+
+    Example: elastic-arm bag export bags/excitation --out excitation.parquet
+    """
+    claim_file(file, force=force)
+    names = export_arrays(read_recording(bag, _channels(channels)), file)
+    out.print(f"{escape(str(file))}: {escape(', '.join(names))}", soft_wrap=True)
 
 
 @bag_app.command("replay")

@@ -15,8 +15,9 @@ import numpy as np
 import scipy
 from scipy.io.matlab import MatReadError
 
-from elastic_arm.errors import RecordingError
+from elastic_arm.errors import MissingExtraError, RecordingError
 from elastic_arm.recording import limits
+from elastic_arm.recording.foreign import columnar
 
 Arrays = dict[str, np.ndarray]
 
@@ -65,8 +66,10 @@ def load_arrays(path: Path) -> Arrays:
 def _load(path: Path) -> Arrays:
     kind = path.suffix.lower()
     try:
-        if kind in (*TABLES, ".npy", ".npz", ".mat"):
+        if kind in (*TABLES, *columnar.KINDS, ".npy", ".npz", ".mat"):
             _check_file(path)
+        if kind in columnar.KINDS:
+            return columnar.load_columns(path)
         if kind == ".npz":
             _check_zip(path)
             with np.load(path, allow_pickle=False) as content:
@@ -82,14 +85,14 @@ def _load(path: Path) -> Arrays:
             return {name: values for top in content for name, values in _flat(top, content[top])}
         if kind in TABLES:
             return _load_table(path)
-    except RecordingError:
+    except (RecordingError, MissingExtraError):
         raise
     except NotImplementedError:
         raise RecordingError(f"{path} is a MATLAB 7.3 file", "Save it with -v7.") from None
     except _UNREADABLE as error:
         reason = getattr(error, "strerror", None) or str(error)[:200] or type(error).__name__
         raise RecordingError(f"{path} cannot be read: {reason}", "Check the path and the format.") from None
-    raise RecordingError(f"{path} is none of .npz, .csv, .mat", "Convert it to one of them.")
+    raise RecordingError(f"{path} is none of .npz, .csv, .mat, .parquet, .hdf5", "Convert it to one of them.")
 
 
 def _check_file(path: Path) -> None:

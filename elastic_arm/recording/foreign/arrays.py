@@ -58,6 +58,13 @@ class Times(Strict):
         return self
 
 
+class Rows(Strict):
+    """Which rows are taken of arrays that hold several runs: those where array `key` is `value`, as an episode's."""
+
+    key: Key
+    value: int
+
+
 class ArrayChannel(Strict):
     """One channel of all joints.
 
@@ -127,6 +134,8 @@ class ArrayMap(Strict):
         Names, in robot-description order.
     link, motor
         The channels of each side.
+    rows
+        One run of several, such as an episode of a dataset; all rows when None.
     ignore
         Arrays that are left out on purpose, `*` and `?` as in file names; any other that is not mapped is an error.
     robot_description
@@ -137,6 +146,7 @@ class ArrayMap(Strict):
     joints: Annotated[list[str], Field(min_length=1)]
     link: SideArrays = SideArrays()
     motor: SideArrays = SideArrays()
+    rows: Rows | None = None
     ignore: Annotated[list[str], Field(default_factory=list)]
     robot_description: str | None = None
 
@@ -169,7 +179,7 @@ def import_arrays(path: str | Path, mapping: str | Path) -> Recording:
     Parameters
     ----------
     path
-        .npz, .csv or .mat (up to version 7), or a folder of such files.
+        .npz, .csv, .mat (up to version 7), .parquet or .hdf5, or a folder of such files.
     mapping
         The mapping file.
 
@@ -181,6 +191,7 @@ def import_arrays(path: str | Path, mapping: str | Path) -> Recording:
     arrays, rules = load_arrays(Path(path)), load_array_map(mapping)
     try:
         _refuse_strays(arrays, rules)
+        arrays = _of_run(arrays, rules.rows)
         stamp_ns = _stamps(arrays, rules)
         link = _side(arrays, rules, "link", stamp_ns)
         motor = _side(arrays, rules, "motor", stamp_ns)
@@ -193,10 +204,23 @@ def import_arrays(path: str | Path, mapping: str | Path) -> Recording:
     return Recording(tuple(rules.joints), link, motor, robot_description=urdf, source=str(path))
 
 
+def _of_run(arrays: dict[str, np.ndarray], rows: Rows | None) -> dict[str, np.ndarray]:
+    """Return the rows of one run."""
+    if rows is None:
+        return arrays
+    numbers = np.asarray(arrays[rows.key]).ravel()
+    chosen = numbers == rows.value
+    if not chosen.any():
+        known = ", ".join(f"{number:g}" for number in np.unique(numbers)[:8])
+        raise RecordingError(f"no row has {rows.key} {rows.value}", f"Take one of {known} under rows.value.")
+    return {name: values[chosen] if len(values) == len(chosen) else values for name, values in arrays.items()}
+
+
 def _refuse_strays(arrays: Mapping[str, np.ndarray], rules: ArrayMap) -> None:
     sides = (rules.link, rules.motor)
     used = {key for side in sides for channel in side.present().values() for key in channel.arrays()}
     used |= {rules.times.key} if rules.times.key is not None else set()
+    used |= {rules.rows.key} if rules.rows is not None else set()
     known = ", ".join(arrays)
     if missing := sorted(used - set(arrays)):
         raise RecordingError(f"no array {', '.join(missing)}; there is {known}", "Correct the names in the mapping.")
