@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import json
 import re
 import sys
 import time
 from functools import partial
+from pathlib import Path
 from typing import Any
 
 from elastic_arm_msgs.msg import GapDiagnosis, GapResidual
@@ -50,6 +52,7 @@ class GapMonitorNode(ArmNode):
         self._every = declare(
             self, "period", 20.0, "From one diagnosis to the next, s; each takes some seconds", between=(1.0, 3600.0)
         )
+        self._folder = declare(self, "save_to", "diagnosis", "Folder of what ~/save writes")
         self._residuals_every = declare(
             self, "residual_period", 1.0, "Between two measurements of the residuals, s", between=(0.2, 3600.0)
         )
@@ -65,6 +68,7 @@ class GapMonitorNode(ArmNode):
             self.create_subscription(JointState, graph.relative(topic), inbox.put, graph.STREAM, raw=True)
         self.create_service(Trigger, "~/reset", self._reset)
         self.create_service(SetBool, "~/pause", self._pause)
+        self.create_service(Trigger, "~/save", self._save)
         self._health = Health(self, "diagnosis")
         self.every(PERIOD, self._report)
         self._paused = False
@@ -72,6 +76,7 @@ class GapMonitorNode(ArmNode):
         # The question under way: what was asked, the stamp of its last sample, when; None when it no longer matters.
         self._asked: tuple[str, int, float] | None = None
         self._latest_ns = 0
+        self._found: dict[str, Any] | None = None
         self._last = ""
         self._problem = ""
         self._said = ""
@@ -135,6 +140,7 @@ class GapMonitorNode(ArmNode):
             self._publish_residuals(answer.value)
 
     def _publish_diagnosis(self, found: dict[str, Any], stamp_ns: int) -> None:
+        self._found = found
         message = diagnosis_message(found)
         message.header.stamp.sec, message.header.stamp.nanosec = divmod(stamp_ns, NANOSECONDS)
         self._output.publish(message)
@@ -155,7 +161,7 @@ class GapMonitorNode(ArmNode):
         """Service: forget all samples, and what is being made of them."""
         self._collector.reset()
         self._window.clear()
-        self._asked, self._problem, self._said = None, "", ""
+        self._asked, self._problem, self._said, self._found = None, "", "", None
         self._diagnosis_due = time.monotonic()
         response.success, response.message = True, "all samples forgotten"
         return response
@@ -164,6 +170,21 @@ class GapMonitorNode(ArmNode):
         """Service: ignore samples while `data` is true."""
         self._paused = request.data
         response.success, response.message = True, "paused" if request.data else "running"
+        return response
+
+    def _save(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        """Service: write the last diagnosis as diagnosis.json."""
+        if self._found is None:
+            response.message = "there is no diagnosis yet"
+            return response
+        file = Path(self._folder) / "diagnosis.json"
+        try:
+            file.parent.mkdir(parents=True, exist_ok=True)
+            file.write_text(json.dumps(self._found, indent=2) + "\n", encoding="utf-8")
+        except OSError as error:
+            response.message = f"{file} cannot be written: {error.strerror}"
+            return response
+        response.success, response.message = True, f"the last diagnosis was written to {file}"
         return response
 
     def _report(self) -> None:

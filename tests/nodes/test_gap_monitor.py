@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import math
 import os
 import signal
@@ -219,7 +220,8 @@ def test_the_friction_of_a_moving_arm_is_named(graph: Graph) -> None:
 
     graph.peer.create_subscription(DiagnosticArray, "/diagnostics", note, 100)
     window = 8.0
-    monitor = graph.start("gap_monitor", window=window, period=5.0)
+    monitor = graph.start("gap_monitor", window=window, period=5.0, save_to=graph.folder / "diagnosis")
+    assert not graph.call(Trigger, "/gap_monitor/save", Trigger.Request()).success
     start_arm(graph)
     named: list[GapDiagnosis] = []
 
@@ -233,6 +235,9 @@ def test_the_friction_of_a_moving_arm_is_named(graph: Graph) -> None:
     torque = {p.name: p for p in cause.parameters}["torque"]
     assert torque.value[0] == pytest.approx(TORQUE, rel=0.05)
     assert named[0].header.stamp.sec > 0
+    assert graph.call(Trigger, "/gap_monitor/save", Trigger.Request()).success
+    saved = json.loads((graph.folder / "diagnosis" / "diagnosis.json").read_text())
+    assert (saved["schema"], saved["model"]) == (found[0].schema, found[0].model)
     count = len(sizes)
     graph.until(lambda: len(sizes) > count + 1, "residuals after the diagnosis")
     assert sizes[-1].rmse_before == pytest.approx(TORQUE, rel=0.3)
