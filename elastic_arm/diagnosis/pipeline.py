@@ -17,6 +17,7 @@ from elastic_arm.diagnosis.inference.prediction import predict
 from elastic_arm.diagnosis.preparation import PreparedData, prepare, recalibrated
 from elastic_arm.diagnosis.question import Question
 from elastic_arm.diagnosis.result import Diagnosis
+from elastic_arm.diagnosis.selection.beyond_ordinary import with_effects_beyond_ordinary
 from elastic_arm.diagnosis.selection.hypothesis import Hypothesis
 from elastic_arm.diagnosis.selection.stepwise import StepwiseSearch
 from elastic_arm.recording import Recording
@@ -49,6 +50,8 @@ def diagnose(recordings: Sequence[Recording], question: Question, validate: Sequ
         # Where the model and its sensors lie beside these causes, the search has less to mistake for another one.
         prepared = recalibrated(prepared, hypothesis)
         hypothesis = search(prepared)
+    # What the model's own numbers would have to be far from ordinary for.
+    prepared, hypothesis = beyond_ordinary(prepared, hypothesis)
     # Without the effects that are too small, uncertain in resampled blocks, or compatible with no effect.
     judgement = judge(prepared, hypothesis)
     # All parameters at their joint optimum, with standard deviations.
@@ -66,6 +69,16 @@ def search(prepared: PreparedData) -> Hypothesis:
     if by_size is None and stepwise.strongest() <= settings.significance.detected:
         return Hypothesis(prepared.given, len(prepared.given))
     return stepwise.run()
+
+
+def beyond_ordinary(prepared: PreparedData, hypothesis: Hypothesis) -> tuple[PreparedData, Hypothesis]:
+    """Return a hypothesis with the effects that keep the model's numbers ordinary, and data to measure them on."""
+    library = prepared.library
+    found = with_effects_beyond_ordinary(library, hypothesis, prepared.numbers, prepared.settings)
+    if not found.beyond:
+        return prepared, hypothesis
+    beside = replace(prepared.found, library=library.calibrated_beside(found.selected))
+    return replace(prepared, found=beside), found
 
 
 def follow_up(found: Diagnosis, *, rng: np.random.Generator | None) -> Diagnosis:

@@ -27,6 +27,7 @@ from elastic_arm.diagnosis.settings import DiagnosisSettings, PreprocessingSetti
 from elastic_arm.dynamics import Model, build_model
 from elastic_arm.effects import Effect, robot_effects
 from elastic_arm.effects.equations import ArmEquations
+from elastic_arm.effects.model import Scope
 from elastic_arm.errors import DiagnosisError
 from elastic_arm.estimation.band import Band
 from elastic_arm.estimation.effect_columns import Feature
@@ -48,6 +49,8 @@ class PreparedData:
         Model, columns of all candidates, and known effects, where the calibration puts them.
     candidates
         Every effect at every place where the motion can show it.
+    numbers
+        Effects that may stand for nuisance parameters far from their priors.
     sources
         Where the recordings of either part come from.
     held_back
@@ -63,6 +66,7 @@ class PreparedData:
     calibration: CalibrationProblem
     found: Linearised
     candidates: tuple[Feature, ...]
+    numbers: tuple[Feature, ...]
     sources: tuple[tuple[str, ...], tuple[str, ...]]
     held_back: bool
     independent_motion: bool
@@ -168,6 +172,7 @@ def prepare(recordings: Sequence[Recording], validate: Sequence[Recording], ques
         calibration=problem,
         found=found,
         candidates=tuple(candidates),
+        numbers=tuple(_numbers(question, found)) if question.refit else (),
         sources=(tuple(r.source for r in parts[0]), tuple(r.source for r in parts[1])),
         held_back=not validate,
         independent_motion=independent(*parts, settings.split),
@@ -225,6 +230,14 @@ def common_band(layout: EquationSet, model: Model, rate: float, settings: Prepro
     widest = widest_band(rate)
     one_encoder = len(layout.sides) == 1 and model.robot.elastic
     return Band(min(widest, settings.one_encoder_band) if one_encoder else widest, rate)
+
+
+def _numbers(question: Question, found: Linearised) -> list[Feature]:
+    """Return errors of the model's own numbers, and what is carried along with a link."""
+    effects = tuple(question.catalogue.values()) if question.effects is None else question.effects
+    chosen = [effect for effect in effects if effect.model_parameter or effect.scope is Scope.LAST]
+    model = found.expansion.model
+    return features(ArmEquations(model.robot, model.name), chosen)
 
 
 def _candidates(

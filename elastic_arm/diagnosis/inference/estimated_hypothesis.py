@@ -42,7 +42,7 @@ def estimate(prepared: PreparedData, hypothesis: Hypothesis) -> EstimatedHypothe
     # Of effects that count as part of the model only the kind was given: their sizes are worth a note.
     known = list(zip(polished, parameters, strict=True))[: len(prepared.given)]
     return EstimatedHypothesis(
-        Hypothesis(polished, hypothesis.given, hypothesis.rivals),
+        Hypothesis(polished, hypothesis.given, hypothesis.rivals, hypothesis.beyond),
         tuple(parameters),
         tuple(c.feature.instance([float(v) for v in beta], c.searched or ()) for c, beta in fitted),
         tuple(texts.known_effect_note(c.feature, values) for c, values in known),

@@ -113,7 +113,8 @@ def without_ordinary(prepared: PreparedData, hypothesis: Hypothesis) -> tuple[Hy
     order = [*range(hypothesis.given), *found, *(k for k in hypothesis.causes if k not in found)]
     moved = {order.index(k): v for k, v in hypothesis.rivals.items() if k not in found}
     notes = [_ordinary_note(hypothesis.selected[k], estimated[k]) for k in found]
-    return Hypothesis([hypothesis.selected[k] for k in order], hypothesis.given + len(found), moved), notes
+    selected = [hypothesis.selected[k] for k in order]
+    return Hypothesis(selected, hypothesis.given + len(found), moved, hypothesis.beyond), notes
 
 
 def _is_ordinary(prepared: PreparedData, candidate: Candidate, values: Mapping[str, ParameterEstimate]) -> bool:
@@ -181,6 +182,8 @@ def passes(prepared: PreparedData, hypothesis: Hypothesis, k: int, share: float)
         return gain(prepared, hypothesis.selected, without) > worth
     if share < settings.judgement.least_shrink:
         return False
+    if hypothesis.selected[k].feature.key in hypothesis.beyond:
+        return True
     # What acts in few moments has few blocks that show it: then those of the fit's own motion count too, fitted on
     # the validation data. And a cause that only some of the recordings have is one on the validation data alone.
     on_fit, on_validation = library.falls(without, hypothesis.selected)

@@ -4,8 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from typing import Any
 
 from elastic_arm.diagnosis.selection.regressor_library import Candidate
+
+# What distinguishes a feature: effect, joint, choices.
+Key = tuple[str, str | None, tuple[Any, ...]]
 
 
 @dataclass(frozen=True)
@@ -28,11 +32,14 @@ class Hypothesis:
         How many of them count as part of the model.
     rivals
         Alternatives of each cause, by position in `selected`, most probable first.
+    beyond
+        Keys of the causes that nuisance parameters far from their priors could hold as well.
     """
 
     selected: Sequence[Candidate]
     given: int = 0
     rivals: Mapping[int, Sequence[Rival]] = field(default_factory=dict)
+    beyond: frozenset[Key] = frozenset()
 
     @property
     def baseline(self) -> list[Candidate]:
@@ -51,4 +58,4 @@ class Hypothesis:
     def drop(self, k: int) -> Hypothesis:
         """Return the hypothesis without the cause at position k."""
         rivals = {i - (i > k): found for i, found in self.rivals.items() if i != k}
-        return Hypothesis(self.without(k), self.given, rivals)
+        return Hypothesis(self.without(k), self.given, rivals, self.beyond - {self.selected[k].feature.key})

@@ -7,6 +7,7 @@ choices cost less than one pass over the samples.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from copy import copy
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import product
@@ -83,6 +84,7 @@ class RegressorLibrary:
         self.nuisance = nuisance or NuisanceColumns.none(identify, validate)
         self._marginalisation = Marginalisation(self.nuisance)
         self._marginal: list[Array] = []
+        self._reference: Array | None = None
         self._settings = settings
         self.candidates: list[Candidate] = []
         self._pending: list[list[Array]] = [[e.white[:, None]] for e in self.sets]
@@ -213,12 +215,27 @@ class RegressorLibrary:
         ends = np.cumsum([len(candidate.index) for candidate in selected])
         return np.split(self.fit(0, selected), ends[:-1]) if len(ends) else []
 
+    def held_by_nuisance(self, candidate: Candidate) -> float:
+        """Return the share of a candidate's squares on both data sets that nuisance parameters could hold."""
+        raw = np.diag(self._grams[0] + self._grams[1])[candidate.index]
+        left = np.diag(self._marginal[2])[candidate.index]
+        return float(1.0 - np.max(left / np.maximum(raw, 1e-300)))
+
+    def calibrated_beside(self, selected: Sequence[Candidate]) -> RegressorLibrary:
+        """Return the library to go on with: residuals are measured at the nuisance parameters beside these candidates.
+
+        Else a cause that nuisance parameters could hold leaves no residual without it.
+        """
+        found = copy(self)
+        found._reference = self.nuisance_values(selected)
+        return found
+
     def validation_residuals(self, selected: Sequence[Candidate]) -> list[Array]:
         """Return the residuals (N', R) of each stretch of the validation data that candidates leave, Nm."""
         data = self.sets[1]
         left = [y.copy() for y in data.y]
         if len(self.nuisance):
-            values = self.nuisance_values(selected)
+            values = self.nuisance_values(selected) if self._reference is None else self._reference
             left = [y - N @ values for y, N in zip(left, self.nuisance.validation, strict=True)]
         for candidate, beta in zip(selected, self.coefficients(selected), strict=True):
             for own, columns in zip(left, data.plain(candidate.feature, candidate.searched or ()), strict=True):
