@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
 
@@ -40,9 +41,12 @@ from elastic_arm.diagnosis.format import (
     probability_text,
     verdict_sentence,
 )
+from elastic_arm.diagnosis.priors import read_priors
 from elastic_arm.diagnosis.result import SEPARATING, Cause, Diagnosis
+from elastic_arm.diagnosis.settings import DiagnosisSettings
 from elastic_arm.effects import Catalogue
 from elastic_arm.effects.text import known_effects
+from elastic_arm.errors import DiagnosisError
 from elastic_arm.mujoco import Exported, Replay
 from elastic_arm.recording import Recording, load_channels
 from elastic_arm.robot import Robot, save_robot
@@ -67,6 +71,13 @@ def diagnose_command(
     with_: KnownEffects = None,
     clock: ClockOption = ClockChoice.auto,
     refit: Annotated[bool, typer.Option("--refit", help="Fit the model's own parameters first.")] = False,
+    priors_file: Annotated[
+        Path | None,
+        typer.Option(
+            "--priors",
+            help="With --refit: YAML of how far masses, stiffness and sensors may be off; see docs/diagnosis.md.",
+        ),
+    ] = None,
     propose: Annotated[
         bool,
         typer.Option(help="Look for the motion that tells causes from their alternatives, where there are any."),
@@ -100,6 +111,12 @@ def diagnose_command(
     catalogue = Catalogue.default().with_files(effects_files or ())
     robot = load_arm(robot_file, chain, at, catalogue)
     mapping = None if channels is None else load_channels(channels)
+    settings = DiagnosisSettings()
+    if priors_file is not None:
+        if not refit:
+            raise DiagnosisError("--priors has no meaning without --refit", "Add --refit, or leave --priors out")
+        sensors = [effect.id for effect in catalogue.values() if effect.prior is not None]
+        settings = replace(settings, priors=read_priors(priors_file, sensors))
 
     def read(paths: list[Path]) -> list[Recording]:
         return [read_by_clock(path, mapping, robot.joint_names, clock, namespace) for path in paths]
@@ -107,7 +124,7 @@ def diagnose_command(
     with err.status("reading"):
         recordings, judges = read(bags), read(validate or [])
     given = known_effects(with_ or (), robot, catalogue)
-    question = Question(robot, model, refit=refit, given=given, catalogue=catalogue)
+    question = Question(robot, model, refit=refit, given=given, catalogue=catalogue, settings=settings)
     with err.status("diagnosing"):
         found = diagnose(recordings, question, judges)
     with err.status("predicting, comparing, proposing"):

@@ -74,7 +74,8 @@ def search(prepared: PreparedData) -> Hypothesis:
 def beyond_ordinary(prepared: PreparedData, hypothesis: Hypothesis) -> tuple[PreparedData, Hypothesis]:
     """Return a hypothesis with the effects that keep the model's numbers ordinary, and data to measure them on."""
     library = prepared.library
-    found = with_effects_beyond_ordinary(library, hypothesis, prepared.numbers, prepared.settings)
+    sensors = [p.feature for p in prepared.calibration.parameters if p.feature is not None]
+    found = with_effects_beyond_ordinary(library, hypothesis, prepared.carried, sensors, prepared.settings)
     if not found.beyond:
         return prepared, hypothesis
     beside = replace(prepared.found, library=library.calibrated_beside(found.selected))

@@ -27,7 +27,6 @@ from elastic_arm.diagnosis.settings import DiagnosisSettings, PreprocessingSetti
 from elastic_arm.dynamics import Model, build_model
 from elastic_arm.effects import Effect, robot_effects
 from elastic_arm.effects.equations import ArmEquations
-from elastic_arm.effects.model import Scope
 from elastic_arm.errors import DiagnosisError
 from elastic_arm.estimation.band import Band
 from elastic_arm.estimation.effect_columns import Feature
@@ -49,8 +48,8 @@ class PreparedData:
         Model, columns of all candidates, and known effects, where the calibration puts them.
     candidates
         Every effect at every place where the motion can show it.
-    numbers
-        Effects that may stand for nuisance parameters far from their priors.
+    carried
+        Effects of the links' numbers: what they may lack, and what is fixed to them.
     sources
         Where the recordings of either part come from.
     held_back
@@ -66,7 +65,7 @@ class PreparedData:
     calibration: CalibrationProblem
     found: Linearised
     candidates: tuple[Feature, ...]
-    numbers: tuple[Feature, ...]
+    carried: tuple[Feature, ...]
     sources: tuple[tuple[str, ...], tuple[str, ...]]
     held_back: bool
     independent_motion: bool
@@ -172,7 +171,7 @@ def prepare(recordings: Sequence[Recording], validate: Sequence[Recording], ques
         calibration=problem,
         found=found,
         candidates=tuple(candidates),
-        numbers=tuple(_numbers(question, found)) if question.refit else (),
+        carried=tuple(_carried(question, equations)) if question.refit else (),
         sources=(tuple(r.source for r in parts[0]), tuple(r.source for r in parts[1])),
         held_back=not validate,
         independent_motion=independent(*parts, settings.split),
@@ -232,12 +231,13 @@ def common_band(layout: EquationSet, model: Model, rate: float, settings: Prepro
     return Band(min(widest, settings.one_encoder_band) if one_encoder else widest, rate)
 
 
-def _numbers(question: Question, found: Linearised) -> list[Feature]:
-    """Return errors of the model's own numbers, and what is carried along with a link."""
+def _carried(question: Question, equations: ArmEquations) -> list[Feature]:
+    """Return errors of the links' own numbers.
+
+    Those of drives are nuisance parameters by predicted torques: regressed on measured ones, they would gain by noise.
+    """
     effects = tuple(question.catalogue.values()) if question.effects is None else question.effects
-    chosen = [effect for effect in effects if effect.model_parameter or effect.scope is Scope.LAST]
-    model = found.expansion.model
-    return features(ArmEquations(model.robot, model.name), chosen)
+    return features(equations, [effect for effect in effects if effect.model_parameter and effect.sides == ("link",)])
 
 
 def _candidates(

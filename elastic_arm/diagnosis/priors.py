@@ -1,23 +1,62 @@
-"""How far the numbers of a description are ordinarily off."""
+"""How far the numbers of a description and of its sensors are ordinarily off, and a file that states it otherwise."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import Annotated
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+
+from elastic_arm.errors import DiagnosisError
+from elastic_arm.input_files import explain, read_fields
+
+REFERENCE = "docs/diagnosis.md lists the priors"
+REMEDY = "Give a YAML file of standard deviations, such as stiffness: 0.3"
+Deviation = Annotated[float, Field(gt=0.0, allow_inf_nan=False, strict=False)]
 
 
-@dataclass(frozen=True)
-class Priors:
+class Priors(BaseModel):
     """Standard deviations of what a description states of an arm, relative where no unit is given.
 
     CAD masses leave out cables, grease and covers; catalogues of harmonic drives state stiffness to about 30 % and give
-    no damping. What sensors do is stated in the files of their effects.
+    no damping. What sensors do is stated in the files of their effects; `sensors` overrules it, by the effect's id.
     """
 
-    mass: float = 0.10
-    centre_of_mass: float = 0.01  # m
-    inertia: float = 0.15  # of the mean moment of inertia about the centre of mass
-    product_of_inertia: float = 0.05  # of the same
-    rotor: float = 0.10
-    stiffness: float = 0.15
-    damping: float = 0.40
-    presliding: float = 2.0  # Nm; dry friction turns over gradually, below a speed that nobody states
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    mass: Deviation = 0.10
+    centre_of_mass: Deviation = 0.01  # m
+    inertia: Deviation = 0.15  # of the mean moment of inertia about the centre of mass
+    product_of_inertia: Deviation = 0.05  # of the same
+    rotor: Deviation = 0.10
+    stiffness: Deviation = 0.15
+    damping: Deviation = 0.40
+    presliding: Deviation = 2.0  # Nm; dry friction turns over gradually, below a speed that nobody states
+    sensors: Mapping[str, Deviation] = Field(default_factory=dict)
+
+
+def read_priors(path: str | Path, sensors: Iterable[str]) -> Priors:
+    """Read standard deviations from a YAML file; those that it leaves out keep their defaults.
+
+    Parameters
+    ----------
+    path
+        The file.
+    sensors
+        Ids of the effects of sensors that have a prior.
+
+    Raises
+    ------
+    DiagnosisError
+        If the file cannot be read, or holds an unknown key or what is no standard deviation.
+    """
+    content, known = read_fields(path, DiagnosisError, REMEDY), sorted(sensors)
+    try:
+        priors = Priors.model_validate(content)
+    except ValidationError as error:
+        problem, remedy = explain(error, REFERENCE)
+        raise DiagnosisError(f"{path}: {problem}", remedy) from None
+    if unknown := [name for name in priors.sensors if name not in known]:
+        raise DiagnosisError(f"{path}: sensors.{unknown[0]}: unknown key", f"Choose of {', '.join(known)}.")
+    return priors

@@ -54,6 +54,13 @@ class RefitSettings:
     improvement: float = 0.999  # ratio of misfits from which a step is worth another; convention
     most_discount: float = 50.0  # largest factor by which coloured residuals are discounted; convention
     beyond_ordinary: float = 3.0  # standard deviations of a prior; 0.3 % of ordinary arms have more
+    certain: float = 3.0  # standard deviations by which a sensor is beyond ordinary, and differs from nothing
+    alike: float = 0.1  # relative difference of joints up to which a sensor's fault is common to all; convention
+    # Relative error of a stiffness or a torque scale beyond which the description is of another arm; convention.
+    largest_scale: float = 0.6
+    # rad/s: pairs of widths of the sign function between which dry friction turns over, and a width within which it
+    # does so early or late; convention.
+    presliding_speeds: tuple[tuple[float, ...], ...] = ((5e-4, 2e-3), (2e-3, 8e-3), (2e-3,))
 
 
 @dataclass(frozen=True)

@@ -13,12 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
-from elastic_arm.diagnosis.calibration.nuisance import (
-    PRESLIDING,
-    PRESLIDING_SPEEDS,
-    NuisanceParameter,
-    calibrated_robot,
-)
+from elastic_arm.diagnosis.calibration.nuisance import NuisanceParameter, calibrated_robot
 from elastic_arm.dynamics import Model, build_model
 from elastic_arm.estimation.motion import CompletedMotion, drive_constants
 from elastic_arm.estimation.residuals import predicted_torques
@@ -158,17 +153,27 @@ def _drive_columns(
     for k, parameter in enumerate(parameters):
         j = model.robot.joint_names.index(parameter.joint)
         gear = nominal.joints[j].transmission
-        if parameter.what.startswith(PRESLIDING):
-            speeds = PRESLIDING_SPEEDS[int(parameter.what[-1])]
+        if parameter.speeds is not None:
             w = (motion.dtheta if elastic else motion.dq)[:, j]
             row = 2 * n + j if elastic else j
-            columns[:, row, k] = parameter.prior_std * (np.tanh(w / speeds[1]) - np.tanh(w / speeds[0]))
+            columns[:, row, k] = parameter.prior_std * _turnover(w, motion.t, parameter.speeds)
         elif parameter.what == "stiffness" and gear is not None:
             columns[:, n + j, k] = load[:, j] * (gear.stiffness / K[j]) * parameter.prior_std
         elif parameter.what == "damping" and gear is not None:
             rate = CubicSpline(motion.t, load[:, j])(motion.t, 1)
             columns[:, n + j, k] = gear.damping / K[j] * rate * parameter.prior_std
     return columns
+
+
+def _turnover(w: Array, t: Array, speeds: Sequence[float]) -> Array:
+    """Return how dry friction of 1 Nm may turn over (N,) beside the sign of a velocity w (N,).
+
+    Between two widths of the sign function; or, of a single width, all of it early or late. Dry friction makes the
+    acceleration jump, and the smoothed velocity crosses zero as much later as the jump exceeds the acceleration.
+    """
+    if len(speeds) == 2:
+        return np.asarray(np.tanh(w / speeds[1]) - np.tanh(w / speeds[0]))
+    return np.asarray(np.sign(np.gradient(w, t)) * (1.0 - np.tanh(w / speeds[0]) ** 2))
 
 
 def directions_of(nominal: Robot, model: str, parameters: Sequence[NuisanceParameter]) -> Array:

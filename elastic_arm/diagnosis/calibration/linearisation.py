@@ -167,7 +167,7 @@ def problem_of(
     equations = ArmEquations(robot, model)
     recorded = observed[0][0].pieces[0].recorded
     shown = [f for f in features(equations, effects) if _channels(f, robot.n) <= recorded]
-    parameters = nuisance_parameters(robot, settings.priors, shown, observed[0][0].rate)
+    parameters = nuisance_parameters(robot, shown, observed[0][0].rate, settings.priors, settings.refit)
     directions = directions_of(robot, model, parameters)
     return CalibrationProblem(robot, model, observed, layout, band, parameters, directions, known, settings)
 

@@ -13,15 +13,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elastic_arm.diagnosis.priors import Priors
+from elastic_arm.diagnosis.settings import RefitSettings
 from elastic_arm.errors import RobotError
 from elastic_arm.estimation.effect_columns import Feature
 from elastic_arm.robot import Component, Inertia, Joint, Robot
 
 Array = NDArray[np.float64]
 
-LARGEST_SCALE = 0.6  # relative error of a stiffness or a torque scale beyond which the description is of another arm
 PRESLIDING = "presliding"  # how gradually dry friction changes its sign: no number of the arm or of a sensor
-PRESLIDING_SPEEDS = ((5e-4, 2e-3), (2e-3, 8e-3))  # rad/s: between these widths of the sign function
 LINK_SHARES = (1.0, 0.75, 0.5, 0.25)  # of the links' deviations, tried until the bodies are physical
 TENSOR = ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))
 
@@ -44,6 +43,11 @@ class NuisanceParameter:
         Its value as described: 1 for a ratio, else 0.
     feature
         The effect; None for a number of the arm.
+    limit
+        Largest believable deviation, in standard deviations of the prior; infinite where none is known.
+    speeds
+        Of presliding alone: widths, rad/s, of the two sign functions between which friction turns over, or the width
+        within which it does so early or late.
     """
 
     what: str
@@ -52,6 +56,8 @@ class NuisanceParameter:
     prior_std: float
     neutral: float
     feature: Feature | None = None
+    limit: float = np.inf
+    speeds: tuple[float, ...] | None = None
 
     @property
     def moves_model(self) -> bool:
@@ -60,15 +66,9 @@ class NuisanceParameter:
             return "channels" in self.feature.choices
         return not self.what.startswith(PRESLIDING)
 
-    @property
-    def limit(self) -> float:
-        """Largest believable deviation, in standard deviations of the prior; infinite where none is known."""
-        scales_torque = self.what == "stiffness" or (self.feature is not None and self.unit == "1")
-        return LARGEST_SCALE / self.prior_std if scales_torque else np.inf
-
 
 def nuisance_parameters(
-    robot: Robot, priors: Priors, features: Iterable[Feature], rate: float
+    robot: Robot, features: Iterable[Feature], rate: float, priors: Priors, settings: RefitSettings
 ) -> tuple[NuisanceParameter, ...]:
     """Return the numbers of an arm and of its sensors that have a prior.
 
@@ -76,12 +76,14 @@ def nuisance_parameters(
     ----------
     robot
         The description.
-    priors
-        Of its numbers.
     features
         Effects of sensors at every place; those whose file states no prior are left out.
     rate
         Hz, of the recordings.
+    priors
+        Of the arm's numbers, and those of sensors that differ from their files.
+    settings
+        What is believable, and the speeds of presliding.
     """
     found: list[NuisanceParameter] = []
     for joint in robot.joints:
@@ -95,19 +97,23 @@ def nuisance_parameters(
             stds |= {"stiffness": ("1", priors.stiffness, 1.0), "damping": ("1", priors.damping, 1.0)}
         if joint.armature:
             stds |= {"rotor_inertia": ("1", priors.rotor, 1.0)}
-        found += [NuisanceParameter(what, joint.name, *numbers) for what, numbers in stds.items()]
+        for what, (unit, std, neutral) in stds.items():
+            limit = settings.largest_scale / std if what == "stiffness" else np.inf
+            found.append(NuisanceParameter(what, joint.name, unit, std, neutral, limit=limit))
         found += [
-            NuisanceParameter(f"{PRESLIDING}_{k}", joint.name, "Nm", priors.presliding, 0.0)
-            for k in range(len(PRESLIDING_SPEEDS))
+            NuisanceParameter(f"{PRESLIDING}_{k}", joint.name, "Nm", priors.presliding, 0.0, speeds=speeds)
+            for k, speeds in enumerate(settings.presliding_speeds)
         ]
     for feature in features:
         chosen = _single_choices(feature)
         if feature.effect.prior is None or feature.joint is None or chosen is None:
             continue
-        parameter, std = feature.linear[0], feature.effect.prior(rate)
+        parameter = feature.linear[0]
+        std = priors.sensors.get(feature.effect.id, feature.effect.prior(rate))
+        limit = settings.largest_scale / std if parameter.unit == "1" else np.inf
         what = "_".join([feature.effect.id, *chosen])
         neutral = parameter.neutral or 0.0
-        found.append(NuisanceParameter(what, feature.joint, parameter.unit, std, neutral, feature))
+        found.append(NuisanceParameter(what, feature.joint, parameter.unit, std, neutral, feature, limit))
     return tuple(found)
 
 

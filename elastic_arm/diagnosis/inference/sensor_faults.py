@@ -22,9 +22,6 @@ from elastic_arm.estimation.effect_columns import Feature
 
 Array = NDArray[np.float64]
 
-CERTAIN = 3.0  # standard deviations by which a value must differ from its prior's limit, and from nothing
-ALIKE = 0.1  # relative difference of joints up to which a fault is common to all
-
 
 @dataclass(frozen=True)
 class SensorFault:
@@ -60,9 +57,12 @@ def sensor_faults(prepared: PreparedData, selected: Sequence[Candidate]) -> tupl
     if not parameters:
         return ()
     values, stds = posterior(library, selected, prepared.settings)
-    beyond, found = prepared.settings.refit.beyond_ordinary, []
+    settings, found = prepared.settings.refit, []
     for k, (p, value, std) in enumerate(zip(parameters, prepared.found.values + values, stds, strict=True)):
-        if p.feature is None or abs(value) < max(beyond, CERTAIN * std) + CERTAIN * std:
+        if (
+            p.feature is None
+            or abs(value) < max(settings.beyond_ordinary, settings.certain * std) + settings.certain * std
+        ):
             continue
         columns = [N[:, :, k] * value for N in library.nuisance.validation]
         fault = SensorFault(p.feature, float(value * p.prior_std), float(std * p.prior_std), columns)
@@ -76,13 +76,13 @@ def sensor_faults(prepared: PreparedData, selected: Sequence[Candidate]) -> tupl
 
 def _is_ordinary(prepared: PreparedData, parameter: NuisanceParameter, fault: SensorFault) -> bool:
     assert parameter.feature is not None
-    ordinary = parameter.feature.effect.ordinary
-    return ordinary is not None and abs(fault.value) <= ordinary.most(prepared.rate) + CERTAIN * fault.std
+    ordinary, clear = parameter.feature.effect.ordinary, prepared.settings.refit.certain * fault.std
+    return ordinary is not None and abs(fault.value) <= ordinary.most(prepared.rate) + clear
 
 
 def _common(prepared: PreparedData, faults: Sequence[SensorFault]) -> list[SensorFault]:
     """Return faults that all joints have alike as one."""
-    robot, kept = prepared.model.robot, list(faults)
+    robot, kept, settings = prepared.model.robot, list(faults), prepared.settings.refit
     groups: dict[tuple[object, ...], list[SensorFault]] = {}
     for fault in faults:
         if fault.feature.effect.scope is Scope.EACH_OR_ARM:
@@ -90,7 +90,8 @@ def _common(prepared: PreparedData, faults: Sequence[SensorFault]) -> list[Senso
     for group in groups.values():
         values, stds = (np.array([getattr(f, name) for f in group]) for name in ("value", "std"))
         mean = float(np.average(values, weights=stds**-2.0))
-        if len(group) < robot.n or np.abs(values - mean).max() > max(ALIKE * abs(mean), CERTAIN * stds.max()):
+        apart = max(settings.alike * abs(mean), settings.certain * float(stds.max()))
+        if len(group) < robot.n or np.abs(values - mean).max() > apart:
             continue
         first = group[0].feature
         instance = first.instance([mean])

@@ -7,12 +7,13 @@ effect is a cause where the likelihood of all data, priors included, gains by it
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 
-from elastic_arm.diagnosis.selection.hypothesis import Hypothesis, Rival
+from elastic_arm.diagnosis.selection.hypothesis import Hypothesis, Key, Rival
 from elastic_arm.diagnosis.selection.refine import refine
 from elastic_arm.diagnosis.selection.regressor_library import Candidate, RegressorLibrary, starting_points
 from elastic_arm.diagnosis.selection.stepwise import misfit, plausible
@@ -21,7 +22,11 @@ from elastic_arm.estimation.effect_columns import Feature
 
 
 def with_effects_beyond_ordinary(
-    library: RegressorLibrary, hypothesis: Hypothesis, features: Sequence[Feature], settings: DiagnosisSettings
+    library: RegressorLibrary,
+    hypothesis: Hypothesis,
+    features: Sequence[Feature],
+    sensors: Sequence[Feature],
+    settings: DiagnosisSettings,
 ) -> Hypothesis:
     """Return a hypothesis with the effects that bring nuisance parameters back to what is ordinary.
 
@@ -32,46 +37,62 @@ def with_effects_beyond_ordinary(
     hypothesis
         Of the search.
     features
-        What may stand for nuisance parameters far from their priors.
+        What may stand for nuisance parameters far from their priors, besides the candidates of the search.
+    sensors
+        Faults of sensors: the nuisance parameters themselves, with which those compete.
     settings
         Least gain, and how complete the hypothesis has to be: what is unexplained bends nuisance parameters.
     """
     if not len(library.nuisance) or misfit(library, hypothesis.selected) > settings.search.complete:
         return hypothesis
-    starts = [
-        library.add(f, point, fixed=f.fixed) for f in features for point in starting_points(f, settings.candidates)
-    ]
+    taken = {candidate.feature.key for candidate in hypothesis.selected}
+    starts = [candidate for candidate in library.candidates if candidate.feature.key not in taken]
+    for feature in (*features, *sensors):
+        starts += [library.add(feature, point) for point in starting_points(feature, settings.candidates)]
     library.close()
-    open_ = [candidate for candidate in starts if library.held_by_nuisance(candidate) > settings.search.held]
-    while open_:
-        ranked = _ranked(library, hypothesis.selected, open_, settings)
-        if not ranked or ranked[0][0] < settings.significance.detected:
+    free = [candidate for candidate in starts if library.held_by_nuisance(candidate) > settings.search.held]
+    faults = {feature.key for feature in sensors}
+    while free:
+        ranked = _ranked(library, hypothesis.selected, free, settings)
+        first = next((pair for pair in ranked if pair[1].feature.key not in faults), None)
+        # What a sensor's fault explains better is reported as that.
+        if first is None or first[0] < ranked[0][0] - settings.search.exchange_gain:
             break
-        first, best = ranked[0]
-        rivals = [Rival(other, float(np.exp(gain - first))) for gain, other in ranked[1:]]
-        rivals = [rival for rival in rivals if rival.odds > settings.search.least_odds]
+        gain, best = first
+        rivals = [Rival(c, float(np.exp(min(g - gain, 0.0)))) for g, c in ranked if c.feature.key != best.feature.key]
         hypothesis = replace(
             hypothesis,
             selected=(*hypothesis.selected, best),
-            rivals={**hypothesis.rivals, len(hypothesis.selected): rivals},
+            rivals={
+                **hypothesis.rivals,
+                len(hypothesis.selected): [rival for rival in rivals if rival.odds > settings.search.least_odds],
+            },
             beyond=hypothesis.beyond | {best.feature.key},
         )
-        open_ = [candidate for candidate in open_ if candidate.feature.key != best.feature.key]
+        free = [candidate for candidate in free if candidate.feature.key != best.feature.key]
     return hypothesis
 
 
 def _ranked(
     library: RegressorLibrary, selected: Sequence[Candidate], further: Sequence[Candidate], settings: DiagnosisSettings
 ) -> list[tuple[float, Candidate]]:
-    """Return by how much each candidate raises the likelihood of all data, nats over the misfit, the best first."""
+    """Return by how much each feature raises the likelihood of all data, nats over the misfit, the best first.
+
+    Those that raise it by less than what is detected are left out; of values tried each is worth that much less.
+    """
     scale, without = misfit(library, selected), library.both(selected)
+    tried = Counter(candidate.feature.key for candidate in further)
     rough = sorted(((library.both([*selected, c]) - without, c) for c in further), key=lambda pair: -pair[0])
-    found: list[tuple[float, Candidate]] = []
+    found: dict[Key, tuple[float, Candidate]] = {}
     for gain, candidate in rough:
+        key = candidate.feature.key
         if gain < settings.significance.detected * scale:
             break
+        if key in found:
+            continue
         best = refine(library, [*selected, candidate], candidate, settings.refinement)
         trial = [*selected, best]
         if plausible(library, trial, settings.search.ratio_factor):
-            found.append(((library.both(trial) - without) / scale, best))
-    return sorted(found, key=lambda pair: -pair[0])
+            found[key] = ((library.both(trial) - without) / scale - float(np.log(tried[key])), best)
+    clear = [pair for pair in found.values() if pair[0] > settings.significance.detected]
+    return sorted(clear, key=lambda pair: -pair[0])

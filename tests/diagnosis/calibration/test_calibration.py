@@ -57,11 +57,13 @@ def test_a_lag_of_all_link_encoders_is_one_cause() -> None:
 
 
 @pytest.mark.slow
-def test_play_beside_ordinary_errors_is_named_and_measured() -> None:
-    """Play of 9e-5 rad, beyond which a drive without torque explains as much, is found to 1 %, and nothing else."""
+def test_play_that_is_loaded_one_way_is_named_with_the_encoder_offset_that_it_may_be() -> None:
+    """Play of a drive whose load keeps its sign is an encoder's zero nine standard deviations off: both are named."""
     found, _ = refitted(34, Fault("backlash", 2, {"half_gap": 9e-5}))
-    assert [(c.effect, c.joint) for c in found.causes] == [("backlash", "joint_3")]
-    assert found.causes[0].parameters["half_gap"].value == pytest.approx(9e-5, rel=0.01)
+    (cause,) = found.causes
+    names = {(cause.effect, cause.joint), *((other.effect, other.joint) for other in cause.alternatives)}
+    assert names >= {("backlash", "joint_3"), ("encoder_offset", "joint_3")} and cause.confidence < 0.7
+    assert cause.parameters["half_gap"].value == pytest.approx(9e-5, rel=0.1)
 
 
 @pytest.mark.slow

@@ -1,0 +1,62 @@
+"""The file of priors."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from elastic_arm.diagnosis.calibration.nuisance import nuisance_parameters
+from elastic_arm.diagnosis.priors import Priors, read_priors
+from elastic_arm.diagnosis.selection.candidates import features
+from elastic_arm.diagnosis.settings import RefitSettings
+from elastic_arm.effects import EFFECTS
+from elastic_arm.effects.equations import ArmEquations
+from elastic_arm.errors import DiagnosisError
+from elastic_arm.robot import load_robot
+
+SENSORS = [effect for effect in EFFECTS.values() if effect.prior is not None]
+IDS = [effect.id for effect in SENSORS]
+
+
+def written(folder: Path, text: str) -> Path:
+    path = folder / "priors.yaml"
+    path.write_text(text)
+    return path
+
+
+def test_a_file_changes_what_it_names_and_nothing_else(tmp_path: Path) -> None:
+    """Numbers of the arm and of a sensor are read; those left out keep their defaults."""
+    found = read_priors(written(tmp_path, "stiffness: 0.3\nsensors: {motor_torque_gain: 0.15}\n"), IDS)
+    assert found == Priors(stiffness=0.3, sensors={"motor_torque_gain": 0.15})
+
+
+@pytest.mark.parametrize(
+    ("text", "problem"),
+    [
+        ("stifness: 0.3", "stifness: unknown key"),
+        ("sensors: {motor_gain: 0.1}", "sensors.motor_gain: unknown key"),
+        ("mass: -0.1", "mass: is -0.1, but must be above 0"),
+        ("mass: heavy", "mass: is 'heavy', not a number"),
+        ("mass: .inf", "mass: inf is not a finite number"),
+        ("[1, 2]", "holds no fields"),
+    ],
+)
+def test_what_is_no_prior_is_refused_in_one_line(tmp_path: Path, text: str, problem: str) -> None:
+    """Unknown keys and what is no standard deviation are named, with file and remedy."""
+    path = written(tmp_path, text)
+    with pytest.raises(DiagnosisError) as caught:
+        read_priors(path, IDS)
+    assert problem in str(caught.value) and str(path) in str(caught.value) and "\n" not in str(caught.value)
+
+
+def test_nuisance_parameters_have_the_stated_deviations() -> None:
+    """A file's numbers are those of the nuisance parameters, and scales of torque are bounded by what is believable."""
+    robot, settings = load_robot(), RefitSettings()
+    shown = features(ArmEquations(robot, "mod3"), SENSORS)
+    priors = Priors(mass=0.2, stiffness=0.3, sensors={"joint_torque_gain": 0.05})
+    found = {(p.what, p.joint): p for p in nuisance_parameters(robot, shown, 1000.0, priors, settings)}
+    assert found["link_mass", "joint_2"].prior_std == 0.2
+    assert found["joint_torque_gain", "joint_2"].prior_std == 0.05
+    assert found["motor_torque_gain", "joint_2"].prior_std == 0.02
+    assert found["stiffness", "joint_1"].limit == pytest.approx(settings.largest_scale / 0.3)
