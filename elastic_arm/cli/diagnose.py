@@ -23,6 +23,7 @@ from elastic_arm.cli.options import (
     EffectsFiles,
     KnownEffects,
     Namespace,
+    PriorsFile,
     RobotFile,
     load_arm,
     read_by_clock,
@@ -71,13 +72,7 @@ def diagnose_command(
     with_: KnownEffects = None,
     clock: ClockOption = ClockChoice.auto,
     refit: Annotated[bool, typer.Option("--refit", help="Fit the model's own parameters first.")] = False,
-    priors_file: Annotated[
-        Path | None,
-        typer.Option(
-            "--priors",
-            help="With --refit: YAML of how far masses, stiffness and sensors may be off; see docs/diagnosis.md.",
-        ),
-    ] = None,
+    priors_file: PriorsFile = None,
     propose: Annotated[
         bool,
         typer.Option(help="Look for the motion that tells causes from their alternatives, where there are any."),
@@ -111,12 +106,7 @@ def diagnose_command(
     catalogue = Catalogue.default().with_files(effects_files or ())
     robot = load_arm(robot_file, chain, at, catalogue)
     mapping = None if channels is None else load_channels(channels)
-    settings = DiagnosisSettings()
-    if priors_file is not None:
-        if not refit:
-            raise DiagnosisError("--priors has no meaning without --refit", "Add --refit, or leave --priors out")
-        sensors = [effect.id for effect in catalogue.values() if effect.prior is not None]
-        settings = replace(settings, priors=read_priors(priors_file, sensors))
+    settings = _settings(priors_file, catalogue, refit=refit)
 
     def read(paths: list[Path]) -> list[Recording]:
         return [read_by_clock(path, mapping, robot.joint_names, clock, namespace) for path in paths]
@@ -156,6 +146,17 @@ def correct(found: Diagnosis, robot: Robot, folder: Path, correction: Correction
         Where the arm came from.
     """
     return correction.write(repaired_robot(robot, found) if found.causes else None, folder, deviations(found))
+
+
+def _settings(priors_file: Path | None, catalogue: Catalogue, *, refit: bool) -> DiagnosisSettings:
+    """Return all thresholds, with the priors of a file where one is given."""
+    settings = DiagnosisSettings()
+    if priors_file is None:
+        return settings
+    if not refit:
+        raise DiagnosisError("--priors has no meaning without --refit", "Add --refit, or leave --priors out")
+    sensors = [effect.id for effect in catalogue.values() if effect.prior is not None]
+    return replace(settings, priors=read_priors(priors_file, sensors))
 
 
 def write_diagnosis(found: Diagnosis, robot: Robot, folder: Path, replays: Sequence[Replay] = ()) -> None:

@@ -54,6 +54,13 @@ AtOption = Annotated[
         show_default=False,
     ),
 ]
+PriorsFile = Annotated[
+    Path | None,
+    typer.Option(
+        "--priors",
+        help="With --refit: YAML of how far masses, stiffness and sensors may be off; see docs/diagnosis.md.",
+    ),
+]
 KnownEffects = Annotated[
     list[str] | None,
     typer.Option(
