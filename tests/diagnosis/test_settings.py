@@ -13,7 +13,7 @@ from elastic_arm.diagnosis import Diagnosis, DiagnosisSettings, Question, diagno
 from elastic_arm.diagnosis.data.preprocessing import clock_drift
 from elastic_arm.diagnosis.data.split import split
 from elastic_arm.diagnosis.inference.regimes import regime
-from elastic_arm.diagnosis.selection.regressor_library import starting_points
+from elastic_arm.diagnosis.selection.candidates import starting_points
 from elastic_arm.diagnosis.settings import (
     CandidateSettings,
     ExperimentSettings,

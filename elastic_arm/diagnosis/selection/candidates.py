@@ -1,16 +1,19 @@
-"""Every effect of a catalogue at every place of an arm where it could show."""
+"""Every effect of a catalogue at every place of an arm where it could show, and where a search for it starts."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import product
 
 import numpy as np
 from numpy.typing import NDArray
 
+from elastic_arm.diagnosis.settings import CandidateSettings
 from elastic_arm.effects.equations import ArmEquations
 from elastic_arm.effects.model import Effect, EffectInstance
+from elastic_arm.effects.parameters import Parameter
 from elastic_arm.effects.regressor import Regressor
 from elastic_arm.estimation.effect_columns import Feature
 from elastic_arm.estimation.regressors import Signals
@@ -76,3 +79,23 @@ def feature_of(instance: EffectInstance, equations: ArmEquations) -> Feature:
     chosen = {c.name: instance.parameters[c.name] for c in effect.choices}
     kind = Feature if effect.regressor is None else OwnRegressor
     return kind(effect, instance.joint, chosen, equations)
+
+
+def starting_points(feature: Feature, settings: CandidateSettings) -> list[tuple[float, ...] | None]:
+    """Return values of the searched parameters from which a search may start."""
+    if not feature.searched:
+        return [()]
+    if any(p.size > 1 for p in feature.searched):
+        return [None]
+    points = settings.grid if len(feature.searched) == 1 else settings.coarse_grid
+    return list(product(*(_tried(parameter, points, settings.orders) for parameter in feature.searched)))
+
+
+def _tried(parameter: Parameter, points: int, orders: int) -> list[float]:
+    """Return values of one searched parameter, spread over its range."""
+    low, high = parameter.low, parameter.high
+    if parameter.integer:
+        first = int(np.ceil(low))
+        return [float(k) for k in range(first, min(first + orders - 1, int(high)) + 1)]
+    spread = np.geomspace if parameter.logarithmic else np.linspace
+    return [float(v) for v in spread(low, high, points)]

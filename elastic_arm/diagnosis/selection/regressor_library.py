@@ -10,15 +10,14 @@ from collections.abc import Sequence
 from copy import copy
 from dataclasses import dataclass
 from functools import cached_property
-from itertools import product
 
 import numpy as np
 from numpy.typing import NDArray
 
+from elastic_arm.diagnosis.selection.candidates import starting_points
 from elastic_arm.diagnosis.selection.gram_fits import bordered, solution
 from elastic_arm.diagnosis.selection.marginalisation import Marginalisation, NuisanceColumns
 from elastic_arm.diagnosis.settings import CandidateSettings
-from elastic_arm.effects.parameters import Parameter
 from elastic_arm.estimation.effect_columns import Feature
 from elastic_arm.estimation.whitening import WhitenedData
 
@@ -349,26 +348,6 @@ def _split(selected: Sequence[Candidate]) -> tuple[NDArray[np.intp], NDArray[np.
     return np.concatenate([candidate.index for candidate in selected]), np.concatenate(
         [candidate.free for candidate in selected]
     )
-
-
-def starting_points(feature: Feature, settings: CandidateSettings) -> list[tuple[float, ...] | None]:
-    """Return values of the searched parameters from which a search may start."""
-    if not feature.searched:
-        return [()]
-    if any(p.size > 1 for p in feature.searched):
-        return [None]
-    points = settings.grid if len(feature.searched) == 1 else settings.coarse_grid
-    return list(product(*(_tried(parameter, points, settings.orders) for parameter in feature.searched)))
-
-
-def _tried(parameter: Parameter, points: int, orders: int) -> list[float]:
-    """Return values of one searched parameter, spread over its range."""
-    low, high = parameter.low, parameter.high
-    if parameter.integer:
-        first = int(np.ceil(low))
-        return [float(k) for k in range(first, min(first + orders - 1, int(high)) + 1)]
-    spread = np.geomspace if parameter.logarithmic else np.linspace
-    return [float(v) for v in spread(low, high, points)]
 
 
 def _neighbourhood(feature: Feature, share: float) -> Array:
