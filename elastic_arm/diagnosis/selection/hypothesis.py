@@ -58,4 +58,4 @@ class Hypothesis:
     def drop(self, k: int) -> Hypothesis:
         """Return the hypothesis without the cause at position k."""
         rivals = {i - (i > k): found for i, found in self.rivals.items() if i != k}
-        return Hypothesis(self.without(k), self.given, rivals, self.beyond - {self.selected[k].feature.key})
+        return Hypothesis(self.without(k), self.given, rivals, self.beyond)
