@@ -89,7 +89,6 @@ def diagnose_command(
     recording does not separate causes, separating_trajectory.yaml: the motion to
     record next, for `elastic-arm simulate --trajectory` and the trajectory node.
     Of several recordings it states which causes agree over them.
-
     Exit status 0 whatever the verdict, 2 for unusable input.
 
     Examples:
