@@ -93,8 +93,6 @@ def diagnose_command(
 
     Examples:
 
-        elastic-arm diagnose bag
-
         elastic-arm diagnose run_1 run_2 --validate run_3 --out diagnosis
 
         elastic-arm diagnose bag --refit --with coulomb_friction --with viscous_friction
