@@ -33,6 +33,7 @@ SLOWEST = 5e-4  # rad/s: slower than this a joint counts as standing, whatever t
 STANDING = 3.0  # standard deviations of velocity noise below which a joint counts as standing
 SLOW = 0.005  # of a joint's highest speed, below which it sticks if it is as slow for as long as STICKING
 STICKING = 0.03  # s
+LEAST_MOVING = 0.5  # of a stretch, below which each equation is left out by itself
 MOST_STICKING = 0.3  # of a stretch; a joint that sticks longer is one that stands still
 NOISE_FREQUENCIES = 400
 # Poses at which the inertia is looked up for the way of encoder noise into the residuals.
@@ -220,7 +221,7 @@ class WhitenedData:
                 "Record longer without gaps",
             )
         ones = [np.ones(len(part.stretch.t)) for part in self.parts]
-        self._weights = [_moving(part.stretch, band) for part in self.parts] if predicted else ones
+        self._weights = [_moving(part.stretch, band, layout) for part in self.parts] if predicted else ones
         self.y = self.weighted([part.stretch.values for part in self.parts])
         self.white = self.whiten([y[:, :, None] for y in self.y])[:, 0]
         self.blocks = self._blocks()
@@ -228,7 +229,7 @@ class WhitenedData:
     def weighted(self, columns: Sequence[Array]) -> list[Array]:
         """Return columns (N', …) of all stretches, null where a joint sticks."""
         return [
-            values if weights.all() else values * weights.reshape(-1, *[1] * (values.ndim - 1))
+            values if weights.all() else values * weights.reshape(*weights.shape, *[1] * (values.ndim - weights.ndim))
             for values, weights in zip(columns, self._weights, strict=True)
         ]
 
@@ -307,27 +308,34 @@ class WhitenedData:
     @property
     def freedom(self) -> float:
         """Number of independent rows: the band leaves out part of the kept spectrum."""
-        used = sum(float(w.sum()) for w in self._weights) / max(1, sum(len(w) for w in self._weights))
+        used = sum(float(w.sum()) for w in self._weights) / max(1, sum(w.size for w in self._weights))
         return len(self.white) * used * min(1.0, 2 * self.band.cutoff / self.band.kept_rate)
 
 
-def _moving(stretch: Stretch, band: Band) -> Array:
-    """Return weights (N',) of a stretch's rows: 0 where a joint sticks, as its friction takes any value there, else 1.
+def _moving(stretch: Stretch, band: Band, layout: EquationSet) -> Array:
+    """Return weights of a stretch's rows: 0 where a joint sticks, as its friction takes any value there, else 1.
 
-    A joint that hardly moves in the whole stretch does not count.
+    One weight an instant (N',), for all equations. Where that would leave little, one an equation (N', R): a joint that
+    sticks leaves out those equations that hold its motor's friction. A joint that hardly moves in the whole stretch
+    does not count.
     """
     t, speed = stretch.quiet.t, np.abs(stretch.quiet.dtheta)
     slow = speed < np.maximum(SLOW * speed.max(axis=0), 2.0 * SLOWEST)
     step = float(t[1] - t[0])
-    sticks = np.zeros(len(t), dtype=bool)
-    for column in slow.T:
-        stuck = binary_opening(column, np.ones(max(1, round(STICKING / step))))
-        if stuck.mean() < MOST_STICKING:
-            sticks |= stuck
+    sticks = np.stack([binary_opening(column, np.ones(max(1, round(STICKING / step)))) for column in slow.T], axis=1)
+    sticks &= sticks.mean(axis=0) < MOST_STICKING
     around = round((0.5 * len(band.taps) / band.rate + STICKING) / step)
-    spread = binary_dilation(sticks, iterations=around) if sticks.any() else sticks
     at = np.clip(np.searchsorted(t, stretch.t), 0, len(t) - 1)
-    return np.asarray(1.0 - spread[at])
+
+    def spread(stuck: NDArray[np.bool_]) -> Array:
+        return np.asarray(1.0 - (binary_dilation(stuck, iterations=around) if stuck.any() else stuck)[at])
+
+    together = spread(np.asarray(sticks.any(axis=1)))
+    if together.mean() >= LEAST_MOVING:
+        return together
+    rubs = [equation.combination[2] != 0 for equation, _ in layout.entries]
+    own = [spread(sticks[:, joint] & holds) for holds, (_, joint) in zip(rubs, layout.entries, strict=True)]
+    return np.stack(own, axis=1)
 
 
 def _standstill(observation: Observation, f: Array, n: int) -> tuple[Array, Array]:
