@@ -67,6 +67,8 @@ class SimulatorNode(ArmNode):
         graph.require_single_publisher(
             self, topics.MOTOR_STATES, max(graph.DISCOVERY - (time.monotonic() - began), 0.5)
         )
+        if self._factor != 1.0:
+            graph.require_single_publisher(self, topics.CLOCK, 0.1)
         self._born = time.monotonic()
         names = list(self._arm.robot.joint_names)
         self._joints = names

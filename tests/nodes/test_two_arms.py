@@ -61,6 +61,17 @@ def test_two_arms_do_not_meet(graph: Graph) -> None:
     assert not graph.peer.count_publishers("/joint_states")
 
 
+def test_two_clocks_in_one_graph_are_refused(graph: Graph) -> None:
+    """A second arm with a clock of its own ends, whatever its namespace: all arms of a graph share /clock."""
+    heard = graph.listen(JointState, "/left/joint_states")
+    start_in(graph, "left", "simulator", real_time_factor=0.5)
+    graph.until(lambda: len(heard) > 100, "the first arm is there")
+    second = start_in(graph, "right", "simulator", real_time_factor=0.5)
+    assert second.wait() == 2
+    assert "/left/simulator publishes /clock already" in second.output
+    assert "real_time_factor:=1.0" in second.output
+
+
 def test_a_renamed_topic_raises_no_alarm(graph: Graph) -> None:
     """An arm whose topic is remapped by hand is not taken for another one that publishes it."""
     heard = graph.listen(JointState, "/drives")

@@ -100,7 +100,10 @@ def require_single_publisher(node: Node, topic: str, seconds: float = DISCOVERY)
 
 def company(others: list[str], topic: str) -> GraphError:
     """Return the error of a topic that has another source already."""
+    problem = f"{others[0]} publishes {topic} already: two sources of one topic would mix"
+    if topic in topics.GLOBAL:  # which a namespace does not part
+        return GraphError(problem, "Start this one with real_time_factor:=1.0, or with another ROS_DOMAIN_ID.")
     return GraphError(
-        f"{others[0]} publishes {topic} already: two sources of one topic would mix",
+        problem,
         "Stop it, or start this one in a namespace (--ros-args -r __ns:=/left) or with another ROS_DOMAIN_ID.",
     )
