@@ -24,21 +24,24 @@ class EffectSet:
         The effects.
     robot
         The arm they sit on.
+    duration
+        s that the run lasts, for effects that change over it; None where it has no end.
 
     Attributes
     ----------
     p, z
-        Symbols of all parameters and of all internal states, in the order of the effects.
+        Symbols of all parameters and of all internal states, in the order of the effects; the duration and the time
+        come last where an effect changes over the run.
     state_names
         Of `z`: effect, joint and name.
 
     Raises
     ------
     EffectError
-        If an effect cannot act where it is placed.
+        If an effect cannot act where it is placed, or in a run without an end.
     """
 
-    def __init__(self, instances: Sequence[EffectInstance], robot: Robot) -> None:
+    def __init__(self, instances: Sequence[EffectInstance], robot: Robot, duration: float | None = None) -> None:
         self.instances = tuple(instances)
         self._placed: list[tuple[EffectInstance, int, dict[str, Any]]] = []
         self.state_names: list[str] = []
@@ -59,8 +62,28 @@ class EffectSet:
                 states += own.values()
                 self.state_names += [f"{instance.effect.id}:{robot.joint_names[i]}:{name}" for name in own]
                 self._placed.append((instance, i, {**values, **own}))
+        self._duration = self._required(duration)
+        self._clock = (ca.SX.sym("time"), ca.SX.sym("duration"))
+        if self.in_time:
+            states.append(self._clock[0])
+            parameters.append(self._clock[1])
+            self.state_names.append("time")
         self.p: ca.SX = ca.vertcat(ca.SX(0, 1), *parameters)
         self.z: ca.SX = ca.vertcat(ca.SX(0, 1), *states)
+
+    @property
+    def in_time(self) -> bool:
+        """Whether an effect changes over the run."""
+        return any(instance.effect.in_time for instance in self.instances)
+
+    def _required(self, duration: float | None) -> float:
+        changing = [instance.effect.id for instance in self.instances if instance.effect.in_time]
+        if changing and not duration:
+            raise EffectError(
+                f"{changing[0]} changes over the length of a run, and this run has no end",
+                "Simulate a trajectory with `elastic-arm simulate`, or leave the effect out.",
+            )
+        return duration or 0.0
 
     def numbers(self, instances: Sequence[EffectInstance] | None = None) -> np.ndarray:
         """Return the values of `p` (P,), of the effects as made or with other parameters."""
@@ -69,12 +92,13 @@ class EffectSet:
             for instance in (self.instances if instances is None else instances)
             for entry in instance.effect.parameters
         ]
-        return np.concatenate([np.zeros(0), *rows])
+        return np.concatenate([np.zeros(0), *rows, [self._duration] if self.in_time else []])
 
     def contribution(self, motion: SymbolicMotion) -> tuple[Contribution, ca.SX]:
         """Return the sum of all laws, and the rates of `z`.
 
-        Transmission errors come first: the other laws of the joint find them in the deflection.
+        Transmission errors come first: the other laws of the joint find them in the deflection. Friction comes before
+        what scales it.
 
         Raises
         ------
@@ -88,12 +112,19 @@ class EffectSet:
                 twist[i] += error
                 twist_rate[i] += rate
         motion = replace(motion, twist=twist, twist_rate=twist_rate)
+        if self.in_time and motion.progress is None:
+            motion = replace(motion, progress=self._clock[0] / self._clock[1] - 0.5)
         total, rates = motion.nothing(), []
+        friction = motion.nothing()
+        for instance, i, values in self._placed:
+            if instance.effect.friction:
+                friction += _checked(instance.effect, instance.effect.law(motion, i, values))
+        motion = replace(motion, friction_link=friction.link, friction_motor=friction.motor)
         for instance, i, values in self._placed:
             part = _checked(instance.effect, instance.effect.law(motion, i, values))
             total += part
             rates += [part.rates[name] for name in instance.effect.states]
-        return total, ca.vertcat(ca.SX(0, 1), *rates)
+        return total, ca.vertcat(ca.SX(0, 1), *rates, *([ca.SX(1.0)] if self.in_time else []))
 
 
 def _checked(effect: Effect, part: object) -> Contribution:

@@ -21,7 +21,7 @@ def check_law(effect: Effect, robot: Robot | None = None) -> None:
     """
     robot = robot or load_robot(None)
     equations = ArmEquations(robot, effect.lacked_by[-1])
-    EffectSet([next(effect.candidates(robot))], robot).contribution(_symbols(equations))
+    EffectSet([next(effect.candidates(robot))], robot, duration=1.0).contribution(_symbols(equations))
 
 
 def _symbols(equations: ArmEquations) -> SymbolicMotion:

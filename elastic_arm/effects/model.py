@@ -136,6 +136,11 @@ class Effect:
     prior
         (sample rate in Hz) -> standard deviation of its first parameter over ordinary arms of a refit; None where an
         ordinary arm has none of it.
+    friction
+        Whether it is friction: what laws find as the friction of its side.
+    scales_friction, in_time
+        Whether the law takes the friction of the side (`motion.friction`), and how much of the recording has passed
+        (`motion.progress`).
     searched
         Whether a diagnosis looks for it; False for what acts only where a description or a user states it.
 
@@ -166,6 +171,9 @@ class Effect:
     ordinary: Ordinary | None = None
     regressor: RegressorOf | None = None
     prior: Callable[[float], float] | None = None
+    friction: bool = False
+    scales_friction: bool = False
+    in_time: bool = False
     searched: bool = True
 
     def __post_init__(self) -> None:

@@ -114,6 +114,10 @@ class SymbolicMotion:
         What transmission errors add to the deflection, and its rate.
     dddx, ddddx : (dof, 1)
         Third and fourth derivative of x, where somebody knows them.
+    progress
+        (t - t_mid) / T over a recording of length T, from -1/2 to 1/2; None where no law takes it.
+    friction_link, friction_motor : (n, 1)
+        What friction effects add to both sides, Nm.
     """
 
     equations: Equations
@@ -129,6 +133,9 @@ class SymbolicMotion:
     twist_rate: SX | float = 0.0
     dddx: SX | float = 0.0
     ddddx: SX | float = 0.0
+    progress: SX | None = None
+    friction_link: SX | None = None
+    friction_motor: SX | None = None
 
     @property
     def robot(self) -> Robot:
@@ -213,6 +220,11 @@ class SymbolicMotion:
     def velocity(self, side: str) -> SX:
         """Return the velocities (n, 1) of a side, "link" or "motor"."""
         return self.dq if side == "link" else self.dtheta
+
+    def friction(self, side: str) -> SX:
+        """Return what the friction effects of a side, "link" or "motor", resist with (n, 1), Nm."""
+        torque = self.friction_link if side == "link" else self.friction_motor
+        return SX(self.n, 1) if torque is None else torque
 
     def gear(self, i: int) -> Transmission:
         """Return the transmission of joint i.

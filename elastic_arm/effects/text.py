@@ -112,7 +112,7 @@ def parse_laws(texts: Sequence[str], robot: Robot, catalogue: Catalogue | None =
         written = _read(text, catalogue, "law", IdentificationError)
         effect = written.effect
         linear = [p for p in effect.parameters if p.role is Role.LINEAR]
-        if not linear or effect.states:
+        if not linear or effect.states or effect.scales_friction:
             raise IdentificationError(
                 f"{effect.id} is not linear in its parameters",
                 "Leave it to `elastic-arm diagnose`, which searches them.",

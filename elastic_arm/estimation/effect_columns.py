@@ -37,12 +37,15 @@ class Feature:
         What, where (None for the whole arm), and which of its choices.
     equations
         Of the model that lacks it.
+    friction
+        The friction that it scales, where it does: effects as their laws, and the values of all their parameters.
     """
 
     effect: Effect
     joint: str | None
     choices: Mapping[str, Any]
     equations: ArmEquations = field(repr=False)
+    friction: tuple[tuple[Feature, tuple[float, ...]], ...] = field(default=(), repr=False)
 
     @property
     def key(self) -> tuple[str, str | None, tuple[Any, ...]]:
@@ -124,6 +127,10 @@ class Feature:
         start
             Of all internal states, where the motion before the first sample is not known.
         """
+        if self.friction:
+            torques = sum(feature.columns(signals, values)[:, :, 0] for feature, values in self.friction)
+            link, _, motor = np.split(torques, 3, axis=1)
+            signals = signals.with_friction(link, motor)
         return self._compiled(signals, searched, start)
 
     def parameters(self, coefficients: Sequence[float], searched: Sequence[float] = ()) -> dict[str, Any]:
@@ -139,7 +146,12 @@ class Feature:
 
     def whole(self) -> Feature:
         """Return the feature whose column is the law itself."""
-        return Whole(self.effect, self.joint, self.choices, self.equations)
+        return Whole(self.effect, self.joint, self.choices, self.equations, self.friction)
+
+    def scales(self, other: Feature) -> bool:
+        """Whether another effect is friction that this one scales."""
+        alike = self.joint == other.joint and set(self.sides) & set(other.sides)
+        return self.effect.scales_friction and other.effect.friction and bool(alike)
 
     def instance(self, coefficients: Sequence[float], searched: Sequence[float] = ()) -> EffectInstance:
         """Return the effect as the simulator takes it."""

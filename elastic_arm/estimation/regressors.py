@@ -7,7 +7,7 @@ motor; parameters that do not act linearly are arguments of the columns.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import reduce
 from operator import add
 from typing import Any
@@ -27,7 +27,10 @@ from elastic_arm.effects.parameters import Parameter
 from elastic_arm.estimation.motion import CompletedMotion
 
 Array = NDArray[np.float64]
-INPUTS = ("x", "dx", "ddx", "tau_J", "tau_m", "dtau_J", "dtau_m", "sign_link", "sign_motor")
+INPUTS = (
+    "x", "dx", "ddx", "tau_J", "tau_m", "dtau_J", "dtau_m",
+    "progress", "friction_link", "friction_motor", "sign_link", "sign_motor",
+)  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -91,13 +94,19 @@ class Signals:
         return Signals(motion.t, _values(motion, standstill, rates, elastic=elastic))
 
     def arrays(self) -> list[Array]:
-        """Return the arguments in the order of :data:`INPUTS`."""
-        return [self.values[name] for name in INPUTS]
+        """Return the arguments in the order of :data:`INPUTS`; without friction where none was given."""
+        none = np.zeros_like(self.values["tau_J"])
+        return [self.values.get(name, none) for name in INPUTS]
+
+    def with_friction(self, link: Array, motor: Array) -> Signals:
+        """Return the signals with what friction effects of both sides resist with, (N, n) Nm."""
+        return replace(self, values={**self.values, "friction_link": link, "friction_motor": motor})
 
 
 def _values(
     motion: CompletedMotion, standstill: tuple[Array, Array], rates: Sequence[Array], *, elastic: bool
 ) -> dict[str, Array]:
+    begin, end = motion.span or (motion.t[0], motion.t[-1])
     values = {
         "x": motion.coordinates("", elastic=elastic),
         "dx": motion.coordinates("d", elastic=elastic),
@@ -108,6 +117,7 @@ def _values(
         "dtau_m": rates[1],
         "sign_link": np.tanh(motion.dq / standstill[0]),
         "sign_motor": np.tanh(motion.dtheta / standstill[1]),
+        "progress": ((motion.t - begin) / (end - begin) - 0.5)[:, None],
     }
     return {name: np.ascontiguousarray(v) for name, v in values.items()}
 
@@ -156,14 +166,13 @@ class CompiledColumns:
     def __init__(self, terms: Sequence[Term], equations: ArmEquations, engine: str | None = "numpy") -> None:
         self._equations = equations
         n = equations.robot.n
-        sizes = dict.fromkeys(("x", "dx", "ddx"), equations.dof)
+        sizes = {**dict.fromkeys(("x", "dx", "ddx"), equations.dof), "progress": 1}
         symbols = {name: ca.SX.sym(name, sizes.get(name, n)) for name in INPUTS}
         searched = [p for term in terms for p in term.searched]
         arguments = {p.name: ca.SX.sym(p.name, p.size) for p in searched}
-        x, dx, ddx, tau_J, tau_m, dtau_J, dtau_m, *signs = symbols.values()
-        motion = SymbolicMotion(
-            equations, x, dx, ddx, tau_J, tau_m, dtau_J, dtau_m, lambda side, i: signs[side == "motor"][i]
-        )
+        signs = {side: symbols[f"sign_{side}"] for side in ("link", "motor")}
+        known = {name: symbol for name, symbol in symbols.items() if not name.startswith("sign")}
+        motion = SymbolicMotion(equations, **known, sign=lambda side, i: signs[side][i])
         states = {name: ca.SX.sym(name) for term in terms for name in term.effect.states}
         argument, state = _stacked(arguments, "searched"), _stacked(states, "state")
         self._scan: Recursion | None = None

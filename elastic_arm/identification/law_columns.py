@@ -82,6 +82,7 @@ def with_stated(
         instance
         for instance in robot_effects(robot, catalogue)
         if _linear(instance.effect)
+        and not instance.effect.scales_friction
         and (instance.effect.id, instance.joint) not in own
         and (motored or set(instance.sides) != {"motor"})
     ]

@@ -81,9 +81,19 @@ _MOST_KNOWN = 64
 _DERIVED = ("constants", "accelerations", "balance", "stiffness_of_balance", "friction")
 
 
-def assemble(equations: ArmEquations, instances: Sequence[EffectInstance]) -> System:
-    """Put an arm and effects together, or find a system of the same shape."""
-    shape, effect_set = _shape(equations, instances), EffectSet(instances, equations.robot)
+def assemble(equations: ArmEquations, instances: Sequence[EffectInstance], duration: float | None = None) -> System:
+    """Put an arm and effects together, or find a system of the same shape.
+
+    Parameters
+    ----------
+    equations
+        Of the arm.
+    instances
+        The effects that act through laws.
+    duration
+        s that the run lasts, for effects that change over it; None where it has no end.
+    """
+    shape, effect_set = _shape(equations, instances), EffectSet(instances, equations.robot, duration)
     if shape not in _known:
         # On disk an arm of its own is worth keeping; every arm with effects and numbers of its own would fill it.
         functions = (

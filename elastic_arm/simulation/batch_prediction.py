@@ -32,7 +32,10 @@ DEFLECTION_STEPS = 12  # of a fixed point that contracts as true over nominal st
 
 
 class MeasuredMotion(Protocol):
-    """A measured motion: times (N,) s, and (N, n) angles, rates, accelerations of both sides, and torques, Nm."""
+    """A measured motion: times (N,) s, and (N, n) angles, rates, accelerations of both sides, and torques, Nm.
+
+    `span` is begin and end of its recording on the axis of the times.
+    """
 
     @property
     def t(self) -> Array: ...
@@ -52,6 +55,8 @@ class MeasuredMotion(Protocol):
     def tau_J(self) -> Array: ...
     @property
     def tau_m(self) -> Array: ...
+    @property
+    def span(self) -> tuple[float, float] | None: ...
 
 
 class BatchPrediction:
@@ -69,13 +74,21 @@ class BatchPrediction:
         (n,) Nm/rad, roughly that of the drives: the deflection at the start is found with it, by iteration.
     period
         s between the samples of the measured motion.
+    duration
+        s of the recording, for effects that change over it.
     """
 
     def __init__(
-        self, equations: ArmEquations, laws: Sequence[EffectInstance], Psi: Array, stiffness: Array, period: float
+        self,
+        equations: ArmEquations,
+        laws: Sequence[EffectInstance],
+        Psi: Array,
+        stiffness: Array,
+        period: float,
+        duration: float | None = None,
     ) -> None:
         self._equations, self._Psi, self._K, self._period = equations, Psi, stiffness, period
-        self._system: System = assemble(equations, laws)
+        self._system: System = assemble(equations, laws, duration)
         self._substeps = 1
         self._rate: ca.Function | None = None
         self._jacobian: ca.Function | None = None
@@ -137,7 +150,10 @@ class BatchPrediction:
         return np.hstack([x, tilt]), np.hstack([dx, CubicSpline(motion.t, tilt)(motion.t, 1)])
 
     def _internal_states(self, motion: MeasuredMotion, x: Array, dx: Array) -> Array:
-        """Return internal states of effects (N, states) along the measured motion; they begin at zero."""
+        """Return internal states of effects (N, states) along the measured motion.
+
+        They begin at zero, the time where the motion stands in its recording.
+        """
         system = self._system
         if not system.states:
             return np.zeros((len(x), 0))
@@ -146,8 +162,11 @@ class BatchPrediction:
         rate = system.accelerations(rest[0], rest[1], z, *rest[2:])[1]
         course = ca.Function("step", given, [z + self._period * rate]).mapaccum(len(x) - 1)
         known = [values[:-1].T for values in (x, dx, motion.tau_m)]
-        z_later = course(np.zeros(system.states), *known, np.repeat(self._constants[:, :1], len(x) - 1, axis=1))
-        return np.vstack([np.zeros((1, system.states)), np.array(z_later).T])
+        start = np.zeros(system.states)
+        if system.effect_set.in_time and motion.span is not None:
+            start[-1] = motion.t[0] - motion.span[0]
+        z_later = course(start, *known, np.repeat(self._constants[:, :1], len(x) - 1, axis=1))
+        return np.vstack([start[None], np.array(z_later).T])
 
     def _prepare(self, starts: int, x: Array, torque: Array) -> None:
         """Make the equations of all starts one call, and choose the step by the fastest vibration."""

@@ -82,7 +82,8 @@ def simulate(
     q, dq, ddq = trajectory.evaluate(t)
     settings: dict[str, Any] = {"model": model, "bearings": bearings, "effects": effects, "sensors": sensors}
     settings |= {"controller": controller, "nominal": nominal, "rate": rate, "substeps": substeps, "rng": rng}
-    simulator = Simulator(robot, **settings, q0=q[0], dq0=dq[0], engine=engine, catalogue=catalogue)
+    settings |= {"engine": engine, "catalogue": catalogue, "duration": seconds}
+    simulator = Simulator(robot, **settings, q0=q[0], dq0=dq[0])
     block = max(1, round(rate))
     parts = []
     for first in range(0, len(t), block):

@@ -101,9 +101,10 @@ class Simulator:
         Where the motors start, and how fast (n,); zero when None.
     engine
         "c", "casadi", or None for the faster one that this machine has.
-
     catalogue
         Where the ids of the description's effects are looked up; the default catalogue when None.
+    duration
+        s that the run lasts, for effects that change over it; None where it has no end.
 
     Raises
     ------
@@ -128,13 +129,14 @@ class Simulator:
         dq0: Array | None = None,
         engine: str | None = None,
         catalogue: Catalogue | None = None,
+        duration: float | None = None,
     ) -> None:
         _check_steps(rate, substeps)
         self.nominal = robot if nominal is None else nominal
         check_same_joints(robot, self.nominal)
         self.robot, self.rate, self._substeps = robot, float(rate), substeps
         self._model, self._bearings, self._engine_name = model, bearings, engine
-        self._catalogue = catalogue
+        self._catalogue, self._duration = catalogue, duration
         self._given_sensors = Sensors() if sensors is None else sensors
         self.controller = tuned(self.nominal, model=model, rate=self.rate) if controller is None else controller
         self._rng = np.random.default_rng() if rng is None else rng
@@ -150,7 +152,8 @@ class Simulator:
         for instance in self.effects:
             instance.joint_indices(self.robot)
             plant = instance.effect.added_to(plant, instance)
-        self.system: System = assemble(ArmEquations(plant.robot, self._model, bearings=plant.bearings), plant.laws)
+        equations = ArmEquations(plant.robot, self._model, bearings=plant.bearings)
+        self.system: System = assemble(equations, plant.laws, self._duration)
         self.integrator = make_integrator(self.system, self._engine_name)
         self.sensors = SensorBank(plant.sensors, self.robot.n, self.rate, self._rng)
 

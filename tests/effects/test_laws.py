@@ -5,8 +5,10 @@ import pytest
 
 from elastic_arm.dynamics import build_model
 from elastic_arm.effects import EFFECTS, parse
+from elastic_arm.effects.effect_set import EffectSet
+from elastic_arm.errors import EffectError
 from elastic_arm.robot import Robot, load_robot
-from tests.helpers.effect_samples import INSTANCES, contribution, random_motion
+from tests.helpers.effect_samples import DURATION, INSTANCES, contribution, random_motion
 
 CONTRACT = {
     "viscous_friction",
@@ -37,6 +39,7 @@ CONTRACT = {
     "joint_spring",
     "counterbalance",
     "degressive_friction",
+    "thermal_friction",
 }
 
 # id -> (motion m at joint i, transmission g, parameters p) -> expected residuals of that joint.
@@ -105,8 +108,8 @@ class At:
 
 
 def test_the_catalogue_holds_the_contracts_effects():
-    """All 28 ids of the contract and no other, each with words, formula and sides."""
-    assert set(EFFECTS) == CONTRACT and len(CONTRACT) == 28
+    """All 29 ids of the contract and no other, each with words, formula and sides."""
+    assert set(EFFECTS) == CONTRACT and len(CONTRACT) == 29
     for effect in EFFECTS.values():
         assert effect.formula and effect.description and effect.signature and effect.sides
         assert all(other.effect in EFFECTS for other in effect.confusions)
@@ -153,6 +156,29 @@ def test_no_effect_at_the_neutral_value(arm, effect):
         assert neutral
         found = contribution(arm, [instance.with_parameters(**neutral)], motion)
         assert all(np.abs(found[side]).max() < 1e-10 for side in ("link", "drive", "motor"))
+
+
+@pytest.mark.parametrize("side", ["motor", "link"])
+def test_thermal_friction_scales_the_friction_of_its_joint_and_side(arm, side):
+    """It adds r (t - t_mid)/T times all friction there, at the begin, in the middle and at the end of a run."""
+    texts = [f"coulomb_friction:joint_2:torque=10,side={side}", f"viscous_friction:joint_2:coefficient=5,side={side}"]
+    other = parse("coulomb_friction:joint_1:torque=7")
+    friction = [parse(text, arm) for text in texts]
+    warm = parse(f"thermal_friction:joint_2:change=-0.4,side={side}", arm)
+    motion = random_motion(arm, np.random.default_rng(2))
+    alone = contribution(arm, [*friction, other], motion)
+    for progress in (0.0, 0.5, 1.0):
+        found = contribution(arm, [*friction, other, warm], motion, z=np.array([progress * DURATION]))
+        expected = alone[side].copy()
+        expected[1] *= 1 - 0.4 * (progress - 0.5)
+        assert np.allclose(found[side], expected)
+        assert found["rates"] == [1.0]
+
+
+def test_an_effect_in_time_needs_a_run_that_ends(arm):
+    """Without a duration there is no middle of the run: the effect is refused with what to do."""
+    with pytest.raises(EffectError, match="Simulate a trajectory"):
+        EffectSet([parse("thermal_friction:joint_2:change=0.2", arm)], arm)
 
 
 def test_hysteresis_rate_is_the_contracts(arm):

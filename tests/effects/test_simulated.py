@@ -26,7 +26,8 @@ SENSOR_EFFECTS = {
     "encoder_eccentricity",
     "time_delay",
 }
-IN_EQUATIONS = sorted(set(INSTANCES) - SENSOR_EFFECTS)
+SCALES = {"thermal_friction"}  # nothing by itself
+IN_EQUATIONS = sorted(set(INSTANCES) - SENSOR_EFFECTS - SCALES)
 
 
 @pytest.fixture(scope="module")
@@ -98,6 +99,22 @@ def test_residuals_of_a_simulated_arm_are_the_law(arm, effect):
         assert np.allclose(u - (left[3:] - drive) - motion["tau_J"], law["motor"], atol=1e-8)
         largest = max(largest, *(np.abs(law[side]).max() for side in ("link", "drive", "motor")))
     assert largest > 1e-3
+
+
+def test_friction_of_a_simulated_arm_changes_over_the_run(arm):
+    """Half a turn to and half a turn fro at one speed: what the motor needs beside the load falls from begin to end."""
+    t = np.arange(4001)[:, None] / RATE
+    speed = 0.5 * np.where(t % 2.0 < 1.0, 1.0, -1.0) * [[1.0, 0.0, 0.0]]
+    q, still = np.cumsum(speed, axis=0) / RATE, np.zeros_like(speed)
+    friction = [parse("coulomb_friction:joint_1:torque=20", arm), parse("viscous_friction:joint_1:coefficient=10", arm)]
+    warm = parse("thermal_friction:joint_1:change=-0.4", arm)
+    torques = []
+    for effects in (friction, [*friction, warm]):
+        simulator = Simulator(arm, effects=effects, sensors=Sensors.exact(), dq0=speed[0], nominal=arm, duration=4.0)
+        truth, _ = simulator.follow(q, speed, still)
+        torques.append(truth.tau_m[:, 0] - truth.tau_J[:, 0])
+    for k in (700, 1700, 2700, 3700):
+        assert torques[1][k] / torques[0][k] == pytest.approx(1 - 0.4 * (k / 4000 - 0.5), abs=0.01)
 
 
 @pytest.mark.parametrize("effect", sorted(SENSOR_EFFECTS - {"time_delay"}))

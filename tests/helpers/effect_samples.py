@@ -12,6 +12,8 @@ from elastic_arm.robot import Robot
 
 CHANNELS = ("x", "dx", "ddx", "tau_J", "tau_m", "dtau_J", "dtau_m", "dddx", "ddddx")
 
+DURATION = 1.0  # s of a run
+
 # One plausible instance of every effect, and the model that lacks it.
 INSTANCES = {
     "viscous_friction": ("viscous_friction:joint_2:coefficient=20", "mod3"),
@@ -42,6 +44,7 @@ INSTANCES = {
     "joint_spring": ("joint_spring:joint_2:stiffness=80,rest=0.4", "mod3"),
     "counterbalance": ("counterbalance:joint_2:torque=35/12/-8/3", "mod3"),
     "degressive_friction": ("degressive_friction:joint_2:torque=12,speed=0.3", "mod3"),
+    "thermal_friction": ("thermal_friction:joint_2:change=-0.3", "mod3"),
 }
 
 
@@ -58,7 +61,7 @@ def random_motion(robot: Robot, rng: np.random.Generator, dof: int | None = None
 def law_function(robot: Robot, instances: list[EffectInstance], model: str = "mod3") -> ca.Function:
     """(channels, states of effects) -> what effects add to link, drive and motor (n,) each, and rates of the states."""
     equations = ArmEquations(robot, model)
-    effect_set = EffectSet(instances, robot)
+    effect_set = EffectSet(instances, robot, DURATION)
     sizes = {name: equations.dof if name.endswith("x") else robot.n for name in CHANNELS}
     symbols = {name: ca.SX.sym(name, size) for name, size in sizes.items()}
     velocities = {"link": symbols["dx"][: robot.n], "motor": symbols["dx"][robot.n :]}

@@ -21,8 +21,9 @@ from elastic_arm.diagnosis.calibration.columns import (
 )
 from elastic_arm.diagnosis.calibration.nuisance import NuisanceParameter, lags, nearest_robot, nuisance_parameters
 from elastic_arm.diagnosis.selection.candidates import feature_of, features
+from elastic_arm.diagnosis.selection.library_building import beside_friction, build_library
 from elastic_arm.diagnosis.selection.marginalisation import NuisanceColumns
-from elastic_arm.diagnosis.selection.regressor_library import Candidate, RegressorLibrary, build_library
+from elastic_arm.diagnosis.selection.regressor_library import Candidate, RegressorLibrary
 from elastic_arm.diagnosis.settings import DiagnosisSettings
 from elastic_arm.dynamics import Model, build_model
 from elastic_arm.effects import Effect, EffectInstance
@@ -286,4 +287,6 @@ def linearise(
 def _given(library: RegressorLibrary, feature: Feature, instance: EffectInstance) -> Candidate:
     values = [np.atleast_1d(instance.parameters[p.name]) for p in feature.searched]
     searched = tuple(float(v) for v in np.concatenate([*values, np.zeros(0)]))
+    if feature.effect.scales_friction:
+        feature = beside_friction(library, feature)
     return library.add(feature, searched, fixed=feature.fixed)

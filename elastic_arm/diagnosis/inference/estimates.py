@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from scipy.optimize import least_squares
 from scipy.stats import chi2, norm
 
+from elastic_arm.diagnosis.selection.library_building import scaling
 from elastic_arm.diagnosis.selection.regressor_library import Candidate, RegressorLibrary
 from elastic_arm.diagnosis.settings import JudgementSettings
 from elastic_arm.effects.parameters import Parameter
@@ -45,8 +46,9 @@ def polish(library: RegressorLibrary, selected: Sequence[Candidate], settings: J
     settings
         Clearance of physical bounds.
     """
-    fitted = zip(selected, library.coefficients(selected), strict=True)
-    wholes = [_whole(library, candidate, beta, settings.bound_clearance) for candidate, beta in fitted]
+    wholes = [
+        _whole(library, candidate, beta, settings.bound_clearance) for candidate, beta in _rescaled(library, selected)
+    ]
     library.close()
     problem = _JointFit(library, wholes, settings)
     if not problem.scales.size:
@@ -167,6 +169,21 @@ def differs(estimate: dict[str, ParameterEstimate], candidate: Candidate, level:
         if any(abs(v - p.neutral) > quantile * s for v, s, k in zip(values, stds, known, strict=True) if k):
             return True
     return not checked
+
+
+def _rescaled(library: RegressorLibrary, selected: Sequence[Candidate]) -> list[tuple[Candidate, Array]]:
+    """Return candidates and coefficients; what scales friction scales that which is fitted beside it."""
+    fitted = list(zip(selected, library.coefficients(selected), strict=True))
+    if not any(candidate.feature.effect.scales_friction for candidate in selected):
+        return fitted
+    again = []
+    for candidate, _ in fitted:
+        if candidate.feature.effect.scales_friction:
+            feature = scaling(candidate.feature, [pair for pair in fitted if candidate.feature.scales(pair[0].feature)])
+            candidate = library.add(feature, candidate.searched, fixed=candidate.fixed)
+        again.append(candidate)
+    library.close()
+    return list(zip(again, library.coefficients(again), strict=True))
 
 
 def _whole(library: RegressorLibrary, candidate: Candidate, beta: Array, clearance: float) -> Candidate:

@@ -136,7 +136,9 @@ def _errors(
     for instance in effects:
         plant = instance.effect.added_to(plant, instance)
     period = 1.0 / max(o.rate for o in context.seen[1])
-    predictor, steps = _predictor(context.model, plant, period), [step for step in _steps(period) if step]
+    begin, end = context.validate.parts[0].stretch.quiet.span or (0.0, 1.0)
+    predictor = _predictor(context.model, plant, period, end - begin)
+    steps = [step for step in _steps(period) if step]
     motored = "motor" in context.validate.layout.sides
     found: dict[str, list[Array]] = {"link": [], "motor": []}
     for part, starts in zip(context.validate.parts, begins, strict=True):
@@ -174,12 +176,12 @@ def _rms(errors: Sequence[Array]) -> Array:
     return np.where(size < FARTHEST, size, np.nan)
 
 
-def _predictor(model: Model, plant: Plant, period: float) -> BatchPrediction:
+def _predictor(model: Model, plant: Plant, period: float, duration: float) -> BatchPrediction:
     """Return the arm of a plant with what was fitted to the model's parameters."""
     equations = ArmEquations(plant.robot, model.name, bearings=plant.bearings)
     fitted = dict(zip((p.name for p in model.parameters), model.Psi - _nominal(model), strict=True))
     Psi = equations.nominal + [fitted.get(p.name, 0.0) for p in equations.bodies.parameters]
-    return BatchPrediction(equations, plant.laws, Psi, drive_constants(model)[0], period)
+    return BatchPrediction(equations, plant.laws, Psi, drive_constants(model)[0], period, duration)
 
 
 def _nominal(model: Model) -> Array:

@@ -14,7 +14,6 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from elastic_arm.diagnosis.selection.candidates import starting_points
 from elastic_arm.diagnosis.selection.gram_fits import bordered, solution
 from elastic_arm.diagnosis.selection.marginalisation import Marginalisation, NuisanceColumns
 from elastic_arm.diagnosis.settings import CandidateSettings
@@ -356,32 +355,3 @@ def _neighbourhood(feature: Feature, share: float) -> Array:
     middle = np.array([(p.low + p.high) / 2 for p in components])
     reach = np.diag([share * (p.high - p.low) / 2 for p in components])
     return np.concatenate([middle[None], middle + reach, middle - reach])
-
-
-def build_library(
-    identify: WhitenedData,
-    validate: WhitenedData,
-    features: Sequence[Feature],
-    settings: CandidateSettings,
-    nuisance: NuisanceColumns | None = None,
-) -> RegressorLibrary:
-    """Evaluate every feature on both data sets.
-
-    Parameters
-    ----------
-    identify, validate
-        The data that causes are fitted on, and the data that judges them.
-    features
-        What competes.
-    settings
-        The values of nonlinear parameters that are tried.
-    nuisance
-        Columns that are marginalised.
-    """
-    library = RegressorLibrary(identify, validate, settings, nuisance)
-    for feature in features:
-        for point in starting_points(feature, settings):
-            # What has no free parameter at all has a known size; what is only searched may be scaled while searching.
-            library.add(feature, point, fixed=feature.fixed and not feature.scalable)
-    library.close()
-    return library

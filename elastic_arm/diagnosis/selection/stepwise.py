@@ -47,6 +47,9 @@ def plausible(library: RegressorLibrary, selected: Sequence[Candidate], ratio_fa
     joints = {candidate.feature.joint for candidate in selected}
     if len(library.nuisance) and not library.nuisance.possible(library.nuisance_values(selected), joints):
         return False
+    scaling = [c.feature for c in selected if c.feature.effect.scales_friction]
+    if not all(any(feature.scales(other.feature) for other in selected) for feature in scaling):
+        return False
     fitted = zip(selected, library.coefficients(selected), strict=True)
     return all(c.fixed or c.searched is None or _possible(c, beta, ratio_factor) for c, beta in fitted)
 

@@ -16,6 +16,7 @@ EFFECT = Effect(
     sides_of=chosen_side,
     regime="velocity_reversal",
     needs_motion=True,
+    friction=True,
     confusions=(
         Confusion(
             "load_dependent_friction",

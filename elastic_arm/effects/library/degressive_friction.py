@@ -23,6 +23,7 @@ EFFECT = Effect(
     sides_of=chosen_side,
     regime="high_speed",
     needs_motion=True,
+    friction=True,
     confusions=(
         Confusion(
             "viscous_friction",

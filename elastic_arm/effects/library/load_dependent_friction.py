@@ -33,6 +33,7 @@ EFFECT = Effect(
     sides=("motor",),
     regime="load",
     needs_motion=True,
+    friction=True,
     confusions=(
         Confusion(
             "coulomb_friction",

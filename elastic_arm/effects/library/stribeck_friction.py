@@ -21,6 +21,7 @@ EFFECT = Effect(
     sides_of=chosen_side,
     regime="low_speed",
     needs_motion=True,
+    friction=True,
     confusions=(
         Confusion(
             "coulomb_friction",

@@ -50,7 +50,8 @@ def change(sensors: Sensors, i: int, n: int, p: Mapping[str, Any]) -> Sensors:
         `delay` (s) and `channels`.
     """
     for channel in p["channels"]:
-        sensors = sensors.changed(channel, i, n, delay=p["delay"])
+        # A fit may end a rounding error below zero.
+        sensors = sensors.changed(channel, i, n, delay=max(0.0, p["delay"]))
     return sensors
 
 

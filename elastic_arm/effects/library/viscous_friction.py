@@ -18,6 +18,7 @@ EFFECT = Effect(
     sides_of=chosen_side,
     regime="high_speed",
     needs_motion=True,
+    friction=True,
     confusions=(
         Confusion(
             "coulomb_friction",

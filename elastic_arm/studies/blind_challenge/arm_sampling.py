@@ -123,18 +123,37 @@ def sample_arm(
     drafts = [sample_effect(catalogue[effect], robot.n, rng) for effect in request.effects]
     level = np.exp(rng.uniform(*np.log(request.ratio)))
     wanted = [level * np.exp(rng.uniform(-1, 1) * np.log(SPREAD)) if len(drafts) > 1 else level for _ in drafts]
+    friction, found = _friction_beside(drafts, catalogue, detectability, rng)
+    if friction:
+        make = arm_maker(robot, [*request.effects, *(f.effect for f in friction)], catalogue)
+        detectability = Detectability(robot, fitted, instruments, rng, lambda faults: make((*friction, *faults)))
     amounts, signals = _balanced(drafts, [max(w, request.ratio[0]) for w in wanted], detectability)
+    sizes = [*(f.parameters["torque"] for f in friction), *amounts]
+    signals = [*found, *signals]
     excess = np.array([s.excess for s in signals])
     item = ArmSpecification(
         request.name,
         model,
-        tuple(d.sized(a) for d, a in zip(drafts, amounts, strict=True)),
+        (*friction, *(d.sized(a) for d, a in zip(drafts, amounts, strict=True))),
         instruments,
         tuple(s.distance for s in signals),
-        tuple(a / s.distance for a, s in zip(amounts, signals, strict=True)),
+        tuple(a / s.distance for a, s in zip(sizes, signals, strict=True)),
         tuple((excess / excess.sum()).tolist()),
     )
     return item, (fitted, judging)
+
+
+def _friction_beside(
+    drafts: Sequence[SampledEffect], catalogue: Catalogue, detectability: Detectability, rng: np.random.Generator
+) -> tuple[list[Fault], list[EffectSignal]]:
+    """Return the Coulomb friction that effects which scale friction need beside them, and its signals."""
+    places = [(d.fault.joint, d.fault.side) for d in drafts if d.effect.scales_friction]
+    taken = [(d.fault.joint, d.fault.side) for d in drafts if d.effect.friction]
+    friction = []
+    for joint, side in (place for place in places if place not in taken):
+        size = catalogue["coulomb_friction"].parameters[0].example or (5.0, 20.0)
+        friction.append(Fault("coulomb_friction", joint, {"torque": float(rng.uniform(*size))}, side))
+    return friction, [detectability.signal([fault]) for fault in friction]
 
 
 def _balanced(

@@ -68,7 +68,7 @@ class SimulatedArm:
         reference = motion.evaluate(t)
         simulator = Simulator(
             self._robot, effects=self._effects, sensors=Sensors.exact(), rate=RATE, q0=reference[0][0],
-            rng=np.random.default_rng(0),
+            rng=np.random.default_rng(0), duration=motion.duration,
         )  # fmt: skip
         _, read = simulator.follow(*reference)
         channels = {name: values[1:-1] for name, values in read.items()}

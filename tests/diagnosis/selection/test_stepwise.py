@@ -47,7 +47,7 @@ class Whitened:
 def feature(name: str, **changed: Any) -> Any:
     """A feature with one linear parameter and one column."""
     own = {"key": (name, None, ()), "linear": (COEFFICIENT,), "searched": (), "fixed": False, "phase": None}
-    effect = SimpleNamespace(id=name, parameters=(COEFFICIENT,))
+    effect = SimpleNamespace(id=name, parameters=(COEFFICIENT,), scales_friction=False)
     column = lambda data, searched: data.columns[name]  # noqa: E731
     return SimpleNamespace(**{**own, "effect": effect, "joint": None, "column": column, **changed})
 

@@ -1,0 +1,69 @@
+"""The library of everything that competes: effects by themselves first, then what scales the friction among them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from elastic_arm.diagnosis.selection.candidates import starting_points
+from elastic_arm.diagnosis.selection.marginalisation import NuisanceColumns
+from elastic_arm.diagnosis.selection.regressor_library import Candidate, RegressorLibrary
+from elastic_arm.diagnosis.settings import CandidateSettings
+from elastic_arm.estimation.effect_columns import Feature
+from elastic_arm.estimation.whitening import WhitenedData
+
+Array = NDArray[np.float64]
+
+
+def build_library(
+    identify: WhitenedData,
+    validate: WhitenedData,
+    features: Sequence[Feature],
+    settings: CandidateSettings,
+    nuisance: NuisanceColumns | None = None,
+) -> RegressorLibrary:
+    """Evaluate every feature on both data sets.
+
+    Parameters
+    ----------
+    identify, validate
+        The data that causes are fitted on, and the data that judges them.
+    features
+        What competes.
+    settings
+        The values of nonlinear parameters that are tried.
+    nuisance
+        Columns that are marginalised.
+    """
+    library = RegressorLibrary(identify, validate, settings, nuisance)
+    for feature in (f for f in features if not f.effect.scales_friction):
+        for point in starting_points(feature, settings):
+            # What has no free parameter at all has a known size; what is only searched may be scaled while searching.
+            library.add(feature, point, fixed=feature.fixed and not feature.scalable)
+    library.close()
+    for feature in features:
+        if feature.effect.scales_friction:
+            library.add(beside_friction(library, feature))
+    library.close()
+    return library
+
+
+def beside_friction(library: RegressorLibrary, feature: Feature) -> Feature:
+    """Return an effect that scales friction with what a fit of friction alone finds at its place."""
+    friction = [c for c in library.candidates if c.feature.effect.friction and not c.feature.searched]
+    found = zip(friction, library.coefficients(friction), strict=True)
+    return scaling(feature, [(c, beta) for c, beta in found if feature.scales(c.feature)])
+
+
+def scaling(feature: Feature, friction: Sequence[tuple[Candidate, Array]]) -> Feature:
+    """Return an effect that scales friction with this friction: candidates and the coefficients of their columns."""
+    wholes = []
+    for candidate, beta in friction:
+        of = candidate.feature
+        values = of.parameters([] if of.fixed else [float(b) for b in beta], candidate.searched or ())
+        flat = [np.atleast_1d(values[p.name]) for p in of.effect.parameters]
+        wholes.append((of.whole(), tuple(float(v) for v in np.concatenate(flat))))
+    return replace(feature, friction=tuple(wholes))
