@@ -110,7 +110,9 @@ def test_a_field_arm_is_recorded_with_its_description_and_read_back(tmp_path: Pa
         seed=1, per_effect=0, clean=2, pairs=0, seconds=4.0, validate_seconds=4.0, level="field"
     )
     campaign.create(tmp_path, settings)
-    assert campaign.load_manifest(tmp_path)["question"]["with"] == ["coulomb_friction", "viscous_friction"]
+    question = campaign.load_manifest(tmp_path)["question"]
+    assert question["with"] == ["coulomb_friction", "viscous_friction"]
+    assert question["priors"] == {"sensors": {"motor_torque_gain": 0.15}}
     for item in campaign.load_manifest(tmp_path)["items"]:
         path, channels = description_path(tmp_path, item["name"]), channels_path(tmp_path, item["name"])
         assert path is not None

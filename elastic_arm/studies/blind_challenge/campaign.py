@@ -16,6 +16,8 @@ import numpy as np
 
 import elastic_arm
 from elastic_arm.diagnosis import Question, diagnose
+from elastic_arm.diagnosis.priors import Priors
+from elastic_arm.diagnosis.settings import DiagnosisSettings
 from elastic_arm.effects import EFFECTS, Catalogue
 from elastic_arm.effects.text import known_effects
 from elastic_arm.errors import DiagnosisError, RecordingError
@@ -32,6 +34,7 @@ from elastic_arm.studies.blind_challenge.levels.level import (
     drawn_effects,
     foreign_effects,
     level_of,
+    stated_priors,
 )
 from elastic_arm.studies.blind_challenge.levels.recording import channels_path, description_path, record_realistic_arm
 from elastic_arm.studies.blind_challenge.parallel_jobs import Failure, mapped
@@ -143,7 +146,7 @@ def create(
     own = sorted({e for o in requests for e in o.effects} - KNOWN - set(FOREIGN))
     manifest = {"settings": plain, "items": items, "simulated": own}
     if settings.level != LABORATORY:
-        manifest["question"] = {"refit": True, "with": list(KNOWN_FRICTION)}
+        manifest["question"] = {"refit": True, "with": list(KNOWN_FRICTION), "priors": stated_priors(settings.level)}
     _write(manifest_path, manifest)
     made = pieces(folder)
     jobs = [(str(folder), request, settings.level) for request in requests if request.name not in made]
@@ -316,7 +319,9 @@ def _question(folder: Path, name: str, model: str, catalogue: Catalogue) -> Ques
     robot = _robot() if path is None else load_robot(path)
     asked = _asked(folder)
     given = known_effects(asked.get("with", ()), robot, catalogue)
-    return Question(robot, model, refit=bool(asked.get("refit", False)), given=given, catalogue=catalogue)
+    settings = replace(DiagnosisSettings(), priors=Priors.model_validate(asked.get("priors", {})))
+    refit = bool(asked.get("refit", False))
+    return Question(robot, model, refit=refit, given=given, catalogue=catalogue, settings=settings)
 
 
 def _asked(folder: Path) -> dict[str, Any]:

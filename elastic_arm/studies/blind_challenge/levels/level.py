@@ -187,3 +187,11 @@ def foreign_effects(level: str) -> tuple[str, ...]:
     """Return the effects of no catalogue that can show at a level; none in the laboratory."""
     found = level_of(level)
     return () if found is None else tuple(effect for effect in FOREIGN if found.sides_of(effect))
+
+
+def stated_priors(level: str) -> dict[str, dict[str, float]]:
+    """Return what the user of a level's arms states besides the default priors: torque constants of a catalogue."""
+    found = level_of(level)
+    if found is None or not found.torque_constant:
+        return {}
+    return {"sensors": {"motor_torque_gain": found.torque_constant}}
