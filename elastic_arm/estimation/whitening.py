@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.integrate import trapezoid
 from scipy.ndimage import binary_dilation, binary_opening
 
 from elastic_arm.dynamics import Model
@@ -67,7 +68,7 @@ class NoiseModel:
         """Return the standard deviation (R,) of each residual behind a low pass."""
         density = np.real(np.einsum("frr->fr", self.covariance)) * low_pass.gain(self.f)[:, None] ** 2
         width = self.f[1] - self.f[0]
-        return np.sqrt(np.trapezoid(density, dx=width, axis=0) * 2.0 / self.rate)
+        return np.sqrt(trapezoid(density, dx=width, axis=0) * 2.0 / self.rate)
 
     def whitener(self, f: NDArray[Any]) -> NDArray[np.complex128]:
         """Return W (F', R, R) with W covariance W^H = 1 at f (F',) Hz within the band."""

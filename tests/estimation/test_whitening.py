@@ -6,6 +6,7 @@ from functools import lru_cache
 
 import numpy as np
 import pytest
+from scipy.integrate import trapezoid
 
 from elastic_arm.dynamics import build_model
 from elastic_arm.estimation.band import Band
@@ -55,7 +56,7 @@ def test_residuals_of_a_clean_arm_are_as_large_as_the_noise_model_states() -> No
     noise = noise_model(MODEL, observation(), equations, band, floor=0.0)
     values = np.concatenate([s.values for s in residuals(MODEL, observation(), equations, band)])
     density = np.real(np.einsum("frr->fr", noise.covariance)) * band.gain(noise.f)[:, None] ** 2
-    expected = np.sqrt(np.trapezoid(density, noise.f, axis=0) * 2.0 / noise.rate)
+    expected = np.sqrt(trapezoid(density, noise.f, axis=0) * 2.0 / noise.rate)
     np.testing.assert_allclose(values.std(axis=0), expected, rtol=0.3)
 
 

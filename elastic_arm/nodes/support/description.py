@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from elastic_arm.nodes.following.joint_limits import JointLimits
 from elastic_arm.robot import Joint, Robot, to_urdf
 from elastic_arm.robot.kinematics import link_points
+from elastic_arm.robot.urdf import DYNAMICS
 from elastic_arm.robot.urdf_elements import rotation, vector
 
 Array = NDArray[np.float64]
@@ -26,8 +27,6 @@ _BARS = ("base_grey", "link_blue")
 _COMMANDS, _STATES = ("position", "velocity"), ("position", "velocity", "effort")
 # Stands in for drivers: the arm itself is driven by the nodes of this package.
 _PLUGIN = "mock_components/GenericSystem"
-# Attribute of <dynamics>, by effect and its parameter.
-_FRICTION = {"viscous_friction": ("damping", "coefficient"), "coulomb_friction": ("friction", "torque")}
 
 
 def ros_description(robot: Robot) -> str:
@@ -70,11 +69,12 @@ def _effort(robot: Robot, joint: Joint) -> float:
 
 
 def _friction(effects: Iterable[Mapping[str, Any]], joint: str) -> dict[str, str]:
-    found = {"damping": 0.0, "friction": 0.0}
+    """Return the attributes of <dynamics>: what reading a URDF makes effects of."""
+    found = dict.fromkeys(DYNAMICS, 0.0)
     for effect in effects:
-        if effect["joint"] == joint and effect["effect"] in _FRICTION:
-            attribute, parameter = _FRICTION[effect["effect"]]
-            found[attribute] += float(effect["parameters"].get(parameter, 0.0))
+        for attribute, (name, parameter) in DYNAMICS.items():
+            if (effect["effect"], effect["joint"]) == (name, joint):
+                found[attribute] += float(effect["parameters"].get(parameter, 0.0))
     return {name: _text(value) for name, value in found.items()}
 
 
