@@ -68,7 +68,7 @@ class _FittedExpansion:
     step
         (k,) of Gauss and Newton, in standard deviations of the priors.
     acting
-        The effects of the arm.
+        The known effects of the arm.
     """
 
     expansion: Expansion
@@ -82,10 +82,11 @@ def _fitted(problem: CalibrationProblem, expansion: Expansion, extra: Sequence[C
     selected = [*found.given, *again]
     left = misfit(found.library, selected)
     step, _ = found.library.nuisance_step(selected, effective_noise(left, problem.settings))
-    coefficients = found.library.coefficients(selected)
+    # The causes are left out: a gain that scales them could stand in for them where they are not selected.
+    coefficients = found.library.coefficients(selected)[: len(found.given)]
     acting = tuple(
         ActingEffect(c.feature, c.searched or (), beta)
-        for c, beta in zip(selected, coefficients, strict=True)
+        for c, beta in zip(found.given, coefficients, strict=True)
         if not isinstance(c.feature.effect, SensorEffect)
     )
     return _FittedExpansion(expansion, left, step, acting)

@@ -197,7 +197,7 @@ def expand(
     near
         Another expansion: what depends on the motion alone is taken from it where channels moved by less than a sample.
     acting
-        Known effects and causes as they were fitted there: a sensor's gain scales their torques, too.
+        Known effects as they were fitted there: a sensor's gain scales their torques, too.
 
     Raises
     ------

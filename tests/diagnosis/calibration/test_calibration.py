@@ -77,3 +77,12 @@ def test_a_payload_that_the_numbers_of_the_last_link_could_hold_is_named() -> No
     assert abs(mass.value - 7.0) < 3.0 * mass.std
     distance = np.asarray(position.value) - list(place.values())
     assert (np.abs(distance) < 3.0 * np.asarray(position.std)).all()
+
+
+@pytest.mark.slow
+def test_stribeck_friction_is_not_taken_for_gains() -> None:
+    """Gains of all torque sensors that scale the friction, masses down, would stand in for a Stribeck curve."""
+    found, _ = refitted(36, Fault("stribeck_friction", 2, {"torque": 4.0, "speed": 0.05}))
+    (cause,) = found.causes
+    assert (cause.effect, cause.joint) == ("stribeck_friction", "joint_3")
+    assert cause.parameters["torque"].value == pytest.approx(4.0, rel=0.03)
