@@ -101,6 +101,9 @@ class Prototype:
         self._data = self._mj.MjData(self._model)
         self._index()
         self._full = np.zeros((self._model.nv, self._model.nv))
+        # Views of the engine's own arrays: to ask for them anew takes as long as a small product.
+        self._qpos, self._qvel = self._data.qpos, self._data.qvel
+        self._bias, self._passive = self._data.qfrc_bias, self._data.qfrc_passive
 
     def _index(self) -> None:
         """Build the constant velocity map T = [G F] of the module's docstring."""
@@ -114,6 +117,8 @@ class Prototype:
             for k, axis in enumerate(free):
                 self.T[self._address(f"{name}.{axis}"), self.n + len(free) * i + k] = 1.0
         self._Tt = np.ascontiguousarray(self.T.T)
+        self._driven, self._free = np.ascontiguousarray(self.T[:, : self.n]), self.T[:, self.n :].argmax(axis=0)
+        self._among_free = (self._free[:, None] * self._model.nv + self._free).ravel()  # places in the flat mass matrix
         self._delta = self.n + np.arange(self.n) * len(free) + len(free) - 1  # the drive's deflection of each joint
 
     def _address(self, joint: str) -> int:
@@ -121,13 +126,19 @@ class Prototype:
 
     def reduced(self, y: np.ndarray, dy: np.ndarray) -> _Reduced:
         """Return the engine's mass matrix and bias minus passive forces on y = (theta, bushing)."""
+        force = self._evaluate(self.T @ y, self.T @ dy)
+        return _Reduced(self._Tt @ self._full @ self.T, self._Tt @ force)
+
+    def _evaluate(self, position: np.ndarray, velocity: np.ndarray) -> np.ndarray:
+        """Let the engine fill its full mass matrix; return its bias minus passive forces (nv,)."""
         data, model, mj = self._data, self._model, self._mj
-        data.qpos[:] = self.T @ y
-        data.qvel[:] = self.T @ dy
+        self._qpos[:] = position
+        self._qvel[:] = velocity
         mj.mj_fwdPosition(model, data)
         mj.mj_fwdVelocity(model, data)
         mj.mj_fullM(model, data, self._full)
-        return _Reduced(self._Tt @ self._full @ self.T, self._Tt @ (data.qfrc_bias - data.qfrc_passive))
+        force: np.ndarray = self._bias - self._passive
+        return force
 
     def equilibrium(self, theta: np.ndarray) -> np.ndarray:
         """Return the bushing's deflections (6 n,) in which the arm stands still at theta (n,).
@@ -252,11 +263,33 @@ class Prototype:
         u, du
             Deflections of the bushing and their rates.
         """
-        n = self.n
+        ddu, force = self._bushing_acceleration(imposed, u, du)
+        torque = force + self._full @ self._placed(imposed[2], ddu)
+        return ddu, self._driven.T @ torque
+
+    def _bushing_acceleration(
+        self, imposed: tuple[np.ndarray, ...], u: np.ndarray, du: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Return the bushing's acceleration, and the engine's bias minus passive forces (nv,).
+
+        The rows of the bushing alone are solved: its deflections are coordinates of the engine, so that their part of
+        T' M T is a part of M.
+        """
         theta, dtheta, ddtheta = imposed
-        at = self.reduced(np.concatenate([theta, u]), np.concatenate([dtheta, du]))
-        ddu = _solve(at.mass[n:, n:], -at.force[n:] - at.mass[n:, :n] @ ddtheta)
-        return ddu, at.mass[:n, :n] @ ddtheta + at.mass[:n, n:] @ ddu + at.force[:n]
+        force = self._evaluate(self._placed(theta, u), self._placed(dtheta, du))
+        imposed_force = force + self._full @ (self._driven @ ddtheta)
+        mass = self._full.take(self._among_free).reshape(len(u), len(u))
+        return _solve(mass, -imposed_force[self._free]), force
+
+    def _placed(self, theta: np.ndarray, u: np.ndarray) -> np.ndarray:
+        """Return T (theta, u), the engine's coordinates (nv,)."""
+        full: np.ndarray = self._driven @ theta
+        full[self._free] = u
+        return full
+
+    def acceleration(self, imposed: tuple[np.ndarray, ...], u: np.ndarray, du: np.ndarray) -> np.ndarray:
+        """Return the bushing's acceleration alone; see :meth:`respond`."""
+        return self._bushing_acceleration(imposed, u, du)[0]
 
     def _sample(self, t: float, imposed: tuple[np.ndarray, ...], u: np.ndarray, du: np.ndarray) -> _Sample:
         ddu, tau_m = self.respond(imposed, u, du)
@@ -294,7 +327,7 @@ class _Imposed:
         self._prototype, self._imposed = prototype, imposed
 
     def __call__(self, half: int, u: np.ndarray, du: np.ndarray) -> np.ndarray:
-        return self._prototype.respond(self._imposed[half], u, du)[0]
+        return self._prototype.acceleration(self._imposed[half], u, du)
 
 
 def runge_kutta(
