@@ -47,7 +47,7 @@ class Target:
     Parameters
     ----------
     group
-        "bags", "files", or "apart" for what may end the process.
+        "bags" or "files".
     suffix
         Of the file that a mutant is written to.
     seeds
@@ -126,8 +126,7 @@ def _array_targets(folder: Path, rng: np.random.Generator) -> dict[str, Target]:
     return {
         "npz": Target("files", ".npz", [whole["npz"], whole["deflated"]], work),
         "npy": Target("files", ".npy", [whole["npy"]], work),
-        # SciPy's reader may end the process: only where that is one of its own.
-        "mat": Target("apart", ".mat", [whole["mat"], whole["packed"]], work),
+        "mat": Target("files", ".mat", [whole["mat"], whole["packed"]], work),
         "csv": Target("files", ".csv", [text.encode(), text.replace(",", " ").encode()], work),
     }
 

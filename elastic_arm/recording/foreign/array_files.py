@@ -8,21 +8,19 @@ import struct
 import tokenize
 import zipfile
 import zlib
-from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
-import scipy
-from scipy.io.matlab import MatReadError
 
 from elastic_arm.errors import MissingExtraError, RecordingError
 from elastic_arm.recording import limits
 from elastic_arm.recording.foreign import columnar
+from elastic_arm.recording.foreign.matlab import load_matlab
 
 Arrays = dict[str, np.ndarray]
 
 TABLES = (".csv", ".txt", ".dat")
-# What numpy, scipy and csv raise for a file that is not what its name promises.
+# What numpy and csv raise for a file that is not what its name promises.
 _UNREADABLE: tuple[type[Exception], ...] = (OSError, ValueError, TypeError, LookupError, EOFError, MemoryError)
 _UNREADABLE += (
     AttributeError,
@@ -34,7 +32,7 @@ _UNREADABLE += (
     struct.error,
     csv.Error,
 )
-_UNREADABLE += (zlib.error, zipfile.BadZipFile, MatReadError, tokenize.TokenError)
+_UNREADABLE += (zlib.error, zipfile.BadZipFile, tokenize.TokenError)
 _ZIP_METHODS = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)  # what numpy writes
 _ENCRYPTED = 1  # flag of an entry
 _WHOLE_TABLE = ""
@@ -81,14 +79,11 @@ def _load(path: Path) -> Arrays:
         if kind == ".npy":
             return {_WHOLE_TABLE: np.load(path, allow_pickle=False)}
         if kind == ".mat":
-            content = scipy.io.loadmat(path)
-            return {name: values for top in content for name, values in _flat(top, content[top])}
+            return load_matlab(path)
         if kind in TABLES:
             return _load_table(path)
     except (RecordingError, MissingExtraError):
         raise
-    except NotImplementedError:
-        raise RecordingError(f"{path} is a MATLAB 7.3 file", "Save it with -v7.") from None
     except _UNREADABLE as error:
         reason = getattr(error, "strerror", None) or str(error)[:200] or type(error).__name__
         raise RecordingError(f"{path} cannot be read: {reason}", "Check the path and the format.") from None
@@ -115,18 +110,6 @@ def _check_zip(path: Path) -> None:
     claimed, most = sum(entry.file_size for entry in entries), limits.unpacked_bytes()
     if claimed > most:
         raise RecordingError(f"{path} unpacks to {claimed} bytes, {most} are the limit", "Cut it into parts.")
-
-
-def _flat(name: object, values: object) -> Iterator[tuple[str, np.ndarray]]:
-    """Yield the arrays of a MATLAB variable: those of a struct's fields, or itself."""
-    # What MATLAB keeps for itself has no name, or one with two underscores in front.
-    if not isinstance(name, str) or name.startswith("__") or not isinstance(values, np.ndarray):
-        return
-    if values.dtype.names is None:
-        yield name, values
-    elif values.size == 1:
-        for field in values.dtype.names:
-            yield from _flat(f"{name}.{field}", values[field].item())
 
 
 def _load_table(path: Path) -> Arrays:

@@ -1,0 +1,67 @@
+"""MATLAB files are read in a process of their own: what ends it, or takes too much, is one line of an error."""
+
+from __future__ import annotations
+
+import resource
+import struct
+from pathlib import Path
+
+import numpy as np
+import pytest
+import scipy.io
+
+from elastic_arm.errors import RecordingError
+from elastic_arm.recording.foreign import matlab
+from elastic_arm.recording.foreign.array_files import load_arrays
+
+
+@pytest.fixture
+def file(tmp_path: Path) -> Path:
+    path = tmp_path / "run.mat"
+    scipy.io.savemat(path, {"q": np.arange(6.0).reshape(3, 2), "s": {"x": {"y": 3.0}}, "c": np.array([1, "a"], object)})
+    return path
+
+
+def test_arrays_and_fields_of_structs_come_back(file: Path) -> None:
+    """As SciPy reads them; cells are there but hold no numbers."""
+    found = load_arrays(file)
+    np.testing.assert_array_equal(found["q"], np.arange(6.0).reshape(3, 2))
+    assert found["s.x.y"].item() == 3.0
+    assert found["c"].dtype.kind == "U"
+
+
+def test_a_file_that_ends_its_reader_is_refused_in_one_line(file: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The signal is named; this process lives."""
+    crash = file.with_name("crash.py")
+    crash.write_text("import os, signal\nos.kill(os.getpid(), signal.SIGSEGV)\n")
+    monkeypatch.setattr(matlab.matlab_process, "__file__", str(crash))
+    with pytest.raises(RecordingError, match="SIGSEGV") as refused:
+        load_arrays(file)
+    assert "\n" not in str(refused.value)
+
+
+def test_claimed_sizes_do_not_take_this_process_memory(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """An array that claims 400 MB, with 100 allowed, is refused, and nothing of it was taken here."""
+    monkeypatch.setenv("ELASTIC_ARM_MAX_UNPACKED_MB", "100")
+    header = b"MATLAB 5.0 MAT-file".ljust(116) + bytes(8) + b"\x00\x01IM"
+    size = 400_000_000
+    flags = struct.pack("<IIII", 6, 8, 6, 0) + struct.pack("<IIii", 5, 8, 1, size // 8)
+    name = struct.pack("<HH4s", 1, 1, b"q\0\0\0")
+    content = flags + name + struct.pack("<II", 9, size)
+    path = tmp_path / "claims.mat"
+    path.write_bytes(header + struct.pack("<II", 14, len(content) + size) + content)
+    before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    with pytest.raises(RecordingError, match=r"claims\.mat cannot be read"):
+        load_arrays(path)
+    assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before < 50_000  # kB
+
+
+def test_a_reader_that_never_ends_is_ended(file: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """By the time on the clock that a file of this size may take."""
+    sleep = file.with_name("sleep.py")
+    sleep.write_text("import time\ntime.sleep(60)\n")
+    monkeypatch.setattr(matlab.matlab_process, "__file__", str(sleep))
+    monkeypatch.setattr(matlab, "START_SECONDS", 1)
+    monkeypatch.setattr(matlab, "PATIENCE", 1)
+    with pytest.raises(RecordingError, match="takes more than 1 s"):
+        load_arrays(file)
