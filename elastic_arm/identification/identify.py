@@ -21,10 +21,17 @@ from elastic_arm.estimation.smoother import Smoother, design_smoother
 from elastic_arm.identification.base_regression import BaseRegression
 from elastic_arm.identification.consistency import with_consistency
 from elastic_arm.identification.deflection import shifted, shifts, zeros
+from elastic_arm.identification.deviations import series_covariance
 from elastic_arm.identification.law_columns import DEFAULT_SIGN_SPEED, SIGN_SPEEDS, is_dry, law_columns, with_stated
-from elastic_arm.identification.regularisation import HeldOut, chosen_width, described_width, prior_of, validated
+from elastic_arm.identification.regularisation import (
+    HeldOut,
+    chosen_width,
+    described_width,
+    description_error,
+    prior_of,
+    validated,
+)
 from elastic_arm.identification.result import Identification
-from elastic_arm.identification.series_errors import series_covariance
 from elastic_arm.identification.stream import Identifier, smoothed
 from elastic_arm.recording import Recording, Samples
 from elastic_arm.recording.inspection.outliers import without_outliers
@@ -264,8 +271,12 @@ def identify_with(
     report("estimate", 1.0)
     names, methods = tuple(r.source for r in chosen), tuple(d.method for d in derived)
     covariance = _covariance(identifier, derived)
-    width = None if covariance is not None else chosen_width(identifier.linear_blocks(), identifier.fit(), equations)
-    result = identifier.estimate(names, methods, covariance, None if width is None else prior_of(equations, width))
+    width, prior = None, None
+    if covariance is None:
+        plain = identifier.fit()
+        width = chosen_width(identifier.linear_blocks(), plain, equations)
+        prior = None if width is None else prior_of(equations, width, description_error(plain, equations))
+    result = identifier.estimate(names, methods, covariance, prior)
     notes = [note for r in chosen for note in r.notes]
     notes += [note for d, r in zip(derived, chosen, strict=True) for note in d.notes(r.source, robot.joint_names)]
     notes += [] if width is None else [described_width(width, "parts of the recordings left out in turn")]

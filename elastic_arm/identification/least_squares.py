@@ -18,12 +18,11 @@ from scipy.linalg import solve_triangular
 
 from elastic_arm.dynamics.double_double import Pair, add, cholesky, multiply
 from elastic_arm.errors import IdentificationError
+from elastic_arm.identification import deviations
 
 Array = NDArray[np.float64]
 
 MOST_BLOCKS = 64
-# With fewer blocks than this, errors are taken for white: there is nothing to tell their colour by.
-FEWEST_BLOCKS = 8
 # Below this share of the largest singular value of the equilibrated columns a direction is not determined.
 RANK_FLOOR = 1e-9
 # What has no more than this share in such a direction is determined: the direction itself is only known so well.
@@ -188,10 +187,14 @@ class Prior:
         (P,) values.
     factor
         (P, P) triangular or not: the information is factor' factor; zero columns where nothing is known.
+    excess
+        How many times larger the errors of `mean` are than `factor` weighs them: a prior that is chosen so that it
+        predicts well may be narrower than its own errors, and those count in the deviations.
     """
 
     mean: Array
     factor: Array
+    excess: float = 1.0
 
     def rows(self) -> Array:
         """Return rows (P, P + 1) that stand below those of the data, in units of the data's noise."""
@@ -298,7 +301,7 @@ def _prior_covariance(known: Array, prior: Prior, size: float) -> Array:
     """Return what the prior's own errors add to the covariance (P, P), as far as the data leave parameters to it."""
     columns, scale = _equilibrated(known)
     inverse = np.linalg.pinv(columns.T @ columns, rcond=RANK_FLOOR**2, hermitian=True) / np.outer(scale, scale)
-    passed = size**2 * inverse @ prior.factor.T
+    passed = prior.excess * size**2 * inverse @ prior.factor.T
     return np.asarray(passed @ passed.T)
 
 
@@ -360,34 +363,15 @@ def _covariances(
 ) -> tuple[Array, Array]:
     """Return the covariance from the blocks' scores, and that of white errors.
 
-    The scores are corrected for the share of each block in the fit (the jackknife that leaves out one block at a time,
-    R. Bell and D. McCaffrey, Survey Methodology 28 (2002) 169): else few blocks scatter too little, and a parameter
-    that one fast part of the motion determines gets too small a deviation. Both include what :data:`CLOSURE` leaves
-    open, where parameters differ by the last digits of an equation alone.
+    Both include what :data:`CLOSURE` leaves open, where parameters differ by the last digits of an equation alone.
     """
     columns, scale = _equilibrated(whole)
     _, s, vt = np.linalg.svd(columns, full_matrices=False)
     known = s > RANK_FLOOR * s[0]
     back = (vt[known].T / s[known]) / scale[:, None]  # whitened coordinates -> Psi
-    systematic = back @ _white_meat(r, weights, CLOSURE * _largest_term(r, Psi), back) @ back.T
-    white = back @ _white_meat(r, weights, noise, back) @ back.T + systematic
-    if len(blocks.grams) < FEWEST_BLOCKS:
+    systematic = deviations.white(r, weights, CLOSURE * _largest_term(r, Psi), back)
+    white = deviations.white(r, weights, noise, back) + systematic
+    if len(blocks.grams) < deviations.FEWEST_BLOCKS:
         return white, white
-    solution = np.append(-Psi, 1.0)
-    meat = np.zeros((back.shape[1],) * 2)
-    for (hi, lo), noise_in_phi in zip(blocks.grams, blocks.known_noise, strict=True):
-        gram = np.tensordot(weights**2, hi - noise_in_phi, 1)
-        score = back.T @ (gram @ solution + np.tensordot(weights**2, lo, 1) @ solution)[:-1]
-        leverage = back.T @ gram[:-1, :-1] @ back
-        values, vectors = np.linalg.eigh(leverage)
-        mended = vectors @ ((vectors.T @ score) / np.maximum(1.0 - values, 1e-3))
-        meat += np.outer(mended, mended)
-    # The spread of m scores is itself uncertain: errors over it follow Student's distribution, with this variance.
-    freedom = len(blocks.grams) - 1
-    meat *= freedom / (freedom - 2)
-    return back @ meat @ back.T + systematic, white
-
-
-def _white_meat(r: Array, weights: Array, noise: Array, back: Array) -> Array:
-    phi = ((weights**2 * noise)[:, None, None] * (r[..., :-1] @ back)).reshape(-1, back.shape[1])
-    return phi.T @ phi
+    scattered = deviations.scattered(zip(blocks.grams, blocks.known_noise, strict=True), Psi, weights, back)
+    return scattered + systematic, white

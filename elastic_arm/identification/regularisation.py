@@ -34,6 +34,8 @@ ByJoint = Mapping[str, Mapping[str, float]]
 WIDTHS = tuple(np.geomspace(10.0, 0.03, 12).tolist())
 # And where held-out motion refutes a fit: errors of a model that does not hold may be many times the noise.
 PULLED = (*WIDTHS, 1e-2, 1e-3, 1e-4, 1e-5)
+# Relative errors of the description that are compared by their likelihood.
+ERRORS = tuple(np.geomspace(0.01, 10.0, 31).tolist())
 # Beside its relative error every base parameter may be off by this share of what is usual for its body: descriptions
 # hold placeholders that are far too small.
 PLACEHOLDER = 0.3
@@ -46,16 +48,56 @@ TRUSTS = (0.3, 0.1, 0.03, 0.01)
 WORSE = 1.1
 
 
-def prior_of(equations: BaseRegression, width: float) -> Prior:
-    """Return the description as a prior of relative error `width`; laws beyond the model are free."""
+def prior_of(equations: BaseRegression, width: float, error: float = 0.0) -> Prior:
+    """Return the description as a prior of relative error `width`; laws beyond the model are free.
+
+    Parameters
+    ----------
+    equations
+        In base parameters.
+    width
+        By which the prior is weighed.
+    error
+        By which the description is off, as far as is known; it counts in the deviations where it exceeds `width`.
+    """
     base = equations.base
-    scales = natural_scales(equations)
+    own, covariance = _description_errors(equations)
+    factor = np.zeros((len(base),) * 2)
+    factor[np.ix_(own, own)] = np.linalg.inv(np.linalg.cholesky(covariance)) / width
+    return Prior(base.T @ equations.nominal, factor, max(error / width, 1.0))
+
+
+def _description_errors(equations: BaseRegression) -> tuple[NDArray[np.intp], Array]:
+    """Return which base parameters are the arm's own, and the covariance of their description at a relative error 1."""
+    base, scales = equations.base, natural_scales(equations)
     own = np.flatnonzero(np.isfinite(scales))
     covariance = (base.T @ description_covariance(equations) @ base.T.T)[np.ix_(own, own)]
-    covariance += np.diag((PLACEHOLDER * scales[own]) ** 2)
-    factor = np.zeros((len(scales),) * 2)
-    factor[np.ix_(own, own)] = np.linalg.inv(np.linalg.cholesky(covariance)) / width
-    return Prior(base.T @ equations.nominal, factor)
+    return own, covariance + np.diag((PLACEHOLDER * scales[own]) ** 2)
+
+
+def description_error(fit: Fit, equations: BaseRegression) -> float:
+    """Return the relative error of the description that the parameters which the data do determine speak for.
+
+    The width of the prior in `fit`'s estimate less the description, by maximum likelihood (empirical Bayes; B. Efron,
+    Large-Scale Inference, 2010, 1), parameter by parameter. The width that predicts best is none of the description's
+    errors: where the data show nothing of a parameter, any narrow prior predicts as well.
+
+    Parameters
+    ----------
+    fit
+        Without a prior.
+    equations
+        In base parameters.
+    """
+    own, covariance = _description_errors(equations)
+    seen = np.isfinite(fit.std[own])
+    off = (fit.Psi - equations.base.T @ equations.nominal)[own][seen]
+    described, noise = np.diag(covariance)[seen], fit.std[own][seen] ** 2
+    likelihoods = []
+    for error in ERRORS:
+        variance = noise + error**2 * described
+        likelihoods.append(-0.5 * np.sum(np.log(variance) + off**2 / variance))
+    return ERRORS[int(np.argmax(likelihoods))]
 
 
 def chosen_width(blocks: Blocks, fit: Fit, equations: BaseRegression) -> float | None:
@@ -191,9 +233,10 @@ def validated(
 
 def _pulled(result: Identification, identifier: Identifier, held_out: HeldOut) -> Identification:
     """Return the result with the description as the prior that predicts held-out motion best."""
-    tries = []
+    tries, error = [], description_error(identifier.fit(), held_out.equations)
     for width in PULLED:
-        own = identifier.estimate(result.recordings, result.derivatives, None, prior_of(held_out.equations, width))
+        prior = prior_of(held_out.equations, width, error)
+        own = identifier.estimate(result.recordings, result.derivatives, None, prior)
         tries.append((held_out.ratio(own.Psi_base), width, own))
     ratio, width, best = min(tries, key=lambda each: each[0])
     said = ["the fit predicts the held-out recordings worse than the description does"]

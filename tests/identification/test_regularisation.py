@@ -10,7 +10,8 @@ import pytest
 from elastic_arm.dynamics import build_model
 from elastic_arm.identification import Identification, identifier_of, identify
 from elastic_arm.identification.base_regression import BaseRegression
-from elastic_arm.identification.regularisation import chosen_width, prior_of
+from elastic_arm.identification.least_squares import Fit
+from elastic_arm.identification.regularisation import chosen_width, description_error, prior_of
 from elastic_arm.recording import Recording, Samples, Side
 from elastic_arm.robot import Robot, load_robot
 from tests.helpers.periodic_arm import record
@@ -80,3 +81,31 @@ def test_a_narrow_prior_gives_the_description(arm: Robot, samples: Samples) -> N
     equations: BaseRegression = identifier.equations
     found = identifier.fit(prior_of(equations, 1e-9)).Psi
     np.testing.assert_allclose(found, equations.base.T @ equations.nominal, rtol=1e-3, atol=1e-3)
+
+
+@pytest.mark.parametrize("error", [0.05, 0.3])
+def test_error_of_the_description_is_found_from_what_the_data_determine(arm: Robot, error: float) -> None:
+    """Estimates that scatter about the description by a known share, half of them known, give that share."""
+    equations = BaseRegression(build_model(arm, "mod3"), ("q", "theta", "tau_J", "tau_m"), joints=arm.joint_names)
+    prior = prior_of(equations, 1.0)
+    spread = np.sqrt(np.diag(np.linalg.inv(prior.factor.T @ prior.factor)))
+    found = []
+    for seed in range(10):
+        rng = np.random.default_rng(seed)
+        std = spread * np.where(np.arange(len(spread)) % 2, 1e-3, 10.0)
+        Psi = prior.mean + error * spread * rng.standard_normal(len(spread)) + std * rng.standard_normal(len(spread))
+        known = Fit(Psi, np.diag(std**2), np.diag(std**2), std, std, std, 1.0, np.zeros((0, len(std))), 1)
+        found.append(description_error(known, equations))
+    assert np.median(found) == pytest.approx(error, rel=0.3)
+
+
+def test_a_prior_narrower_than_its_errors_counts_these_in_the_deviations(arm: Robot, samples: Samples) -> None:
+    """Under a prior that outweighs the data deviations are those of the description, not of the narrow prior."""
+    short = recorded(arm, samples, slice(0, 3000), "short")
+    identifier = identifier_of(arm)
+    identifier.add(short.samples())
+    identifier.finish()
+    equations = identifier.equations
+    narrow, honest = (identifier.fit(prior_of(equations, 1e-3, error)).std for error in (0.0, 0.1))
+    assert np.all(honest >= narrow)
+    assert np.median(honest / narrow) > 3.0

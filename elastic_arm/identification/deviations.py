@@ -1,0 +1,159 @@
+"""Standard deviations that hold for errors of any colour, and what fitted series add to them.
+
+Whatever the errors' colour, the scores Phi'(y - Phi Psi) of blocks that are longer than it lasts are independent, and
+their scatter gives the covariance (the sandwich, clustered by blocks). Two things make it too small where blocks are
+few, and both are mended:
+
+- The fit follows the blocks that determine a parameter: their scores are corrected for their share in the fit (the
+  jackknife that leaves out one block at a time).
+- The scatter of few scores is itself uncertain, and a parameter that two blocks determine has two scores, however many
+  blocks there are. Its error over its deviation follows Student's distribution, whose degrees of freedom come from the
+  blocks' shares in that parameter; deviations are widened so that 1.96 of them make an interval of 95 %.
+
+R. Bell and D. McCaffrey, Survey Methodology 28 (2002) 169.
+
+Where derivatives come from a Fourier series, a coefficient that is off by a little is off in every period alike: blocks
+of samples do not see it. But its standard deviation is known, and so is what it does to the equations; the rest is
+propagation of errors.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import stdtrit
+
+from elastic_arm.dynamics.double_double import Pair
+from elastic_arm.estimation.motion import Motion
+from elastic_arm.estimation.series import FourierFit
+
+if TYPE_CHECKING:
+    from elastic_arm.identification.base_regression import BaseRegression
+    from elastic_arm.identification.least_squares import Fit
+
+Array = NDArray[np.float64]
+
+# With fewer blocks than this, errors are taken for white: there is nothing to tell their colour by.
+FEWEST_BLOCKS = 8
+# Share that is left of a block's score beside the fit's, at least.
+LEAST_OWN = 1e-3
+COVERED = 0.975
+NORMAL = 1.96
+# Sums over the errors of a series run over about so many samples of the motion, which is smooth.
+ENOUGH_SAMPLES = 3000
+# Step of the difference quotient over the state, relative to its size.
+STEP = 1e-4
+
+
+def scattered(blocks: Iterable[tuple[Pair, Array]], Psi: Array, weights: Array, back: Array) -> Array:
+    """Return the covariance (P, P) of an estimate from its blocks' scores.
+
+    Parameters
+    ----------
+    blocks
+        Of each block, the sums [Phi y]'[Phi y] (groups, P + 1, P + 1), hi and lo, and what noise in Phi adds to them.
+    Psi
+        (P,) estimate.
+    weights
+        (groups,) of the equations.
+    back
+        (P, k) from whitened coordinates to parameters: `back @ back.T` is the covariance at unit noise.
+    """
+    solution = np.append(-Psi, 1.0)
+    meat = np.zeros((back.shape[1],) * 2)
+    shares = []
+    for (hi, lo), noise_in_phi in blocks:
+        gram = np.tensordot(weights**2, hi - noise_in_phi, 1)
+        score = back.T @ (gram @ solution + np.tensordot(weights**2, lo, 1) @ solution)[:-1]
+        leverage = back.T @ gram[:-1, :-1] @ back
+        values, vectors = np.linalg.eigh(leverage)
+        mended = vectors @ ((vectors.T @ score) / np.maximum(1.0 - values, LEAST_OWN))
+        meat += np.outer(mended, mended)
+        shares.append(np.einsum("pk,kl,pl->p", back, leverage, back))
+    widening = stdtrit(freedom(np.maximum(shares, 0.0)), COVERED) / NORMAL
+    return back @ meat @ back.T * np.outer(widening, widening)
+
+
+def freedom(shares: Array) -> Array:
+    """Return the degrees of freedom (P,) of deviations, by the shares (blocks, P) of the blocks in each parameter.
+
+    Satterthwaite's: the number of blocks where they share alike, fewer where some determine a parameter alone; one is
+    lost to the estimate itself.
+    """
+    total = np.sum(shares, axis=0)
+    squares = np.sum(shares**2, axis=0)
+    effective = np.where(squares > 0, total**2 / np.where(squares > 0, squares, 1.0), len(shares))
+    return np.asarray(np.maximum(effective - 1.0, 1.0))
+
+
+def white(r: Array, weights: Array, noise: Array, back: Array) -> Array:
+    """Return the covariance (P, P) that white errors of this size make.
+
+    Parameters
+    ----------
+    r
+        (groups, P + 1, P + 1) triangular factors of the rows.
+    weights, noise
+        (groups,).
+    back
+        See :func:`scattered`.
+    """
+    phi = ((weights**2 * noise)[:, None, None] * (r[..., :-1] @ back)).reshape(-1, back.shape[1])
+    return np.asarray(back @ (phi.T @ phi) @ back.T)
+
+
+def series_covariance(
+    equations: BaseRegression, fit: Fit, motion: Motion, link: FourierFit | None, motor: FourierFit | None
+) -> Array:
+    """Return what the errors of the series add to the covariance (B, B) of the base parameters.
+
+    Parameters
+    ----------
+    equations, fit
+        What was estimated.
+    motion
+        From the series.
+    link, motor
+        The series of the two sides.
+    """
+    every = max(1, len(motion) // ENOUGH_SAMPLES)
+    thin = motion[::every]
+    weighted = equations.rows(thin)[..., :-1] * (fit.weights**2)[:, None, None]
+    meat = np.zeros((len(fit.Psi),) * 2)
+    for side, series in (("q", link), ("theta", motor)):
+        if series is None:
+            continue
+        bases = series.bases(thin.t - motion.t[0])
+        for j, variance in enumerate(series.variances().T):
+            score = np.zeros((len(fit.Psi), len(variance)))
+            for rate, basis in zip(("", "d", "dd"), bases, strict=True):
+                change = _change(equations, fit.Psi, thin, rate + side, j)
+                score += np.einsum("gnb,gn->nb", weighted, change).T @ basis
+            score *= every
+            meat += (score * variance) @ score.T
+    r = fit.factor[:-1, :-1]
+    size = np.linalg.norm(r, axis=0)
+    scale = np.where(size > 0, size, 1.0)
+    inverse = np.linalg.pinv((r / scale).T @ (r / scale), rcond=1e-15, hermitian=True) / np.outer(scale, scale)
+    return np.asarray(inverse @ meat @ inverse)
+
+
+def _change(equations: BaseRegression, Psi: Array, motion: Motion, channel: str, j: int) -> Array:
+    """Return the derivative of all predicted rows (groups, N) by a channel of joint j."""
+    values: Array = getattr(motion, channel)
+    step = STEP * float(np.std(values[:, j])) + 1e-9
+    ahead, behind = (np.concatenate(list(_predicted(equations, Psi, motion, channel, j, h))) for h in (step, -step))
+    return (ahead - behind) / (2.0 * step)
+
+
+def _predicted(
+    equations: BaseRegression, Psi: Array, motion: Motion, channel: str, j: int, step: float
+) -> Iterator[Array]:
+    values = getattr(motion, channel).copy()
+    values[:, j] += step
+    predicted = equations.predict(replace(motion, **{channel: values}), Psi)
+    yield from (predicted[side].T for side in equations.sides)
