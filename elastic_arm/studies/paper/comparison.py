@@ -110,11 +110,15 @@ def metrics(comparisons: list[ModelComparison], reference: str) -> list[Metric]:
 
 @dataclass(frozen=True)
 class LinearTrend:
-    """A least-squares line of an error over r_tot: at r_tot = 0, per unit of r_tot, and the share it explains."""
+    """A least-squares line of an error over r_tot: at r_tot = 0, per unit of r_tot, and the share it explains.
+
+    `highest` is the error at the highest ratio, Nm.
+    """
 
     constant: float
     slope: float
     r_squared: float
+    highest: float
 
 
 def line_over_ratio(rows: list[Metric], model: str, side: str, joint: int) -> LinearTrend:
@@ -134,4 +138,5 @@ def line_over_ratio(rows: list[Metric], model: str, side: str, joint: int) -> Li
     slope, constant = np.polyfit(r_tot, e_max, 1)
     spread = float(((e_max - e_max.mean()) ** 2).sum())
     missed = float(((e_max - constant - slope * r_tot) ** 2).sum())
-    return LinearTrend(float(constant), float(slope), 1.0 - missed / spread if spread > 0.0 else 1.0)
+    share = 1.0 - missed / spread if spread > 0.0 else 1.0
+    return LinearTrend(float(constant), float(slope), share, float(e_max[np.argmax(r_tot)]))

@@ -49,7 +49,7 @@ def export(result: StudyResult, claims: list[Claim], folder: Path) -> list[Path]
         "torques": _torques(result),
         "coefficients": _coefficients(result),
         "shares": [{k: v for k, v in e.items() if not isinstance(v, dict)} for e in content["identification"]],
-        "tracking": content["tracking"],
+        "tracking": [{k: v for k, v in row.items() if k != "each"} for row in content["tracking"]],
     }
     try:
         folder.mkdir(parents=True, exist_ok=True)
@@ -74,6 +74,7 @@ def as_dict(result: StudyResult, claims: list[Claim]) -> dict[str, Any]:
             "settings": asdict(result.settings),
             "claims": [asdict(claim) for claim in claims],
             "metrics": [asdict(metric) for metric in (*result.against_mod3, *result.against_prototype)],
+            "translations": [asdict(errors) for errors in result.translations],
             "convergence": {name: [asdict(c) for c in checks] for name, checks in result.convergence.items()},
             "S": {
                 "rows": result.tilted_coupling.rows,

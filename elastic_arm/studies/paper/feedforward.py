@@ -45,7 +45,8 @@ class Tracking:
     """How well the prototype followed.
 
     `tool_rms` and `tool_max` are the tool's error, mm; `joints_rms` the part of it that the links' angles q make,
-    without the bearings' tilt, mm; `angle_rms` the error of q, mrad; `feedback_rms` what the feedback added, Nm.
+    without the bearings' tilt, mm; `angle_rms` the error of q, mrad; `feedback_rms` what the feedback added, Nm. `each`
+    are tool_rms and joints_rms of the motions that were put together.
     """
 
     feedforward: str
@@ -55,14 +56,17 @@ class Tracking:
     joints_rms: float
     angle_rms: float
     feedback_rms: float
+    each: tuple[tuple[float, float], ...] = ()
 
 
 def together(runs: Sequence[Tracking]) -> Tracking:
     """Put the same law's runs along several motions together: rms over all, largest of all."""
-    values = np.array([astuple(run)[2:] for run in runs])
+    values = np.array([astuple(run)[2:-1] for run in runs])
     whole = np.sqrt((values**2).mean(axis=0))
     whole[1] = values[:, 1].max()
-    return Tracking(runs[0].feedforward, runs[0].r_tot, *map(float, whole))
+    each = tuple((run.tool_rms, run.joints_rms) for run in runs)
+    tool, largest, joints, angle, feedback = map(float, whole)
+    return Tracking(runs[0].feedforward, runs[0].r_tot, tool, largest, joints, angle, feedback, each)
 
 
 def invert(model: Model, Psi: np.ndarray, q: tuple[np.ndarray, np.ndarray, np.ndarray], period: float) -> Command:

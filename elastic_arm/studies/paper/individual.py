@@ -23,11 +23,15 @@ SPREAD = 0.3
 
 @dataclass(frozen=True)
 class RecoveredParameters:
-    """Errors of the individual parameters in percent (parameters,), medians over the guesses; `guess` those before."""
+    """Errors of the individual parameters in percent (parameters,), medians over the guesses; `guess` those before.
+
+    `medians` are those over the parameters, one a guess (guesses,).
+    """
 
     names: tuple[str, ...]
     error: np.ndarray
     guess: np.ndarray
+    medians: np.ndarray
 
 
 def recover(fit: Fit, equations: BaseRegression, guesses: int, seed: int) -> RecoveredParameters:
@@ -59,7 +63,10 @@ def recover(fit: Fit, equations: BaseRegression, guesses: int, seed: int) -> Rec
     there = np.flatnonzero(np.abs(true) > 0.0)
     after, prior = (100.0 * np.abs(np.array(rows)[:, there] / true[there] - 1.0) for rows in (found, before))
     return RecoveredParameters(
-        tuple(equations.names[k] for k in there), np.median(after, axis=0), np.median(prior, axis=0)
+        tuple(equations.names[k] for k in there),
+        np.median(after, axis=0),
+        np.median(prior, axis=0),
+        np.median(after, axis=1),
     )
 
 

@@ -10,18 +10,27 @@ from functools import partial
 import numpy as np
 
 from elastic_arm.dynamics import build_model
-from elastic_arm.errors import RobotError
 from elastic_arm.robot.description import Robot
 from elastic_arm.studies.paper import comparison, convergence, cost, feedforward
-from elastic_arm.studies.paper.comparison import MODELS, Metric, ModelComparison
-from elastic_arm.studies.paper.coupling import SymbolicCoupling, symbolic_coupling
+from elastic_arm.studies.paper.comparison import MODELS, ModelComparison
+from elastic_arm.studies.paper.coupling import symbolic_coupling
 from elastic_arm.studies.paper.excitations import ExcitationSearch, excite
 from elastic_arm.studies.paper.identification_study import CoefficientEstimate
 from elastic_arm.studies.paper.identification_study import study as identify
 from elastic_arm.studies.paper.parallel import Advance, ProcessPool
-from elastic_arm.studies.paper.virtual_prototype.mechanism import Bushing, engine, transmissions
-from elastic_arm.studies.paper.virtual_prototype.motions import QUINTIC, ImposedMotion, PeriodicMotion, StepRamp
-from elastic_arm.studies.paper.virtual_prototype.prototype import Prototype, PrototypeRun
+from elastic_arm.studies.paper.torque_study import (
+    LOCKED_STEP,
+    LinkErrors,
+    TorqueResult,
+    follow,
+    link_errors,
+    ramp_tasks,
+    studied_ratios,
+    torque_result,
+)
+from elastic_arm.studies.paper.virtual_prototype.mechanism import Bushing, engine
+from elastic_arm.studies.paper.virtual_prototype.motions import PeriodicMotion, StepRamp
+from elastic_arm.studies.paper.virtual_prototype.prototype import PrototypeRun
 
 StageStart = Callable[[str, int], Advance]
 """Called with a stage's name and its number of tasks; returns what to call after each task."""
@@ -49,6 +58,8 @@ class StudySettings:
         How many of the searches' start the searched trajectory is compared with.
     bushing_scales, coupler_frequencies, step_sizes
         Of the convergence tables; the last step is the one that the others are compared with.
+    translations
+        Translation stiffnesses of the bushing at which tau_l is compared beside the one assumed, N/m.
     tracking
         Recorded seconds under feed-forward, after :data:`SETTLE` seconds to settle.
     motions
@@ -66,6 +77,7 @@ class StudySettings:
     bushing_scales: tuple[float, ...]
     coupler_frequencies: tuple[float, ...]
     step_sizes: tuple[float, ...]
+    translations: tuple[float, ...]
     tracking: float
     motions: int
 
@@ -82,6 +94,7 @@ FULL = StudySettings(
     bushing_scales=(1.0, 4.0, 16.0, 64.0),
     coupler_frequencies=(500.0, 1000.0, 2000.0, 4000.0),
     step_sizes=(3e-4, 2e-4, 1e-4, 5e-5, 2.5e-5),
+    translations=(2e7, 5e7, 1e8, 4e8, 1e9),
     tracking=4.0,
     motions=3,
 )
@@ -97,36 +110,27 @@ QUICK = StudySettings(
     bushing_scales=(1.0,),
     coupler_frequencies=(500.0, 2000.0),
     step_sizes=(2e-4, 1e-4),
+    translations=(5e7, 1e9),
     tracking=1.0,
-    motions=1,
+    motions=2,
 )
 COUPLER_STEP = 1e-4
-LOCKED_STEP = 1e-3  # only the drives are left to swing
 SETTLE = 2.0
 FEEDBACK_FREQUENCY = 10.0
 TRACKING_PERIOD = 4.0
 
 
-@dataclass
-class StudyResult:
+@dataclass(kw_only=True)
+class StudyResult(TorqueResult):
     """All numbers of the study; the report draws from here and nothing else.
 
-    `comparisons` are the ramps over the ratios, `poses` those from other poses at the highest one, and `smooth` a ramp
-    there without jumps of acceleration.
+    `poses` are the ramps from other poses at the highest ratio, beside those of
+    :class:`~elastic_arm.studies.paper.torque_study.TorqueResult`.
     """
 
-    robot: Robot
     settings: StudySettings
-    ratios: tuple[float, ...]
-    comparisons: list[ModelComparison]
     poses: list[tuple[np.ndarray, ModelComparison]]
-    smooth: ModelComparison
-    against_mod3: list[Metric]
-    against_prototype: list[Metric]
-    inertial: Mapping[str, np.ndarray]
     convergence: Mapping[str, list[convergence.ConvergenceCheck]]
-    coupling: SymbolicCoupling
-    tilted_coupling: SymbolicCoupling
     excited: Mapping[str, ExcitationSearch]
     estimates: list[CoefficientEstimate]
     tracking: list[feedforward.Tracking]
@@ -134,36 +138,10 @@ class StudyResult:
     engine: str
     seconds: dict[str, float] = field(default_factory=dict)
 
-    @property
-    def highest(self) -> float:
-        """The largest total ratio."""
-        return self.ratios[-1]
-
-    def at_highest(self) -> ModelComparison:
-        """Return the ramp of Figs. 3 and 4a."""
-        return self.comparisons[-1]
-
     def estimate(self, model: str, r_tot: float | None = None) -> CoefficientEstimate:
         """Return one model's identification, at the highest ratio by default."""
         wanted = self.highest if r_tot is None else r_tot
         return next(e for e in self.estimates if (e.model, e.r_tot) == (model, wanted))
-
-
-def studied_ratios(robot: Robot) -> tuple[float, ...]:
-    """Return the total ratios that the robot's description splits, rising.
-
-    Raises
-    ------
-    RobotError
-        When the robot cannot carry the study: no transmissions, no bearings, no ratios.
-    """
-    transmissions(robot)
-    if len(robot.total_ratios_studied) < 2:
-        raise RobotError(
-            f"robot {robot.name} describes {len(robot.total_ratios_studied)} total ratios, the study compares several",
-            "Give 'total_ratios_studied: {r_tot: [belt, harmonic drive], …}' in the arm file",
-        )
-    return tuple(sorted(robot.total_ratios_studied))
 
 
 def run_study(robot: Robot, settings: StudySettings, *, workers: int, seed: int, stage: StageStart) -> StudyResult:
@@ -197,17 +175,14 @@ def run_study(robot: Robot, settings: StudySettings, *, workers: int, seed: int,
         seconds[name] = time.perf_counter() - started
         return stage(name, count)
 
-    starts = [np.zeros(robot.n), *rng.uniform(-1.0, 1.0, (settings.poses - 1, robot.n))]
+    starts = rng.uniform(-1.0, 1.0, (settings.poses - 1, robot.n))
     with ProcessPool(workers) as pool:
         ramps = _ramps(arms, starts, settings, pool, timed)
+        translations = _translations(top, ratios[-1], settings, pool, timed)
         checks = _convergence(top, settings, pool, timed)
         excited = _excite(top, settings, pool, rng, timed)
         estimates = _identify(arms, excited, settings, pool, rng, timed)
         tracking = _track(arms, estimates, settings, pool, rng, timed)
-    smooth = comparison.compare(top, ratios[-1], ramps.pop())
-    comparisons = [comparison.compare(arms[r], r, run) for r, run in zip(ratios, ramps, strict=False)]
-    others = zip(starts[1:], ramps[len(ratios) :], strict=True)
-    poses = [(start, comparison.compare(top, ratios[-1], run)) for start, run in others]
     advance = timed("symbols and cost", 3)
     symbols = []
     for bearings in (False, True):
@@ -215,19 +190,21 @@ def run_study(robot: Robot, settings: StudySettings, *, workers: int, seed: int,
         advance()
     costs = cost.measure(top, rng)
     advance()
+    torques = torque_result(
+        robot,
+        arms,
+        ramps,
+        translations=translations,
+        assumed=Bushing().translation_stiffness,
+        locked=next(check.tau_l for check in checks["bushing"] if np.isinf(check.setting)) or 0.0,
+        coupling=(symbols[0], symbols[1]),
+    )
+    poses = zip(starts, ramps[len(ratios) + 1 :], strict=True)
     result = StudyResult(
-        robot=robot,
+        **vars(torques),
         settings=settings,
-        ratios=ratios,
-        comparisons=comparisons,
-        poses=poses,
-        smooth=smooth,
-        against_mod3=comparison.metrics(comparisons, "mod3"),
-        against_prototype=comparison.metrics(comparisons, comparison.PROTOTYPE),
-        inertial=motor_terms(top, comparisons[-1].run),
+        poses=[(start, comparison.compare(top, ratios[-1], run)) for start, run in poses],
         convergence=checks,
-        coupling=symbols[0],
-        tilted_coupling=symbols[1],
         excited=excited,
         estimates=estimates,
         tracking=tracking,
@@ -238,47 +215,21 @@ def run_study(robot: Robot, settings: StudySettings, *, workers: int, seed: int,
     return result
 
 
-def follow(robot: Robot, bushing: Bushing, motion: ImposedMotion, step: float) -> PrototypeRun:
-    """Build a prototype and let it follow a motion, at `step` or what its bushings bear: one task of the study.
-
-    Parameters
-    ----------
-    robot
-        With bearings.
-    bushing
-        Numbers of the bushing.
-    motion
-        Imposed at the rotors.
-    step
-        Largest integration step, s.
-    """
-    prototype = Prototype(robot, bushing)
-    return prototype.follow(motion, step=min(step, prototype.stable_step()))
-
-
-def motor_terms(robot: Robot, run: PrototypeRun) -> dict[str, np.ndarray]:
-    """Return the parts of tau_m (1), mod3, on a run: rms per joint (n,) of B ddtheta, S' ddq, c2 and the drive."""
-    model = build_model(robot, "mod3")
-    x, dx, _ = run.coordinates()
-    terms = model.terms(x, dx)
-    parts = {
-        "B ddtheta": np.einsum("nij,nj->ni", terms["B"], run.ddtheta),
-        "S' ddq": np.einsum("nji,nj->ni", terms["S"], run.ddq),
-        "c2": terms["c2"],
-        "K (theta - q) + D (dtheta - dq)": run.tau_J,
-    }
-    return {name: np.sqrt((part**2).mean(axis=0)) for name, part in parts.items()}
-
-
 def _ramps(
-    arms: Mapping[float, Robot], starts: list[np.ndarray], settings: StudySettings, pool: ProcessPool, stage: StageStart
+    arms: Mapping[float, Robot], starts: np.ndarray, settings: StudySettings, pool: ProcessPool, stage: StageStart
 ) -> list[PrototypeRun]:
-    """Run the step ramp over all ratios, at the highest from the other poses too, and there without jumps."""
-    tasks = [partial(follow, arm, Bushing(), StepRamp(starts[0]), settings.step) for arm in arms.values()]
-    top = list(arms.values())[-1]
-    tasks += [partial(follow, top, Bushing(), StepRamp(start), settings.step) for start in starts[1:]]
-    tasks.append(partial(follow, top, Bushing(), StepRamp(starts[0], shape=QUINTIC), settings.step))
+    """Run the step ramp over all ratios, at the highest without jumps too, and there from the other poses."""
+    known = list(arms.values())
+    tasks = ramp_tasks(known, Bushing(), settings.step)
+    tasks += [partial(follow, known[-1], Bushing(), StepRamp(start), settings.step) for start in starts]
     return pool.run(tasks, stage("step ramps of the prototype", len(tasks)))
+
+
+def _translations(
+    robot: Robot, r_tot: float, settings: StudySettings, pool: ProcessPool, stage: StageStart
+) -> list[LinkErrors]:
+    tasks = [partial(link_errors, robot, r_tot, value, settings.step) for value in settings.translations]
+    return pool.run(tasks, stage("translation stiffness of the bushing", len(tasks)))
 
 
 def _convergence(

@@ -7,7 +7,7 @@ and the link hangs on the spline by a bushing with three translations and three 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from types import ModuleType
 from typing import Any
 
@@ -60,6 +60,11 @@ class Bushing:
     translation_damping: float = 2.0e4
     bearing_scale: float = 1.0
     locked: bool = False
+
+    def with_translation(self, stiffness: float) -> Bushing:
+        """Return a bushing with this translation stiffness, N/m, at the same damping ratio."""
+        damping = self.translation_damping * (stiffness / self.translation_stiffness) ** 0.5
+        return replace(self, translation_stiffness=stiffness, translation_damping=damping)
 
 
 def build_spec(robot: Robot, bushing: Bushing) -> Any:

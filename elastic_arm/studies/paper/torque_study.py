@@ -1,0 +1,210 @@
+"""The torques of sections IV and V: step ramps of the prototype over the ratios, and what mod1 to mod3 make of them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import partial
+
+import numpy as np
+
+from elastic_arm.dynamics import build_model
+from elastic_arm.errors import RobotError
+from elastic_arm.robot.description import Robot
+from elastic_arm.studies.paper import comparison
+from elastic_arm.studies.paper.comparison import MODELS, Metric, ModelComparison
+from elastic_arm.studies.paper.coupling import SymbolicCoupling
+from elastic_arm.studies.paper.parallel import Task
+from elastic_arm.studies.paper.virtual_prototype.mechanism import Bushing, transmissions
+from elastic_arm.studies.paper.virtual_prototype.motions import QUINTIC, ImposedMotion, StepRamp
+from elastic_arm.studies.paper.virtual_prototype.prototype import Prototype, PrototypeRun
+
+LOCKED_STEP = 1e-3  # only the drives are left to swing
+
+
+@dataclass(frozen=True)
+class LinkErrors:
+    """Errors of tau_l with respect to mod_ad at the highest ratio, by the bushing's translation stiffness, N/m.
+
+    `e_max` and `e_rmse` are (models, n), Nm, of mod1, mod2 and mod3.
+    """
+
+    stiffness: float
+    e_max: np.ndarray
+    e_rmse: np.ndarray
+
+
+@dataclass(kw_only=True)
+class TorqueResult:
+    """What the claims on torques are judged by.
+
+    `comparisons` are the ramps over the ratios, and `smooth` a ramp at the highest one without jumps of acceleration.
+    `inertial` is what tau_m is made of there, rms per joint (n,), and `locked_link` the largest tau_l that mod3 leaves
+    with the bushing locked, Nm. `translations` are the errors at the highest ratio as the bushing's translation
+    stiffness varies; the paper does not state it.
+    """
+
+    robot: Robot
+    ratios: tuple[float, ...]
+    comparisons: list[ModelComparison]
+    smooth: ModelComparison
+    against_mod3: list[Metric]
+    against_prototype: list[Metric]
+    inertial: Mapping[str, np.ndarray]
+    locked_link: float
+    translations: list[LinkErrors]
+    coupling: SymbolicCoupling
+    tilted_coupling: SymbolicCoupling
+
+    @property
+    def highest(self) -> float:
+        """The largest total ratio."""
+        return self.ratios[-1]
+
+    def at_highest(self) -> ModelComparison:
+        """Return the ramp of Figs. 3 and 4a."""
+        return self.comparisons[-1]
+
+
+def studied_ratios(robot: Robot) -> tuple[float, ...]:
+    """Return the total ratios that the robot's description splits, rising.
+
+    Raises
+    ------
+    RobotError
+        When the robot cannot carry the study: no transmissions, no bearings, no ratios.
+    """
+    transmissions(robot)
+    if len(robot.total_ratios_studied) < 2:
+        raise RobotError(
+            f"robot {robot.name} describes {len(robot.total_ratios_studied)} total ratios, the study compares several",
+            "Give 'total_ratios_studied: {r_tot: [belt, harmonic drive], …}' in the arm file",
+        )
+    return tuple(sorted(robot.total_ratios_studied))
+
+
+def follow(robot: Robot, bushing: Bushing, motion: ImposedMotion, step: float) -> PrototypeRun:
+    """Build a prototype and let it follow a motion, at `step` or what its bushings bear: one task of the study.
+
+    Parameters
+    ----------
+    robot
+        With bearings.
+    bushing
+        Numbers of the bushing.
+    motion
+        Imposed at the rotors.
+    step
+        Largest integration step, s.
+    """
+    prototype = Prototype(robot, bushing)
+    return prototype.follow(motion, step=min(step, prototype.stable_step()))
+
+
+def ramp_tasks(arms: Sequence[Robot], bushing: Bushing, step: float) -> list[Task]:
+    """Return the runs that every study of torques makes: the step ramp over the arms, at the last without jumps too.
+
+    Parameters
+    ----------
+    arms
+        One robot, its ratio set to each of the ratios studied, rising.
+    bushing
+        Numbers of the bushing.
+    step
+        Largest integration step, s.
+    """
+    start = np.zeros(arms[0].n)
+    tasks: list[Task] = [partial(follow, arm, bushing, StepRamp(start), step) for arm in arms]
+    return [*tasks, partial(follow, arms[-1], bushing, StepRamp(start, shape=QUINTIC), step)]
+
+
+def torque_result(
+    robot: Robot,
+    arms: Mapping[float, Robot],
+    runs: Sequence[PrototypeRun],
+    *,
+    translations: Sequence[LinkErrors],
+    assumed: float,
+    locked: float,
+    coupling: tuple[SymbolicCoupling, SymbolicCoupling],
+) -> TorqueResult:
+    """Compare the models on the runs of :func:`ramp_tasks`.
+
+    Parameters
+    ----------
+    robot
+        The arm.
+    arms
+        The arm with each ratio studied, rising.
+    runs
+        Of the prototype.
+    translations
+        At other translation stiffnesses of the bushing.
+    assumed
+        The translation stiffness of `runs`, N/m.
+    locked
+        Of :func:`locked_link`, Nm.
+    coupling
+        S in symbols, with bearings locked and tilting.
+    """
+    ratios = tuple(arms)
+    top = arms[ratios[-1]]
+    compared = [comparison.compare(arms[r_tot], r_tot, run) for r_tot, run in zip(ratios, runs, strict=False)]
+    own = link_errors_of(compared[-1], assumed)
+    return TorqueResult(
+        robot=robot,
+        ratios=ratios,
+        comparisons=compared,
+        smooth=comparison.compare(top, ratios[-1], runs[len(ratios)]),
+        against_mod3=comparison.metrics(compared, "mod3"),
+        against_prototype=comparison.metrics(compared, comparison.PROTOTYPE),
+        inertial=motor_terms(top, runs[len(ratios) - 1]),
+        locked_link=locked,
+        translations=sorted([*translations, own], key=lambda errors: errors.stiffness),
+        coupling=coupling[0],
+        tilted_coupling=coupling[1],
+    )
+
+
+def link_errors(robot: Robot, r_tot: float, stiffness: float, step: float) -> LinkErrors:
+    """Run the step ramp with another translation stiffness of the bushing, and compare tau_l of the models.
+
+    Parameters
+    ----------
+    robot
+        With its ratio set to `r_tot`.
+    r_tot
+        Total ratio.
+    stiffness
+        Of the bushing's translations, N/m; their damping ratio stays.
+    step
+        Largest integration step, s.
+    """
+    run = follow(robot, Bushing().with_translation(stiffness), StepRamp(np.zeros(robot.n)), step)
+    return link_errors_of(comparison.compare(robot, r_tot, run), stiffness)
+
+
+def link_errors_of(compared: ModelComparison, stiffness: float) -> LinkErrors:
+    """Return the errors of tau_l of a ramp that was run with this translation stiffness, N/m."""
+    errors = np.array([compared.error(model, comparison.PROTOTYPE, "link") for model in MODELS])
+    return LinkErrors(stiffness, np.abs(errors).max(axis=1), np.sqrt((errors**2).mean(axis=1)))
+
+
+def locked_link(robot: Robot) -> float:
+    """Return the largest tau_l that mod3 leaves on a ramp of the prototype with locked bushings, Nm."""
+    run = follow(robot, Bushing(locked=True), StepRamp(np.zeros(robot.n), hold=0.05, shape=QUINTIC), LOCKED_STEP)
+    return float(np.abs(comparison.model_torques(build_model(robot, "mod3"), run).link).max())
+
+
+def motor_terms(robot: Robot, run: PrototypeRun) -> dict[str, np.ndarray]:
+    """Return the parts of tau_m (1), mod3, on a run: rms per joint (n,) of B ddtheta, S' ddq, c2 and the drive."""
+    model = build_model(robot, "mod3")
+    x, dx, _ = run.coordinates()
+    terms = model.terms(x, dx)
+    parts = {
+        "B ddtheta": np.einsum("nij,nj->ni", terms["B"], run.ddtheta),
+        "S' ddq": np.einsum("nji,nj->ni", terms["S"], run.ddq),
+        "c2": terms["c2"],
+        "K (theta - q) + D (dtheta - dq)": run.tau_J,
+    }
+    return {name: np.sqrt((part**2).mean(axis=0)) for name, part in parts.items()}
