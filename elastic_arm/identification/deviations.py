@@ -21,7 +21,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,10 +30,7 @@ from scipy.special import stdtrit
 from elastic_arm.dynamics.double_double import Pair
 from elastic_arm.estimation.motion import Motion
 from elastic_arm.estimation.series import FourierFit
-
-if TYPE_CHECKING:
-    from elastic_arm.identification.base_regression import BaseRegression
-    from elastic_arm.identification.least_squares import Fit
+from elastic_arm.identification.base_regression import BaseRegression
 
 Array = NDArray[np.float64]
 
@@ -106,8 +103,24 @@ def white(r: Array, weights: Array, noise: Array, back: Array) -> Array:
     return np.asarray(back @ (phi.T @ phi) @ back.T)
 
 
+class Solution(Protocol):
+    """A fit: its parameters (P,), the weights of its equations (groups,), and the factor (P + 1, P + 1) of all rows."""
+
+    @property
+    def Psi(self) -> Array:
+        """Parameters."""
+
+    @property
+    def weights(self) -> Array:
+        """Of the equations."""
+
+    @property
+    def factor(self) -> Array:
+        """Of all rows."""
+
+
 def series_covariance(
-    equations: BaseRegression, fit: Fit, motion: Motion, link: FourierFit | None, motor: FourierFit | None
+    equations: BaseRegression, fit: Solution, motion: Motion, link: FourierFit | None, motor: FourierFit | None
 ) -> Array:
     """Return what the errors of the series add to the covariance (B, B) of the base parameters.
 
