@@ -23,6 +23,7 @@ from elastic_arm.identification.consistency import with_consistency
 from elastic_arm.identification.deflection import shifted, shifts, zeros
 from elastic_arm.identification.deviations import series_covariance
 from elastic_arm.identification.law_columns import DEFAULT_SIGN_SPEED, SIGN_SPEEDS, is_dry, law_columns, with_stated
+from elastic_arm.identification.least_squares import Prior
 from elastic_arm.identification.regularisation import (
     HeldOut,
     chosen_width,
@@ -271,11 +272,7 @@ def identify_with(
     report("estimate", 1.0)
     names, methods = tuple(r.source for r in chosen), tuple(d.method for d in derived)
     covariance = _covariance(identifier, derived)
-    width, prior = None, None
-    if covariance is None:
-        plain = identifier.fit()
-        width = chosen_width(identifier.linear_blocks(), plain, equations)
-        prior = None if width is None else prior_of(equations, width, description_error(plain, equations))
+    width, prior = (None, None) if covariance is not None else _regularised(identifier)
     result = identifier.estimate(names, methods, covariance, prior)
     notes = [note for r in chosen for note in r.notes]
     notes += [note for d, r in zip(derived, chosen, strict=True) for note in d.notes(r.source, robot.joint_names)]
@@ -289,6 +286,13 @@ def identify_with(
         held_out = _held_out(validate, identifier, derived[0], report)
         result = validated(result, identifier, robot, effects, held_out)
     return result, identifier, next(derived[0].motions)
+
+
+def _regularised(identifier: Identifier) -> tuple[float | None, Prior | None]:
+    """Return the width of the prior that predicts left-out parts best, and the prior; None where it takes none."""
+    equations, plain = identifier.equations, identifier.fit()
+    width = chosen_width(identifier.linear_blocks(), plain, equations)
+    return width, None if width is None else prior_of(equations, width, description_error(plain, equations))
 
 
 def _require_traces(equations: BaseRegression) -> None:
