@@ -103,7 +103,7 @@ def white(r: Array, weights: Array, noise: Array, back: Array) -> Array:
     return np.asarray(back @ (phi.T @ phi) @ back.T)
 
 
-class Solution(Protocol):
+class SolvedFit(Protocol):
     """A fit: its parameters (P,), the weights of its equations (groups,), and the factor (P + 1, P + 1) of all rows."""
 
     @property
@@ -120,7 +120,7 @@ class Solution(Protocol):
 
 
 def series_covariance(
-    equations: BaseRegression, fit: Solution, motion: Motion, link: FourierFit | None, motor: FourierFit | None
+    equations: BaseRegression, fit: SolvedFit, motion: Motion, link: FourierFit | None, motor: FourierFit | None
 ) -> Array:
     """Return what the errors of the series add to the covariance (B, B) of the base parameters.
 
