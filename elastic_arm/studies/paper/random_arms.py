@@ -69,7 +69,17 @@ TRANSLATION = (5e7, 1e9)  # N/m, of the bushing, which the paper calls high
 
 
 def draw_arm(robot: Robot, rng: np.random.Generator, name: str) -> Robot:
-    """Draw an arm of the kind of `robot`, whose joints all have transmissions and bearings."""
+    """Draw an arm of the kind of another.
+
+    Parameters
+    ----------
+    robot
+        The arm of the paper: all its joints have transmissions and bearings.
+    rng
+        Source of the numbers.
+    name
+        Of the arm.
+    """
     sizes = [int(rng.choice(SIZES[min(k, len(SIZES) - 1)])) for k in range(robot.n)]
     joints = [_joint(joint, size, rng) for joint, size in zip(robot.joints, sizes, strict=True)]
     flex = [j.transmission.spline for j in joints if j.transmission and j.transmission.spline.kind != "circular"]

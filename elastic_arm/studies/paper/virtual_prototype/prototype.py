@@ -288,7 +288,13 @@ class Prototype:
         return full
 
     def acceleration(self, imposed: tuple[np.ndarray, ...], u: np.ndarray, du: np.ndarray) -> np.ndarray:
-        """Return the bushing's acceleration alone; see :meth:`respond`."""
+        """Return the bushing's acceleration alone.
+
+        Parameters
+        ----------
+        imposed, u, du
+            See :meth:`respond`.
+        """
         return self._bushing_acceleration(imposed, u, du)[0]
 
     def _sample(self, t: float, imposed: tuple[np.ndarray, ...], u: np.ndarray, du: np.ndarray) -> _Sample:
