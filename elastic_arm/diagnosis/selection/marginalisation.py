@@ -137,6 +137,8 @@ class Marginalisation:
         """Orthonormal basis (rows + k, k) of the nuisance columns over their priors."""
         prior = np.sqrt(self._nuisance.noise) * np.eye(len(self._nuisance))
         tall = np.vstack([self._nuisance.white[0], prior])
+        if not tall.size:  # SciPy 1.11 solves no empty system
+            return tall
         basis: Array = solve_triangular(self._factors[0], tall.T, lower=True).T
         return basis
 
