@@ -13,6 +13,7 @@ from elastic_arm.diagnosis.inference.across_recordings import agreements
 from elastic_arm.diagnosis.inference.estimated_hypothesis import estimate
 from elastic_arm.diagnosis.inference.excess import select_band, statistics_in_bands
 from elastic_arm.diagnosis.inference.judgement import judge
+from elastic_arm.diagnosis.inference.noise_colour import noise_colours
 from elastic_arm.diagnosis.inference.prediction import predict
 from elastic_arm.diagnosis.preparation import PreparedData, prepare, recalibrated
 from elastic_arm.diagnosis.question import Question
@@ -49,6 +50,11 @@ def diagnose(recordings: Sequence[Recording], question: Question, validate: Sequ
     if question.refit and hypothesis.causes:
         # Where the model and its sensors lie beside these causes, the search has less to mistake for another one.
         prepared = recalibrated(prepared, hypothesis)
+        hypothesis = search(prepared)
+    colours = noise_colours(prepared, hypothesis)
+    if colours is not None:
+        # Where what no motion explains is not white, that is the noise.
+        prepared = recalibrated(prepared, hypothesis, colours)
         hypothesis = search(prepared)
     # What the model's own numbers would have to be far from ordinary for.
     prepared, hypothesis = beyond_ordinary(prepared, hypothesis)

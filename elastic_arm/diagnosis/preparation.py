@@ -31,6 +31,7 @@ from elastic_arm.errors import DiagnosisError
 from elastic_arm.estimation.band import Band
 from elastic_arm.estimation.effect_columns import Feature
 from elastic_arm.estimation.equations import EquationSet
+from elastic_arm.estimation.noise_colour import Colour
 from elastic_arm.estimation.observation import Observation, continued, observe, widest_band
 from elastic_arm.estimation.whitening import WhitenedData
 from elastic_arm.recording import Recording
@@ -180,15 +181,30 @@ def prepare(recordings: Sequence[Recording], validate: Sequence[Recording], ques
     )
 
 
-def recalibrated(prepared: PreparedData, hypothesis: Hypothesis) -> PreparedData:
+def recalibrated(
+    prepared: PreparedData, hypothesis: Hypothesis, colours: tuple[Colour, Colour] | None = None
+) -> PreparedData:
     """Return the data where the model and its sensors lie most probably beside the causes of a hypothesis.
 
-    These are among the candidates as they were found.
+    Parameters
+    ----------
+    prepared
+        Data and regressors.
+    hypothesis
+        Its causes are among the candidates as they were found.
+    colours
+        Of the torque sensors' noise on identification and validation data; as it was where None.
     """
     causes = [hypothesis.selected[k] for k in hypothesis.causes]
-    expansion, noise = calibrate(prepared.calibration, prepared.found.expansion, causes)
-    found, _ = linearise(prepared.calibration, expansion, prepared.candidates, causes, noise=noise)
-    return replace(prepared, found=found)
+    problem, expansion, noise = prepared.calibration, prepared.found.expansion, 1.0
+    if colours is not None:
+        observed = [[replace(o, colour=c) for o in part] for part, c in zip(problem.observed, colours, strict=True)]
+        problem = replace(problem, observed=observed)
+        expansion = expand(problem, expansion.values, expansion)
+    if problem.parameters:
+        expansion, noise = calibrate(problem, expansion, causes)
+    found, _ = linearise(problem, expansion, prepared.candidates, causes, noise=noise)
+    return replace(prepared, calibration=problem, found=found)
 
 
 def _sensor_effects(question: Question) -> tuple[Effect, ...]:

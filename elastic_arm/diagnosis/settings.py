@@ -123,6 +123,15 @@ class SignificanceSettings:
 
 
 @dataclass(frozen=True)
+class ColourSettings:
+    """When the noise of the torque sensors is taken as coloured."""
+
+    least_gain: float = 20.0  # nats over white noise; recordings with white noise reach 5
+    largest_lack: float = 3.0  # power left over that expected, in any octave and row; noise reaches 2
+    largest_peakedness: float = 2.0  # 1 for noise, 1.8 for coarse steps; effects without a column reach 20
+
+
+@dataclass(frozen=True)
 class JudgementSettings:
     """What a cause, and an explained gap, must satisfy."""
 
@@ -234,6 +243,7 @@ class DiagnosisSettings:
     refinement: RefinementSettings = field(default_factory=RefinementSettings)
     search: SearchSettings = field(default_factory=SearchSettings)
     significance: SignificanceSettings = field(default_factory=SignificanceSettings)
+    colour: ColourSettings = field(default_factory=ColourSettings)
     judgement: JudgementSettings = field(default_factory=JudgementSettings)
     regimes: RegimeSettings = field(default_factory=RegimeSettings)
     agreement: AgreementSettings = field(default_factory=AgreementSettings)

@@ -17,6 +17,7 @@ from scipy.interpolate import CubicSpline
 from elastic_arm.errors import DiagnosisError
 from elastic_arm.estimation.motion import Motion
 from elastic_arm.estimation.noise import HIGHEST_CUTOFF, ORDER, estimate_noise
+from elastic_arm.estimation.noise_colour import Colour
 from elastic_arm.estimation.resampling import Clock, Grid
 from elastic_arm.estimation.smoother import Smoother
 from elastic_arm.recording import Recording
@@ -76,6 +77,8 @@ class Observation:
         Hz up to which accelerations are motion rather than noise.
     source, notes
         Where it came from, and what had to be assumed.
+    colour
+        Of the torque channels' noise beyond its white level, where it was found to have one.
     """
 
     pieces: tuple[Motion, ...]
@@ -86,6 +89,7 @@ class Observation:
     cutoff: float
     source: str = ""
     notes: tuple[str, ...] = ()
+    colour: Colour | None = None
 
     @property
     def margin(self) -> float:

@@ -6,8 +6,8 @@ their sum of squares is a negative log-likelihood, and its excess over the numbe
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
 
@@ -22,6 +22,7 @@ from elastic_arm.estimation.band import Band, LowPass
 from elastic_arm.estimation.effect_columns import Feature, starting_state
 from elastic_arm.estimation.equations import EquationSet
 from elastic_arm.estimation.motion import drive_constants
+from elastic_arm.estimation.noise_colour import Colour
 from elastic_arm.estimation.observation import Observation
 from elastic_arm.estimation.regressors import Signals
 from elastic_arm.estimation.residuals import Stretch, predicted_torques, residuals
@@ -58,22 +59,55 @@ class NoiseModel:
         (F, R, R) complex, Nm²; white noise of 1 Nm a sample is the identity.
     rate
         Samples per second of the recording.
+    torques
+        Channel -> (R, n): coefficients of the torque sensors in the rows.
+    colour
+        Of their noise beyond the white level in `covariance`; None where it has none.
     """
 
     f: Array
     covariance: NDArray[np.complex128]
     rate: float
+    torques: Mapping[str, Array] = field(default_factory=dict)
+    colour: Colour | None = None
 
     def std(self, low_pass: LowPass) -> Array:
         """Return the standard deviation (R,) of each residual behind a low pass."""
-        density = np.real(np.einsum("frr->fr", self.covariance)) * low_pass.gain(self.f)[:, None] ** 2
-        width = self.f[1] - self.f[0]
-        return np.sqrt(trapezoid(density, dx=width, axis=0) * 2.0 / self.rate)
+        f, density = self._density(low_pass)
+        return np.sqrt(trapezoid(density, f, axis=0) * 2.0 / self.rate)
+
+    def breadth(self, low_pass: LowPass) -> Array:
+        """Return the share (R,) of the band behind a low pass over which the noise is spread."""
+        f, density = self._density(low_pass)
+        spread = trapezoid(density, f, axis=0) ** 2 / trapezoid(density**2, f, axis=0)
+        return np.minimum(spread / low_pass.cutoff, 1.0)
+
+    def _density(self, low_pass: LowPass) -> tuple[Array, Array]:
+        """Return frequencies (F,) and the density (F, R) of each residual behind a low pass."""
+        f, density = self.f, np.real(np.einsum("frr->fr", self.covariance))
+        if self.colour is not None:
+            # Colours rise towards low frequencies: equal ratios of frequency beside equal steps.
+            low = np.geomspace(self.colour.lowest, self.f[-1], NOISE_FREQUENCIES)
+            f = np.union1d(self.f, low)
+            steps = np.rint(f / (self.f[1] - self.f[0])).astype(int)
+            density = density[steps] + np.real(np.einsum("frr->fr", self._coloured(f)))
+        return f, density * low_pass.gain(f)[:, None] ** 2
 
     def whitener(self, f: NDArray[Any]) -> NDArray[np.complex128]:
         """Return W (F', R, R) with W covariance W^H = 1 at f (F',) Hz within the band."""
         index = np.clip(np.rint(f / (self.f[1] - self.f[0])).astype(int), 0, len(self.f) - 1)
-        return self._whitener[index]
+        if self.colour is None:
+            return self._whitener[index]
+        covariance = self.covariance[index] + self._coloured(f)
+        return np.asarray(np.linalg.inv(np.linalg.cholesky(covariance)), dtype=np.complex128)
+
+    def _coloured(self, f: Array) -> Array:
+        """Return what the colour adds to the covariance at f (F,) Hz, (F, R, R)."""
+        assert self.colour is not None
+        found = np.zeros((len(f), *self.covariance.shape[1:]))
+        for channel, way in self.torques.items():
+            found += (way * self.colour.density(channel, f)[:, None, :]) @ way.T
+        return found
 
     @cached_property
     def _whitener(self) -> NDArray[np.complex128]:
@@ -114,7 +148,7 @@ def noise_model(
     level = np.max(torque.mean(axis=0)) if torque.any() else 0.0
     extra = floor**2 * level + 1e-8
     covariance = covariance + extra * np.eye(equations.rows)
-    return NoiseModel(f, covariance, observation.rate)
+    return NoiseModel(f, covariance, observation.rate, equations.torque_coefficients, observation.colour)
 
 
 def _inertias(model: Model, observation: Observation) -> list[tuple[Array, Array, Array]]:
@@ -243,6 +277,13 @@ class WhitenedData:
         """Standard deviation (R,) of each residual's noise behind a low pass, over all stretches."""
         weights = [len(y) for y in self.y]
         return np.sqrt(np.average([noise.std(low_pass) ** 2 for noise in self.pure], axis=0, weights=weights))
+
+    def noise_breadth(self, low_pass: LowPass) -> Array | None:
+        """Share (R,) of its samples behind a low pass that are independent; None where the noise is white."""
+        if all(noise.colour is None for noise in self.pure):
+            return None
+        weights = [len(y) for y in self.y]
+        return np.average([noise.breadth(low_pass) for noise in self.pure], axis=0, weights=weights)
 
     def plain(self, feature: Feature, searched: Sequence[float] = ()) -> list[Array]:
         """Return a feature's columns (N', R, count) in the band, one array a stretch."""

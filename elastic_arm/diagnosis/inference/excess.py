@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import chi2
+from scipy.stats import chi2, f
 
 from elastic_arm.diagnosis.bootstrap import block_weights, interval
 from elastic_arm.diagnosis.settings import DiagnosisSettings, ResamplingSettings, SignificanceSettings
@@ -98,7 +98,13 @@ def residual_statistics(
     noise = data.noise_std(low_pass)
     freedom = max(2.0, 2.0 * band * len(together) / rate)
     level = significance.alpha / (tests * len(mean))
-    beyond_chance = chi2.sf(freedom * mean / (significance.noise_guard * noise**2), freedom) < level
+    ratio = mean / (significance.noise_guard * noise**2)
+    beyond_chance = chi2.sf(freedom * ratio, freedom) < level
+    breadth = data.noise_breadth(low_pass)
+    if breadth is not None:
+        # Slow noise has few independent samples, and its size comes from as many.
+        slow = np.maximum(freedom * breadth, 1.0)
+        beyond_chance &= f.sf(ratio, slow, slow) < level
     weights = block_weights(len(blocks), settings.resampling.draws, rng)
     obvious = mean > significance.obvious * noise**2
     resampled = (weights @ blocks <= noise**2).mean(axis=0) < significance.alpha

@@ -111,13 +111,14 @@ def lack_of_fit(
     found: list[LackOfFit] = []
     for joint in range(n):
         shapes = {
-            of: [_shapes(data, of, joint, ratios[joint], settings) for data in library.sets] for of in ("link", "motor")
+            of: [shapes_of(data, of, joint, ratios[joint], settings) for data in library.sets]
+            for of in ("link", "motor")
         }
         for side in (*library.sets[0].layout.sides, "sensor"):
             row = _row(library.sets[0], "link" if side == "sensor" else side, joint)
             thin = shapes["link" if side in ("link", "sensor") else "motor"]
             for regime in thin[0]:
-                plain = [_placed(e, side, joint, part[regime]) for e, part in zip(library.sets, thin, strict=True)]
+                plain = [placed(e, side, joint, part[regime]) for e, part in zip(library.sets, thin, strict=True)]
                 white = [
                     _without(data.whiten(part), known)
                     for data, part, known in zip(library.sets, plain, explained, strict=True)
@@ -132,10 +133,24 @@ def lack_of_fit(
     return list(strongest.values())
 
 
-def _shapes(
+def shapes_of(
     data: WhitenedData, of: str, joint: int, ratios: tuple[float, float], settings: RegimeSettings
 ) -> dict[str, list[Array]]:
-    """Return what depends on the "link" or "motor" of a joint (N', k) in the band, by regime, one array a stretch."""
+    """Return shapes (N', k) in the band that depend on one side of a joint, by regime, one array a stretch.
+
+    Parameters
+    ----------
+    data
+        Of a recording.
+    of
+        "link" or "motor".
+    joint
+        Its index.
+    ratios
+        r_hd and r_tot of the joint.
+    settings
+        The shapes.
+    """
     found: dict[str, list[Array]] = {}
     for part in data.parts:
         for regime, columns in bases(part.signals, of, joint, data.layout.n, ratios, settings).items():
@@ -143,8 +158,20 @@ def _shapes(
     return found
 
 
-def _placed(data: WhitenedData, side: str, joint: int, shapes: Sequence[Array]) -> list[Array]:
-    """Return shapes as columns (N', R, k) of the residuals in which a side of a joint shows."""
+def placed(data: WhitenedData, side: str, joint: int, shapes: Sequence[Array]) -> list[Array]:
+    """Return shapes as columns (N', R, k) of the residuals in which a side of a joint shows.
+
+    Parameters
+    ----------
+    data
+        Of a recording.
+    side
+        "link", "drive", "motor", or "sensor" for all that share a torque sensor.
+    joint
+        Its index.
+    shapes
+        (N', k) of each stretch.
+    """
     layout = data.layout
     pattern = np.zeros(layout.rows)
     for name in layout.sides if side == "sensor" else (side,):

@@ -91,6 +91,11 @@ class RegressorLibrary:
         self._filled = 0
         self._count = 1
 
+    @property
+    def count(self) -> int:
+        """Number of columns, the residual among them."""
+        return self._filled
+
     def add(self, feature: Feature, searched: tuple[float, ...] | None = (), *, fixed: bool = False) -> Candidate:
         """Take a feature in; :meth:`close` makes it usable.
 

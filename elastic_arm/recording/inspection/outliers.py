@@ -1,7 +1,9 @@
 """Numbers that are finite and yet far beyond all others of their channel: damaged words, not motion or torque.
 
 A sample counts as an outlier where it lies further from the median of its neighbours than several times the range in
-which nearly all samples of the channel lie. Noise, impacts and friction reversals stay well within that.
+which nearly all samples of the channel lie. Noise, impacts and friction reversals stay well within that. A single
+sample counts, too, that lies off the cubic through its four neighbours by many times what the others do, and by more
+than an arm can move in a sample.
 """
 
 from __future__ import annotations
@@ -25,6 +27,15 @@ _ABSURD = 1e2  # inner ranges from the middle; such numbers must not enter the r
 _LEAST_INNER = 1000.0  # times the least range: an arm may rest nearly all of the time
 _NEIGHBOURS = 5  # on either side
 _SHARE = 0.05  # of the largest range among the joints, for those that hardly move
+_SPIKE = 12.0  # standard deviations of the noise, of the distance from the cubic
+_SPIKE_TAIL = 5.0  # times the distance that nearly all samples keep within: noise has no such tail
+_NEARLY_ALL = 98.0  # per cent
+_SPIKE_SHARE = 0.01  # of the samples; more are no outliers but the noise
+_STEPS = 4.0  # of the channel's resolution
+_ACCELERATION = 30.0  # rad/s^2, to which an arm changes within a sample
+_TORQUE_STEP = 0.003  # of the range
+_OPPOSITE = 0.45  # of a spike's distance, by which its neighbours are off the other way
+_CUBIC = np.array([1.0, -4.0, 6.0, -4.0, 1.0]) / 6.0
 _LEAST = {"position": 1e-3, "velocity": 1e-3, "effort": 0.1, "acceleration": 1e-2}  # rad, rad/s, Nm, rad/s^2
 
 
@@ -69,7 +80,7 @@ def find_outliers(recording: Recording) -> list[Outliers]:
         for name, side in sides.items()
         if side is not None and len(side) >= _FEWEST
         for channel, values in side.channels().items()
-        for found in _of_channel(name, channel, values, recording.joints)
+        for found in _all_of_channel(name, channel, side.stamp_ns, values, recording.joints)
     ]
 
 
@@ -91,6 +102,17 @@ def without_outliers(recording: Recording) -> Recording:
     return replace(recording, notes=(*recording.notes, *notes), **kept)
 
 
+def _all_of_channel(
+    side: str, channel: str, stamp_ns: NDArray[np.int64], values: Array, joints: Sequence[str]
+) -> Iterator[Outliers]:
+    """Yield what is far off the range, and of the other joints what is off its neighbours."""
+    far = list(_of_channel(side, channel, values, joints))
+    yield from far
+    named = {outliers.joint for outliers in far}
+    spikes = _spikes(side, channel, stamp_ns, values, joints)
+    yield from (outliers for outliers in spikes if outliers.joint not in named)
+
+
 def _of_channel(side: str, channel: str, values: Array, joints: Sequence[str]) -> Iterator[Outliers]:
     low, high = _central(values, channel)
     width = high - low
@@ -109,6 +131,42 @@ def _of_channel(side: str, channel: str, values: Array, joints: Sequence[str]) -
         if len(rows):
             largest = float(column[rows][np.argmax(np.abs(column[rows]))])
             yield Outliers(side, channel, joints[j], rows, largest, np.array([low[j], high[j]]))
+
+
+def _spikes(
+    side: str, channel: str, stamp_ns: NDArray[np.int64], values: Array, joints: Sequence[str]
+) -> Iterator[Outliers]:
+    """Yield single samples far off the cubic through their neighbours, where samples follow one another regularly."""
+    steps = np.diff(stamp_ns) * 1e-9
+    step = float(np.median(steps))
+    floor = {"position": _ACCELERATION * step**2, "velocity": _ACCELERATION * step}.get(channel, 0.0)
+    regular = steps < 1.5 * step
+    regular = regular[:-3] & regular[1:-2] & regular[2:-1] & regular[3:]
+    for j, column in enumerate(values.T):
+        # Numbers near the largest that there are have been found by the range.
+        low, high = np.percentile(column[:: max(len(column) // _LOOKED_AT, 1)], _INNER)
+        column = np.clip(column, low - _ABSURD * (high - low), high + _ABSURD * (high - low))
+        off = np.convolve(column, _CUBIC, mode="valid")
+        apart = np.abs(off)
+        typical = apart[:: max(len(apart) // _LOOKED_AT, 1)]
+        std, tail = float(np.median(typical)) / 0.6745, float(np.percentile(typical, _NEARLY_ALL))
+        limit = max(_SPIKE * std, _SPIKE_TAIL * tail)
+        limit += max(floor, _TORQUE_STEP * float(high - low) if channel == "effort" else 0.0)
+        rows = 1 + np.flatnonzero((apart > limit)[1:-1] & regular[1:-1])
+        if not 0 < len(rows) <= _SPIKE_SHARE * len(column):
+            continue
+        # Both neighbours of a spike are off by two thirds of it the other way; one of those of a step by a third.
+        opposite = np.maximum(off[rows - 1] / off[rows], off[rows + 1] / off[rows])
+        rows = 2 + rows[(opposite < -_OPPOSITE) & (apart[rows] > limit + _STEPS * _resolution(column))]
+        if len(rows):
+            largest = float(values[rows, j][np.argmax(np.abs(values[rows, j]))])
+            yield Outliers(side, channel, joints[j], rows, largest, np.array([low, high]))
+
+
+def _resolution(column: Array) -> float:
+    """Return the smallest difference between two samples that are not equal."""
+    different = np.abs(np.diff(column[:_LOOKED_AT]))
+    return float(different[different > 0].min(initial=np.inf)) if different.any() else 0.0
 
 
 def _central(values: Array, channel: str) -> tuple[Array, Array]:

@@ -14,7 +14,9 @@ from elastic_arm.diagnosis.settings import DiagnosisSettings
 
 SETTINGS = DiagnosisSettings()
 DATA: Any = SimpleNamespace(
-    band=SimpleNamespace(kept_rate=100.0, cutoff=20.0), noise_std=lambda low_pass: np.array([0.74])
+    band=SimpleNamespace(kept_rate=100.0, cutoff=20.0),
+    noise_std=lambda low_pass: np.array([0.74]),
+    noise_breadth=lambda low_pass: None,
 )
 
 

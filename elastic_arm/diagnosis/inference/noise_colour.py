@@ -1,0 +1,179 @@
+"""The colour of the torque sensors' noise, from what no motion explains in the recordings.
+
+White noise is what a recording shows above the motion's frequencies. Within the band it is tested: what is left of the
+residuals beside all candidates and all shapes of :mod:`.lack_of_fit` can be no effect of the motion. Where that
+is not white, and where a smooth spectrum describes it, the sensors' noise has that colour. Where no smooth spectrum
+does, something of the arm is in it that no column resembles, and the noise is left white.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from elastic_arm.diagnosis.inference.lack_of_fit import placed, shapes_of
+from elastic_arm.diagnosis.preparation import PreparedData
+from elastic_arm.diagnosis.selection.hypothesis import Hypothesis
+from elastic_arm.diagnosis.settings import ColourSettings
+from elastic_arm.estimation.noise_colour import Colour, ColourFit, Periodogram, covariances, fit_colour, pooled
+from elastic_arm.estimation.whitening import EDGE
+
+Array = NDArray[np.float64]
+Real = NDArray[np.floating]
+Complex = NDArray[np.complexfloating]
+
+RANK = 1e-6  # relative eigenvalue below which a combination of columns is not determined; numerical
+CHUNK = 64  # columns transformed at once: bounds the memory
+SLOW = 5.0  # Hz, below which every frequency of a recording counts
+FREQUENCIES = 500  # above it: enough to know a smooth spectrum to some per cent
+LEAST_SHARE = 0.05  # of the noise at a frequency that is left beside all columns; numerical
+# Regimes that are no function of the motion: a zero that drifts is noise of the sensor.
+NO_MOTION = ("always", "drift")
+
+
+def noise_colours(prepared: PreparedData, hypothesis: Hypothesis) -> tuple[Colour, Colour] | None:
+    """Return the colour of the torque sensors' noise on identification and validation data.
+
+    It may differ between them: the error of a coarse sensor depends on how fast the torque changes. None where the
+    noise is white, or where its colour is not known.
+
+    Parameters
+    ----------
+    prepared
+        Data and regressors, whitened as if the noise were white.
+    hypothesis
+        The best hypothesis of the search.
+    """
+    library, settings = prepared.library, prepared.settings.colour
+    beta = library.fit(0, hypothesis.selected)
+    fits = []
+    for which in (0, 1):
+        spectra = _spectra(prepared, which, library.remainder(which, hypothesis.selected, beta)[:, None])
+        plain = [Periodogram(s.f, s.values[:, :, 0], np.ones(s.values.shape[:2]), s.ways) for s in spectra]
+        fits.append(fit_colour(plain))
+        if fits[-1].gain < settings.least_gain / 2:
+            continue
+        # A second time, with all that a motion can do projected out by weighted least squares.
+        columns = _spectra(prepared, which, _motion_columns(prepared, which))
+        fits[-1] = fit_colour(_beside(spectra, columns, fits[-1].colour))
+    if not _credible(fits, settings):
+        return None
+    first, second = pooled([one.colour for one in fits])
+    return first, second
+
+
+def _credible(fits: Sequence[ColourFit], settings: ColourSettings) -> bool:
+    return (
+        sum(one.gain for one in fits) > settings.least_gain
+        and max(one.lack for one in fits) < settings.largest_lack
+        and max(one.peakedness for one in fits) < settings.largest_peakedness
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class _Spectra:
+    """Discrete spectra of whitened columns of one stretch.
+
+    Parameters
+    ----------
+    f
+        (F,) Hz, within the band; thinned where there are many.
+    values
+        (F, R, k) complex; white noise of variance one has mean square one.
+    ways
+        Channel -> (F, R, n): what white noise of 1 Nm a sample on each sensor is in them.
+    """
+
+    f: Real
+    values: Complex
+    ways: Mapping[str, Complex]
+
+
+def _spectra(prepared: PreparedData, which: int, columns: Array) -> list[_Spectra]:
+    """Return the spectra of whitened columns (rows, k) of one data set, stretch by stretch."""
+    data, found, first = prepared.library.sets[which], [], 0
+    R, coefficients = data.layout.rows, data.layout.torque_coefficients
+    for part in data.parts:
+        count = len(part.stretch.t) - 2 * EDGE
+        rows = slice(first, first + count * R)
+        first = rows.stop
+        f = np.fft.rfftfreq(count, 1.0 / data.band.kept_rate)
+        kept = _kept(f, data.band.cutoff)
+        values = np.concatenate(
+            [
+                np.fft.rfft(columns[rows, k : k + CHUNK].reshape(count, R, -1), axis=0)[kept]
+                for k in range(0, columns.shape[1], CHUNK)
+            ],
+            axis=2,
+        )
+        whitener = part.noise.whitener(f[kept])
+        ways = {channel: whitener @ C for channel, C in coefficients.items() if C.any()}
+        found.append(_Spectra(f[kept], values / np.sqrt(count), ways))
+    return found
+
+
+def _kept(f: Real, cutoff: float) -> NDArray[np.intp]:
+    """Return the frequencies that are used: all slow ones, and so many of the others, but not the mean."""
+    inside = np.flatnonzero((f > 0.0) & (f <= cutoff))
+    slow = int(np.searchsorted(f[inside], SLOW))
+    return np.concatenate([inside[:slow], inside[slow :: max(1, -(-(len(inside) - slow) // FREQUENCIES))]])
+
+
+def _beside(spectra: Sequence[_Spectra], columns: Sequence[_Spectra], colour: Colour) -> list[Periodogram]:
+    """Return what is left of residuals beside columns, by least squares weighted by the inverse of a coloured noise.
+
+    Parameters
+    ----------
+    spectra
+        Of the residual of each stretch.
+    columns
+        Of the columns of each stretch.
+    colour
+        Of the noise.
+    """
+    factors = [_factor(one, colour) for one in spectra]
+    inverses = [np.linalg.inv(factor) for factor in factors]
+    y = [inverse @ one.values for inverse, one in zip(inverses, spectra, strict=True)]
+    X = [inverse @ one.values for inverse, one in zip(inverses, columns, strict=True)]
+    count = X[0].shape[2]
+    gram = sum((np.real(x.reshape(-1, count).conj().T @ x.reshape(-1, count)) for x in X), np.zeros((count, count)))
+    target = sum(
+        (np.real(x.reshape(-1, count).conj().T @ v.reshape(-1)) for x, v in zip(X, y, strict=True)), np.zeros(count)
+    )
+    scale = np.sqrt(np.maximum(np.diag(gram), 1e-300))
+    values, vectors = np.linalg.eigh(gram / np.outer(scale, scale))
+    keep = values > RANK * values[-1]
+    basis = vectors[:, keep] / np.sqrt(values[keep]) / scale[:, None]
+    beta = basis @ (basis.T @ target)
+    found = []
+    for one, factor, x, v in zip(spectra, factors, X, y, strict=True):
+        # Of real columns a complex number holds two: half the leverage is each one's.
+        share = np.maximum(1.0 - 0.5 * (np.abs(x @ basis) ** 2).sum(axis=2), LEAST_SHARE)
+        left = (v[:, :, 0] - x @ beta) / np.sqrt(share)
+        found.append(Periodogram(one.f, (factor @ left[:, :, None])[:, :, 0], share, one.ways))
+    return found
+
+
+def _factor(one: _Spectra, colour: Colour) -> Complex:
+    """Return the Cholesky factors (F, R, R) of white and coloured noise together."""
+    return np.asarray(np.linalg.cholesky(covariances(one.f, one.ways, colour)))
+
+
+def _motion_columns(prepared: PreparedData, which: int) -> Array:
+    """Return whitened columns (rows, k) of what candidates and general shapes can do to the residuals."""
+    library = prepared.library
+    data = library.sets[which]
+    blocks: list[Array] = [library.matrix(which, np.arange(1, library.count)), library.nuisance.white[which]]
+    for joint in range(data.layout.n):
+        plain: list[Sequence[Array]] = []
+        ratios = prepared.gear_ratios(joint)
+        for of in ("link", "motor"):
+            sides = [side for side in data.layout.sides if (side == "link") == (of == "link")]
+            found = shapes_of(data, of, joint, ratios, prepared.settings.regimes) if sides else {}
+            shapes = [part for regime, part in found.items() if regime not in NO_MOTION]
+            plain += [placed(data, side, joint, part) for side in sides for part in shapes]
+        blocks.append(data.whiten([np.concatenate(parts, axis=2) for parts in zip(*plain, strict=True)]))
+    return np.hstack(blocks)

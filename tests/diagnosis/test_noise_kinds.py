@@ -1,0 +1,61 @@
+"""Arms whose sensors are noisy in other ways than white: nothing is blamed on them, and effects keep their names."""
+
+from functools import cache
+
+import numpy as np
+import pytest
+
+from elastic_arm.diagnosis import Question, diagnose
+from elastic_arm.robot import load_robot
+from elastic_arm.studies.blind_challenge.hidden_arms.effect_laws import Fault
+from elastic_arm.studies.blind_challenge.hidden_arms.hidden_arm import HiddenArm
+from elastic_arm.studies.blind_challenge.hidden_arms.motion import random_motion
+from elastic_arm.studies.blind_challenge.hidden_arms.sensor_models import SensorModel
+from tests.helpers.noise_kinds import recording
+
+ROBOT = load_robot(None)
+FAULTS = {"none": (), "friction": (Fault("coulomb_friction", 1, {"torque": 3.0}),)}
+# All kinds of `benchmarks/noise_kinds.py` but those that are like another one.
+TRIED = ("random_walk", "first_order_10ms", "torque_step", "encoder_16_bit", "differences", "outliers")
+CHANNELS = ("q", "dq", "theta", "dtheta", "tau_J", "tau_m")
+
+
+@cache
+def truth(fault):
+    """What exact sensors read of two motions."""
+    rng, exact = np.random.default_rng(1), SensorModel(torque_noise=0.0, velocity_noise=0.0)
+    arm = HiddenArm(ROBOT, FAULTS[fault])
+    return [arm.record(random_motion(rng, ROBOT.n, 8.0), exact, rng).samples() for _ in range(2)]
+
+
+def found(kind, fault="none", without=()):
+    """The diagnosis of an arm with a kind of noise."""
+    rng = np.random.default_rng(5)
+    runs = [
+        recording(kind, run.t, {name: getattr(run, name) for name in CHANNELS}, rng, f"run_{k}")
+        for k, run in enumerate(truth(fault))
+    ]
+    question = Question(ROBOT)
+    left = tuple(e for e in question.candidates if e.id not in without)
+    return diagnose(runs[:1], Question(ROBOT, effects=left), runs[1:])
+
+
+@pytest.mark.parametrize("kind", TRIED)
+def test_noise_is_no_gap(kind):
+    """Whatever its noise, an arm as described comes out `none`, without a cause."""
+    answer = found(kind)
+    assert answer.verdict == "none" and not answer.causes
+
+
+@pytest.mark.parametrize("kind", ["pink", "random_walk"])
+def test_friction_is_named_in_coloured_noise(kind):
+    """Friction of 3 Nm is found as the only cause, within 10 % of its size, in noise of that order."""
+    (cause,) = found(kind, "friction").causes
+    assert (cause.effect, cause.joint) == ("coulomb_friction", "joint_2")
+    assert cause.parameters["torque"].value == pytest.approx(3.0, rel=0.1)
+
+
+def test_an_effect_that_no_candidate_resembles_is_not_taken_for_noise():
+    """Friction that the catalogue lacks is left as `unknown`, not explained by noise of its colour."""
+    friction = ("coulomb_friction", "stribeck_friction", "load_dependent_friction", "viscous_friction", "hysteresis")
+    assert found("white", "friction", without=(*friction, "degressive_friction")).verdict == "unknown"

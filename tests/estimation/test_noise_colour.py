@@ -1,0 +1,56 @@
+"""The colour of torque sensors' noise, from spectra of noise that is known."""
+
+import numpy as np
+import pytest
+
+from elastic_arm.estimation.noise_colour import CORNERS, Colour, Periodogram, fit_colour, shapes
+
+RATE = 100.0  # Hz
+F = np.arange(1, 800) * 0.05
+# Two rows share the sensor tau_J, as a link's and a drive's residual do; the second has tau_m, too.
+WAYS = {"tau_J": np.tile([[1.0], [1.0]], (len(F), 1, 1)), "tau_m": np.tile([[0.0], [1.0]], (len(F), 1, 1))}
+
+
+def noise(densities, seed, extra=0.0):
+    """Spectra of white noise and of coloured noise of the two sensors."""
+    rng = np.random.default_rng(seed)
+
+    def draw(*shape):
+        return (rng.standard_normal(shape) + 1j * rng.standard_normal(shape)) / np.sqrt(2)
+
+    values = draw(len(F), 2) + extra
+    for channel, density in densities.items():
+        values = values + WAYS[channel][:, :, 0] * (np.sqrt(density) * draw(len(F)))[:, None]
+    return Periodogram(F, values, np.ones((len(F), 2)), WAYS)
+
+
+def test_white_noise_has_no_colour():
+    """Of white noise the colour gains a few nats: no more than its coefficients can by chance."""
+    assert max(fit_colour([noise({}, seed)]).gain for seed in range(10)) < 10.0
+
+
+@pytest.mark.parametrize("name", ["random walk", "pink", "first order"])
+def test_the_colour_of_each_channel_is_found(name):
+    """Random walk, pink and first-order noise of two sensors come out within 40 % at every octave from 0.1 Hz."""
+    true = {"random walk": 3.0 / F**2, "pink": 10.0 / F, "first order": 30.0 / (1 + (F / 10.0) ** 2)}[name]
+    fit = fit_colour([noise({"tau_J": true, "tau_m": 0.5 * true}, seed) for seed in range(2)])
+    octaves = F[np.searchsorted(F, 0.1 * 2.0 ** np.arange(8))]
+    at = np.searchsorted(F, octaves)
+    assert fit.gain > 100.0 and fit.lack < 2.0 and fit.peakedness < 1.3
+    for channel, scale in (("tau_J", 1.0), ("tau_m", 0.5)):
+        found = fit.colour.density(channel, F)[at, 0]
+        strong = scale * true[at] > 0.5
+        assert np.abs(found / (scale * true[at]) - 1.0)[strong].max() < 0.4, channel
+
+
+def test_lines_are_no_noise():
+    """What stands in some lines alone, as the ripple of a motor does, is peaked far beyond noise."""
+    lines = np.where(np.arange(len(F)) % 50 == 0, 40.0, 0.0)[:, None] * [0.0, 1.0]
+    assert fit_colour([noise({}, 0, lines)]).peakedness > 3.0
+
+
+def test_below_the_lowest_frequency_the_density_stays():
+    """No density grows without bound towards zero frequency."""
+    colour = Colour({"tau_J": np.eye(3 + len(CORNERS))[2:3]}, 0.1)
+    assert colour.density("tau_J", np.array([0.0, 0.05, 0.1])).ravel() == pytest.approx([100.0] * 3)
+    assert shapes(F).min() > 0.0
