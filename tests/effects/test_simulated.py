@@ -13,6 +13,7 @@ from elastic_arm.robot import load_robot
 from elastic_arm.sensors import Sensors
 from elastic_arm.simulation import Simulator
 from elastic_arm.studies.blind_challenge.hidden_arms.effect_laws import KNOWN, Fault
+from elastic_arm.studies.blind_challenge.hidden_arms.further_laws import needs_further_laws
 from elastic_arm.studies.blind_challenge.hidden_arms.hidden_arm import HiddenArm
 from tests.helpers.effect_samples import INSTANCES, contribution, law_function, random_motion
 
@@ -62,7 +63,9 @@ def test_accelerations_agree_with_the_hidden_arm(arm, effect):
     """An arm in Pinocchio with effects written apart from the catalogue accelerates alike at random states."""
     text = INSTANCES[effect][0].split(",com=")[0]  # the hidden arm's links change in proportion
     instance = parse(text, arm)
-    hidden = HiddenArm(arm, [fault(instance, arm)], standstill=1e-4)
+    faults = [fault(instance, arm)]
+    hidden = HiddenArm(arm, faults, standstill=1e-4)
+    clock = np.zeros(arm.n + 1 if needs_further_laws(faults) else 0)  # and the states of further laws before it
     simulator = Simulator(arm, effects=[instance], sensors=Sensors.exact())
     constants = simulator.system.evaluate_constants(np.full(6, 1e-4))
     dof, rng = simulator.system.dof, np.random.default_rng(0)
@@ -72,7 +75,7 @@ def test_accelerations_agree_with_the_hidden_arm(arm, effect):
         x, dx = (np.append(motion[name], tilt) for name, tilt in zip(("x", "dx"), tilts, strict=True))
         z = rng.uniform(-1, 1, simulator.system.states)
         ddx, dz, _ = (np.array(v).ravel() for v in simulator.system.accelerations(x, dx, z, motion["tau_m"], constants))
-        state = np.concatenate([x, dx, [0.0, *z, 0.0] if len(z) else np.zeros(3)])
+        state = np.concatenate([x, dx, [0.0, *z, 0.0] if len(z) else np.zeros(3), clock])
         expected = hidden.rate(state, motion["tau_m"])
         assert np.allclose(ddx, expected[dof : 2 * dof], rtol=1e-9, atol=1e-8)
         assert np.allclose(dz, expected[2 * dof + 1 : 2 * dof + 2] if len(z) else [], rtol=1e-12)
