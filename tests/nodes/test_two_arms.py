@@ -39,12 +39,12 @@ def test_two_arms_do_not_meet(graph: Graph) -> None:
     recorder = start_in(graph, "left", "recorder", bag=graph.folder / "bag")
     graph.until(lambda: min(map(len, heard.values())) > 100, "both arms are there")
     generator = start_in(graph, "left", "trajectory_generator", trajectory=lively_excitation(graph.folder, 2.0))
-    third = start_in(graph, "left", "simulator")
-    assert third.wait() == 2
-    assert "/left/simulator publishes /left/motor_states already" in third.output
     graph.until(lambda: generator.process.poll() is not None, "the motion ends")
     assert generator.process.returncode == 0
     assert recorder.stop() == 0
+    third = start_in(graph, "left", "simulator")
+    assert third.wait() == 2
+    assert "/left/simulator publishes /left/motor_states already" in third.output
     recording = read_recording(graph.folder / "bag")
     assert recording.source.endswith("(/left)")
     assert recording.link is not None
