@@ -2,9 +2,10 @@
 
 Every body's pseudo-inertia is positive definite (P. Wensing, S. Kim, J.-J. Slotine, IEEE Robotics and Automation
 Letters 3 (2018) 60), so masses are positive and inertias belong to real mass distributions; solids of revolution stay
-so; K and D are positive. Distance to the nominal arm is the entropic divergence of the pseudo-inertias (T. Lee,
-P. Wensing, F. Park, IEEE Trans. Robotics 36 (2020) 837), which does not depend on coordinates and units. The problem
-is convex and solved by Clarabel through cvxpy.
+so; K, D and armatures are positive, and what a description states as positive beyond the model is not negative.
+Distance to the nominal arm is the entropic divergence of the pseudo-inertias (T. Lee, P. Wensing, F. Park, IEEE Trans.
+Robotics 36 (2020) 837), which does not depend on coordinates and units. The problem is convex and solved by Clarabel
+through cvxpy.
 
 How far the nominal is trusted is not tuned by hand: the relative error of the nominal that makes the recording most
 probable (its evidence) is taken.
@@ -70,7 +71,9 @@ class _Chart:
     positive
         Indices of x that must be positive, each with its weight in the divergence.
     free
-        Indices of x without bounds.
+        Indices of x that may have either sign.
+    bounds
+        Of `free`, indices with the least value that each may have.
     """
 
     G: Array
@@ -79,6 +82,7 @@ class _Chart:
     pseudo: tuple[slice, ...]
     positive: tuple[tuple[int, float], ...]
     free: tuple[int, ...]
+    bounds: tuple[tuple[int, float], ...] = ()
 
 
 def consistent(
@@ -242,6 +246,7 @@ def _chart(equations: BaseRegression) -> _Chart:
     pseudo: list[slice] = []
     positive: list[tuple[int, float]] = []
     free: list[int] = []
+    bounds: list[tuple[int, float]] = []
     seen: set[int] = set()
     for body in equations.model.bodies.bodies:
         index = list(body.parameters)
@@ -264,10 +269,17 @@ def _chart(equations: BaseRegression) -> _Chart:
         spring = name.rpartition(".")[2] in ("K", "D", ARMATURE) and equations.nominal[k] > 0
         positive += [(len(x0), 1.0)] if spring else []
         free += [] if spring else [len(x0)]
+        bounds += [(len(x0), -float(equations.nominal[k]))] if not spring and equations.nominal[k] > 0 else []
         columns += _embedded(np.array([[equations.nominal[k] if spring else 1.0]]), [k], len(names))
         x0.append(1.0 if spring else 0.0)
     return _Chart(
-        np.array(columns).T, np.array(x0), equations.nominal.copy(), tuple(pseudo), tuple(positive), tuple(free)
+        np.array(columns).T,
+        np.array(x0),
+        equations.nominal.copy(),
+        tuple(pseudo),
+        tuple(positive),
+        tuple(free),
+        tuple(bounds),
     )
 
 
@@ -362,7 +374,7 @@ def _solve(A: Array, b: Array, chart: _Chart, trust: float) -> Array:
     cost = cp.sum_squares(A @ (x - chart.x0) - b) / 2 + cp.sum(divergence) / trust**2
     if chart.free:
         cost = cost + cp.sum_squares(x[list(chart.free)]) / (2 * LAW_WIDTH**2)
-    problem = cp.Problem(cp.Minimize(cost))
+    problem = cp.Problem(cp.Minimize(cost), [x[k] >= least for k, least in chart.bounds])
     try:
         problem.solve(solver=cp.CLARABEL)
     except cp.SolverError as error:
