@@ -20,7 +20,8 @@ SETTINGS = DiagnosisSettings()
 def candidate(name: str, share: float, fall: float, parameters: int = 1) -> Any:
     """A candidate that takes a share of the gap and lowers the squares of each block by so much on average."""
     effect = SimpleNamespace(id=name, parameters=[None] * parameters)
-    return SimpleNamespace(share=share, fall=fall, feature=SimpleNamespace(effect=effect, joint="joint_1"))
+    feature = SimpleNamespace(effect=effect, joint="joint_1", key=(name, "joint_1"))
+    return SimpleNamespace(share=share, fall=fall, feature=feature)
 
 
 class Library:
