@@ -33,13 +33,16 @@ from elastic_arm.diagnosis import Question, diagnose, follow_up
 from elastic_arm.diagnosis.corrected_robot import deviations, repaired_robot
 from elastic_arm.diagnosis.design.proposal import Proposal
 from elastic_arm.diagnosis.format import (
+    alone_text,
+    cause_size,
     effect_at,
-    estimates_text,
+    gap_at,
+    listed_alternatives,
     log_likelihood_text,
     negative_shrink_note,
-    percent,
     prediction_sentence,
     probability_text,
+    sides_text,
     verdict_sentence,
 )
 from elastic_arm.diagnosis.priors import read_priors
@@ -48,6 +51,7 @@ from elastic_arm.diagnosis.settings import DiagnosisSettings
 from elastic_arm.effects import Catalogue
 from elastic_arm.effects.text import known_effects
 from elastic_arm.errors import DiagnosisError
+from elastic_arm.estimation.equations import SIDES
 from elastic_arm.mujoco import Exported, Replay
 from elastic_arm.recording import Recording, load_channels
 from elastic_arm.robot import Robot, save_robot
@@ -196,14 +200,19 @@ def print_diagnosis(found: Diagnosis, folder: Path) -> None:
     out.print(f"[bold {COLOURS[found.verdict]}]{found.verdict}[/]: {escape(verdict_sentence(found))}")
     if found.causes:
         _print_causes(found.causes)
+    if found.shrink_by_place:
+        _print_places(found)
     for cause in found.causes:
-        for other in cause.alternatives:
+        likely, faint = listed_alternatives(cause)
+        for other in likely:
             motion = other.file or other.separated_by
             out.print(
                 f"instead of {escape(effect_at(cause.effect, cause.joint))} it may be "
                 f"{escape(effect_at(other.effect, other.joint))} "
                 f"({probability_text(other.confidence)}); told apart by: {escape(motion)}"
             )
+        if faint:
+            out.print(f"instead of {escape(effect_at(cause.effect, cause.joint))} it may be {escape(faint)}")
     for place in found.unexplained:
         out.print(f"unexplained: {escape(place.joint)}, {place.side} side, {place.rmse:.3g} Nm, follows {place.regime}")
     _print_followed_up(found)
@@ -214,18 +223,34 @@ def print_diagnosis(found: Diagnosis, folder: Path) -> None:
 
 def _print_causes(causes: Sequence[Cause]) -> None:
     table = Table(box=None, header_style="bold", pad_edge=False)
-    for heading in ("cause", "joint", "size"):
+    for heading in ("cause", "joint", "side", "size"):
         table.add_column(heading, no_wrap=heading != "size")
     # On a screen a line for a parameter, in a pipe a line for a cause.
     for heading in ("shrinks\nalone by" if out.is_terminal else "shrinks alone by", "confidence"):
         table.add_column(heading, no_wrap=True, justify="right")
     for cause in causes:
-        size = estimates_text(cause.parameters, "\n" if out.is_terminal else ", ")
-        shares = percent(cause.shrink), probability_text(cause.confidence)
-        table.add_row(escape(cause.effect), escape(cause.joint or "whole arm"), escape(size), *shares)
+        size = cause_size(cause, "\n" if out.is_terminal else ", ")
+        shares = alone_text(cause), probability_text(cause.confidence)
+        table.add_row(
+            escape(cause.effect), escape(cause.joint or "whole arm"), sides_text(cause), escape(size), *shares
+        )
     out.print(table)
     if note := negative_shrink_note(causes):
         out.print(note)
+
+
+def _print_places(found: Diagnosis) -> None:
+    """Print how far the gap of every joint and side shrinks by itself."""
+    sides = [side for side in SIDES if any((joint, side) in found.before.rmse for joint in found.joints)]
+    table = Table(box=None, header_style="bold", pad_edge=False)
+    table.add_column("joint", no_wrap=True)
+    for side in sides:
+        table.add_column(side, no_wrap=True, justify="right")
+    for joint in found.joints:
+        table.add_row(escape(joint), *(gap_at(found, joint, side) for side in sides))
+    sizes = "before → after" if found.causes else "size"
+    out.print(f"residuals in Nm below {found.band:.3g} Hz, {sizes} (share of its own gap that is gone):")
+    out.print(table)
 
 
 def _print_followed_up(found: Diagnosis) -> None:

@@ -19,6 +19,7 @@ from elastic_arm.diagnosis.inference.excess import shrink as shrink_of
 from elastic_arm.diagnosis.inference.gap_metric import GapMeasure
 from elastic_arm.diagnosis.inference.judgement import Judgement, verdict
 from elastic_arm.diagnosis.inference.lack_of_fit import LackOfFit
+from elastic_arm.diagnosis.inference.place_gaps import PlaceGap, place_gaps
 from elastic_arm.diagnosis.inference.regimes import regime, shares
 from elastic_arm.diagnosis.inference.sensor_faults import with_faults
 from elastic_arm.diagnosis.preparation import PreparedData
@@ -32,6 +33,7 @@ from elastic_arm.diagnosis.result import (
 )
 from elastic_arm.diagnosis.selection.hypothesis import Rival
 from elastic_arm.diagnosis.selection.regressor_library import Candidate
+from elastic_arm.estimation.effect_columns import Feature
 
 Array = NDArray[np.float64]
 
@@ -75,19 +77,22 @@ def assemble(prepared: PreparedData, judgement: Judgement, estimated: EstimatedH
     shrink, interval = measure.share(hypothesis.selected)
     stands_out = measure.stands_out(hypothesis.selected)
     traces = [] if stands_out else judgement.test(hypothesis.selected)
+    residuals = library.validation_residuals(hypothesis.selected)
+    by_place = _by_place(prepared, judgement, hypothesis.baseline, residuals)
+    left = settings.judgement.place_explained
     answer = verdict(
         shrink,
         caused=bool(ranked),
         unexplained=stands_out or bool(traces),
+        open_places=any(place.is_open(left) for place in by_place),
         settings=settings.judgement,
     )
     # An incomplete hypothesis may owe its causes to what it lacks.
     sure = max(shrink, 0.0) if answer == "unknown" else None
-    residuals = library.validation_residuals(hypothesis.selected)
     before = measure.before
     rng = settings.resampling.significance_rng()
     after = residual_statistics(prepared.validation, residuals, before.band, settings, rng)
-    unexplained = _unexplained(prepared, before, after, residuals, traces) if answer == "unknown" else []
+    unexplained = _unexplained(prepared, before, after, residuals, traces, by_place) if answer == "unknown" else []
     found = imperfections(prepared.calibration, prepared.found, hypothesis.selected)
     repeated = () if prepared.independent_motion else (texts.REPEATED_MOTION,)
     return Diagnosis(
@@ -104,6 +109,7 @@ def assemble(prepared: PreparedData, judgement: Judgement, estimated: EstimatedH
         after=_sizes(prepared, after),
         shrink=None if answer == "none" else shrink,
         shrink_interval=None if answer == "none" else interval,
+        shrink_by_place={prepared.places[place.row]: place.shrink for place in by_place},
         measured_by=measure.name,
         log_likelihood=judgement.log_likelihood,
         causes=tuple(r.cause if sure is None else r.cause.less_sure(sure) for r in ranked),
@@ -196,20 +202,35 @@ def fault_causes(prepared: PreparedData, judgement: Judgement, baseline: Sequenc
 def _cause(
     prepared: PreparedData, estimated: EstimatedHypothesis, k: int, share: float, rivals: Sequence[Rival]
 ) -> Cause:
-    feature, sides = estimated.hypothesis.selected[k].feature, prepared.validation.layout.sides
-    confidence = 1.0 / (1.0 + sum(r.odds for r in rivals))
-    listed = [r for r in rivals if r.odds * confidence >= prepared.settings.judgement.least_listed]
+    feature = estimated.hypothesis.selected[k].feature
+    share_of_all = 1.0 / (1.0 + sum(r.odds for r in rivals))
+    # The same effect on the other side of the drive, or in other channels too, is no other cause.
+    same = [r for r in rivals if _is_same(r, feature)]
+    doubtful = [r.candidate.feature for r in same if r.odds > prepared.settings.judgement.same_odds]
+    listed = [r for r in rivals if r.odds * share_of_all >= prepared.settings.judgement.least_listed and r not in same]
     return Cause(
         effect=feature.effect.id,
         joint=feature.joint,
-        sides=tuple(side for side in feature.sides if side in sides) or feature.sides,
+        sides=_sides(prepared, [feature, *doubtful]),
         regime=feature.effect.regime,
         parameters=estimated.parameters[k],
         shrink=share,
-        confidence=confidence,
-        alternatives=tuple(_alternative(r, confidence, estimated.hypothesis.selected[k]) for r in listed),
+        confidence=share_of_all * (1.0 + sum(r.odds for r in same)),
+        alternatives=tuple(_alternative(r, share_of_all, estimated.hypothesis.selected[k]) for r in listed),
         instance=estimated.instances[k],
     )
+
+
+def _is_same(rival: Rival, feature: Feature) -> bool:
+    """Whether a rival is the effect of the cause itself, on the same joint."""
+    other = rival.candidate.feature
+    return (other.effect.id, other.joint) == (feature.effect.id, feature.joint)
+
+
+def _sides(prepared: PreparedData, features: Sequence[Feature]) -> tuple[str, ...]:
+    """Return the sides on which one of these shows, as far as the recordings have their equations."""
+    shown = dict.fromkeys(side for feature in features for side in feature.sides)
+    return tuple(side for side in shown if side in prepared.validation.layout.sides) or tuple(shown)
 
 
 def _alternative(rival: Rival, confidence: float, candidate: Candidate) -> Alternative:
@@ -235,19 +256,35 @@ def cumulative_shrink(
     return tuple(measure.share([*baseline, *causes[: k + 1]])[0] for k in range(len(causes)))
 
 
+def _by_place(
+    prepared: PreparedData, judgement: Judgement, baseline: Sequence[Candidate], left: Sequence[Array]
+) -> list[PlaceGap]:
+    """Return the gap of each joint and side by itself; nothing where no residual shows it."""
+    if judgement.measure.name != "excess":
+        return []
+    before = with_faults(prepared.library.validation_residuals(baseline), judgement.faults)
+    return place_gaps(prepared.validation, before, left, prepared.settings)
+
+
 def _unexplained(
     prepared: PreparedData,
     before: ResidualStatistics,
     after: ResidualStatistics,
     residuals: Sequence[Array],
     traces: Sequence[LackOfFit],
+    by_place: Sequence[PlaceGap],
 ) -> list[UnexplainedResidual]:
-    """Return where something is left: what follows a regime, else the residuals with most excess."""
+    """Return where something is left: what follows a regime, else the residuals that keep much of a gap.
+
+    That is too much of their own gap, or what is much of the whole one.
+    """
     places, settings = prepared.places, prepared.settings
     if traces:
         return [UnexplainedResidual(*places[trace.row], trace.regime, trace.rmse) for trace in traces]
     least = settings.judgement.least_shrink * before.excess[before.significant].sum()
-    rows = [int(r) for r in np.argsort(-after.excess) if before.significant[r] and after.excess[r] > least]
+    much = before.significant & (after.excess > least)
+    much[[place.row for place in by_place if place.is_open(settings.judgement.place_explained)]] = True
+    rows = [int(r) for r in np.argsort(-after.excess) if much[r]]
     followed = [
         shares(prepared.validation, residuals, row, prepared.gear_ratios(row), settings.regimes) for row in rows
     ]

@@ -12,12 +12,13 @@ if TYPE_CHECKING:
 
     from elastic_arm.diagnosis.inference.estimates import ParameterEstimate
     from elastic_arm.diagnosis.inference.prediction import Prediction
-    from elastic_arm.diagnosis.result import Cause, Diagnosis, Imperfection
+    from elastic_arm.diagnosis.result import Alternative, Cause, Diagnosis, Imperfection
     from elastic_arm.effects import EffectInstance
     from elastic_arm.estimation.effect_columns import Feature
 
 # Of the display, no decision of the diagnosis.
 DOUBTFUL = 0.9  # of a cause's and its strongest alternative's confidence: with less, both are named
+WORTH_A_LINE = 0.05  # probability of an alternative that has a line of its own
 NAMED = 4  # causes that the verdict names
 DOUBT = 0.001  # that stays with every confidence and every alternative
 _SAME_EFFECT = "motion in which these joints move one at a time"
@@ -56,6 +57,23 @@ def small_effect_note(feature: Feature, share: float, least: float) -> str:
         Share from which it would be a cause.
     """
     return f"{_of_place(feature)} shows as well, {share:.2%} of the gap: less than {least:.0%} is no cause."
+
+
+def impossible_size_note(feature: Feature, name: str, estimate: ParameterEstimate) -> str:
+    """Return the note on an effect that fits with a size that no such arm has.
+
+    Parameters
+    ----------
+    feature
+        The effect at its place.
+    name, estimate
+        The parameter that is out of its range.
+    """
+    return (
+        f"{_of_place(feature)} would fit with {name} {_size(estimate.value, estimate.std)}{_unit(estimate.unit)}, "
+        "which no such arm has: it is no cause. The model or the channel map is wrong there, or an effect acts that "
+        "the catalogue lacks."
+    )
 
 
 def _of_place(feature: Feature) -> str:
@@ -121,6 +139,42 @@ def estimates_text(parameters: Mapping[str, ParameterEstimate], between: str = "
     return between.join(f"{name} {_size(e.value, e.std)}{_unit(e.unit)}" for name, e in parameters.items())
 
 
+def cause_size(cause: Cause, between: str = ", ") -> str:
+    """Return a cause's parameters, and the channels it acts in, as text.
+
+    Parameters
+    ----------
+    cause
+        The cause.
+    between
+        What separates them.
+    """
+    chosen = [cause.instance.parameters[c.name] for c in cause.instance.effect.choices if c.several]
+    parts = [estimates_text(cause.parameters, between), *(_chosen(value) for value in chosen)]
+    return between.join(part for part in parts if part) or "no free size"
+
+
+def sides_text(cause: Cause) -> str:
+    """Return the sides on which a cause shows; those of one drive that the recording does not separate by "or"."""
+    friction = any(choice.name == "side" for choice in cause.instance.effect.choices)
+    return (" or " if friction else ", ").join(cause.sides)
+
+
+def alone_text(cause: Cause) -> str:
+    """Return by how much a cause shrinks the gap alone; one that helps only beside the others has no number."""
+    return "only beside others" if percent(cause.shrink).startswith("-") else percent(cause.shrink)
+
+
+def listed_alternatives(cause: Cause) -> tuple[list[Alternative], str]:
+    """Return the alternatives that are worth a line each, and the others summed up in words, empty for none."""
+    likely = [other for other in cause.alternatives if other.confidence >= WORTH_A_LINE]
+    faint = [other for other in cause.alternatives if other.confidence < WORTH_A_LINE]
+    if len(faint) < 2:
+        return [*likely, *faint], ""
+    names = _listed([effect_at(other.effect, other.joint) for other in faint[:NAMED]], len(faint) - NAMED)
+    return likely, f"{names} ({probability_text(sum(other.confidence for other in faint))} together)"
+
+
 def instance_text(instance: EffectInstance) -> str:
     """Return all that an effect was given, with units."""
     numbers = [f"{p.name} {_size(instance.parameters[p.name], 0.0)}{_unit(p.unit)}" for p in instance.effect.parameters]
@@ -155,6 +209,41 @@ def percent(share: float | None) -> str:
     return f"{round(100 * (share or 0.0), 1) + 0.0:.1f} %"  # + 0.0: no "-0.0"
 
 
+def gap_at(found: Diagnosis, joint: str, side: str) -> str:
+    """Return the size of a residual without and with the causes, and the share of its own gap that is gone.
+
+    Parameters
+    ----------
+    found
+        The diagnosis.
+    joint, side
+        Which residual; "–" where there is no such equation.
+    """
+    place = (joint, side)
+    if place not in found.before.rmse:
+        return "–"
+    sizes = [size.rmse[place] for size in ((found.before, found.after) if found.causes else (found.before,))]
+    return f"{' → '.join(f'{size:.3g}' for size in sizes)} ({share_at(found, joint, side)})"
+
+
+def share_at(found: Diagnosis, joint: str, side: str) -> str:
+    """Return the share of a residual's own gap that is gone, as text.
+
+    Parameters
+    ----------
+    found
+        The diagnosis.
+    joint, side
+        Which residual.
+    """
+    share = found.shrink_by_place.get((joint, side))
+    if share is None:
+        return "no gap"
+    if not found.causes:
+        return "gap"
+    return "larger" if percent(share).startswith("-") else f"{percent(share)} gone"
+
+
 def probability_text(probability: float) -> str:
     """Return a probability as text that never claims certainty."""
     if not DOUBT <= probability <= 1.0 - DOUBT:
@@ -166,7 +255,7 @@ def negative_shrink_note(causes: Sequence[Cause]) -> str:
     """Return what a share below zero means, where one of the causes has such a share alone."""
     if all(percent(cause.shrink)[0] != "-" for cause in causes):
         return ""
-    return "Below 0 %: alone such a cause makes the gap larger; it helps only beside the others."
+    return "Only beside others: alone such a cause makes the gap larger."
 
 
 def prediction_sentence(prediction: Prediction) -> str:

@@ -69,7 +69,7 @@ def diagnose(recordings: Sequence[Recording], question: Question, validate: Sequ
 def search(prepared: PreparedData) -> Hypothesis:
     """Return the best hypothesis where a gap shows by its size, or at least by likelihood; else that of no cause."""
     library, settings = prepared.library, prepared.settings
-    stepwise = StepwiseSearch(library, prepared.given, settings)
+    stepwise = StepwiseSearch(library, prepared.given, settings, prepared.sizes)
     residuals = library.validation_residuals(prepared.given)
     by_size = select_band(statistics_in_bands(prepared.validation, residuals, settings), settings.significance)
     if by_size is None and stepwise.strongest() <= settings.significance.detected:

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -20,8 +21,9 @@ from elastic_arm.diagnosis.calibration.linearisation import problem_of as calibr
 from elastic_arm.diagnosis.data.preprocessing import needs_motion, standing, usable
 from elastic_arm.diagnosis.data.split import independent, split
 from elastic_arm.diagnosis.question import Question
-from elastic_arm.diagnosis.selection.candidates import feature_of, features
+from elastic_arm.diagnosis.selection.candidates import feature_of, features, recorded_features
 from elastic_arm.diagnosis.selection.hypothesis import Hypothesis
+from elastic_arm.diagnosis.selection.plausible_size import PlausibleSizes
 from elastic_arm.diagnosis.selection.regressor_library import Candidate, RegressorLibrary
 from elastic_arm.diagnosis.settings import DiagnosisSettings, PreprocessingSettings
 from elastic_arm.dynamics import Model, build_model
@@ -30,6 +32,7 @@ from elastic_arm.effects.equations import ArmEquations
 from elastic_arm.errors import DiagnosisError
 from elastic_arm.estimation.band import Band
 from elastic_arm.estimation.effect_columns import Feature
+from elastic_arm.estimation.encoder_zeros import with_common_zeros
 from elastic_arm.estimation.equations import EquationSet
 from elastic_arm.estimation.noise_colour import Colour
 from elastic_arm.estimation.observation import Observation, continued, observe, widest_band
@@ -98,6 +101,11 @@ class PreparedData:
         """The data that judge."""
         return self.library.sets[1]
 
+    @cached_property
+    def sizes(self) -> PlausibleSizes:
+        """The largest plausible sizes of effects on this arm."""
+        return PlausibleSizes(self.model.robot, self.library.sets)
+
     @property
     def rate(self) -> float:
         """Highest sample rate of the identification data, Hz."""
@@ -135,7 +143,8 @@ def prepare(recordings: Sequence[Recording], validate: Sequence[Recording], ques
     """
     names, settings = question.robot.joint_names, question.settings
     selected = [[usable(r.select(names), settings.preprocessing) for r in part] for part in (recordings, validate)]
-    parts = split(selected[0], selected[1], settings.split)
+    alike = with_common_zeros([*selected[0], *selected[1]], question.robot)
+    parts = split(alike[: len(recordings)], alike[len(recordings) :], settings.split)
     observed = [[observe(r) for r in part] for part in parts]
     if not validate:
         cuts = [(rest.start_ns - first.start_ns) * 1e-9 for first, rest in zip(*parts, strict=True)]
@@ -160,7 +169,7 @@ def prepare(recordings: Sequence[Recording], validate: Sequence[Recording], ques
         settings,
         refit=question.refit,
     )
-    candidates = _candidates(question, equations, still, problem)
+    candidates = _candidates(question, equations, still, problem, observed[0][0].pieces[0].recorded)
     expansion, noise = expand(problem, np.zeros(len(problem.parameters))), 1.0
     if problem.parameters:
         expansion, noise = calibrate(problem, expansion)
@@ -257,12 +266,17 @@ def _carried(question: Question, equations: ArmEquations) -> list[Feature]:
 
 
 def _candidates(
-    question: Question, equations: ArmEquations, still: Sequence[str], problem: CalibrationProblem
+    question: Question,
+    equations: ArmEquations,
+    still: Sequence[str],
+    problem: CalibrationProblem,
+    recorded: Collection[str],
 ) -> list[Feature]:
-    """Return every effect at every place where the motion can show it.
+    """Return every effect at every place where motion and channels can show it.
 
     What the nuisance parameters hold is in every hypothesis already, and competes with none.
     """
     held = {p.feature.effect.id for p in problem.parameters if p.feature is not None}
     effects = [effect for effect in question.candidates if effect.id not in held]
-    return [f for f in features(equations, effects) if f.joint not in still or not needs_motion(f)]
+    shown = recorded_features(features(equations, effects), recorded)
+    return [f for f in shown if f.joint not in still or not needs_motion(f)]

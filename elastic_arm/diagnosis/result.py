@@ -206,6 +206,9 @@ class Diagnosis:
         Sizes on the validation data.
     shrink, shrink_interval
         None where there is no gap.
+    shrink_by_place
+        (joint, side) -> share of its own excess that is gone, None where it had none; empty where no residual shows
+        the gap.
     measured_by
         "excess" of residuals over their noise, as the contract has it, or "likelihood" where no residual stands out of
         its noise by itself.
@@ -248,6 +251,7 @@ class Diagnosis:
     log_likelihood: float
     causes: tuple[Cause, ...]
     unexplained: tuple[UnexplainedResidual, ...]
+    shrink_by_place: Mapping[tuple[str, str], float | None] = field(default_factory=dict)
     imperfections: tuple[Imperfection, ...] = ()
     known: tuple[Mapping[str, Any], ...] = ()
     notes: tuple[str, ...] = ()
@@ -274,6 +278,7 @@ class Diagnosis:
             "gap": {"before": self._sizes(self.before), "after": self._sizes(self.after)},
             "shrink": _plain(self.shrink),
             "shrink_interval": None if self.shrink_interval is None else [_plain(v) for v in self.shrink_interval],
+            "shrink_by_place": self._table(self.shrink_by_place),
             "measured_by": self.measured_by,
             "log_likelihood": _plain(self.log_likelihood),
             "causes": [cause.to_dict() for cause in self.causes],
@@ -305,7 +310,7 @@ class Diagnosis:
             raise DiagnosisError(f"{path} cannot be written: {error.strerror}", "Choose another --out") from error
         return path
 
-    def _table(self, values: Mapping[tuple[str, str], float]) -> dict[str, Any]:
+    def _table(self, values: Mapping[tuple[str, str], float | None]) -> dict[str, Any]:
         return {joint: {side: _plain(values.get((joint, side))) for side in SIDES} for joint in self.joints}
 
     def _sizes(self, size: ResidualSizes) -> dict[str, Any]:

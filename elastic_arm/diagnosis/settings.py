@@ -97,6 +97,7 @@ class SearchSettings:
     exchange_passes: int = 2  # of exchanging each selected candidate against all others
     # Nats by which an exchange must improve: a Bayes factor of 20, "strong" in Kass and Raftery (1995).
     exchange_gain: float = 3.0
+    simpler_share: float = 0.005  # of a cause's gain, up to which a simpler one in its place may gain less; convention
     refinements: int = 30  # optimisations that one search may spend; bounds the time
     complete: float = 1.3  # misfit up to which next to nothing is left; whitened noise alone gives 1; convention
     held: float = 0.99  # share of an effect's squares from which nuisance parameters could stand for it; convention
@@ -137,11 +138,16 @@ class JudgementSettings:
 
     least_shrink: float = 0.01  # share of the whole gap; less is no cause (docs/contract.md)
     explained: float = 0.1  # share of the excess that may be left whatever it looks like (docs/contract.md)
+    place_explained: float = 0.2  # the same of each joint and side's own excess (docs/contract.md)
     main_share: float = 0.1  # of what a cause changes; residuals with less do not judge it; convention
     trace_share: float = 0.1  # of the strongest lack of fit; fainter ones are its images in other residuals
+    same_odds: float = 0.05  # of an effect on its other side, from which both sides are named; convention
     least_listed: float = 0.01  # probability of an alternative that is listed; convention
     level: float = 0.95  # of the intervals and tests of parameters; convention
     bound_clearance: float = 0.01  # of a parameter's distance from no effect to its physical bound; numerical
+    # Of what the other causes leave at a joint and side: from that share on a cause counts, however small in the whole.
+    place_contribution: float = 0.5  # convention
+    large_share: float = 0.3  # of a joint's torque, from which a lag of a sample is a cause all the same; convention
     ordinary_deviations: float = 2.0  # by which an estimate may exceed what every arm has; convention
 
 

@@ -159,6 +159,17 @@ class EquationSet:
         """Number of rows R."""
         return len(self.entries)
 
+    @property
+    def torques(self) -> tuple[str, ...]:
+        """The torque channels that some equation holds."""
+        held = np.array([equation.combination for equation, _ in self.entries]) @ _TORQUE_COEFFICIENTS
+        return tuple(name for name, column in zip(TORQUES, held.T, strict=True) if column.any())
+
+    @property
+    def reads_torque_by_deflection(self) -> bool:
+        """Whether both encoders stand in for joint torque sensors."""
+        return any(equation.combination == _WITHOUT_SENSOR["link"].combination for equation, _ in self.entries)
+
     def equation(self, side: str) -> Equation:
         """Return the equation of a name, as its first joint has it."""
         return next(equation for equation, _ in self.entries if equation.name == side)

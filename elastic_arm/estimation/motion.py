@@ -125,6 +125,17 @@ def completed(motion: Motion, model: Model) -> CompletedMotion:
     return CompletedMotion(motion.t, q, dq, ddq, theta, dtheta, ddtheta, tau_J, tau_m, span=motion.span, before=before)
 
 
+def wound_by_load(model: Model, motion: CompletedMotion) -> CompletedMotion:
+    """Return motion with the drives wound by the load of the model, instead of as the two encoders read.
+
+    Where no joint torque is measured, the deflection stands in the residual itself, times the stiffness. Made of it,
+    the columns of effects of the drive would hold the errors of both encoders, and a drive that carries no torque would
+    fit best (errors in variables, Fuller 1987).
+    """
+    motor_side = Motion(motion.t, theta=motion.theta, dtheta=motion.dtheta, ddtheta=motion.ddtheta, tau_m=motion.tau_m)
+    return completed(motor_side, model)
+
+
 def _deflection(model: Model, t: Array, q: Array, dq: Array, ddq: Array) -> tuple[Array, Array, Array]:
     """Deflection of the drives (N, n), and two derivatives, under the load that the arm would be if it were stiff.
 

@@ -21,7 +21,7 @@ from elastic_arm.errors import DiagnosisError
 from elastic_arm.estimation.band import Band, LowPass
 from elastic_arm.estimation.effect_columns import Feature, starting_state
 from elastic_arm.estimation.equations import EquationSet
-from elastic_arm.estimation.motion import drive_constants
+from elastic_arm.estimation.motion import drive_constants, wound_by_load
 from elastic_arm.estimation.noise_colour import Colour
 from elastic_arm.estimation.observation import Observation
 from elastic_arm.estimation.regressors import Signals
@@ -234,7 +234,7 @@ class WhitenedData:
             standstill = _standstill(observation, noise.f, model.n)
             for stretch in residuals(model, observation, layout, band):
                 elastic, cutoff = model.robot.elastic, observation.cutoff
-                motion = stretch.quiet
+                motion = wound_by_load(model, stretch.quiet) if layout.reads_torque_by_deflection else stretch.quiet
                 if predicted:
                     load, drive = predicted_torques(model, motion)
                     motion = replace(motion, tau_J=load, tau_m=drive)

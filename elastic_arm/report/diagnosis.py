@@ -9,13 +9,18 @@ import numpy as np
 
 from elastic_arm.diagnosis.context import DiagnosisContext
 from elastic_arm.diagnosis.format import (
+    alone_text,
+    cause_size,
     effect_at,
     estimates_text,
+    gap_at,
+    listed_alternatives,
     log_likelihood_text,
     negative_shrink_note,
     percent,
     prediction_sentence,
     probability_text,
+    sides_text,
     verdict_sentence,
 )
 from elastic_arm.diagnosis.inference.across_recordings import Agreement
@@ -97,9 +102,9 @@ def _verdict(found: Diagnosis) -> list[Block]:
             [
                 c.effect.replace("_", " "),
                 c.joint or "whole arm",
-                ", ".join(c.sides),
-                _values(c),
-                percent(c.shrink),
+                sides_text(c),
+                cause_size(c),
+                alone_text(c),
                 probability_text(c.confidence),
             ]
             for c in found.causes
@@ -122,18 +127,17 @@ def _verdict(found: Diagnosis) -> list[Block]:
         [f"{c.effect} on {c.joint or 'whole arm'}", f"{a.effect} on {a.joint or 'whole arm'}",
          probability_text(a.confidence), a.separated_by, a.file or "–"]
         for c in found.causes
-        for a in c.alternatives
+        for a in listed_alternatives(c)[0]
     ]  # fmt: skip
+    others += [
+        [f"{c.effect} on {c.joint or 'whole arm'}", listed_alternatives(c)[1], "", "", ""]
+        for c in found.causes
+        if listed_alternatives(c)[1]
+    ]
     if others:
         header = ["instead of", "it may be", "probability", "told apart by", "as a file"]
         blocks.append(Table(header, others, "This recording does not separate these for certain"))
     return blocks
-
-
-def _values(cause: Cause) -> str:
-    chosen = [cause.instance.parameters[c.name] for c in cause.instance.effect.choices if c.several]
-    named = [" and ".join(str(v) for v in choice) for choice in chosen if isinstance(choice, tuple)]
-    return ", ".join([estimates_text(cause.parameters), *named]) or "no free size"
 
 
 def _where(found: Diagnosis) -> list[Block]:
@@ -152,7 +156,16 @@ def _how_far(found: Diagnosis) -> list[Block]:
         f"All causes together take {100 * (found.shrink or 0.0):.1f} % off the gap (95 % interval {100 * low:.1f} to "
         f"{100 * high:.1f} %), measured {MEASURED[found.measured_by]}, on motion that no fit has seen."
     )
-    return [Text(text), Figure(figures.cumulative_shrink(found), "From top to bottom the causes are added one by one.")]
+    blocks: list[Block] = [
+        Text(text),
+        Figure(figures.cumulative_shrink(found), "From top to bottom the causes are added one by one."),
+    ]
+    if found.shrink_by_place:
+        sides = [side for side in SIDES if any((joint, side) in found.before.rmse for joint in found.joints)]
+        rows = [[joint, *(gap_at(found, joint, side) for side in sides)] for joint in found.joints]
+        caption = f"Residuals before → after, Nm, 0 to {found.band:g} Hz, and the share of each one's own gap"
+        blocks.append(Table(["joint", *(f"{side} side" for side in sides)], rows, caption))
+    return blocks
 
 
 def _cause(found: Diagnosis, cause: Cause, k: int, context: DiagnosisContext) -> list[Block]:

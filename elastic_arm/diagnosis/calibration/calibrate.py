@@ -98,9 +98,10 @@ def _nearer(problem: CalibrationProblem, best: _FittedExpansion, extra: Sequence
     Where the full step leaves more than before, a part of it is gone.
     """
     # Gains and offsets act linearly: they stay in the columns.
+    limits = np.array([parameter.limit for parameter in problem.parameters])
     moves = np.array([parameter.moves_model for parameter in problem.parameters], dtype=bool)
     for share in problem.settings.refit.step_shares:
-        values = np.where(moves, best.expansion.values + share * best.step, 0.0)
+        values = np.clip(np.where(moves, best.expansion.values + share * best.step, 0.0), -limits, limits)
         found = _fitted(problem, expand(problem, values, best.expansion, best.acting), extra)
         if found.misfit * problem.settings.refit.improvement < best.misfit:
             return found

@@ -19,8 +19,14 @@ from elastic_arm.diagnosis.calibration.columns import (
     inertial_columns,
     nuisance_columns,
 )
-from elastic_arm.diagnosis.calibration.nuisance import NuisanceParameter, lags, nearest_robot, nuisance_parameters
-from elastic_arm.diagnosis.selection.candidates import feature_of, features
+from elastic_arm.diagnosis.calibration.nuisance import (
+    NuisanceParameter,
+    lags,
+    nearest_robot,
+    nuisance_parameters,
+    unreferenced,
+)
+from elastic_arm.diagnosis.selection.candidates import feature_of, features, recorded_features
 from elastic_arm.diagnosis.selection.library_building import beside_friction, build_library
 from elastic_arm.diagnosis.selection.marginalisation import NuisanceColumns
 from elastic_arm.diagnosis.selection.regressor_library import Candidate, RegressorLibrary
@@ -28,18 +34,14 @@ from elastic_arm.diagnosis.settings import DiagnosisSettings
 from elastic_arm.dynamics import Model, build_model
 from elastic_arm.effects import Effect, EffectInstance
 from elastic_arm.effects.equations import ArmEquations
-from elastic_arm.effects.model import SensorEffect
 from elastic_arm.estimation.band import Band
 from elastic_arm.estimation.effect_columns import Feature
 from elastic_arm.estimation.equations import EquationSet
 from elastic_arm.estimation.observation import Observation
 from elastic_arm.estimation.whitening import ActingEffect, WhitenedData
 from elastic_arm.robot import Robot
-from elastic_arm.sensors import Sensors
 
 Array = NDArray[np.float64]
-# The channels of a recording that sensors make.
-SENSED = {"link_encoder": "q", "motor_encoder": "theta", "joint_torque": "tau_J", "motor_torque": "tau_m"}
 Observations = tuple[Observation, ...]
 Observed = Sequence[Sequence[Observation]]
 
@@ -167,20 +169,12 @@ def problem_of(
         return CalibrationProblem(robot, model, observed, layout, band, (), np.zeros((0, 0)), known, settings)
     equations = ArmEquations(robot, model)
     recorded = observed[0][0].pieces[0].recorded
-    shown = [f for f in features(equations, effects) if _channels(f, robot.n) <= recorded]
+    shown = recorded_features(features(equations, effects), recorded)
     parameters = nuisance_parameters(robot, shown, observed[0][0].rate, settings.priors, settings.refit)
+    if layout.reads_torque_by_deflection:
+        parameters = tuple(unreferenced(parameter) for parameter in parameters)
     directions = directions_of(robot, model, parameters)
     return CalibrationProblem(robot, model, observed, layout, band, parameters, directions, known, settings)
-
-
-def _channels(feature: Feature, n: int) -> set[str]:
-    """Return the channels of which a sensor's effect can be seen: what it changes, and the other encoder."""
-    effect = feature.effect
-    assert isinstance(effect, SensorEffect)
-    exact, instance = Sensors.exact(), feature.instance([1e-3])
-    changed = effect.change(exact, 0, n, instance.parameters)
-    found = {channel for name, channel in SENSED.items() if getattr(changed, name) != getattr(exact, name)}
-    return found | ({"theta"} if "q" in found else set())
 
 
 def expand(

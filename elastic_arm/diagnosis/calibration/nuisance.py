@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elastic_arm.diagnosis.priors import Priors
+from elastic_arm.diagnosis.selection.candidates import sensed_channels
 from elastic_arm.diagnosis.settings import RefitSettings
 from elastic_arm.errors import RobotError
 from elastic_arm.estimation.effect_columns import Feature
@@ -20,6 +21,7 @@ from elastic_arm.robot import Component, Inertia, Joint, Robot
 
 Array = NDArray[np.float64]
 
+ZERO_AS_MOUNTED = 1e-3  # rad; of a link encoder that was never compared with the motor's under a known torque
 PRESLIDING = "presliding"  # how gradually dry friction changes its sign: no number of the arm or of a sensor
 LINK_SHARES = (1.0, 0.75, 0.5, 0.25)  # of the links' deviations, tried until the bodies are physical
 TENSOR = ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))
@@ -115,6 +117,16 @@ def nuisance_parameters(
         neutral = parameter.neutral or 0.0
         found.append(NuisanceParameter(what, feature.joint, parameter.unit, std, neutral, feature, limit))
     return tuple(found)
+
+
+def unreferenced(parameter: NuisanceParameter) -> NuisanceParameter:
+    """Return it with the prior of an arm without joint torque sensors.
+
+    Nothing has set the zeros of its two encoders by a known torque.
+    """
+    if parameter.feature is None or "q" not in sensed_channels(parameter.feature) or parameter.unit != "rad":
+        return parameter
+    return replace(parameter, prior_std=max(parameter.prior_std, ZERO_AS_MOUNTED))
 
 
 def _single_choices(feature: Feature) -> list[str] | None:

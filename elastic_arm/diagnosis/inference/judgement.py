@@ -12,11 +12,11 @@ from elastic_arm.diagnosis.bootstrap import lower_bound
 from elastic_arm.diagnosis.inference.estimates import ParameterEstimate, certain, differs, estimates, polish, several
 from elastic_arm.diagnosis.inference.gap_metric import GapMeasure, gap_measure
 from elastic_arm.diagnosis.inference.lack_of_fit import LackOfFitTest
-from elastic_arm.diagnosis.inference.sensor_faults import SensorFault, sensor_faults
+from elastic_arm.diagnosis.inference.sensor_faults import SensorFault, is_large, sensor_faults
 from elastic_arm.diagnosis.preparation import PreparedData
 from elastic_arm.diagnosis.selection.hypothesis import Hypothesis
 from elastic_arm.diagnosis.selection.regressor_library import Candidate
-from elastic_arm.diagnosis.selection.stepwise import misfit
+from elastic_arm.diagnosis.selection.stepwise import StepwiseSearch, misfit
 from elastic_arm.diagnosis.settings import JudgementSettings
 from elastic_arm.effects.parameters import Role
 
@@ -57,6 +57,7 @@ def judge(prepared: PreparedData, hypothesis: Hypothesis) -> Judgement:
     faults = sensor_faults(prepared, hypothesis.selected)
     measure = gap_measure(prepared, hypothesis, test, faults)
     kept, more_notes = eliminate(prepared, hypothesis, measure)
+    kept = StepwiseSearch(prepared.library, kept.baseline, prepared.settings, prepared.sizes).simplified(kept)
     if len(kept.selected) < len(hypothesis.selected):
         faults = sensor_faults(prepared, kept.selected)
         if not kept.causes:
@@ -67,7 +68,9 @@ def judge(prepared: PreparedData, hypothesis: Hypothesis) -> Judgement:
     return Judgement(kept, measure, test, gained, (*notes, *more_notes), shown)
 
 
-def verdict(shrink: float, *, caused: bool, unexplained: bool, settings: JudgementSettings) -> str:
+def verdict(
+    shrink: float, *, caused: bool, unexplained: bool, settings: JudgementSettings, open_places: bool = False
+) -> str:
     """Return whether the causes explain the gap: "none", "explained" or "unknown".
 
     Where the gap is faint, the excess that is left is known to a part of it only: then it must look like noise.
@@ -82,7 +85,11 @@ def verdict(shrink: float, *, caused: bool, unexplained: bool, settings: Judgeme
         Whether what is left is more than noise.
     settings
         How much of the gap may be left.
+    open_places
+        Whether some joint and side keeps too much of its own gap.
     """
+    if open_places:
+        return "unknown"
     if caused and shrink >= 1.0 - settings.explained:
         return "explained"
     if unexplained:
@@ -109,7 +116,10 @@ def without_ordinary(prepared: PreparedData, hypothesis: Hypothesis) -> tuple[Hy
         return hypothesis, []
     library, settings = prepared.library, prepared.settings.judgement
     estimated = estimates(library, polish(library, hypothesis.selected, settings), settings)
-    found = [k for k in hypothesis.causes if _is_ordinary(prepared, hypothesis.selected[k], estimated[k])]
+    ordinary = [k for k in hypothesis.causes if _is_ordinary(prepared, hypothesis.selected[k], estimated[k])]
+    large = [k for k in ordinary if matters(prepared, hypothesis, k)]
+    # Beside one of the arm that matters, one of a joint is its difference from it.
+    found = [k for k in ordinary if not any(_overlap(hypothesis, k, other) for other in large)]
     order = [*range(hypothesis.given), *found, *(k for k in hypothesis.causes if k not in found)]
     moved = {order.index(k): v for k, v in hypothesis.rivals.items() if k not in found}
     notes = [_ordinary_note(hypothesis.selected[k], estimated[k]) for k in found]
@@ -125,6 +135,33 @@ def _is_ordinary(prepared: PreparedData, candidate: Candidate, values: Mapping[s
     found, neutral = values[effect.ordinary.parameter], effect.parameter(effect.ordinary.parameter).neutral or 0.0
     margin = prepared.settings.judgement.ordinary_deviations * (found.std or 0.0)
     return bool(abs(found.value - neutral) <= effect.ordinary.most(prepared.rate) + margin)
+
+
+def _overlap(hypothesis: Hypothesis, k: int, other: int) -> bool:
+    """Whether two candidates are the same effect on a common joint."""
+    one, two = hypothesis.selected[k].feature, hypothesis.selected[other].feature
+    return one.effect.id == two.effect.id and (one.joint == two.joint or None in (one.joint, two.joint))
+
+
+def matters(prepared: PreparedData, hypothesis: Hypothesis, k: int) -> bool:
+    """Whether what every real arm has changes a residual by a good part of the torque of its joint.
+
+    A link encoder a sample late turns a stiff drive into a soft one: its deflection is what the lag makes of it.
+
+    Parameters
+    ----------
+    prepared
+        Data and regressors.
+    hypothesis
+        That holds it.
+    k
+        Its position.
+    """
+    candidate, data = hypothesis.selected[k], prepared.validation
+    beta = prepared.library.coefficients(hypothesis.selected)[k]
+    columns = data.plain(candidate.feature, candidate.searched or ())
+    power = np.mean(np.concatenate([part @ beta for part in columns]) ** 2, axis=0)
+    return is_large(prepared, np.asarray(np.sqrt(power)))
 
 
 def _ordinary_note(candidate: Candidate, values: Mapping[str, ParameterEstimate]) -> str:
@@ -149,16 +186,39 @@ def eliminate(prepared: PreparedData, hypothesis: Hypothesis, measure: GapMeasur
     notes: list[str] = []
     while hypothesis.causes:
         shares = {k: measure.contribution(hypothesis.selected, k) for k in hypothesis.causes}
-        failed = {k: share for k, share in shares.items() if not passes(prepared, hypothesis, k, share)}
+        # What is little of the whole gap may be most of what there is at its joint.
+        own = {k: measure.own_contribution(hypothesis.selected, k) for k in hypothesis.causes}
+        large = prepared.settings.judgement.place_contribution
+        failed = {
+            k: share
+            for k, share in shares.items()
+            if not passes(prepared, hypothesis, k, 1.0 if own[k] > large else share)
+        }
         failed = failed or {k: 0.0 for k in insignificant(prepared, hypothesis) if k in hypothesis.causes}
+        impossible = {} if failed else impossible_sizes(prepared, hypothesis)
+        failed = failed or {k: shares[k] for k in impossible}
         if not failed:
             break
         worst = min(failed, key=lambda k: failed[k])
+        notes += [impossible[worst]] if worst in impossible else []
         if is_small_effect(prepared, hypothesis, worst, failed[worst]):
             feature, least = hypothesis.selected[worst].feature, prepared.settings.judgement.least_shrink
             notes.append(texts.small_effect_note(feature, failed[worst], least))
         hypothesis = hypothesis.drop(worst)
     return hypothesis, notes
+
+
+def impossible_sizes(prepared: PreparedData, hypothesis: Hypothesis) -> dict[int, str]:
+    """Return a note for each cause, by position, with a size that no engineer would believe."""
+    library, settings = prepared.library, prepared.settings.judgement
+    polished = polish(library, hypothesis.selected, settings)
+    estimated, found = estimates(library, polished, settings), {}
+    for k in hypothesis.causes:
+        feature = polished[k].feature
+        name = prepared.sizes.impossible(feature, estimated[k])
+        if name is not None:
+            found[k] = texts.impossible_size_note(feature, name, estimated[k][name])
+    return found
 
 
 def passes(prepared: PreparedData, hypothesis: Hypothesis, k: int, share: float) -> bool:

@@ -15,7 +15,8 @@ from numpy.typing import NDArray
 from elastic_arm.diagnosis.calibration.calibrate import posterior
 from elastic_arm.diagnosis.calibration.nuisance import NuisanceParameter
 from elastic_arm.diagnosis.preparation import PreparedData
-from elastic_arm.diagnosis.selection.candidates import feature_of
+from elastic_arm.diagnosis.selection.candidates import feature_of, sensed_channels
+from elastic_arm.diagnosis.selection.plausible_size import typical_torques
 from elastic_arm.diagnosis.selection.regressor_library import Candidate
 from elastic_arm.effects.model import Scope
 from elastic_arm.estimation.effect_columns import Feature
@@ -59,19 +60,32 @@ def sensor_faults(prepared: PreparedData, selected: Sequence[Candidate]) -> tupl
     values, stds = posterior(library, selected, prepared.settings)
     settings, found = prepared.settings.refit, []
     for k, (p, value, std) in enumerate(zip(parameters, prepared.found.values + values, stds, strict=True)):
-        if (
-            p.feature is None
-            or abs(value) < max(settings.beyond_ordinary, settings.certain * std) + settings.certain * std
-        ):
+        if p.feature is None or abs(value) < 2.0 * settings.certain * std:
             continue
         columns = [N[:, :, k] * value for N in library.nuisance.validation]
         fault = SensorFault(p.feature, float(value * p.prior_std), float(std * p.prior_std), columns)
-        # A channel ahead of the others is no effect: it remains an imperfection.
-        if fault.feature.linear[0].value_of(fault.value) > fault.feature.linear[0].above and not _is_ordinary(
+        extraordinary = abs(value) >= settings.beyond_ordinary + settings.certain * std and not _is_ordinary(
             prepared, p, fault
-        ):
+        )
+        # A channel ahead of the others is no effect: it remains an imperfection.
+        possible = fault.feature.linear[0].value_of(fault.value) > fault.feature.linear[0].above
+        if possible and (extraordinary or _matters(prepared, fault)):
             found.append(fault)
     return tuple(_common(prepared, found))
+
+
+def _matters(prepared: PreparedData, fault: SensorFault) -> bool:
+    """Whether an ordinary lag, or a link encoder's error, makes a good part of the torque of a joint."""
+    if fault.feature.effect.ordinary is None and "q" not in sensed_channels(fault.feature):
+        return False
+    power = np.mean(np.concatenate(fault.contribution) ** 2, axis=0)
+    return is_large(prepared, np.asarray(np.sqrt(power)))
+
+
+def is_large(prepared: PreparedData, contribution: Array) -> bool:
+    """Whether what a sensor does to the residuals (R,) Nm is a good part of the torque of their joint."""
+    typical = np.tile(typical_torques(prepared.validation), len(contribution) // prepared.model.n)
+    return bool(np.any(contribution > prepared.settings.judgement.large_share * typical))
 
 
 def _is_ordinary(prepared: PreparedData, parameter: NuisanceParameter, fault: SensorFault) -> bool:

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Collection, Iterable, Sequence
+from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import product
 
@@ -12,13 +12,16 @@ from numpy.typing import NDArray
 
 from elastic_arm.diagnosis.settings import CandidateSettings
 from elastic_arm.effects.equations import ArmEquations
-from elastic_arm.effects.model import Effect, EffectInstance
+from elastic_arm.effects.model import Effect, EffectInstance, SensorEffect
 from elastic_arm.effects.parameters import Parameter
 from elastic_arm.effects.regressor import Regressor
 from elastic_arm.estimation.effect_columns import Feature
 from elastic_arm.estimation.regressors import Signals
+from elastic_arm.sensors import Sensors
 
 Array = NDArray[np.float64]
+# The channels of a recording that sensors make.
+SENSED = {"link_encoder": "q", "motor_encoder": "theta", "joint_torque": "tau_J", "motor_torque": "tau_m"}
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,6 +74,45 @@ def _possible(feature: Feature) -> bool:
         return True
     sides = set(feature.sides)
     return ("link" in sides or sides == {"motor"}) and "link_encoder" not in feature.choices.get("channels", ())
+
+
+def recorded_features(found: Iterable[Feature], recorded: Collection[str]) -> list[Feature]:
+    """Return the features without those of sensors that were not recorded; of several channels those that were.
+
+    Parameters
+    ----------
+    found
+        Every effect at every place.
+    recorded
+        Channels of the recordings, among q, theta, tau_J and tau_m.
+    """
+    kept: dict[tuple[object, ...], Feature] = {}
+    for feature in found:
+        shown = {
+            name: tuple(channel for channel in chosen if SENSED.get(channel) in recorded)
+            for name, chosen in feature.choices.items()
+            if isinstance(chosen, tuple) and set(chosen) <= set(SENSED)
+        }
+        if all(shown.values()):
+            only = replace(feature, choices={**feature.choices, **shown}) if shown else feature
+            if sensed_channels(only) <= set(recorded):
+                kept.setdefault(only.key, only)
+    return list(kept.values())
+
+
+def sensed_channels(feature: Feature) -> set[str]:
+    """Return the channels in which a sensor's effect is seen: what it changes; empty for an effect of the arm.
+
+    A link encoder is seen beside the motor encoder.
+    """
+    effect = feature.effect
+    if not isinstance(effect, SensorEffect):
+        return set()
+    exact, searched = Sensors.exact(), [p.start() for p in feature.searched]
+    instance = feature.instance([1e-3] * feature.count, [float(v) for s in searched for v in np.atleast_1d(s)])
+    changed = effect.change(exact, 0, feature.equations.robot.n, instance.parameters)
+    found = {channel for name, channel in SENSED.items() if getattr(changed, name) != getattr(exact, name)}
+    return found | ({"theta"} if "q" in found else set())
 
 
 def feature_of(instance: EffectInstance, equations: ArmEquations) -> Feature:

@@ -49,6 +49,12 @@ class Candidate:
         """Column numbers."""
         return np.arange(self.columns.start, self.columns.stop)
 
+    @property
+    def numbers(self) -> int:
+        """How many numbers it has to fit or to choose, each of several channels counting as one."""
+        chosen = sum(len(value) for value in self.feature.choices.values() if isinstance(value, tuple))
+        return len(self.index) * (not self.fixed) + len(self.feature.searched) + chosen
+
     @cached_property
     def free(self) -> NDArray[np.bool_]:
         """Which of its columns have a coefficient to fit."""

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from elastic_arm.diagnosis.bootstrap import block_counts
 from elastic_arm.diagnosis.selection.hypothesis import Hypothesis, Rival
+from elastic_arm.diagnosis.selection.plausible_size import PlausibleSizes
 from elastic_arm.diagnosis.selection.refine import refine
 from elastic_arm.diagnosis.selection.regressor_library import Candidate, RegressorLibrary
 from elastic_arm.diagnosis.settings import DiagnosisSettings
@@ -32,8 +33,13 @@ def misfit(library: RegressorLibrary, selected: Sequence[Candidate]) -> float:
     return max(1.0, left / sum(e.freedom for e in library.sets))
 
 
-def plausible(library: RegressorLibrary, selected: Sequence[Candidate], ratio_factor: float) -> bool:
-    """Whether every parameter has a sign that its effect can have (no friction that drives, no negative mass).
+def plausible(
+    library: RegressorLibrary,
+    selected: Sequence[Candidate],
+    ratio_factor: float,
+    sizes: PlausibleSizes | None = None,
+) -> bool:
+    """Whether every parameter has a sign and a size that its effect can have (no friction that drives).
 
     Parameters
     ----------
@@ -43,6 +49,8 @@ def plausible(library: RegressorLibrary, selected: Sequence[Candidate], ratio_fa
         The candidates, fitted together.
     ratio_factor
         How far outside its plausible range a ratio may be.
+    sizes
+        The largest plausible sizes; signs and ratios alone are judged where they are not known.
     """
     joints = {candidate.feature.joint for candidate in selected}
     if len(library.nuisance) and not library.nuisance.possible(library.nuisance_values(selected), joints):
@@ -51,16 +59,19 @@ def plausible(library: RegressorLibrary, selected: Sequence[Candidate], ratio_fa
     if not all(any(feature.scales(other.feature) for other in selected) for feature in scaling):
         return False
     fitted = zip(selected, library.coefficients(selected), strict=True)
-    return all(c.fixed or c.searched is None or _possible(c, beta, ratio_factor) for c, beta in fitted)
+    return all(c.fixed or c.searched is None or _possible(c, beta, ratio_factor, sizes) for c, beta in fitted)
 
 
-def _possible(candidate: Candidate, beta: Array, ratio_factor: float) -> bool:
+def _possible(candidate: Candidate, beta: Array, ratio_factor: float, sizes: PlausibleSizes | None) -> bool:
     feature = candidate.feature
     if feature.fixed:
         return bool(beta[0] > 0)
+    first = feature.linear[0]
+    size = float(np.hypot(*beta)) if feature.phase is not None else first.value_of(float(beta[0]))
+    if sizes is not None and not sizes.allows(feature, first, np.array([size])):
+        return False
     if feature.phase is not None:
         return True
-    first = feature.linear[0]
     value = first.value_of(float(beta[0]))
     if first.neutral == 0.0 and first.low > 0.0:
         return value > 0.0
@@ -80,9 +91,17 @@ class StepwiseSearch:
         Candidates that count as part of the model.
     settings
         Thresholds of the search and of the refinement.
+    sizes
+        The largest plausible sizes of effects; any size is allowed where they are not known.
     """
 
-    def __init__(self, library: RegressorLibrary, given: Sequence[Candidate], settings: DiagnosisSettings) -> None:
+    def __init__(
+        self,
+        library: RegressorLibrary,
+        given: Sequence[Candidate],
+        settings: DiagnosisSettings,
+        sizes: PlausibleSizes | None = None,
+    ) -> None:
         self.library, self.given = library, list(given)
         self._settings, self._search = settings, settings.search
         self._candidates = [e for e in library.candidates if e not in self.given]
@@ -90,18 +109,15 @@ class StepwiseSearch:
         self._price = {key: np.log(count) for key, count in Counter(e.feature.key for e in library.candidates).items()}
         self._refinements_left = settings.search.refinements
         self._refined: dict[tuple[Candidate, frozenset[Candidate]], Candidate] = {}
-        left = sum(float(e.white @ e.white) for e in library.sets)
-        if len(library.nuisance):
-            left = misfit(library, self.given) * sum(e.freedom for e in library.sets)
-        total = 0.5 * (left - sum(e.freedom for e in library.sets))
-        self._least = settings.search.least_share * max(total, 0.0)
+        self._sizes = sizes
+        self._freedom = sum(e.freedom for e in library.sets)
 
     def _score(self, selected: Sequence[Candidate]) -> float:
         """Held-out log-likelihood less what choosing among tried values is worth."""
         return self.library.held_out(selected) - sum(self._price[candidate.feature.key] for candidate in selected)
 
     def _plausible(self, selected: Sequence[Candidate]) -> bool:
-        return plausible(self.library, selected, self._search.ratio_factor)
+        return plausible(self.library, selected, self._search.ratio_factor, self._sizes)
 
     def strongest(self) -> float:
         """Held-out log-likelihood that the best single cause gains, less what its tried values are worth."""
@@ -146,7 +162,9 @@ class StepwiseSearch:
         scale = misfit(self.library, selected)
         structural = any(not e.feature.effect.parameters for e in selected)
         any_part = structural or scale < self._search.complete
-        return max(self._search.least_gain * scale, 0.0 if any_part else self._least)
+        # Of what is left by now: beside a large effect, a smaller one may still be all there is at its joint.
+        left = 0.5 * (scale - 1.0) * self._freedom
+        return max(self._search.least_gain * scale, 0.0 if any_part else self._search.least_share * left)
 
     def _open(self, selected: Sequence[Candidate]) -> list[Candidate]:
         taken = {e.feature.key for e in selected}
@@ -222,6 +240,26 @@ class StepwiseSearch:
             if not changed:
                 break
         return selected
+
+    def simplified(self, hypothesis: Hypothesis) -> Hypothesis:
+        """Put a simpler cause of the same joint in the place of each that explains hardly more than it does."""
+        selected = list(hypothesis.selected)
+        for k in hypothesis.causes:
+            others = [*selected[:k], *selected[k + 1 :]]
+            now = self._score(selected)
+            worth = max(
+                self._search.exchange_gain * misfit(self.library, selected),
+                self._search.simpler_share * (now - self._score(others)),
+            )
+            for score, rough in self._ranked(others):
+                if score < now - worth:
+                    break
+                if rough[-1].feature.joint == selected[k].feature.joint and rough[-1].numbers < selected[k].numbers:
+                    selected = [*rough[:k], rough[-1], *rough[k:-1]]
+                    break
+        changed = [k for k in hypothesis.causes if selected[k] is not hypothesis.selected[k]]
+        rivals = {**hypothesis.rivals, **{k: self._rivals(selected, k) for k in changed}}
+        return Hypothesis(selected, hypothesis.given, rivals)
 
     def _optimised(self, selected: Sequence[Candidate]) -> list[Candidate]:
         """Optimise the searched parameters of all causes, one after another."""

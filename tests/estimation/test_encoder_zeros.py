@@ -1,0 +1,48 @@
+"""Zeros of link encoders that differ from recording to recording."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from elastic_arm.estimation.encoder_zeros import with_common_zeros
+from elastic_arm.recording import Recording, Side
+from elastic_arm.robot import load_robot
+
+ROBOT = load_robot(None)
+STIFFNESS = np.array([joint.transmission.stiffness for joint in ROBOT.joints if joint.transmission])
+
+
+def recording(zero: float, late: float = 0.0) -> Recording:
+    """Two swings under load, the link encoder of joint 2 with a zero, all link encoders late."""
+    stamps = np.arange(4000) * 1_000_000
+    t = stamps[:, None] * 1e-9
+    angle, torque = 0.5 * np.sin(np.pi * t + [0.0, 1.0, 2.0]), 200.0 + 100.0 * np.sin(np.pi * t + [2.0, 0.0, 1.0])
+    speed = 0.5 * np.pi * np.cos(np.pi * t + [0.0, 1.0, 2.0])
+    link = angle - torque / STIFFNESS - late * speed + [0.0, zero, 0.0]
+    return Recording(ROBOT.joint_names, Side(stamps, link), Side(stamps, angle, None, torque))
+
+
+def test_a_zero_beyond_what_loads_can_wind_is_taken_out_of_each_recording() -> None:
+    """Zeros of 0.02 and -0.02 rad leave, the lag of both stays, and a note names the joint."""
+    found = with_common_zeros([recording(0.02, 1e-3), recording(-0.02, 1e-3)], ROBOT)
+    true = recording(0.0, 1e-3)
+    for one in found:
+        assert one.link is not None and true.link is not None
+        assert one.link.position is not None and true.link.position is not None
+        np.testing.assert_allclose(one.link.position, true.link.position, atol=2e-5)
+        assert "link encoder of joint_2 is not the same" in one.notes[0] and len(one.notes) == 1
+
+
+def test_a_common_zero_and_one_that_a_load_could_explain_stay() -> None:
+    """One zero for all recordings is for the diagnosis to find; a small difference may be the drive's."""
+    for zeros in ((0.02, 0.02), (0.0, 1e-3)):
+        given = [recording(zero) for zero in zeros]
+        assert with_common_zeros(given, ROBOT) == given
+
+
+def test_recordings_with_one_encoder_stay() -> None:
+    """Without motor encoders there is nothing to compare with."""
+    given = [replace(recording(zero), motor=None) for zero in (0.02, -0.02)]
+    assert with_common_zeros(given, ROBOT) == given
