@@ -62,6 +62,13 @@ def plausible(
     return all(c.fixed or c.searched is None or _possible(c, beta, ratio_factor, sizes) for c, beta in fitted)
 
 
+def _confused(one: Candidate, other: Candidate) -> bool:
+    """Whether two candidates are one effect, or effects that their files name as easily confused, on the same joint."""
+    first, second = one.feature.effect, other.feature.effect
+    named = {c.effect for c in first.confusions} | {first.id}, {c.effect for c in second.confusions} | {second.id}
+    return one.feature.joint == other.feature.joint and (second.id in named[0] or first.id in named[1])
+
+
 def _possible(candidate: Candidate, beta: Array, ratio_factor: float, sizes: PlausibleSizes | None) -> bool:
     feature = candidate.feature
     if feature.fixed:
@@ -242,7 +249,12 @@ class StepwiseSearch:
         return selected
 
     def simplified(self, hypothesis: Hypothesis) -> Hypothesis:
-        """Put a simpler cause of the same joint in the place of each that explains hardly more than it does."""
+        """Put a simpler effect in the place of each that is known to be confused with it and explains hardly more.
+
+        Where next to nothing is left, any difference counts, and the likelihood has decided.
+        """
+        if misfit(self.library, hypothesis.selected) < self._search.complete:
+            return hypothesis
         selected = list(hypothesis.selected)
         for k in hypothesis.causes:
             others = [*selected[:k], *selected[k + 1 :]]
@@ -254,7 +266,7 @@ class StepwiseSearch:
             for score, rough in self._ranked(others):
                 if score < now - worth:
                     break
-                if rough[-1].feature.joint == selected[k].feature.joint and rough[-1].numbers < selected[k].numbers:
+                if rough[-1].numbers < selected[k].numbers and _confused(rough[-1], selected[k]):
                     selected = [*rough[:k], rough[-1], *rough[k:-1]]
                     break
         changed = [k for k in hypothesis.causes if selected[k] is not hypothesis.selected[k]]
