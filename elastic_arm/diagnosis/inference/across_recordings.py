@@ -18,6 +18,7 @@ from elastic_arm.diagnosis.context import DiagnosisContext
 from elastic_arm.diagnosis.inference.estimates import ParameterEstimate, estimates, polish
 from elastic_arm.diagnosis.selection.regressor_library import Candidate, RegressorLibrary
 from elastic_arm.diagnosis.settings import AgreementSettings
+from elastic_arm.effects.model import Effect
 from elastic_arm.effects.parameters import Parameter, Role
 from elastic_arm.estimation.observation import Observation
 from elastic_arm.estimation.whitening import WhitenedData
@@ -144,7 +145,8 @@ def _findings(
 def _compared(candidate: Candidate, findings: Sequence[RecordingEstimate], settings: AgreementSettings) -> Agreement:
     effect, joint = candidate.feature.effect, candidate.feature.joint
     present = all(finding.gain > 0.0 for finding in findings)
-    tried = [numbers for p in effect.parameters for numbers in _components(p, findings)]
+    whole = {p.name: _whole_size(effect, findings) if p.name in effect.magnitude else 0.0 for p in effect.parameters}
+    tried = [numbers for p in effect.parameters for numbers in _components(p, findings, whole[p.name])]
     if not tried:
         return Agreement(effect.id, joint, tuple(findings), None, 0, None, None, present)
     # Of the numbers that differ by more than counts as the same, the one that differs with most certainty.
@@ -154,8 +156,31 @@ def _compared(candidate: Candidate, findings: Sequence[RecordingEstimate], setti
     return Agreement(effect.id, joint, tuple(findings), scatter, len(findings) - 1, probability, spread, agrees)
 
 
-def _components(parameter: Parameter, findings: Sequence[RecordingEstimate]) -> list[tuple[float, float]]:
-    """Return chi-square and relative spread of each number of a parameter that every recording determines."""
+def _whole_size(effect: Effect, findings: Sequence[RecordingEstimate]) -> float:
+    """Return the size of an effect, in the median of the recordings: of the vector where several numbers are it.
+
+    Of a tilt about y, x is nearly zero: a small difference of x is a small part of the tilt all the same.
+    """
+    if len(effect.magnitude) < 2 or any(name not in f.parameters for f in findings for name in effect.magnitude):
+        return 0.0
+    parts = [[np.ravel(f.parameters[name].value) for name in effect.magnitude] for f in findings]
+    return float(np.median([np.linalg.norm(np.concatenate(one)) for one in parts]))
+
+
+def _components(
+    parameter: Parameter, findings: Sequence[RecordingEstimate], least: float = 0.0
+) -> list[tuple[float, float]]:
+    """Return chi-square and relative spread of each number of a parameter that every recording determines.
+
+    Parameters
+    ----------
+    parameter
+        One of the effect's.
+    findings
+        One a recording.
+    least
+        Size of the effect, of which a number that is nearly zero beside it is a part.
+    """
     found = []
     for j in range(parameter.size):
         given = [f.parameters.get(parameter.name) for f in findings]
@@ -166,7 +191,7 @@ def _components(parameter: Parameter, findings: Sequence[RecordingEstimate]) -> 
         if parameter.role is Role.PHASE:
             values = values[0] + np.angle(np.exp(1j * (values - values[0])))
         mean = np.average(values, weights=stds**-2.0)
-        size = 1.0 if parameter.role is Role.PHASE else abs(mean - (parameter.neutral or 0.0))
+        size = 1.0 if parameter.role is Role.PHASE else max(abs(mean - (parameter.neutral or 0.0)), least)
         scatter = float(np.sum(((values - mean) / stds) ** 2))
         found.append((scatter, float(np.abs(values - mean).max() / max(size, 1e-300))))
     return found
