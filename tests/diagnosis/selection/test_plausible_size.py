@@ -1,0 +1,67 @@
+"""Sizes that an engineer would believe of an arm, on torques made up."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from elastic_arm.diagnosis.inference.estimates import ParameterEstimate
+from elastic_arm.diagnosis.selection.plausible_size import PlausibleSizes
+from elastic_arm.effects import EFFECTS
+from elastic_arm.robot import load_robot
+
+ROBOT = load_robot(None)
+
+
+def sizes(torque: float) -> PlausibleSizes:
+    """Of an arm whose joints carry up to so many Nm, and turn at up to 0.5 rad/s."""
+    motion = SimpleNamespace(tau_m=np.full((10, ROBOT.n), torque))
+    data: Any = SimpleNamespace(
+        parts=[SimpleNamespace(stretch=SimpleNamespace(motion=motion))],
+        layout=SimpleNamespace(torques=("tau_m",)),
+        plain=lambda feature, searched: [np.full((10, 3 * ROBOT.n, 1), 0.5)],
+    )
+    return PlausibleSizes(ROBOT, [data])
+
+
+def allows(effect: str, carried: float, **values: float) -> bool:
+    feature: Any = SimpleNamespace(effect=EFFECTS[effect], joint="joint_2", key=(effect,), searched=())
+    estimates = {name: ParameterEstimate(value, 0.01 * abs(value), "") for name, value in values.items()}
+    return sizes(carried).impossible(feature, estimates) is None
+
+
+@pytest.mark.parametrize(
+    ("effect", "values", "expected"),
+    [
+        ("coulomb_friction", {"torque": 355.0}, True),
+        ("viscous_friction", {"coefficient": 2050.0}, True),
+        ("coulomb_friction", {"torque": 9000.0}, False),
+        ("motor_torque_offset", {"offset": -1330.0}, False),
+        ("motor_torque_gain", {"gain": 1.05}, True),
+        ("motor_torque_gain", {"gain": 1.85}, False),
+        ("joint_torque_gain", {"gain": 15.3}, False),
+        ("rotor_inertia_mismatch", {"inertia": 30.0}, False),
+        ("stribeck_friction", {"torque": 10.0, "speed": 0.0}, False),
+        ("stribeck_friction", {"torque": 10.0, "speed": 0.1}, True),
+        ("encoder_offset", {"offset": 0.4}, True),
+        ("encoder_eccentricity", {"amplitude": 0.4, "phase": 1.0}, False),
+    ],
+)
+def test_sizes_on_a_large_arm(effect: str, values: dict[str, float], expected: bool) -> None:
+    """A joint of 5000 Nm may have friction of hundreds of Nm; no sensor is off by a quarter of that or by 85 %."""
+    assert allows(effect, 5000.0, **values) == expected
+
+
+def test_the_same_friction_is_too_much_for_a_small_arm() -> None:
+    """Friction of 355 Nm in a joint that carries 50 Nm is no friction."""
+    assert not allows("coulomb_friction", 50.0, torque=355.0)
+
+
+def test_a_searched_number_that_is_not_determined_is_none() -> None:
+    """A Stribeck speed within its range, known to a million rad/s, is not known."""
+    feature: Any = SimpleNamespace(effect=EFFECTS["stribeck_friction"], joint="joint_2", key=("s",), searched=())
+    values = {"torque": ParameterEstimate(10.0, 0.1, "Nm"), "speed": ParameterEstimate(0.1, 7.9e6, "rad/s")}
+    assert sizes(500.0).impossible(feature, values) == "speed"
