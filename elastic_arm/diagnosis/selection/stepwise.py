@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Sequence
+from dataclasses import replace
 from functools import cached_property
 
 import numpy as np
@@ -271,7 +272,7 @@ class StepwiseSearch:
                     break
         changed = [k for k in hypothesis.causes if selected[k] is not hypothesis.selected[k]]
         rivals = {**hypothesis.rivals, **{k: self._rivals(selected, k) for k in changed}}
-        return Hypothesis(selected, hypothesis.given, rivals)
+        return replace(hypothesis, selected=selected, rivals=rivals)
 
     def _optimised(self, selected: Sequence[Candidate]) -> list[Candidate]:
         """Optimise the searched parameters of all causes, one after another."""
