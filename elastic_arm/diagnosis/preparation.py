@@ -18,6 +18,7 @@ from elastic_arm.diagnosis.calibration.linearisation import (
     linearise,
 )
 from elastic_arm.diagnosis.calibration.linearisation import problem_of as calibration_problem
+from elastic_arm.diagnosis.data.encoder_zeros import with_common_zeros
 from elastic_arm.diagnosis.data.preprocessing import needs_motion, standing, usable
 from elastic_arm.diagnosis.data.split import independent, split
 from elastic_arm.diagnosis.question import Question
@@ -32,7 +33,6 @@ from elastic_arm.effects.equations import ArmEquations
 from elastic_arm.errors import DiagnosisError
 from elastic_arm.estimation.band import Band
 from elastic_arm.estimation.effect_columns import Feature
-from elastic_arm.estimation.encoder_zeros import with_common_zeros
 from elastic_arm.estimation.equations import EquationSet
 from elastic_arm.estimation.noise_colour import Colour
 from elastic_arm.estimation.observation import Observation, continued, observe, widest_band
