@@ -145,8 +145,6 @@ class JudgementSettings:
     least_listed: float = 0.01  # probability of an alternative that is listed; convention
     level: float = 0.95  # of the intervals and tests of parameters; convention
     bound_clearance: float = 0.01  # of a parameter's distance from no effect to its physical bound; numerical
-    # Of what the other causes leave at a joint and side: from that share on a cause counts, however small in the whole.
-    place_contribution: float = 0.5  # convention
     large_share: float = 0.3  # of a joint's torque, from which a lag of a sample is a cause all the same; convention
     ordinary_deviations: float = 2.0  # by which an estimate may exceed what every arm has; convention
 

@@ -103,9 +103,6 @@ class GapMeasure(Protocol):
     def contribution(self, selected: Sequence[Candidate], k: int) -> float:
         """Return what candidate k takes away beside the others, as a share of the whole gap."""
 
-    def own_contribution(self, selected: Sequence[Candidate], k: int) -> float:
-        """Return what candidate k takes away of what the others leave at a joint and side, where it is most."""
-
 
 class ExcessMeasure:
     """What significant residuals hold beyond their noise in one band of the validation data (docs/contract.md).
@@ -164,16 +161,6 @@ class ExcessMeasure:
             excess.contribution(before, self.after(without, before.band), self.after(selected, before.band))
             for before in self._clear
         )
-
-    def own_contribution(self, selected: Sequence[Candidate], k: int) -> float:
-        """Return what candidate k takes away of what the others leave at a joint and side, where it is most."""
-        without = [*selected[:k], *selected[k + 1 :]]
-        shares = [0.0]
-        for band in (before.band for before in self._clear):
-            left, after = self.after(without, band), self.after(selected, band)
-            shown = left.significant & (left.excess > left.noise**2)
-            shares += list(1.0 - after.excess[shown] / left.excess[shown])
-        return max(shares)
 
 
 class LikelihoodMeasure:
@@ -240,7 +227,3 @@ class LikelihoodMeasure:
     def contribution(self, selected: Sequence[Candidate], k: int) -> float:
         """Return what candidate k takes away beside the others, as a share of the whole gap."""
         return (self.gain(selected) - self.gain([*selected[:k], *selected[k + 1 :]])) / self.whole
-
-    def own_contribution(self, selected: Sequence[Candidate], k: int) -> float:
-        """Return zero: no joint and side shows a gap by itself."""
-        return 0.0

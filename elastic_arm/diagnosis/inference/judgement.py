@@ -186,14 +186,7 @@ def eliminate(prepared: PreparedData, hypothesis: Hypothesis, measure: GapMeasur
     notes: list[str] = []
     while hypothesis.causes:
         shares = {k: measure.contribution(hypothesis.selected, k) for k in hypothesis.causes}
-        # What is little of the whole gap may be most of what there is at its joint.
-        own = {k: measure.own_contribution(hypothesis.selected, k) for k in hypothesis.causes}
-        large = prepared.settings.judgement.place_contribution
-        failed = {
-            k: share
-            for k, share in shares.items()
-            if not passes(prepared, hypothesis, k, 1.0 if own[k] > large else share)
-        }
+        failed = {k: share for k, share in shares.items() if not passes(prepared, hypothesis, k, share)}
         failed = failed or {k: 0.0 for k in insignificant(prepared, hypothesis) if k in hypothesis.causes}
         impossible = {} if failed else impossible_sizes(prepared, hypothesis)
         failed = failed or {k: shares[k] for k in impossible}

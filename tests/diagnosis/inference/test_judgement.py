@@ -73,24 +73,11 @@ def test_causes_that_fail_leave_worst_first_and_known_effects_stay(prepared: Any
     """Known effects are not judged; of the causes those that fail go, and one beyond doubt but small is noted."""
     known, good = candidate("known", 0.0, 0.0), candidate("good", 0.6, 30.0)
     small, noise = candidate("small", 0.004, 25.0), candidate("noise", -0.1, 0.0)
-    measure: Any = SimpleNamespace(
-        contribution=lambda selected, k: selected[k].share, own_contribution=lambda selected, k: 0.0
-    )
+    measure: Any = SimpleNamespace(contribution=lambda selected, k: selected[k].share)
     left, notes = eliminate(prepared, Hypothesis([known, noise, good, small], 1), measure)
     assert [c.feature.effect.id for c in left.selected] == ["known", "good"]
     (note,) = notes
     assert note == "small of joint_1 shows as well, 0.40% of the gap: less than 1% is no cause."
-
-
-def test_a_cause_that_is_most_of_the_gap_of_its_joint_stays_however_small_in_the_whole(prepared: Any) -> None:
-    """A sum of Nm² hides small joints: what takes most of what the others leave at one of them is a cause."""
-    good, small = candidate("good", 0.9, 30.0), candidate("small", 0.004, 25.0)
-    measure: Any = SimpleNamespace(
-        contribution=lambda selected, k: selected[k].share,
-        own_contribution=lambda selected, k: 0.8 if selected[k] is small else 0.0,
-    )
-    left, notes = eliminate(prepared, Hypothesis([good, small]), measure)
-    assert left.selected == [good, small] and notes == []
 
 
 def test_a_size_that_no_arm_has_is_noted_and_no_cause(prepared: Any, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -101,8 +88,6 @@ def test_a_size_that_no_arm_has_is_noted_and_no_cause(prepared: Any, monkeypatch
         return {k: "absurd" for k in hypothesis.causes if hypothesis.selected[k] is absurd}
 
     monkeypatch.setattr(judgement, "impossible_sizes", impossible)
-    measure: Any = SimpleNamespace(
-        contribution=lambda selected, k: selected[k].share, own_contribution=lambda selected, k: 0.0
-    )
+    measure: Any = SimpleNamespace(contribution=lambda selected, k: selected[k].share)
     left, notes = eliminate(prepared, Hypothesis([absurd, good]), measure)
     assert left.selected == [good] and notes == ["absurd"]

@@ -18,6 +18,7 @@ DATA: Any = SimpleNamespace(
     layout=SimpleNamespace(rows=3),
     # White noise of one, as much of it as each low pass leaves.
     noise_std=lambda low_pass: np.full(3, 0.74 * np.sqrt(low_pass.cutoff / 20.0)),
+    noise_breadth=lambda low_pass: None,
 )
 
 
