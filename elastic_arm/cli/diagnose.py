@@ -223,17 +223,17 @@ def print_diagnosis(found: Diagnosis, folder: Path) -> None:
 
 def _print_causes(causes: Sequence[Cause]) -> None:
     table = Table(box=None, header_style="bold", pad_edge=False)
-    for heading in ("cause", "joint", "side", "size"):
+    # On a screen a line for a parameter, and the side below the joint; in a pipe a line for a cause.
+    for heading in ("cause", "joint", "size") if out.is_terminal else ("cause", "joint", "side", "size"):
         table.add_column(heading, no_wrap=heading != "size")
-    # On a screen a line for a parameter, in a pipe a line for a cause.
     for heading in ("shrinks\nalone by" if out.is_terminal else "shrinks alone by", "confidence"):
         table.add_column(heading, no_wrap=True, justify="right")
     for cause in causes:
         size = cause_size(cause, "\n" if out.is_terminal else ", ")
         shares = alone_text(cause), probability_text(cause.confidence)
-        table.add_row(
-            escape(cause.effect), escape(cause.joint or "whole arm"), sides_text(cause), escape(size), *shares
-        )
+        place = escape(cause.joint or "whole arm"), sides_text(cause)
+        places = ("\n".join(place).replace(", ", "\n"),) if out.is_terminal else place
+        table.add_row(escape(cause.effect), *places, escape(size), *shares)
     out.print(table)
     if note := negative_shrink_note(causes):
         out.print(note)
@@ -247,7 +247,9 @@ def _print_places(found: Diagnosis) -> None:
     for side in sides:
         table.add_column(side, no_wrap=True, justify="right")
     for joint in found.joints:
-        table.add_row(escape(joint), *(gap_at(found, joint, side) for side in sides))
+        cells = [gap_at(found, joint, side) for side in sides]
+        # On a screen the share stands below the sizes: three sides and a long name would not fit otherwise.
+        table.add_row(escape(joint), *(cell.replace(" (", "\n(") if out.is_terminal else cell for cell in cells))
     sizes = "before → after" if found.causes else "size"
     out.print(f"residuals in Nm below {found.band:.3g} Hz, {sizes} (share of its own gap that is gone):")
     out.print(table)
