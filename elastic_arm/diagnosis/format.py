@@ -38,6 +38,12 @@ def standing_note(joint: str) -> str:
     return f"{joint} stands still: nothing can be said of what its motion would show."
 
 
+def unseen_note(instances: Sequence[EffectInstance]) -> str:
+    """Return the note on known effects that act on the motor side where that was not recorded."""
+    names = [effect_at(instance.effect.id, instance.joint) for instance in instances]
+    return f"Known, but not seen: {', '.join(names)} on the motor side, as no motor torque was recorded; left out."
+
+
 def known_effect_note(feature: Feature, parameters: Mapping[str, ParameterEstimate]) -> str:
     """Return the note on what an effect that counts as part of the model came out as."""
     fitted = f", fitted with {estimates_text(parameters)}" if parameters else ""

@@ -28,7 +28,7 @@ from elastic_arm.diagnosis.selection.plausible_size import PlausibleSizes
 from elastic_arm.diagnosis.selection.regressor_library import Candidate, RegressorLibrary
 from elastic_arm.diagnosis.settings import DiagnosisSettings, PreprocessingSettings
 from elastic_arm.dynamics import Model, build_model
-from elastic_arm.effects import Effect, robot_effects
+from elastic_arm.effects import Effect, EffectInstance, robot_effects
 from elastic_arm.effects.equations import ArmEquations
 from elastic_arm.errors import DiagnosisError
 from elastic_arm.estimation.band import Band
@@ -158,6 +158,8 @@ def prepare(recordings: Sequence[Recording], validate: Sequence[Recording], ques
     known = (*(i for i in stated if (i.effect.id, i.joint) not in own), *question.given)
     equations = ArmEquations(question.robot, question.model)
     known = tuple(instance for instance in known if feature_of(instance, equations).acts)
+    unseen = [instance for instance in known if not _is_seen(instance, layout)]
+    known = tuple(instance for instance in known if instance not in unseen)
     problem = calibration_problem(
         question.robot,
         question.model,
@@ -177,6 +179,7 @@ def prepare(recordings: Sequence[Recording], validate: Sequence[Recording], ques
     notes = list(dict.fromkeys(note for part in observed for o in part for note in o.notes))
     notes += [texts.REFITTED] if question.refit else []
     notes += [texts.standing_note(joint) for joint in still]
+    notes += [texts.unseen_note(unseen)] if unseen else []
     return PreparedData(
         calibration=problem,
         found=found,
@@ -220,6 +223,11 @@ def _sensor_effects(question: Question) -> tuple[Effect, ...]:
     """Return the effects of sensors that an ordinary arm has some of, but those that the user knows."""
     given = {instance.effect.id for instance in question.given}
     return tuple(e for e in question.catalogue.values() if e.prior is not None and e.id not in given)
+
+
+def _is_seen(instance: EffectInstance, layout: EquationSet) -> bool:
+    """Whether a known effect acts in a recorded equation: what brakes a motor is not seen by a joint torque sensor."""
+    return instance.parameters.get("side") != "motor" or not set(layout.sides) <= {"link", "drive"}
 
 
 def _common(

@@ -112,3 +112,14 @@ def test_one_encoder_narrows_the_band() -> None:
     assert np.isclose(narrow.cutoff, settings.one_encoder_band) and wide.cutoff > narrow.cutoff
     rigid = build_model(ROBOT.with_(joints=tuple(replace(j, transmission=None) for j in ROBOT.joints)), "mod1")
     assert common_band(single, rigid, 1000.0, settings).cutoff == wide.cutoff
+
+
+def test_known_friction_of_motors_that_were_not_recorded_is_left_out_with_a_note() -> None:
+    """With link encoders and joint torque sensors alone, friction of a motor is in no equation; that of a link is."""
+    alone = [replace(recording, motor=None) for recording in pair()]
+    known = tuple(
+        parse(f"coulomb_friction:joint_{k}:torque=3,side={side}", ROBOT) for k, side in ((1, "motor"), (2, "link"))
+    )
+    prepared = prepare([alone[0]], [alone[1]], question(given=known))
+    assert [candidate.feature.joint for candidate in prepared.given] == ["joint_2"]
+    assert any("coulomb_friction on joint_1" in note and "no motor torque" in note for note in prepared.notes)
