@@ -8,36 +8,16 @@ from dataclasses import replace
 import numpy as np
 
 from elastic_arm.recording import Recording
-from elastic_arm.robot import Component, Robot
+from elastic_arm.robot import Robot
+from elastic_arm.studies.blind_challenge.hidden_arms.base_arms import imprecise
 from elastic_arm.studies.blind_challenge.hidden_arms.effect_laws import Fault
 from elastic_arm.studies.blind_challenge.hidden_arms.hidden_arm import HiddenArm
 from elastic_arm.studies.blind_challenge.hidden_arms.motion import random_motion
 from elastic_arm.studies.blind_challenge.hidden_arms.sensor_models import SensorModel
 
+__all__ = ["imprecise", "ordinary_faults", "record"]
+
 LINK_STEP, MOTOR_STEP = 2 * np.pi / 2**19, 2 * np.pi / 2**13  # rad, before the gear
-
-
-def imprecise(robot: Robot, rng: np.random.Generator) -> Robot:
-    """An arm of this description: masses and inertias to 8 %, centres to 1 cm, stiffness to 10 %, damping to 20 %."""
-    joints = []
-    for joint in robot.joints:
-        mass, link, gear = 1 + rng.uniform(-0.08, 0.08), joint.link, joint.transmission
-        assert gear is not None
-        inertia = np.asarray(link.inertia) * mass * (1 + rng.uniform(-0.08, 0.08))
-        com = np.asarray(link.com) + rng.uniform(-0.01, 0.01, 3)
-        rotor = 1 + rng.uniform(-0.05, 0.05)
-        gear = replace(
-            gear,
-            rotor=_scaled(gear.rotor, rotor),
-            wave_generator=_scaled(gear.wave_generator, rotor),
-            spline=_scaled(gear.spline, rotor),
-            stiffness=gear.stiffness * (1 + rng.uniform(-0.1, 0.1)),
-            damping=gear.damping * (1 + rng.uniform(-0.2, 0.2)),
-        )
-        joints.append(
-            replace(joint, link=replace(link, mass=link.mass * mass, com=com, inertia=inertia), transmission=gear)
-        )
-    return robot.with_(joints=tuple(joints))
 
 
 def ordinary_faults(n: int, rng: np.random.Generator) -> list[Fault]:
@@ -67,7 +47,3 @@ def record(
             sides[name] = replace(side, position=np.round(side.position / step) * step, velocity=None)
         found.append(replace(exact, **sides, source=f"run_{k}"))
     return found
-
-
-def _scaled(part: Component, ratio: float) -> Component:
-    return replace(part, ixx=part.ixx * ratio, izz=part.izz * ratio)

@@ -10,8 +10,15 @@ from elastic_arm.errors import MissingExtraError, RobotError
 from elastic_arm.input_files import read_bytes
 
 
-def engine() -> ModuleType:
+def engine(what: str = "MJCF files need", extra: str = "mujoco") -> ModuleType:
     """Return MuJoCo.
+
+    Parameters
+    ----------
+    what
+        Subject and verb of the error: what needs it.
+    extra
+        The optional extra that installs it.
 
     Raises
     ------
@@ -22,8 +29,8 @@ def engine() -> ModuleType:
         import mujoco
     except ImportError as error:
         raise MissingExtraError(
-            "MJCF files need the physics engine MuJoCo, which is not installed",
-            "Install it with: pip install 'elastic_arm[mujoco]'",
+            f"{what} the physics engine MuJoCo, which is not installed",
+            f"Install it with: pip install 'elastic_arm[{extra}]'",
         ) from error
     # Its own habit is to append warnings to a file MUJOCO_LOG.TXT wherever the user works.
     mujoco.set_mju_user_warning(lambda words: None)

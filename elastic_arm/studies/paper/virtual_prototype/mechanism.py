@@ -13,8 +13,9 @@ from typing import Any
 
 import numpy as np
 
-from elastic_arm.errors import MissingExtraError, RobotError
+from elastic_arm.errors import RobotError
 from elastic_arm.robot.description import Component, Joint, Robot, Transmission
+from elastic_arm.robot.mjcf.engine import engine as mujoco_engine
 
 BUSHING = ("x", "y", "z", "about_y", "about_x", "about_z")
 """The bushing's degrees of freedom, in the order in which they act: the paper's Ry(q_y) Rx(q_x) Rz(q) of (3)."""
@@ -28,17 +29,7 @@ def engine() -> ModuleType:
     MissingExtraError
         When it is not installed.
     """
-    try:
-        import mujoco
-    except ImportError as error:
-        raise MissingExtraError(
-            "the virtual prototype needs the physics engine MuJoCo, which is not installed",
-            "Install it with: pip install 'elastic_arm[paper]'",
-        ) from error
-    # Its own habit is to append warnings to a file MUJOCO_LOG.TXT wherever the user works; a motion that blows up is
-    # found by what calls it, and reported by an error.
-    mujoco.set_mju_user_warning(lambda words: None)
-    return mujoco
+    return mujoco_engine("the virtual prototype needs", "paper")
 
 
 @dataclass(frozen=True)
