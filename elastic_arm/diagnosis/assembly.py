@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -72,7 +72,7 @@ def assemble(prepared: PreparedData, judgement: Judgement, estimated: EstimatedH
     """
     settings, measure, library = prepared.settings, judgement.measure, prepared.library
     hypothesis = estimated.hypothesis
-    ranked = ranked_causes(prepared, estimated, measure)
+    ranked = ranked_causes(prepared, estimated, judgement)
     ranked = sorted([*ranked, *fault_causes(prepared, judgement, hypothesis.baseline)], key=lambda r: -r.cause.shrink)
     shrink, interval = measure.share(hypothesis.selected)
     stands_out = measure.stands_out(hypothesis.selected)
@@ -136,7 +136,7 @@ def _known(estimated: EstimatedHypothesis) -> tuple[dict[str, Any], ...]:
     )
 
 
-def ranked_causes(prepared: PreparedData, estimated: EstimatedHypothesis, measure: GapMeasure) -> list[RankedCause]:
+def ranked_causes(prepared: PreparedData, estimated: EstimatedHypothesis, judgement: Judgement) -> list[RankedCause]:
     """Return the causes, those first that shrink the gap most alone.
 
     Parameters
@@ -145,14 +145,15 @@ def ranked_causes(prepared: PreparedData, estimated: EstimatedHypothesis, measur
         Data and regressors.
     estimated
         The causes with their parameters.
-    measure
-        What the gap is measured by.
+    judgement
+        The measure of the gap, and which causes are minor.
     """
-    hypothesis, found = estimated.hypothesis, []
+    hypothesis, measure, found = estimated.hypothesis, judgement.measure, []
     for k in hypothesis.causes:
         candidate, rivals = hypothesis.selected[k], hypothesis.rivals.get(k, ())
         alone = [*hypothesis.baseline, candidate]
         cause = _cause(prepared, estimated, k, measure.share(alone)[0], rivals)
+        cause = replace(cause, minor=candidate.feature.key in judgement.minor)
         residuals = prepared.library.validation_residuals(alone)
         found.append(RankedCause(cause, candidate, tuple(r.candidate for r in rivals), residuals))
     return sorted(found, key=lambda one: -one.cause.shrink)

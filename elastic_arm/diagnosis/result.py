@@ -66,6 +66,8 @@ class Cause:
         The others.
     instance
         As the simulator takes it.
+    minor
+        Whether it is a term of friction that takes less off the gap than a cause by itself must.
     """
 
     effect: str
@@ -77,6 +79,7 @@ class Cause:
     confidence: float
     alternatives: tuple[Alternative, ...]
     instance: EffectInstance
+    minor: bool = False
 
     def less_sure(self, share: float) -> Cause:
         """Return it with its own and its alternatives' confidence reduced to a share.
@@ -116,6 +119,7 @@ class Cause:
             "regime": self.regime,
             "parameters": parameters,
             "shrink": _plain(self.shrink),
+            "minor": self.minor,
             "confidence": _plain(self.confidence),
             "alternatives": [
                 {

@@ -14,7 +14,7 @@ from elastic_arm.diagnosis.inference.gap_metric import GapMeasure, gap_measure
 from elastic_arm.diagnosis.inference.lack_of_fit import LackOfFitTest
 from elastic_arm.diagnosis.inference.sensor_faults import SensorFault, is_large, sensor_faults
 from elastic_arm.diagnosis.preparation import PreparedData
-from elastic_arm.diagnosis.selection.hypothesis import Hypothesis
+from elastic_arm.diagnosis.selection.hypothesis import Hypothesis, Key
 from elastic_arm.diagnosis.selection.regressor_library import Candidate
 from elastic_arm.diagnosis.selection.stepwise import StepwiseSearch, misfit
 from elastic_arm.diagnosis.settings import JudgementSettings
@@ -39,6 +39,8 @@ class Judgement:
         Ordinary imperfections, and effects too small to be causes.
     faults
         Sensors that are further off than ordinary ones.
+    minor
+        Keys of the causes that are less than the least share of the gap.
     """
 
     hypothesis: Hypothesis
@@ -47,6 +49,7 @@ class Judgement:
     log_likelihood: float
     notes: tuple[str, ...]
     faults: tuple[SensorFault, ...] = ()
+    minor: frozenset[Key] = frozenset()
 
 
 def judge(prepared: PreparedData, hypothesis: Hypothesis) -> Judgement:
@@ -65,7 +68,13 @@ def judge(prepared: PreparedData, hypothesis: Hypothesis) -> Judgement:
     gained = gain(prepared, kept.selected, kept.baseline)
     # Of a gap that no residual shows, an imperfect sensor is no cause.
     shown = faults if measure.name == "excess" else ()
-    return Judgement(kept, measure, test, gained, (*notes, *more_notes), shown)
+    minor = frozenset(
+        kept.selected[k].feature.key
+        for k in kept.causes
+        if kept.selected[k].feature.effect.is_friction
+        and measure.contribution(kept.selected, k) < prepared.settings.judgement.least_shrink
+    )
+    return Judgement(kept, measure, test, gained, (*notes, *more_notes), shown, minor)
 
 
 def verdict(
@@ -233,7 +242,7 @@ def passes(prepared: PreparedData, hypothesis: Hypothesis, k: int, share: float)
     if not hypothesis.selected[k].feature.effect.parameters:
         worth = settings.search.least_gain * misfit(library, hypothesis.selected)
         return gain(prepared, hypothesis.selected, without) > worth
-    if share < settings.judgement.least_shrink:
+    if share < settings.judgement.least_shrink and not is_minor(prepared, hypothesis, k, share):
         return False
     if hypothesis.selected[k].feature.key in hypothesis.beyond:
         return True
@@ -246,6 +255,30 @@ def passes(prepared: PreparedData, hypothesis: Hypothesis, k: int, share: float)
         for falls in (on_validation, np.append(on_fit, on_validation))
     ]
     return max(bounds) > 0.0
+
+
+def is_minor(prepared: PreparedData, hypothesis: Hypothesis, k: int, share: float) -> bool:
+    """Whether a cause too small by itself is friction beyond doubt, beside friction of its kind or at its joint.
+
+    A simulator needs all terms of a friction law, and the friction of every joint, not the largest ones alone.
+
+    Parameters
+    ----------
+    prepared
+        Data and regressors.
+    hypothesis
+        That holds it.
+    k
+        Its position.
+    share
+        What it takes off the gap beside the others.
+    """
+    feature = hypothesis.selected[k].feature
+    if not feature.effect.is_friction:
+        return False
+    others = [candidate.feature for candidate in hypothesis.without(k) if candidate.feature.effect.is_friction]
+    related = any(other.joint == feature.joint or other.effect.id == feature.effect.id for other in others)
+    return related and is_small_effect(prepared, hypothesis, k, share)
 
 
 def insignificant(prepared: PreparedData, hypothesis: Hypothesis) -> list[int]:
