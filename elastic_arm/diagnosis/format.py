@@ -168,7 +168,9 @@ def sides_text(cause: Cause) -> str:
 
 def alone_text(cause: Cause) -> str:
     """Return by how much a cause shrinks the gap alone; one that helps only beside the others has no number."""
-    return "only beside others" if percent(cause.shrink).startswith("-") else percent(cause.shrink)
+    if percent(cause.shrink).startswith("-"):
+        return "only beside others"
+    return f"{percent(cause.shrink)}{' (minor)' if cause.minor else ''}"
 
 
 def listed_alternatives(cause: Cause) -> tuple[list[Alternative], str]:

@@ -17,10 +17,12 @@ from elastic_arm.diagnosis.settings import DiagnosisSettings
 SETTINGS = DiagnosisSettings()
 
 
-def candidate(name: str, share: float, fall: float, parameters: int = 1) -> Any:
+def candidate(
+    name: str, share: float, fall: float, parameters: int = 1, *, friction: bool = False, joint: str = "joint_1"
+) -> Any:
     """A candidate that takes a share of the gap and lowers the squares of each block by so much on average."""
-    effect = SimpleNamespace(id=name, parameters=[None] * parameters)
-    feature = SimpleNamespace(effect=effect, joint="joint_1", key=(name, "joint_1"))
+    effect = SimpleNamespace(id=name, parameters=[None] * parameters, is_friction=friction)
+    feature = SimpleNamespace(effect=effect, joint=joint, key=(name, joint))
     return SimpleNamespace(share=share, fall=fall, feature=feature)
 
 
@@ -78,6 +80,25 @@ def test_causes_that_fail_leave_worst_first_and_known_effects_stay(prepared: Any
     assert [c.feature.effect.id for c in left.selected] == ["known", "good"]
     (note,) = notes
     assert note == "small of joint_1 shows as well, 0.40% of the gap: less than 1% is no cause."
+
+
+@pytest.mark.parametrize(
+    ("beside", "gained", "expected"),
+    [
+        (candidate("coulomb", 0.9, 60.0, friction=True), 25.0, True),
+        (candidate("stribeck", 0.9, 60.0, friction=True, joint="joint_2"), 25.0, True),
+        (candidate("coulomb", 0.9, 60.0, friction=True, joint="joint_2"), 25.0, False),
+        (candidate("gain", 0.9, 60.0), 25.0, False),
+        (candidate("coulomb", 0.9, 60.0, friction=True), 15.0, False),
+    ],
+    ids=["other friction of its joint", "its kind elsewhere", "other kind elsewhere", "no friction", "doubtful"],
+)
+def test_a_small_term_of_friction_is_a_cause_beside_its_family(
+    beside: Any, gained: float, expected: bool, prepared: Any
+) -> None:
+    """Below 1 % of the gap it has to be beyond doubt, beside friction of its joint or of its kind."""
+    small = candidate("stribeck", 0.004, gained, friction=True)
+    assert passes(prepared, Hypothesis([beside, small]), 1, 0.004) == expected
 
 
 def test_a_size_that_no_arm_has_is_noted_and_no_cause(prepared: Any, monkeypatch: pytest.MonkeyPatch) -> None:
