@@ -310,7 +310,10 @@ class SimulatorNode(ArmNode):
         now = time.monotonic()
         others, states = graph.other_publishers(self, topics.MOTOR_STATES), graph.resolved(self, topics.MOTOR_STATES)
         if others and now - self._born < SETTLING:
-            self.failure = graph.company(others, states)
+            try:
+                graph.require_single_publisher(self, topics.MOTOR_STATES, 0.0)
+            except GraphError as error:
+                self.failure = error
             return
         pace = self._pace.achieved(now)
         problems = [f"{name} publishes {states} too: stop one of the two" for name in others]

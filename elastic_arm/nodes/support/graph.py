@@ -17,6 +17,9 @@ STREAM = QoSProfile(depth=topics.STREAM_DEPTH)
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 # Peers on the same machine find each other within this time, seconds.
 DISCOVERY = 1.0
+# An endpoint may be discovered before the name of the node behind it, which is waited for this long, seconds.
+NAMING = 10.0
+UNNAMED = "another node"
 
 
 def relative(topic: str) -> str:
@@ -55,25 +58,26 @@ def message_class(type_name: str) -> Any:
 def other_publishers(node: Node, topic: str) -> list[str]:
     """Return the full names of other nodes that publish one of the suite's topics in a node's namespace.
 
-    A node of this one's name counts once too often.
+    A node whose name discovery has not brought yet is `UNNAMED`, and comes last. A node of this one's name counts once
+    too often.
     """
     topic = resolved(node, topic)
     names = [
-        # The node behind an endpoint may be known only later than the endpoint.
-        "another node" if "UNKNOWN" in info.node_name else f"{info.node_namespace.rstrip('/')}/{info.node_name}"
+        UNNAMED if "UNKNOWN" in info.node_name else f"{info.node_namespace.rstrip('/')}/{info.node_name}"
         for info in node.get_publishers_info_by_topic(topic)
     ]
     own = sum(1 for publisher in node.publishers if publisher.topic_name == topic)
     for _ in range(own):
         if node.get_fully_qualified_name() in names:
             names.remove(node.get_fully_qualified_name())
-    return names
+    return sorted(names, key=UNNAMED.__eq__)
 
 
 def require_single_publisher(node: Node, topic: str, seconds: float = DISCOVERY) -> None:
     """Wait for discovery, and give up if another node publishes a topic that can have only one source.
 
-    Of two that start together one looks a little longer, and finds the other.
+    The error names the other node: its name may be discovered later than what it publishes, and is waited for. Of two
+    that start together one looks a little longer, and finds the other.
 
     Parameters
     ----------
@@ -91,9 +95,10 @@ def require_single_publisher(node: Node, topic: str, seconds: float = DISCOVERY)
     """
     end = time.monotonic() + seconds + (os.getpid() % 8) * 0.05
     while True:
-        if others := other_publishers(node, topic):
+        others, now = other_publishers(node, topic), time.monotonic()
+        if others and (others[0] != UNNAMED or now >= end + NAMING):
             raise company(others, resolved(node, topic))
-        if time.monotonic() >= end:
+        if not others and now >= end:
             return
         time.sleep(0.05)
 
