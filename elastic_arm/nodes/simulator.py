@@ -51,7 +51,7 @@ MAKE_GOOD = 0.5
 BEHIND = 0.2
 # Nobody notices a pace that is off by less.
 PACE_TOLERANCE = 0.02
-# A simulator this young, seconds, gives up when another turns up: it is the newcomer, or neither is.
+# A simulator this young, seconds on an idle machine, gives up when another turns up: it is the newcomer, or neither is.
 SETTLING = 3.0
 
 
@@ -63,13 +63,11 @@ class SimulatorNode(ArmNode):
         self._declare()
         began = time.monotonic()
         self._arm = self._build()
+        self._exclusive = [topics.MOTOR_STATES] + [topics.CLOCK] * (self._factor != 1.0)
         # Discovery went on while the arm was built; a busy machine leaves it little time then.
-        graph.require_single_publisher(
-            self, topics.MOTOR_STATES, max(graph.DISCOVERY - (time.monotonic() - began), 0.5)
-        )
-        if self._factor != 1.0:
-            graph.require_single_publisher(self, topics.CLOCK, 0.1)
-        self._born = time.monotonic()
+        discovery = graph.DISCOVERY * graph.slowness() - (time.monotonic() - began)
+        graph.require_single_publisher(self, self._exclusive, max(discovery, 0.5))
+        self._settled = time.monotonic() + SETTLING * graph.slowness()
         names = list(self._arm.robot.joint_names)
         self._joints = names
         real_time = self._factor == 1.0
@@ -308,15 +306,19 @@ class SimulatorNode(ArmNode):
 
     def _report(self) -> None:
         now = time.monotonic()
-        others, states = graph.other_publishers(self, topics.MOTOR_STATES), graph.resolved(self, topics.MOTOR_STATES)
-        if others and now - self._born < SETTLING:
+        others = {topic: graph.other_publishers(self, topic) for topic in self._exclusive}
+        if any(others.values()) and now < self._settled:
             try:
-                graph.require_single_publisher(self, topics.MOTOR_STATES, 0.0)
+                graph.require_single_publisher(self, self._exclusive, 0.0)
             except GraphError as error:
                 self.failure = error
             return
         pace = self._pace.achieved(now)
-        problems = [f"{name} publishes {states} too: stop one of the two" for name in others]
+        problems = [
+            f"{name} publishes {graph.resolved(self, topic)} too: stop one of the two"
+            for topic, names in others.items()
+            for name in names
+        ]
         if pace < 1.0 - PACE_TOLERANCE:
             problems.append(f"holds {100 * pace:.0f} % of the rate asked for")
         behind = max(-self._pace.wait(now), 0.0)

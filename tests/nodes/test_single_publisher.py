@@ -37,7 +37,7 @@ class Discovery:
 def refusal(node: Discovery) -> str:
     """Return the error by which a node gives up."""
     with pytest.raises(GraphError) as caught:
-        graph.require_single_publisher(node, topics.MOTOR_STATES, 0.1)  # type: ignore[arg-type]
+        graph.require_single_publisher(node, [topics.MOTOR_STATES], 0.1)  # type: ignore[arg-type]
     return str(caught.value)
 
 
@@ -56,4 +56,4 @@ def test_a_node_without_a_name_is_refused_in_the_end(monkeypatch: pytest.MonkeyP
 
 def test_a_publisher_that_goes_before_its_name_has_come_is_none() -> None:
     """An endpoint of a process that has ended disappears without a name, and the newcomer stays."""
-    graph.require_single_publisher(Discovery([NAMELESS], [NAMELESS], []), topics.MOTOR_STATES, 0.1)  # type: ignore[arg-type]
+    graph.require_single_publisher(Discovery([NAMELESS], [NAMELESS], []), [topics.MOTOR_STATES], 0.1)  # type: ignore[arg-type]

@@ -5,6 +5,7 @@ from __future__ import annotations
 import importlib
 import os
 import time
+from collections.abc import Sequence
 from typing import Any
 
 from rclpy.node import Node
@@ -73,7 +74,12 @@ def other_publishers(node: Node, topic: str) -> list[str]:
     return sorted(names, key=UNNAMED.__eq__)
 
 
-def require_single_publisher(node: Node, topic: str, seconds: float = DISCOVERY) -> None:
+def slowness() -> float:
+    """Return how many times longer discovery may take than on an idle machine: 1 to 8, by the load on each core."""
+    return min(max(os.getloadavg()[0] / (os.cpu_count() or 1), 1.0), 8.0)
+
+
+def require_single_publisher(node: Node, wanted: Sequence[str], seconds: float = DISCOVERY) -> None:
     """Wait for discovery, and give up if another node publishes a topic that can have only one source.
 
     The error names the other node: its name may be discovered later than what it publishes, and is waited for. Of two
@@ -82,9 +88,9 @@ def require_single_publisher(node: Node, topic: str, seconds: float = DISCOVERY)
     Parameters
     ----------
     node
-        Ours, which publishes the topic.
-    topic
-        Its name.
+        Ours, which publishes the topics.
+    wanted
+        Their names.
     seconds
         How long others are looked for.
 
@@ -95,10 +101,11 @@ def require_single_publisher(node: Node, topic: str, seconds: float = DISCOVERY)
     """
     end = time.monotonic() + seconds + (os.getpid() % 8) * 0.05
     while True:
-        others, now = other_publishers(node, topic), time.monotonic()
-        if others and (others[0] != UNNAMED or now >= end + NAMING):
-            raise company(others, resolved(node, topic))
-        if not others and now >= end:
+        found, now = {topic: others for topic in wanted if (others := other_publishers(node, topic))}, time.monotonic()
+        for topic, others in found.items():
+            if others[0] != UNNAMED or now >= end + NAMING:
+                raise company(others, resolved(node, topic))
+        if not found and now >= end:
             return
         time.sleep(0.05)
 
