@@ -1,0 +1,87 @@
+"""Commands whose results have no room, or no permission, on a real file system: a line each, whatever they write."""
+
+from __future__ import annotations
+
+import shutil
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner
+
+from elastic_arm.app import app
+from tests.helpers.motions import trajectory
+from tests.helpers.small_disk import fill, make_read_only, mounted
+
+COMMANDS = {
+    "simulate": ("simulate", "--trajectory", "{motion}", "--rate", "100", "--out", "{disk}/bag"),
+    "identify": ("identify", "{bag}", "--out", "{disk}/identified"),
+    "diagnose": ("diagnose", "{bag}", "--out", "{disk}/diagnosis"),
+    "describe": ("describe", "--urdf", "{disk}/arm.urdf"),
+    "bag check": ("bag", "check", "{killed}", "--repair", "--out", "{disk}/mended"),
+}
+
+
+@pytest.fixture(scope="module")
+def inputs(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
+    """A motion, a bag of it, and what a killed recorder would have left of that."""
+    folder = tmp_path_factory.mktemp("inputs")
+    motion = folder / "motion.yaml"
+    trajectory(n=3, period=9.0, ramp=0.5, periods=1).scaled(0.05).save(motion)
+    command = ["simulate", "--trajectory", str(motion), "--rate", "100", "--out", str(folder / "bag")]
+    assert CliRunner().invoke(app, command).exit_code == 0
+    shutil.copytree(folder / "bag", folder / "killed")
+    (folder / "killed" / "metadata.yaml").unlink()
+    content = (folder / "bag" / "bag_0.mcap").read_bytes()
+    (folder / "killed" / "bag_0.mcap").write_bytes(content[: 9 * len(content) // 10])
+    return {"motion": str(motion), "bag": str(folder / "bag"), "killed": str(folder / "killed")}
+
+
+@pytest.fixture
+def disk(tmp_path: Path) -> Iterator[Path]:
+    with mounted(tmp_path / "disk", 200) as folder:
+        yield folder
+
+
+def refusal(command: str, inputs: dict[str, str], disk: Path) -> str:
+    """Run a command that cannot write its results; return its one line on stderr."""
+    arguments = [part.format(**inputs, disk=disk) for part in COMMANDS[command]]
+    result = CliRunner().invoke(app, arguments)
+    assert result.exit_code == 2, result.output
+    (line,) = [line for line in result.stderr.splitlines() if "error" in line]
+    assert "Traceback" not in result.output
+    return line
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_a_full_disk_ends_a_command_with_one_line(command: str, inputs: dict[str, str], disk: Path) -> None:
+    """The line names the place and the system's reason."""
+    fill(disk)
+    line = refusal(command, inputs, disk)
+    assert str(disk) in line and "No space left on device" in line
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_a_read_only_disk_ends_a_command_with_one_line(command: str, inputs: dict[str, str], disk: Path) -> None:
+    """The line names the place and that it may not be written."""
+    make_read_only(disk)
+    line = refusal(command, inputs, disk)
+    assert str(disk) in line
+    assert "may not be written" in line or "Read-only file system" in line
+
+
+@pytest.mark.parametrize("state", ["full", "read-only"])
+def test_a_cache_that_takes_nothing_costs_time_alone_or_is_named(disk: Path, state: str) -> None:
+    """With the cache of compiled code on such a disk a model is computed all the same, or a line names the folder."""
+    fill(disk) if state == "full" else make_read_only(disk)
+    program = "from elastic_arm.app import main; main()"
+    done = subprocess.run(
+        [sys.executable, "-c", program, "describe"],
+        env={"ELASTIC_ARM_CACHE": str(disk), "PATH": "/usr/bin:/bin", "PYTHONPATH": ":".join(sys.path)},
+        capture_output=True,
+        text=True,
+    )
+    assert "Traceback" not in done.stderr
+    assert done.returncode == 0 or (done.returncode == 2 and str(disk) in done.stderr), done.stderr
