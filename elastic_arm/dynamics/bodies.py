@@ -34,18 +34,20 @@ class ModelParameter:
 
 @dataclass(frozen=True, eq=False)
 class Frame:
-    """A frame that turns about one axis: parent . before . R(axis, coordinate) . after.
+    """A frame that turns about one axis or slides along it: parent . before . R or T(axis, coordinate) . after.
 
     Parameters
     ----------
     parent
         Index of the parent frame, :data:`GROUND` for the base.
     before, after : (4, 4)
-        Constant placements on either side of the turn.
+        Constant placements on either side of the turn or the slide.
     axis
         0, 1, 2 for x, y, z.
     coordinate
         Index into the generalized coordinates.
+    slides
+        Whether it slides (a prismatic joint).
     """
 
     parent: int
@@ -53,6 +55,7 @@ class Frame:
     axis: int
     coordinate: int
     after: np.ndarray
+    slides: bool = False
 
 
 @dataclass(frozen=True, eq=False)
@@ -146,7 +149,10 @@ class Bodies:
             self.base_height,
             self.dof,
             [self.link_side, self.motor_side],
-            [[f.parent, f.before.tolist(), f.axis, f.coordinate, f.after.tolist()] for f in self.frames],
+            [
+                [f.parent, f.before.tolist(), f.axis, f.coordinate, f.after.tolist(), *(["slides"] if f.slides else [])]
+                for f in self.frames
+            ],
             [[b.frame, b.placement.tolist(), b.parameters] for b in self.bodies],
             [[s.frame, s.axis.tolist(), s.gears, s.parameter] for s in self.spins],
             [[s.stiffness, s.damping, s.coordinate, s.against] for s in self.springs],

@@ -67,7 +67,7 @@ class _Assembly:
         for axis, coordinate in ((Y, 3 * n + i), (X, 2 * n + i)) if tilting else ():
             self.frames.append(Frame(parent, before, axis, coordinate, np.eye(4)))
             parent, before = len(self.frames) - 1, np.eye(4)
-        self.frames.append(Frame(parent, before, Z, i, joint.after))
+        self.frames.append(Frame(parent, before, Z, i, joint.after, joint.prismatic))
         self.link_frames.append(len(self.frames) - 1)
 
     def add_link_body(self, i: int, inertia: Inertia) -> None:
@@ -97,9 +97,8 @@ class _Assembly:
         for i, joint in enumerate(self.robot.joints):
             t = joint.transmission
             if t is not None:
-                K, D = self.add_parameters(
-                    joint.name, ("K", "D"), ("Nm/rad", "Nm s/rad"), np.array([t.stiffness, t.damping])
-                )
+                units = joint.unit("Nm/rad"), joint.unit("Nm s/rad")
+                K, D = self.add_parameters(joint.name, ("K", "D"), units, np.array([t.stiffness, t.damping]))
                 self.springs.append(Spring(K, D, i, n + i))
         for i, joint in enumerate(self.robot.joints if bearings else ()):
             bearing = _bearing(joint)
@@ -164,7 +163,8 @@ def _rigid(arm: _Assembly) -> None:
     _links(arm)
     for i, joint in enumerate(arm.robot.joints):
         if joint.armature is not None:
-            (inertia,) = arm.add_parameters(joint.name, (ARMATURE,), ("kg m^2",), np.array([joint.armature]))
+            unit = joint.unit("kg m^2")
+            (inertia,) = arm.add_parameters(joint.name, (ARMATURE,), (unit,), np.array([joint.armature]))
             arm.spins.append(Spin(GROUND, np.array([0.0, 0.0, 1.0]), ((i, 1.0),), inertia))
 
 

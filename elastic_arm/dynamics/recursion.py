@@ -31,12 +31,16 @@ class Trig:
 
 @dataclass
 class _FrameMotion:
-    """Of a frame, in its own axes: angular velocity and acceleration, acceleration of its origin less gravity."""
+    """Of a frame, in its own axes: angular velocity and acceleration, acceleration of its origin less gravity.
+
+    `turn` is cosine and sine of a revolute joint, `slide` the travel of a prismatic one.
+    """
 
     w: Vec
     dw: Vec
     a: Vec
     turn: tuple[Scalar, Scalar] = (1.0, 0.0)
+    slide: Vec = field(default_factory=lambda: [0.0, 0.0, 0.0])
 
 
 @dataclass
@@ -177,17 +181,40 @@ def _outward(
         rotation = frame.before[:3, :3].T
         a = _add(up.a, _point_acceleration(up.w, up.dw, frame.before[:3, 3]))
         w, dw, a = (_matrix_times(rotation, v) for v in (up.w, up.dw, a))
-        turn = trig.cos(x[frame.coordinate]), trig.sin(x[frame.coordinate])
-        w, dw, a = (_turn_back(v, frame.axis, turn) for v in (w, dw, a))
-        rate = dx[frame.coordinate]
-        j, k = (frame.axis + 1) % 3, (frame.axis + 2) % 3
-        dw[j], dw[k] = dw[j] + w[k] * rate, dw[k] - w[j] * rate
-        dw[frame.axis] = dw[frame.axis] + ddx[frame.coordinate]
-        w[frame.axis] = w[frame.axis] + rate
+        k = frame.coordinate
+        if frame.slides:
+            a, turn = _slid(_FrameMotion(w, dw, a), frame.axis, (x[k], dx[k], ddx[k])), (1.0, 0.0)
+        else:
+            turn = trig.cos(x[k]), trig.sin(x[k])
+            w, dw, a = _turned(_FrameMotion(w, dw, a), frame.axis, turn, (dx[k], ddx[k]))
         a = _add(a, _point_acceleration(w, dw, frame.after[:3, 3]))
         w, dw, a = (_matrix_times(frame.after[:3, :3].T, v) for v in (w, dw, a))
-        motions.append(_FrameMotion(w, dw, a, turn))
+        motions.append(_FrameMotion(w, dw, a, turn, _along(frame.axis, x[k] if frame.slides else 0.0)))
     return motions
+
+
+def _turned(
+    up: _FrameMotion, axis: int, turn: tuple[Scalar, Scalar], rates: tuple[Scalar, Scalar]
+) -> tuple[Vec, Vec, Vec]:
+    """Motion of a frame that turns about an axis, from that of the frame it turns in."""
+    w, dw, a = (_turn_back(v, axis, turn) for v in (up.w, up.dw, up.a))
+    rate, acceleration = rates
+    j, k = (axis + 1) % 3, (axis + 2) % 3
+    dw[j], dw[k] = dw[j] + w[k] * rate, dw[k] - w[j] * rate
+    dw[axis] = dw[axis] + acceleration
+    w[axis] = w[axis] + rate
+    return w, dw, a
+
+
+def _slid(up: _FrameMotion, axis: int, travel: tuple[Scalar, Scalar, Scalar]) -> Vec:
+    """Acceleration of the origin of a frame that slides along an axis: with the frame, of Coriolis, and its own."""
+    position, rate, acceleration = (_along(axis, value) for value in travel)
+    a = _add(up.a, _point_acceleration(up.w, up.dw, position))
+    return _add(_add(a, _scale(_cross(up.w, rate), 2.0)), acceleration)
+
+
+def _along(axis: int, value: Scalar) -> Vec:
+    return [value if k == axis else 0.0 for k in range(3)]
 
 
 def _newton_euler(motion: _FrameMotion, inertia: tuple[Scalar, Vec, Vec]) -> tuple[Vec, Vec]:
@@ -200,12 +227,15 @@ def _newton_euler(motion: _FrameMotion, inertia: tuple[Scalar, Vec, Vec]) -> tup
 
 
 def _inward(bodies: Bodies, motions: list[_FrameMotion], wrenches: list[_Wrench], forces: list[Scalar]) -> list[Scalar]:
-    """Hand every frame's wrench to its parent, and the part about its axis to its coordinate."""
+    """Hand every frame's wrench to its parent, and the part about its axis, or along it, to its coordinate."""
     for frame, motion, wrench in reversed(list(zip(bodies.frames, motions, wrenches, strict=True))):
         f, n = _through(frame.after, wrench.f, wrench.n)
-        forces[frame.coordinate] = forces[frame.coordinate] + n[frame.axis]
+        forces[frame.coordinate] = forces[frame.coordinate] + (f if frame.slides else n)[frame.axis]
         if frame.parent != GROUND:
-            f, n = (_turn(v, frame.axis, motion.turn) for v in (f, n))
+            if frame.slides:
+                n = _add(n, _cross(motion.slide, f))
+            else:
+                f, n = (_turn(v, frame.axis, motion.turn) for v in (f, n))
             wrenches[frame.parent].add(*_through(frame.before, f, n))
     return forces
 
@@ -219,7 +249,11 @@ def _carry_energy(
         p = list(placement[:3, 3])
         v, height = _add(v, _cross(w, p)), height + _dot(g, p)
         w, v, g = (_matrix_times(placement[:3, :3].T, vector) for vector in (w, v, g))
-        if turning:
+        if turning and frame.slides:
+            p = _along(frame.axis, x[frame.coordinate])
+            v, height = _add(v, _cross(w, p)), height + _dot(g, p)
+            v[frame.axis] = v[frame.axis] + dx[frame.coordinate]
+        elif turning:
             turn = trig.cos(x[frame.coordinate]), trig.sin(x[frame.coordinate])
             w, v, g = (_turn_back(vector, frame.axis, turn) for vector in (w, v, g))
             w[frame.axis] = w[frame.axis] + dx[frame.coordinate]

@@ -105,7 +105,8 @@ class NoiseModel:
         """Return what the colour adds to the covariance at f (F,) Hz, (F, R, R)."""
         assert self.colour is not None
         found = np.zeros((len(f), *self.covariance.shape[1:]))
-        for channel, way in self.torques.items():
+        for channel in self.colour.coefficients:
+            way = self.torques[channel]
             found += (way * self.colour.density(channel, f)[:, None, :]) @ way.T
         return found
 

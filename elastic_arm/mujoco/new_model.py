@@ -133,11 +133,12 @@ def _joints(body: ET.Element, robot: Robot, arm: StatedArm, i: int, frame: Array
         nominal = sum(ratio**2 * component.izz for component, ratio in turns)
         stated["armature"] += nominal
     words = {name: text_of(value) for name, value in stated.items() if value}
-    ET.SubElement(body, "joint", {"name": joint.name, "type": "hinge", **where, **ranged, **words})
+    kind = "slide" if joint.prismatic else "hinge"
+    ET.SubElement(body, "joint", {"name": joint.name, "type": kind, **where, **ranged, **words})
     if joint.transmission is not None:
         spring = {"stiffness": joint.transmission.stiffness, "damping": joint.transmission.damping}
         texts = {name: text_of(value) for name, value in spring.items()}
-        ET.SubElement(body, "joint", {"name": f"{joint.name}{DEFLECTION}", "type": "hinge", **where, **texts})
+        ET.SubElement(body, "joint", {"name": f"{joint.name}{DEFLECTION}", "type": kind, **where, **texts})
 
 
 def _drives(root: ET.Element, robot: Robot) -> None:

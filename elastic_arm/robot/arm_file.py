@@ -104,10 +104,12 @@ class TransmissionEntry(_Entry):
 class JointEntry(TransmissionEntry):
     """A joint: placed by `dh` or by `before` and `after`; with a whole transmission or none.
 
-    `armature` is the inertia of motor and gears at a joint without transmission, kg m^2.
+    `armature` is the inertia of motor and gears at a joint without transmission, kg m^2. At a prismatic joint all
+    numbers are linear ones: m, N, kg.
     """
 
     name: Name
+    type: Literal["revolute", "prismatic"] = "revolute"
     dh: DHEntry | None = None
     before: Matrix | None = None
     after: Matrix | None = None

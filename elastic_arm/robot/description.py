@@ -1,8 +1,8 @@
 """The arm as data: its joints in a row.
 
 Frames (paper, (2) and (3)): ``O_G`` is the ground and ``O_0 = T_0^G``; link i's frame is that of link i-1 followed by
-``before . Ry(q_iy) . Rx(q_ix) . Rz(q_i) . after``. Links are described in their own frame, all inertias about the
-body's own centre of mass. SI units and radians throughout.
+``before . Ry(q_iy) . Rx(q_ix) . Rz(q_i) . after``, with ``Tz(q_i)`` at a prismatic joint. Links are described in their
+own frame, all inertias about the body's own centre of mass. SI units and radians throughout.
 """
 
 from __future__ import annotations
@@ -31,7 +31,10 @@ __all__ = ["DH", "Bearing", "Component", "Inertia", "Joint", "Limits", "Robot", 
 
 @dataclass(frozen=True, eq=False)
 class Joint:
-    """A revolute joint, the link it moves and what drives it.
+    """A joint, the link it moves and what drives it.
+
+    All numbers of a prismatic joint are linear ones: travel in m for an angle, force in N for a torque, kg for an
+    armature, rad of the rotor per m for a ratio.
 
     Parameters
     ----------
@@ -50,6 +53,8 @@ class Joint:
     armature
         Inertia of the motor and its gears, as the joint feels it, of a joint without transmission, kg m^2: it counts
         for the joint's own acceleration alone. None where nothing is known of it, and no model then holds it.
+    prismatic
+        Whether it slides along z instead of turning about it.
     """
 
     name: str
@@ -61,6 +66,7 @@ class Joint:
     transmission: Transmission | None = None
     dh: DH | None = None
     armature: float | None = None
+    prismatic: bool = False
 
     def __post_init__(self) -> None:
         if self.armature is not None:
@@ -72,6 +78,12 @@ class Joint:
             )
         object.__setattr__(self, "before", checked_placement(self.before, "before"))
         object.__setattr__(self, "after", checked_placement(self.after, "after"))
+
+    def unit(self, unit: str) -> str:
+        """Return the unit at this joint of a quantity that has `unit` at a revolute one: N for Nm, m for rad."""
+        if not self.prismatic:
+            return unit
+        return unit.replace("Nm", "N").replace("rad", "m").replace("kg m^2", "kg")
 
     @classmethod
     def from_dh(cls, name: str, link_name: str, link: Inertia, dh: DH, **rest: Any) -> Joint:
@@ -91,7 +103,7 @@ class Joint:
 
 @dataclass(frozen=True, eq=False)
 class Robot:
-    """A serial arm of n revolute joints.
+    """A serial arm of n joints, revolute or prismatic.
 
     Parameters
     ----------

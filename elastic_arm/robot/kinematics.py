@@ -24,12 +24,12 @@ def link_placements(robot: Robot, q: Array) -> tuple[Array, Array]:
     Parameters
     ----------
     q : (N, n)
-        Link angles, rad.
+        Link angles, rad; of prismatic joints travels, m.
 
     Returns
     -------
     joints, links : (N, n, 4, 4)
-        The turned joint frames and the link frames ``O_i``.
+        The turned, or slid, joint frames and the link frames ``O_i``.
     """
     q = np.atleast_2d(q)
     joints = np.empty((*q.shape, 4, 4))
@@ -40,6 +40,9 @@ def link_placements(robot: Robot, q: Array) -> tuple[Array, Array]:
     turn[..., 1, 0] = np.sin(q)
     turn[..., 0, 1] = -turn[..., 1, 0]
     turn[..., 2, 2] = turn[..., 3, 3] = 1.0
+    slides = np.array([joint.prismatic for joint in robot.joints])
+    turn[:, slides] = np.eye(4)
+    turn[:, slides, 2, 3] = q[:, slides]
     for i, joint in enumerate(robot.joints):
         joints[:, i] = frame @ joint.before @ turn[:, i]
         links[:, i] = frame = joints[:, i] @ joint.after

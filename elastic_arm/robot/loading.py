@@ -168,6 +168,7 @@ def _joint(entry: JointEntry, link_name: str) -> Joint:
             "Place the joint by a dh row, or by the 4x4 matrices before and after",
         )
     rest: dict[str, Any] = {"limits": limits, "transmission": transmission, "armature": entry.armature}
+    rest["prismatic"] = entry.type == "prismatic"
     if entry.dh is not None:
         return Joint.from_dh(entry.name, link_name, link, DH(**entry.dh.model_dump()), **rest)
     for what in ("before", "after"):

@@ -63,6 +63,8 @@ def _plain(value: Any) -> Any:
 
 def _joint(joint: Joint) -> dict[str, Any]:
     content: dict[str, Any] = {"name": joint.name}
+    if joint.prismatic:
+        content["type"] = "prismatic"
     by_row = joint.dh is not None and np.array_equal(joint.dh.placement, joint.after)
     if joint.dh is not None and by_row and np.array_equal(joint.before, np.eye(4)):
         content["dh"] = _floats(vars(joint.dh))

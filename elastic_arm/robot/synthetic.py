@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Container
+
 import numpy as np
 
 from elastic_arm.robot.description import Joint, Robot
 from elastic_arm.robot.parts import Bearing, Component, Inertia, Transmission
 
 
-def random_arm(n: int, rng: np.random.Generator, *, elastic: bool = True) -> Robot:
+def random_arm(n: int, rng: np.random.Generator, *, elastic: bool = True, prismatic: Container[int] = ()) -> Robot:
     """Draw an arm of n joints.
 
     Axes point anywhere, inertias are those of random point clouds, each component rides on either body at its joint.
@@ -17,6 +19,8 @@ def random_arm(n: int, rng: np.random.Generator, *, elastic: bool = True) -> Rob
     ----------
     elastic
         Give the joints transmissions with bearings.
+    prismatic
+        Indices of the joints that slide.
     """
     names = ["base", *(f"link_{i + 1}" for i in range(n))]
     joints = []
@@ -31,6 +35,7 @@ def random_arm(n: int, rng: np.random.Generator, *, elastic: bool = True) -> Rob
                 before=_random_placement(rng, 0.4),
                 after=_random_placement(rng, 0.2),
                 transmission=transmission,
+                prismatic=i in prismatic,
             )
         )
     return Robot(f"random_{n}", tuple(joints), base_placement=_random_placement(rng, 0.5))

@@ -1,4 +1,4 @@
-"""URDF in: any serial chain of revolute joints, with its links' inertials and its joints' limits.
+"""URDF in: any serial chain of revolute and prismatic joints, with its links' inertials and its joints' limits.
 
 The root link is the base. Frames are kept: link i's frame is the URDF's, its joint's ``before`` and ``after`` turn z
 into the URDF's axis and back. A URDF knows no elasticity, so that the robot has no transmissions unless an overlay
@@ -33,7 +33,7 @@ from elastic_arm.robot.urdf_tree import Chain, UrdfTree
 
 Array = NDArray[np.float64]
 
-REVOLUTE = ("revolute", "continuous")
+MOVING = ("revolute", "continuous", "prismatic")
 # What <dynamics> may state, and the effects, with their parameters, that these are.
 DYNAMICS = {"damping": ("viscous_friction", "coefficient"), "friction": ("coulomb_friction", "torque")}
 
@@ -63,7 +63,7 @@ def parse_urdf(text: str | bytes, chain: Chain | None = None) -> Robot:
     Raises
     ------
     RobotError
-        If it is no URDF of a serial chain of revolute joints; names the element, the reason and the remedy.
+        If it is no URDF of a serial chain of joints; names the element, the reason and the remedy.
     """
     return _Reading(parse(text), chain).robot()
 
@@ -84,7 +84,7 @@ class _Reading:
             joint, onward = self._joint(element, carried)
             joints.append(joint)
         if not joints:
-            raise RobotError("no joint moves", "Describe at least one revolute joint")
+            raise RobotError("no joint moves", "Describe at least one revolute or prismatic joint")
         self._note_unused()
         if joints[-1].link.mass == 0.0:
             raise RobotError(
@@ -151,10 +151,10 @@ class _Reading:
     def _joint(self, element: ET.Element, carried: Array) -> tuple[Joint, list[tuple[ET.Element, Array]]]:
         name, child = str(element.get("name")), self._moves(element)
         kind = element.get("type")
-        if kind not in REVOLUTE:
+        if kind not in MOVING:
             raise RobotError(
                 f"joint {name!r} is {kind or 'of no type'}",
-                "Only revolute, continuous and fixed joints are handled: make it fixed or take it out",
+                "Only revolute, continuous, prismatic and fixed joints are handled: make it fixed or take it out",
             )
         if element.find("mimic") is not None:
             raise RobotError(f"joint {name!r} mimics another", "Make it fixed or take its branch out")
@@ -165,7 +165,8 @@ class _Reading:
             self._notes.append(f"link {child!r} has no inertial: it counts as massless")
         before = carried @ self._origin(element, f"joint {name!r}") @ turn
         with located(f"joint {name!r}: "):
-            return Joint(name, child, body, before, turn.T, limits=self._limits(element, name)), onward
+            limits = self._limits(element, name)
+            return Joint(name, child, body, before, turn.T, limits=limits, prismatic=kind == "prismatic"), onward
 
     def _moves(self, element: ET.Element) -> str:
         return str(child_of(element, "child", str(element.get("name"))).get("link"))
@@ -192,7 +193,7 @@ class _Reading:
         limit = element.find("limit")
         given = {} if limit is None else {k: number(v, f"joint {name!r}: limit {k}") for k, v in limit.items()}
         lower, upper = given.get("lower", 0.0), given.get("upper", 0.0)
-        bounded = element.get("type") == "revolute" and lower != upper
+        bounded = element.get("type") != "continuous" and lower != upper
         if element.get("type") == "continuous":
             self._notes.append(f"joint {name!r} is continuous: it has no position limits")
         elif not bounded:
@@ -212,7 +213,7 @@ class _Reading:
         direction = np.array([1.0, 0.0, 0.0]) if axis is None else vector(axis.get("xyz"), f"joint {name!r}: axis")
         length = float(np.linalg.norm(direction))
         if length < 1e-9:
-            raise RobotError(f"joint {name!r} turns about the axis 0 0 0", "Give the direction it turns about")
+            raise RobotError(f"joint {name!r} has the axis 0 0 0", "Give the direction it turns about or slides along")
         return direction / length
 
     def _origin(self, element: ET.Element, where: str) -> Array:

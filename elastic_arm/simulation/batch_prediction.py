@@ -171,7 +171,8 @@ class BatchPrediction:
     def _prepare(self, starts: int, x: Array, torque: Array) -> None:
         """Make the equations of all starts one call, and choose the step by the fastest vibration."""
         system, z = self._system, np.zeros(self._system.states)
-        step = min(LONGEST_STEP, SHARPEST / self._fastest(x, z, torque))
+        fastest = self._fastest(x, z, torque)
+        step = min(LONGEST_STEP, SHARPEST / fastest) if fastest > 0.0 else LONGEST_STEP
         self._substeps = int(np.ceil(self._period / step - 1e-9))
         self._jacobian = None
         if self._substeps > MOST_SUBSTEPS:

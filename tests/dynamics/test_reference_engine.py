@@ -17,6 +17,7 @@ ARMS = {
     "nominal": lambda: load_robot(),
     "nominal at low ratio": lambda: load_robot().with_ratio(5),
     "random of 7 joints": lambda: random_arm(7, np.random.default_rng(7)),
+    "random of 5 joints, three of them prismatic": lambda: random_arm(5, np.random.default_rng(8), prismatic=(0, 2, 3)),
 }
 CASES = [(arm, bearings) for arm in ARMS for bearings in (False, True)]
 
@@ -72,10 +73,10 @@ def test_mass_matrix_is_that_of_the_full_tree(arm: str, bearings: bool) -> None:
     assert relative_error(model.mass_matrix(x), reference) < RELATIVE
 
 
-@pytest.mark.parametrize("bearings", [False, True])
-def test_energy_is_that_of_the_full_tree(bearings: bool) -> None:
+@pytest.mark.parametrize(("arm", "bearings"), CASES)
+def test_energy_is_that_of_the_full_tree(arm: str, bearings: bool) -> None:
     """Kinetic and gravity's energy equal the full tree's."""
-    model, tree = both(load_robot(), bearings)
+    model, tree = both(ARMS[arm](), bearings)
     no_springs = np.array([0.0 if p.name.rpartition(".")[2][0] in "KD" else p.nominal for p in model.parameters])
     x, dx, _ = states(model.dof, model.n, np.random.default_rng(4), 50)
     kinetic, potential = model.energy(x, dx, no_springs)
@@ -86,9 +87,10 @@ def test_energy_is_that_of_the_full_tree(bearings: bool) -> None:
     np.testing.assert_allclose(resting, resting[0], atol=RELATIVE * np.abs(potential).max())
 
 
-def test_an_arm_without_transmissions_is_its_rigid_links() -> None:
+@pytest.mark.parametrize("prismatic", [(), (1, 4), tuple(range(7))])
+def test_an_arm_without_transmissions_is_its_rigid_links(prismatic: tuple[int, ...]) -> None:
     """x = [q] for a robot without transmissions, whichever model is asked for, and Pinocchio agrees."""
-    robot = random_arm(7, np.random.default_rng(5), elastic=False)
+    robot = random_arm(7, np.random.default_rng(5), elastic=False, prismatic=prismatic)
     tree = FullTree(robot, bearings=False)
     x, dx, ddx = np.random.default_rng(6).normal(size=(3, 50, 7))
     reference = np.array([tree.inverse_dynamics(*sample) for sample in zip(x, dx, ddx, strict=True)])
@@ -99,11 +101,11 @@ def test_an_arm_without_transmissions_is_its_rigid_links() -> None:
 
 
 @settings(max_examples=15, deadline=None)
-@given(seed=st.integers(0, 2**32 - 1), n=st.integers(1, 3))
-def test_any_arm_agrees_with_the_full_tree(seed: int, n: int) -> None:
+@given(seed=st.integers(0, 2**32 - 1), n=st.integers(1, 3), prismatic=st.sets(st.integers(0, 2)))
+def test_any_arm_agrees_with_the_full_tree(seed: int, n: int, prismatic: set[int]) -> None:
     """No arm is special: whatever its axes, inertias, carriers and ratios, the two engines agree."""
     rng = np.random.default_rng(seed)
-    robot = random_arm(n, rng)
+    robot = random_arm(n, rng, prismatic=prismatic)
     model = build_model(robot, "mod3", bearings=True, engine="numpy")
     tree = FullTree(robot, bearings=True)
     x, dx, ddx = states(model.dof, n, rng, 5)

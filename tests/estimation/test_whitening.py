@@ -11,9 +11,10 @@ from scipy.integrate import trapezoid
 from elastic_arm.dynamics import build_model
 from elastic_arm.estimation.band import Band
 from elastic_arm.estimation.equations import EquationSet
+from elastic_arm.estimation.noise_colour import CORNERS, Colour
 from elastic_arm.estimation.observation import Observation, observe, widest_band
 from elastic_arm.estimation.residuals import residuals
-from elastic_arm.estimation.whitening import WhitenedData, block_means, noise_model
+from elastic_arm.estimation.whitening import NoiseModel, WhitenedData, block_means, noise_model
 from elastic_arm.sensors import Sensors
 from tests.helpers.gap_recordings import ROBOT, motions, record
 
@@ -48,6 +49,16 @@ def test_the_whitener_inverts_the_covariance() -> None:
     whitener = noise.whitener(noise.f)
     product = whitener @ noise.covariance @ whitener.conj().transpose(0, 2, 1)
     np.testing.assert_allclose(product, np.broadcast_to(np.eye(product.shape[1]), product.shape), atol=1e-8)
+
+
+def test_the_colour_of_one_torque_channel_is_whitened_where_the_other_is_missing() -> None:
+    """A rigid arm with motor torque alone has no joint torque sensor whose colour could be asked for."""
+    equations = EquationSet.direct(("q", "tau_m"), 1, elastic=False)
+    colour = Colour({"tau_m": np.full((1, len(CORNERS) + 3), 0.1)}, 0.05)
+    f = np.linspace(0.0, 50.0, 65)
+    noise = NoiseModel(f, np.ones((65, 1, 1), dtype=complex), 100.0, equations.torque_coefficients, colour)
+    whitener = noise.whitener(f[1:])[:, 0, 0]
+    np.testing.assert_allclose(np.abs(whitener) ** -2, 1.0 + colour.density("tau_m", f[1:])[:, 0])
 
 
 def test_residuals_of_a_clean_arm_are_as_large_as_the_noise_model_states() -> None:

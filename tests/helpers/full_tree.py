@@ -26,7 +26,8 @@ class FullTree:
             for kind, coordinate in ((pin.JointModelRY(), 3 * n + i), (pin.JointModelRX(), 2 * n + i)):
                 if bearings:
                     at = (self._turning(at, kind, f"{joint.name}_{coordinate}", coordinate, 1.0), pin.SE3.Identity())
-            turned = self._turning(at, pin.JointModelRZ(), joint.name, i, 1.0)
+            own = pin.JointModelPZ() if joint.prismatic else pin.JointModelRZ()
+            turned = self._turning(at, own, joint.name, i, 1.0)
             after = pin.SE3(joint.after)
             link = joint.link
             self.model.appendBodyToJoint(turned, pin.Inertia(link.mass, link.com, link.inertia), after)

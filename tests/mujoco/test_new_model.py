@@ -10,6 +10,7 @@ from elastic_arm.excitation import MotionLimits, random_trajectories
 from elastic_arm.mujoco import to_mjcf
 from elastic_arm.mujoco.new_model import DEFLECTION
 from elastic_arm.robot import load_robot
+from elastic_arm.robot.synthetic import random_arm
 from elastic_arm.robot.urdf import parse_urdf
 from elastic_arm.robot.urdf_export import to_urdf
 from elastic_arm.simulation import Simulator
@@ -18,10 +19,13 @@ from tests.helpers.mujoco_arms import MODELS, random_motion
 mujoco = pytest.importorskip("mujoco")
 
 
-@pytest.mark.parametrize("file", [MODELS / "arm.xml", MODELS / "everything.xml", None])
+SLIDING = random_arm(4, np.random.default_rng(3), elastic=False, prismatic=(0, 2))
+
+
+@pytest.mark.parametrize("file", [MODELS / "arm.xml", MODELS / "everything.xml", None, SLIDING])
 def test_a_rigid_arm_is_itself_again(file, tmp_path) -> None:
     """A rigid arm written as a new MJCF and read back has the same torques, armature and friction."""
-    robot = load_robot(file) if file is not None else parse_urdf(to_urdf(load_robot()))
+    robot = parse_urdf(to_urdf(load_robot())) if file is None else file if file is SLIDING else load_robot(file)
     (tmp_path / "new.xml").write_text(to_mjcf(robot)[0])
     again = load_robot(tmp_path / "new.xml")
     motion = random_motion(robot.n)

@@ -67,6 +67,38 @@ if PUBLIC.is_dir():
         assert_same_torque(path, CHAINS.get(path.name))
 
 
+RAIL = """<mujoco><worldbody><body name="carriage" pos="0.2 0.1 0.3" euler="10 20 -30">
+  <joint name="rail" type="slide" axis="1 0.3 0" ref="0.4" damping="7" armature="3" stiffness="20" springref="0.1"/>
+  <geom size=".1" pos="0.02 0.05 0" mass="5"/>
+  <body name="arm" pos="0 0.1 0.3"><joint name="shoulder" axis="0 1 0.2" ref="0.2"/>
+    <geom type="capsule" fromto="0 0 0 0.1 0.05 0.4" size=".04" mass="3"/>
+    <body name="quill" pos="0.1 0 0.4"><joint name="quill" type="slide" axis="0 0.2 1" pos="0.1 0 0" ref="-0.1"/>
+      <geom size=".05" pos="0 0.03 0.1" mass="1"/>
+      <body name="flange" pos="0 0 0.2"><joint name="roll" axis="0 0 1"/><geom size=".05 .1 .02" type="box" mass="1"/>
+        <body name="finger" pos="0.05 0 0.1"><joint name="finger" type="slide"/><geom size=".02" mass="0.1"/></body>
+</body></body></body></body></worldbody></mujoco>"""
+
+
+def test_slides_within_the_arm_are_prismatic_joints(tmp_path: Path) -> None:
+    """A rail, and a quill before the last hinge, are joints of the arm, as MuJoCo moves them; a finger is held."""
+    path = tmp_path / "rail.xml"
+    path.write_text(RAIL)
+    robot = load_robot(path)
+    assert [joint.prismatic for joint in robot.joints] == [True, False, True, False]
+    assert any("finger" in note for note in robot.notes)
+    assert_same_torque(path)
+
+
+def test_where_all_joints_slide_they_are_the_arm(tmp_path: Path) -> None:
+    """A gantry has no hinge: its slides are its joints."""
+    path = tmp_path / "gantry.xml"
+    part = '<body name="{0}"><joint name="{0}" type="slide" axis="{1}"/><geom size=".1"/>{2}</body>'
+    gantry = part.format("x", "1 0 0", part.format("y", "0 1 0", part.format("z", "0 0 1", "")))
+    path.write_text(f"<mujoco><worldbody>{gantry}</worldbody></mujoco>")
+    assert load_robot(path).joint_names == ("x", "y", "z")
+    assert_same_torque(path)
+
+
 def test_friction_loss_is_coulomb_friction() -> None:
     """Where the joints move fast, MuJoCo's friction loss is Coulomb friction of the stated size."""
     arm = open_mjcf(MODELS / "everything.xml")
@@ -116,7 +148,7 @@ CHILD = '<body name="b" pos="0.3 0 0"><joint name="k"/><geom size=".1"/></body>'
 @pytest.mark.parametrize(
     ("joint", "inside", "rest", "words"),
     [
-        ('type="slide"', CHILD, "", "slides"),
+        ('type="ball"', CHILD, "", "is a ball joint"),
         ("", CHILD + CHILD.replace('"b"', '"c"').replace('"k"', '"l"'), "", "branches .* --chain base:tip"),
         ("", CHILD, '<equality><connect body1="b" anchor="0.1 0 0"/></equality>', "closes a loop"),
         ("", CHILD, '<equality><joint joint1="j" joint2="k"/></equality>', "no hinge moves|couples joint"),
@@ -133,7 +165,7 @@ CHILD = '<body name="b" pos="0.3 0 0"><joint name="k"/><geom size=".1"/></body>'
 def test_what_no_serial_arm_has_is_refused_by_name(
     tmp_path: Path, joint: str, inside: str, rest: str, words: str
 ) -> None:
-    """Slides, branches, loops, tendons, muscles: one line names what it is, and what to do."""
+    """Ball joints, branches, loops, tendons, muscles: one line names what it is, and what to do."""
     path = tmp_path / "model.xml"
     path.write_text(f"<mujoco><worldbody>{BODY.format(joint=joint, inside=inside)}</worldbody>{rest}</mujoco>")
     with pytest.raises(RobotError, match=words) as error:

@@ -239,6 +239,16 @@ def test_a_gripper_is_held_at_zero_and_a_note_names_it(kind: str) -> None:
     assert any("left, right, tips mimic one another" in note and "(6 kg)" in note for note in robot.notes)
 
 
+def test_prismatic_joints_have_the_dynamics_of_pinocchio() -> None:
+    """A linear axis under an arm, and one within it, slide along the axis that the URDF names; limits are kept."""
+    text = two_joints(link("c"), joint("three", "b", "c")).replace('"two" type="revolute"', '"two" type="prismatic"')
+    robot = parse_urdf(text)
+    assert [joint.prismatic for joint in robot.joints] == [False, True, False]
+    assert robot.joints[1].limits.position_max == parse_urdf(two_joints()).joints[1].limits.position_max
+    assert_same_dynamics(robot, text)
+    assert_same_dynamics(robot, to_urdf(robot))
+
+
 def test_a_chain_leaves_out_what_stands_on_its_tip() -> None:
     """With the flange as tip the gripper is no part of the arm, and a note names its links and mass."""
     robot = parse_urdf(with_gripper("planar"), ("foot", "flange"))
@@ -289,7 +299,6 @@ def test_the_kinova_arm_with_its_gripper_loads(chain: str | None, mass: float) -
 
 
 REFUSED = {
-    "prismatic": (two_joints().replace('name="two" type="revolute"', 'name="two" type="prismatic"'), "'two' is prism"),
     "floating": (two_joints().replace('name="one" type="revolute"', 'name="one" type="floating"'), "'one' is floating"),
     "planar": (two_joints().replace('name="one" type="revolute"', 'name="one" type="planar"'), "'one' is planar"),
     "mimic": (two_joints(link("c"), joint("three", "b", "c", inside='<mimic joint="one"/>')), "'three' mimics"),
@@ -304,7 +313,7 @@ REFUSED = {
     "no mass": (two_joints().replace('<mass value="2"/>', "", 1), "has no <mass>"),
     "triangle": (two_joints().replace('izz="0.05"', 'izz="0.5"'), "triangle inequality"),
     "no number": (two_joints().replace('ixx="0.03"', 'ixx="big"', 1), "ixx is 'big'"),
-    "axis": (two_joints().replace('axis xyz="0 1 0"', 'axis xyz="0 0 0"', 1), "'one' turns about the axis 0 0 0"),
+    "axis": (two_joints().replace('axis xyz="0 1 0"', 'axis xyz="0 0 0"', 1), "'one' has the axis 0 0 0"),
     "limits": (two_joints().replace('lower="-1"', 'lower="3"', 1), "joint 'one': position_min 3 is not below"),
     "massless end": (two_joints().replace(link("b"), link("b", "")), "link 'b' and what is fixed to it have no mass"),
     "no child": (two_joints().replace('<child link="a"/>', ""), "has no <child>"),

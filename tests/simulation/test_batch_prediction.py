@@ -49,6 +49,19 @@ def test_every_start_follows_the_simulator(effects: tuple[str, ...]) -> None:
         np.testing.assert_allclose(theta[k], truth.theta[steps], atol=1e-7)
 
 
+def test_an_axis_without_friction_and_gravity_is_followed(tmp_path: Path) -> None:
+    """A body that nothing holds back vibrates at no frequency: under a constant torque it travels tau t²/2J."""
+    file = tmp_path / "one.yaml"
+    file.write_text(ONE_JOINT.format(inertia=1e-3))
+    equations = ArmEquations(load_robot(file), "mod3")
+    batch = BatchPrediction(equations, [], equations.nominal, np.ones(1), 4e-3)
+    zeros = np.zeros((20, 1))
+    channels = dict.fromkeys(("q", "dq", "ddq", "theta", "dtheta", "ddtheta", "tau_J"), zeros)
+    motion = SimpleNamespace(t=4e-3 * np.arange(20), tau_m=zeros + 1e-3, **channels)
+    q, _ = batch.angles(motion, np.array([0, 5]), [5])  # type: ignore[arg-type]
+    np.testing.assert_allclose(q[:, 0, 0], 0.5 * 0.02**2, rtol=1e-9)
+
+
 def test_the_step_is_of_fourth_order() -> None:
     """Halving the step of an oscillator divides its error by about sixteen."""
 

@@ -23,7 +23,7 @@ class MjcfChain:
     base
         Body that the arm stands on.
     joints
-        Hinges from base to tip.
+        Hinges and slides from base to tip.
     link_of
         By body, the index of the link that it is part of; bodies outside the arm are missing.
     held
@@ -44,13 +44,14 @@ def find_chain(model: Any, chain: Chain | None) -> MjcfChain:
     model
         Compiled `MjModel`.
     chain
-        Names of the first and the last body; without, the hinges from the world to where the model branches, fingers
-        (slides, and joints that are coupled to one another) apart.
+        Names of the first and the last body; without, the joints from the world to the last hinge before the model
+        branches: slides beyond it, and joints that are coupled to one another, are fingers. Where no hinge moves, the
+        slides are the arm.
 
     Raises
     ------
     RobotError
-        If there are no such bodies, or what moves between them is no serial chain of hinges.
+        If there are no such bodies, or what moves between them is no serial chain of hinges and slides.
     """
     base, tip = _only_chain(model) if chain is None else _named(model, chain)
     path = _path(model, base, tip)
@@ -58,7 +59,7 @@ def find_chain(model: Any, chain: Chain | None) -> MjcfChain:
     if not joints:
         raise RobotError("no joint moves between base and tip", "Name the bodies of base and tip: --chain base:tip")
     for joint in joints:
-        _require_hinge(model, joint)
+        _require_axis(model, joint)
     last_joint = {body: joints.index(joints_of(model, body)[-1]) for body in path if joints_of(model, body)}
     link_of: dict[int, int] = {}
     for body in range(1, model.nbody):
@@ -131,10 +132,13 @@ def _path(model: Any, base: int, tip: int) -> list[int]:
 
 def _only_chain(model: Any) -> tuple[int, int]:
     """Return base and tip of the chain that begins at the world."""
-    coupled = set(_coupled(model))
+    fingers = set(_coupled(model))
+    all_slides = {joint for joint in range(model.njnt) if slides(model, joint)}
+    if len(fingers | all_slides) < model.njnt:
+        fingers |= all_slides
     base, tip, body = None, WORLD, WORLD
     while True:
-        moving = [child for child in _children(model, body) if _arm_joints(model, child, coupled)]
+        moving = [child for child in _children(model, body) if _arm_joints(model, child, fingers)]
         if not moving:
             break
         if len(moving) > 1:
@@ -147,7 +151,7 @@ def _only_chain(model: Any) -> tuple[int, int]:
             base, tip = body if base is None else base, moving[0]
         body = moving[0]
     if base is None:
-        raise RobotError("no hinge moves", "Give a model with a hinge joint")
+        raise RobotError("no hinge moves, and no slide", "Give a model with a joint that no constraint couples")
     return base, tip
 
 
@@ -155,11 +159,10 @@ def _children(model: Any, body: int) -> list[int]:
     return [child for child in range(1, model.nbody) if int(model.body_parentid[child]) == body]
 
 
-def _arm_joints(model: Any, body: int, coupled: Collection[int]) -> list[int]:
+def _arm_joints(model: Any, body: int, fingers: Collection[int]) -> list[int]:
     """Return the joints on a body, and on what it carries, that no finger has."""
-    slide = int(engine().mjtJoint.mjJNT_SLIDE)
     all_joints = [joint for below in _below(model, body) for joint in joints_of(model, below)]
-    return [joint for joint in all_joints if joint not in coupled and int(model.jnt_type[joint]) != slide]
+    return [joint for joint in all_joints if joint not in fingers]
 
 
 def _coupled(model: Any) -> Iterator[int]:
@@ -170,14 +173,20 @@ def _coupled(model: Any) -> Iterator[int]:
             yield from (int(j) for j in (model.eq_obj1id[k], model.eq_obj2id[k]) if j >= 0)
 
 
-def _require_hinge(model: Any, joint: int) -> None:
+def slides(model: Any, joint: int) -> bool:
+    """Return whether a joint is a slide."""
+    return int(model.jnt_type[joint]) == int(engine().mjtJoint.mjJNT_SLIDE)
+
+
+def _require_axis(model: Any, joint: int) -> None:
     mj = engine()
     kind = int(model.jnt_type[joint])
-    if kind != int(mj.mjtJoint.mjJNT_HINGE):
-        what = {int(mj.mjtJoint.mjJNT_SLIDE): "slides", int(mj.mjtJoint.mjJNT_BALL): "is a ball joint"}
+    if kind not in (int(mj.mjtJoint.mjJNT_HINGE), int(mj.mjtJoint.mjJNT_SLIDE)):
+        what = "is a ball joint" if kind == int(mj.mjtJoint.mjJNT_BALL) else "is free"
         raise RobotError(
-            f"joint {name_of(model, 'joint', joint)!r} {what.get(kind, 'is free')}",
-            "Only hinges are handled: name a chain without it (--chain base:tip); joints outside are held at --at",
+            f"joint {name_of(model, 'joint', joint)!r} {what}",
+            "Only hinges and slides are handled: name a chain without it (--chain base:tip); joints outside are held "
+            "at --at",
         )
     name = name_of(model, "joint", joint)
     dof = int(model.jnt_dofadr[joint])

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from elastic_arm.errors import RobotError
 from elastic_arm.robot.description import Inertia, Joint, Limits, Robot
 from elastic_arm.robot.kinematics import lumped, moved
-from elastic_arm.robot.mjcf.chain import MjcfChain, find_chain, joints_of, name_of
+from elastic_arm.robot.mjcf.chain import MjcfChain, find_chain, joints_of, name_of, slides
 from elastic_arm.robot.mjcf.engine import compiled, engine
 from elastic_arm.robot.parts import located
 from elastic_arm.robot.urdf_elements import z_onto
@@ -86,7 +86,7 @@ def open_mjcf(path: str | Path, chain: Chain | None = None, at: str | None = Non
     Raises
     ------
     RobotError
-        If MuJoCo refuses the model, or it holds no serial chain of hinges; names element, reason and remedy.
+        If MuJoCo refuses the model, or it holds no serial chain of hinges and slides; names element, reason and remedy.
     """
     path = Path(path)
     with located(f"{path}: "):
@@ -146,17 +146,17 @@ def _robot(name: str, model: Any, chain: MjcfChain, qpos: Array, notes: list[str
     joints = []
     for i, joint in enumerate(chain.joints):
         label = name_of(model, "joint", joint)
-        turn_back = np.eye(4)
-        c, s = np.cos(model.qpos0[model.jnt_qposadr[joint]]), np.sin(model.qpos0[model.jnt_qposadr[joint]])
-        turn_back[:2, :2] = [[c, s], [-s, c]]
+        slid = slides(model, joint)
+        back = _moved_back(float(model.qpos0[model.jnt_qposadr[joint]]), slid)
         previous = np.eye(4) if i == 0 else carriers[i - 1]
         before = (np.linalg.inv(_base(data, chain)) if i == 0 else np.linalg.inv(previous)) @ frames[i]
-        after = turn_back @ np.linalg.inv(frames[i]) @ carriers[i]
+        after = back @ np.linalg.inv(frames[i]) @ carriers[i]
         with located(f"joint {label!r}: "):
             limits = _limits(model, joint)
             armature, _ = motor_inertia_and_damping(model, joint)
             link = _link_name(model, chain, i)
-            joints.append(Joint(label, link, bodies[i], before, after, limits=limits, armature=armature))
+            moving: dict[str, Any] = {"limits": limits, "armature": armature, "prismatic": slid}
+            joints.append(Joint(label, link, bodies[i], before, after, **moving))
     if joints[-1].link.mass == 0.0:
         raise RobotError(f"body {joints[-1].link_name!r} has no mass", "Give it an <inertial>, or name a shorter chain")
     return Robot(
@@ -168,6 +168,17 @@ def _robot(name: str, model: Any, chain: MjcfChain, qpos: Array, notes: list[str
         effects=tuple(_effects(model, data, chain, carriers, [joint.name for joint in joints])),
         notes=(*notes, *_notes(model, chain)),
     )
+
+
+def _moved_back(reference: float, slid: bool) -> Array:
+    """Return the placement that takes back the angle or travel at which a model is drawn."""
+    back = np.eye(4)
+    if slid:
+        back[2, 3] = -reference
+    else:
+        c, s = np.cos(reference), np.sin(reference)
+        back[:2, :2] = [[c, s], [-s, c]]
+    return back
 
 
 def _gravity(model: Any) -> Array:
