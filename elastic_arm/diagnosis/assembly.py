@@ -13,7 +13,7 @@ from elastic_arm.diagnosis import format as texts
 from elastic_arm.diagnosis.calibration.calibrate import imperfections
 from elastic_arm.diagnosis.context import DiagnosisContext
 from elastic_arm.diagnosis.inference.estimated_hypothesis import EstimatedHypothesis
-from elastic_arm.diagnosis.inference.estimates import ParameterEstimate
+from elastic_arm.diagnosis.inference.estimates import ParameterEstimate, tangents
 from elastic_arm.diagnosis.inference.excess import ResidualStatistics, residual_statistics
 from elastic_arm.diagnosis.inference.excess import shrink as shrink_of
 from elastic_arm.diagnosis.inference.gap_metric import GapMeasure
@@ -93,7 +93,8 @@ def assemble(prepared: PreparedData, judgement: Judgement, estimated: EstimatedH
     rng = settings.resampling.significance_rng()
     after = residual_statistics(prepared.validation, residuals, before.band, settings, rng)
     unexplained = _unexplained(prepared, before, after, residuals, traces, by_place) if answer == "unknown" else []
-    found = imperfections(prepared.calibration, prepared.found, hypothesis.selected)
+    free = tangents(library, hypothesis.selected)
+    found = imperfections(prepared.calibration, prepared.found, [*hypothesis.selected, *free])
     repeated = () if prepared.independent_motion else (texts.REPEATED_MOTION,)
     return Diagnosis(
         model=prepared.model.name,

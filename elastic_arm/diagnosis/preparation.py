@@ -21,6 +21,7 @@ from elastic_arm.diagnosis.calibration.linearisation import problem_of as calibr
 from elastic_arm.diagnosis.data.encoder_zeros import with_common_zeros
 from elastic_arm.diagnosis.data.preprocessing import needs_motion, standing, usable
 from elastic_arm.diagnosis.data.split import independent, split
+from elastic_arm.diagnosis.inference.joint_estimates import JointEstimates
 from elastic_arm.diagnosis.question import Question
 from elastic_arm.diagnosis.selection.candidates import feature_of, features, recorded_features
 from elastic_arm.diagnosis.selection.hypothesis import Hypothesis
@@ -105,6 +106,11 @@ class PreparedData:
     def sizes(self) -> PlausibleSizes:
         """The largest plausible sizes of effects on this arm."""
         return PlausibleSizes(self.model.robot, self.library.sets)
+
+    @cached_property
+    def estimates(self) -> JointEstimates:
+        """The parameters of sets of candidates."""
+        return JointEstimates(self.library, self.settings.judgement)
 
     @property
     def rate(self) -> float:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import reduce
+from functools import cached_property, reduce
 from operator import add
 from typing import Any
 
@@ -97,6 +97,15 @@ class Signals:
         """Return the arguments in the order of :data:`INPUTS`; without friction where none was given."""
         none = np.zeros_like(self.values["tau_J"])
         return [self.values.get(name, none) for name in INPUTS]
+
+    @cached_property
+    def between(self) -> Array:
+        """The arguments side by side (N', …) in the middle of each step, from where the motion is known."""
+        stacked = np.hstack(self.arrays())
+        if self.before is not None:
+            stacked = np.vstack([np.hstack(self.before.arrays()), stacked])
+        stacked[:-1] = 0.5 * (stacked[:-1] + stacked[1:])
+        return stacked
 
     def with_friction(self, link: Array, motor: Array) -> Signals:
         """Return the signals with what friction effects of both sides resist with, (N, n) Nm."""
@@ -279,10 +288,6 @@ def _recursion(
 def _states(scan: Recursion, signals: Signals, searched: Array, start: float) -> Array:
     """Run the internal states (N, s) over the samples, by the exponential Euler rule."""
     h = float(signals.t[1] - signals.t[0])
-    stacked = np.hstack(signals.arrays())
     if signals.before is not None:
-        stacked = np.vstack([np.hstack(signals.before.arrays()), stacked])
         start = 0.0
-    # Over a step the rates are those of its middle.
-    stacked[:-1] = 0.5 * (stacked[:-1] + stacked[1:])
-    return scan.run(stacked, np.append(searched, h), start)[-len(signals.t) :]
+    return scan.run(signals.between, np.append(searched, h), start)[-len(signals.t) :]

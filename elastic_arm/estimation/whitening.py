@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -70,6 +69,7 @@ class NoiseModel:
     rate: float
     torques: Mapping[str, Array] = field(default_factory=dict)
     colour: Colour | None = None
+    _whiteners: dict[bytes, NDArray[np.complex128]] = field(default_factory=dict, init=False, repr=False, compare=False)
 
     def std(self, low_pass: LowPass) -> Array:
         """Return the standard deviation (R,) of each residual behind a low pass."""
@@ -94,12 +94,14 @@ class NoiseModel:
         return f, density * low_pass.gain(f)[:, None] ** 2
 
     def whitener(self, f: NDArray[Any]) -> NDArray[np.complex128]:
-        """Return W (F', R, R) with W covariance W^H = 1 at f (F',) Hz within the band."""
-        index = np.clip(np.rint(f / (self.f[1] - self.f[0])).astype(int), 0, len(self.f) - 1)
-        if self.colour is None:
-            return self._whitener[index]
-        covariance = self.covariance[index] + self._coloured(f)
-        return np.asarray(np.linalg.inv(np.linalg.cholesky(covariance)), dtype=np.complex128)
+        """Return W (F', R, R) with W covariance W^H = 1 at f (F',) Hz within the band; worked out once for each f."""
+        key = f.tobytes()
+        if key not in self._whiteners:
+            covariance = self.covariance[np.clip(np.rint(f / (self.f[1] - self.f[0])).astype(int), 0, len(self.f) - 1)]
+            if self.colour is not None:
+                covariance = covariance + self._coloured(f)
+            self._whiteners[key] = np.asarray(np.linalg.inv(np.linalg.cholesky(covariance)), dtype=np.complex128)
+        return self._whiteners[key]
 
     def _coloured(self, f: Array) -> Array:
         """Return what the colour adds to the covariance at f (F,) Hz, (F, R, R)."""
@@ -109,10 +111,6 @@ class NoiseModel:
             way = self.torques[channel]
             found += (way * self.colour.density(channel, f)[:, None, :]) @ way.T
         return found
-
-    @cached_property
-    def _whitener(self) -> NDArray[np.complex128]:
-        return np.asarray(np.linalg.inv(np.linalg.cholesky(self.covariance)), dtype=np.complex128)
 
 
 def noise_model(

@@ -149,10 +149,9 @@ def friction() -> Any:
 
 def test_a_lag_of_a_sample_is_no_cause_and_a_longer_one_is(monkeypatch: pytest.MonkeyPatch) -> None:
     """Lags up to a sample move to what counts as the model and are noted; causes keep their own alternatives."""
-    monkeypatch.setattr(judgement, "polish", lambda library, selected, settings: selected)
-    monkeypatch.setattr(judgement, "estimates", lambda library, selected, settings: [c.size for c in selected])
+    estimates = SimpleNamespace(parameters=lambda selected: [c.size for c in selected])
     monkeypatch.setattr(judgement, "matters", lambda prepared, hypothesis, k: False)
-    prepared: Any = SimpleNamespace(library=None, rate=1000.0, settings=SETTINGS)
+    prepared: Any = SimpleNamespace(library=None, rate=1000.0, settings=SETTINGS, estimates=estimates)
     known, drag, lag, delay = friction(), friction(), late(1.0), late(1.1)
     rivals = {1: [Rival(known, 0.1)], 2: [Rival(known, 0.2)], 3: [Rival(known, 0.3)]}
     found, notes = without_ordinary(prepared, Hypothesis([known, drag, lag, delay], 1, rivals))

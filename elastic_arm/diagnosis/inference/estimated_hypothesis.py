@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from elastic_arm.diagnosis import format as texts
-from elastic_arm.diagnosis.inference.estimates import ParameterEstimate, estimates, polish
+from elastic_arm.diagnosis.inference.estimates import ParameterEstimate
 from elastic_arm.diagnosis.preparation import PreparedData
 from elastic_arm.diagnosis.selection.hypothesis import Hypothesis
 from elastic_arm.effects import EffectInstance
@@ -35,10 +35,9 @@ class EstimatedHypothesis:
 
 def estimate(prepared: PreparedData, hypothesis: Hypothesis) -> EstimatedHypothesis:
     """Bring all parameters to their joint optimum, with standard deviations."""
-    library, settings = prepared.library, prepared.settings.judgement
-    polished = polish(library, hypothesis.selected, settings)
-    parameters = estimates(library, polished, settings)
-    fitted = zip(polished, library.coefficients(polished), strict=True)
+    polished = prepared.estimates.polished(hypothesis.selected)
+    parameters = prepared.estimates.parameters(hypothesis.selected)
+    fitted = zip(polished, prepared.library.coefficients(polished), strict=True)
     # Of effects that count as part of the model only the kind was given: their sizes are worth a note.
     known = list(zip(polished, parameters, strict=True))[: len(prepared.given)]
     return EstimatedHypothesis(

@@ -99,6 +99,41 @@ def estimates(
     return problem.named(deviation)
 
 
+def tangents(library: RegressorLibrary, selected: Sequence[Candidate]) -> list[Candidate]:
+    """Return candidates of the derivatives of polished ones by their free parameters, with coefficients to fit.
+
+    Beside them nuisance parameters are as uncertain as they are, not as if the causes' sizes were known.
+
+    Parameters
+    ----------
+    library
+        Of all columns; the derivatives are added to it.
+    selected
+        Polished candidates; of others the coefficients are free already.
+    """
+    found = []
+    for candidate in selected:
+        free = _free_components(candidate) if candidate.fixed else []
+        if free:
+            blocks = [
+                np.stack([_derivative(library, which, candidate, j) for j in free], axis=1)
+                for which in range(len(library.sets))
+            ]
+            found.append(Candidate(candidate.feature, None, library.add_columns(blocks)))
+    library.close()
+    return found
+
+
+def _derivative(library: RegressorLibrary, which: int, candidate: Candidate, j: int) -> Array:
+    """Return the derivative (rows,) of a law by component j of its numbers, in units of its scale."""
+    ends = []
+    for sign in (1.0, -1.0):
+        values = list(candidate.searched or ())
+        values[j] += sign * STEP * _scale(candidate, j)
+        ends.append(library.columns(which, candidate.feature, tuple(values)).sum(axis=1))
+    return np.asarray((ends[0] - ends[1]) / (2.0 * STEP))
+
+
 def certain(library: RegressorLibrary, selected: Sequence[Candidate], settings: JudgementSettings) -> list[bool]:
     """Whether each polished cause's parameters together differ from no effect (chi-square).
 

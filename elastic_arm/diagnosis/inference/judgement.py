@@ -9,7 +9,7 @@ import numpy as np
 
 from elastic_arm.diagnosis import format as texts
 from elastic_arm.diagnosis.bootstrap import lower_bound
-from elastic_arm.diagnosis.inference.estimates import ParameterEstimate, certain, differs, estimates, polish, several
+from elastic_arm.diagnosis.inference.estimates import ParameterEstimate, differs, several
 from elastic_arm.diagnosis.inference.gap_metric import GapMeasure, gap_measure
 from elastic_arm.diagnosis.inference.lack_of_fit import LackOfFitTest
 from elastic_arm.diagnosis.inference.sensor_faults import SensorFault, is_large, sensor_faults
@@ -121,10 +121,9 @@ def gain(prepared: PreparedData, selected: Sequence[Candidate], without: Sequenc
 
 def without_ordinary(prepared: PreparedData, hypothesis: Hypothesis) -> tuple[Hypothesis, list[str]]:
     """Count what every real arm has, such as lags of a sample, as part of the model, and return notes on it."""
-    if not hypothesis.causes:
+    if all(hypothesis.selected[k].feature.effect.ordinary is None for k in hypothesis.causes):
         return hypothesis, []
-    library, settings = prepared.library, prepared.settings.judgement
-    estimated = estimates(library, polish(library, hypothesis.selected, settings), settings)
+    estimated = prepared.estimates.parameters(hypothesis.selected)
     ordinary = [k for k in hypothesis.causes if _is_ordinary(prepared, hypothesis.selected[k], estimated[k])]
     large = [k for k in ordinary if matters(prepared, hypothesis, k)]
     # Beside one of the arm that matters, one of a joint is its difference from it.
@@ -212,11 +211,9 @@ def eliminate(prepared: PreparedData, hypothesis: Hypothesis, measure: GapMeasur
 
 def impossible_sizes(prepared: PreparedData, hypothesis: Hypothesis) -> dict[int, str]:
     """Return a note for each cause, by position, with a size that no engineer would believe."""
-    library, settings = prepared.library, prepared.settings.judgement
-    polished = polish(library, hypothesis.selected, settings)
-    estimated, found = estimates(library, polished, settings), {}
+    estimated, found = prepared.estimates.parameters(hypothesis.selected), {}
     for k in hypothesis.causes:
-        feature = polished[k].feature
+        feature = hypothesis.selected[k].feature
         name = prepared.sizes.impossible(feature, estimated[k])
         if name is not None:
             found[k] = texts.impossible_size_note(feature, name, estimated[k][name])
@@ -283,13 +280,12 @@ def is_minor(prepared: PreparedData, hypothesis: Hypothesis, k: int, share: floa
 
 def insignificant(prepared: PreparedData, hypothesis: Hypothesis) -> list[int]:
     """Return the candidates whose parameters may be no effect: each, and where there are several, together."""
-    settings, library = prepared.settings.judgement, prepared.library
-    polished = polish(library, hypothesis.selected, settings)
-    estimated = estimates(library, polished, settings)
+    settings = prepared.settings.judgement
+    estimated = prepared.estimates.parameters(hypothesis.selected)
     uncertain = [k for k, c in enumerate(hypothesis.selected) if not differs(estimated[k], c, settings.level)]
-    together = certain(library, polished, settings) if uncertain else []
+    together = prepared.estimates.certain(hypothesis.selected) if any(several(estimated[k]) for k in uncertain) else []
     failed = {k for k in uncertain if not (several(estimated[k]) and together[k])}
-    if len(library.nuisance):
+    if len(prepared.library.nuisance):
         failed |= {k for k, c in enumerate(hypothesis.selected) if is_implausible(c, estimated[k])}
     return sorted(failed)
 

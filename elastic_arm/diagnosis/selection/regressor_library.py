@@ -114,13 +114,18 @@ class RegressorLibrary:
         fixed
             Whether its coefficient is 1 instead of fitted.
         """
-        blocks = [self.columns(which, feature, searched) for which in (0, 1)]
-        candidate = Candidate(feature, searched, slice(self._count, self._count + blocks[0].shape[1]), fixed)
-        for own, block in zip(self._pending, blocks, strict=True):
-            own.append(block)
-        self._count = candidate.columns.stop
+        place = self.add_columns([self.columns(which, feature, searched) for which in (0, 1)])
+        candidate = Candidate(feature, searched, place, fixed)
         self.candidates.append(candidate)
         return candidate
+
+    def add_columns(self, blocks: Sequence[Array]) -> slice:
+        """Take in whitened columns (rows, k) of both data sets, and return where they stand."""
+        place = slice(self._count, self._count + blocks[0].shape[1])
+        for own, block in zip(self._pending, blocks, strict=True):
+            own.append(block)
+        self._count = place.stop
+        return place
 
     def columns(self, which: int, feature: Feature, searched: tuple[float, ...] | None) -> Array:
         """Make whitened columns (rows, k) of a feature on one of the two data sets.
@@ -342,6 +347,15 @@ class RegressorLibrary:
         index, _ = _split(selected)
         left = self.matrix(which, [0])[:, 0] - self.matrix(which, index) @ beta
         return left - self.nuisance.white[which] @ self.nuisance_values(selected, beta) if len(self.nuisance) else left
+
+    def squares_left(self, selected: Sequence[Candidate]) -> float:
+        """Return the sum of whitened squares on both data sets that candidates leave, fitted to identification data."""
+        beta = self.fit(0, selected)
+        if not len(self.nuisance):
+            return sum(float(np.sum(self.remainder(which, selected, beta) ** 2)) for which in (0, 1))
+        index, _ = _split(selected)
+        keep = np.ix_(np.append(0, index), np.append(0, index))
+        return self._marginalisation.squares_left(self._grams[0][keep] + self._grams[1][keep], index, beta)
 
     def falls(self, without: Sequence[Candidate], selected: Sequence[Candidate]) -> tuple[Array, Array]:
         """Return what the squares of the residual fall, (blocks,) of each data set, fitted on the other."""

@@ -1,0 +1,48 @@
+"""Sets of candidates at their joint optimum, each set worked out once."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from elastic_arm.diagnosis.inference.estimates import ParameterEstimate, certain, estimates, polish
+from elastic_arm.diagnosis.selection.regressor_library import Candidate, RegressorLibrary
+from elastic_arm.diagnosis.settings import JudgementSettings
+
+
+class JointEstimates:
+    """Polished candidates of a library, and their parameters: a judgement needs those of the same sets many times.
+
+    Parameters
+    ----------
+    library
+        Of all columns.
+    settings
+        Clearance of physical bounds, level of the tests.
+    """
+
+    def __init__(self, library: RegressorLibrary, settings: JudgementSettings) -> None:
+        self._library, self._settings = library, settings
+        self._polished: dict[tuple[Candidate, ...], list[Candidate]] = {}
+        self._parameters: dict[tuple[Candidate, ...], list[dict[str, ParameterEstimate]]] = {}
+        self._certain: dict[tuple[Candidate, ...], list[bool]] = {}
+
+    def polished(self, selected: Sequence[Candidate]) -> list[Candidate]:
+        """Return candidates with all parameters at the joint least-squares optimum."""
+        key = tuple(selected)
+        if key not in self._polished:
+            self._polished[key] = polish(self._library, selected, self._settings)
+        return self._polished[key]
+
+    def parameters(self, selected: Sequence[Candidate]) -> list[dict[str, ParameterEstimate]]:
+        """Return the parameters of the polished candidates with standard deviations."""
+        key = tuple(selected)
+        if key not in self._parameters:
+            self._parameters[key] = estimates(self._library, self.polished(selected), self._settings)
+        return self._parameters[key]
+
+    def certain(self, selected: Sequence[Candidate]) -> list[bool]:
+        """Whether each polished candidate's parameters together differ from no effect."""
+        key = tuple(selected)
+        if key not in self._certain:
+            self._certain[key] = certain(self._library, self.polished(selected), self._settings)
+        return self._certain[key]
