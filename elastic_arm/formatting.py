@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass
 
 MOST_DIGITS = 7  # significant, however small the deviation
 LARGEST_PLAIN = 1e7  # from here on with a power of ten
@@ -17,6 +19,40 @@ def rounded(value: float, std: float) -> tuple[str, str]:
         return f"{value:.4g}", f"{std:.2g}"
     place, plain = _place(float(f"{std:.1e}")) - 1, max(abs(value), std) < LARGEST_PLAIN
     return _to_place(value, place, plain), _to_place(std, place, plain)
+
+
+def linear_unit(unit: str) -> str:
+    """Return the unit at a prismatic joint of a quantity that has `unit` at a revolute one: N for Nm, m for rad."""
+    return unit.replace("Nm", "N").replace("rad", "m")
+
+
+@dataclass(frozen=True)
+class JointUnits:
+    """Units of quantities at the joints of an arm, of which some may be prismatic.
+
+    Parameters
+    ----------
+    joints
+        Names of all.
+    prismatic
+        Names of those that slide.
+    """
+
+    joints: Sequence[str]
+    prismatic: Collection[str] = ()
+
+    def at(self, joint: str | None, unit: str) -> str:
+        """Return the unit at one joint, from that at a revolute one; unchanged for the whole arm."""
+        return linear_unit(unit) if joint in self.prismatic else unit
+
+    def over(self, unit: str) -> str:
+        """Return the unit of a table over all joints, from that at a revolute one."""
+        sliding = [joint for joint in self.joints if joint in self.prismatic]
+        if not sliding:
+            return unit
+        if len(sliding) == len(self.joints):
+            return linear_unit(unit)
+        return f"{unit} ({linear_unit(unit)} at {', '.join(sliding)})"
 
 
 def _place(value: float) -> int:

@@ -15,6 +15,7 @@ from elastic_arm.cli.options import AtOption, ChainOption, RobotFile, load_arm
 from elastic_arm.cli.outputs import Force, claim_file
 from elastic_arm.dynamics import build_model
 from elastic_arm.errors import OutputError
+from elastic_arm.formatting import linear_unit
 from elastic_arm.identification.base_parameters import BaseParameters
 from elastic_arm.identification.base_regression import BaseRegression
 from elastic_arm.robot import Robot, robot_to_dict, to_urdf
@@ -71,14 +72,17 @@ def _print_robot(robot: Robot) -> None:
     gravity = " ".join(f"{g:g}" for g in robot.gravity)
     out.print(f"[bold]{escape(robot.name)}[/]: {robot.n} joints, {kind}, {robot.mass:.4g} kg, gravity {gravity} m/s²")
     table = Table(box=None, header_style="bold")
-    for heading in ("joint", "link", "mass kg", "range rad", "rad/s", "Nm"):
+    slide = bool(robot.units.prismatic)
+    mixed = slide and len(robot.units.prismatic) < robot.n
+    units = [linear_unit(u) if slide and not mixed else u for u in ("rad", "rad/s", "Nm", "Nm/rad", "Nm s/rad")]
+    for heading in ("joint", "link", "mass kg", f"range {units[0]}", units[1], units[2]):
         table.add_column(heading, justify="left" if heading in ("joint", "link") else "right")
     if robot.elastic:
-        for heading in ("ratio", "K Nm/rad", "D Nms/rad", "bearing"):
+        for heading in ("ratio", f"K {units[3]}", f"D {units[4].replace(' ', '')}", "bearing"):
             table.add_column(heading, justify="right")
     spinning = any(joint.armature is not None for joint in robot.joints)
     if spinning:
-        table.add_column("armature kg m²", justify="right")
+        table.add_column("armature kg" if slide and not mixed else "armature kg m²", justify="right")
     for joint in robot.joints:
         limits = joint.limits
         span = f"{_short(limits.position_min)} … {_short(limits.position_max)}"
@@ -90,6 +94,9 @@ def _print_robot(robot: Robot) -> None:
         row += [_short(joint.armature)] if spinning else []
         table.add_row(*(escape(cell) for cell in row))
     out.print(table)
+    if slide:
+        those = f" ({', '.join(robot.units.prismatic)})" if mixed else ""
+        out.print(f"prismatic joints{escape(those)} have m and N for rad and Nm", soft_wrap=True)
     for line in _stated(robot):
         out.print(escape(line), soft_wrap=True)
     for note in robot.notes:

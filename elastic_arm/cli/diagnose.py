@@ -214,7 +214,8 @@ def print_diagnosis(found: Diagnosis, folder: Path) -> None:
         if faint:
             out.print(f"instead of {escape(effect_at(cause.effect, cause.joint))} it may be {escape(faint)}")
     for place in found.unexplained:
-        out.print(f"unexplained: {escape(place.joint)}, {place.side} side, {place.rmse:.3g} Nm, follows {place.regime}")
+        size = f"{place.rmse:.3g} {found.units.at(place.joint, 'Nm')}"
+        out.print(f"unexplained: {escape(place.joint)}, {place.side} side, {size}, follows {place.regime}")
     _print_followed_up(found)
     for note in found.notes:
         out.print(f"note: {escape(note)}")
@@ -251,7 +252,8 @@ def _print_places(found: Diagnosis) -> None:
         # On a screen the share stands below the sizes: three sides and a long name would not fit otherwise.
         table.add_row(escape(joint), *(cell.replace(" (", "\n(") if out.is_terminal else cell for cell in cells))
     sizes = "before → after" if found.causes else "size"
-    out.print(f"residuals in Nm below {found.band:.3g} Hz, {sizes} (share of its own gap that is gone):")
+    unit = found.units.over("Nm")
+    out.print(f"residuals in {unit} below {found.band:.3g} Hz, {sizes} (share of its own gap that is gone):")
     out.print(table)
 
 
@@ -260,7 +262,7 @@ def _print_followed_up(found: Diagnosis) -> None:
     if found.prediction is not None and found.prediction.before is None:
         out.print(f"prediction: not measured, {escape(found.prediction.reason)}")
     elif found.prediction is not None and (found.causes or found.prediction.reason):
-        out.print(f"prediction: {escape(prediction_sentence(found.prediction))}")
+        out.print(f"prediction: {escape(prediction_sentence(found.prediction, found.units))}")
     if found.proposal is not None:
         _print_proposal(found.proposal)
     for agreement in found.agreements:

@@ -25,6 +25,7 @@ from elastic_arm.excitation import (
     find_criterion,
     optimise,
 )
+from elastic_arm.formatting import JointUnits
 from elastic_arm.identification.base_parameters import BaseParameters
 from elastic_arm.robot import Robot
 
@@ -129,7 +130,7 @@ def _print_result(
             f"[yellow]left out of the search, as only nearly exact encoders determine it:[/] {escape(sentence)}",
             soft_wrap=True,
         )
-    out.print(_limit_table(result))
+    out.print(_limit_table(result, model.robot.units))
     for name, gap in result.use.gaps():
         out.print(f"smallest gap to {escape(name)}: {1e3 * gap:.0f} mm (margin {1e3 * limits.margin:g} mm)")
     for sentence in limits.assumed:
@@ -154,7 +155,7 @@ def indistinct_words(result: ExcitationResult, base: BaseParameters, model: Mode
     return [names.get(c, model.parameters[c].name) for c in result.indistinct]
 
 
-def _limit_table(result: ExcitationResult) -> Table:
+def _limit_table(result: ExcitationResult, units: JointUnits) -> Table:
     use = result.use
     table = Table(box=None, header_style="bold", title="share of the limits used", title_justify="left")
     table.add_column("joint")
@@ -163,7 +164,7 @@ def _limit_table(result: ExcitationResult) -> Table:
     for i, joint in enumerate(use.joints):
         shares = [use.share(kind, i) for kind in use.kinds]
         cells = ["–" if share is None else f"{100 * share:.0f} %" for share in shares]
-        table.add_row(escape(joint), *cells, f"{use.peak_torque[i]:.4g} Nm")
+        table.add_row(escape(joint), *cells, f"{use.peak_torque[i]:.4g} {units.at(joint, 'Nm')}")
     return table
 
 

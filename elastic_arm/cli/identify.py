@@ -194,8 +194,9 @@ def _fitted(name: str, width: int) -> str:
 
 def _residual_rows(result: Identification) -> list[tuple[str, list[tuple[str, list[float]]]]]:
     fitted = [(side, list(values.values())) for side, values in result.noise.items()]
-    tables = [("residual of the fit, Nm", fitted)]
+    unit = result.units.over("Nm")
+    tables = [(f"residual of the fit, {unit}", fitted)]
     for recording, arms in (result.validation or {}).items():
         rows = [(f"{arm}, {side}", list(v.values())) for arm, by_side in arms.items() for side, v in by_side.items()]
-        tables.append((f"validation on {recording}, Nm", rows))
+        tables.append((f"validation on {recording}, {unit}", rows))
     return tables

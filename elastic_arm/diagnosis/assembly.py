@@ -100,6 +100,7 @@ def assemble(prepared: PreparedData, judgement: Judgement, estimated: EstimatedH
         model=prepared.model.name,
         robot=prepared.model.robot.name,
         joints=prepared.model.robot.joint_names,
+        prismatic=tuple(prepared.model.robot.units.prismatic),
         identify=prepared.sources[0],
         validate=prepared.sources[1],
         independent_motion=prepared.independent_motion,
@@ -181,15 +182,13 @@ def fault_causes(prepared: PreparedData, judgement: Judgement, baseline: Sequenc
         rng = settings.resampling.significance_rng()
         after = residual_statistics(prepared.validation, alone, before.band, settings, rng)
         share = shrink_of(before, after, settings.resampling, settings.resampling.shrink_rng())[0]
-        name = feature.linear[0].name
+        name, unit = feature.linear[0].name, feature.unit(feature.linear[0])
         cause = Cause(
             effect=feature.effect.id,
             joint=feature.joint,
             sides=tuple(side for side in feature.sides if side in sides) or feature.sides,
             regime=feature.effect.regime,
-            parameters={
-                name: ParameterEstimate(feature.parameters([fault.value])[name], fault.std, feature.linear[0].unit)
-            },
+            parameters={name: ParameterEstimate(feature.parameters([fault.value])[name], fault.std, unit)},
             shrink=share,
             confidence=1.0 - settings.judgement.least_listed,
             alternatives=(),

@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from elastic_arm.diagnosis.result import Alternative, Cause, Diagnosis, Imperfection
     from elastic_arm.effects import EffectInstance
     from elastic_arm.estimation.effect_columns import Feature
+    from elastic_arm.formatting import JointUnits
 
 # Of the display, no decision of the diagnosis.
 DOUBTFUL = 0.9  # of a cause's and its strongest alternative's confidence: with less, both are named
@@ -266,13 +267,14 @@ def negative_shrink_note(causes: Sequence[Cause]) -> str:
     return "Only beside others: alone such a cause makes the gap larger."
 
 
-def prediction_sentence(prediction: Prediction) -> str:
+def prediction_sentence(prediction: Prediction, units: JointUnits) -> str:
     """Return in a sentence how far the prediction error of the worst angle falls, or why that is not known."""
     before, after = prediction.before or {}, prediction.after or {}
     if prediction.reason:
         return f"{prediction.reason[0].upper()}{prediction.reason[1:]}."
     joint, side = max(before, key=lambda place: before[place][-1])
-    errors = [_angle(size[joint, side][-1]) for size in (before, after)]
+    unit = units.at(joint, "rad")
+    errors = [_travel(size[joint, side][-1], unit) for size in (before, after)]
     horizon = f"{1e3 * prediction.horizons[-1]:g} ms"
     return (
         f"Driven by the measured torque, the model errs by {errors[0]} after {horizon} at the worst angle "
@@ -280,10 +282,10 @@ def prediction_sentence(prediction: Prediction) -> str:
     )
 
 
-def _angle(value: float) -> str:
-    """Return an angle in the unit that suits it."""
-    unit, factor = next(((u, f) for u, f in (("rad", 1.0), ("mrad", 1e3)) if value * f >= 1.0), ("µrad", 1e6))
-    return f"{value * factor:.3g} {unit}"
+def _travel(value: float, unit: str) -> str:
+    """Return an angle, or the travel of a prismatic joint, with the prefix that suits it."""
+    prefix, factor = next(((p, f) for p, f in (("", 1.0), ("m", 1e3)) if value * f >= 1.0), ("µ", 1e6))
+    return f"{value * factor:.3g} {prefix}{unit}"
 
 
 def log_likelihood_text(value: float) -> str:

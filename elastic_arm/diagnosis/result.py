@@ -13,6 +13,7 @@ import numpy as np
 from elastic_arm.diagnosis.inference.estimates import ParameterEstimate
 from elastic_arm.errors import DiagnosisError
 from elastic_arm.estimation.equations import SIDES
+from elastic_arm.formatting import JointUnits
 
 if TYPE_CHECKING:
     from elastic_arm.diagnosis.context import DiagnosisContext
@@ -196,6 +197,8 @@ class Diagnosis:
     ----------
     model, robot, joints
         What was compared with.
+    prismatic
+        The joints that slide: N at these for Nm, m for rad.
     identify, validate
         Sources of the recordings.
     independent_motion
@@ -255,6 +258,7 @@ class Diagnosis:
     log_likelihood: float
     causes: tuple[Cause, ...]
     unexplained: tuple[UnexplainedResidual, ...]
+    prismatic: tuple[str, ...] = ()
     shrink_by_place: Mapping[tuple[str, str], float | None] = field(default_factory=dict)
     imperfections: tuple[Imperfection, ...] = ()
     known: tuple[Mapping[str, Any], ...] = ()
@@ -265,12 +269,18 @@ class Diagnosis:
     proposal: Proposal | None = None
     context: DiagnosisContext | None = field(default=None, repr=False, compare=False)
 
+    @property
+    def units(self) -> JointUnits:
+        """Units of quantities at the joints."""
+        return JointUnits(self.joints, self.prismatic)
+
     def to_dict(self) -> dict[str, Any]:
         """Return the content of `diagnosis.json`."""
         return {
             "schema": SCHEMA,
             "model": self.model,
             "robot": self.robot,
+            **({"prismatic": list(self.prismatic)} if self.prismatic else {}),
             "recordings": {
                 "identify": list(self.identify),
                 "validate": list(self.validate),
@@ -293,7 +303,7 @@ class Diagnosis:
             "known": [dict(one) for one in self.known],
             "notes": list(self.notes),
             "ladder": [_plain(share) for share in self.cumulative_shrink],
-            "prediction": None if self.prediction is None else self.prediction.to_dict(),
+            "prediction": None if self.prediction is None else self.prediction.to_dict(self.units.over("rad")),
             "agreement": [agreement.to_dict() for agreement in self.agreements],
             "next_motion": None if self.proposal is None else self.proposal.to_dict(SEPARATING),
         }

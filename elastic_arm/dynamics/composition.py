@@ -163,7 +163,7 @@ def _rigid(arm: _Assembly) -> None:
     _links(arm)
     for i, joint in enumerate(arm.robot.joints):
         if joint.armature is not None:
-            unit = joint.unit("kg m^2")
+            unit = "kg" if joint.prismatic else "kg m^2"
             (inertia,) = arm.add_parameters(joint.name, (ARMATURE,), (unit,), np.array([joint.armature]))
             arm.spins.append(Spin(GROUND, np.array([0.0, 0.0, 1.0]), ((i, 1.0),), inertia))
 

@@ -9,6 +9,7 @@ from enum import Enum
 from typing import Any
 
 from elastic_arm.errors import EffectError
+from elastic_arm.formatting import JointUnits
 
 
 class Role(Enum):
@@ -132,6 +133,10 @@ class Parameter:
         if self.size == 1:
             return [self.name]
         return [f"{self.name}_{'xyz'[k] if self.size == 3 else k}" for k in range(self.size)]
+
+    def unit_at(self, joint: str | None, units: JointUnits) -> str:
+        """Return its unit on a joint of an arm; a phase is an angle everywhere."""
+        return self.unit if self.role is Role.PHASE else units.at(joint, self.unit)
 
     def start(self) -> float | tuple[float, ...]:
         """Return its default, else its value of no effect, else the middle of its range."""

@@ -82,6 +82,10 @@ class Feature:
         """Number of columns."""
         return 2 if self.phase else (1 if self.fixed else sum(p.size for p in self.linear))
 
+    def unit(self, parameter: Parameter) -> str:
+        """Return the unit of one of its parameters at its joint."""
+        return parameter.unit_at(self.joint, self.equations.robot.units)
+
     @property
     def sides(self) -> tuple[str, ...]:
         """The equations in which it shows."""

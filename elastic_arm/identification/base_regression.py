@@ -43,6 +43,7 @@ from elastic_arm.dynamics.gram import Information, gram
 from elastic_arm.errors import IdentificationError
 from elastic_arm.estimation.equations import SIDES, EquationSet
 from elastic_arm.estimation.motion import Motion
+from elastic_arm.formatting import JointUnits
 from elastic_arm.identification.base_parameters import BaseParameters, find_base
 
 Array = NDArray[np.float64]
@@ -115,7 +116,7 @@ class BaseRegression:
         self.joints = tuple(joints) or tuple(f"joint_{i + 1}" for i in range(self.n))
         self.groups = tuple((side, joint) for side in self.sides for joint in self.joints)
         own = model.parameters
-        self._encoders = _encoder_columns(self.joints) if self.summed and encoder_columns else ()
+        self._encoders = _encoder_columns(self.joints, model.robot.units) if self.summed and encoder_columns else ()
         added = (*self._encoders, *self.columns)
         self.names = tuple(p.name for p in own) + tuple(c.name for c in added)
         self.units = tuple(p.unit for p in own) + tuple(c.unit for c in added)
@@ -280,12 +281,13 @@ class BaseRegression:
         return motion
 
 
-def _encoder_columns(joints: Sequence[str]) -> tuple[Column, ...]:
+def _encoder_columns(joints: Sequence[str], units: JointUnits) -> tuple[Column, ...]:
     """Return the columns of the link encoders' lags and offsets beside the motor encoders, times the stiffness."""
     found = []
     for joint, name in enumerate(joints):
         for what, unit, value in (("K_delay", "Nm s/rad", _speed), ("K_offset", "Nm", _one)):
-            found.append(Column(f"link_encoder:{name}.{what}", unit, partial(_of_drive, joint, value)))
+            own = units.at(name, unit)
+            found.append(Column(f"link_encoder:{name}.{what}", own, partial(_of_drive, joint, value)))
     return tuple(found)
 
 

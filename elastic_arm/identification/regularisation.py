@@ -308,7 +308,10 @@ def worse_joints(found: ByJoint, nominal: ByJoint, equations: BaseRegression) ->
         See :func:`log_ratio`, of one recording.
     """
     pairs = _pairs([found], [nominal], equations)
-    return [f"{joint} ({side}: {a:.3g} against {b:.3g} Nm)" for side, joint, a, b in pairs if a > WORSE * b]
+    unit = equations.model.robot.units.at
+    return [
+        f"{joint} ({side}: {a:.3g} against {b:.3g} {unit(joint, 'Nm')})" for side, joint, a, b in pairs if a > WORSE * b
+    ]
 
 
 def _pairs(

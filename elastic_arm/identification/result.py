@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elastic_arm.errors import IdentificationError
+from elastic_arm.formatting import JointUnits
 from elastic_arm.identification.base_regression import BaseRegression
 from elastic_arm.identification.least_squares import Fit
 from elastic_arm.identification.verdict import Excitation, checked, directions, relative_std, remarks, verdicts
@@ -84,6 +85,8 @@ class Identification:
         that no fit has seen.
     identified
         The arm with the parameters of Psi; not part of the JSON file, see :meth:`save_robot`.
+    prismatic
+        The joints that slide: N at these for Nm, m for rad.
     """
 
     robot: str
@@ -105,6 +108,12 @@ class Identification:
     consistency: dict[str, float] | None = None
     validation: dict[str, dict[str, dict[str, dict[str, float]]]] | None = None
     identified: Robot | None = None
+    prismatic: tuple[str, ...] = ()
+
+    @property
+    def units(self) -> JointUnits:
+        """Units of quantities at the joints."""
+        return JointUnits(self.joints, self.prismatic)
 
     @property
     def Psi_base(self) -> Array:
@@ -288,6 +297,7 @@ def result_of(
         model=equations.model.name,
         recordings=recordings,
         joints=equations.joints,
+        prismatic=tuple(robot.units.prismatic),
         estimates=tuple(
             Estimate(*row)
             for row in zip(
@@ -324,8 +334,8 @@ def result_of(
 
 def _from_dict(data: dict[str, Any]) -> Identification:
     data["estimates"] = tuple(Estimate(**_numbers(e)) for e in data["estimates"])
-    for name in ("recordings", "joints", "undetermined", "derivatives", "parameter_names", "notes"):
-        data[name] = tuple(data[name])
+    for name in ("recordings", "joints", "undetermined", "derivatives", "parameter_names", "notes", "prismatic"):
+        data[name] = tuple(data.get(name, ()))
     for name in ("T", "covariance", "Psi"):
         data[name] = None if data[name] is None else np.array(data[name], dtype=float)
     data["condition"] = np.inf if data["condition"] is None else data["condition"]

@@ -121,7 +121,7 @@ def _verdict(found: Diagnosis) -> list[Block]:
     if note := negative_shrink_note(found.causes):
         blocks.append(Text(note))
     if found.prediction is not None and found.prediction.before and found.causes:
-        blocks.append(Text(prediction_sentence(found.prediction)))
+        blocks.append(Text(prediction_sentence(found.prediction, found.units)))
     blocks += [Text(line, "warn") for line in (*_leftover(found), *_disagreements(found))]
     others: list[list[object]] = [
         [f"{c.effect} on {c.joint or 'whole arm'}", f"{a.effect} on {a.joint or 'whole arm'}",
@@ -163,7 +163,8 @@ def _how_far(found: Diagnosis) -> list[Block]:
     if found.shrink_by_place:
         sides = [side for side in SIDES if any((joint, side) in found.before.rmse for joint in found.joints)]
         rows = [[joint, *(gap_at(found, joint, side) for side in sides)] for joint in found.joints]
-        caption = f"Residuals before → after, Nm, 0 to {found.band:g} Hz, and the share of each one's own gap"
+        unit = found.units.over("Nm")
+        caption = f"Residuals before → after, {unit}, 0 to {found.band:g} Hz, and the share of each one's own gap"
         blocks.append(Table(["joint", *(f"{side} side" for side in sides)], rows, caption))
     return blocks
 
@@ -192,7 +193,7 @@ def _unexplained(found: Diagnosis, context: DiagnosisContext) -> list[Block]:
     caption = f"{first.joint}, {first.side} side: where most is left."
     return [
         Text("No effect of the catalogue explains what is left here.", "warn"),
-        Table(["joint", "side", "follows", "left, Nm"], rows, digits=3),
+        Table(["joint", "side", "follows", f"left, {found.units.over('Nm')}"], rows, digits=3),
         Figure(figures.residual_figure(found, context, row, context.after, added), caption),
     ]
 
@@ -222,7 +223,7 @@ def _sizes(found: Diagnosis, context: DiagnosisContext | None) -> list[Block]:
         if (j, s) in found.before.rmse
     ]  # fmt: skip
     header = ["joint", "side", "noise", *(f"rmse{when}" for when in shown), *(f"max{when}" for when in shown)]
-    table = Table(header, rows, f"Nm, validation data, 0 to {found.band:g} Hz", 3)
+    table = Table(header, rows, f"{found.units.over('Nm')}, validation data, 0 to {found.band:g} Hz", 3)
     if context is None:
         return [table]
     caption = "Residuals on the longest stretch of validation data; the band is two standard deviations of the noise."
@@ -244,9 +245,10 @@ def _prediction(found: Diagnosis) -> list[Block]:
         [joint, side, *(1e6 * size[joint, side][k] for k in range(len(prediction.horizons)) for size in shown.values())]
         for joint, side in prediction.before
     ]
-    drawing = Figure(figures.horizons(prediction, found.joints))
-    gone = [Text(prediction_sentence(prediction), "warn")] if prediction.reason else []
-    return [Text(text), *gone, drawing, Table(header, rows, "Prediction error, µrad", 2)]
+    unit = found.units.over("µrad")
+    drawing = Figure(figures.horizons(prediction, found.joints, unit))
+    gone = [Text(prediction_sentence(prediction, found.units), "warn")] if prediction.reason else []
+    return [Text(text), *gone, drawing, Table(header, rows, f"Prediction error, {unit}", 2)]
 
 
 def _next(found: Diagnosis) -> list[Block]:
@@ -269,7 +271,7 @@ def _next(found: Diagnosis) -> list[Block]:
         f"Record this motion of {proposal.trajectory.duration:g} s, the best of {proposal.candidates} judged, and "
         f"diagnose it: {SEPARATING}, for `elastic-arm simulate --trajectory` and the trajectory node."
     )
-    return [Text(text), table, Figure(figures.motion(proposal.trajectory, found.joints)), *notes]
+    return [Text(text), table, Figure(figures.motion(proposal.trajectory, found)), *notes]
 
 
 def _agreement(found: Diagnosis) -> list[Block]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import partial
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -62,7 +63,11 @@ def gap_map(found: Diagnosis) -> MplFigure:
             ax.imshow(shade, vmin=0.0, vmax=1.0, cmap="YlOrRd", aspect="auto")
             for (row, column), value in np.ndenumerate(ratio):
                 place = (found.joints[row], SIDES[column])
-                label = "not recorded" if np.isnan(value) else f"{times(value)}\n{size.rmse[place]:.3g} Nm"
+                label = (
+                    "not recorded"
+                    if np.isnan(value)
+                    else f"{times(value)}\n{size.rmse[place]:.3g} {found.units.at(place[0], 'Nm')}"
+                )
                 colour = "white" if shade[row, column] > 0.7 else "black"
                 ax.text(column, row, label, ha="center", va="center", fontsize=8, color=colour)
             ax.set_xticks(range(len(SIDES)), [f"{s} side" for s in SIDES])
@@ -122,6 +127,8 @@ def residual_figure(
     before, rest = context.before[part][:, row], left[part][:, row]
     t, motion = stretch.t, stretch.motion
     moving = "link" if side == "link" else "motor"
+    joint = found.joints[i]
+    unit = partial(found.units.at, joint)
     speed, angle = (motion.dq, motion.q) if side == "link" else (motion.dtheta, motion.theta)
     w, q = (np.interp(t, motion.t, values[:, i]) for values in (speed, angle))
     turn, turning = _turn(found, context, i, np.interp(t, motion.t, motion.theta[:, i]), regime)
@@ -138,13 +145,15 @@ def residual_figure(
         wide.set_xlabel("time [s]")
         wide.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=3)
         _draw_spectra(spectrum, before, rest if cause else None, context.validate.band.kept_rate, found.band)
-        names = (f"{moving} velocity [rad/s]", f"{moving} angle [rad]", turning)
+        spectrum.set_ylabel(f"{unit('Nm')}/√Hz")
+        what = "position" if joint in found.prismatic else "angle"
+        names = (f"{moving} velocity [{unit('rad/s')}]", f"{moving} {what} [{unit('rad')}]", turning)
         for ax, x, name in zip(clouds, (w, q, turn), names, strict=True):
             _draw_cloud(ax, x, before, None if cause is None else before - rest)
             ax.set_xlabel(name)
             ax.locator_params(axis="x", nbins=5)
         for ax in (wide, clouds[0]):
-            ax.set_ylabel("Nm")
+            ax.set_ylabel(unit("Nm"))
     return figure
 
 
@@ -155,7 +164,6 @@ def _draw_spectra(ax: Axes, before: Array, rest: Array | None, rate: float, band
             seen = (f > 0) & (f <= band)
             ax.semilogy(f[seen], np.sqrt(density[seen]), color=colour)
     ax.set_xlabel("frequency [Hz]")
-    ax.set_ylabel("Nm/√Hz")
 
 
 def _draw_cloud(ax: Axes, x: Array, before: Array, cause: Array | None) -> None:
@@ -200,8 +208,18 @@ def before_and_after(found: Diagnosis, context: DiagnosisContext) -> MplFigure:
     return figure
 
 
-def horizons(prediction: Prediction, joints: Sequence[str]) -> MplFigure:
-    """Draw prediction errors over the horizon, a joint a panel."""
+def horizons(prediction: Prediction, joints: Sequence[str], unit: str) -> MplFigure:
+    """Draw prediction errors over the horizon, a joint a panel.
+
+    Parameters
+    ----------
+    prediction
+        The errors.
+    joints
+        Names.
+    unit
+        Of the errors, a millionth of that of positions.
+    """
     before, after = prediction.before or {}, prediction.after or {}
     ms = 1e3 * np.array(prediction.horizons)
     drawn = [(before, BEFORE, 2.6, "before"), (after, AFTER, 1.0, "after")][: 1 if after == before else 2]
@@ -218,22 +236,22 @@ def horizons(prediction: Prediction, joints: Sequence[str]) -> MplFigure:
             ax.set_xticks(ms, [f"{v:g}" for v in ms])
             ax.minorticks_off()
             ax.set_xlabel("ahead [ms]")
-        axes[0, 0].set_ylabel("prediction error [µrad]")
+        axes[0, 0].set_ylabel(f"prediction error [{unit}]")
         axes[0, -1].legend(fontsize=7)
     return figure
 
 
-def motion(trajectory: FourierTrajectory, joints: Sequence[str]) -> MplFigure:
+def motion(trajectory: FourierTrajectory, found: Diagnosis) -> MplFigure:
     """Draw a proposed motion."""
     t = np.linspace(0.0, trajectory.duration, 1000)
     q, dq, _ = trajectory.evaluate(t)
     with style():
         figure, axes = new_figure(1, 2, size=(9.6, 2.7))
-        for ax, values, unit in ((axes[0, 0], q, "angle [rad]"), (axes[0, 1], dq, "velocity [rad/s]")):
-            for k, joint in enumerate(joints):
+        for ax, values, what, unit in ((axes[0, 0], q, "angle", "rad"), (axes[0, 1], dq, "velocity", "rad/s")):
+            for k, joint in enumerate(found.joints):
                 ax.plot(t, values[:, k], color=CYCLE[k % len(CYCLE)], label=joint)
             ax.set_xlabel("time [s]")
-            ax.set_ylabel(unit)
+            ax.set_ylabel(f"{what} [{found.units.over(unit)}]")
         axes[0, 0].legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=4)
     return figure
 

@@ -76,7 +76,7 @@ def torques(equations: BaseRegression, motion: Motion, result: Identification) -
                 draw_signal(ax, motion.t, measured[side][:, i], color=GREY, lw=2.4, alpha=0.6, label="measured")
                 draw_signal(ax, motion.t, nominal[side][:, i], color=ORANGE, lw=0.9, label="nominal arm")
                 draw_signal(ax, motion.t, found[side][:, i], color=BLUE, lw=0.9, label="identified")
-                ax.set_title(f"{joint}, {SIDES[side]} [Nm]", loc="left")
+                ax.set_title(f"{joint}, {SIDES[side]} [{result.units.at(joint, 'Nm')}]", loc="left")
             axes[-1, column].set_xlabel("time [s]")
         figure.legend(*axes[0, 0].get_legend_handles_labels(), loc="outside upper center", ncols=3)
     return figure
@@ -101,7 +101,7 @@ def residuals(equations: BaseRegression, motion: Motion, result: Identification)
             for side, colour in zip(equations.sides, (BLUE, VERMILION, GREEN), strict=False):
                 left = measured[side][:, i] - found[side][:, i]
                 draw_signal(axes[i, 0], motion.t, left, color=colour, lw=0.7, label=SIDES[side])
-            axes[i, 0].set_title(f"{joint}, residual [Nm]", loc="left")
+            axes[i, 0].set_title(f"{joint}, residual [{result.units.at(joint, 'Nm')}]", loc="left")
         axes[-1, 0].set_xlabel("time [s]")
         figure.legend(*axes[0, 0].get_legend_handles_labels(), loc="outside upper center", ncols=3)
     return figure
@@ -172,7 +172,8 @@ def _parameters(result: Identification) -> Table:
 def _noise(result: Identification) -> Table:
     rows = [[SIDES[side], *by_joint.values()] for side, by_joint in result.noise.items()]
     how = f"{result.samples:,} samples; derivatives: {', '.join(dict.fromkeys(result.derivatives))}; "
-    caption = how + f"condition number {result.condition:.3g}. Standard deviation of the residuals, Nm."
+    unit = result.units.over("Nm")
+    caption = how + f"condition number {result.condition:.3g}. Standard deviation of the residuals, {unit}."
     return Table(("equation", *result.joints), rows, caption)
 
 
@@ -183,4 +184,5 @@ def _validation(result: Identification) -> Table:
         for arm, by_side in arms.items()
         for side, by_joint in by_side.items()
     ]
-    return Table(("recording", "arm", "equation", *result.joints), rows, "Root of the mean square residual, Nm.")
+    caption = f"Root of the mean square residual, {result.units.over('Nm')}."
+    return Table(("recording", "arm", "equation", *result.joints), rows, caption)

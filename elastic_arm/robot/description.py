@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from elastic_arm.formatting import JointUnits, linear_unit
 from elastic_arm.robot.parts import (
     DH,
     Bearing,
@@ -81,9 +82,7 @@ class Joint:
 
     def unit(self, unit: str) -> str:
         """Return the unit at this joint of a quantity that has `unit` at a revolute one: N for Nm, m for rad."""
-        if not self.prismatic:
-            return unit
-        return unit.replace("Nm", "N").replace("rad", "m").replace("kg m^2", "kg")
+        return linear_unit(unit) if self.prismatic else unit
 
     @classmethod
     def from_dh(cls, name: str, link_name: str, link: Inertia, dh: DH, **rest: Any) -> Joint:
@@ -172,6 +171,11 @@ class Robot:
     def link_names(self) -> tuple[str, ...]:
         """Names of the moving links in order from the base."""
         return tuple(j.link_name for j in self.joints)
+
+    @property
+    def units(self) -> JointUnits:
+        """Units of quantities at the joints."""
+        return JointUnits(self.joint_names, [joint.name for joint in self.joints if joint.prismatic])
 
     @property
     def elastic(self) -> bool:

@@ -11,6 +11,7 @@ import yaml
 from elastic_arm.errors import RecordingError
 from elastic_arm.recording import load_channels, message_types, read_recording
 from elastic_arm.recording.foreign.arrays import load_array_map
+from elastic_arm.recording.foreign.channels import ChannelScale
 from elastic_arm.recording.inspection.check import check_bag
 from tests.helpers.bags import JOINT_STATE, JOINTS, joint_state, stamps, states, write_foreign
 
@@ -155,3 +156,13 @@ def test_maps_that_do_not_fit_the_bag_are_refused(tmp_path: Path, change: dict[s
     with pytest.raises(RecordingError) as caught:
         read_recording(write_foreign(tmp_path / "bag", states("/motor_states", stamps(30))), channels)
     assert words in str(caught.value)
+
+
+def test_a_linear_axis_has_lengths_and_forces() -> None:
+    """Positions in mm, speeds in mm/s and forces in N; a motor shaft's torque by its rad per m is a force."""
+    assert ChannelScale(unit="mm").scale("position") == pytest.approx(1e-3)
+    assert ChannelScale(unit="mm/s").scale("velocity") == pytest.approx(1e-3)
+    assert ChannelScale(unit="N", factor=35.15).scale("effort") == pytest.approx(35.15)
+    assert ChannelScale(unit="Nm_motor", ratio=628.0).scale("effort") == pytest.approx(628.0)
+    with pytest.raises(ValueError, match="effort cannot have unit mm"):
+        ChannelScale(unit="mm").check_unit("effort")

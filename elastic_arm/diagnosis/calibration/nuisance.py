@@ -103,7 +103,7 @@ def nuisance_parameters(
             limit = settings.largest_scale / std if what == "stiffness" else np.inf
             found.append(NuisanceParameter(what, joint.name, unit, std, neutral, limit=limit))
         found += [
-            NuisanceParameter(f"{PRESLIDING}_{k}", joint.name, "Nm", priors.presliding, 0.0, speeds=speeds)
+            NuisanceParameter(f"{PRESLIDING}_{k}", joint.name, joint.unit("Nm"), priors.presliding, 0.0, speeds=speeds)
             for k, speeds in enumerate(settings.presliding_speeds)
         ]
     for feature in features:
@@ -115,7 +115,7 @@ def nuisance_parameters(
         limit = settings.largest_scale / std if parameter.unit == "1" else np.inf
         what = "_".join([feature.effect.id, *chosen])
         neutral = parameter.neutral or 0.0
-        found.append(NuisanceParameter(what, feature.joint, parameter.unit, std, neutral, feature, limit))
+        found.append(NuisanceParameter(what, feature.joint, feature.unit(parameter), std, neutral, feature, limit))
     return tuple(found)
 
 
@@ -124,7 +124,8 @@ def unreferenced(parameter: NuisanceParameter) -> NuisanceParameter:
 
     Nothing has set the zeros of its two encoders by a known torque.
     """
-    if parameter.feature is None or "q" not in sensed_channels(parameter.feature) or parameter.unit != "rad":
+    own, zero = parameter.feature, parameter.unit in ("rad", "m")
+    if own is None or "q" not in sensed_channels(own) or not zero:
         return parameter
     return replace(parameter, prior_std=max(parameter.prior_std, ZERO_AS_MOUNTED))
 

@@ -290,13 +290,14 @@ class _JointFit:
         found = []
         for k, candidate in enumerate(self._selected):
             values, j, own = candidate.searched or (), 0, {}
-            for p in candidate.feature.effect.parameters if len(values) else ():
+            feature = candidate.feature
+            for p in feature.effect.parameters if len(values) else ():
                 part = [float(v) for v in values[j : j + p.size]]
                 spread = [stds.get((k, j + i), 0.0) for i in range(p.size)]
                 own[p.name] = (
-                    ParameterEstimate(part[0], spread[0], p.unit)
+                    ParameterEstimate(part[0], spread[0], feature.unit(p))
                     if p.size == 1
-                    else ParameterEstimate(part, spread, p.unit)
+                    else ParameterEstimate(part, spread, feature.unit(p))
                 )
                 j += p.size
             found.append(own)

@@ -21,6 +21,7 @@ from elastic_arm.effects import EffectInstance
 from elastic_arm.effects.equations import ArmEquations
 from elastic_arm.effects.model import Plant
 from elastic_arm.estimation.motion import CompletedMotion, drive_constants
+from elastic_arm.formatting import JointUnits
 from elastic_arm.sensors import Sensors
 from elastic_arm.simulation.batch_prediction import BatchPrediction
 
@@ -56,13 +57,13 @@ class Prediction:
     after: Mapping[Place, tuple[float, ...]] | None = None
     reason: str = ""
 
-    def to_dict(self) -> dict[str, Any]:
-        """Return it as plain data; `before` and `after` are null where there is no prediction."""
+    def to_dict(self, unit: str = "rad") -> dict[str, Any]:
+        """Return it as plain data, with the unit of positions; null where there is no prediction."""
         sizes = {"before": self.before, "after": self.after}
         return {
             "horizons_s": list(self.horizons),
             "starts": self.starts,
-            "unit": "rad",
+            "unit": unit,
             **{name: None if size is None else _nested(size) for name, size in sizes.items()},
             "reason": self.reason or None,
         }
@@ -99,18 +100,20 @@ def predict(context: DiagnosisContext, causes: Sequence[EffectInstance], starts:
     before = _errors(context, context.known, begins, sides)
     after = _errors(context, (*context.known, *causes), begins, sides) if causes else before
     horizons = _horizons(1.0 / context.seen[1][0].rate)
-    reason = _left(before, horizons, "the model") or _left(after, horizons, "the model with the causes")
+    units = context.model.robot.units
+    reason = _left(before, horizons, "the model", units) or _left(after, horizons, "the model with the causes", units)
     return Prediction(horizons, sum(len(b) for b in begins), before, after, reason)
 
 
-def _left(size: Mapping[Place, tuple[float, ...]], horizons: Sequence[float], what: str) -> str:
+def _left(size: Mapping[Place, tuple[float, ...]], horizons: Sequence[float], what: str, units: JointUnits) -> str:
     """Return where the model leaves the motion, in words; empty where it follows everywhere."""
     first = {place: int(np.argmax(np.isnan(values))) for place, values in size.items() if np.isnan(values).any()}
     if not first:
         return ""
     (joint, side), k = min(first.items(), key=lambda found: found[1])
+    far = f"{FARTHEST:g} {units.at(joint, 'rad')}"
     return (
-        f"driven by the measured torque, {what} is more than {FARTHEST:g} rad off within {1e3 * horizons[k]:g} ms "
+        f"driven by the measured torque, {what} is more than {far} off within {1e3 * horizons[k]:g} ms "
         f"({joint}, {side}), as where friction that it lacks takes most of the torque, or an inertia is far too small"
     )
 

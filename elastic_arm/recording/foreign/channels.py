@@ -15,14 +15,16 @@ from elastic_arm.recording.sides import Array
 
 SideName = Literal["link", "motor"]
 ChannelName = Literal["position", "velocity", "effort"]
-Unit = Literal["rad", "deg", "turns", "rad/s", "deg/s", "turns/s", "rpm", "Nm", "Nm_motor", "A"]
+Unit = Literal[
+    "rad", "deg", "turns", "rad/s", "deg/s", "turns/s", "rpm", "Nm", "Nm_motor", "A", "m", "mm", "m/s", "mm/s", "N"
+]
 REMEDY = "See docs/channel_maps.md."
 REFERENCE = "docs/channel_maps.md shows every key"
 CHANNEL_NAMES: tuple[ChannelName, ...] = ("position", "velocity", "effort")
 
-# An angle's unit on a velocity means that unit per second.
+# A position's unit on a velocity means that unit per second.
 _TO_SI: dict[ChannelName, dict[str, float]] = {
-    "position": {"rad": 1.0, "deg": math.pi / 180, "turns": 2 * math.pi},
+    "position": {"rad": 1.0, "deg": math.pi / 180, "turns": 2 * math.pi, "m": 1.0, "mm": 1e-3},
     "velocity": {
         "rad": 1.0,
         "deg": math.pi / 180,
@@ -31,8 +33,12 @@ _TO_SI: dict[ChannelName, dict[str, float]] = {
         "deg/s": math.pi / 180,
         "turns/s": 2 * math.pi,
         "rpm": 2 * math.pi / 60,
+        "m": 1.0,
+        "mm": 1e-3,
+        "m/s": 1.0,
+        "mm/s": 1e-3,
     },
-    "effort": {"Nm": 1.0, "Nm_motor": 1.0, "A": 1.0},
+    "effort": {"Nm": 1.0, "N": 1.0, "Nm_motor": 1.0, "A": 1.0},
 }
 _DEFAULT_UNIT: dict[ChannelName, Unit] = {"position": "rad", "velocity": "rad/s", "effort": "Nm"}
 
@@ -49,7 +55,8 @@ class ChannelScale(Strict):
     Parameters
     ----------
     unit
-        Of the recorded number; `Nm_motor` is a torque at the motor shaft, `A` a motor current.
+        Of the recorded number; `Nm_motor` is a torque at the motor shaft, `A` a motor current. Lengths and forces are
+        those of a prismatic joint.
     offset
         Added to the recorded number, in its own unit: less what it reads at zero.
     factor, sign
@@ -57,7 +64,8 @@ class ChannelScale(Strict):
     torque_constant
         Nm/A at the motor shaft; for currents.
     ratio
-        Motor turns per turn at the harmonic-drive output: what is measured at the motor shaft is reduced by it.
+        Motor turns per turn at the harmonic-drive output: what is measured at the motor shaft is reduced by it. Of a
+        prismatic joint rad of the motor per m.
     """
 
     unit: Unit | None = None
@@ -77,7 +85,7 @@ class ChannelScale(Strict):
             raise ValueError("unit A needs torque_constant (Nm/A at the motor shaft) and ratio")
         if self.unit == "Nm_motor" and self.ratio is None:
             raise ValueError("unit Nm_motor (torque at the motor shaft) needs ratio")
-        if self.unit == "Nm" and self.ratio is not None:
+        if self.unit in ("Nm", "N") and self.ratio is not None:
             raise ValueError("a torque with a ratio is measured at the motor shaft: give unit Nm_motor")
         if self.torque_constant is not None and self.unit != "A":
             raise ValueError("torque_constant goes with unit A alone")
@@ -89,7 +97,7 @@ class ChannelScale(Strict):
             raise ValueError(f"{channel} cannot have unit {self.unit}; one of {', '.join(_TO_SI[channel])}")
 
     def scale(self, channel: ChannelName) -> float:
-        """Return the factor that turns the recorded number into rad, rad/s or Nm at the harmonic-drive output."""
+        """Return the factor that turns the recorded number into rad, rad/s or Nm (m, m/s or N) at the output."""
         si = _TO_SI[channel][self.unit or _DEFAULT_UNIT[channel]] * self.factor * self.sign
         ratio = self.ratio or 1.0
         return si * (self.torque_constant or 1.0) * ratio if channel == "effort" else si / ratio

@@ -1,0 +1,43 @@
+"""A single linear drive, from an amplifier's log to parameters and verdict, with the units of a linear axis."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner
+
+from elastic_arm.app import app
+from tests.helpers.linear_axis import COULOMB, MASS, OFFSET, VISCOUS, write_axis
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Two logs of one axis as bags, and its description, 15 % lighter than it is."""
+    folder = tmp_path_factory.mktemp("axis")
+    write_axis(folder)
+    for name in ("fit", "judge"):
+        run("bag", "import", folder / f"{name}.mat", "--map", folder / "map.yaml", "--out", folder / name)
+    return folder
+
+
+def run(*words: object) -> str:
+    found = CliRunner().invoke(app, [str(word) for word in words])
+    assert found.exit_code == 0, found.output
+    return found.output
+
+
+def test_mass_and_friction_of_a_linear_axis_are_identified(folder: Path) -> None:
+    """Mass, friction and offset come out within 1 % (0.1 N), in kg, N s/m and N."""
+    laws = [word for law in ("coulomb_friction", "viscous_friction", "motor_torque_offset") for word in ("--with", law)]
+    told = run("identify", folder / "fit", "--robot", folder / "axis.yaml", *laws, "--out", folder / "identified")
+    assert "residual of the fit, N\n" in told
+    found = json.loads((folder / "identified" / "identification.json").read_text())
+    estimates = {e["name"].rpartition(".")[2]: (e["value"], e["unit"]) for e in found["estimates"]}
+    assert estimates == {
+        "m": (pytest.approx(MASS, rel=0.01), "kg"),
+        "torque": (pytest.approx(COULOMB, rel=0.01), "N"),
+        "coefficient": (pytest.approx(VISCOUS, rel=0.01), "N s/m"),
+        "offset": (pytest.approx(OFFSET, abs=0.1), "N"),
+    }
