@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import multiprocessing
 import resource
 import signal
@@ -78,7 +79,9 @@ def try_one(target: Target, path: Path, content: bytes) -> tuple[str, str]:
     return "read", ""
 
 
-def run(folder: Path, seconds: float, rng: np.random.Generator, group: str = "") -> dict[str, Outcome]:
+def run(
+    folder: Path, seconds: float, rng: np.random.Generator, group: str = "", mutants: float = math.inf
+) -> dict[str, Outcome]:
     """Feed mutants to the targets in turn for some seconds, in this process; return the outcomes by target.
 
     Parameters
@@ -91,12 +94,14 @@ def run(folder: Path, seconds: float, rng: np.random.Generator, group: str = "")
         Draws the mutants.
     group
         "bags", "files", or all.
+    mutants
+        How many at most.
     """
     chosen = {name: each for name, each in targets(folder / "seeds").items() if group in ("", each.group)}
     found = {name: Outcome() for name in chosen}
     (folder / "failed").mkdir(parents=True, exist_ok=True)
     end = time.monotonic() + seconds
-    while time.monotonic() < end:
+    while time.monotonic() < end and _number(found) < mutants:
         for name, target in chosen.items():
             content = mutant(target.seeds, rng)
             kind, words = try_one(target, folder / f"mutant{target.suffix}", content)
@@ -108,24 +113,26 @@ def run(folder: Path, seconds: float, rng: np.random.Generator, group: str = "")
     return found
 
 
-def run_apart(folder: Path, seconds: float, seed: int) -> dict[str, Outcome]:
+def run_apart(
+    folder: Path, seconds: float, seed: int, group: str = "", mutants: float = math.inf
+) -> dict[str, Outcome]:
     """Do what :func:`run` does in a process with limited memory, which is started again where it dies or hangs.
 
     Parameters
     ----------
-    folder
+    folder, seconds, group, mutants
         As for :func:`run`.
-    seconds
-        How long.
     seed
         Of the mutants.
     """
     total: dict[str, Outcome] = {}
     end, deaths = time.monotonic() + seconds, 0
     context = multiprocessing.get_context("spawn")
-    while (left := end - time.monotonic()) > 1.0:
+    while (left := end - time.monotonic()) > 1.0 and (rest := mutants - _number(total)) > 0:
         begin, receiver_sender = time.monotonic(), context.Pipe(duplex=False)
-        process = context.Process(target=_limited, args=(folder, min(left, 60.0), seed, receiver_sender[1]))
+        process = context.Process(
+            target=_limited, args=(folder, min(left, 60.0), seed, group, rest, receiver_sender[1])
+        )
         process.start()
         receiver_sender[1].close()
         part: dict[str, Outcome] = {}
@@ -142,7 +149,7 @@ def run_apart(folder: Path, seconds: float, seed: int) -> dict[str, Outcome]:
         if not part:
             deaths += 1
             words = f"process ended with {process.exitcode} after {time.monotonic() - begin:.0f} s, seed {seed}"
-            part = {"process": Outcome(Counter(death=1), [words])}
+            part = {f"process ({group})": Outcome(Counter(death=1), [words])}
             for file in folder.glob("mutant.*"):
                 file.rename(folder / "failed" / f"death_{deaths}_{file.name}")
         for name, outcome in part.items():
@@ -153,9 +160,13 @@ def run_apart(folder: Path, seconds: float, seed: int) -> dict[str, Outcome]:
     return total
 
 
-def _limited(folder: Path, seconds: float, seed: int, sender: object) -> None:
+def _number(found: dict[str, Outcome]) -> int:
+    return sum(outcome.counts.total() for outcome in found.values())
+
+
+def _limited(folder: Path, seconds: float, seed: int, group: str, mutants: float, sender: object) -> None:
     resource.setrlimit(resource.RLIMIT_AS, (MEMORY, MEMORY))
-    sender.send(run(folder, seconds, np.random.default_rng(seed)))  # type: ignore[attr-defined]
+    sender.send(run(folder, seconds, np.random.default_rng(seed), group, mutants))  # type: ignore[attr-defined]
 
 
 def _hang(_: int, __: FrameType | None) -> None:
