@@ -53,7 +53,7 @@ class StreamWriter:
         path: str | Path,
         compression: Compression = "zstd",
         *,
-        flush_every: float = 0.5,
+        flush_every: float = 0.25,
         sync_every: float = 5.0,
         chunk_bytes: int = 1 << 20,
         max_bytes: int = 0,

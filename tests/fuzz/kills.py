@@ -1,0 +1,91 @@
+"""Kill the recorder at random instants, and see what the bag has lost: at most the chunk that was being gathered.
+
+python -m tests.fuzz.kills --kills 100 --seed 1
+"""
+
+from __future__ import annotations
+
+import argparse
+import shutil
+import signal
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+import numpy as np
+from sensor_msgs.msg import JointState
+
+from elastic_arm.recording import read_recording
+from elastic_arm.recording.inspection.check import check_bag
+from tests.helpers.ros_graph import Graph, ros_graph
+
+LIMIT = 0.5  # seconds that may be lost
+STEP_NS = 1_000_000
+LONGEST = 3.0  # seconds between the first bytes of a bag and the kill
+
+
+def lost_by_a_kill(graph: Graph, newest: list[JointState], bag: Path, seconds: float) -> tuple[float, float]:
+    """Record, kill, read; return how far the last sample in the bag is behind the kill and behind the arm's last, s.
+
+    The arm itself is behind the kill where the machine is busy.
+
+    Parameters
+    ----------
+    graph
+        With an arm that moves in real time.
+    newest
+        Holds the arm's last sample.
+    bag
+        Folder to record to.
+    seconds
+        Between the first bytes in the bag and the kill.
+
+    Raises
+    ------
+    RuntimeError
+        If samples are missing before the last one, or the bag cannot be checked.
+    """
+    recorder = graph.start("recorder", bag=bag)
+    graph.until(lambda: any(file.stat().st_size > 20_000 for file in bag.glob("*.mcap")), "the bag grows")
+    end = time.monotonic() + seconds
+    graph.until(lambda: time.monotonic() > end, "the time has come")
+    recorder.process.send_signal(signal.SIGKILL)
+    killed, stamp = time.time_ns(), newest[0].header.stamp
+    recorder.wait()
+    check_bag(bag)
+    recording = read_recording(bag)
+    last = []
+    for side in (recording.link, recording.motor):
+        if side is None or set(np.diff(side.stamp_ns)) != {STEP_NS}:
+            raise RuntimeError(f"{bag}: samples are missing before the last one")
+        last.append(int(side.stamp_ns[-1]))
+    return (killed - min(last)) / 1e9, (stamp.sec * 10**9 + stamp.nanosec - min(last)) / 1e9
+
+
+def main() -> int:
+    """Kill as often as asked; return 1 if more than the limit was lost once."""
+    parser = argparse.ArgumentParser(prog="tests.fuzz.kills", description="Kill the recorder at random instants.")
+    parser.add_argument("--kills", type=int, default=100)
+    parser.add_argument("--seed", type=int, default=0, help="of the instants (0)")
+    options = parser.parse_args()
+    rng = np.random.default_rng(options.seed)
+    lost = []
+    with tempfile.TemporaryDirectory() as name, ros_graph(Path(name)) as graph:
+        newest: list[JointState] = []
+        graph.peer.create_subscription(JointState, "/joint_states", lambda m: newest.__setitem__(slice(None), [m]), 10)
+        graph.start("simulator")
+        graph.until(lambda: newest, "the arm is there")
+        for k in range(options.kills):
+            bag = Path(name) / f"bag_{k}"
+            lost.append(lost_by_a_kill(graph, newest, bag, float(rng.uniform(0.0, LONGEST))))
+            shutil.rmtree(bag)
+    print(f"{'lost of ' + str(len(lost)) + ' kills, s':32}{'median':>9}{'95 %':>9}{'most':>9}{f'above {LIMIT}':>11}")
+    for what, seconds in zip(("before the kill", "of what the arm had published"), np.array(lost).T, strict=True):
+        quantiles = np.percentile(seconds, [50, 95, 100])
+        print(f"{what:32}" + "".join(f"{value:9.3f}" for value in quantiles) + f"{np.sum(seconds > LIMIT):11}")
+    return 1 if max(seconds for _, seconds in lost) > LIMIT else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
