@@ -21,7 +21,7 @@ from elastic_arm.recording.inspection.check import check_bag
 from tests.helpers.ros_graph import Graph, ros_graph
 
 LIMIT = 0.5  # seconds that may be lost
-STEP_NS = 1_000_000
+RATE = 250.0  # Hz of the arm, so that a busy machine does not fall behind
 LONGEST = 3.0  # seconds between the first bytes of a bag and the kill
 
 
@@ -57,7 +57,7 @@ def lost_by_a_kill(graph: Graph, newest: list[JointState], bag: Path, seconds: f
     recording = read_recording(bag)
     last = []
     for side in (recording.link, recording.motor):
-        if side is None or set(np.diff(side.stamp_ns)) != {STEP_NS}:
+        if side is None or set(np.diff(side.stamp_ns)) != {round(1e9 / RATE)}:
             raise RuntimeError(f"{bag}: samples are missing before the last one")
         last.append(int(side.stamp_ns[-1]))
     return (killed - min(last)) / 1e9, (stamp.sec * 10**9 + stamp.nanosec - min(last)) / 1e9
@@ -74,7 +74,7 @@ def main() -> int:
     with tempfile.TemporaryDirectory() as name, ros_graph(Path(name)) as graph:
         newest: list[JointState] = []
         graph.peer.create_subscription(JointState, "/joint_states", lambda m: newest.__setitem__(slice(None), [m]), 10)
-        graph.start("simulator")
+        graph.start("simulator", rate=RATE)
         graph.until(lambda: newest, "the arm is there")
         for k in range(options.kills):
             bag = Path(name) / f"bag_{k}"
