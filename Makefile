@@ -1,7 +1,7 @@
 # Two commands: `make demo` and `make test`. Both set up what they need; `make help` lists the rest.
 SHELL := /bin/bash
 .DELETE_ON_ERROR:
-.PHONY: help demo test quick oldest fuzz paper setup lint types unit clean
+.PHONY: help demo test quick oldest fuzz soak paper setup lint types unit clean
 
 DONE := .venv/.done
 RUN := . tools/env.sh &&
@@ -31,6 +31,10 @@ oldest: ## the tests that need no ROS and little time, with the oldest libraries
 MINUTES := 60
 fuzz: $(DONE)/packages $(DONE)/tests ## feed broken bags and files to all readers, for MINUTES=60
 	@$(RUN) python -m tests.fuzz --minutes $(MINUTES) --out runs/fuzz
+
+RATE := 1000
+soak: $(DONE)/packages $(DONE)/tests ## run the live graph for MINUTES=60 at RATE=1000: memory, losses, delays in runs/soak
+	@$(RUN) python -m benchmarks.soak --minutes $(MINUTES) --rate $(RATE) --out runs/soak
 
 paper: $(DONE)/packages $(DONE)/tests ## reproduce the paper in one report, runs/paper/report.html
 	@$(RUN) elastic-arm paper --out runs/paper --force
