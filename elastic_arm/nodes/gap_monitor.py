@@ -22,8 +22,9 @@ from elastic_arm.nodes.support import graph
 from elastic_arm.nodes.support.collecting import Collector
 from elastic_arm.nodes.support.gap_messages import diagnosis_message, in_words, residual_messages
 from elastic_arm.nodes.support.health import PERIOD, Health
+from elastic_arm.nodes.support.managed import AUTOSTART, ManagedNode
 from elastic_arm.nodes.support.parameters import declare, declare_texts
-from elastic_arm.nodes.support.running import ArmNode, run
+from elastic_arm.nodes.support.running import LONGEST_REST, run
 from elastic_arm.nodes.support.wire import NANOSECONDS
 from elastic_arm.nodes.support.worker_process import Answer, WorkerProcess
 from elastic_arm.recording import topics
@@ -35,18 +36,22 @@ BATCH = 0.1
 STRETCH = 3.0
 
 
-class GapMonitorNode(ArmNode):
+class GapMonitorNode(ManagedNode):
     """Keeps the last seconds of samples, and has them diagnosed in a worker process."""
 
     def __init__(self) -> None:
         super().__init__("gap_monitor")
-        file = declare(self, "robot", "", "Nominal arm: file (YAML) or URDF; empty: the arm of the package")
-        model = declare(self, "model", "mod3", "What the arm is taken to be", choices=("mod1", "mod2", "mod3"))
-        known = declare_texts(self, "known", "Effects that count as part of the model: EFFECT[:JOINT][:NAME=VALUE,…]")
-        files = declare_texts(self, "effects_files", "Python files with effects of your own, beside the catalogue")
-        refit = declare(self, "refit", False, "Identify the model's own parameters before each diagnosis")
-        sides = declare(self, "sides", "both", "What the arm measures", choices=("both", "link", "motor"))
-        window = declare(
+        self._file = declare(self, "robot", "", "Nominal arm: file (YAML) or URDF; empty: the arm of the package")
+        self._model = declare(self, "model", "mod3", "What the arm is taken to be", choices=("mod1", "mod2", "mod3"))
+        self._known = declare_texts(
+            self, "known", "Effects that count as part of the model: EFFECT[:JOINT][:NAME=VALUE,…]"
+        )
+        self._files = declare_texts(
+            self, "effects_files", "Python files with effects of your own, beside the catalogue"
+        )
+        self._refit = declare(self, "refit", False, "Identify the model's own parameters before each diagnosis")
+        self._sides = declare(self, "sides", "both", "What the arm measures", choices=("both", "link", "motor"))
+        self._seconds = declare(
             self, "window", 15.0, "Samples diagnosed, s; the last third of them judges", between=(8.0, 120.0)
         )
         self._every = declare(
@@ -56,23 +61,28 @@ class GapMonitorNode(ArmNode):
         self._residuals_every = declare(
             self, "residual_period", 1.0, "Between two measurements of the residuals, s", between=(0.2, 3600.0)
         )
-        robot = load_robot(file or None)
-        known_effects(known, robot, Catalogue.default().with_files(files))  # a mistake is to be heard of here
-        self._worker = WorkerProcess(answering, file or None, model, known, refit, files)
-        self._collector = Collector(robot.joint_names, sides, partial(graph.resolved, self))
-        source = " ".join(graph.resolved(self, topic) for topic in self._collector.inboxes)
-        self._window = Window(robot.joint_names, window, source=source)
-        self._output = self.create_publisher(GapDiagnosis, graph.relative(topics.GAP), graph.qos(topics.GAP))
-        self._residual_outputs: dict[tuple[str, str], Publisher] = {}
-        for topic, inbox in self._collector.inboxes.items():
-            self.create_subscription(JointState, graph.relative(topic), inbox.put, graph.STREAM, raw=True)
-        self.create_service(Trigger, "~/reset", self._reset)
-        self.create_service(SetBool, "~/pause", self._pause)
-        self.create_service(Trigger, "~/save", self._save)
+        autostart = declare(self, "autostart", True, AUTOSTART)
         self._health = Health(self, "diagnosis")
         self.every(PERIOD, self._report)
+        self.start(autostart)
+
+    def configure(self) -> None:
+        """Start the process that diagnoses; offer diagnoses and services."""
+        robot = load_robot(self._file or None)
+        # A mistake is to be heard of here.
+        known_effects(self._known, robot, Catalogue.default().with_files(self._files))
+        self._worker = WorkerProcess(answering, self._file or None, self._model, self._known, self._refit, self._files)
+        self._collector = Collector(robot.joint_names, self._sides, partial(graph.resolved, self))
+        source = " ".join(graph.resolved(self, topic) for topic in self._collector.inboxes)
+        self._window = Window(robot.joint_names, self._seconds, source=source)
+        self._output = self.create_publisher(GapDiagnosis, graph.relative(topics.GAP), graph.qos(topics.GAP))
+        self._residual_outputs: dict[tuple[str, str], Publisher] = {}
+        self._offered = [
+            self.create_service(Trigger, "~/reset", self._reset),
+            self.create_service(SetBool, "~/pause", self._pause),
+            self.create_service(Trigger, "~/save", self._save),
+        ]
         self._paused = False
-        self._due = self._diagnosis_due = self._residuals_due = time.monotonic()
         # The question under way: what was asked, the stamp of its last sample, when; None when it no longer matters.
         self._asked: tuple[str, int, float] | None = None
         self._latest_ns = 0
@@ -83,8 +93,34 @@ class GapMonitorNode(ArmNode):
         self._count = self._restarts = 0
         self._took = 0.0
 
+    def activate(self) -> None:
+        """Subscribe to the arm's samples."""
+        self._inputs = [
+            self.create_subscription(JointState, graph.relative(topic), inbox.put, graph.STREAM, raw=True)
+            for topic, inbox in self._collector.inboxes.items()
+        ]
+        self._due = self._diagnosis_due = self._residuals_due = time.monotonic()
+
+    def deactivate(self) -> None:
+        """Unsubscribe, and forget the samples, which later ones do not follow, and the diagnosis under way."""
+        for subscription in self._inputs:
+            self.destroy_subscription(subscription)
+        self._collector.reset()
+        self._window.clear()
+        self._asked = None
+
+    def cleanup(self) -> None:
+        """End the process that diagnoses; take diagnoses and services out of the graph."""
+        self._worker.close()
+        for publisher in (self._output, *self._residual_outputs.values()):
+            self.destroy_publisher(publisher)
+        for service in self._offered:
+            self.destroy_service(service)
+
     def tick(self) -> float:
         """Take what has arrived, publish what was found, and start the next diagnosis."""
+        if self.state != "active":
+            return LONGEST_REST
         now = time.monotonic()
         if now >= self._due:
             self._due = now + BATCH
@@ -99,7 +135,8 @@ class GapMonitorNode(ArmNode):
 
     def close(self) -> None:
         """End the process that diagnoses."""
-        self._worker.close()
+        if self.configured:
+            self._worker.close()
 
     def _ask(self, now: float) -> None:
         """Start the diagnosis that is due, of samples that none was made of yet."""
@@ -188,6 +225,9 @@ class GapMonitorNode(ArmNode):
         return response
 
     def _report(self) -> None:
+        if self.state != "active":
+            self._health.report([self.state], "", {})
+            return
         problems = self._collector.problems()
         if self._paused:
             problems.append("paused")

@@ -22,8 +22,9 @@ from elastic_arm.identification.least_squares import Fit
 from elastic_arm.nodes.support import graph
 from elastic_arm.nodes.support.collecting import Collector
 from elastic_arm.nodes.support.health import PERIOD, Health
+from elastic_arm.nodes.support.managed import AUTOSTART, ManagedNode
 from elastic_arm.nodes.support.parameters import declare, declare_texts
-from elastic_arm.nodes.support.running import ArmNode, run
+from elastic_arm.nodes.support.running import LONGEST_REST, run
 from elastic_arm.nodes.support.wire import NANOSECONDS
 from elastic_arm.recording import topics
 from elastic_arm.robot import load_robot
@@ -32,39 +33,65 @@ from elastic_arm.robot import load_robot
 BATCH = 0.1
 
 
-class IdentifierNode(ArmNode):
+class IdentifierNode(ManagedNode):
     """Feeds what arrives to the estimator, and publishes what it finds."""
 
     def __init__(self) -> None:
         super().__init__("identifier")
-        file = declare(self, "robot", "", "Nominal arm: file (YAML) or URDF; empty: the arm of the package")
+        self._file = declare(self, "robot", "", "Nominal arm: file (YAML) or URDF; empty: the arm of the package")
         self._name = declare(self, "model", "mod3", "What the arm is taken to be", choices=("mod1", "mod2", "mod3"))
-        laws = declare_texts(self, "effects", "Laws identified beside the model: EFFECT[:JOINT]")
-        sides = declare(self, "sides", "both", "What the arm measures", choices=("both", "link", "motor"))
+        self._laws = declare_texts(self, "effects", "Laws identified beside the model: EFFECT[:JOINT]")
+        self._sides = declare(self, "sides", "both", "What the arm measures", choices=("both", "link", "motor"))
         self._every = declare(self, "estimate_period", 1.0, "Between estimates, s", between=(0.1, 3600.0))
         self._folder = declare(self, "save_to", "identified", "Folder of what ~/save writes")
         self._save_at_exit = declare(self, "save_at_exit", False, "Save also when the node stops")
         self._lines = declare(self, "print", False, "Print each estimate as a line of JSON on stdout")
-        robot = load_robot(file or None)
-        self._identifier = identifier_of(robot, self._name, parse_laws(laws, robot))
-        self._collector = Collector(robot.joint_names, sides, partial(graph.resolved, self))
+        autostart = declare(self, "autostart", True, AUTOSTART)
+        self._health = Health(self, "estimate")
+        self.every(PERIOD, self._report)
+        self.start(autostart)
+
+    def configure(self) -> None:
+        """Compile the model's equations; offer estimates and services."""
+        robot = load_robot(self._file or None)
+        self._identifier = identifier_of(robot, self._name, parse_laws(self._laws, robot))
+        self._collector = Collector(robot.joint_names, self._sides, partial(graph.resolved, self))
         self._warm_up(robot.n)
         self._output = self.create_publisher(
             ParameterEstimate, graph.relative(topics.PARAMETER_ESTIMATE), graph.qos(topics.PARAMETER_ESTIMATE)
         )
-        for topic, inbox in self._collector.inboxes.items():
-            self.create_subscription(JointState, graph.relative(topic), inbox.put, graph.STREAM, raw=True)
-        self.create_service(Trigger, "~/reset", self._reset)
-        self.create_service(SetBool, "~/pause", self._pause)
-        self.create_service(Trigger, "~/save", self._save)
-        self._health = Health(self, "estimate")
-        self.every(PERIOD, self._report)
-        self._due = self._estimate_due = time.monotonic()
+        self._offered = [
+            self.create_service(Trigger, "~/reset", self._reset),
+            self.create_service(SetBool, "~/pause", self._pause),
+            self.create_service(Trigger, "~/save", self._save),
+        ]
         self._fit: Fit | None = None
         self._problem = ""
 
+    def activate(self) -> None:
+        """Subscribe to the arm's samples."""
+        self._inputs = [
+            self.create_subscription(JointState, graph.relative(topic), inbox.put, graph.STREAM, raw=True)
+            for topic, inbox in self._collector.inboxes.items()
+        ]
+        self._due = self._estimate_due = time.monotonic()
+
+    def deactivate(self) -> None:
+        """Unsubscribe, and work off what has arrived."""
+        for subscription in self._inputs:
+            self.destroy_subscription(subscription)
+        self._take(everything=True)
+
+    def cleanup(self) -> None:
+        """Take estimates and services out of the graph; all samples are forgotten."""
+        self.destroy_publisher(self._output)
+        for service in self._offered:
+            self.destroy_service(service)
+
     def tick(self) -> float:
         """Take what has arrived; now and then, make an estimate of it."""
+        if self.state != "active":
+            return LONGEST_REST
         now = time.monotonic()
         if now >= self._due:
             self._due = now + BATCH
@@ -76,6 +103,8 @@ class IdentifierNode(ArmNode):
 
     def close(self) -> None:
         """Work off what waits, make the last estimate and save it, if that is wanted."""
+        if not self.configured:
+            return
         self._take(everything=True)
         self._identifier.finish()
         self._estimate()
@@ -174,6 +203,9 @@ class IdentifierNode(ArmNode):
         return f"estimate of {result.samples} samples, of {received} received, written to {file}"
 
     def _report(self) -> None:
+        if self.state != "active":
+            self._health.report([self.state], "", {})
+            return
         progress, losses = self._identifier.progress, self._collector.losses
         problems = self._collector.problems()
         if self._identifier.paused:

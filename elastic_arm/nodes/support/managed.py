@@ -1,0 +1,113 @@
+"""Nodes with a managed life: configured, activated and so on from outside, or all at once at start."""
+
+from __future__ import annotations
+
+import traceback
+from collections.abc import Callable
+
+from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
+
+from elastic_arm.errors import ElasticArmError
+from elastic_arm.nodes.support.running import ArmNode
+
+AUTOSTART = "Configure and activate the node at once; false: wait for the transitions"
+
+
+class ManagedNode(LifecycleNode, ArmNode):
+    """A lifecycle node of ROS 2: `unconfigured`, `inactive`, `active` or `finalized`.
+
+    Subclasses say what the transitions do. What is wrong in one is logged in a line, and the state stays; a node that
+    starts by itself ends with that line. A node that is shut down ends, as by Ctrl-C.
+
+    Attributes
+    ----------
+    state
+        The present one.
+    configured
+        Whether what :meth:`configure` has made is there.
+    """
+
+    state = "unconfigured"
+    configured = False
+    _refusal: ElasticArmError | None = None
+    _starting = False
+
+    def configure(self) -> None:
+        """Load and prepare what the parameters name, and offer publishers and services."""
+
+    def activate(self) -> None:
+        """Begin to take messages."""
+
+    def deactivate(self) -> None:
+        """Take no more messages; what was made of those before stays."""
+
+    def cleanup(self) -> None:
+        """Give up all that :meth:`configure` has made."""
+
+    def start(self, autostart: bool) -> None:
+        """Configure and activate, where that is wanted.
+
+        Raises
+        ------
+        ElasticArmError
+            What was wrong.
+        """
+        self._starting = True
+        for transition in (self.trigger_configure, self.trigger_activate) if autostart else ():
+            transition()
+            if self._refusal is not None:
+                raise self._refusal
+        self._starting = False
+
+    def done(self) -> bool:
+        """Return whether the node was shut down."""
+        return self.state == "finalized"
+
+    def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Transition from unconfigured to inactive."""
+        return self._carry_out(self.configure, "inactive", configured=True)
+
+    def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Transition from inactive to active."""
+        return self._carry_out(self.activate, "active")
+
+    def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Transition from active to inactive."""
+        return self._carry_out(self.deactivate, "inactive")
+
+    def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Transition from inactive to unconfigured."""
+        return self._carry_out(self.cleanup, "unconfigured", configured=False)
+
+    def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Transition from any state to finalized."""
+        return self._carry_out(lambda: None, "finalized")
+
+    def _carry_out(
+        self, work: Callable[[], None], state: str, configured: bool | None = None
+    ) -> TransitionCallbackReturn:
+        """Do the work of a transition.
+
+        Parameters
+        ----------
+        work
+            What there is to do.
+        state
+            The one after it.
+        configured
+            What becomes of that; None where it stays.
+        """
+        finished = False
+        try:
+            work()
+            self.state, finished = state, True
+            self.configured = self.configured if configured is None else configured
+        except ElasticArmError as error:
+            self._refusal, finished = error, True
+            if not self._starting:
+                self.get_logger().error(str(error))
+            return TransitionCallbackReturn.FAILURE
+        finally:
+            if not finished:  # rclpy would lose what was raised
+                self.get_logger().error(traceback.format_exc())
+        return TransitionCallbackReturn.SUCCESS
