@@ -215,10 +215,13 @@ def _direct(recorded: frozenset[str], *, elastic: bool) -> dict[str, Equation]:
     _require_channels(recorded)
     both = elastic and {"q", "theta"} <= recorded
     if "tau_J" in recorded:
-        needed = {"link": {"q"}, "drive": {"q", "theta"}, "motor": {"theta", "tau_m"}}
-        found = {side: _DIRECT[side] for side, channels in needed.items() if channels <= recorded}
-        if not elastic:
-            found.pop("drive", None)
+        # Beside a joint torque sensor the motor's acceleration follows from the link's, as does a rigid link's from it.
+        shown = {
+            "link": "q" in recorded or not elastic,
+            "drive": both,
+            "motor": "tau_m" in recorded,
+        }
+        found = {side: _DIRECT[side] for side, usable in shown.items() if usable}
     elif both:
         found = {side: _WITHOUT_SENSOR[side] for side in ("link", *(("motor",) if "tau_m" in recorded else ()))}
     else:

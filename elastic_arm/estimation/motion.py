@@ -15,6 +15,7 @@ from elastic_arm.estimation.noise import StateNoise
 Array = NDArray[np.float64]
 
 STIFF = 12.0  # Hz, up to which the deflection behind a single encoder follows the load
+SENSED = 40.0  # Hz, up to which it follows a joint torque sensor: the widest band in which residuals are looked at
 PADDING = 500  # samples
 _NO_CHANNELS = ("noise", "every", "span", "before")
 
@@ -71,6 +72,11 @@ class Motion:
         """Names of the channels that are there, among q, theta, tau_J, tau_m."""
         return frozenset(self.channels()) & {"q", "theta", "tau_J", "tau_m"}
 
+    @property
+    def follows_link(self) -> bool:
+        """Whether the motor's motion has to be made of the link's, for an equation of its own beside torque sensors."""
+        return self.theta is None and {"q", "tau_J", "tau_m"} <= self.recorded
+
     def channels(self) -> dict[str, Array]:
         """Return what is there for every sample, by name."""
         kept = {f.name: getattr(self, f.name) for f in fields(self) if f.name not in _NO_CHANNELS}
@@ -114,11 +120,15 @@ def completed(motion: Motion, model: Model) -> CompletedMotion:
     link, motor = (motion.q, motion.dq, motion.ddq), (motion.theta, motion.dtheta, motion.ddtheta)
     q, dq, ddq = (own if own is not None else other for own, other in zip(link, motor, strict=True))
     if motion.q is None and model.robot.elastic and q is not None and dq is not None and ddq is not None:
-        wound = _deflection(model, motion.t, q, dq, ddq)
+        load = model.inverse_dynamics(*(np.hstack([v, v]) for v in (q, dq, ddq)))[:, : model.n]
+        wound = _deflection(model, motion.t, load, STIFF)
         q, dq, ddq = q - wound[0], dq - wound[1], ddq - wound[2]
     theta, dtheta, ddtheta = (own if own is not None else other for own, other in zip(motor, link, strict=True))
     if q is None or dq is None or ddq is None or theta is None or dtheta is None or ddtheta is None:
         raise DiagnosisError("the recording holds no positions", "Record /motor_states or /joint_states with positions")
+    if motion.follows_link and motion.tau_J is not None and model.robot.elastic:
+        wound = _deflection(model, motion.t, motion.tau_J, SENSED)
+        theta, dtheta, ddtheta = theta + wound[0], dtheta + wound[1], ddtheta + wound[2]
     tau_J = motion.tau_J if motion.tau_J is not None else K * (theta - q) + D * (dtheta - dq)
     tau_m = motion.tau_m if motion.tau_m is not None else np.zeros_like(tau_J)
     before = None if motion.before is None else completed(motion.before, model)
@@ -136,18 +146,26 @@ def wound_by_load(model: Model, motion: CompletedMotion) -> CompletedMotion:
     return completed(motor_side, model)
 
 
-def _deflection(model: Model, t: Array, q: Array, dq: Array, ddq: Array) -> tuple[Array, Array, Array]:
-    """Deflection of the drives (N, n), and two derivatives, under the load that the arm would be if it were stiff.
+def _deflection(model: Model, t: Array, load: Array, cutoff: float) -> tuple[Array, Array, Array]:
+    """Deflection of the drives (N, n), and two derivatives, under a load; it stands in for an encoder that is missing.
 
-    It stands in for the link encoder at low frequencies, where the load hardly depends on the deflection.
+    Parameters
+    ----------
+    model
+        Whose stiffness and damping are taken.
+    t
+        (N,) s.
+    load
+        (N, n) Nm: what the arm would be if it were stiff, which hardly depends on the deflection at low frequencies, or
+        what joint torque sensors measure.
+    cutoff
+        Hz up to which it is believed.
     """
-    n = model.n
     K, D = drive_constants(model)
-    load = model.inverse_dynamics(*(np.hstack([v, v]) for v in (q, dq, ddq)))[:, :n]
     padded = np.pad(load, ((PADDING, PADDING), (0, 0)), mode="reflect")
     f = np.fft.rfftfreq(len(padded), t[1] - t[0])[:, None]
     s = 2j * np.pi * f
-    wound = np.fft.rfft(padded, axis=0) * np.exp(-0.5 * (f / STIFF) ** 2) / (K + s * D)
+    wound = np.fft.rfft(padded, axis=0) * np.exp(-0.5 * (f / cutoff) ** 2) / (K + s * D)
     kept = slice(PADDING, PADDING + len(load))
     found = [np.fft.irfft(wound * s**k, len(padded), axis=0)[kept] for k in range(3)]
     return found[0], found[1], found[2]

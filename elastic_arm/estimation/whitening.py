@@ -135,12 +135,14 @@ def noise_model(
     spectrum = np.hstack([torque, position])
     covariance = np.zeros((len(f), equations.rows, equations.rows), dtype=complex)
     poses = _inertias(model, observation)
+    # The noise of motor angles that are made of link angles is that of the link's encoders.
+    made = 1.0 if observation.pieces[0].follows_link else 0.0
     for M, S, B in poses:
         # Rows link, drive, motor of the full three; columns tau_J, tau_m, q, theta.
         rows = [
             [ones * one, ones * zero, -(s**2) * M, -(s**2) * S],
             [ones * one, ones * zero, drive, -drive],
-            [ones * -one, ones * one, -(s**2) * S.T, -(s**2) * B],
+            [ones * -one, ones * one, -(s**2) * (S.T + made * B), -(s**2) * B],
         ]
         way = equations.transform @ np.concatenate([np.concatenate(row, axis=2) for row in rows], axis=1)
         covariance += (way * spectrum[:, None, :]) @ way.conj().transpose(0, 2, 1) / len(poses)

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from elastic_arm.diagnosis import Question, diagnose
 from elastic_arm.effects.text import known_effects
 from elastic_arm.recording import Recording
+from elastic_arm.recording.sides import Side
 from elastic_arm.robot import Robot, load_robot
 from elastic_arm.studies.blind_challenge.hidden_arms.base_arms import (
     as_urdf,
@@ -24,6 +27,7 @@ from elastic_arm.studies.blind_challenge.hidden_arms.realistic_sensors import (
     RealisticSensors,
     measure_realistically,
 )
+from tests.helpers.gap_recordings import ROBOT, motions, record
 
 KNOWN = ("coulomb_friction", "viscous_friction")
 
@@ -52,3 +56,21 @@ def test_one_side_alone_is_diagnosed_and_nothing_is_accused(n: int, sides: str, 
     found = diagnose([identify], Question(robot, refit=True, given=known_effects(KNOWN, robot)), [validate])
     assert found.verdict in ("none", "explained", "unknown")
     assert not [cause for cause in found.causes if cause.confidence >= 0.9]
+
+
+def test_motor_torques_without_motor_angles_show_friction_of_the_motors() -> None:
+    """Beside joint torque sensors a current alone gives the motor's equation: its friction has its place and size."""
+
+    def without_motor_angles(recording: Recording) -> Recording:
+        assert recording.motor is not None
+        return replace(recording, motor=Side(recording.motor.stamp_ns, effort=recording.motor.effort))
+
+    identify, validate = (
+        without_motor_angles(record(motion, "coulomb_friction:joint_2:torque=15", seed=k))
+        for k, motion in enumerate(motions())
+    )
+    found = diagnose([identify], Question(ROBOT), [validate])
+    assert [(cause.effect, cause.joint, cause.sides) for cause in found.causes] == [
+        ("coulomb_friction", "joint_2", ("motor",))
+    ]
+    assert found.causes[0].parameters["torque"].value == pytest.approx(15.0, rel=0.03)

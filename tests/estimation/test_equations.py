@@ -72,6 +72,23 @@ def test_joints_may_have_channels_of_their_own() -> None:
 
 
 @pytest.mark.parametrize(
+    ("recorded", "elastic", "sides"),
+    [
+        ({"q", "tau_J", "tau_m"}, True, ("link", "motor")),
+        ({"q", "tau_J", "tau_m"}, False, ("link", "motor")),
+        ({"theta", "tau_J", "tau_m"}, False, ("link", "motor")),
+        ({"theta", "tau_J"}, False, ("link",)),
+        ({"q", "tau_m"}, False, ("motor",)),
+    ],
+)
+def test_motor_torque_gives_its_equation_without_motor_angles(
+    recorded: set[str], elastic: bool, sides: tuple[str, ...]
+) -> None:
+    """Beside joint torques the link's angle is enough for the motor's equation, and a rigid arm has one angle."""
+    assert EquationSet.direct(recorded, 2, elastic=elastic).sides == sides
+
+
+@pytest.mark.parametrize(
     "recorded, word", [({"tau_m"}, "positions"), ({"q", "theta"}, "torque"), ({"theta", "tau_J"}, "no equation")]
 )
 def test_channels_that_allow_no_equation_are_named(recorded: set[str], word: str) -> None:

@@ -51,6 +51,16 @@ def test_a_missing_link_encoder_is_made_up_from_the_load_at_low_frequency() -> N
     np.testing.assert_allclose((found.theta - found.q)[middle], expected, atol=0.05 * np.abs(expected).max())
 
 
+def test_a_missing_motor_encoder_is_made_up_beside_joint_torques() -> None:
+    """Ahead of a slow link the motor is by the static deflection, load over stiffness."""
+    t, w, one = np.arange(4000) * 1e-3, 2 * np.pi * 0.25, np.ones(MODEL.n)
+    q, dq = np.outer(0.3 * np.sin(w * t), one), np.outer(0.3 * w * np.cos(w * t), one)
+    motion = Motion(t, q=q, dq=dq, ddq=-(w**2) * q, tau_J=100.0 * q, tau_m=q)
+    found, middle = completed(motion, MODEL), slice(1000, 3000)
+    expected = 100.0 * q[middle] / drive_constants(MODEL)[0]
+    np.testing.assert_allclose((found.theta - found.q)[middle], expected, atol=0.01 * np.abs(expected).max())
+
+
 def test_without_positions_nothing_is_completed() -> None:
     """The error says what to record."""
     with pytest.raises(DiagnosisError, match="positions"):
