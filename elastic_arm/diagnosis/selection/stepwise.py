@@ -9,9 +9,10 @@ that the best hypothesis so far leaves.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from functools import cached_property
+from itertools import islice
 
 import numpy as np
 from numpy.typing import NDArray
@@ -128,14 +129,15 @@ class StepwiseSearch:
     def strongest(self) -> float:
         """Held-out log-likelihood that the best single cause gains, less what its tried values are worth."""
         given = self._score(self.given)
-        return max((score for score, _ in self._ranked(self.given)), default=given) - given
+        best, _ = next(self._ranked(self.given), (given, []))
+        return best - given
 
     def run(self) -> Hypothesis:
         """Return the best hypothesis found."""
         given = self._optimised(self.given)
         # The best single cause may be a wrong one that does two right ones' work, so others may begin too.
         chosen = self._grown(given)
-        for score, start in self._ranked(given)[1 : self._search.starts]:
+        for score, start in islice(self._ranked(given), 1, self._search.starts):
             if misfit(self.library, chosen) < self._search.complete or score < self._search.start_ratio * self._score(
                 chosen
             ):
@@ -176,10 +178,11 @@ class StepwiseSearch:
         taken = {e.feature.key for e in selected}
         return [e for e in self._candidates if e.feature.key not in taken]
 
-    def _ranked(self, selected: Sequence[Candidate]) -> list[tuple[float, list[Candidate]]]:
-        """Return `selected` with each other feature added at its best, best first.
+    def _ranked(self, selected: Sequence[Candidate]) -> Iterator[tuple[float, list[Candidate]]]:
+        """Yield `selected` with each other feature added at its best, best first.
 
         What was searched alone may have gone astray for want of the newcomer, so its other values are tried again.
+        Whether sizes are plausible takes a fit of each set, and few of them are looked at: one after another.
         """
         free = self._open(selected)
         tried = self._tried(selected, free)
@@ -188,11 +191,11 @@ class StepwiseSearch:
             beside = [e for e in free if e.feature.joint == selected[k].feature.joint]
             for e in same if len(same) > 1 else ():
                 tried += self._tried([*selected[:k], e, *selected[k + 1 :]], beside)
-        best: dict[Key, tuple[float, list[Candidate]]] = {}
+        done: set[Key] = set()
         for score, trial in sorted(tried, key=lambda pair: -pair[0]):
-            if trial[-1].feature.key not in best and self._plausible(trial):
-                best[trial[-1].feature.key] = (score, trial)
-        return list(best.values())
+            if trial[-1].feature.key not in done and self._plausible(trial):
+                done.add(trial[-1].feature.key)
+                yield score, trial
 
     def _tried(self, base: Sequence[Candidate], further: Sequence[Candidate]) -> list[tuple[float, list[Candidate]]]:
         """Return a set of candidates with each further one, and its score."""
@@ -204,10 +207,10 @@ class StepwiseSearch:
         ]
 
     def _best_next(self, chosen: Sequence[Candidate]) -> list[Candidate] | None:
-        ranked = self._ranked(chosen)[: self._search.shortlist]
-        scored = []
-        for score, trial in ranked:
-            if score < self._search.shortlist_ratio * ranked[0][0]:
+        first, scored = None, []
+        for score, trial in islice(self._ranked(chosen), self._search.shortlist):
+            first = score if first is None else first
+            if score < self._search.shortlist_ratio * first:
                 break
             better = self._optimised(trial)
             if self._plausible(better):
@@ -236,8 +239,10 @@ class StepwiseSearch:
             for k in range(len(self.given), len(selected)):
                 others = selected[:k] + selected[k + 1 :]
                 now = self._score(selected)
-                for score, rough in self._ranked(others)[: self._search.shortlist]:
-                    if rough[-1].feature.key == selected[k].feature.key or score < self._search.shortlist_ratio * now:
+                for score, rough in islice(self._ranked(others), self._search.shortlist):
+                    if score < self._search.shortlist_ratio * now:
+                        break
+                    if rough[-1].feature.key == selected[k].feature.key:
                         continue
                     trial = [*rough[:-1], self._refine(rough[:-1], rough[-1])]
                     if self._score(trial) > now + self._search.exchange_gain and self._plausible(trial):
