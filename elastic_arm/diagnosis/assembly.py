@@ -76,7 +76,9 @@ def assemble(prepared: PreparedData, judgement: Judgement, estimated: EstimatedH
     ranked = sorted([*ranked, *fault_causes(prepared, judgement, hypothesis.baseline)], key=lambda r: -r.cause.shrink)
     shrink, interval = measure.share(hypothesis.selected)
     stands_out = measure.stands_out(hypothesis.selected)
-    traces = [] if stands_out else judgement.test(hypothesis.selected)
+    # Known effects alone are linear: what they leave is what they left before they were polished.
+    judged = hypothesis.selected if hypothesis.causes else judgement.hypothesis.selected
+    traces = [] if stands_out else judgement.test(judged)
     residuals = library.validation_residuals(hypothesis.selected)
     by_place = _by_place(prepared, judgement, hypothesis.baseline, residuals)
     left = settings.judgement.place_explained

@@ -46,16 +46,18 @@ def diagnose(recordings: Sequence[Recording], question: Question, validate: Sequ
     # Whitened residuals of both data sets, and the columns of every effect at every place where it can show.
     prepared = prepare(recordings, validate, question)
     # The set of effects with the highest log-likelihood on motion that its fit has not seen.
-    hypothesis = search(prepared)
+    stepwise, hypothesis = best_hypothesis(prepared)
+    colours = None
     if question.refit and hypothesis.causes:
         # Where the model and its sensors lie beside these causes, the search has less to mistake for another one.
-        prepared = recalibrated(prepared, hypothesis)
-        hypothesis = search(prepared)
-    colours = noise_colours(prepared, hypothesis)
-    if colours is not None:
+        colours = noise_colours(prepared, hypothesis)
+        prepared = recalibrated(prepared, hypothesis, colours)
+        stepwise, hypothesis = best_hypothesis(prepared)
+    if colours is None and (colours := noise_colours(prepared, hypothesis)) is not None:
         # Where what no motion explains is not white, that is the noise.
         prepared = recalibrated(prepared, hypothesis, colours)
-        hypothesis = search(prepared)
+        stepwise, hypothesis = best_hypothesis(prepared)
+    hypothesis = stepwise.with_rivals(hypothesis)
     # What the model's own numbers would have to be far from ordinary for.
     prepared, hypothesis = beyond_ordinary(prepared, hypothesis)
     # Without the effects that are too small, uncertain in resampled blocks, or compatible with no effect.
@@ -67,14 +69,20 @@ def diagnose(recordings: Sequence[Recording], question: Question, validate: Sequ
 
 
 def search(prepared: PreparedData) -> Hypothesis:
-    """Return the best hypothesis where a gap shows by its size, or at least by likelihood; else that of no cause."""
+    """Return the best hypothesis with what could stand in the place of each of its causes."""
+    stepwise, hypothesis = best_hypothesis(prepared)
+    return stepwise.with_rivals(hypothesis)
+
+
+def best_hypothesis(prepared: PreparedData) -> tuple[StepwiseSearch, Hypothesis]:
+    """Return the search, and its best hypothesis; that of no cause where no gap shows by size or by likelihood."""
     library, settings = prepared.library, prepared.settings
     stepwise = StepwiseSearch(library, prepared.given, settings, prepared.sizes)
     residuals = library.validation_residuals(prepared.given)
     by_size = select_band(statistics_in_bands(prepared.validation, residuals, settings), settings.significance)
     if by_size is None and stepwise.strongest() <= settings.significance.detected:
-        return Hypothesis(prepared.given, len(prepared.given))
-    return stepwise.run()
+        return stepwise, Hypothesis(prepared.given, len(prepared.given))
+    return stepwise, stepwise.best()
 
 
 def beyond_ordinary(prepared: PreparedData, hypothesis: Hypothesis) -> tuple[PreparedData, Hypothesis]:

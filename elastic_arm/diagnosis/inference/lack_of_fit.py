@@ -7,7 +7,7 @@ fitted, at every place, on one data set and judged on the other.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -117,15 +117,17 @@ def lack_of_fit(
         for side in (*library.sets[0].layout.sides, "sensor"):
             row = _row(library.sets[0], "link" if side == "sensor" else side, joint)
             thin = shapes["link" if side in ("link", "sensor") else "motor"]
+            plain = [
+                {regime: placed(data, side, joint, shapes) for regime, shapes in part.items()}
+                for data, part in zip(library.sets, thin, strict=True)
+            ]
+            white = [
+                _whitened(data, part, known) for data, part, known in zip(library.sets, plain, explained, strict=True)
+            ]
             for regime in thin[0]:
-                plain = [placed(e, side, joint, part[regime]) for e, part in zip(library.sets, thin, strict=True)]
-                white = [
-                    _without(data.whiten(part), known)
-                    for data, part, known in zip(library.sets, plain, explained, strict=True)
-                ]
-                fits = [_least_squares(w, y) for w, y in zip(white, left, strict=True)]
-                gain = sum(_gain(white[which], left[which], fits[1 - which]) for which in (0, 1))
-                size = np.concatenate([part[:, row] @ fits[0] for part in plain[1]])
+                fits = [_least_squares(w[regime], y) for w, y in zip(white, left, strict=True)]
+                gain = sum(_gain(white[which][regime], left[which], fits[1 - which]) for which in (0, 1))
+                size = np.concatenate([part[:, row] @ fits[0] for part in plain[1][regime]])
                 found.append(LackOfFit(row, regime, gain, float(np.sqrt(np.mean(size**2)))))
     strongest: dict[int, LackOfFit] = {}
     for structure in sorted(found, key=lambda structure: -structure.gain):
@@ -193,6 +195,13 @@ def _basis(columns: Array) -> Array:
         return columns
     u, s, _ = np.linalg.svd(columns / np.maximum(np.linalg.norm(columns, axis=0), 1e-300), full_matrices=False)
     return u[:, s > RANK * s[0]]
+
+
+def _whitened(data: WhitenedData, shapes: Mapping[str, Sequence[Array]], known: Array) -> dict[str, Array]:
+    """Return whitened columns (rows, k) of each regime's shapes less what is known, all at one go."""
+    together = [np.concatenate(parts, axis=2) for parts in zip(*shapes.values(), strict=True)]
+    ends = np.cumsum([parts[0].shape[2] for parts in shapes.values()])
+    return dict(zip(shapes, np.split(_without(data.whiten(together), known), ends[:-1], axis=1), strict=True))
 
 
 def _without(columns: Array, known: Array) -> Array:

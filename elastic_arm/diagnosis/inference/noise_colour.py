@@ -139,10 +139,12 @@ def _beside(spectra: Sequence[_Spectra], columns: Sequence[_Spectra], colour: Co
     y = [inverse @ one.values for inverse, one in zip(inverses, spectra, strict=True)]
     X = [inverse @ one.values for inverse, one in zip(inverses, columns, strict=True)]
     count = X[0].shape[2]
-    gram = sum((np.real(x.reshape(-1, count).conj().T @ x.reshape(-1, count)) for x in X), np.zeros((count, count)))
-    target = sum(
-        (np.real(x.reshape(-1, count).conj().T @ v.reshape(-1)) for x, v in zip(X, y, strict=True)), np.zeros(count)
-    )
+    gram, target = np.zeros((count, count)), np.zeros(count)
+    for x, v in zip(X, y, strict=True):
+        for columns_part, own in ((x.real, v.real), (x.imag, v.imag)):
+            flat = columns_part.reshape(-1, count)
+            gram += flat.T @ flat
+            target += flat.T @ own.reshape(-1)
     scale = np.sqrt(np.maximum(np.diag(gram), 1e-300))
     values, vectors = np.linalg.eigh(gram / np.outer(scale, scale))
     keep = values > RANK * values[-1]

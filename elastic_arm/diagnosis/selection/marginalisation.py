@@ -13,7 +13,7 @@ from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import solve_triangular
+from scipy.linalg import cho_solve, solve_triangular
 
 from elastic_arm.estimation.whitening import WhitenedData
 
@@ -173,7 +173,7 @@ class Marginalisation:
         """Return posterior means (k,) on both data sets beside columns with these coefficients."""
         target = sum(cross[:, 0] - cross[:, index] @ beta for cross in self._cross)
         target = target + self._nuisance.noise * self._nuisance.centre
-        return np.asarray(np.linalg.solve(self._precision[2], target))
+        return np.asarray(cho_solve((self._factors[2], True), target))
 
     def joint_posterior(
         self, gram: Array, free: NDArray[np.intp], fixed: NDArray[np.intp], misfit: float

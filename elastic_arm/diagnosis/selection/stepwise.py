@@ -133,7 +133,11 @@ class StepwiseSearch:
         return best - given
 
     def run(self) -> Hypothesis:
-        """Return the best hypothesis found."""
+        """Return the best hypothesis found, with rivals."""
+        return self.with_rivals(self.best())
+
+    def best(self) -> Hypothesis:
+        """Return the best hypothesis found, without rivals."""
         given = self._optimised(self.given)
         # The best single cause may be a wrong one that does two right ones' work, so others may begin too.
         chosen = self._grown(given)
@@ -143,8 +147,11 @@ class StepwiseSearch:
             ):
                 break
             chosen = max(chosen, self._grown(start), key=self._merit)
-        rivals = {k: self._rivals(chosen, k) for k in range(len(self.given), len(chosen))}
-        return Hypothesis(tuple(chosen), len(self.given), rivals)
+        return Hypothesis(tuple(chosen), len(self.given))
+
+    def with_rivals(self, hypothesis: Hypothesis) -> Hypothesis:
+        """Return a hypothesis with what could stand in the place of each of its causes."""
+        return replace(hypothesis, rivals={k: self._rivals(hypothesis.selected, k) for k in hypothesis.causes})
 
     def _merit(self, selected: Sequence[Candidate]) -> float:
         return self._score(selected) - self._search.least_gain * len(selected) * misfit(self.library, selected)
