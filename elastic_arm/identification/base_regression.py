@@ -64,12 +64,15 @@ class Column:
         does not touch may be left out.
     nominal
         Value in the nominal arm.
+    least
+        What a real arm has at least, such as no negative friction.
     """
 
     name: str
     unit: str
     values: Callable[[Motion], dict[str, Array]]
     nominal: float = 0.0
+    least: float = -np.inf
 
 
 class BaseRegression:

@@ -2,7 +2,7 @@
 
 Every body's pseudo-inertia is positive definite (P. Wensing, S. Kim, J.-J. Slotine, IEEE Robotics and Automation
 Letters 3 (2018) 60), so masses are positive and inertias belong to real mass distributions; solids of revolution stay
-so; K, D and armatures are positive, and what a description states as positive beyond the model is not negative.
+so; K, D and armatures are positive, and what no arm has below zero, such as friction, is not negative.
 Distance to the nominal arm is the entropic divergence of the pseudo-inertias (T. Lee, P. Wensing, F. Park, IEEE Trans.
 Robotics 36 (2020) 837), which does not depend on coordinates and units. The problem is convex and solved by Clarabel
 through cvxpy.
@@ -248,6 +248,7 @@ def _chart(equations: BaseRegression) -> _Chart:
     free: list[int] = []
     bounds: list[tuple[int, float]] = []
     seen: set[int] = set()
+    least = {column.name: column.least for column in equations.columns}
     for body in equations.model.bodies.bodies:
         index = list(body.parameters)
         if seen & set(index):
@@ -269,7 +270,8 @@ def _chart(equations: BaseRegression) -> _Chart:
         spring = name.rpartition(".")[2] in ("K", "D", ARMATURE) and equations.nominal[k] > 0
         positive += [(len(x0), 1.0)] if spring else []
         free += [] if spring else [len(x0)]
-        bounds += [(len(x0), -float(equations.nominal[k]))] if not spring and equations.nominal[k] > 0 else []
+        lowest = max(least.get(name, -np.inf), 0.0 if equations.nominal[k] > 0 else -np.inf)
+        bounds += [(len(x0), lowest - float(equations.nominal[k]))] if not spring and np.isfinite(lowest) else []
         columns += _embedded(np.array([[equations.nominal[k] if spring else 1.0]]), [k], len(names))
         x0.append(1.0 if spring else 0.0)
     return _Chart(

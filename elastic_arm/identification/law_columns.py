@@ -51,10 +51,13 @@ def law_columns(
             values = np.atleast_1d(np.asarray(instance.parameters[p.name], dtype=float)) - (p.neutral or 0.0)
             nominal = values if place in described else np.zeros(p.size)
             entries += [
-                (f"{place}.{name}", p.unit_at(instance.joint, robot.units), float(value))
+                (f"{place}.{name}", p.unit_at(instance.joint, robot.units), float(value), p.least - (p.neutral or 0.0))
                 for name, value in zip(p.component_names, nominal, strict=True)
             ]
-    return [Column(name, unit, partial(evaluate.column, k), value) for k, (name, unit, value) in enumerate(entries)]
+    return [
+        Column(name, unit, partial(evaluate.column, k), value, least)
+        for k, (name, unit, value, least) in enumerate(entries)
+    ]
 
 
 def _place(effect: str, joint: str | None, robot: Robot) -> str:

@@ -105,6 +105,20 @@ def test_identified_laws_become_effects_of_the_arm(true_robot: Robot) -> None:
     assert arm.effects[0]["parameters"]["coefficient"] == pytest.approx(found.Psi[-1])
 
 
+def test_no_identified_friction_drives(true_robot: Robot) -> None:
+    """Friction that a recording puts below zero, as where the model lacks something, is none in the arm."""
+    laws = parse_laws(["viscous_friction:joint_2"], true_robot)
+    identifier = identifier_of(true_robot, "mod3", laws)
+    identifier.add(record(identifier.model, np.random.default_rng(4), encoder_noise=1e-6, velocity_noise=1e-4))
+    fit = identifier.fit()
+    column = identifier.equations.base.names.index("viscous_friction:joint_2.coefficient")
+    below = np.where(np.arange(len(fit.Psi)) == column, -5.0, fit.Psi)
+    factor = fit.factor.copy()
+    factor[:-1, -1] = factor[:-1, :-1] @ below
+    found = consistent(replace(fit, Psi=below, factor=factor), identifier.equations, trust=0.1)
+    assert found.Psi[-1] == pytest.approx(0.0, abs=1e-3)
+
+
 def test_what_the_data_do_not_say_stays_with_the_nominal(true_robot: Robot) -> None:
     """The mass of link 1, which turns about a vertical axis and enters no equation, stays as described."""
     identifier = identifier_of(true_robot)
