@@ -62,7 +62,7 @@ VERDICTS = {
     "high_errors_small": "undecided",
     "individual_order": "undecided",
     "noise_minor": "undecided",
-    "accuracy": "holds in part",
+    "accuracy": "undecided",
 }
 CHOSEN = {"motor_mod1_mod2_close", "motor_first_below_half"}
 

@@ -99,8 +99,8 @@ FULL = StudySettings(
     motions=3,
 )
 QUICK = StudySettings(
-    step=2e-4,
-    excitation_step=2.5e-4,
+    step=2.5e-4,
+    excitation_step=1e-3 / 3,
     poses=1,
     identified=(-1,),
     seeds=(20, 3),

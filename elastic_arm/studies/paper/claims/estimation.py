@@ -3,12 +3,20 @@
 from __future__ import annotations
 
 import itertools
+import math
 from collections.abc import Callable
 
-from elastic_arm.studies.paper.claims.claim import Claim, beyond_noise, verdict
+from elastic_arm.studies.paper.claims.claim import DECIDED, Claim, beyond_noise, verdict
 from elastic_arm.studies.paper.comparison import MODELS
 from elastic_arm.studies.paper.identification_study import ErrorShares, mean_shares, shares, smallness
 from elastic_arm.studies.paper.study import StudyResult
+
+# What another search's trajectory changes, as standard deviations over four searches (seeds 1 to 3 of the quick study,
+# seed 1 of the full one): the difference of two models' shares, in coefficients, and the change of a share by noise.
+SEARCH_COEFFICIENTS = 1.8
+SEARCH_POINTS = 4.0
+# Errors of the tool under feed-forward differ by as much from motion to motion and search to search.
+ALIKE = 0.1
 
 
 def _counts(result: StudyResult) -> Claim:
@@ -28,12 +36,11 @@ def _counts(result: StudyResult) -> Claim:
 def _orders(many: list[ErrorShares], coefficient: float) -> list[bool | None]:
     """Return whether low errors grow and high ones shrink from each model to the next.
 
-    `coefficient` is what one coefficient makes of a share, percent: another search's trajectory moves as much over the
-    edge of a category, so that a difference of no more decides nothing.
+    `coefficient` is what one coefficient makes of a share, percent.
     """
     pairs = list(itertools.pairwise(many))
     gains = [two.low - one.low for one, two in pairs] + [one.high - two.high for one, two in pairs]
-    return [None if abs(gain) <= coefficient * (1 + 1e-9) else gain > 0.0 for gain in gains]
+    return [beyond_noise(gain, SEARCH_COEFFICIENTS * coefficient) for gain in gains]
 
 
 def _listed_shares(split: ErrorShares) -> str:
@@ -124,7 +131,8 @@ def _noise_is_minor(result: StudyResult) -> Claim:
             quiet = shares(e.merged_error) if merged else e.shares
             mean, spread = mean_shares(many)
             changes[m] = mean.low - quiet.low
-            parts.append(beyond_noise(MINOR - abs(changes[m]), spread.low / len(many) ** 0.5))
+            noise = math.hypot(spread.low / len(many) ** 0.5, SEARCH_POINTS)
+            parts.append(beyond_noise(MINOR - abs(changes[m]), noise))
         texts.append("; ".join(f"{m}: {value:+.1f} points" for m, value in changes.items()))
     return Claim(
         "noise_minor",
@@ -137,8 +145,11 @@ def _noise_is_minor(result: StudyResult) -> Claim:
 
 
 def _always(errors: list[list[float]]) -> bool | None:
-    """Return whether the last model's error is the smallest on all motions or on none; None where that varies."""
-    wins = {run[-1] < min(run[:-1]) for run in zip(*errors, strict=True)}
+    """Return whether the last model's error is the smallest on every motion, or on none.
+
+    None where motions disagree or a difference is within :data:`ALIKE`.
+    """
+    wins = {beyond_noise(min(run[:-1]) - run[-1], ALIKE / DECIDED * min(run)) for run in zip(*errors, strict=True)}
     return wins.pop() if len(wins) == 1 else None
 
 

@@ -18,8 +18,9 @@ from elastic_arm.studies.paper.study import StudyResult
 from elastic_arm.studies.paper.virtual_prototype.mechanism import transmissions
 
 AXES = ((VERMILION, "x"), (GREEN, "y"), (BLUE, "z"))
-PARTS = {"rotor": ORANGE, "wave_generator": PURPLE, "spline": SKY}
-ZOOM = 1.1  # the frame of a drawing in space leaves much room around it
+# Colour and size of the marks: a spline sits in its wave generator's place.
+PARTS = {"rotor": (ORANGE, 60), "wave_generator": (PURPLE, 60), "spline": (SKY, 16)}
+ZOOM = 0.95  # of a drawing in space: with more its labels are cut off
 FRAME = 0.16  # length of a frame's arrows, m
 POSE = (0.0, 0.4, -0.5)
 """Angles of Fig. 1, rad: at the zero pose the links hide each other. Joints beyond these stay at zero."""
@@ -126,11 +127,11 @@ def _arm(ax: Axes3D, robot: Robot, pose: np.ndarray) -> np.ndarray:
 def _drives(ax: Axes3D, robot: Robot, joints: np.ndarray) -> None:
     """Mark rotors, wave generators and splines, each in the frame that its place is given in."""
     for k, drive in enumerate(transmissions(robot)):
-        for name, colour in PARTS.items():
+        for name, (colour, size) in PARTS.items():
             part = getattr(drive, name)
             at = joints[k] @ np.append(part.position, 1.0)
             label = name.replace("_", " ") if k == 0 else None
-            ax.scatter(*at[:3], color=colour, s=60 if name == "rotor" else 30, label=label, depthshade=False)
+            ax.scatter(*at[:3], color=colour, s=size, label=label, depthshade=False)
             if name == "rotor":
                 ax.text(*at[:3], f"   {k + 1}", fontsize=7)
 
@@ -153,7 +154,7 @@ def _same_scale(ax: Axes3D, points: np.ndarray) -> None:
 
 def _drive_train(ax: Axes, joint: int) -> None:
     """Draw rotor, belt, wave generator, spline, bushing and link of one joint in a row."""
-    ax.set(xlim=(0.0, 10.4), ylim=(-2.4, 2.4), aspect="equal")
+    ax.set(xlim=(0.0, 11.6), ylim=(-2.4, 2.4), aspect="equal")
     ax.axis("off")
     bodies = (
         (0.9, 0.55, ORANGE, "rotor", rf"$\theta_{{m{joint}}} = r_b r_{{hd}} \theta_{{{joint}}}$"),
@@ -166,16 +167,16 @@ def _drive_train(ax: Axes, joint: int) -> None:
         ax.text(x, 1.4, angle, ha="center", fontsize=9)
     for side in (1.0, -1.0):
         ax.plot([0.9, 3.2], [0.55 * side, 0.95 * side], color="black", lw=1.0)
-    ax.text(2.0, -0.08, r"belt $r_b$", ha="center", fontsize=8)
+    ax.text(1.95, 0.95, r"belt $r_b$", ha="center", fontsize=8)
     ax.plot([4.15, 4.45], [0.0, 0.0], color="black", lw=1.0)
     ax.text(4.3, 0.25, r"$r_{hd}$", ha="center", fontsize=8)
     coil = np.linspace(0.0, 1.0, 200)
     for height, name in ((0.6, "$K, D$ about $z$"), (0.0, "bearing about $x, y$"), (-0.6, "$x, y, z$ (stiff)")):
-        ax.plot(6.75 + 1.1 * coil, height + 0.12 * np.sin(14 * np.pi * coil), color=GREY, lw=1.0)
-        ax.text(7.3, height + 0.18, name, ha="center", fontsize=6.5)
-    ax.text(7.3, -1.55, "bushing", ha="center", fontsize=8)
-    ax.add_patch(FancyBboxPatch((7.95, -0.8), 1.9, 1.6, boxstyle="round,pad=0.05", facecolor=GREY, alpha=0.45))
-    ax.text(8.9, -1.55, "link", ha="center", fontsize=8)
-    ax.text(8.9, 1.4, rf"$q_{{{joint}}}, q_{{{joint}x}}, q_{{{joint}y}}$", ha="center", fontsize=9)
+        ax.plot(6.75 + 2.3 * coil, height + 0.12 * np.sin(20 * np.pi * coil), color=GREY, lw=1.0)
+        ax.text(7.9, height + 0.18, name, ha="center", fontsize=6.5)
+    ax.text(7.9, -1.55, "bushing", ha="center", fontsize=8)
+    ax.add_patch(FancyBboxPatch((9.15, -0.8), 1.9, 1.6, boxstyle="round,pad=0.05", facecolor=GREY, alpha=0.45))
+    ax.text(10.1, -1.55, "link", ha="center", fontsize=8)
+    ax.text(10.1, 1.4, rf"$q_{{{joint}}}, q_{{{joint}x}}, q_{{{joint}y}}$", ha="center", fontsize=9)
     ax.add_patch(Rectangle((0.2, -2.15), 6.7, 0.18, facecolor="none", edgecolor=GREY, hatch="////", lw=0.5))
     ax.text(7.05, -2.17, rf"carrier: link {joint - 1}", fontsize=8)

@@ -77,7 +77,7 @@ def _summary(result: StudyResult, claims: list[Claim]) -> Section:
             f"of joint 1 stays below 0.5 Nm (S_11 = {_entry(result, 0, 0):.3g} kg m^2, S_23 = "
             f"{_entry(result, 1, 2):.3g} kg m^2 at r_tot = {result.highest:g}). {len(chosen)} claims rest on these "
             "choices and are marked *: that they hold for this arm shows nothing. How the claims on torques fare over "
-            "random arms of the kind: `elastic-arm paper --arms 100`, and docs/paper.md for one such run."
+            "random arms of the kind is shown by elastic-arm paper --arms 100; docs/paper.md has one such run."
         ),
         Table(
             ("section", "claim of the paper", "what decides it here", "verdict"),
