@@ -25,6 +25,7 @@ from elastic_arm.nodes.support.health import PERIOD, Health
 from elastic_arm.nodes.support.managed import AUTOSTART, ManagedNode
 from elastic_arm.nodes.support.parameters import declare, declare_texts
 from elastic_arm.nodes.support.running import LONGEST_REST, run
+from elastic_arm.nodes.support.screening import StreamScreen
 from elastic_arm.nodes.support.wire import NANOSECONDS
 from elastic_arm.recording import topics
 from elastic_arm.robot import load_robot
@@ -56,6 +57,7 @@ class IdentifierNode(ManagedNode):
         robot = load_robot(self._file or None)
         self._identifier = identifier_of(robot, self._name, parse_laws(self._laws, robot))
         self._collector = Collector(robot.joint_names, self._sides, partial(graph.resolved, self))
+        self._screen = StreamScreen()
         self._warm_up(robot.n)
         self._output = self.create_publisher(
             ParameterEstimate, graph.relative(topics.PARAMETER_ESTIMATE), graph.qos(topics.PARAMETER_ESTIMATE)
@@ -125,7 +127,7 @@ class IdentifierNode(ManagedNode):
         if samples is None:
             return
         try:
-            self._identifier.add(samples)
+            self._identifier.add(self._screen.take(samples))
             self._problem = ""
         except IdentificationError as error:
             self._problem = str(error)
@@ -168,6 +170,7 @@ class IdentifierNode(ManagedNode):
     def _reset(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         """Service: forget all samples."""
         self._collector.reset()
+        self._screen.reset()
         self._identifier.reset()
         self._fit = None
         response.success, response.message = True, "all samples forgotten"
@@ -208,6 +211,8 @@ class IdentifierNode(ManagedNode):
             return
         progress, losses = self._identifier.progress, self._collector.losses
         problems = self._collector.problems()
+        if self._screen.left_out:
+            problems.append(f"{self._screen.left_out} samples hold absurd numbers, and are left out")
         if self._identifier.paused:
             problems.append("paused")
         if self._problem:
@@ -216,6 +221,7 @@ class IdentifierNode(ManagedNode):
             "samples received": progress.received,
             "samples used": progress.samples,
             "pieces without a gap": progress.pieces,
+            "samples absurd": self._screen.left_out,
             **{f"samples {name}": count for name, count in vars(losses).items()},
         }
         if self._fit is not None:

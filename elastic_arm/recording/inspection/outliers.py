@@ -102,6 +102,13 @@ def without_outliers(recording: Recording) -> Recording:
     return replace(recording, notes=(*recording.notes, *notes), **kept)
 
 
+def sane_limits(values: Array, channel: str) -> tuple[Array, Array]:
+    """Return the numbers (n,) beyond which a sample of a channel is absurd, from most of its values (N, n)."""
+    lower, upper = np.percentile(values, _INNER, axis=0)
+    middle, spread = 0.5 * (lower + upper), np.maximum(upper - lower, _LEAST_INNER * _LEAST[channel])
+    return middle - _ABSURD * spread, middle + _ABSURD * spread
+
+
 def _all_of_channel(
     side: str, channel: str, stamp_ns: NDArray[np.int64], values: Array, joints: Sequence[str]
 ) -> Iterator[Outliers]:
@@ -172,10 +179,9 @@ def _resolution(column: Array) -> float:
 def _central(values: Array, channel: str) -> tuple[Array, Array]:
     """(n,) lower and upper end of the range of nearly all samples, never narrower than what a channel resolves."""
     looked_at = values[:: max(len(values) // _LOOKED_AT, 1)]
-    lower, upper = np.percentile(looked_at, _INNER, axis=0)
-    middle, spread = 0.5 * (lower + upper), np.maximum(upper - lower, _LEAST_INNER * _LEAST[channel])
-    limited = np.clip(looked_at, middle - _ABSURD * spread, middle + _ABSURD * spread)
-    sane = np.where(limited == looked_at, looked_at, middle)
+    lowest, highest = sane_limits(looked_at, channel)
+    limited = np.clip(looked_at, lowest, highest)
+    sane = np.where(limited == looked_at, looked_at, 0.5 * (lowest + highest))
     low, high = np.percentile(sane, _CENTRAL, axis=0)
     narrow = 0.5 * np.maximum(np.maximum(_LEAST[channel], _SHARE * (high - low).max()) - (high - low), 0.0)
     return low - narrow, high + narrow

@@ -1,0 +1,61 @@
+"""Absurd numbers in a stream of samples, left out before they reach an estimator that cannot forget them."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from elastic_arm.estimation.resampling import part
+from elastic_arm.recording import Samples
+from elastic_arm.recording.inspection.outliers import sane_limits
+
+CHANNELS = {
+    "q": "position",
+    "dq": "velocity",
+    "tau_J": "effort",
+    "theta": "position",
+    "dtheta": "velocity",
+    "tau_m": "effort",
+}
+# Rows that the ranges are taken from: those of the last while, some of every batch.
+REMEMBERED = 2000
+OF_A_BATCH = 20
+
+
+class StreamScreen:
+    """Leaves out samples that lie a hundred times the range of those before from their middle.
+
+    A recording is screened as a whole, and more closely
+    (:func:`~elastic_arm.recording.inspection.outliers.without_outliers`): here what follows is not known yet, and an
+    arm that begins to move has to pass.
+
+    Attributes
+    ----------
+    left_out
+        Samples so far.
+    """
+
+    def __init__(self) -> None:
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget all samples."""
+        self.left_out = 0
+        self._remembered: dict[str, NDArray[np.float64]] = {}
+
+    def take(self, samples: Samples) -> Samples:
+        """Return the samples without those that are absurd."""
+        good = np.ones(len(samples), np.bool_)
+        known = {name: values for name in CHANNELS if (values := getattr(samples, name)) is not None}
+        for name, values in known.items():
+            before = self._remembered.get(name, values[:0])
+            with np.errstate(over="ignore"):
+                lowest, highest = sane_limits(np.concatenate([before, values]), CHANNELS[name])
+            good &= ((values >= lowest) & (values <= highest)).all(axis=1)
+        self.left_out += int(np.count_nonzero(~good))
+        rows = np.flatnonzero(good)
+        for name, values in known.items():
+            chosen = values[rows[:: max(len(rows) // OF_A_BATCH, 1)]]
+            before = self._remembered.get(name, values[:0])
+            self._remembered[name] = np.concatenate([before, chosen])[-REMEMBERED:]
+        return samples if good.all() else part(samples, rows)
