@@ -42,8 +42,8 @@ class StudySettings:
 
     Parameters
     ----------
-    step, excitation_step, tracking_step
-        Steps of the prototype for the ramps, for the excitations and under feed-forward, s.
+    step, excitation_step
+        Steps of the prototype for the ramps and for the excitations, s.
     poses
         Starting poses of the ramp at the highest ratio, the zero pose included.
     identified
@@ -68,7 +68,6 @@ class StudySettings:
 
     step: float
     excitation_step: float
-    tracking_step: float
     poses: int
     identified: tuple[int, ...]
     seeds: tuple[int, int]
@@ -86,7 +85,6 @@ class StudySettings:
 FULL = StudySettings(
     step=1e-4,
     excitation_step=2e-4,
-    tracking_step=2e-4,
     poses=5,
     identified=(0, 1, 2, 3, 4),
     seeds=(100, 20),
@@ -102,8 +100,7 @@ FULL = StudySettings(
 )
 QUICK = StudySettings(
     step=2.5e-4,
-    excitation_step=1e-3 / 3,
-    tracking_step=2.5e-4,
+    excitation_step=2.5e-4,
     poses=1,
     identified=(-1,),
     seeds=(20, 3),
@@ -335,7 +332,7 @@ def _track(
                         motion,
                         frequency=FEEDBACK_FREQUENCY,
                         settle=SETTLE,
-                        step=settings.tracking_step,
+                        step=settings.excitation_step,
                     )
                 )
     runs = pool.run(tasks, stage("feed-forward of the prototype", len(tasks)))
