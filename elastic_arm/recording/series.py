@@ -160,7 +160,8 @@ class Series:
             # A field such as a duration belongs to the message, not to its joints.
             of_joints = all(piece.values[path].shape[1] == len(piece.names) for piece in holding)
             names = self.names() if of_joints else [f"number {index}" for index in range(width)]
-            table = self._gather(np.float64, partial(_spread, path=path, names=names), len(names))[self.order]
+            spread = partial(_spread, path=path, names=names, of_joints=of_joints)
+            table = self._gather(np.float64, spread, len(names))[self.order]
             yield from ((path, name, table[:, index]) for index, name in enumerate(names))
 
     def _named(self, piece: Piece, path: str, wanted: tuple[str, ...]) -> Array:
@@ -194,12 +195,12 @@ class Series:
         return gathered
 
 
-def _spread(piece: Piece, path: str, names: Sequence[str]) -> Array:
-    """Lay the columns of a piece under `names`, NaN where it has none."""
+def _spread(piece: Piece, path: str, names: Sequence[str], of_joints: bool) -> Array:
+    """Lay the columns of a piece under `names`, which are those of joints or places; NaN where it has none."""
     table = np.full((len(piece.rows), len(names)), np.nan)
     if piece.has(path):
         values = piece.values[path]
-        own = piece.names if len(piece.names) == values.shape[1] else names[: values.shape[1]]
+        own = piece.names if of_joints else names[: values.shape[1]]
         table[:, [names.index(name) for name in own]] = values
     return table
 

@@ -45,6 +45,18 @@ def test_a_clean_bag_has_no_findings(tmp_path: Path, rng: np.random.Generator) -
     assert report.ok
 
 
+def test_messages_with_fewer_numbers_than_joints_are_looked_into(tmp_path: Path) -> None:
+    """Where one message has two numbers for three joints the others' numbers are checked all the same."""
+    messages = both(stamps(200))
+    stamp = int(stamps(101)[-1])
+    messages[100] = ("/joint_states", JOINT_STATE, stamp, joint_state(stamp, JOINTS, [1.0, 2.0], [1.0] * 3, [1.0] * 3))
+    messages[50] = ("/joint_states", JOINT_STATE, stamp - 50_000_000, joint_state(stamp - 50_000_000, JOINTS,
+                    [np.nan, 1.0, 2.0], [1.0] * 3, [1.0] * 3))  # fmt: skip
+    report = check_bag(write_foreign(tmp_path / "bag", messages))
+    assert not report.ok
+    assert any("position" in finding.message for finding in report.findings)
+
+
 def test_gaps_rates_and_drift_are_found(tmp_path: Path, rng: np.random.Generator) -> None:
     """Lost samples, a change of rate, and clocks that drift apart are each warned of."""
     holed = np.delete(stamps(2000), slice(500, 540))
