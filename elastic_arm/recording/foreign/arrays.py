@@ -22,6 +22,7 @@ from elastic_arm.recording.foreign.channels import (
     load_yaml,
     validated,
 )
+from elastic_arm.recording.foreign.coupling import Coupling, coupled, coupling_matrix
 from elastic_arm.recording.inspection.quality import checked
 from elastic_arm.recording.recording import Recording
 from elastic_arm.recording.sides import Array, Side, Stamps
@@ -140,6 +141,8 @@ class ArrayMap(Strict):
         Arrays that are left out on purpose, `*` and `?` as in file names; any other that is not mapped is an error.
     robot_description
         URDF file to put into the bag; relative to the mapping file.
+    coupling
+        Of motors that move several joints: joint -> motor -> factor.
     """
 
     times: Times
@@ -149,6 +152,7 @@ class ArrayMap(Strict):
     rows: Rows | None = None
     ignore: Annotated[list[str], Field(default_factory=list)]
     robot_description: str | None = None
+    coupling: Coupling = Field(default_factory=dict)
 
     @model_validator(mode="after")
     def _usable(self) -> Self:
@@ -159,6 +163,7 @@ class ArrayMap(Strict):
         for side in (self.link, self.motor):
             for name, channel in side.present().items():
                 channel.scales(name, len(self.joints))
+        coupling_matrix(self.coupling, self.joints)
         return self
 
 
@@ -194,7 +199,7 @@ def import_arrays(path: str | Path, mapping: str | Path) -> Recording:
         arrays = _of_run(arrays, rules.rows)
         stamp_ns = _stamps(arrays, rules)
         link = _side(arrays, rules, "link", stamp_ns)
-        motor = _side(arrays, rules, "motor", stamp_ns)
+        motor = coupled(_side(arrays, rules, "motor", stamp_ns), coupling_matrix(rules.coupling, rules.joints))
     except RecordingError as error:
         raise RecordingError(f"{path}: {error.problem}", error.remedy) from None
     urdf = None

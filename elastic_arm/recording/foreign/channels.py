@@ -11,6 +11,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_valida
 
 from elastic_arm.errors import RecordingError
 from elastic_arm.input_files import explain, read_fields
+from elastic_arm.recording.foreign.coupling import Coupling, coupling_matrix
 from elastic_arm.recording.sides import Array
 
 SideName = Literal["link", "motor"]
@@ -166,10 +167,13 @@ class ChannelMap(Strict):
         By the name in the robot description, in its order.
     time
         What a sample's time is: the message's `header` stamp, or its `arrival` where there is no header.
+    coupling
+        Of motors that move several joints: joint -> motor -> factor.
     """
 
     joints: Annotated[dict[str, JointChannels], Field(min_length=1)]
     time: Literal["header", "arrival"] = "header"
+    coupling: Coupling = Field(default_factory=dict)
 
     @model_validator(mode="after")
     def _uniform(self) -> Self:
@@ -185,6 +189,7 @@ class ChannelMap(Strict):
                     )
         if not any(True for side in (first.link, first.motor) for _ in side.present()):
             raise ValueError("no joint has a channel")
+        coupling_matrix(self.coupling, list(self.joints))
         return self
 
     def topics(self) -> set[str]:

@@ -8,6 +8,7 @@ import numpy as np
 
 from elastic_arm.errors import RecordingError
 from elastic_arm.recording.foreign.channels import CHANNEL_NAMES, Channel, ChannelMap, ChannelName, SideName
+from elastic_arm.recording.foreign.coupling import coupled, coupling_matrix
 from elastic_arm.recording.inspection.quality import checked
 from elastic_arm.recording.series import Series
 from elastic_arm.recording.sides import Array, Side, Stamps
@@ -53,6 +54,8 @@ def mapped_side(
             built, side, words = pair(built, side, f"{side_name} {channel_name}", f"the {side_name} side")
             notes += words
             built = built.beside(side)
+    if side_name == "motor":
+        built = coupled(built, coupling_matrix(channels.coupling, list(channels.joints)))
     return built, notes
 
 
