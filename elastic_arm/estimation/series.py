@@ -12,7 +12,6 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import minimize_scalar
 
 from elastic_arm.errors import IdentificationError
 from elastic_arm.estimation.motion import Motion
@@ -228,7 +227,7 @@ def _refined(t: Array, position: Array, omega: float) -> float:
     def left(w: float) -> float:
         return float(np.linalg.norm(_project(t[few], w, harmonics, position[few])[0]))
 
-    omega = float(minimize_scalar(left, bounds=(omega - width, omega + width), method="bounded").x)
+    omega = float(scipy.optimize.minimize_scalar(left, bounds=(omega - width, omega + width), method="bounded").x)
     for _ in range(3):
         harmonics = _most_harmonics(t, omega)
         error, motion = _project(t[few], omega, harmonics, position[few])

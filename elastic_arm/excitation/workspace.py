@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+import scipy  # its parts are loaded when they are used
 from numpy.typing import NDArray
-from scipy.stats import qmc
 
 from elastic_arm.excitation.fourier import require
 from elastic_arm.robot.description import Robot
@@ -65,7 +65,7 @@ class Workspace:
         for name, value in (("radius of the links", radius), ("height of the floor", floor)):
             require(value is None or bool(np.isfinite(value)), f"the {name} is {value} m", "Give a finite number.")
         radius = link_radius(robot) if radius is None else radius
-        poses = np.pi * (2.0 * qmc.Halton(robot.n, scramble=False).random(PROBES) - 1.0)
+        poses = np.pi * (2.0 * scipy.stats.qmc.Halton(robot.n, scramble=False).random(PROBES) - 1.0)
         points = link_points(robot, poses)
         height = points @ _upward(robot)
         heights = np.flatnonzero(np.ptp(height, axis=0) > 1e-6) if floor is not None else np.array([], dtype=np.intp)
