@@ -16,13 +16,23 @@ from pathlib import Path
 import numpy as np
 from sensor_msgs.msg import JointState
 
+from elastic_arm.errors import RecordingError
 from elastic_arm.recording import read_recording
 from elastic_arm.recording.inspection.check import check_bag
 from tests.helpers.ros_graph import Graph, ros_graph
 
 LIMIT = 0.5  # seconds that may be lost
 RATE = 250.0  # Hz of the arm, so that a busy machine does not fall behind
-LONGEST = 3.0  # seconds between the first bytes of a bag and the kill
+LONGEST = 3.0  # seconds between the first samples in a bag and the kill
+
+
+def holds_samples(bag: Path) -> bool:
+    """Return whether a bag that is being recorded holds both sides by now."""
+    try:
+        recording = read_recording(bag)
+    except RecordingError:
+        return False
+    return recording.link is not None and recording.motor is not None
 
 
 def lost_by_a_kill(graph: Graph, newest: list[JointState], bag: Path, seconds: float) -> tuple[float, float]:
@@ -39,7 +49,7 @@ def lost_by_a_kill(graph: Graph, newest: list[JointState], bag: Path, seconds: f
     bag
         Folder to record to.
     seconds
-        Between the first bytes in the bag and the kill.
+        Between the first samples in the bag and the kill.
 
     Raises
     ------
@@ -47,7 +57,7 @@ def lost_by_a_kill(graph: Graph, newest: list[JointState], bag: Path, seconds: f
         If samples are missing before the last one, or the bag cannot be checked.
     """
     recorder = graph.start("recorder", bag=bag)
-    graph.until(lambda: any(file.stat().st_size > 20_000 for file in bag.glob("*.mcap")), "the bag grows")
+    graph.until(lambda: holds_samples(bag), "samples of both sides are in the bag")
     end = time.monotonic() + seconds
     graph.until(lambda: time.monotonic() > end, "the time has come")
     recorder.process.send_signal(signal.SIGKILL)
