@@ -5,10 +5,9 @@ SHELL := /bin/bash
 
 DONE := .venv/.done
 RUN := . tools/env.sh &&
-# One test process a core, one numeric thread each; tests/conftest.py states which tests stay together. Those of the ROS
-# graph keep real time: they run by themselves.
-ALONE := OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 python -m pytest
-PYTEST := $(ALONE) -n $$(nproc) --dist loadscope --no-loadscope-reorder
+# One test process a core, one numeric thread each; tests/conftest.py states which tests stay together.
+PYTEST := OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 python -m pytest -n $$(nproc) --dist loadscope \
+          --no-loadscope-reorder
 
 help:
 	@grep -E '^[a-z]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 10
@@ -48,8 +47,7 @@ types: $(DONE)/tests
 	@$(RUN) mypy --no-error-summary
 
 unit: $(DONE)/packages $(DONE)/tests
-	@$(RUN) $(PYTEST) -m "not graph"
-	@$(RUN) $(ALONE) -m graph
+	@$(RUN) tools/unit.sh
 
 clean: ## remove all that the set-up made
 	rm -rf .venv .venv-oldest build install log *.egg-info

@@ -7,7 +7,7 @@ import math
 import os
 import signal
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -20,29 +20,16 @@ from std_srvs.srv import SetBool, Trigger
 from elastic_arm.diagnosis.inference.estimates import ParameterEstimate
 from elastic_arm.diagnosis.live import ResidualLevels
 from elastic_arm.diagnosis.result import ResidualSizes
-from elastic_arm.errors import DiagnosisError
 from elastic_arm.excitation import FourierTrajectory
 from elastic_arm.nodes.support.gap_messages import diagnosis_message, in_words, residual_messages
 from elastic_arm.nodes.support.worker_process import Answer, WorkerProcess
+from tests.helpers.questions import halving
 from tests.helpers.ros_graph import Graph, ros_graph
 
 TORQUE = 6.0
 
 
 # The process beside the node
-
-
-def halving(least: int) -> Callable[[int], Any]:
-    """Return what halves numbers, refuses small ones, and dies of zero."""
-
-    def halve(number: int) -> tuple[int, float]:
-        if number == 0:
-            os._exit(3)
-        if number < least:
-            raise DiagnosisError(f"{number} is too small", "Take more")
-        return os.getpid(), number / 2
-
-    return halve
 
 
 def answer_of(worker: WorkerProcess) -> Answer:
