@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import ast
+import functools
 import re
 from collections import Counter
-from collections.abc import Iterator
 from graphlib import CycleError, TopologicalSorter
 from pathlib import Path
 
@@ -36,6 +36,13 @@ ENTRANCES = {"nodes": (), "studies": ("app",), "cli": ("studies", "app")}
 MOST_MODULES = 15
 
 
+@functools.cache
+def tree_of(path: Path) -> ast.Module:
+    """Return a module's syntax tree."""
+    return ast.parse(path.read_text())
+
+
+@functools.cache
 def packages_in_order() -> list[str]:
     """Return the packages as the table of docs/architecture.md lists them."""
     text = (ROOT / "docs" / "architecture.md").read_text()
@@ -47,16 +54,19 @@ def package_of(path: Path) -> str:
     return path.relative_to(PACKAGE).parts[0].removesuffix(".py")
 
 
-def imports_of(path: Path) -> Iterator[tuple[int, str]]:
-    """Yield the line and the full name of everything that a module imports."""
+@functools.cache
+def imports_of(path: Path) -> list[tuple[int, str]]:
+    """Return the line and the full name of everything that a module imports."""
     package = path.relative_to(ROOT).with_suffix("").parts[:-1]
-    for node in ast.walk(ast.parse(path.read_text())):
+    found: list[tuple[int, str]] = []
+    for node in ast.walk(tree_of(path)):
         if isinstance(node, ast.Import):
-            yield from ((node.lineno, alias.name) for alias in node.names)
+            found += [(node.lineno, alias.name) for alias in node.names]
         elif isinstance(node, ast.ImportFrom):
             base = package[: len(package) - node.level + 1] if node.level else ()
             module = ".".join([*base, *(node.module or "").split(".")]).strip(".")
-            yield from ((node.lineno, f"{module}.{alias.name}") for alias in node.names)
+            found += [(node.lineno, f"{module}.{alias.name}") for alias in node.names]
+    return found
 
 
 def module_name(path: Path) -> str:
@@ -66,14 +76,12 @@ def module_name(path: Path) -> str:
 
 def imported_modules(path: Path) -> set[str]:
     """Return the modules of the package that a module imports."""
-    known = {module_name(other) for other in PACKAGE.rglob("*.py")}
-    found = set()
-    for _, name in imports_of(path):
-        found.add(name if name in known else name.rpartition(".")[0])
-    return found & known
+    found = {name if name in KNOWN else name.rpartition(".")[0] for _, name in imports_of(path)}
+    return found & KNOWN
 
 
 MODULES = sorted(path for path in PACKAGE.rglob("*.py") if path != PACKAGE / "__init__.py")
+KNOWN = {module_name(path) for path in PACKAGE.rglob("*.py")}
 named = pytest.mark.parametrize("path", MODULES, ids=lambda path: str(path.relative_to(PACKAGE)))
 
 
@@ -122,15 +130,13 @@ def test_modules_and_functions_stay_short(path: Path) -> None:
     """No module is longer than 400 lines, and no function than 70."""
     text = path.read_text()
     assert text.count("\n") <= 400
-    for node in ast.walk(ast.parse(text)):
+    for node in ast.walk(tree_of(path)):
         if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):
             assert node.end_lineno - node.lineno < 70, f"{path}:{node.lineno} {node.name}"
 
 
 def test_a_class_name_stands_for_one_class() -> None:
     """No two classes of the package share a name, not even one that is private to its module."""
-    classes = [
-        node for path in MODULES for node in ast.walk(ast.parse(path.read_text())) if isinstance(node, ast.ClassDef)
-    ]
+    classes = [node for path in MODULES for node in ast.walk(tree_of(path)) if isinstance(node, ast.ClassDef)]
     count = Counter(node.name.lstrip("_") for node in classes)
     assert not [name for name, times in count.items() if times > 1]
