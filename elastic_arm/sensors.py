@@ -12,6 +12,7 @@ from functools import lru_cache
 from typing import Any
 
 import numpy as np
+import scipy  # its parts are loaded when they are used
 from numpy.typing import NDArray
 
 from elastic_arm.errors import SensorError
@@ -27,7 +28,7 @@ RIDGE = 1e-8
 # Jitter beyond this share of the sample interval would put samples out of order.
 LARGEST_JITTER = 0.45
 
-_AT_LEAST_ZERO = {"noise", "velocity_noise", "resolution", "delay"}
+_AT_LEAST_ZERO = {"noise", "velocity_noise", "resolution", "delay", "cutoff"}
 
 
 class _Settings:
@@ -71,7 +72,7 @@ def _row(settings: _Settings, name: str, n: int) -> Array:
 
 @dataclass(frozen=True)
 class TorqueSensor(_Settings):
-    """A torque channel: recorded = gain * true(t - delay) + offset + noise, rounded to the resolution.
+    """A torque channel: recorded = gain * true(t - delay) + offset + drift * t + noise, rounded to the resolution.
 
     Parameters
     ----------
@@ -81,6 +82,10 @@ class TorqueSensor(_Settings):
         Step of the quantisation, Nm; zero for none.
     gain, offset, delay
         Recorded / true; Nm; s.
+    drift
+        Nm/s, at which the zero moves from the first sample on.
+    cutoff
+        Hz, of a first-order low pass that the true torque goes through; zero for none.
     """
 
     noise: PerJoint = 0.26
@@ -88,6 +93,8 @@ class TorqueSensor(_Settings):
     gain: PerJoint = 1.0
     offset: PerJoint = 0.0
     delay: PerJoint = 0.0
+    drift: PerJoint = 0.0
+    cutoff: PerJoint = 0.0
 
 
 @dataclass(frozen=True)
@@ -237,7 +244,11 @@ def _rounded(sensor: _Settings, n: int) -> list[Plant]:
 def _torque(sensor: TorqueSensor, n: int, rate: float, rng: np.random.Generator) -> Plant:
     gain, offset = sensor.row("gain", n), sensor.row("offset", n)
     scaled: list[Plant] = [lambda values: gain * values + offset] if offset.any() or (gain != 1).any() else []
-    return _through([*_late(sensor, n, rate), *scaled, *_noisy(sensor.row("noise", n), rng), *_rounded(sensor, n)])
+    drift, cutoff = sensor.row("drift", n), sensor.row("cutoff", n)
+    filtered: list[Plant] = [FirstOrderFilter(cutoff, rate)] if cutoff.any() else []
+    moving: list[Plant] = [Drift(drift, rate)] if drift.any() else []
+    noisy = _noisy(sensor.row("noise", n), rng)
+    return _through([*_late(sensor, n, rate), *filtered, *scaled, *moving, *noisy, *_rounded(sensor, n)])
 
 
 def _encoder(
@@ -257,6 +268,57 @@ def _encoder(
         return read(angle + offset if offset.any() else angle), read_velocity(velocity)
 
     return run
+
+
+class Drift:
+    """Moves the zero of each joint's channel at a rate of its own, from the first sample on.
+
+    Parameters
+    ----------
+    drift
+        (n,) per second.
+    rate
+        Sample rate, Hz.
+    """
+
+    def __init__(self, drift: Array, rate: float) -> None:
+        self._step, self._seen = drift / rate, 0
+
+    def __call__(self, values: Array) -> Array:
+        """Return `values` (N, n) with the zero moved on, continuing the block before."""
+        at = self._seen + np.arange(len(values))[:, None]
+        self._seen += len(values)
+        return values + at * self._step
+
+
+class FirstOrderFilter:
+    """A first-order low pass for each joint's channel by the bilinear rule, at rest before the first sample.
+
+    Parameters
+    ----------
+    cutoff
+        (n,) Hz; zero leaves a channel as it is.
+    rate
+        Sample rate, Hz.
+    """
+
+    def __init__(self, cutoff: Array, rate: float) -> None:
+        self._on = cutoff > 0
+        ratio = np.pi * cutoff / rate
+        self._new, self._old = ratio / (1.0 + ratio), (1.0 - ratio) / (1.0 + ratio)
+        self._memory: Array | None = None
+
+    def __call__(self, values: Array) -> Array:
+        """Return `values` (N, n), filtered, continuing the block before."""
+        if self._memory is None:
+            self._memory = (1.0 - self._new) * values[0]
+        out = values.copy()
+        for j in np.flatnonzero(self._on):
+            new, memory = self._new[j], self._memory[j : j + 1]
+            out[:, j], (self._memory[j],) = scipy.signal.lfilter(
+                [new, new], [1.0, -self._old[j]], values[:, j], zi=memory
+            )
+        return out
 
 
 class DelayLine:

@@ -113,7 +113,7 @@ class EffectSet:
                 twist_rate[i] += rate
         motion = replace(motion, twist=twist, twist_rate=twist_rate)
         if self.in_time and motion.progress is None:
-            motion = replace(motion, progress=self._clock[0] / self._clock[1] - 0.5)
+            motion = replace(motion, elapsed=self._clock[0], progress=self._clock[0] / self._clock[1] - 0.5)
         total, rates = motion.nothing(), []
         friction = motion.nothing()
         for instance, i, values in self._placed:

@@ -140,7 +140,7 @@ class Effect:
         Whether it is friction: what laws find as the friction of its side.
     scales_friction, in_time
         Whether the law takes the friction of the side (`motion.friction`), and how much of the recording has passed
-        (`motion.progress`).
+        (`motion.progress`, or `motion.elapsed` in s).
     searched
         Whether a diagnosis looks for it; False for what acts only where a description or a user states it.
 

@@ -116,6 +116,8 @@ class SymbolicMotion:
         Third and fourth derivative of x, where somebody knows them.
     progress
         (t - t_mid) / T over a recording of length T, from -1/2 to 1/2; None where no law takes it.
+    elapsed
+        t - t_begin over a recording, s; None where no law takes it.
     friction_link, friction_motor : (n, 1)
         What friction effects add to both sides, Nm.
     """
@@ -134,6 +136,7 @@ class SymbolicMotion:
     dddx: SX | float = 0.0
     ddddx: SX | float = 0.0
     progress: SX | None = None
+    elapsed: SX | None = None
     friction_link: SX | None = None
     friction_motor: SX | None = None
 

@@ -117,6 +117,11 @@ def parse_laws(texts: Sequence[str], robot: Robot, catalogue: Catalogue | None =
                 f"{effect.id} is not linear in its parameters",
                 "Leave it to `elastic-arm diagnose`, which searches them.",
             )
+        if effect.in_time:
+            raise IdentificationError(
+                f"{effect.id} goes by the time since the recording began, which identification does not follow",
+                "Leave it to `elastic-arm diagnose`.",
+            )
         neutral = {p.name: [p.neutral or 0.0] * p.size if p.size > 1 else p.neutral or 0.0 for p in linear}
         for joint in _joints(written, robot):
             instance = written.on(joint, **neutral)

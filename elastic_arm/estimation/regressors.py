@@ -29,7 +29,7 @@ from elastic_arm.estimation.motion import CompletedMotion
 Array = NDArray[np.float64]
 INPUTS = (
     "x", "dx", "ddx", "tau_J", "tau_m", "dtau_J", "dtau_m",
-    "progress", "friction_link", "friction_motor", "sign_link", "sign_motor",
+    "progress", "elapsed", "friction_link", "friction_motor", "sign_link", "sign_motor",
 )  # fmt: skip
 
 
@@ -127,6 +127,7 @@ def _values(
         "sign_link": np.tanh(motion.dq / standstill[0]),
         "sign_motor": np.tanh(motion.dtheta / standstill[1]),
         "progress": ((motion.t - begin) / (end - begin) - 0.5)[:, None],
+        "elapsed": (motion.t - begin)[:, None],
     }
     return {name: np.ascontiguousarray(v) for name, v in values.items()}
 
@@ -175,7 +176,7 @@ class CompiledColumns:
     def __init__(self, terms: Sequence[Term], equations: ArmEquations, engine: str | None = "numpy") -> None:
         self._equations = equations
         n = equations.robot.n
-        sizes = {**dict.fromkeys(("x", "dx", "ddx"), equations.dof), "progress": 1}
+        sizes = {**dict.fromkeys(("x", "dx", "ddx"), equations.dof), "progress": 1, "elapsed": 1}
         symbols = {name: ca.SX.sym(name, sizes.get(name, n)) for name in INPUTS}
         searched = [p for term in terms for p in term.searched]
         arguments = {p.name: ca.SX.sym(p.name, p.size) for p in searched}

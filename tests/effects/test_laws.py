@@ -10,7 +10,11 @@ from elastic_arm.errors import EffectError
 from elastic_arm.robot import Robot, load_robot
 from tests.helpers.effect_samples import DURATION, INSTANCES, contribution, random_motion
 
+# What no value of a parameter turns off.
+NEVER_NEUTRAL = {"bearing_compliance", "torque_lowpass", "spline_inertia", "inertia_coupling"}
 CONTRACT = {
+    "torque_drift",
+    "torque_lowpass",
     "viscous_friction",
     "coulomb_friction",
     "stribeck_friction",
@@ -108,8 +112,8 @@ class At:
 
 
 def test_the_catalogue_holds_the_contracts_effects():
-    """All 29 ids of the contract and no other, each with words, formula and sides."""
-    assert set(EFFECTS) == CONTRACT and len(CONTRACT) == 29
+    """All 31 ids of the contract and no other, each with words, formula and sides."""
+    assert set(EFFECTS) == CONTRACT and len(CONTRACT) == 31
     for effect in EFFECTS.values():
         assert effect.formula and effect.description and effect.signature and effect.sides
         assert all(other.effect in EFFECTS for other in effect.confusions)
@@ -146,7 +150,7 @@ def test_friction_acts_on_the_chosen_side(arm, effect):
     assert instance.sides == ("link",)
 
 
-@pytest.mark.parametrize("effect", sorted(CONTRACT - {"bearing_compliance", "spline_inertia", "inertia_coupling"}))
+@pytest.mark.parametrize("effect", sorted(CONTRACT - NEVER_NEUTRAL))
 def test_no_effect_at_the_neutral_value(arm, effect):
     """With its parameters at "no effect" a law adds nothing."""
     motion = random_motion(arm, np.random.default_rng(0))

@@ -26,6 +26,8 @@ SENSOR_EFFECTS = {
     "encoder_offset",
     "encoder_eccentricity",
     "time_delay",
+    "torque_drift",
+    "torque_lowpass",
 }
 SCALES = {"thermal_friction"}  # nothing by itself
 IN_EQUATIONS = sorted(set(INSTANCES) - SENSOR_EFFECTS - SCALES)
@@ -120,7 +122,7 @@ def test_friction_of_a_simulated_arm_changes_over_the_run(arm):
         assert torques[1][k] / torques[0][k] == pytest.approx(1 - 0.4 * (k / 4000 - 0.5), abs=0.01)
 
 
-@pytest.mark.parametrize("effect", sorted(SENSOR_EFFECTS - {"time_delay"}))
+@pytest.mark.parametrize("effect", sorted(SENSOR_EFFECTS - {"time_delay", "torque_drift", "torque_lowpass"}))
 def test_residuals_of_recorded_channels_are_the_law(arm, effect):
     """What a sensor effect changes in the channels changes the residuals of the nominal model as its law says."""
     instance = parse(INSTANCES[effect][0], arm)
@@ -155,6 +157,32 @@ def test_time_delay_makes_its_channels_late(arm, channel):
             expected[2:, 1] = true[:-2, 1]
             expected[:2, 1] = true[0, 1]
         assert np.array_equal(measured[name], expected)
+
+
+@pytest.mark.parametrize("channel", ["joint_torque", "motor_torque"])
+def test_torque_drift_moves_the_zero_of_its_channel(arm, channel):
+    """The recorded torque is the true one and the rate times the time since the first sample."""
+    truth, measured = run(arm, [parse(f"torque_drift:joint_2:rate=0.2,channel={channel}")])
+    name = {"joint_torque": "tau_J", "motor_torque": "tau_m"}[channel]
+    for other, true in truth.channels().items():
+        expected = true.copy()
+        if other == name:
+            expected[:, 1] += 0.2 * np.arange(len(true)) / RATE
+        assert np.allclose(measured[other], expected, atol=1e-9)
+
+
+def test_torque_lowpass_is_the_law(arm):
+    """Recorded less true torque is -T times the rate of the recorded torque, T = 1 / (2 pi cutoff)."""
+    truth, measured = run(arm, [parse("torque_lowpass:joint_2:cutoff=5,channels=joint_torque+motor_torque")])
+    for name in ("tau_J", "tau_m"):
+        y, true = measured[name][:, 1], truth.channels()[name][:, 1]
+        rate = np.diff(y) * RATE
+        expected = -0.5 * (rate[1:] + rate[:-1]) / (2 * np.pi * 5)
+        # At the first samples the load comes at once.
+        late = (y - true)[100:-1]
+        assert np.abs(late - expected[99:]).max() < 0.02 * np.abs(late).max()
+        assert np.abs(late).max() > 0.1
+    assert np.array_equal(measured["q"], truth.channels()["q"])
 
 
 def free(robot):

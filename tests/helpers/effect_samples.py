@@ -35,6 +35,8 @@ INSTANCES = {
     "encoder_offset": ("encoder_offset:joint_1:offset=2e-4", "mod3"),
     "encoder_eccentricity": ("encoder_eccentricity:joint_3:amplitude=3e-4,phase=1.1", "mod3"),
     "time_delay": ("time_delay:joint_2:delay=0.002,channels=joint_torque+motor_torque", "mod3"),
+    "torque_drift": ("torque_drift:joint_2:rate=0.2", "mod3"),
+    "torque_lowpass": ("torque_lowpass:joint_2:cutoff=5,channels=joint_torque+motor_torque", "mod3"),
     "link_inertia_mismatch": ("link_inertia_mismatch:joint_2:mass=1.1,com=0.01/0/-0.02,inertia=1.05", "mod3"),
     "rotor_inertia_mismatch": ("rotor_inertia_mismatch:joint_3:inertia=1.2", "mod3"),
     "stiffness_mismatch": ("stiffness_mismatch:joint_2:stiffness=0.85", "mod3"),

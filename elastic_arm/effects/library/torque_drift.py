@@ -1,0 +1,92 @@
+"""A torque sensor whose zero wanders."""
+
+from collections.abc import Mapping
+from typing import Any
+
+import casadi as ca
+
+from elastic_arm.effects.library.sensor_error import misread
+from elastic_arm.effects.model import Confusion, Effect, Ordinary, SensorEffect
+from elastic_arm.effects.motion import Contribution, SymbolicMotion
+from elastic_arm.effects.parameters import Choice, Parameter
+from elastic_arm.sensors import Sensors
+
+_SIDES = {"joint_torque": ("link", "drive", "motor"), "motor_torque": ("motor",)}
+# Strain gauges and drives that warm up: about 0.3 Nm a minute.
+USUAL = 0.005  # Nm/s
+
+
+def law(motion: SymbolicMotion, i: int, p: Mapping[str, Any]) -> Contribution:
+    """The mean rate times the time since the recording began.
+
+    Parameters
+    ----------
+    motion, i
+        Symbols of the motion, and index of the joint.
+    p
+        `rate` (Nm/s) and `channel`.
+    """
+    return misread(p["channel"], _drifted)(motion, i, p)
+
+
+def _drifted(motion: SymbolicMotion, i: int, p: Mapping[str, Any]) -> ca.SX:
+    return p["rate"] * motion.elapsed
+
+
+def change(sensors: Sensors, i: int, n: int, p: Mapping[str, Any]) -> Sensors:
+    """Let the zero of the channel move at the rate.
+
+    Parameters
+    ----------
+    sensors
+        Of the arm.
+    i, n
+        Index of the joint, and number of joints.
+    p
+        `rate` (Nm/s) and `channel`.
+    """
+    return sensors.changed(p["channel"], i, n, drift=p["rate"])
+
+
+def sides_of(p: Mapping[str, Any]) -> tuple[str, ...]:
+    """The equations that hold the channel."""
+    return _SIDES[p["channel"]]
+
+
+def note(p: Mapping[str, Any], place: str) -> str:
+    """Describe what is counted as part of the model: a slow drift."""
+    return f"the zero of {p['channel']} of {place} drifts by {p['rate']:.2g} Nm/s, as is usual: no cause."
+
+
+EFFECT: Effect = SensorEffect(
+    id="torque_drift",
+    formula="recorded = true + a zero that moves at the mean rate from the first sample on",
+    description="The zero of a torque channel wanders while the arm is recorded: a sensor or a drive that warms up.",
+    signature="The residuals that hold the channel move off zero with time, whatever the motion.",
+    law=law,
+    parameters=(
+        Parameter(
+            "rate",
+            "Nm/s",
+            -2.0,
+            2.0,
+            neutral=0.0,
+            example=(0.1, 0.3),
+            meaning="mean over the recording",
+        ),
+    ),
+    choices=(Choice("channel", tuple(_SIDES), "joint_torque"),),
+    sides=("link", "drive", "motor"),
+    sides_of=sides_of,
+    regime="drift",
+    in_time=True,
+    change=change,
+    ordinary=Ordinary("rate", lambda rate: 3.0 * USUAL, note),
+    confusions=(
+        Confusion(
+            "joint_torque_offset",
+            "the recording is short, so that the zero hardly moves",
+            "a recording of some minutes",
+        ),
+    ),
+)

@@ -1,0 +1,94 @@
+"""A recorded torque that has passed a low-pass filter."""
+
+from collections.abc import Mapping
+from functools import partial
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from elastic_arm.effects.library.sensor_error import misread
+from elastic_arm.effects.model import Confusion, Effect, Scope, SensorEffect
+from elastic_arm.effects.motion import Contribution, SymbolicMotion
+from elastic_arm.effects.parameters import Choice, Parameter, Role
+from elastic_arm.sensors import Sensors
+
+_SIDES = {"joint_torque": ("link", "drive", "motor"), "motor_torque": ("motor",)}
+
+
+def law(motion: SymbolicMotion, i: int, p: Mapping[str, Any]) -> Contribution:
+    """Recorded less true torque, -T y' of a recorded torque y, as y + T y' is the true one; T = 1 / (2 pi cutoff).
+
+    Parameters
+    ----------
+    motion, i
+        Symbols of the motion, and index of the joint.
+    p
+        `cutoff` (Hz) and `channels`.
+    """
+    rates = {"joint_torque": motion.dtau_J, "motor_torque": motion.dtau_m}
+    total = motion.nothing()
+    for channel in p["channels"]:
+        total += misread(channel, partial(_error, rates[channel]))(motion, i, p)
+    return total
+
+
+def _error(rate: ca.SX, motion: SymbolicMotion, i: int, p: Mapping[str, Any]) -> ca.SX:
+    return -rate[i] / (2 * np.pi * p["cutoff"])
+
+
+def change(sensors: Sensors, i: int, n: int, p: Mapping[str, Any]) -> Sensors:
+    """Filter the named channels of a joint.
+
+    Parameters
+    ----------
+    sensors
+        Of the arm.
+    i, n
+        Index of the joint, and number of joints.
+    p
+        `cutoff` (Hz) and `channels`.
+    """
+    for channel in p["channels"]:
+        sensors = sensors.changed(channel, i, n, cutoff=p["cutoff"])
+    return sensors
+
+
+def sides_of(p: Mapping[str, Any]) -> tuple[str, ...]:
+    """The equations that hold a filtered channel."""
+    return tuple(s for s in ("link", "drive", "motor") if any(s in _SIDES[c] for c in p["channels"]))
+
+
+EFFECT: Effect = SensorEffect(
+    id="torque_lowpass",
+    formula="named channels y with y' = 2 pi cutoff (true - y)",
+    description="A torque, or the current that it was computed from, was filtered before it was recorded.",
+    signature="The residual follows the rate of the filtered torque, and fast torque is missing in the recording.",
+    law=law,
+    parameters=(
+        Parameter(
+            "cutoff",
+            "Hz",
+            0.5,
+            50.0,
+            role=Role.SEARCHED,
+            above=0.0,
+            inverse=True,
+            example=(2.0, 10.0),
+            meaning="corner",
+        ),
+    ),
+    choices=(Choice("channels", tuple(_SIDES), ("joint_torque",), several=True),),
+    scope=Scope.EACH_OR_ARM,
+    sides=("link", "drive", "motor"),
+    sides_of=sides_of,
+    regime="frequency",
+    change=change,
+    confusions=(
+        Confusion(
+            "time_delay",
+            "the torque changes slowly against the corner: both act as T times its rate",
+            "faster motion: a filter takes amplitude, too, a delay does not",
+        ),
+    ),
+)
