@@ -132,7 +132,8 @@ class Effect:
     ordinary
         Up to which size it is no cause; None where any size is one.
     regressor
-        (equations of an arm) -> its regressor, where the derivatives of the law are not enough.
+        (equations of an arm) -> its regressor, where the law is not enough. Parameters that act linearly keep columns
+        that are derivatives of the law; the regressor then is the effect at given values of all parameters.
     prior
         (sample rate in Hz) -> standard deviation of its first parameter over ordinary arms of a refit; None where an
         ordinary arm has none of it.
@@ -207,8 +208,8 @@ class Effect:
                 f"its phase {phases[0].name} needs exactly one amplitude",
                 "Give one parameter of role LINEAR before the one of role PHASE.",
             )
-        if self.regressor is not None and (linear or phases):
-            yield "a regressor of its own has searched parameters only", "Give each role=Role.SEARCHED."
+        if self.regressor is not None and phases:
+            yield "a regressor of its own has no phase", "Give it role=Role.SEARCHED."
 
     @property
     def is_friction(self) -> bool:

@@ -7,7 +7,7 @@ recording (tilts that swing, a state that is filtered), the effect's file comput
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,7 +21,10 @@ class MotionSignals(Protocol):
     """The motion of a recording.
 
     `t` is (N,) s; `values` holds (N, dof) x, dx, ddx and (N, n) tau_J, tau_m, dtau_J, dtau_m, sign_link, sign_motor;
-    `cutoff` is the frequency in Hz up to which accelerations are motion rather than noise.
+    `cutoff` is the frequency in Hz up to which accelerations are motion rather than noise. `predicted` states whether
+    the torques are those that the model predicts instead of the recorded ones; `torque_noise` holds the variances (n,)
+    of a sample's white noise of recorded torques, Nm², and `model_torques` the torques (N, n) that the model predicts,
+    both by name.
     """
 
     @property
@@ -36,6 +39,18 @@ class MotionSignals(Protocol):
     def cutoff(self) -> float:
         """Hz."""
 
+    @property
+    def predicted(self) -> bool:
+        """Whether torques are the model's."""
+
+    @property
+    def torque_noise(self) -> Mapping[str, Array]:
+        """Variances (n,) of recorded torques, Nm²."""
+
+    @property
+    def model_torques(self) -> Mapping[str, Array]:
+        """Predicted torques (N, n), Nm."""
+
 
 class Regressor(Protocol):
     """What an effect adds to the residuals of one arm."""
@@ -44,8 +59,16 @@ class Regressor(Protocol):
     def acts(self) -> bool:
         """Whether the arm has what the effect acts in."""
 
-    def residuals(self, signals: MotionSignals, values: Mapping[str, float]) -> Array:
-        """Return the torques (N, 3 n) added to link, drive and motor residuals at values of the parameters."""
+    def residuals(self, signals: MotionSignals, values: Mapping[str, Any]) -> Array:
+        """Return the torques (N, 3 n) added to link, drive and motor residuals.
+
+        Parameters
+        ----------
+        signals
+            Of the motion.
+        values
+            Parameters and choices by name, and `joints`, the indices of the joints on which the effect sits.
+        """
 
 
 RegressorOf = Callable[[ArmEquations], Regressor]

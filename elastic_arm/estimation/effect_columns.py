@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from elastic_arm.effects.equations import ArmEquations
 from elastic_arm.effects.model import Effect, EffectInstance, Scope
 from elastic_arm.effects.parameters import Parameter, Role
+from elastic_arm.effects.regressor import Regressor
 from elastic_arm.errors import EffectError
 from elastic_arm.estimation.regressors import CompiledColumns, Signals, Term
 
@@ -149,8 +150,9 @@ class Feature:
         return found | _spread(self.searched, searched, lambda p, c: c)
 
     def whole(self) -> Feature:
-        """Return the feature whose column is the law itself."""
-        return Whole(self.effect, self.joint, self.choices, self.equations, self.friction)
+        """Return the feature whose column is the effect itself: its regressor, or its law."""
+        kind = Whole if self.effect.regressor is None else OwnRegressor
+        return kind(self.effect, self.joint, self.choices, self.equations, self.friction)
 
     def scales(self, other: Feature) -> bool:
         """Whether another effect is friction that this one scales."""
@@ -184,6 +186,48 @@ class Whole(Feature):
     def searched(self) -> tuple[Parameter, ...]:
         """All parameters."""
         return self.effect.parameters
+
+
+@dataclass(frozen=True, eq=False)
+class OwnRegressor(Whole):
+    """A whole effect by the regressor of its file: at each value of its parameters the size is known."""
+
+    @property
+    def scalable(self) -> bool:
+        """False: its size follows from its parameters."""
+        return False
+
+    @cached_property
+    def _regressor(self) -> Regressor:
+        assert self.effect.regressor is not None
+        return self.effect.regressor(self.equations)
+
+    @property
+    def acts(self) -> bool:
+        """Whether the arm has what the effect acts in."""
+        return self._regressor.acts
+
+    def columns(self, signals: Signals, searched: Sequence[float] = (), start: float = 0.0) -> Array:
+        """Return what the effect adds to the residuals, (N, 3 n, 1).
+
+        Parameters
+        ----------
+        signals
+            Of the motion.
+        searched
+            Values of all parameters.
+        start
+            Not used: it has no internal states.
+        """
+        robot = self.equations.robot
+        joints = range(robot.n) if self.joint is None else [robot.joint_names.index(self.joint)]
+        values = {**self.choices, **self.parameters((), searched), "joints": joints}
+        return self._regressor.residuals(signals, values)[:, :, None]
+
+
+def has_columns(effect: Effect) -> bool:
+    """Whether parameters of an effect act linearly, so that derivatives of its law are columns."""
+    return any(p.role is not Role.SEARCHED for p in effect.parameters)
 
 
 def _spread(parameters: Sequence[Parameter], values: Sequence[float], convert: Any) -> dict[str, Any]:

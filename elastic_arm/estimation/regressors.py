@@ -7,7 +7,7 @@ motor; parameters that do not act linearly are arguments of the columns.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property, reduce
 from operator import add
 from typing import Any
@@ -47,16 +47,30 @@ class Signals:
         Hz up to which accelerations are motion rather than noise.
     before
         The same up to the first sample; None where the motion that came before is not known.
+    predicted
+        Whether torques are those that the model predicts instead of the recorded ones.
+    torque_noise
+        Variances (n,) of a sample's white noise of the recorded torques, Nm², by name.
+    model_torques
+        (N, n) Nm, tau_J and tau_m as the model predicts them; empty where nobody asked.
     """
 
     t: Array
     values: Mapping[str, Array]
     cutoff: float = np.inf
     before: Signals | None = None
+    predicted: bool = False
+    torque_noise: Mapping[str, Array] = field(default_factory=dict)
+    model_torques: Mapping[str, Array] = field(default_factory=dict)
 
     @staticmethod
     def of(
-        motion: CompletedMotion, standstill: tuple[Array, Array], *, elastic: bool = True, cutoff: float = np.inf
+        motion: CompletedMotion,
+        standstill: tuple[Array, Array],
+        *,
+        elastic: bool = True,
+        cutoff: float = np.inf,
+        predicted: bool = False,
     ) -> Signals:
         """Take the signals from motion over a stretch of time.
 
@@ -70,12 +84,14 @@ class Signals:
             Whether the arm has transmissions; x is then [q, theta], otherwise [q].
         cutoff
             Hz up to which accelerations are motion rather than noise.
+        predicted
+            Whether torques are those that the model predicts.
         """
         rates = [CubicSpline(motion.t, torque)(motion.t, 1) for torque in (motion.tau_J, motion.tau_m)]
         before = None
         if motion.before is not None:
             before = Signals.of(motion.before, standstill, elastic=elastic, cutoff=cutoff)
-        return Signals(motion.t, _values(motion, standstill, rates, elastic=elastic), cutoff, before)
+        return Signals(motion.t, _values(motion, standstill, rates, elastic=elastic), cutoff, before, predicted)
 
     @staticmethod
     def of_samples(motion: CompletedMotion, standstill: tuple[Array, Array], *, elastic: bool = True) -> Signals:

@@ -233,13 +233,14 @@ class WhitenedData:
             noise = noise_model(model, observation, layout, band)
             pure = noise_model(model, observation, layout, band, floor=0.0)
             standstill = _standstill(observation, noise.f, model.n)
+            torque_noise = {c: observation.torque_spectrum(c, np.zeros(1), model.n)[0] for c in ("tau_J", "tau_m")}
             for stretch in residuals(model, observation, layout, band):
                 elastic, cutoff = model.robot.elastic, observation.cutoff
                 motion = wound_by_load(model, stretch.quiet) if layout.reads_torque_by_deflection else stretch.quiet
+                load, drive = predicted_torques(model, motion)
                 if predicted:
-                    load, drive = predicted_torques(model, motion)
                     motion = replace(motion, tau_J=load, tau_m=drive)
-                signals = Signals.of(motion, standstill, elastic=elastic, cutoff=cutoff)
+                signals = Signals.of(motion, standstill, elastic=elastic, cutoff=cutoff, predicted=predicted)
                 if acting:
                     more = [effect.torques(signals) for effect in acting]
                     load, drive = (
@@ -247,7 +248,9 @@ class WhitenedData:
                         for torque, parts in zip((load, drive), zip(*more, strict=True), strict=True)
                     )
                     motion = replace(motion, tau_J=load, tau_m=drive)
-                    signals = Signals.of(motion, standstill, elastic=elastic, cutoff=cutoff)
+                    signals = Signals.of(motion, standstill, elastic=elastic, cutoff=cutoff, predicted=predicted)
+                torques = {"tau_J": load, "tau_m": drive}
+                signals = replace(signals, torque_noise=torque_noise, model_torques=torques)
                 self.parts.append(Part(stretch, signals, noise))
                 self.pure.append(pure)
         if not self.parts:

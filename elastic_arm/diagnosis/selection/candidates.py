@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Sequence
-from dataclasses import dataclass, replace
-from functools import cached_property
+from dataclasses import replace
 from itertools import product
 
 import numpy as np
@@ -14,52 +13,12 @@ from elastic_arm.diagnosis.settings import CandidateSettings
 from elastic_arm.effects.equations import ArmEquations
 from elastic_arm.effects.model import Effect, EffectInstance, SensorEffect
 from elastic_arm.effects.parameters import Parameter
-from elastic_arm.effects.regressor import Regressor
-from elastic_arm.estimation.effect_columns import Feature
-from elastic_arm.estimation.regressors import Signals
+from elastic_arm.estimation.effect_columns import Feature, OwnRegressor, has_columns
 from elastic_arm.sensors import Sensors
 
 Array = NDArray[np.float64]
 # The channels of a recording that sensors make.
 SENSED = {"link_encoder": "q", "motor_encoder": "theta", "joint_torque": "tau_J", "motor_torque": "tau_m"}
-
-
-@dataclass(frozen=True, eq=False)
-class OwnRegressor(Feature):
-    """An effect whose file computes its regressor: at each value of its parameters the size is known."""
-
-    @property
-    def scalable(self) -> bool:
-        """False: its size follows from its parameters."""
-        return False
-
-    @cached_property
-    def _regressor(self) -> Regressor:
-        assert self.effect.regressor is not None
-        return self.effect.regressor(self.equations)
-
-    @property
-    def acts(self) -> bool:
-        """Whether the arm has what the effect acts in."""
-        return self._regressor.acts
-
-    def whole(self) -> Feature:
-        """Return itself: its column is the effect at given values of all its parameters already."""
-        return self
-
-    def columns(self, signals: Signals, searched: Sequence[float] = (), start: float = 0.0) -> Array:
-        """Return what the effect adds to the residuals, (N, 3 n, 1).
-
-        Parameters
-        ----------
-        signals
-            Of the motion.
-        searched
-            Values of the searched parameters.
-        start
-            Not used: it has no internal states.
-        """
-        return self._regressor.residuals(signals, self.parameters((), searched))[:, :, None]
 
 
 def features(equations: ArmEquations, effects: Sequence[Effect]) -> list[Feature]:
@@ -108,18 +67,26 @@ def sensed_channels(feature: Feature) -> set[str]:
     effect = feature.effect
     if not isinstance(effect, SensorEffect):
         return set()
-    exact, searched = Sensors.exact(), [p.start() for p in feature.searched]
-    instance = feature.instance([1e-3] * feature.count, [float(v) for s in searched for v in np.atleast_1d(s)])
+    exact, parameters = Sensors.exact(), {p.name: _some_effect(p) for p in effect.parameters}
+    instance = EffectInstance(effect, feature.joint, {**parameters, **feature.choices})
     changed = effect.change(exact, 0, feature.equations.robot.n, instance.parameters)
     found = {channel for name, channel in SENSED.items() if getattr(changed, name) != getattr(exact, name)}
     return found | ({"theta"} if "q" in found else set())
+
+
+def _some_effect(parameter: Parameter) -> float | tuple[float, ...]:
+    """Return a value that is not the one of no effect."""
+    start = parameter.start()
+    if parameter.neutral is None:
+        return start
+    return tuple(v + 1e-3 for v in start) if isinstance(start, tuple) else parameter.value_of(1e-3)
 
 
 def feature_of(instance: EffectInstance, equations: ArmEquations) -> Feature:
     """Return the feature of an effect on an arm."""
     effect = instance.effect
     chosen = {c.name: instance.parameters[c.name] for c in effect.choices}
-    kind = Feature if effect.regressor is None else OwnRegressor
+    kind = OwnRegressor if effect.regressor is not None and not has_columns(effect) else Feature
     return kind(effect, instance.joint, chosen, equations)
 
 

@@ -51,7 +51,9 @@ def refine(
     plausible
         Whether a hypothesis is possible; where that of the best value is not, the next best optimum is taken.
     """
-    feature = which.feature
+    feature, start = which.feature, which.searched
+    if feature.effect.regressor is not None and feature.linear:
+        feature, start = _whole(library, selected, which)
     free = [p for p in feature.searched for _ in range(p.size)]
     if not free or any(p.integer for p in free):
         return which
@@ -62,16 +64,31 @@ def refine(
         return project.cost(library.columns(0, feature, tuple(float(v) for v in point)), fixed=feature.fixed)
 
     if len(free) > 1:
-        return _added(library, feature, _together(cost, free, which.searched))
-    assert which.searched is not None
-    scaled = feature.fixed and not which.fixed
+        return _added(library, feature, _together(cost, free, start))
+    assert start is not None
+    scaled = feature.fixed and not which.fixed and feature.scalable
     found = []
-    for start, width in _starts(cost, free[0], which.searched[0], settings, wide=scaled):
-        best = _scalar(cost, free[0], start, width, settings)
+    for place, width in _starts(cost, free[0], start[0], settings, wide=scaled):
+        best = _scalar(cost, free[0], place, width, settings)
         found.append(_added(library, feature, (best,)))
         if plausible([*others, found[-1]]):
             return found[-1]
     return found[0]
+
+
+def _whole(
+    library: RegressorLibrary, selected: Sequence[Candidate], which: Candidate
+) -> tuple[Feature, tuple[float, ...]]:
+    """Return the whole effect, and its parameters by the columns of its law; the law alone where that is enough."""
+    feature = which.feature
+    (beta,) = (b for c, b in zip(selected, library.coefficients(selected), strict=True) if c is which)
+    values = feature.parameters([float(b) for b in beta], which.searched or ())
+    flat = np.concatenate([np.atleast_1d(values[p.name]) for p in feature.effect.parameters])
+    ordinary, rate = feature.effect.ordinary, library.sets[0].band.rate
+    # What every arm has is too little to differ from its law.
+    if ordinary is not None and abs(values[ordinary.parameter]) <= ordinary.most(rate):
+        return feature, which.searched or ()
+    return feature.whole(), tuple(float(v) for v in flat)
 
 
 def _added(library: RegressorLibrary, feature: Feature, values: tuple[float, ...]) -> Candidate:

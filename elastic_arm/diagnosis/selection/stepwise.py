@@ -87,6 +87,13 @@ def _possible(candidate: Candidate, beta: Array, ratio_factor: float, sizes: Pla
     return value > first.above
 
 
+def is_provisional(candidate: Candidate) -> bool:
+    """Whether columns are not yet an effect: they span a neighbourhood, were scaled, or hold to first order only."""
+    feature = candidate.feature
+    scaled = feature.fixed and not candidate.fixed
+    return candidate.searched is None or scaled or (feature.effect.regressor is not None and not feature.fixed)
+
+
 class StepwiseSearch:
     """Stepwise selection of candidates: forward, exchange, backward (Efroymson 1960), judged on held-out motion.
 
@@ -230,8 +237,7 @@ class StepwiseSearch:
 
     def _refine(self, others: Sequence[Candidate], candidate: Candidate) -> Candidate:
         key = (candidate, frozenset(others))
-        provisional = candidate.searched is None or (candidate.feature.fixed and not candidate.fixed)
-        if key not in self._refined and self._refinements_left <= 0 and not provisional:
+        if key not in self._refined and self._refinements_left <= 0 and not is_provisional(candidate):
             return candidate
         if key not in self._refined:
             self._refinements_left -= 1
@@ -290,9 +296,9 @@ class StepwiseSearch:
         for k, candidate in enumerate(selected):
             better = self._refine([*selected[:k], *selected[k + 1 :]], candidate)
             trial = [*selected[:k], better, *selected[k + 1 :]]
-            # Columns that span a neighbourhood, or were scaled while their size was searched, are no law.
-            provisional = candidate.searched is None or (candidate.feature.fixed and not candidate.fixed)
-            if provisional or (better is not candidate and self.library.both(trial) > self.library.both(selected)):
+            if better is not candidate and (
+                is_provisional(candidate) or self.library.both(trial) > self.library.both(selected)
+            ):
                 selected = trial
         return selected
 

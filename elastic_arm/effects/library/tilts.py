@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 import scipy  # its parts are loaded when they are used
@@ -53,7 +54,7 @@ class TiltRegressor:
         bearings = [gear.bearing for gear in gears if gear is not None and gear.bearing is not None]
         return np.array([b.stiffness for b in bearings * 2]), np.array([b.damping for b in bearings * 2])
 
-    def residuals(self, signals: MotionSignals, values: Mapping[str, float]) -> Array:
+    def residuals(self, signals: MotionSignals, values: Mapping[str, Any]) -> Array:
         """Return what the tilts add to the residuals, (N, 3 n)."""
         n, scale = self.equations.robot.n, float(values["stiffness_scale"])
         thin = slice(None, None, max(1, int((1.0 / RATE) / (signals.t[1] - signals.t[0]))))

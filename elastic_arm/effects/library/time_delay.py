@@ -3,6 +3,7 @@
 from collections.abc import Mapping
 from typing import Any
 
+from elastic_arm.effects.library.torque_filters import DelayedTorques
 from elastic_arm.effects.model import Confusion, Effect, Ordinary, Scope, SensorEffect
 from elastic_arm.effects.motion import Contribution, SymbolicMotion
 from elastic_arm.effects.parameters import Choice, Parameter
@@ -91,12 +92,18 @@ EFFECT: Effect = SensorEffect(
     regime="frequency",
     change=change,
     ordinary=Ordinary("delay", lambda rate: 1.0 / rate, note),
+    regressor=DelayedTorques,
     prior=lambda rate: 0.3 / rate,  # channels that are sampled one after another
     confusions=(
         Confusion(
             "damping_mismatch",
             "only the drive equation can be used: a delay of tau_J acts there as dD = -K delay",
             "the link or motor equation: damping does not show there",
+        ),
+        Confusion(
+            "torque_lowpass",
+            "the torque changes slowly against the delay: both act as the delay times its rate",
+            "faster motion: a filter takes amplitude, too, a delay does not",
         ),
     ),
 )

@@ -8,11 +8,13 @@ import casadi as ca
 import numpy as np
 
 from elastic_arm.effects.library.sensor_error import misread
+from elastic_arm.effects.library.torque_filters import LowPassedTorques
 from elastic_arm.effects.model import Confusion, Effect, Scope, SensorEffect
 from elastic_arm.effects.motion import Contribution, SymbolicMotion
-from elastic_arm.effects.parameters import Choice, Parameter, Role
+from elastic_arm.effects.parameters import Choice, Parameter
 from elastic_arm.sensors import Sensors
 
+REFERENCE = 5.0  # Hz
 _SIDES = {"joint_torque": ("link", "drive", "motor"), "motor_torque": ("motor",)}
 
 
@@ -71,8 +73,10 @@ EFFECT: Effect = SensorEffect(
             "Hz",
             0.5,
             50.0,
-            role=Role.SEARCHED,
+            default=REFERENCE,
             above=0.0,
+            # The law's derivative by the cutoff at the reference is y' / (2 pi reference²).
+            from_coefficient=lambda c: -(REFERENCE**2) / c,
             inverse=True,
             example=(2.0, 10.0),
             meaning="corner",
@@ -84,6 +88,7 @@ EFFECT: Effect = SensorEffect(
     sides_of=sides_of,
     regime="frequency",
     change=change,
+    regressor=LowPassedTorques,
     confusions=(
         Confusion(
             "time_delay",

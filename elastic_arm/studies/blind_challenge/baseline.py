@@ -76,7 +76,7 @@ def _trials(candidates: Sequence[Feature], known: Sequence[Feature]) -> list[_Tr
     """Return every effect at every place and some values of its searched parameters, but those that are known."""
     given, found, first = {feature.key for feature in known}, [], 0
     for feature in candidates:
-        if feature.key in given or feature.effect.regressor is not None:
+        if feature.key in given or (feature.fixed and feature.effect.regressor is not None):
             continue
         for searched in product(*(_values(p) for p in feature.searched for _ in range(p.size))):
             found.append(_Trial(feature, searched, slice(first, first + feature.count)))

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy.interpolate import CubicSpline
-from scipy.signal import lfilter
+from scipy.signal import bilinear, lfilter, lfilter_zi
 
 from elastic_arm.recording import Recording, Side
 from elastic_arm.studies.blind_challenge.hidden_arms.effect_laws import SENSOR_EFFECTS, Fault
@@ -125,10 +125,12 @@ def _distort(torques: dict[str, np.ndarray], fault: Fault, t: np.ndarray) -> Non
     """
     p, joints = fault.parameters, slice(None) if fault.joint is None else slice(fault.joint, fault.joint + 1)
     if fault.effect == "torque_lowpass":
-        decay = np.exp(-2 * np.pi * p["cutoff"] * (t[1] - t[0]))
+        # The bilinear transform of 1 / (s / w + 1), which is late by 1 / w without half a sample more or less.
+        numerator, denominator = bilinear([1.0], [1.0 / (2 * np.pi * p["cutoff"]), 1.0], 1.0 / (t[1] - t[0]))
+        settled = lfilter_zi(numerator, denominator)
         for values in (torques[channel] for channel in fault.channels):
-            before = values[0, joints] * decay
-            values[:, joints] = lfilter([1 - decay], [1, -decay], values[:, joints], axis=0, zi=before[None])[0]
+            before = settled[:, None] * values[0, joints]
+            values[:, joints] = lfilter(numerator, denominator, values[:, joints], axis=0, zi=before)[0]
     elif fault.effect == "torque_drift":
         length = t[-1] - t[0]
         wander = t - t[0] + 0.15 * length * np.sin(2 * np.pi * (t - t[0]) / length)

@@ -1,0 +1,185 @@
+"""Torque channels behind a delay or a first-order low pass: what they read beside the true torque.
+
+The laws hold to first order in the time constant. Of slow lags that is not enough: to first order a delay and a low
+pass are the same. Here the filter is applied to the whole recording.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+import scipy  # its parts are loaded when they are used
+from numpy.typing import NDArray
+
+from elastic_arm.effects.equations import ArmEquations
+from elastic_arm.effects.regressor import MotionSignals
+
+Array = NDArray[np.float64]
+
+PADDING = 0.5  # s mirrored at both ends
+AVERAGED = 1.0  # Hz, over which a power spectrum is averaged
+CLEAR = 100.0  # times the noise from which the noise of a torque no longer counts when a filter is undone; convention
+CHANNELS = {"joint_torque": "tau_J", "motor_torque": "tau_m"}
+
+
+class FilteredTorques:
+    """Errors of filtered torque channels as they enter the residuals; the filter is the subclass's.
+
+    Parameters
+    ----------
+    equations
+        Of the arm.
+    """
+
+    def __init__(self, equations: ArmEquations) -> None:
+        self.equations = equations
+
+    @property
+    def acts(self) -> bool:
+        """True: every arm may have such sensors."""
+        return True
+
+    def residuals(self, signals: MotionSignals, values: Mapping[str, Any]) -> Array:
+        """Return recorded less true torque in link, drive and motor residuals, (N, 3 n).
+
+        Parameters
+        ----------
+        signals
+            Of the motion.
+        values
+            Parameters of the effect, its `channels`, and `joints`, the indices of those that have it.
+        """
+        n, joints = self.equations.robot.n, list(values["joints"])
+        link, drive, motor = (np.zeros((len(signals.t), n)) for _ in range(3))
+        for channel in (c for c in values["channels"] if c in CHANNELS):
+            error = self._error(signals, CHANNELS[channel], joints, values)
+            if channel == "motor_torque":
+                motor[:, joints] += error
+            else:
+                link[:, joints] += error
+                drive[:, joints] += error
+                motor[:, joints] -= error
+        return np.hstack([link, drive, motor])
+
+    def _error(self, signals: MotionSignals, name: str, joints: list[int], values: Mapping[str, Any]) -> Array:
+        """Return the error by the recorded torque where it stands out of its noise, elsewhere by the model's.
+
+        Undoing a filter amplifies the noise of what was recorded.
+        """
+        t, torque = signals.t, signals.values[name][:, joints]
+        predicted = signals.model_torques.get(name)
+        if signals.predicted or predicted is None:
+            return self.error(t, torque, values, predicted=signals.predicted)
+        clear = Clear(t, torque, signals.torque_noise[name][joints])
+        by_model = self.error(t, predicted[:, joints], values, predicted=True)
+        return self.error(t, clear(torque), values, predicted=False) + by_model - clear(by_model)
+
+    def error(self, t: Array, torque: Array, values: Mapping[str, Any], *, predicted: bool) -> Array:
+        """Return recorded less true torque (N, k), Nm.
+
+        Parameters
+        ----------
+        t
+            (N,) s.
+        torque
+            (N, k) Nm.
+        values
+            Parameters of the effect.
+        predicted
+            Whether the torque is the true one, as the model predicts it, instead of the recorded one.
+        """
+        raise NotImplementedError
+
+
+class DelayedTorques(FilteredTorques):
+    """Torques that come `delay` late, and link encoders, whose delay stays of first order."""
+
+    def residuals(self, signals: MotionSignals, values: Mapping[str, Any]) -> Array:
+        """Return recorded less true torque in link, drive and motor residuals, (N, 3 n).
+
+        Parameters
+        ----------
+        signals
+            Of the motion.
+        values
+            `delay` (s), `channels` and `joints`.
+        """
+        found = super().residuals(signals, values)
+        if "link_encoder" in values["channels"]:
+            equations, n = self.equations, self.equations.robot.n
+            gears = [joint.transmission for joint in equations.robot.joints]
+            K, D = (np.array([getattr(g, of) if g else 0.0 for g in gears]) for of in ("stiffness", "damping"))
+            v = signals.values
+            wound = K * v["dx"][:, :n] + D * v["ddx"][:, :n]
+            for j in values["joints"]:
+                found[:, j] += values["delay"] * v["dtau_J"][:, j]
+                found[:, n + j] -= values["delay"] * wound[:, j]
+        return found
+
+    def error(self, t: Array, torque: Array, values: Mapping[str, Any], *, predicted: bool) -> Array:
+        """Return recorded less true torque (N, k): of the recorded one, the true torque is what comes a delay later."""
+        delay = float(values["delay"])
+        if predicted:
+            return _moved(t, torque, -delay) - torque
+        return torque - _moved(t, torque, delay)
+
+
+class LowPassedTorques(FilteredTorques):
+    """Torques behind a first-order low pass of `cutoff`."""
+
+    def error(self, t: Array, torque: Array, values: Mapping[str, Any], *, predicted: bool) -> Array:
+        """Return recorded less true torque (N, k): y - x, as y + T y' = x with T = 1 / (2 pi cutoff)."""
+        T, step = 1.0 / (2.0 * np.pi * float(values["cutoff"])), float(t[1] - t[0])
+        if not predicted:
+            return np.asarray(-T * scipy.interpolate.CubicSpline(t, torque)(t, 1))
+        # By the trapezoidal rule, from the state that a steady change before the first sample leaves.
+        gain = step / (2.0 * T + step)
+        slope = (torque[1] - torque[0]) / step
+        memory = (1.0 - gain) * torque[0] - T * slope
+        keep = (2.0 * T - step) / (2.0 * T + step)
+        passed, _ = scipy.signal.lfilter([gain, gain], [1.0, -keep], torque, axis=0, zi=memory[None])
+        return np.asarray(passed - torque)
+
+
+class Clear:
+    """Keeps the frequencies up to the highest at which a recorded torque stands clear of its noise.
+
+    Parameters
+    ----------
+    t
+        (N,) s.
+    torque
+        (N, k) Nm.
+    noise
+        (k,) Nm², variance of its white noise.
+    """
+
+    def __init__(self, t: Array, torque: Array, noise: Array) -> None:
+        step = float(t[1] - t[0])
+        self._count = min(len(t) - 1, round(PADDING / step))
+        f = np.fft.rfftfreq(len(t) + 2 * self._count, step)[:, None]
+        width = max(3, round(AVERAGED * (len(t) + 2 * self._count) * step))
+        power = np.abs(self._spectrum(torque)) ** 2 / (len(t) + 2 * self._count)
+        power = scipy.ndimage.uniform_filter1d(power, width, axis=0, mode="nearest")
+        highest = np.max(np.where(power > CLEAR * noise, f, 0.0), axis=0)
+        # Zero phase, and so gradual that it does not ring.
+        self._weight = 1.0 / (1.0 + (f / np.maximum(highest, 1e-9)) ** 8)
+
+    def _spectrum(self, values: Array) -> NDArray[np.complexfloating]:
+        ends = ((self._count, self._count), (0, 0))
+        return np.asarray(np.fft.rfft(np.pad(values, ends, mode="reflect", reflect_type="odd"), axis=0))
+
+    def __call__(self, values: Array) -> Array:
+        """Return values (N, k) at these frequencies alone."""
+        N = len(values)
+        found = np.fft.irfft(self._spectrum(values) * self._weight, N + 2 * self._count, axis=0)
+        return np.asarray(found[self._count : self._count + N])
+
+
+def _moved(t: Array, values: Array, by: float) -> Array:
+    """Return values (N, k) at t + by; beyond the ends they go on at the last slope."""
+    spline, wanted = scipy.interpolate.CubicSpline(t, values), t + by
+    inside = np.clip(wanted, t[0], t[-1])
+    return np.asarray(spline(inside) + (wanted - inside)[:, None] * spline(inside, 1))
