@@ -18,6 +18,7 @@ from elastic_arm.diagnosis.calibration.linearisation import (
     linearise,
 )
 from elastic_arm.diagnosis.calibration.linearisation import problem_of as calibration_problem
+from elastic_arm.diagnosis.calibration.torque_filters import filters_for_lags
 from elastic_arm.diagnosis.data.encoder_zeros import with_common_zeros
 from elastic_arm.diagnosis.data.preprocessing import needs_motion, standing, usable
 from elastic_arm.diagnosis.data.split import independent, split
@@ -215,6 +216,9 @@ def recalibrated(
     """
     causes = [hypothesis.selected[k] for k in hypothesis.causes]
     problem, expansion, noise = prepared.calibration, prepared.found.expansion, 1.0
+    values, causes = filters_for_lags(problem.parameters, expansion.values, causes)
+    if np.any(values != expansion.values):
+        expansion = expand(problem, values, expansion)
     if colours is not None:
         observed = [[replace(o, colour=c) for o in part] for part, c in zip(problem.observed, colours, strict=True)]
         problem = replace(problem, observed=observed)
