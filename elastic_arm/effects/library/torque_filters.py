@@ -159,12 +159,14 @@ class Clear:
     def __init__(self, t: Array, torque: Array, noise: Array) -> None:
         step = float(t[1] - t[0])
         self._count = min(len(t) - 1, round(PADDING / step))
-        f = np.fft.rfftfreq(len(t) + 2 * self._count, step)[:, None]
-        width = max(3, round(AVERAGED * (len(t) + 2 * self._count) * step))
-        power = np.abs(self._spectrum(torque)) ** 2 / (len(t) + 2 * self._count)
+        window = np.hanning(len(t))[:, None]
+        power = np.abs(np.fft.rfft(window * (torque - torque.mean(axis=0)), axis=0)) ** 2 / np.sum(window**2)
+        width = max(3, round(AVERAGED * len(t) * step))
         power = scipy.ndimage.uniform_filter1d(power, width, axis=0, mode="nearest")
+        f = np.fft.rfftfreq(len(t), step)[:, None]
         highest = np.max(np.where(power > CLEAR * noise, f, 0.0), axis=0)
         # Zero phase, and so gradual that it does not ring.
+        f = np.fft.rfftfreq(len(t) + 2 * self._count, step)[:, None]
         self._weight = 1.0 / (1.0 + (f / np.maximum(highest, 1e-9)) ** 8)
 
     def _spectrum(self, values: Array) -> NDArray[np.complexfloating]:
