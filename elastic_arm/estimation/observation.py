@@ -159,6 +159,10 @@ class Observation:
         std = {"tau_J": self.noise.tau_J, "tau_m": self.noise.tau_m}[channel]
         return self.gain(f)[:, None] ** 2 * (np.zeros(n) if std is None else std**2)
 
+    def torque_variances(self, n: int) -> dict[str, Array]:
+        """Return the variances (n,) of a sample's white noise of tau_J and tau_m, Nm²."""
+        return {channel: self.torque_spectrum(channel, np.zeros(1), n)[0] for channel in ("tau_J", "tau_m")}
+
     def gain(self, f: Array) -> Array:
         """Response of the smoother at f (F,) Hz."""
         return 1.0 / (1.0 + (2 * np.pi * f / self.smoother.cutoff) ** (2 * ORDER))

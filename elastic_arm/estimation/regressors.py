@@ -123,6 +123,18 @@ class Signals:
         stacked[:-1] = 0.5 * (stacked[:-1] + stacked[1:])
         return stacked
 
+    def with_model_torques(self, load: Array, drive: Array, noise: Mapping[str, Array]) -> Signals:
+        """Return the signals with what regressors of whole effects take besides.
+
+        Parameters
+        ----------
+        load, drive
+            (N, n) Nm, tau_J and tau_m as the model predicts them.
+        noise
+            Variances (n,) of the recorded torques' white noise, Nm², by name.
+        """
+        return replace(self, model_torques={"tau_J": load, "tau_m": drive}, torque_noise=noise)
+
     def with_friction(self, link: Array, motor: Array) -> Signals:
         """Return the signals with what friction effects of both sides resist with, (N, n) Nm."""
         return replace(self, values={**self.values, "friction_link": link, "friction_motor": motor})

@@ -233,7 +233,6 @@ class WhitenedData:
             noise = noise_model(model, observation, layout, band)
             pure = noise_model(model, observation, layout, band, floor=0.0)
             standstill = _standstill(observation, noise.f, model.n)
-            torque_noise = {c: observation.torque_spectrum(c, np.zeros(1), model.n)[0] for c in ("tau_J", "tau_m")}
             for stretch in residuals(model, observation, layout, band):
                 elastic, cutoff = model.robot.elastic, observation.cutoff
                 motion = wound_by_load(model, stretch.quiet) if layout.reads_torque_by_deflection else stretch.quiet
@@ -243,14 +242,11 @@ class WhitenedData:
                 signals = Signals.of(motion, standstill, elastic=elastic, cutoff=cutoff, predicted=predicted)
                 if acting:
                     more = [effect.torques(signals) for effect in acting]
-                    load, drive = (
-                        torque + sum(parts)
-                        for torque, parts in zip((load, drive), zip(*more, strict=True), strict=True)
-                    )
+                    added = zip((load, drive), zip(*more, strict=True), strict=True)
+                    load, drive = (torque + sum(parts) for torque, parts in added)
                     motion = replace(motion, tau_J=load, tau_m=drive)
                     signals = Signals.of(motion, standstill, elastic=elastic, cutoff=cutoff, predicted=predicted)
-                torques = {"tau_J": load, "tau_m": drive}
-                signals = replace(signals, torque_noise=torque_noise, model_torques=torques)
+                signals = signals.with_model_torques(load, drive, observation.torque_variances(model.n))
                 self.parts.append(Part(stretch, signals, noise))
                 self.pure.append(pure)
         if not self.parts:
