@@ -119,7 +119,19 @@ class DelayedTorques(FilteredTorques):
         return found
 
     def error(self, t: Array, torque: Array, values: Mapping[str, Any], *, predicted: bool) -> Array:
-        """Return recorded less true torque (N, k): of the recorded one, the true torque is what comes a delay later."""
+        """Return recorded less true torque (N, k): of the recorded one, the true torque is what comes a delay later.
+
+        Parameters
+        ----------
+        t
+            (N,) s.
+        torque
+            (N, k) Nm.
+        values
+            Parameters of the effect.
+        predicted
+            Whether the torque is the true one, as the model predicts it, instead of the recorded one.
+        """
         delay = float(values["delay"])
         if predicted:
             return _moved(t, torque, -delay) - torque
@@ -130,7 +142,19 @@ class LowPassedTorques(FilteredTorques):
     """Torques behind a first-order low pass of `cutoff`."""
 
     def error(self, t: Array, torque: Array, values: Mapping[str, Any], *, predicted: bool) -> Array:
-        """Return recorded less true torque (N, k): y - x, as y + T y' = x with T = 1 / (2 pi cutoff)."""
+        """Return recorded less true torque (N, k): y - x, as y + T y' = x with T = 1 / (2 pi cutoff).
+
+        Parameters
+        ----------
+        t
+            (N,) s.
+        torque
+            (N, k) Nm.
+        values
+            Parameters of the effect.
+        predicted
+            Whether the torque is the true one, as the model predicts it, instead of the recorded one.
+        """
         T, step = 1.0 / (2.0 * np.pi * float(values["cutoff"])), float(t[1] - t[0])
         if not predicted:
             return np.asarray(-T * scipy.interpolate.CubicSpline(t, torque)(t, 1))
