@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from elastic_arm.effects.catalogue import Catalogue
-from elastic_arm.effects.model import Effect, EffectInstance, Scope
+from elastic_arm.effects.model import Effect, EffectInstance, Scope, SensorEffect
 from elastic_arm.effects.parameters import Choice, Role
 from elastic_arm.errors import EffectError, ElasticArmError, IdentificationError
 from elastic_arm.robot import Robot
@@ -121,6 +121,11 @@ def parse_laws(texts: Sequence[str], robot: Robot, catalogue: Catalogue | None =
             raise IdentificationError(
                 f"{effect.id} goes by the time since the recording began, which identification does not follow",
                 "Leave it to `elastic-arm diagnose`.",
+            )
+        if isinstance(effect, SensorEffect) and any(p.neutral == 1.0 for p in linear):
+            raise IdentificationError(
+                f"{effect.id}: with its gain left open a torque explains itself, and every mass is zero",
+                "Leave it out, or find it with `elastic-arm diagnose --refit`, which knows how far gains are off.",
             )
         neutral = {p.name: [p.neutral or 0.0] * p.size if p.size > 1 else p.neutral or 0.0 for p in linear}
         for joint in _joints(written, robot):

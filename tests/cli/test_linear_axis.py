@@ -41,3 +41,22 @@ def test_mass_and_friction_of_a_linear_axis_are_identified(folder: Path) -> None
         "coefficient": (pytest.approx(VISCOUS, rel=0.01), "N s/m"),
         "offset": (pytest.approx(OFFSET, abs=0.1), "N"),
     }
+
+
+def test_friction_of_a_linear_axis_is_diagnosed(folder: Path) -> None:
+    """Coulomb and viscous friction are the causes, no bent law in their place, and the mass is found to be wrong."""
+    told = run(
+        "diagnose", folder / "fit", "--validate", folder / "judge", "--robot", folder / "axis.yaml", "--refit",
+        "--out", folder / "diagnosed",
+    )  # fmt: skip
+    assert "residuals in N below" in told and "Nm" not in told
+    found = json.loads((folder / "diagnosed" / "diagnosis.json").read_text())
+    causes = {c["effect"]: c for c in found["causes"] if not c["minor"]}
+    assert {"coulomb_friction", "viscous_friction"} <= set(causes) <= {
+        "coulomb_friction", "viscous_friction", "motor_torque_offset", "base_tilt"
+    }  # fmt: skip
+    viscous = causes["viscous_friction"]
+    assert viscous["parameters"]["coefficient"]["value"] == pytest.approx(VISCOUS, rel=0.03)
+    assert viscous["parameters"]["coefficient"]["unit"] == "N s/m"
+    assert viscous["confidence"] > 0.9
+    assert causes["coulomb_friction"]["parameters"]["torque"]["value"] == pytest.approx(COULOMB, rel=0.03)

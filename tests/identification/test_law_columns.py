@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 
 from elastic_arm.dynamics import build_model
 from elastic_arm.effects import parse
-from elastic_arm.identification import law_columns
+from elastic_arm.errors import IdentificationError
+from elastic_arm.identification import law_columns, parse_laws
 from elastic_arm.robot import load_robot
 from tests.helpers.smooth_motion import smooth_motion
 
@@ -24,3 +26,10 @@ def test_laws_of_identification_need_no_course_of_time() -> None:
     for side, values in found.items():
         np.testing.assert_array_equal(values[order], shuffled[side])
     np.testing.assert_allclose(found["motor"][:, 1], np.asarray(whole.dtheta)[:, 1])
+
+
+@pytest.mark.parametrize("law", ["motor_torque_gain", "joint_torque_gain:joint_2"])
+def test_a_torque_gain_is_refused_beside_masses(law: str) -> None:
+    """With its gain left open a torque explains itself, with masses of zero: that is no identification."""
+    with pytest.raises(IdentificationError, match=r"explains itself.*--refit"):
+        parse_laws([law], ROBOT)

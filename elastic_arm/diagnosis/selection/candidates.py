@@ -47,6 +47,8 @@ def recorded_features(found: Iterable[Feature], recorded: Collection[str]) -> li
     """
     kept: dict[tuple[object, ...], Feature] = {}
     for feature in found:
+        if _is_repeated(feature, recorded):
+            continue
         shown = {
             name: tuple(channel for channel in chosen if SENSED.get(channel) in recorded)
             for name, chosen in feature.choices.items()
@@ -57,6 +59,12 @@ def recorded_features(found: Iterable[Feature], recorded: Collection[str]) -> li
             if sensed_channels(only) <= set(recorded):
                 kept.setdefault(only.key, only)
     return list(kept.values())
+
+
+def _is_repeated(feature: Feature, recorded: Collection[str]) -> bool:
+    """Whether it is what the same effect on the motor side is: a rigid joint has two sides beside a torque sensor."""
+    one_side = not feature.equations.robot.elastic and "tau_J" not in recorded
+    return one_side and feature.choices.get("side") == "link"
 
 
 def sensed_channels(feature: Feature) -> set[str]:

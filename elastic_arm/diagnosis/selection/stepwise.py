@@ -27,10 +27,14 @@ from elastic_arm.diagnosis.settings import DiagnosisSettings
 Array = NDArray[np.float64]
 Key = tuple[str, str | None, tuple[object, ...]]
 
+SAME_LAW = 0.9999  # cosine of two columns: from here on they are one law, 1 % apart in shape
+
 
 def misfit(library: RegressorLibrary, selected: Sequence[Candidate]) -> float:
     """Mean square of what is left, whitened, over both data sets: 1 for a complete hypothesis, more for others."""
-    return max(1.0, library.squares_left(selected) / sum(e.freedom for e in library.sets))
+    beta = library.fit(0, selected)
+    left = sum(float(np.sum(library.remainder(which, selected, beta) ** 2)) for which in (0, 1))
+    return max(1.0, left / sum(e.freedom for e in library.sets))
 
 
 def plausible(
@@ -227,8 +231,9 @@ class StepwiseSearch:
             if score < self._search.shortlist_ratio * first:
                 break
             better = self._optimised(trial)
-            if self._plausible(better):
-                scored.append((self._score(better), better))
+            # A wrong cause beside a right one may only fit best at a size that none has; an exchange then removes it.
+            better = better if self._plausible(better) else trial
+            scored.append((self._score(better), better))
         if not scored:
             return None
         score, best = max(scored, key=lambda pair: pair[0])
@@ -328,12 +333,25 @@ class StepwiseSearch:
                 break
             better = self._refine(others, candidate) if behind < furthest else candidate
             trial = [*others, better]
-            if not self._plausible(trial):
+            if not self._plausible(trial) or self._is_same_law(better, chosen[k]):
                 continue
             odds = self._odds(chosen, trial, scale)
             if odds > self._search.least_odds:
                 rivals.append(Rival(better, odds))
         return sorted(rivals, key=lambda rival: -rival.odds)
+
+    def _is_same_law(self, rival: Candidate, cause: Candidate) -> bool:
+        """Whether a rival of more numbers is at its best the cause itself, as friction that bends at no speed reached.
+
+        It then is no other explanation, and the simpler one stands for both.
+        """
+        if rival.numbers <= cause.numbers or not _confused(rival, cause):
+            return False
+        one, other = (self.library.matrix(0, candidate.index) for candidate in (rival, cause))
+        if one.shape[1] != 1 or other.shape[1] != 1:
+            return False
+        size = float(np.linalg.norm(one) * np.linalg.norm(other))
+        return size > 0.0 and abs(float(one[:, 0] @ other[:, 0])) > SAME_LAW * size
 
     @cached_property
     def _resamples(self) -> Array:

@@ -47,7 +47,8 @@ class Whitened:
 def feature(name: str, **changed: Any) -> Any:
     """A feature with one linear parameter and one column."""
     own = {"key": (name, None, ()), "linear": (COEFFICIENT,), "searched": (), "fixed": False, "phase": None}
-    effect = SimpleNamespace(id=name, parameters=(COEFFICIENT,), scales_friction=False)
+    own["choices"] = {}
+    effect = SimpleNamespace(id=name, parameters=(COEFFICIENT,), confusions=(), scales_friction=False, regressor=None)
     column = lambda data, searched: data.columns[name]  # noqa: E731
     return SimpleNamespace(**{**own, "effect": effect, "joint": None, "column": column, **changed})
 
@@ -102,6 +103,19 @@ def test_a_candidate_must_gain_what_is_asked() -> None:
     dear = replace(SETTINGS, search=replace(SETTINGS.search, least_gain=100.0))
     assert found({"one": 0.25}, "one", "two") == ["one"]
     assert found({"one": 0.25}, "one", "two", settings=dear) == []
+
+
+def test_a_law_of_more_numbers_that_is_the_causes_own_is_no_rival() -> None:
+    """Named as confused and the very column of the cause, it is no other explanation; of as few numbers it is one."""
+    for searched, count in (((COEFFICIENT,), 0), ((), 1)):
+        library, _ = library_of({"one": 0.5}, "one")
+        twin = feature("twin", searched=searched, column=lambda data, _: data.columns["one"])
+        twin.effect.confusions = (SimpleNamespace(effect="one"),)
+        library.add(twin, (3.0,) * len(searched))
+        library.close()
+        settings = replace(SETTINGS, search=replace(SETTINGS.search, refinements=0))
+        hypothesis = StepwiseSearch(library, (), settings).run()
+        assert sum(len(rivals) for rivals in hypothesis.rivals.values()) == count
 
 
 def test_rivals_are_what_nearly_explains_as_much() -> None:
