@@ -146,9 +146,11 @@ def noise_model(
         ]
         way = equations.transform @ np.concatenate([np.concatenate(row, axis=2) for row in rows], axis=1)
         covariance += (way * spectrum[:, None, :]) @ way.conj().transpose(0, 2, 1) / len(poses)
-    level = np.max(torque.mean(axis=0)) if torque.any() else 0.0
-    extra = floor**2 * level + 1e-8
-    covariance = covariance + extra * np.eye(equations.rows)
+    noise = torque.mean(axis=0).reshape(2, n).max(axis=0)
+    largest = max(float(noise.max()), 1e-12)
+    # Joint by joint, as wrists have finer sensors; by octaves, as sensors of a kind count as equal.
+    level = largest * 2.0 ** np.ceil(np.log2(np.maximum(noise / largest, 1e-9)))
+    covariance = covariance + np.diag(np.tile(floor**2 * level + 1e-8, equations.rows // n))
     return NoiseModel(f, covariance, observation.rate, equations.torque_coefficients, observation.colour)
 
 
@@ -383,8 +385,7 @@ def _moving(stretch: Stretch, band: Band, layout: EquationSet) -> Array:
 def _standstill(observation: Observation, f: Array, n: int) -> tuple[Array, Array]:
     speeds = []
     for side in ("link", "motor"):
-        w = 2 * np.pi * f[:, None]
-        density = w**2 * observation.position_spectrum(side, f)
+        density = (2 * np.pi * f[:, None]) ** 2 * observation.position_spectrum(side, f)
         std = np.sqrt(density.sum(axis=0) * (f[1] - f[0]) * 2 / observation.rate)
         speeds.append(np.maximum(STANDING * std, SLOWEST) * np.ones(n))
     return speeds[0], speeds[1]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import lru_cache
 
 import numpy as np
@@ -59,6 +60,20 @@ def test_the_colour_of_one_torque_channel_is_whitened_where_the_other_is_missing
     noise = NoiseModel(f, np.ones((65, 1, 1), dtype=complex), 100.0, equations.torque_coefficients, colour)
     whitener = noise.whitener(f[1:])[:, 0, 0]
     np.testing.assert_allclose(np.abs(whitener) ** -2, 1.0 + colour.density("tau_m", f[1:])[:, 0])
+
+
+def test_the_floor_of_a_joint_is_a_part_of_its_own_sensors_noise() -> None:
+    """The fine sensors of a wrist are not given a part of the coarse ones' noise at the base, those of a kind are."""
+    seen, (equations, band) = observation(), setting()
+
+    def floors(stds: list[float]) -> np.ndarray:
+        noise = replace(seen.noise, tau_J=np.array(stds), tau_m=np.array(stds))
+        with_floor, without = (
+            noise_model(MODEL, replace(seen, noise=noise), equations, band, floor=f) for f in (0.1, 0.0)
+        )
+        return np.real(np.einsum("frr->fr", with_floor.covariance - without.covariance)[0])[: MODEL.n]
+
+    np.testing.assert_allclose(floors([0.3, 0.29, 0.01]), [9e-4, 9e-4, 1.4e-6], rtol=0.3)
 
 
 def test_residuals_of_a_clean_arm_are_as_large_as_the_noise_model_states() -> None:

@@ -31,6 +31,7 @@ GEOMETRIES: dict[int, tuple[tuple[tuple[float, float, float, float], ...], tuple
 }  # fmt: skip
 RATED_DEFLECTION = 4e-3  # rad, of a drive under its rated torque
 FULL_SIZE = 300.0  # Nm of rated torque from which on a joint's friction and offsets are those of a large arm
+LEAST_REFLECTED = 0.03  # kg m², of a small motor (3e-6 kg m²) behind a gear of 100
 SMALLEST = 0.08  # of a large joint's friction and noise that the smallest joint has
 
 
@@ -170,7 +171,7 @@ def _drive(load: float, carrier: str, outward: float, rng: np.random.Generator) 
         Source of ratios and factors.
     """
     belt, harmonic = float(rng.choice([1.0, 1.5, 2.0])), float(rng.choice([50, 80, 100, 120, 160]))
-    reflected = load * rng.uniform(0.3, 1.0)
+    reflected = max(load * rng.uniform(0.3, 1.0), LEAST_REFLECTED)
     frequency = 2 * np.pi * rng.uniform(11, 18) * (1 + 1.5 * outward)
     stiffness = max(frequency**2 * load, 4000.0)
     damping = 2 * rng.uniform(0.01, 0.03) * np.sqrt(stiffness * load)

@@ -23,6 +23,8 @@ from elastic_arm.studies.blind_challenge.hidden_arms.true_channels import TrueCh
 RATE = 1000.0
 SUBSTEPS = 4  # RK4 steps a sample; those between also give tau_J for its mean over the sample interval
 BEARING_SUBSTEPS = 8  # bearing modes lie at some hundred Hz
+TURNOVER = 2e-3  # rad/s, below which dry friction may turn over gradually: faster, it is no dry friction any more
+MOST_FINER = 4  # times as many steps, at most, for light joints with strong friction; bounds the time
 CHECKED = 20  # instants of a run that are compared with Pinocchio
 CONTROL_BANDWIDTH = 20.0  # rad/s
 
@@ -68,6 +70,9 @@ class HiddenArm:
         numbers = joint_numbers(faults, n, r_hd, r_tot)
         numbers["stiffness"] = self._K = np.array([gear.stiffness for gear in gears])
         numbers["damping"] = np.array([gear.damping for gear in gears])
+        if standstill is None:
+            finer = int(np.clip(np.ceil(self._standstill(numbers).max() / TURNOVER), 1, MOST_FINER))
+            self.substeps, self._h = finer * self.substeps, self._h / finer
         numbers["standstill"] = self._standstill(numbers) if standstill is None else np.full(n, standstill)
         numbers["armature"] = self._armature = self._added_inertia()
         # Gravity turns the other way in the frame of a tilted base.
