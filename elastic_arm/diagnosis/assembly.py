@@ -10,10 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elastic_arm.diagnosis import format as texts
-from elastic_arm.diagnosis.calibration.calibrate import imperfections
 from elastic_arm.diagnosis.context import DiagnosisContext
 from elastic_arm.diagnosis.inference.estimated_hypothesis import EstimatedHypothesis
-from elastic_arm.diagnosis.inference.estimates import ParameterEstimate, tangents
+from elastic_arm.diagnosis.inference.estimates import ParameterEstimate
 from elastic_arm.diagnosis.inference.excess import ResidualStatistics, residual_statistics
 from elastic_arm.diagnosis.inference.excess import shrink as shrink_of
 from elastic_arm.diagnosis.inference.gap_metric import GapMeasure
@@ -73,7 +72,7 @@ def assemble(prepared: PreparedData, judgement: Judgement, estimated: EstimatedH
     settings, measure, library = prepared.settings, judgement.measure, prepared.library
     hypothesis = estimated.hypothesis
     ranked = ranked_causes(prepared, estimated, judgement)
-    ranked = sorted([*ranked, *fault_causes(prepared, judgement, hypothesis.baseline)], key=lambda r: -r.cause.shrink)
+    ranked = sorted([*ranked, *fault_causes(prepared, judgement, estimated)], key=lambda r: -r.cause.shrink)
     shrink, interval = measure.share(hypothesis.selected)
     stands_out = measure.stands_out(hypothesis.selected)
     # Known effects alone are linear: what they leave is what they left before they were polished.
@@ -95,8 +94,7 @@ def assemble(prepared: PreparedData, judgement: Judgement, estimated: EstimatedH
     rng = settings.resampling.significance_rng()
     after = residual_statistics(prepared.validation, residuals, before.band, settings, rng)
     unexplained = _unexplained(prepared, before, after, residuals, traces, by_place) if answer == "unknown" else []
-    free = tangents(library, hypothesis.selected)
-    found = imperfections(prepared.calibration, prepared.found, [*hypothesis.selected, *free])
+    found = estimated.imperfections
     repeated = () if prepared.independent_motion else (texts.REPEATED_MOTION,)
     return Diagnosis(
         model=prepared.model.name,
@@ -163,7 +161,7 @@ def ranked_causes(prepared: PreparedData, estimated: EstimatedHypothesis, judgem
     return sorted(found, key=lambda one: -one.cause.shrink)
 
 
-def fault_causes(prepared: PreparedData, judgement: Judgement, baseline: Sequence[Candidate]) -> list[RankedCause]:
+def fault_causes(prepared: PreparedData, judgement: Judgement, estimated: EstimatedHypothesis) -> list[RankedCause]:
     """Return the causes that are faults of sensors.
 
     Parameters
@@ -171,16 +169,16 @@ def fault_causes(prepared: PreparedData, judgement: Judgement, baseline: Sequenc
     prepared
         Data and regressors.
     judgement
-        The faults, and the gap without them.
-    baseline
-        What counts as part of the model.
+        The gap without any of them.
+    estimated
+        The faults as they came out, and what counts as part of the model.
     """
     found, before = [], judgement.measure.before
     settings, library, sides = prepared.settings, prepared.library, prepared.validation.layout.sides
-    left = library.validation_residuals(baseline)
-    for fault in judgement.faults:
+    left = library.validation_residuals(estimated.hypothesis.baseline)
+    for fault in estimated.faults:
         feature = fault.feature
-        alone = with_faults(left, [other for other in judgement.faults if other is not fault])
+        alone = with_faults(left, [other for other in estimated.faults if other is not fault])
         rng = settings.resampling.significance_rng()
         after = residual_statistics(prepared.validation, alone, before.band, settings, rng)
         share = shrink_of(before, after, settings.resampling, settings.resampling.shrink_rng())[0]
@@ -190,11 +188,11 @@ def fault_causes(prepared: PreparedData, judgement: Judgement, baseline: Sequenc
             joint=feature.joint,
             sides=tuple(side for side in feature.sides if side in sides) or feature.sides,
             regime=feature.effect.regime,
-            parameters={name: ParameterEstimate(feature.parameters([fault.value])[name], fault.std, unit)},
+            parameters={name: ParameterEstimate(fault.size, fault.std, unit)},
             shrink=share,
             confidence=1.0 - settings.judgement.least_listed,
             alternatives=(),
-            instance=feature.instance([fault.value]),
+            instance=fault.instance,
         )
         candidate = library.add(feature, ())
         library.close()

@@ -63,7 +63,7 @@ def diagnose(recordings: Sequence[Recording], question: Question, validate: Sequ
     # Without the effects that are too small, uncertain in resampled blocks, or compatible with no effect.
     judgement = judge(prepared, hypothesis)
     # All parameters at their joint optimum, with standard deviations.
-    estimated = estimate(prepared, judgement.hypothesis)
+    estimated = estimate(prepared, judgement.hypothesis, judgement.faults)
     # The gap before and after, the verdict, the causes in order, and what is left.
     return assemble(prepared, judgement, estimated)
 

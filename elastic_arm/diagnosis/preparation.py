@@ -18,6 +18,7 @@ from elastic_arm.diagnosis.calibration.linearisation import (
     linearise,
 )
 from elastic_arm.diagnosis.calibration.linearisation import problem_of as calibration_problem
+from elastic_arm.diagnosis.calibration.nuisance import NuisanceParameter
 from elastic_arm.diagnosis.calibration.torque_filters import filters_for_lags
 from elastic_arm.diagnosis.data.encoder_zeros import with_common_zeros
 from elastic_arm.diagnosis.data.preprocessing import needs_motion, standing, usable
@@ -227,6 +228,64 @@ def recalibrated(
         expansion, noise = calibrate(problem, expansion, causes)
     found, _ = linearise(problem, expansion, prepared.candidates, causes, noise=noise)
     return replace(prepared, calibration=problem, found=found)
+
+
+@dataclass(frozen=True)
+class FinalFit:
+    """Residuals and columns beside the causes that passed, and nothing else.
+
+    Parameters
+    ----------
+    problem
+        What was calibrated; faulty sensors have hardly any prior.
+    found
+        Residuals and columns where the nuisance parameters lie beside the causes.
+    selected
+        Known effects and causes, in their order.
+    """
+
+    problem: CalibrationProblem
+    found: Linearised
+    selected: tuple[Candidate, ...]
+
+
+def final_fit(prepared: PreparedData, selected: Sequence[Candidate], faulty: Sequence[Feature]) -> FinalFit:
+    """Return the data on which causes are estimated: what sensors' gains scale, they scale of the causes, too.
+
+    Parameters
+    ----------
+    prepared
+        Data and regressors.
+    selected
+        Known effects and the causes that passed.
+    faulty
+        Faults of sensors among the nuisance parameters.
+    """
+    problem, start = prepared.calibration, prepared.found.expansion
+    wide = np.array([any(is_of(p, fault) for fault in faulty) for p in problem.parameters])
+    width = problem.settings.refit.fault_width
+    parameters = tuple(p.of_fault(width) if w else p for p, w in zip(problem.parameters, wide, strict=True))
+    problem = replace(problem, parameters=parameters)
+    if wide.any():
+        start = expand(problem, np.where(wide, start.values / width, start.values), start)
+    causes = selected[len(prepared.given) :]
+    expansion, noise = calibrate(problem, start, causes, scaled=True)
+    found, again = linearise(problem, expansion, (), causes, noise=noise)
+    return FinalFit(problem, found, (*found.given, *again))
+
+
+def is_of(parameter: NuisanceParameter, fault: Feature) -> bool:
+    """Whether a nuisance parameter is a fault of a sensor, on its joint or on all of them."""
+    own = parameter.feature
+    return (
+        own is not None
+        and fault.joint in (None, own.joint)
+        and (own.key[0], own.key[2])
+        == (
+            fault.key[0],
+            fault.key[2],
+        )
+    )
 
 
 def _sensor_effects(question: Question) -> tuple[Effect, ...]:

@@ -55,6 +55,7 @@ class RefitSettings:
     most_discount: float = 50.0  # largest factor by which coloured residuals are discounted; convention
     beyond_ordinary: float = 3.0  # standard deviations of a prior; 0.3 % of ordinary arms have more
     certain: float = 3.0  # standard deviations by which a sensor is beyond ordinary, and differs from nothing
+    fault_width: float = 30.0  # of a faulty sensor's prior over an ordinary one's: hardly any prior; convention
     alike: float = 0.1  # relative difference of joints up to which a sensor's fault is common to all; convention
     # Relative error of a stiffness or a torque scale beyond which the description is of another arm; convention.
     largest_scale: float = 0.6

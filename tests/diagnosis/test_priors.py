@@ -58,5 +58,5 @@ def test_nuisance_parameters_have_the_stated_deviations() -> None:
     found = {(p.what, p.joint): p for p in nuisance_parameters(robot, shown, 1000.0, priors, settings)}
     assert found["link_mass", "joint_2"].prior_std == 0.2
     assert found["joint_torque_gain", "joint_2"].prior_std == 0.05
-    assert found["motor_torque_gain", "joint_2"].prior_std == 0.02
+    assert found["motor_torque_gain", "joint_2"].prior_std == 0.015
     assert found["stiffness", "joint_1"].limit == pytest.approx(settings.largest_scale / 0.3)

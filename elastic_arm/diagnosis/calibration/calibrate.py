@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 from elastic_arm.diagnosis.calibration.linearisation import (
     CalibrationProblem,
     Expansion,
-    Linearised,
     expand,
     linearise,
 )
@@ -27,7 +26,7 @@ Array = NDArray[np.float64]
 
 
 def calibrate(
-    problem: CalibrationProblem, start: Expansion, extra: Sequence[Candidate] = ()
+    problem: CalibrationProblem, start: Expansion, extra: Sequence[Candidate] = (), *, scaled: bool = False
 ) -> tuple[Expansion, float]:
     """Expand the residuals where the nuisance parameters lie most probably; return that and what is left as noise.
 
@@ -42,11 +41,16 @@ def calibrate(
         Where to begin.
     extra
         Effects that were found.
+    scaled
+        Whether a sensor's gain scales their torques, too. While causes are still sought it does not: where they are not
+        selected, the gain could stand in for them.
     """
     settings = problem.settings
-    best = _fitted(problem, start, extra)
+    best = _fitted(problem, start, extra, scaled=scaled)
+    if scaled:
+        best = _fitted(problem, expand(problem, start.values, start, best.acting), extra, scaled=True)
     for _ in range(settings.refit.steps):
-        nearer = _nearer(problem, best, extra)
+        nearer = _nearer(problem, best, extra, scaled=scaled)
         if nearer is None:
             break
         before, best = best.misfit, nearer
@@ -77,22 +81,24 @@ class _FittedExpansion:
     acting: tuple[ActingEffect, ...]
 
 
-def _fitted(problem: CalibrationProblem, expansion: Expansion, extra: Sequence[Candidate]) -> _FittedExpansion:
+def _fitted(
+    problem: CalibrationProblem, expansion: Expansion, extra: Sequence[Candidate], *, scaled: bool
+) -> _FittedExpansion:
     found, again = linearise(problem, expansion, (), extra)
     selected = [*found.given, *again]
     left = misfit(found.library, selected)
     step, _ = found.library.nuisance_step(selected, effective_noise(left, problem.settings))
-    # The causes are left out: a gain that scales them could stand in for them where they are not selected.
-    coefficients = found.library.coefficients(selected)[: len(found.given)]
     acting = tuple(
         ActingEffect(c.feature, c.searched or (), beta)
-        for c, beta in zip(found.given, coefficients, strict=True)
-        if not isinstance(c.feature.effect, SensorEffect)
+        for c, beta in zip(selected, found.library.coefficients(selected), strict=True)
+        if not isinstance(c.feature.effect, SensorEffect) and (scaled or c in found.given)
     )
     return _FittedExpansion(expansion, left, step, acting)
 
 
-def _nearer(problem: CalibrationProblem, best: _FittedExpansion, extra: Sequence[Candidate]) -> _FittedExpansion | None:
+def _nearer(
+    problem: CalibrationProblem, best: _FittedExpansion, extra: Sequence[Candidate], *, scaled: bool
+) -> _FittedExpansion | None:
     """Return the fit after a step; None where it leaves more.
 
     Where the full step leaves more than before, a part of it is gone.
@@ -102,7 +108,7 @@ def _nearer(problem: CalibrationProblem, best: _FittedExpansion, extra: Sequence
     moves = np.array([parameter.moves_model for parameter in problem.parameters], dtype=bool)
     for share in problem.settings.refit.step_shares:
         values = np.clip(np.where(moves, best.expansion.values + share * best.step, 0.0), -limits, limits)
-        found = _fitted(problem, expand(problem, values, best.expansion, best.acting), extra)
+        found = _fitted(problem, expand(problem, values, best.expansion, best.acting), extra, scaled=scaled)
         if found.misfit * problem.settings.refit.improvement < best.misfit:
             return found
     return None
@@ -140,34 +146,27 @@ def posterior(
     return library.nuisance_step(selected, effective_noise(misfit(library, selected), settings))
 
 
-def imperfections(
-    problem: CalibrationProblem, found: Linearised, selected: Sequence[Candidate]
-) -> tuple[Imperfection, ...]:
+def imperfections(problem: CalibrationProblem, deviations: Array, stds: Array) -> tuple[Imperfection, ...]:
     """Return what the recordings determine of each nuisance parameter.
 
     Parameters
     ----------
     problem
         What was calibrated.
-    found
-        Residuals and columns.
-    selected
-        The known effects and the causes.
+    deviations, stds
+        (k,) from the description, and their standard deviations, in units of the parameters.
     """
-    if not problem.parameters:
-        return ()
-    values, stds = posterior(found.library, selected, problem.settings)
     beyond = problem.settings.refit.beyond_ordinary
     return tuple(
         Imperfection(
             p.what,
             p.joint,
             p.unit,
-            float(p.neutral + (at + value) * p.prior_std),
-            float(std * p.prior_std),
-            p.prior_std,
-            bool(abs(at + value) <= beyond + 2.0 * std),
+            float(p.neutral + deviation),
+            float(std),
+            p.ordinary_std,
+            bool(abs(deviation) <= beyond * p.ordinary_std + 2.0 * std),
         )
-        for p, at, value, std in zip(problem.parameters, found.values, values, stds, strict=True)
+        for p, deviation, std in zip(problem.parameters, deviations, stds, strict=True)
         if not p.what.startswith(PRESLIDING)
     )

@@ -50,6 +50,8 @@ class NuisanceParameter:
     speeds
         Of presliding alone: widths, rad/s, of the two sign functions between which friction turns over, or the width
         within which it does so early or late.
+    widened
+        How much wider than of an ordinary sensor the prior is: of one that was found to be faulty.
     """
 
     what: str
@@ -60,6 +62,18 @@ class NuisanceParameter:
     feature: Feature | None = None
     limit: float = np.inf
     speeds: tuple[float, ...] | None = None
+    widened: float = 1.0
+
+    @property
+    def ordinary_std(self) -> float:
+        """Standard deviation of its prior over ordinary arms."""
+        return self.prior_std / self.widened
+
+    def of_fault(self, factor: float) -> NuisanceParameter:
+        """Return it with a prior wider by a factor: a sensor that is beyond ordinary may be off by any amount."""
+        return replace(
+            self, prior_std=factor * self.prior_std, limit=self.limit / factor, widened=factor * self.widened
+        )
 
     @property
     def moves_model(self) -> bool:

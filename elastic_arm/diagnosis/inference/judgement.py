@@ -59,7 +59,9 @@ def judge(prepared: PreparedData, hypothesis: Hypothesis) -> Judgement:
     hypothesis, notes = without_ordinary(prepared, hypothesis)
     faults = sensor_faults(prepared, hypothesis.selected)
     measure = gap_measure(prepared, hypothesis, test, faults)
-    kept, more_notes = eliminate(prepared, hypothesis, measure)
+    # An effect of the arm is not small because a sensor is far off, too.
+    beside = gap_measure(prepared, hypothesis, test) if faults else measure
+    kept, more_notes = eliminate(prepared, hypothesis, beside)
     kept = StepwiseSearch(prepared.library, kept.baseline, prepared.settings, prepared.sizes).simplified(kept)
     if len(kept.selected) < len(hypothesis.selected):
         faults = sensor_faults(prepared, kept.selected)

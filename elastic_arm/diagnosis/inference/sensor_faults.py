@@ -7,7 +7,7 @@ outside its prior is reported as a cause under the id of its effect.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,7 +18,7 @@ from elastic_arm.diagnosis.preparation import PreparedData
 from elastic_arm.diagnosis.selection.candidates import feature_of, sensed_channels
 from elastic_arm.diagnosis.selection.plausible_size import typical_torques
 from elastic_arm.diagnosis.selection.regressor_library import Candidate
-from elastic_arm.effects.model import Scope
+from elastic_arm.effects.model import EffectInstance, Scope
 from elastic_arm.estimation.effect_columns import Feature
 
 Array = NDArray[np.float64]
@@ -33,7 +33,8 @@ class SensorFault:
     feature
         Effect, joint (None where all joints have it alike) and channels.
     value, std
-        Coefficient of its column, with standard deviation.
+        Coefficient of its column, with standard deviation: deviation of its first parameter from what means no effect,
+        as the column is made of predicted torques.
     contribution
         What it does to the residuals (N', R) of each validation stretch, Nm.
     """
@@ -42,6 +43,17 @@ class SensorFault:
     value: float
     std: float
     contribution: list[Array]
+
+    @property
+    def size(self) -> float:
+        """Value of its first parameter."""
+        return (self.feature.linear[0].neutral or 0.0) + self.value
+
+    @property
+    def instance(self) -> EffectInstance:
+        """The fault as the simulator takes it."""
+        feature = self.feature
+        return EffectInstance(feature.effect, feature.joint, {**feature.choices, feature.linear[0].name: self.size})
 
 
 def sensor_faults(prepared: PreparedData, selected: Sequence[Candidate]) -> tuple[SensorFault, ...]:
@@ -68,7 +80,7 @@ def sensor_faults(prepared: PreparedData, selected: Sequence[Candidate]) -> tupl
             prepared, p, fault
         )
         # A channel ahead of the others is no effect: it remains an imperfection.
-        possible = fault.feature.linear[0].value_of(fault.value) > fault.feature.linear[0].above
+        possible = fault.size > fault.feature.linear[0].above
         if possible and (extraordinary or _matters(prepared, fault)):
             found.append(fault)
     return tuple(_common(prepared, found))
@@ -108,8 +120,8 @@ def _common(prepared: PreparedData, faults: Sequence[SensorFault]) -> list[Senso
         if len(group) < robot.n or np.abs(values - mean).max() > apart:
             continue
         first = group[0].feature
-        instance = first.instance([mean])
-        whole = feature_of(type(instance)(first.effect, None, instance.parameters), first.equations)
+        common = replace(group[0], value=mean).instance
+        whole = feature_of(EffectInstance(first.effect, None, common.parameters), first.equations)
         contribution = [np.sum(parts, axis=0) for parts in zip(*(f.contribution for f in group), strict=True)]
         kept = [f for f in kept if not any(f is one for one in group)]
         kept.append(SensorFault(whole, mean, float(np.sum(stds**-2.0) ** -0.5), contribution))

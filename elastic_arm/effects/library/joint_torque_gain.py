@@ -13,7 +13,7 @@ EFFECT: Effect = SensorEffect(
     sides=("link", "drive", "motor"),
     regime="load",
     change=changing("joint_torque", gain="gain"),
-    prior=lambda rate: 0.02,  # strain gauges: 0.5 to 2 % of the reading
+    prior=lambda rate: 0.01,  # strain gauges: up to 2 % of the reading, as two deviations
     confusions=(
         Confusion(
             "stiffness_mismatch",

@@ -13,7 +13,7 @@ EFFECT: Effect = SensorEffect(
     sides=("link", "drive", "motor"),
     regime="always",
     change=changing("joint_torque", offset="offset"),
-    prior=lambda rate: 1.0,
+    prior=lambda rate: 0.5,
     confusions=(
         Confusion(
             "encoder_offset",

@@ -13,7 +13,7 @@ EFFECT: Effect = SensorEffect(
     sides=("motor",),
     regime="load",
     change=changing("motor_torque", gain="gain"),
-    prior=lambda rate: 0.02,  # current sensors and torque constants: 1 to 3 %
+    prior=lambda rate: 0.015,  # current sensors and calibrated torque constants: up to 3 %, as two deviations
     confusions=(
         Confusion(
             "rotor_inertia_mismatch",

@@ -13,7 +13,7 @@ EFFECT: Effect = SensorEffect(
     sides=("motor",),
     regime="always",
     change=changing("motor_torque", offset="offset"),
-    prior=lambda rate: 1.0,
+    prior=lambda rate: 0.5,
     confusions=(
         Confusion(
             "coulomb_friction",
