@@ -63,6 +63,11 @@ class RefitSettings:
     # does so early or late; convention.
     presliding_speeds: tuple[tuple[float, ...], ...] = ((5e-4, 2e-3), (2e-3, 8e-3), (2e-3,))
 
+    @property
+    def turned_over(self) -> float:
+        """Speed, rad/s, below which an extra friction is how dry friction turns over: twice the widest width."""
+        return 2.0 * max(max(speeds) for speeds in self.presliding_speeds)
+
 
 @dataclass(frozen=True)
 class CandidateSettings:

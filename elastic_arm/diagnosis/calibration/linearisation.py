@@ -243,7 +243,8 @@ def _nuisance(
     white = (data[0].whiten(columns[0]), data[1].whiten(columns[1]))
     limits = np.array([parameter.limit for parameter in problem.parameters])
     joints = tuple(parameter.joint for parameter in problem.parameters)
-    return NuisanceColumns(white, columns[1], -values, limits, joints)
+    turned_over = problem.settings.refit.turned_over
+    return NuisanceColumns(white, columns[1], -values, limits, joints, turned_over=turned_over)
 
 
 def linearise(

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from elastic_arm.diagnosis import format as texts
 from elastic_arm.diagnosis.calibration.calibrate import imperfections, posterior
@@ -14,9 +15,12 @@ from elastic_arm.diagnosis.inference.joint_estimates import JointEstimates
 from elastic_arm.diagnosis.inference.sensor_faults import SensorFault
 from elastic_arm.diagnosis.preparation import FinalFit, PreparedData, final_fit, is_of
 from elastic_arm.diagnosis.result import Imperfection
+from elastic_arm.diagnosis.selection.candidates import sensed_channels
 from elastic_arm.diagnosis.selection.hypothesis import Hypothesis
 from elastic_arm.diagnosis.selection.regressor_library import Candidate
 from elastic_arm.effects import EffectInstance
+
+Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -60,17 +64,14 @@ def estimate(prepared: PreparedData, hypothesis: Hypothesis, faults: Sequence[Se
         Of sensors: nuisance parameters beyond ordinary.
     """
     polished = prepared.estimates.polished(hypothesis.selected)
-    library, own, joint = prepared.library, polished, prepared.estimates
+    joint = prepared.estimates
     imperfect: tuple[Imperfection, ...] = ()
-    selected: Sequence[Candidate] = hypothesis.selected
+    library, selected = prepared.library, list(hypothesis.selected)
     if prepared.calibration.parameters:
-        fit = final_fit(prepared, hypothesis.selected, [fault.feature for fault in faults])
-        library, selected = fit.found.library, fit.selected
-        joint = JointEstimates(library, prepared.settings.judgement)
-        own = joint.polished(selected)
-        free = tangents(library, own)
-        imperfect, faults = _imperfect(fit, [*own, *free], faults)
-    parameters = joint.parameters(selected)
+        last, faults = _beside_faults(prepared, hypothesis.selected, faults)
+        joint, library, selected = last.estimates, last.fit.found.library, list(last.fit.selected)
+        imperfect = imperfections(last.fit.problem, last.deviations, last.stds)
+    own, parameters = joint.polished(selected), joint.parameters(selected)
     fitted = zip(own, library.coefficients(own), strict=True)
     # Of effects that count as part of the model only the kind was given: their sizes are worth a note.
     known = list(zip(own, parameters, strict=True))[: len(prepared.given)]
@@ -84,18 +85,63 @@ def estimate(prepared: PreparedData, hypothesis: Hypothesis, faults: Sequence[Se
     )
 
 
-def _imperfect(
-    fit: FinalFit, selected: Sequence[Candidate], faults: Sequence[SensorFault]
-) -> tuple[tuple[Imperfection, ...], tuple[SensorFault, ...]]:
-    """Return what the recordings determine of all nuisance parameters, and of the faulty sensors among them."""
-    problem, found = fit.problem, fit.found
-    values, stds = posterior(found.library, selected, problem.settings)
-    scale = np.array([p.prior_std for p in problem.parameters])
-    deviations, stds = (found.values + values) * scale, stds * scale
-    again = []
-    for fault in faults:
-        own = [is_of(p, fault.feature) for p in problem.parameters]
-        weights = stds[own] ** -2.0
-        value = float(np.average(deviations[own], weights=weights))
-        again.append(replace(fault, value=value, std=float(stds[own].min())))
-    return imperfections(problem, deviations, stds), tuple(again)
+@dataclass(frozen=True)
+class _FinalEstimates:
+    """Everything beside the causes that passed.
+
+    Parameters
+    ----------
+    fit
+        Residuals and columns.
+    estimates
+        Of the causes.
+    deviations, stds
+        (k,) of the nuisance parameters from the description, in their units.
+    """
+
+    fit: FinalFit
+    estimates: JointEstimates
+    deviations: Array
+    stds: Array
+
+    def measured(self, fault: SensorFault) -> SensorFault:
+        """Return a fault of a sensor as it comes out here."""
+        own = [is_of(p, fault.feature) for p in self.fit.problem.parameters]
+        value = float(np.average(self.deviations[own], weights=self.stds[own] ** -2.0))
+        return replace(fault, value=value, std=float(self.stds[own].min()))
+
+    def is_ordinary(self, fault: SensorFault) -> bool:
+        """Whether a sensor is within its prior here; of lags, and of link encoders, what they do decides."""
+        if fault.feature.effect.ordinary is not None or "q" in sensed_channels(fault.feature):
+            return False
+        settings = self.fit.problem.settings.refit
+        own = max(p.ordinary_std for p in self.fit.problem.parameters if is_of(p, fault.feature))
+        return abs(fault.value) < settings.beyond_ordinary * own + settings.certain * fault.std
+
+
+def _beside_faults(
+    prepared: PreparedData, selected: Sequence[Candidate], faults: Sequence[SensorFault]
+) -> tuple[_FinalEstimates, list[SensorFault]]:
+    """Return the final estimates, and the faulty sensors: not those that were drawn along by the worst of them."""
+    parameters = prepared.calibration.parameters
+    own = [max(p.ordinary_std for p in parameters if is_of(p, fault.feature)) for fault in faults]
+    order = np.argsort([-abs(fault.value) / std for fault, std in zip(faults, own, strict=True)])
+    worst = [faults[k] for k in order[:1]]
+    found = _final_estimates(prepared, selected, worst)
+    further = [found.measured(faults[k]) for k in order[1:]]
+    kept = [fault for fault in further if not found.is_ordinary(fault)]
+    if kept:
+        found = _final_estimates(prepared, selected, [*worst, *kept])
+    return found, [found.measured(fault) for fault in (*worst, *kept)]
+
+
+def _final_estimates(
+    prepared: PreparedData, selected: Sequence[Candidate], faults: Sequence[SensorFault]
+) -> _FinalEstimates:
+    fit = final_fit(prepared, selected, [fault.feature for fault in faults])
+    library = fit.found.library
+    joint = JointEstimates(library, prepared.settings.judgement)
+    polished = joint.polished(fit.selected)
+    values, stds = posterior(library, [*polished, *tangents(library, polished)], prepared.settings)
+    scale = np.array([p.prior_std for p in fit.problem.parameters])
+    return _FinalEstimates(fit, joint, (fit.found.values + values) * scale, stds * scale)

@@ -46,6 +46,7 @@ def with_effects_beyond_ordinary(
     """
     if not len(library.nuisance) or misfit(library, hypothesis.selected) > settings.search.complete:
         return hypothesis
+    hypothesis = replace(hypothesis, beyond=hypothesis.beyond | _found_beyond(library, hypothesis, settings))
     taken = {candidate.feature.key for candidate in hypothesis.selected}
     starts = [candidate for candidate in library.candidates if candidate.feature.key not in taken]
     for feature in (*features, *sensors):
@@ -72,6 +73,19 @@ def with_effects_beyond_ordinary(
         )
         free = [candidate for candidate in free if candidate.feature.key != best.feature.key]
     return hypothesis
+
+
+def _found_beyond(library: RegressorLibrary, hypothesis: Hypothesis, settings: DiagnosisSettings) -> frozenset[Key]:
+    """Return the keys of those causes of the search that nuisance parameters could hold, far from their priors."""
+    scale, whole = misfit(library, hypothesis.selected), library.both(hypothesis.selected)
+    found = set()
+    for k in hypothesis.causes:
+        candidate = hypothesis.selected[k]
+        gain = whole - library.both(hypothesis.without(k))
+        held = library.held_by_nuisance(candidate) > settings.search.held
+        if held and gain > settings.significance.detected * scale:
+            found.add(candidate.feature.key)
+    return frozenset(found)
 
 
 def _ranked(

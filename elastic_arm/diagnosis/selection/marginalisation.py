@@ -40,6 +40,8 @@ class NuisanceColumns:
     noise
         Variance of the whitened noise: what no hypothesis explains counts as noise, so that it does not bend the
         nuisance parameters.
+    turned_over
+        Speed, rad/s, below which they hold how dry friction turns over.
     """
 
     white: tuple[Array, Array]
@@ -48,6 +50,7 @@ class NuisanceColumns:
     limits: Array
     joints: Sequence[str]
     noise: float = 1.0
+    turned_over: float = 0.0
 
     @staticmethod
     def none(identify: WhitenedData, validate: WhitenedData) -> NuisanceColumns:

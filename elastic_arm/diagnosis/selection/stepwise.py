@@ -59,11 +59,21 @@ def plausible(
     joints = {candidate.feature.joint for candidate in selected}
     if len(library.nuisance) and not library.nuisance.possible(library.nuisance_values(selected), joints):
         return False
+    if any(_turns_over(candidate, library.nuisance.turned_over) for candidate in selected):
+        return False
     scaling = [c.feature for c in selected if c.feature.effect.scales_friction]
     if not all(any(feature.scales(other.feature) for other in selected) for feature in scaling):
         return False
     fitted = zip(selected, library.coefficients(selected), strict=True)
     return all(c.fixed or c.searched is None or _possible(c, beta, ratio_factor, sizes) for c, beta in fitted)
+
+
+def _turns_over(candidate: Candidate, below: float) -> bool:
+    """Whether an effect is friction that dies out below a speed (rad/s) at which dry friction only turns over."""
+    feature = candidate.feature
+    numbers = [p for p in feature.searched for _ in range(p.size)]
+    speeds = [v for p, v in zip(numbers, candidate.searched or (), strict=False) if p.unit == "rad/s"]
+    return feature.effect.friction and any(0.0 < speed < below for speed in speeds)
 
 
 def _confused(one: Candidate, other: Candidate) -> bool:

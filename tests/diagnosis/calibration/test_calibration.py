@@ -119,3 +119,19 @@ def test_stribeck_friction_is_not_taken_for_gains() -> None:
     (cause,) = found.causes
     assert (cause.effect, cause.joint) == ("stribeck_friction", "joint_3")
     assert cause.parameters["torque"].value == pytest.approx(4.0, rel=0.03)
+
+
+@pytest.mark.slow
+def test_a_faulty_gain_is_its_whole_size_and_leaves_the_others_ordinary() -> None:
+    """A motor's torque read at 62 % is that, though its prior is 1.5 %: no other sensor is drawn along."""
+    rng = np.random.default_rng(37)
+    true, ordinary = imprecise(ROBOT, rng), ordinary_faults(ROBOT.n, rng)
+    faulty = [f for f in ordinary if (f.effect, f.joint) != ("motor_torque_gain", 2)]
+    first, judge = record(true, [*faulty, Fault("motor_torque_gain", 2, {"gain": 0.62})], (16.0, 8.0), rng)
+    found = diagnose([first], Question(ROBOT, refit=True, given=FRICTION), [judge])
+    (cause,) = found.causes
+    assert (cause.effect, cause.joint) == ("motor_torque_gain", "joint_3")
+    gain = cause.parameters["gain"]
+    assert abs(gain.value - 0.62) < 3.0 * gain.std and gain.std < 0.01
+    others = [one for one in found.imperfections if one.what.endswith("_gain") and one.value != gain.value]
+    assert len(others) == 5 and all(abs(one.value - 1.0) < 0.03 for one in others)
