@@ -141,7 +141,7 @@ class Replayer(ArmNode):
             return False
         now = time.monotonic()
         self._matched = self._matched or now
-        return now - self._matched >= SETTLING
+        return now - self._matched >= SETTLING * graph.slowness()
 
     def _publish(self, message: Message) -> None:
         if self._clock_output is not None and message.log_ns >= self._clock_ns:

@@ -149,7 +149,7 @@ class TrajectoryGenerator(ArmNode):
         states = graph.resolved(self, topics.MOTOR_STATES)
         arms = {(info.node_namespace, info.node_name) for info in self.get_publishers_info_by_topic(states)}
         own = any((info.node_namespace, info.node_name) in arms for info in readers)
-        return now - self._matched >= (SETTLING if own else READER_PATIENCE)
+        return now - self._matched >= (SETTLING if own else READER_PATIENCE) * graph.slowness()
 
     def _time(self, index: int) -> int:
         return self._start_ns + index * self._step_ns
