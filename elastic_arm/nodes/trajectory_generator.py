@@ -108,7 +108,7 @@ class TrajectoryGenerator(ArmNode):
 
     def _prepare(self) -> None:
         """Plan the motion as soon as it is known where the arm stands."""
-        if self._offset and time.monotonic() - self._born > CLOCK_PATIENCE:
+        if self._offset and time.monotonic() - self._born > CLOCK_PATIENCE * graph.slowness():
             raise GraphError(self._offset, "A simulator that is not in real time publishes /clock.")
         if not self._names:
             return

@@ -75,8 +75,8 @@ def other_publishers(node: Node, topic: str) -> list[str]:
 
 
 def slowness() -> float:
-    """Return how many times longer discovery may take than on an idle machine: 1 to 8, by the load on each core."""
-    return min(max(os.getloadavg()[0] / (os.cpu_count() or 1), 1.0), 8.0)
+    """Return how many times longer discovery may take than on an idle machine: 1 to 4, by the load on each core."""
+    return min(max(os.getloadavg()[0] / (os.cpu_count() or 1), 1.0), 4.0)
 
 
 def require_single_publisher(node: Node, wanted: Sequence[str], seconds: float = DISCOVERY) -> None:
