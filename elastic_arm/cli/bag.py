@@ -94,7 +94,7 @@ def check(
 @reports_errors
 def import_(
     arrays: Annotated[
-        Path, typer.Argument(help="Arrays: .npz, .csv or .mat, or a folder of such.", show_default=False)
+        Path, typer.Argument(help="Arrays: .npz, .csv, .mat, .parquet or .h5, or a folder.", show_default=False)
     ],
     out_folder: Annotated[
         Path, typer.Option("--out", help="Bag to make; with --guess, the mapping file.", show_default=False)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from json import dumps as json_text
 from pathlib import Path
 from typing import Annotated
 
@@ -30,6 +31,7 @@ from elastic_arm.cli.options import (
 )
 from elastic_arm.cli.outputs import claim_folder
 from elastic_arm.diagnosis import Question, diagnose, follow_up
+from elastic_arm.diagnosis.comparison import SimulationComparison, compare
 from elastic_arm.diagnosis.corrected_robot import deviations, repaired_robot
 from elastic_arm.diagnosis.design.proposal import Proposal
 from elastic_arm.diagnosis.format import (
@@ -54,18 +56,25 @@ from elastic_arm.errors import DiagnosisError
 from elastic_arm.estimation.equations import SIDES
 from elastic_arm.mujoco import Exported, Replay
 from elastic_arm.recording import Recording, load_channels
+from elastic_arm.recording.inspection.differences import differences
 from elastic_arm.robot import Robot, save_robot
 
 ROBOT = "robot.yaml"
+COMPARISON = "comparison.json"
 COLOURS = {"none": "green", "explained": "cyan", "unknown": "yellow"}
+
+Judges = Annotated[
+    list[Path] | None, typer.Option(metavar="BAG…", help="Recordings that judge; the last third otherwise.")
+]
+Propose = Annotated[
+    bool, typer.Option(help="Look for the motion that tells causes from their alternatives, where there are any.")
+]
 
 
 @reports_errors
 def diagnose_command(
     bags: Annotated[list[Path], typer.Argument(metavar="BAG…", help="Recordings that causes are fitted on.")],
-    validate: Annotated[
-        list[Path] | None, typer.Option(metavar="BAG…", help="Recordings that judge; the last third otherwise.")
-    ] = None,
+    validate: Judges = None,
     model: Annotated[str, typer.Option(help="mod1, mod2 or mod3.")] = "mod3",
     robot_file: RobotFile = None,
     chain: ChainOption = None,
@@ -77,10 +86,8 @@ def diagnose_command(
     clock: ClockOption = ClockChoice.auto,
     refit: Annotated[bool, typer.Option("--refit", help="Fit the model's own parameters first.")] = False,
     priors_file: PriorsFile = None,
-    propose: Annotated[
-        bool,
-        typer.Option(help="Look for the motion that tells causes from their alternatives, where there are any."),
-    ] = True,
+    propose: Propose = True,
+    against: Annotated[Path | None, typer.Option(metavar="BAG", help="The same commands, simulated.")] = None,
     out_dir: Annotated[Path, typer.Option("--out", help="Folder for the results.")] = Path("diagnosis"),
     replayed: Annotated[bool, typer.Option("--replay", help="Replay in MuJoCo, before and after (MJCF).")] = False,
     json: Annotated[bool, typer.Option("--json", help="Print diagnosis.json.")] = False,
@@ -92,20 +99,24 @@ def diagnose_command(
     the MJCF or URDF that the arm came from with its numbers changed. Where the
     recording does not separate causes, separating_trajectory.yaml: the motion to
     record next, for `elastic-arm simulate --trajectory` and the trajectory node.
-    Of several recordings it states which causes agree over them.
+    Of several recordings it states which causes agree over them. With --against, how
+    far the first is from a simulated one, and which effect is in one of them alone.
     Exit status 0 whatever the verdict, 2 for unusable input.
 
     Examples:
 
         elastic-arm diagnose run_1 run_2 --validate run_3 --out diagnosis
 
+        elastic-arm diagnose real --against simulated --robot arm.urdf
+
         elastic-arm diagnose bag --refit --with coulomb_friction --with viscous_friction
     """
     refuse_repeated([*bags, *(validate or [])])
-    # Before the work; a diagnosis can be made again, so an earlier one is replaced.
-    claim_folder(out_dir, (), force=True)
+    claim_folder(out_dir, (), force=True)  # a diagnosis can be made again: an earlier one is replaced
     catalogue = Catalogue.default().with_files(effects_files or ())
     robot = load_arm(robot_file, chain, at, catalogue)
+    correction = Correction(robot_file, chain, at, catalogue)
+    correction.require_mjcf("--replay" if replayed else None)
     mapping = None if channels is None else load_channels(channels)
     settings = _settings(priors_file, catalogue, refit=refit)
 
@@ -114,22 +125,23 @@ def diagnose_command(
 
     with err.status("reading"):
         recordings, judges = read(bags), read(validate or [])
+        simulated = read([against])[0] if against else None
+        difference = differences(recordings[0].select(robot.joint_names), simulated) if simulated else None
     given = known_effects(with_ or (), robot, catalogue)
     question = Question(robot, model, refit=refit, given=given, catalogue=catalogue, settings=settings)
     with err.status("diagnosing"):
         found = diagnose(recordings, question, judges)
     with err.status("predicting, comparing, proposing"):
         found = follow_up(found, rng=np.random.default_rng(0) if propose else None)
-        correction = Correction(robot_file, chain, at, catalogue)
         corrected = correct(found, robot, out_dir, correction)
         replays = replay_both(correction, out_dir, (judges or recordings)[0]) if replayed else []
-        write_diagnosis(found, robot, out_dir, replays)
+        comparison = compare(found, simulated, question, difference) if simulated and difference else None
+        write_diagnosis(found, robot, out_dir, replays, comparison)
     if json:
         print_json(found.to_dict())
     else:
         print_diagnosis(found, out_dir)
-        print_correction(corrected)
-        print_replays(replays)
+        print_further(corrected, replays, comparison)
 
 
 def correct(found: Diagnosis, robot: Robot, folder: Path, correction: Correction) -> Exported | str | None:
@@ -160,7 +172,13 @@ def _settings(priors_file: Path | None, catalogue: Catalogue, *, refit: bool) ->
     return replace(settings, priors=read_priors(priors_file, sensors))
 
 
-def write_diagnosis(found: Diagnosis, robot: Robot, folder: Path, replays: Sequence[Replay] = ()) -> None:
+def write_diagnosis(
+    found: Diagnosis,
+    robot: Robot,
+    folder: Path,
+    replays: Sequence[Replay] = (),
+    comparison: SimulationComparison | None = None,
+) -> None:
     """Write diagnosis.json, report.html and, where there are any, the arm with its causes and the motion proposed.
 
     What an earlier diagnosis left in the folder is replaced.
@@ -175,14 +193,18 @@ def write_diagnosis(found: Diagnosis, robot: Robot, folder: Path, replays: Seque
         Made where it does not exist.
     replays
         Of the models without and with the causes, for the report.
+    comparison
+        With a simulated recording, for the report and comparison.json.
     """
     # Matplotlib is slow to import, and only reports need it.
     from elastic_arm.report.diagnosis import write_gap_report
 
     found.save(folder / "diagnosis.json")
-    write_gap_report(folder / "report.html", found, replays)
-    for name in (ROBOT, SEPARATING):
+    write_gap_report(folder / "report.html", found, replays, comparison)
+    for name in (ROBOT, SEPARATING, COMPARISON):
         (folder / name).unlink(missing_ok=True)
+    if comparison is not None:
+        (folder / COMPARISON).write_text(json_text(comparison.to_dict(), indent=2, allow_nan=False) + "\n")
     if ROBOT in _further(found):
         save_robot(repaired_robot(robot, found), folder / ROBOT)
     if found.proposal is not None and found.proposal.trajectory is not None and SEPARATING in _further(found):
@@ -269,6 +291,41 @@ def _print_followed_up(found: Diagnosis) -> None:
         word = "agrees" if agreement.agrees else "[yellow]does not agree[/]"
         apart = "" if agreement.spread is None else f": sizes within {100 * agreement.spread:.2g} % of their mean"
         out.print(f"{escape(effect_at(agreement.effect, agreement.joint))}: {word} over the recordings{apart}")
+
+
+def print_further(
+    corrected: Exported | str | None, replays: list[Replay], comparison: SimulationComparison | None
+) -> None:
+    """Print what was written into the arm's own file, and replays and a comparison where there are any.
+
+    Parameters
+    ----------
+    corrected
+        Of :func:`correct`.
+    replays
+        Of the models without and with the causes.
+    comparison
+        With a simulated recording.
+    """
+    print_correction(corrected)
+    print_replays(replays)
+    print_comparison(comparison)
+
+
+def print_comparison(comparison: SimulationComparison | None) -> None:
+    """Print where a real and a simulated recording differ, and which effect is in which."""
+    if comparison is None:
+        return
+    found = comparison.difference
+    table = Table(box=None, header_style="bold", pad_edge=False)
+    for name in ("real − simulated, rms", *found.joints):
+        table.add_column(escape(name), justify="right" if name in found.joints else "left")
+    for one in found.channels:
+        pairs = zip(one.rms, one.share, strict=True)
+        table.add_row(one.channel, *(f"{rms:.3g} ({100 * share:.2g} %)" for rms, share in pairs))
+    out.print(table)
+    for effect, place, where, real, simulated in comparison.rows():
+        out.print(f"{escape(effect)}, {escape(place)}: in {where} ({escape(real)} / {escape(simulated)})")
 
 
 def _print_proposal(proposal: Proposal) -> None:

@@ -31,6 +31,10 @@ REFITTED = (
     "The description's numbers and the sensors' gains, offsets and lags were determined from the recording together "
     "with the causes, each with a prior; an arm file with the causes has the refitted numbers."
 )
+STICKING = (
+    "Instants at which a joint sticks were left out: dry friction takes any value there, and much more was left than "
+    "elsewhere."
+)
 REPEATED_MOTION = "The validation data repeat the motion of the fit: it is not an independent motion."
 
 

@@ -15,7 +15,8 @@ from elastic_arm.diagnosis.inference.excess import select_band, statistics_in_ba
 from elastic_arm.diagnosis.inference.judgement import judge
 from elastic_arm.diagnosis.inference.noise_colour import noise_colours
 from elastic_arm.diagnosis.inference.prediction import predict
-from elastic_arm.diagnosis.preparation import PreparedData, prepare, recalibrated
+from elastic_arm.diagnosis.inference.sticking import sticking_misfits
+from elastic_arm.diagnosis.preparation import PreparedData, in_motion, prepare, recalibrated
 from elastic_arm.diagnosis.question import Question
 from elastic_arm.diagnosis.result import Diagnosis
 from elastic_arm.diagnosis.selection.beyond_ordinary import with_effects_beyond_ordinary
@@ -47,6 +48,10 @@ def diagnose(recordings: Sequence[Recording], question: Question, validate: Sequ
     prepared = prepare(recordings, validate, question)
     # The set of effects with the highest log-likelihood on motion that its fit has not seen.
     stepwise, hypothesis = best_hypothesis(prepared)
+    if sticking_misfits(prepared, hypothesis):
+        # While a joint sticks, its dry friction takes any value, which no law states.
+        prepared = in_motion(prepared)
+        stepwise, hypothesis = best_hypothesis(prepared)
     colours = None
     if question.refit and hypothesis.causes:
         # Where the model and its sensors lie beside these causes, the search has less to mistake for another one.

@@ -230,6 +230,13 @@ def recalibrated(
     return replace(prepared, calibration=problem, found=found)
 
 
+def in_motion(prepared: PreparedData) -> PreparedData:
+    """Return the data without the rows where a joint sticks."""
+    problem = replace(prepared.calibration, in_motion=True)
+    found, _ = linearise(problem, expand(problem, prepared.found.values), prepared.candidates)
+    return replace(prepared, calibration=problem, found=found, notes=(*prepared.notes, texts.STICKING))
+
+
 @dataclass(frozen=True)
 class FinalFit:
     """Residuals and columns beside the causes that passed, and nothing else.

@@ -40,6 +40,9 @@ class PreprocessingSettings:
     clock_certainty: float = 10.0  # standard deviations of each joint's drift; coloured errors need many
     clock_agreement: float = 0.2  # relative difference between joints up to which a drift is common to all; convention
     clock_passes: int = 3  # of estimating and removing; convention
+    # Mean square of what is left where a joint sticks over that elsewhere, from which friction's law fails there.
+    # Convention: where the law holds, few rows that are noise give up to 2.4; true sticking gave 6.
+    sticking: float = 4.0
     one_encoder_band: float = 5.0  # Hz; above it the deflection that a single encoder does not show changes the motion
     difference: float = 1e-3  # of the velocities' spread: equal to differences of positions up to rounding
     rate_tolerance: float = 1.01  # ratio of sample rates that counts as one rate; convention

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import binary_dilation, binary_opening
 
 from elastic_arm.dynamics import Model
 from elastic_arm.estimation.band import Band
@@ -17,6 +18,12 @@ from elastic_arm.estimation.motion import CompletedMotion, completed, drive_cons
 from elastic_arm.estimation.observation import Observation
 
 Array = NDArray[np.float64]
+
+SLOWEST = 5e-4  # rad/s: slower than this a joint counts as standing, whatever the noise
+SLOW = 0.005  # of a joint's highest speed, below which it sticks if it is as slow for as long as STICKING
+STICKING = 0.03  # s
+LEAST_MOVING = 0.5  # of a stretch, below which each equation is left out by itself
+MOST_STICKING = 0.3  # of a stretch; a joint that sticks longer is one that stands still
 
 
 def raw_residuals(model: Model, motion: CompletedMotion) -> Array:
@@ -99,3 +106,38 @@ def residuals(model: Model, observation: Observation, equations: EquationSet, ba
         kept = slice(int(first), int(last))
         stretches.append(Stretch(t[kept], band.apply(full)[kept], motion, quiet, kept))
     return [s for s in stretches if len(s.t) > band.kept_rate]
+
+
+def moving_rows(stretch: Stretch, band: Band, layout: EquationSet) -> Array:
+    """Return weights of a stretch's rows: 0 where a joint sticks, as its friction takes any value there, else 1.
+
+    One weight an instant (N',), for all equations. Where that would leave little, one an equation (N', R): a joint that
+    sticks leaves out those equations that hold its motor's friction. A joint that hardly moves in the whole stretch
+    does not count.
+
+    Parameters
+    ----------
+    stretch
+        Of residuals.
+    band
+        Its filter carries what sticks over to rows around.
+    layout
+        The usable equations.
+    """
+    t, speed = stretch.quiet.t, np.abs(stretch.quiet.dtheta)
+    slow = speed < np.maximum(SLOW * speed.max(axis=0), 2.0 * SLOWEST)
+    step = float(t[1] - t[0])
+    sticks = np.stack([binary_opening(column, np.ones(max(1, round(STICKING / step)))) for column in slow.T], axis=1)
+    sticks &= sticks.mean(axis=0) < MOST_STICKING
+    around = round((0.5 * len(band.taps) / band.rate + STICKING) / step)
+    at = np.clip(np.searchsorted(t, stretch.t), 0, len(t) - 1)
+
+    def spread(stuck: NDArray[np.bool_]) -> Array:
+        return np.asarray(1.0 - (binary_dilation(stuck, iterations=around) if stuck.any() else stuck)[at])
+
+    together = spread(np.asarray(sticks.any(axis=1)))
+    if together.mean() >= LEAST_MOVING:
+        return together
+    rubs = [equation.combination[2] != 0 for equation, _ in layout.entries]
+    own = [spread(sticks[:, joint] & holds) for holds, (_, joint) in zip(rubs, layout.entries, strict=True)]
+    return np.stack(own, axis=1)

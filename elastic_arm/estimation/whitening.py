@@ -13,7 +13,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 from scipy.integrate import trapezoid
-from scipy.ndimage import binary_dilation, binary_opening
 
 from elastic_arm.dynamics import Model
 from elastic_arm.errors import DiagnosisError
@@ -24,21 +23,15 @@ from elastic_arm.estimation.motion import drive_constants, wound_by_load
 from elastic_arm.estimation.noise_colour import Colour
 from elastic_arm.estimation.observation import Observation
 from elastic_arm.estimation.regressors import Signals
-from elastic_arm.estimation.residuals import Stretch, predicted_torques, residuals
+from elastic_arm.estimation.residuals import SLOWEST, Stretch, moving_rows, predicted_torques, residuals
 
 Array = NDArray[np.float64]
 
 EDGE = 10  # rows at the ends of a stretch that the whitening, being circular, spoils
 BLOCK = 0.5  # s; longer than the arm's memory in the residuals
-SLOWEST = 5e-4  # rad/s: slower than this a joint counts as standing, whatever the noise
 STANDING = 3.0  # standard deviations of velocity noise below which a joint counts as standing
-SLOW = 0.005  # of a joint's highest speed, below which it sticks if it is as slow for as long as STICKING
-STICKING = 0.03  # s
-LEAST_MOVING = 0.5  # of a stretch, below which each equation is left out by itself
-MOST_STICKING = 0.3  # of a stretch; a joint that sticks longer is one that stands still
 NOISE_FREQUENCIES = 400
-# Poses at which the inertia is looked up for the way of encoder noise into the residuals.
-POSES = 12
+POSES = 12  # at which the inertia is looked up for the way of encoder noise into the residuals
 # Part of the torque channels' noise that every equation is given on its own: without it, exact encoders would make the
 # difference of two equations that share a torque sensor exact too, and rounding in the filters would look like physics.
 FLOOR = 0.1
@@ -212,8 +205,9 @@ class WhitenedData:
     layout, band
         Usable equations, and where they are looked at.
     predicted
-        Whether the laws of effects take the torques that the model predicts instead of the measured ones, and rows
-        where a joint sticks are left out.
+        Whether the laws of effects take the torques that the model predicts instead of the measured ones.
+    in_motion
+        Whether rows where a joint sticks are left out.
     acting
         Effects that are part of the predicted torques.
     """
@@ -226,9 +220,10 @@ class WhitenedData:
         band: Band,
         *,
         predicted: bool = False,
+        in_motion: bool = False,
         acting: Sequence[ActingEffect] = (),
     ) -> None:
-        self.layout, self.band = layout, band
+        self.layout, self.band, self.in_motion = layout, band, in_motion
         self.parts: list[Part] = []
         self.pure: list[NoiseModel] = []
         for observation in observations:
@@ -257,8 +252,8 @@ class WhitenedData:
                 "after filtering",
                 "Record longer without gaps",
             )
-        ones = [np.ones(len(part.stretch.t)) for part in self.parts]
-        self._weights = [_moving(part.stretch, band, layout) for part in self.parts] if predicted else ones
+        stretches = [part.stretch for part in self.parts]
+        self._weights = [moving_rows(s, band, layout) if in_motion else np.ones(len(s.t)) for s in stretches]
         self.y = self.weighted([part.stretch.values for part in self.parts])
         self.white = self.whiten([y[:, :, None] for y in self.y])[:, 0]
         self.blocks = self._blocks()
@@ -354,32 +349,6 @@ class WhitenedData:
         """Number of independent rows: the band leaves out part of the kept spectrum."""
         used = sum(float(w.sum()) for w in self._weights) / max(1, sum(w.size for w in self._weights))
         return len(self.white) * used * min(1.0, 2 * self.band.cutoff / self.band.kept_rate)
-
-
-def _moving(stretch: Stretch, band: Band, layout: EquationSet) -> Array:
-    """Return weights of a stretch's rows: 0 where a joint sticks, as its friction takes any value there, else 1.
-
-    One weight an instant (N',), for all equations. Where that would leave little, one an equation (N', R): a joint that
-    sticks leaves out those equations that hold its motor's friction. A joint that hardly moves in the whole stretch
-    does not count.
-    """
-    t, speed = stretch.quiet.t, np.abs(stretch.quiet.dtheta)
-    slow = speed < np.maximum(SLOW * speed.max(axis=0), 2.0 * SLOWEST)
-    step = float(t[1] - t[0])
-    sticks = np.stack([binary_opening(column, np.ones(max(1, round(STICKING / step)))) for column in slow.T], axis=1)
-    sticks &= sticks.mean(axis=0) < MOST_STICKING
-    around = round((0.5 * len(band.taps) / band.rate + STICKING) / step)
-    at = np.clip(np.searchsorted(t, stretch.t), 0, len(t) - 1)
-
-    def spread(stuck: NDArray[np.bool_]) -> Array:
-        return np.asarray(1.0 - (binary_dilation(stuck, iterations=around) if stuck.any() else stuck)[at])
-
-    together = spread(np.asarray(sticks.any(axis=1)))
-    if together.mean() >= LEAST_MOVING:
-        return together
-    rubs = [equation.combination[2] != 0 for equation, _ in layout.entries]
-    own = [spread(sticks[:, joint] & holds) for holds, (_, joint) in zip(rubs, layout.entries, strict=True)]
-    return np.stack(own, axis=1)
 
 
 def _standstill(observation: Observation, f: Array, n: int) -> tuple[Array, Array]:

@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elastic_arm.errors import SimulationError
+from elastic_arm.mujoco.replaying import lead
 from elastic_arm.recording import Recording, Side
 from elastic_arm.robot import Robot, to_urdf
 from elastic_arm.robot.mjcf import MjcfArm, engine
@@ -55,8 +56,11 @@ def record(
     t = np.arange(round(trajectory.duration * rate) + 1) / rate
     reference = trajectory.evaluate(t)
     q, dq, command = _followed(arm, tuned(believed, rate=rate), reference, rate)
-    # Over a sample interval centred on its stamp the torque changes in the middle.
-    torque = 0.5 * (command + np.vstack([command[:1], command[:-1]]))
+    # At the time of the angles, velocities and torques are further on than MuJoCo has them.
+    ahead = lead(arm.model, _step(arm, rate)) * rate
+    dq = dq + ahead * np.diff(dq, axis=0, append=dq[-1:])
+    # Over a sample interval centred on its stamp the torque changes in the middle, but for what it is further on.
+    torque = (0.5 + ahead) * command + (0.5 - ahead) * np.vstack([command[:1], command[:-1]])
     late = torque_delays(arm.model, arm.chain)
     torque = np.stack([np.interp(t - late[i], t, torque[:, i]) for i in range(arm.robot.n)], axis=1)
     noise = np.random.default_rng() if rng is None else rng
@@ -79,9 +83,9 @@ def _followed(
     mj, model = engine(), arm.model
     q_ref, dq_ref, _ = reference
     forward = controller.feedforward(*reference)
-    substeps = max(1, int(np.ceil(1.0 / rate / model.opt.timestep - 1e-9)))
-    own, flags = float(model.opt.timestep), int(model.opt.disableflags)
-    model.opt.timestep = 1.0 / rate / substeps
+    own, flags, step = float(model.opt.timestep), int(model.opt.disableflags), _step(arm, rate)
+    substeps = round(1.0 / rate / step)
+    model.opt.timestep = step
     model.opt.disableflags = flags | int(mj.mjtDisableBit.mjDSBL_ACTUATION)
     data, positions, dofs = mj.MjData(model), arm.positions, arm.dofs
     data.qpos[:] = arm.qpos
@@ -97,3 +101,8 @@ def _followed(
     if not (np.isfinite(q).all() and np.isfinite(dq).all()):
         raise SimulationError("the motion left the finite numbers", "Take a slower motion or a smaller timestep.")
     return q, dq, command
+
+
+def _step(arm: MjcfArm, rate: float) -> float:
+    """Return the time step, s: the model's, or shorter so that some make a sample interval."""
+    return 1.0 / rate / max(1, int(np.ceil(1.0 / rate / arm.model.opt.timestep - 1e-9)))

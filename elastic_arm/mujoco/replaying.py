@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -143,6 +144,12 @@ def replay(recording: Recording, arm: MjcfArm, *, window: float = WINDOW, name: 
     return Replay(name or arm.robot.name, arm.robot.joint_names, window, windows, errors, closed, course)
 
 
+def labels(found: Sequence[Replay]) -> list[str]:
+    """Return names of models for tables: of their files without folders, where these differ."""
+    short = [Path(one.name).name or one.name for one in found]
+    return short if len(set(short)) == len(short) else [one.name for one in found]
+
+
 def _by_joint(joints: Sequence[str], values: Array) -> dict[str, float | None]:
     return {joint: float(f"{v:.6g}") if np.isfinite(v) else None for joint, v in zip(joints, values, strict=True)}
 
@@ -169,10 +176,13 @@ def _present(values: Array | None) -> Array:
 def _open_loop(arm: MjcfArm, piece: Motion, steps: int, period: float) -> tuple[Array, Array]:
     """Return positions and velocities (N, n) replayed; NaN at the starts of windows and after the last."""
     mj, model = engine(), arm.model
-    q, dq, torque = (_present(values) for values in (piece.q, piece.dq, piece.tau_m))
-    mean = 0.5 * (torque[:-1] + torque[1:])  # acts between two samples
+    q, dq, ddq, torque = (_present(values) for values in (piece.q, piece.dq, piece.ddq, piece.tau_m))
     data, own = mj.MjData(model), float(model.opt.timestep)
     substeps = max(1, int(np.ceil(period / own - 1e-9)))
+    behind = lead(model, period / substeps)
+    # Acts between two samples, as much earlier as velocities are.
+    between = 0.5 - behind / period
+    mean = (1.0 - between) * torque[:-1] + between * torque[1:]
     found = np.full((2, *q.shape), np.nan)
     positions, dofs = arm.positions, arm.dofs
     held = _held(arm)
@@ -183,16 +193,22 @@ def _open_loop(arm: MjcfArm, piece: Motion, steps: int, period: float) -> tuple[
         for start in range(0, len(q) - steps, steps):
             mj.mj_resetData(model, data)
             data.qpos[:] = arm.qpos
-            data.qpos[positions], data.qvel[dofs] = q[start], dq[start]
+            data.qpos[positions], data.qvel[dofs] = q[start], dq[start] - behind * ddq[start]
             for k in range(start, start + steps):
                 data.qfrc_applied[dofs] = mean[k]
                 for _ in range(substeps):
                     mj.mj_step(model, data)
                     held(data)
-                found[0, k + 1], found[1, k + 1] = data.qpos[positions], data.qvel[dofs]
+                found[0, k + 1] = data.qpos[positions]
+                found[1, k + 1] = data.qvel[dofs] + behind * data.qacc[dofs]
     finally:
         model.opt.timestep, model.opt.disableflags = own, flags
     return found[0], found[1]
+
+
+def lead(model: Any, step: float) -> float:
+    """Return by how much MuJoCo's angles are ahead of its velocities, s: half a time step, as it steps these first."""
+    return 0.0 if model.opt.integrator == engine().mjtIntegrator.mjINT_RK4 else 0.5 * step
 
 
 def _held(arm: MjcfArm) -> Any:

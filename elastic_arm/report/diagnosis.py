@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
+from elastic_arm.diagnosis.comparison import SimulationComparison
 from elastic_arm.diagnosis.context import DiagnosisContext
 from elastic_arm.diagnosis.format import (
     alone_text,
@@ -30,6 +31,7 @@ from elastic_arm.estimation.equations import SIDES
 from elastic_arm.formatting import rounded
 from elastic_arm.mujoco.replaying import Replay
 from elastic_arm.report import diagnosis_figures as figures
+from elastic_arm.report.comparison import sections as comparison_sections
 from elastic_arm.report.html import Block, Figure, Section, Table, Text, write_report
 from elastic_arm.report.replay import sections as replay_sections
 
@@ -51,8 +53,10 @@ EQUATION = {
 }
 
 
-def write_gap_report(path: str | Path, found: Diagnosis, replays: Sequence[Replay] = ()) -> Path:
-    """Write the report of a diagnosis, and of replays in MuJoCo where there are any, as one HTML file.
+def write_gap_report(
+    path: str | Path, found: Diagnosis, replays: Sequence[Replay] = (), comparison: SimulationComparison | None = None
+) -> Path:
+    """Write the report of a diagnosis, of replays in MuJoCo and of a comparison where there are any, as one HTML file.
 
     Parameters
     ----------
@@ -62,11 +66,15 @@ def write_gap_report(path: str | Path, found: Diagnosis, replays: Sequence[Repla
         The diagnosis.
     replays
         Of the models without and with the causes.
+    comparison
+        With a simulated recording of the same commands.
     """
     subtitle = f"{', '.join(found.identify) or 'a recording'} against {found.robot} ({found.model})"
     parts = sections(found)
     if replays:
         parts[3:3] = replay_sections(replays)
+    if comparison is not None:
+        parts[2:2] = comparison_sections(comparison)
     return write_report(path, "Gap diagnosis", parts, subtitle=subtitle)
 
 

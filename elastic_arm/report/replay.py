@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from matplotlib.figure import Figure as MplFigure
 
-from elastic_arm.mujoco.replaying import Replay
+from elastic_arm.mujoco.replaying import Replay, labels
 from elastic_arm.report.html import Figure, Section, Table, Text
 from elastic_arm.report.style import CYCLE, GREY, draw_signal, new_figure, style
 
@@ -34,14 +34,16 @@ def sections(found: Sequence[Replay]) -> list[Section]:
         Section("Torques, recorded and needed", [Figure(torques(found), "Needed: by MuJoCo's inverse dynamics.")]),
     ]
     if any(one.closed_loop is not None for one in found):
-        rows = [[one.name, *map(float, 1e3 * one.closed_loop)] for one in found if one.closed_loop is not None]
+        pairs = zip(labels(found), found, strict=True)
+        rows = [[name, *map(float, 1e3 * one.closed_loop)] for name, one in pairs if one.closed_loop is not None]
         table = Table(["model", *first.joints], rows, "Root mean square of the position error, mrad")
         shown.insert(1, Section("Under the recorded reference, with the model's own servos", [table]))
     return shown
 
 
 def _table(found: Sequence[Replay], name: str, factor: float, unit: str) -> Table:
-    rows = [[one.name, *(factor * float(v) for v in getattr(one.open_loop, name))] for one in found]
+    pairs = zip(labels(found), found, strict=True)
+    rows = [[label, *(factor * float(v) for v in getattr(one.open_loop, name))] for label, one in pairs]
     return Table(["model", *found[0].joints], rows, f"{name.capitalize()}, {unit}")
 
 
@@ -64,11 +66,11 @@ def _overlay(found: Sequence[Replay], recorded: str, model: str, unit: str) -> M
             kept = course.t <= course.t[0] + SHOWN_SECONDS
             values = getattr(course, recorded)[kept, i]
             draw_signal(ax, course.t[kept], values, color=GREY, lw=2.6, alpha=0.6, label="recorded")
-            for k, one in enumerate(found):
+            for k, (name, one) in enumerate(zip(labels(found), found, strict=True)):
                 values = getattr(one.course, model)[:, i]
                 own = one.course.t <= one.course.t[0] + SHOWN_SECONDS
                 values = np.where(np.isfinite(values), values, np.nan)
-                draw_signal(ax, one.course.t[own], values[own], color=CYCLE[k % len(CYCLE)], lw=0.9, label=one.name)
+                draw_signal(ax, one.course.t[own], values[own], color=CYCLE[k % len(CYCLE)], lw=0.9, label=name)
             ax.set_title(f"{joint} [{unit}]", loc="left")
         axes[-1, 0].set_xlabel("time [s]")
         figure.legend(*axes[0, 0].get_legend_handles_labels(), loc="outside upper center", ncols=1 + len(found))

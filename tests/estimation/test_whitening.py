@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from scipy.integrate import trapezoid
 
+from elastic_arm.diagnosis.inference.sticking import sticking_rows
 from elastic_arm.dynamics import build_model
 from elastic_arm.estimation.band import Band
 from elastic_arm.estimation.equations import EquationSet
@@ -16,6 +17,7 @@ from elastic_arm.estimation.noise_colour import CORNERS, Colour
 from elastic_arm.estimation.observation import Observation, observe, widest_band
 from elastic_arm.estimation.residuals import residuals
 from elastic_arm.estimation.whitening import NoiseModel, WhitenedData, block_means, noise_model
+from elastic_arm.recording import Side
 from elastic_arm.sensors import Sensors
 from tests.helpers.gap_recordings import ROBOT, motions, record
 
@@ -90,3 +92,27 @@ def test_block_means_are_taken_within_each_part() -> None:
     """No block crosses from one stretch to the next."""
     parts = [np.arange(6.0)[:, None], np.full((4, 1), 10.0)]
     np.testing.assert_array_equal(block_means(parts, 3)[:, 0], [1.0, 4.0, 10.0])
+
+
+def test_instants_at_which_a_joint_sticks_are_left_out() -> None:
+    """Where a joint stands for 0.2 s amid its motion, the rows of all joints are null; they are those named."""
+    recording = record(motions()[0], seed=0, sensors=Sensors.real())
+    motor, link = recording.motor, recording.link
+    assert motor is not None and link is not None and motor.position is not None and link.position is not None
+    stands = slice(2000, 2200)
+
+    def held(side: Side) -> Side:
+        assert side.position is not None
+        position = side.position.copy()
+        position[stands, 1] = position[stands.start, 1]
+        position[stands.stop :, 1] += position[stands.start, 1] - side.position[stands.stop, 1]
+        return replace(side, position=position, velocity=None)
+
+    seen = observe(replace(recording, motor=held(motor), link=held(link)))
+    whole, moving = (WhitenedData(MODEL, [seen], *setting(), in_motion=in_motion) for in_motion in (False, True))
+    rows = sticking_rows(whole)
+    assert not rows.all() and rows.any()
+    null = np.abs(moving.y[0]).max(axis=1) == 0.0
+    t = moving.parts[0].stretch.t
+    assert null[(t > 2.05) & (t < 2.15)].all() and not null[(t < 1.5) | (t > 2.7)].all()
+    assert rows.reshape(-1, moving.layout.rows).all(axis=1).sum() == null[10:-10].sum()

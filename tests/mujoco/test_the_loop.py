@@ -76,7 +76,7 @@ def test_a_corrected_mjcf_predicts_as_well_as_the_true_one(tmp_path: Path) -> No
         write_recording(tmp_path / name, recording)
     found = run(
         "diagnose", tmp_path / "fit", "--validate", tmp_path / "judge", "--robot", plain, "--no-propose",
-        "--out", tmp_path / "diagnosis", "--json",
+        "--replay", "--out", tmp_path / "diagnosis", "--json",
     )  # fmt: skip
     assert found["verdict"] == "explained", found["notes"]
     causes = {(cause["effect"], cause["joint"]): cause["parameters"] for cause in found["causes"]}
@@ -86,6 +86,13 @@ def test_a_corrected_mjcf_predicts_as_well_as_the_true_one(tmp_path: Path) -> No
     assert set(causes) == {load, *others}
     assert causes["coulomb_friction", "joint3"]["torque"]["value"] == pytest.approx(2.0, rel=0.05)
     assert causes["time_delay", "joint2"]["delay"]["value"] == pytest.approx(DELAY, rel=0.1)
+    true_values = {
+        (load, "mass"): 1.5, (("coulomb_friction", "joint3"), "torque"): 2.0,
+        (("coulomb_friction", "joint4"), "torque"): 2.5, (("time_delay", "joint2"), "delay"): DELAY,
+    }  # fmt: skip
+    for (cause, name), value in true_values.items():
+        if cause[0] != "link_inertia_mismatch":
+            assert abs(causes[cause][name]["value"] - value) < 3.0 * causes[cause][name]["std"], cause
     corrected = tmp_path / "diagnosis" / "plain_corrected.xml"
     masses = [load_robot(path).joints[-1].link.mass for path in (corrected, plain)]
     assert masses[0] - masses[1] == pytest.approx(1.5, rel=0.02)
@@ -102,3 +109,9 @@ def test_a_corrected_mjcf_predicts_as_well_as_the_true_one(tmp_path: Path) -> No
         assert after[name] < 1.1 * best[name], (name, after, best)
         assert off[name] > 5.0 * best[name]
     assert (tmp_path / "replay" / "report.html").stat().st_size > 10000
+    beside = json.loads((tmp_path / "diagnosis" / "replay.json").read_text())["replays"]
+    assert [Path(one["model"]).name for one in beside] == ["plain.xml", "plain_corrected.xml"]
+    before, corrected_torque = (one["open_loop"]["torque"] for one in beside)
+    assert all(5.0 * corrected_torque[joint] < error for joint, error in before.items() if error > 1.0)
+    report = (tmp_path / "diagnosis" / "report.html").read_text()
+    assert "How far each model is from the recording" in report and "plain_corrected.xml" in report

@@ -35,6 +35,15 @@ def test_a_draft_of_named_arrays_is_imported_as_it_is(tmp_path: Path) -> None:
     np.testing.assert_allclose(taken.motor.effort, TAU)
 
 
+def test_the_names_of_robot_learners_are_known(tmp_path: Path) -> None:
+    """A dataset's state is the angles, its action the command, which is left out."""
+    tables = {"observation.state": Q, "observation.effort": TAU, "action": Q + 1e-3}
+    np.savez(tmp_path / "run.npz", timestamp=T, **tables)
+    draft = guess_mapping(load_arrays(tmp_path / "run.npz"), JOINTS)
+    taken = {guess.channel: guess.table.name for guess in draft.channels}
+    assert taken == {"position": "observation.state", "effort": "observation.effort"}
+
+
 def test_a_table_without_names_is_cut_by_its_derivatives(tmp_path: Path) -> None:
     """Ten columns of numbers: the first grows as time does, the others are three joints each, told by derivatives."""
     np.savetxt(tmp_path / "run.csv", np.column_stack([T, TAU, Q, DQ]), delimiter=",")

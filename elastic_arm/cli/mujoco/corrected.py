@@ -43,6 +43,17 @@ class Correction:
         """Return the file that is written into a folder; None where none is."""
         return folder / f"{self.base.stem}{SUFFIX}{self.base.suffix}" if self.base and self._written else None
 
+    def require_mjcf(self, option: str | None) -> None:
+        """Refuse an option, where one is given, if the arm came from no MJCF.
+
+        Raises
+        ------
+        RobotError
+            If it did not.
+        """
+        if option is not None and not self.mjcf:
+            raise RobotError(f"{option} needs an MJCF", "Give one with --robot model.xml")
+
     def open(self, path: Path) -> MjcfArm:
         """Open the arm in the MJCF that it came from, or in a copy."""
         return open_mjcf(path, self._ends, self._at)

@@ -17,7 +17,7 @@ from elastic_arm.cli.options import AtOption, ChainOption, ClockChoice, ClockOpt
 from elastic_arm.cli.outputs import Force, claim_folder
 from elastic_arm.errors import OutputError, RobotError
 from elastic_arm.mujoco import Replay, replay
-from elastic_arm.mujoco.replaying import WINDOW
+from elastic_arm.mujoco.replaying import WINDOW, labels
 from elastic_arm.recording import Recording, load_channels
 from elastic_arm.robot.loading import is_mjcf, parse_chain
 from elastic_arm.robot.mjcf import MjcfArm, open_mjcf
@@ -88,7 +88,7 @@ def open_arm(path: Path, chain: str | None, at: str | None) -> MjcfArm:
 
 
 def replay_both(correction: Correction, folder: Path, recording: Recording) -> list[Replay]:
-    """Replay a recording in the model that an arm came from, and in the corrected one where it was written.
+    """Replay a recording in the model that an arm came from and in the corrected one, and write replay.json.
 
     Parameters
     ----------
@@ -98,17 +98,13 @@ def replay_both(correction: Correction, folder: Path, recording: Recording) -> l
         Of the corrected file.
     recording
         To replay.
-
-    Raises
-    ------
-    RobotError
-        If the arm came from no MJCF.
     """
-    if correction.base is None or not correction.mjcf:
-        raise RobotError("--replay needs an MJCF", "Give one with --robot model.xml")
+    assert correction.base is not None  # Correction.require_mjcf has seen to it
     after = correction.path(folder)
     files = [correction.base, *([after] if after is not None and after.exists() else [])]
-    return [replay(recording, correction.open(path), name=str(path)) for path in files]
+    found = [replay(recording, correction.open(path), name=str(path)) for path in files]
+    save_replays(found, recording.source, folder)
+    return found
 
 
 def write_replays(found: list[Replay], source: str, folder: Path) -> None:
@@ -127,13 +123,28 @@ def write_replays(found: list[Replay], source: str, folder: Path) -> None:
     from elastic_arm.report.html import write_report
     from elastic_arm.report.replay import sections
 
+    save_replays(found, source, folder)
+    write_report(folder / RESULTS[1], "Replay in MuJoCo", sections(found), subtitle=source)
+
+
+def save_replays(found: list[Replay], source: str, folder: Path) -> None:
+    """Write replay.json.
+
+    Parameters
+    ----------
+    found
+        One for each model.
+    source
+        Of the recording.
+    folder
+        Made where it does not exist.
+    """
     text = json_text({"bag": source, "replays": [one.to_dict() for one in found]}, indent=2, allow_nan=False)
     try:
         folder.mkdir(parents=True, exist_ok=True)
         (folder / RESULTS[0]).write_text(f"{text}\n", encoding="utf-8")
     except OSError as error:
         raise OutputError(f"{folder} cannot be written: {error.strerror}", "Name another folder with --out.") from error
-    write_report(folder / RESULTS[1], "Replay in MuJoCo", sections(found), subtitle=source)
 
 
 def print_replays(found: list[Replay]) -> None:
@@ -155,8 +166,8 @@ def print_replays(found: list[Replay]) -> None:
         table.add_column(title, overflow="fold")
         for joint in found[0].joints:
             table.add_column(escape(joint), justify="right")
-        for one, row in zip(found, values, strict=True):
-            table.add_row(escape(one.name), *(f"{v:.4g}" if np.isfinite(v) else "–" for v in row))
+        for name, row in zip(labels(found), values, strict=True):
+            table.add_row(escape(name), *(f"{v:.4g}" if np.isfinite(v) else "–" for v in row))
         out.print(table)
     seconds = found[0].window
     out.print(f"root mean squares over {found[0].windows} windows of {seconds:g} s driven by the recorded torque")

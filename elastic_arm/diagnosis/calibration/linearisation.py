@@ -66,6 +66,8 @@ class CalibrationProblem:
         Effects that count as part of the model.
     settings
         All thresholds.
+    in_motion
+        Whether rows where a joint sticks are left out.
     """
 
     robot: Robot
@@ -77,6 +79,7 @@ class CalibrationProblem:
     directions: Array
     known: Sequence[EffectInstance]
     settings: DiagnosisSettings
+    in_motion: bool = False
 
 
 @dataclass(frozen=True)
@@ -174,7 +177,9 @@ def problem_of(
     if layout.reads_torque_by_deflection:
         parameters = tuple(unreferenced(parameter) for parameter in parameters)
     directions = directions_of(robot, model, parameters)
-    return CalibrationProblem(robot, model, observed, layout, band, parameters, directions, known, settings)
+    return CalibrationProblem(
+        robot, model, observed, layout, band, parameters, directions, known, settings, in_motion=True
+    )
 
 
 def expand(
@@ -207,7 +212,15 @@ def expand(
     late = lags(parameters, values, robot.joint_names)
     aligned = [tuple(o.aligned(late) for o in part) if late else tuple(part) for part in problem.observed]
     identify, validate = (
-        WhitenedData(model, part, problem.layout, problem.band, predicted=len(parameters) > 0, acting=acting)
+        WhitenedData(
+            model,
+            part,
+            problem.layout,
+            problem.band,
+            predicted=len(parameters) > 0,
+            in_motion=problem.in_motion,
+            acting=acting,
+        )
         for part in aligned
     )
     seen, data = (aligned[0], aligned[1]), (identify, validate)

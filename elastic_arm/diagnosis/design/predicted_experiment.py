@@ -13,8 +13,8 @@ from elastic_arm.estimation.effect_columns import Feature
 from elastic_arm.estimation.equations import EquationSet
 from elastic_arm.estimation.motion import Motion, completed
 from elastic_arm.estimation.regressors import Signals
-from elastic_arm.estimation.residuals import raw_residuals
-from elastic_arm.estimation.whitening import SLOWEST, NoiseModel, WhitenedData
+from elastic_arm.estimation.residuals import SLOWEST, raw_residuals
+from elastic_arm.estimation.whitening import NoiseModel, WhitenedData
 from elastic_arm.excitation import FourierTrajectory
 
 Array = NDArray[np.float64]

@@ -107,10 +107,10 @@ def agreements(context: DiagnosisContext) -> tuple[Agreement, ...]:
     if len(recordings) < 2 or not context.selected:
         return ()
     everything = [*context.given, *context.selected]
-    found = [_findings(context, group, everything) for group in recordings]
+    found = [refitted(context, group, everything) for group in recordings]
     first = len(context.given)
     return tuple(
-        _compared(candidate, [of_one[first + k] for of_one in found], context.settings.agreement)
+        compared(candidate, [of_one[first + k] for of_one in found], context.settings.agreement)
         for k, candidate in enumerate(context.selected)
     )
 
@@ -123,10 +123,22 @@ def _recordings(context: DiagnosisContext) -> list[list[Observation]]:
     return [[one] for one in (*fitted, *judging)]
 
 
-def _findings(
+def refitted(
     context: DiagnosisContext, group: Sequence[Observation], selected: Sequence[Candidate]
 ) -> list[RecordingEstimate]:
-    data = WhitenedData(context.model, group, context.validate.layout, context.validate.band)
+    """Fit candidates on some recordings alone.
+
+    Parameters
+    ----------
+    context
+        Model, equations and thresholds.
+    group
+        The recordings, or parts of one.
+    selected
+        Known effects and causes.
+    """
+    judged = context.validate
+    data = WhitenedData(context.model, group, judged.layout, judged.band, in_motion=judged.in_motion)
     library = RegressorLibrary(data, data, context.settings.candidates)
     judgement = context.settings.judgement
     own = [library.add(candidate.feature, candidate.searched, fixed=candidate.fixed) for candidate in selected]
@@ -142,7 +154,18 @@ def _findings(
     return found
 
 
-def _compared(candidate: Candidate, findings: Sequence[RecordingEstimate], settings: AgreementSettings) -> Agreement:
+def compared(candidate: Candidate, findings: Sequence[RecordingEstimate], settings: AgreementSettings) -> Agreement:
+    """Compare a cause's sizes in several recordings.
+
+    Parameters
+    ----------
+    candidate
+        The cause.
+    findings
+        One a recording.
+    settings
+        What counts as the same.
+    """
     effect, joint = candidate.feature.effect, candidate.feature.joint
     present = all(finding.gain > 0.0 for finding in findings)
     whole = {p.name: _whole_size(effect, findings) if p.name in effect.magnitude else 0.0 for p in effect.parameters}

@@ -35,11 +35,11 @@ _ANGLE_WORDS = r"deg|rad|turn|rev"
 _SPEEDS = {"rad/s": 1.0, "deg/s": np.pi / 180, "turns/s": 2 * np.pi, "rpm": 2 * np.pi / 60}
 _WORDS: dict[Quantity, str] = {
     "other": r"temp|volt|target|desired|des(?=_|\d|$)|ref|cmd|cmpt|command|setpoint|error|status|mode|noise|friction|"
-    r"grav|model|predict|simul|ff(?=_|\d|$)|init",
+    r"grav|model|predict|simul|ff(?=_|\d|$)|init|(?<![a-z])action(?![a-z])",
     "acceleration": r"acc|ddq|qdd|d2",
     "velocity": r"vel|dq|qd|omega|speed|rpm|dtheta",
     "effort": r"torq|tau|eff|cur|load|moment|(?<![a-z])i(?=_|\d|$)",
-    "position": r"pos|ang|theta|(?<![a-z])q(?=_|\d|$)|joint_state",
+    "position": r"pos|ang|theta|(?<![a-z])q(?=_|\d|$)|joint_state|(?<![a-z])state$",
 }
 # Read in this order: a sensor of a motor's torque is rarer than a torque sensor.
 _SIDE_WORDS: dict[SideName, str] = {

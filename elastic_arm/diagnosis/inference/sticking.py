@@ -1,0 +1,40 @@
+"""Rows where a joint sticks: its dry friction takes any value there, which no law of friction states."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from elastic_arm.diagnosis.preparation import PreparedData
+from elastic_arm.diagnosis.selection.hypothesis import Hypothesis
+from elastic_arm.estimation.residuals import moving_rows
+from elastic_arm.estimation.whitening import EDGE, WhitenedData
+
+
+def sticking_misfits(prepared: PreparedData, hypothesis: Hypothesis) -> bool:
+    """Whether a hypothesis with friction leaves much more where a joint sticks than elsewhere.
+
+    An arm whose friction follows its law at any speed leaves no more there, and all its rows count.
+
+    Parameters
+    ----------
+    prepared
+        Data with all rows.
+    hypothesis
+        The known effects and the causes.
+    """
+    library, selected = prepared.library, hypothesis.selected
+    if prepared.calibration.in_motion or not any(candidate.feature.effect.friction for candidate in selected):
+        return False
+    sticks = sticking_rows(library.sets[0])
+    if sticks.all() or not sticks.any():
+        return False
+    squares = library.remainder(0, selected, library.fit(0, selected)) ** 2
+    return bool(squares[sticks].mean() > prepared.settings.preprocessing.sticking * squares[~sticks].mean())
+
+
+def sticking_rows(data: WhitenedData) -> NDArray[np.bool_]:
+    """Return which whitened rows (rows,) are those of instants at which a joint sticks."""
+    weights = [moving_rows(part.stretch, data.band, data.layout) for part in data.parts]
+    whole = [w.reshape(len(w), -1) * np.ones(data.layout.rows) for w in weights]
+    return np.asarray(np.concatenate([w[EDGE:-EDGE].ravel() for w in whole]) == 0.0)

@@ -1,0 +1,192 @@
+"""Two recordings of the same commands, channel by channel: how far they are apart, without any model."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.interpolate import CubicSpline
+
+from elastic_arm.errors import RecordingError
+from elastic_arm.recording.recording import Recording
+
+Array = NDArray[np.float64]
+
+CHANNELS = ("q", "dq", "tau_J", "theta", "dtheta", "tau_m")  # of `Samples`
+SEARCH_RATE = 100.0  # Hz, at which the two are shifted over each other; steps then mend the time
+STEPS = 5  # Gauss-Newton, each some ten times closer
+SHORTEST = 1.0  # s that two recordings have to share
+ALIKE = 0.5  # correlation of the two motions, below which they are of other commands; convention
+
+
+@dataclass(frozen=True)
+class ChannelDifference:
+    """How far one channel of two recordings is apart, (n,) each.
+
+    Parameters
+    ----------
+    channel
+        Its name in equation (1): q, dq, tau_J, theta, dtheta, tau_m.
+    rms, largest, mean
+        Of real minus simulated: rad, rad/s or Nm.
+    share
+        Root mean square over the standard deviation of the real channel.
+    lag
+        s by which the real channel is later than the simulated one, beyond what is common to all; NaN where it stands.
+    apart
+        (N, n) real minus simulated, for figures.
+    """
+
+    channel: str
+    rms: Array
+    largest: Array
+    mean: Array
+    share: Array
+    lag: Array
+    apart: Array
+
+
+@dataclass(frozen=True)
+class RecordingDifference:
+    """How far two recordings of the same commands are apart.
+
+    Parameters
+    ----------
+    joints
+        Names.
+    offset
+        s to add to times of the real recording for those of the simulated one.
+    aligned_by
+        "reference", or the channel that was brought to cover where no reference was recorded.
+    t
+        (N,) s of the real recording that both hold.
+    channels
+        What both hold.
+    """
+
+    joints: tuple[str, ...]
+    offset: float
+    aligned_by: str
+    t: Array
+    channels: tuple[ChannelDifference, ...]
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return it as plain data."""
+        names = ("rms", "largest", "mean", "share", "lag")
+        return {
+            "offset_s": float(f"{self.offset:.6g}"),
+            "aligned_by": self.aligned_by,
+            "seconds": float(f"{np.ptp(self.t):.6g}"),
+            "channels": {
+                one.channel: {
+                    joint: {name: _number(getattr(one, name)[k]) for name in names}
+                    for k, joint in enumerate(self.joints)
+                }
+                for one in self.channels
+            },
+        }
+
+
+def differences(real: Recording, simulated: Recording) -> RecordingDifference:
+    """Compare two recordings of the same commands.
+
+    Parameters
+    ----------
+    real
+        Of the arm.
+    simulated
+        Of any simulator, with the same joints.
+
+    Raises
+    ------
+    RecordingError
+        If they share no channel or less than a second, or move differently.
+    """
+    simulated = simulated.select(real.joints)
+    name, ours, theirs = _commands(real, simulated)
+    offset = _offset(*ours, *theirs, name)
+    a, b = real.samples(), simulated.samples()
+    t = a.t + (real.start_ns - _origin(real)) * 1e-9
+    t_other = b.t + (simulated.start_ns - _origin(simulated)) * 1e-9
+    inside = (t + offset >= t_other[0]) & (t + offset <= t_other[-1])
+    seconds = float(np.ptp(t[inside])) if inside.any() else 0.0
+    if seconds < SHORTEST:
+        raise RecordingError(f"{_named(real)} and {_named(simulated)} share {seconds:.2g} s", "Record the same motion")
+    found = []
+    for channel in CHANNELS:
+        own, other = getattr(a, channel), getattr(b, channel)
+        if own is not None and other is not None:
+            found.append(_channel(channel, t[inside], own[inside], CubicSpline(t_other, other), offset))
+    if not found:
+        raise RecordingError(f"{_named(real)} and {_named(simulated)} share no channel", "Record the same topics")
+    return RecordingDifference(real.joints, offset, name, t[inside], tuple(found))
+
+
+def _channel(name: str, t: Array, values: Array, other: CubicSpline, offset: float) -> ChannelDifference:
+    apart, rate = values - other(t + offset), other(t + offset, 1)
+    spread, power = values.std(axis=0), np.sum(rate**2, axis=0)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        lag = np.where(power > 0.0, -np.sum(apart * rate, axis=0) / power, np.nan)
+        share = np.where(spread > 0.0, np.sqrt(np.mean(apart**2, axis=0)) / spread, np.nan)
+    rms, largest = np.sqrt(np.mean(apart**2, axis=0)), np.abs(apart).max(axis=0)
+    return ChannelDifference(name, rms, largest, apart.mean(axis=0), share, lag, apart)
+
+
+def _origin(recording: Recording) -> int:
+    return min(int(side.stamp_ns[0]) for side in recording.sides().values())
+
+
+def _commands(real: Recording, simulated: Recording) -> tuple[str, tuple[Array, Array], tuple[Array, Array]]:
+    """Return what the two are aligned by: times (N,) s from each origin, and positions (N, n)."""
+    for name in ("reference", "motor", "link"):
+        sides = [recording.sides().get(name) for recording in (real, simulated)]
+        pairs: list[tuple[Array, Array]] = [
+            (np.asarray((side.stamp_ns - _origin(recording)) * 1e-9), side.position)
+            for side, recording in zip(sides, (real, simulated), strict=True)
+            if side is not None and side.position is not None
+        ]
+        if len(pairs) == 2:
+            return name, pairs[0], pairs[1]
+    raise RecordingError(
+        f"{_named(real)} and {_named(simulated)} share neither reference nor positions", "Record the same topics"
+    )
+
+
+def _offset(t: Array, values: Array, t_other: Array, other: Array, name: str) -> float:
+    """Return the s to add to times of one recording for those of the other: shifted in steps, then mended."""
+    step = 1.0 / SEARCH_RATE
+    rates = [_on_grid(*pair, step) for pair in ((t, values), (t_other, other))]
+    count = sum(len(rate) for rate in rates)
+    spectra = [np.fft.rfft(rate, count, axis=0) for rate in rates]
+    size = np.sqrt(np.sum(rates[0] ** 2) * np.sum(rates[1] ** 2))
+    score = np.fft.irfft(np.sum(spectra[0].conj() * spectra[1], axis=1), count) / max(size, 1e-300)
+    best = int(np.argmax(score))
+    if score[best] < ALIKE:
+        raise RecordingError(
+            f"the two recordings do not move alike: their {name} velocities correlate by {score[best]:.2f}",
+            "Give two recordings of the same commands",
+        )
+    offset = (best if best < len(rates[1]) else best - count) * step + t_other[0] - t[0]
+    spline = CubicSpline(t_other, other)
+    for _ in range(STEPS):
+        inside = (t + offset >= t_other[0]) & (t + offset <= t_other[-1])
+        rate, apart = spline(t[inside] + offset, 1), values[inside] - spline(t[inside] + offset)
+        apart = apart - apart.mean(axis=0)
+        offset += float(np.sum(apart * rate)) / max(float(np.sum(rate**2)), 1e-300)
+    return offset
+
+
+def _on_grid(t: Array, values: Array, step: float) -> Array:
+    """Return the velocities (M, n) on a grid: positions would correlate by where they stand."""
+    grid = np.arange(t[0], t[-1], step)
+    return np.asarray(CubicSpline(t, values)(grid, 1))
+
+
+def _named(recording: Recording) -> str:
+    return recording.source or "the recording"
+
+
+def _number(value: float) -> float | None:
+    return float(f"{value:.5g}") if np.isfinite(value) else None

@@ -1,0 +1,56 @@
+"""Sections of a comparison: a real and a simulated recording, channel by channel, and which effects are in which."""
+
+from __future__ import annotations
+
+from matplotlib.figure import Figure as MplFigure
+
+from elastic_arm.diagnosis.comparison import SimulationComparison
+from elastic_arm.recording.inspection.differences import RecordingDifference
+from elastic_arm.report.html import Figure, Section, Table, Text
+from elastic_arm.report.style import draw_signal, new_figure, style
+
+UNITS = {"q": "rad", "theta": "rad", "dq": "rad/s", "dtheta": "rad/s", "tau_J": "Nm", "tau_m": "Nm"}
+
+
+def sections(found: SimulationComparison) -> list[Section]:
+    """Return the sections, most important first."""
+    header = ["effect", "where", "in", "size in the real recording", "size in the simulated one"]
+    rows = found.rows()
+    effects = [
+        Text("Effects of either recording that the model lacks, fitted on each of them alone."),
+        Table(header, rows) if rows else Text("The model lacks no effect of either recording."),
+    ]
+    return [
+        Section(f"Beside {found.simulated or 'the simulated recording'}: which effect is in which", effects),
+        Section("Beside it, without a model", _differences(found.difference)),
+    ]
+
+
+def _differences(found: RecordingDifference) -> list[Text | Table | Figure]:
+    how = Text(
+        f"Real minus simulated, over {found.t[-1] - found.t[0]:.3g} s, aligned by {found.aligned_by} positions "
+        f"({1e3 * found.offset:.3f} ms). Share: of the real channel's standard deviation."
+    )
+    tables: list[Table] = []
+    for one in found.channels:
+        unit = UNITS[one.channel]
+        rows = [
+            [joint, *(float(v[k]) for v in (one.rms, one.largest, one.mean, one.share)), 1e3 * float(one.lag[k])]
+            for k, joint in enumerate(found.joints)
+        ]
+        header = ["joint", f"rms, {unit}", f"largest, {unit}", f"mean, {unit}", "share", "real later by, ms"]
+        tables.append(Table(header, rows, one.channel, digits=3))
+    return [how, *tables, Figure(drawn(found), "Real minus simulated.")]
+
+
+def drawn(found: RecordingDifference) -> MplFigure:
+    """Draw the difference of every channel, a line a joint."""
+    with style():
+        figure, axes = new_figure(len(found.channels), 1, size=(8.4, 1.6 * len(found.channels)), sharex=True)
+        for i, one in enumerate(found.channels):
+            for k, joint in enumerate(found.joints):
+                draw_signal(axes[i, 0], found.t, one.apart[:, k], lw=0.9, label=joint)
+            axes[i, 0].set_title(f"{one.channel} [{UNITS[one.channel]}]", loc="left")
+        axes[-1, 0].set_xlabel("time [s]")
+        figure.legend(*axes[0, 0].get_legend_handles_labels(), loc="outside upper center", ncols=len(found.joints))
+    return figure
