@@ -3,9 +3,10 @@
 #
 # The tests of the ROS graph keep real time, so they run by themselves after the others; those run one process a core.
 set -uo pipefail
+workers=$(nproc) # before OMP_NUM_THREADS is set, which it obeys
 export OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1
 
-python -m pytest -n "$(nproc)" --dist loadscope --no-loadscope-reorder -m "not graph" "$@"
+python -m pytest -n "$workers" --dist loadscope --no-loadscope-reorder -m "not graph" "$@"
 others=$?
 python -m pytest -m graph "$@"
 graph=$?

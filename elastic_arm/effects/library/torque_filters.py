@@ -20,7 +20,9 @@ Array = NDArray[np.float64]
 
 PADDING = 0.5  # s mirrored at both ends
 AVERAGED = 1.0  # Hz, over which a power spectrum is averaged
-CLEAR = 100.0  # times the noise from which the noise of a torque no longer counts when a filter is undone; convention
+# Times the noise: from there the noise of a torque no longer counts when a filter is undone; and what shows at all, as
+# the power of noise, averaged, stays below. Conventions.
+CLEAR, VISIBLE = 100.0, 3.0
 CHANNELS = {"joint_torque": "tau_J", "motor_torque": "tau_m"}
 
 
@@ -64,17 +66,8 @@ class FilteredTorques:
         return np.hstack([link, drive, motor])
 
     def _error(self, signals: MotionSignals, name: str, joints: list[int], values: Mapping[str, Any]) -> Array:
-        """Return the error by the recorded torque where it stands out of its noise, elsewhere by the model's.
-
-        Undoing a filter amplifies the noise of what was recorded.
-        """
-        t, torque = signals.t, signals.values[name][:, joints]
-        predicted = signals.model_torques.get(name)
-        if signals.predicted or predicted is None:
-            return self.error(t, torque, values, predicted=signals.predicted)
-        clear = Clear(t, torque, signals.torque_noise[name][joints])
-        by_model = self.error(t, predicted[:, joints], values, predicted=True)
-        return self.error(t, clear(torque), values, predicted=False) + by_model - clear(by_model)
+        """Return the error (N, k), Nm, of a torque by name at some joints."""
+        return self.error(signals.t, signals.values[name][:, joints], values, predicted=signals.predicted)
 
     def error(self, t: Array, torque: Array, values: Mapping[str, Any], *, predicted: bool) -> Array:
         """Return recorded less true torque (N, k), Nm.
@@ -141,6 +134,22 @@ class DelayedTorques(FilteredTorques):
 class LowPassedTorques(FilteredTorques):
     """Torques behind a first-order low pass of `cutoff`."""
 
+    def _error(self, signals: MotionSignals, name: str, joints: list[int], values: Mapping[str, Any]) -> Array:
+        """Return the error (N, k), Nm, by the recorded torque where it is clear of its noise.
+
+        Undoing a low pass amplifies the noise of what was recorded; a delay does not. So above, as far as the torque
+        shows at all, the model's torque takes its place. No further: to low-pass that would take the noise of its
+        accelerations off the residual, which a filter on the torque does not.
+        """
+        t, torque = signals.t, signals.values[name][:, joints]
+        predicted = signals.model_torques.get(name)
+        if signals.predicted or predicted is None:
+            return self.error(t, torque, values, predicted=signals.predicted)
+        noise = signals.torque_noise[name][joints]
+        clear, visible = Clear(t, torque, CLEAR * noise), Clear(t, torque, VISIBLE * noise)
+        by_model = visible(self.error(t, predicted[:, joints], values, predicted=True))
+        return self.error(t, clear(torque), values, predicted=False) + by_model - clear(by_model)
+
     def error(self, t: Array, torque: Array, values: Mapping[str, Any], *, predicted: bool) -> Array:
         """Return recorded less true torque (N, k): y - x, as y + T y' = x with T = 1 / (2 pi cutoff).
 
@@ -168,7 +177,7 @@ class LowPassedTorques(FilteredTorques):
 
 
 class Clear:
-    """Keeps the frequencies up to the highest at which a recorded torque stands clear of its noise.
+    """Keeps the frequencies up to the highest at which a recorded torque has more than a power.
 
     Parameters
     ----------
@@ -176,11 +185,11 @@ class Clear:
         (N,) s.
     torque
         (N, k) Nm.
-    noise
-        (k,) Nm², variance of its white noise.
+    least
+        (k,) Nm², that of white noise of such a variance.
     """
 
-    def __init__(self, t: Array, torque: Array, noise: Array) -> None:
+    def __init__(self, t: Array, torque: Array, least: Array) -> None:
         step = float(t[1] - t[0])
         self._count = min(len(t) - 1, round(PADDING / step))
         window = np.hanning(len(t))[:, None]
@@ -188,7 +197,7 @@ class Clear:
         width = max(3, round(AVERAGED * len(t) * step))
         power = scipy.ndimage.uniform_filter1d(power, width, axis=0, mode="nearest")
         f = np.fft.rfftfreq(len(t), step)[:, None]
-        highest = np.max(np.where(power > CLEAR * noise, f, 0.0), axis=0)
+        highest = np.max(np.where(power > least, f, 0.0), axis=0)
         # Zero phase, and so gradual that it does not ring.
         f = np.fft.rfftfreq(len(t) + 2 * self._count, step)[:, None]
         self._weight = 1.0 / (1.0 + (f / np.maximum(highest, 1e-9)) ** 8)
