@@ -245,7 +245,8 @@ class Laws:
 
 
 def candidate_of(law: Callable[[Sequence[float]], Array], values: Sequence[float], *parameters: Parameter) -> Any:
-    feature = SimpleNamespace(law=law, searched=parameters, effect=SimpleNamespace(parameters=parameters))
+    effect = SimpleNamespace(parameters=parameters)
+    feature = SimpleNamespace(law=law, searched=parameters, effect=effect, unit=lambda p: p.unit)
     return SimpleNamespace(feature=feature, searched=tuple(float(v) for v in values), fixed=True)
 
 

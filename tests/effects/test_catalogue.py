@@ -78,11 +78,13 @@ def test_arm_files_carry_effects(arm, tmp_path):
 
 
 def test_parameters_say_what_a_search_needs():
-    """Every parameter has a unit and a plausible range; what is searched can be, what is linear has a neutral value."""
+    """Every parameter has a unit and a plausible range; what is linear has a neutral value, or acts by its inverse."""
     for effect in EFFECTS.values():
         for p in effect.parameters:
             assert p.unit and p.low < p.high and p.low > p.above
-            if p.role is Role.LINEAR:
+            if p.role is Role.LINEAR and p.inverse:
+                assert p.neutral is None and p.low > 0.0
+            elif p.role is Role.LINEAR:
                 assert p.neutral is not None and p.value_of(0.0) == p.neutral
             elif p.role is Role.PHASE:
                 assert effect.parameters[0].role is Role.LINEAR

@@ -13,10 +13,9 @@ from numpy.typing import NDArray
 
 from elastic_arm.diagnosis.calibration.nuisance import NuisanceParameter
 from elastic_arm.diagnosis.selection.regressor_library import Candidate
+from elastic_arm.effects.model import Effect
 
 Array = NDArray[np.float64]
-
-LOW_PASS = "torque_lowpass"
 
 
 def filters_for_lags(
@@ -36,7 +35,7 @@ def filters_for_lags(
     values, found = values.copy(), []
     for cause in causes:
         feature = cause.feature
-        if feature.effect.id != LOW_PASS or not feature.fixed:
+        if not _is_low_pass(feature.effect) or not feature.fixed:
             found.append(cause)
             continue
         chosen = [
@@ -54,3 +53,9 @@ def filters_for_lags(
             cause = replace(cause, searched=(1.0 / (2.0 * np.pi * slower),))
         found.append(cause)
     return values, found
+
+
+def _is_low_pass(effect: Effect) -> bool:
+    """Whether an effect is a corner frequency of some channels."""
+    (first, *_) = effect.parameters or (None,)
+    return first is not None and first.inverse and first.unit == "Hz"

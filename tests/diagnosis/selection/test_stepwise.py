@@ -48,7 +48,9 @@ def feature(name: str, **changed: Any) -> Any:
     """A feature with one linear parameter and one column."""
     own = {"key": (name, None, ()), "linear": (COEFFICIENT,), "searched": (), "fixed": False, "phase": None}
     own["choices"] = {}
-    effect = SimpleNamespace(id=name, parameters=(COEFFICIENT,), confusions=(), scales_friction=False, regressor=None)
+    effect = SimpleNamespace(
+        id=name, parameters=(COEFFICIENT,), confusions=(), friction=False, scales_friction=False, regressor=None
+    )
     column = lambda data, searched: data.columns[name]  # noqa: E731
     return SimpleNamespace(**{**own, "effect": effect, "joint": None, "column": column, **changed})
 
