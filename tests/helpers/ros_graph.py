@@ -92,6 +92,9 @@ class Graph:
         """Call a service and return its response."""
         client = self.peer.create_client(kind, service)
         self.until(client.service_is_ready, f"{service} is offered")
+        # The client knows the server then; the server may yet have to discover where its answers are read.
+        discovered = time.monotonic() + 0.5
+        self.until(lambda: time.monotonic() > discovered, "half a second has passed")
         future = client.call_async(request)
         self.until(future.done, f"{service} answers")
         return future.result()
