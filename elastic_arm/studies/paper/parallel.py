@@ -5,12 +5,15 @@ from __future__ import annotations
 import multiprocessing
 import os
 from collections.abc import Callable, Sequence
-from concurrent.futures import ProcessPoolExecutor, as_completed
+from concurrent.futures import ProcessPoolExecutor
 from types import TracebackType
-from typing import Any
+from typing import Any, TypeVar
 
+Result = TypeVar("Result")
 Task = Callable[[], Any]
 Advance = Callable[[], None]
+Results = Callable[[], list[Result]]
+"""Waits for tasks that were begun, and returns their results in order."""
 
 
 class ProcessPool:
@@ -38,25 +41,34 @@ class ProcessPool:
         if self._pool is not None:
             self._pool.shutdown(cancel_futures=True)
 
-    def run(self, tasks: Sequence[Task], advance: Advance) -> list[Any]:
-        """Run tasks (functions of a module, bound to their arguments) and return their results in order.
+    def start(self, tasks: Sequence[Task], advance: Advance) -> Results[Any]:
+        """Begin tasks (functions of a module, bound to their arguments); what is begun first is done first.
 
         Parameters
         ----------
         advance
-            Called after each task.
+            Called after each task, by any thread.
+
+        Returns
+        -------
+        results
+            A function that waits for the tasks and returns their results in order. A task's error is raised there, or
+            here where there is one process.
         """
         if self._pool is None:
             results = []
             for task in tasks:
                 results.append(task())
                 advance()
-            return results
+            return lambda: results
         futures = [self._pool.submit(task) for task in tasks]
-        for future in as_completed(futures):
-            future.result()
-            advance()
-        return [future.result() for future in futures]
+        for future in futures:
+            future.add_done_callback(lambda _: advance())
+        return lambda: [future.result() for future in futures]
+
+    def run(self, tasks: Sequence[Task], advance: Advance) -> list[Any]:
+        """Run tasks and return their results in order: :meth:`start` and the wait for all of them."""
+        return self.start(tasks, advance)()
 
 
 def _one_thread_each() -> None:

@@ -13,11 +13,11 @@ from elastic_arm.dynamics import build_model
 from elastic_arm.robot.description import Robot
 from elastic_arm.studies.paper import comparison, convergence, cost, feedforward
 from elastic_arm.studies.paper.comparison import MODELS, ModelComparison
-from elastic_arm.studies.paper.coupling import symbolic_coupling
+from elastic_arm.studies.paper.coupling import SymbolicCoupling, symbolic_coupling
 from elastic_arm.studies.paper.excitations import ExcitationSearch, excite
 from elastic_arm.studies.paper.identification_study import CoefficientEstimate
 from elastic_arm.studies.paper.identification_study import study as identify
-from elastic_arm.studies.paper.parallel import Advance, ProcessPool
+from elastic_arm.studies.paper.parallel import Advance, ProcessPool, Results
 from elastic_arm.studies.paper.torque_study import (
     LOCKED_STEP,
     LinkErrors,
@@ -170,71 +170,97 @@ def run_study(robot: Robot, settings: StudySettings, *, workers: int, seed: int,
     arms = {r_tot: robot.with_ratio(r_tot) for r_tot in ratios}
     top = arms[ratios[-1]]
     seconds: dict[str, float] = {}
-
-    def timed(name: str, count: int) -> Advance:
-        seconds[name] = time.perf_counter() - started
-        return stage(name, count)
-
+    timed = partial(_timed, stage, seconds)
     starts = rng.uniform(-1.0, 1.0, (settings.poses - 1, robot.n))
     with ProcessPool(workers) as pool:
-        ramps = _ramps(arms, starts, settings, pool, timed)
-        translations = _translations(top, ratios[-1], settings, pool, timed)
-        checks = _convergence(top, settings, pool, timed)
-        excited = _excite(top, settings, pool, rng, timed)
-        estimates = _identify(arms, excited, settings, pool, rng, timed)
+        # What later stages wait for is begun first; the others fill the processes' time.
+        searches = _excite(top, settings, pool, rng, timed)
+        checking = _convergence(top, settings, pool, timed)
+        excited = dict(zip(MODELS, searches(), strict=True))
+        identifying = _identify(arms, excited, settings, pool, rng, timed)
+        ramping = _ramps(arms, starts, settings, pool, timed)
+        translating = _translations(top, ratios[-1], settings, pool, timed)
+        deriving = pool.start(
+            [partial(symbolic_coupling, top, bearings=bearings) for bearings in (False, True)],
+            timed("the coupling S in symbols", 2),
+        )
+        estimates = identifying()
         tracking = _track(arms, estimates, settings, pool, rng, timed)
-    advance = timed("symbols and cost", 3)
-    symbols = []
-    for bearings in (False, True):
-        symbols.append(symbolic_coupling(top, bearings=bearings))
-        advance()
+        ramps = ramping()
+        checks = _by_table(checking())
+        torques = _torques(robot, arms, ramps, checks, translating(), deriving())
+        poses = zip(starts, ramps[len(ratios) + 1 :], strict=True)
+        compared = [(start, comparison.compare(top, ratios[-1], run)) for start, run in poses]
+        tracked, along = tracking(), settings.motions
+    advance = timed("cost", 1)
     costs = cost.measure(top, rng)
     advance()
-    torques = torque_result(
+    seconds["whole study"] = time.perf_counter() - started
+    return StudyResult(
+        **vars(torques),
+        settings=settings,
+        poses=compared,
+        convergence=checks,
+        excited=excited,
+        estimates=estimates,
+        tracking=[feedforward.together(tracked[k : k + along]) for k in range(0, len(tracked), along)],
+        costs=costs,
+        engine=engine_name,
+        seconds=seconds,
+    )
+
+
+def _torques(
+    robot: Robot,
+    arms: Mapping[float, Robot],
+    ramps: list[PrototypeRun],
+    checks: Mapping[str, list[convergence.ConvergenceCheck]],
+    translations: list[LinkErrors],
+    coupling: list[SymbolicCoupling],
+) -> TorqueResult:
+    locked, tilting = coupling
+    return torque_result(
         robot,
         arms,
         ramps,
         translations=translations,
         assumed=Bushing().translation_stiffness,
         locked=next(check.tau_l for check in checks["bushing"] if np.isinf(check.setting)) or 0.0,
-        coupling=(symbols[0], symbols[1]),
+        coupling=(locked, tilting),
     )
-    poses = zip(starts, ramps[len(ratios) + 1 :], strict=True)
-    result = StudyResult(
-        **vars(torques),
-        settings=settings,
-        poses=[(start, comparison.compare(top, ratios[-1], run)) for start, run in poses],
-        convergence=checks,
-        excited=excited,
-        estimates=estimates,
-        tracking=tracking,
-        costs=costs,
-        engine=engine_name,
-    )
-    result.seconds = _durations(seconds, time.perf_counter() - started)
-    return result
+
+
+def _timed(stage: StageStart, seconds: dict[str, float], name: str, count: int) -> Advance:
+    """Begin a stage, and keep in `seconds` how long after its beginning its last task was done."""
+    begun, advance = time.perf_counter(), stage(name, count)
+
+    def advanced() -> None:
+        seconds[name] = time.perf_counter() - begun
+        advance()
+
+    return advanced
 
 
 def _ramps(
     arms: Mapping[float, Robot], starts: np.ndarray, settings: StudySettings, pool: ProcessPool, stage: StageStart
-) -> list[PrototypeRun]:
+) -> Results[PrototypeRun]:
     """Run the step ramp over all ratios, at the highest without jumps too, and there from the other poses."""
     known = list(arms.values())
     tasks = ramp_tasks(known, Bushing(), settings.step)
     tasks += [partial(follow, known[-1], Bushing(), StepRamp(start), settings.step) for start in starts]
-    return pool.run(tasks, stage("step ramps of the prototype", len(tasks)))
+    return pool.start(tasks, stage("step ramps of the prototype", len(tasks)))
 
 
 def _translations(
     robot: Robot, r_tot: float, settings: StudySettings, pool: ProcessPool, stage: StageStart
-) -> list[LinkErrors]:
+) -> Results[LinkErrors]:
     tasks = [partial(link_errors, robot, r_tot, value, settings.step) for value in settings.translations]
-    return pool.run(tasks, stage("translation stiffness of the bushing", len(tasks)))
+    return pool.start(tasks, stage("translation stiffness of the bushing", len(tasks)))
 
 
 def _convergence(
     robot: Robot, settings: StudySettings, pool: ProcessPool, stage: StageStart
-) -> dict[str, list[convergence.ConvergenceCheck]]:
+) -> Results[list[convergence.ConvergenceCheck]]:
     ramp = StepRamp(np.zeros(robot.n), hold=0.05)
     tasks = [
         partial(convergence.over_steps, robot, settings.step_sizes, ramp),
@@ -245,19 +271,26 @@ def _convergence(
         ),
         partial(convergence.over_bushings, robot, (np.inf,), ramp, settings.step),
     ]
-    steps, couplers, *bushings = pool.run(tasks, stage("convergence of the prototype", len(tasks)))
+    return pool.start(tasks, stage("convergence of the prototype", len(tasks)))
+
+
+def _by_table(
+    parts: list[list[convergence.ConvergenceCheck]],
+) -> dict[str, list[convergence.ConvergenceCheck]]:
+    """Name the results of the tasks of :func:`_convergence`."""
+    steps, couplers, *bushings = parts
     return {"step": steps, "coupler": couplers, "bushing": [check for part in bushings for check in part]}
 
 
 def _excite(
     robot: Robot, settings: StudySettings, pool: ProcessPool, rng: np.random.Generator, stage: StageStart
-) -> dict[str, ExcitationSearch]:
+) -> Results[ExcitationSearch]:
     seeds = rng.integers(2**31, size=len(MODELS))
     tasks = [
         partial(excite, robot, model, settings.evaluations, settings.random_trajectories, int(seed))
         for model, seed in zip(MODELS, seeds, strict=True)
     ]
-    return dict(zip(MODELS, pool.run(tasks, stage("search of the excitations", len(tasks))), strict=True))
+    return pool.start(tasks, stage("search of the excitations", len(tasks)))
 
 
 def _identify(
@@ -267,7 +300,7 @@ def _identify(
     pool: ProcessPool,
     rng: np.random.Generator,
     stage: StageStart,
-) -> list[CoefficientEstimate]:
+) -> Results[CoefficientEstimate]:
     """Identify each model from the run of its own trajectory, at each ratio chosen."""
     ratios = [list(arms)[k] for k in settings.identified]
     pairs = [(r_tot, model) for r_tot in ratios for model in MODELS]
@@ -283,7 +316,7 @@ def _identify(
         )
         for r_tot, model in pairs
     ]
-    return pool.run(tasks, stage("excitation runs and identification", len(tasks)))
+    return pool.start(tasks, stage("excitation runs and identification", len(tasks)))
 
 
 def _identify_one(
@@ -312,8 +345,11 @@ def _track(
     pool: ProcessPool,
     rng: np.random.Generator,
     stage: StageStart,
-) -> list[feedforward.Tracking]:
-    """Drive the prototype under feed-forward of each identified model at the lowest and highest ratio identified."""
+) -> Results[feedforward.Tracking]:
+    """Drive the prototype under feed-forward of each identified model at the lowest and highest ratio identified.
+
+    The results are those of each law along each motion, laws first.
+    """
     known = sorted({e.r_tot for e in estimates})
     n, duration = len(arms[known[0]].joints), SETTLE + settings.tracking
     motions = [feedforward.reference(n, TRACKING_PERIOD, duration, rng) for _ in range(settings.motions)]
@@ -335,11 +371,4 @@ def _track(
                         step=settings.excitation_step,
                     )
                 )
-    runs = pool.run(tasks, stage("feed-forward of the prototype", len(tasks)))
-    return [feedforward.together(runs[k : k + len(motions)]) for k in range(0, len(runs), len(motions))]
-
-
-def _durations(starts: Mapping[str, float], end: float) -> dict[str, float]:
-    """Turn the stages' starting times into durations, s, and add the whole."""
-    edges = [*starts.values(), end]
-    return {name: edges[k + 1] - edges[k] for k, name in enumerate(starts)} | {"whole study": end}
+    return pool.start(tasks, stage("feed-forward of the prototype", len(tasks)))

@@ -179,7 +179,12 @@ def _cost(result: StudyResult) -> Section:
                 [(c.model, c.what, c.per_sample, c.per_call) for c in result.costs],
                 digits=3,
             ),
-            Table(("stage", "time [s]"), list(result.seconds.items()), digits=3),
+            Table(
+                ("stage", "time [s]"),
+                list(result.seconds.items()),
+                digits=3,
+                caption="From a stage's beginning to the end of its last task; stages run side by side.",
+            ),
         ],
     )
 

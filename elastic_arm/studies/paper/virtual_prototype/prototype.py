@@ -12,23 +12,27 @@ upper rows the torque tau_m at the harmonic-drive output (inverse dynamics). Wit
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.linalg.lapack import dposv
 
 from elastic_arm.errors import SimulationError
 from elastic_arm.robot.description import Robot
+from elastic_arm.studies.paper.virtual_prototype.integration import (
+    RECORD_RATE,
+    RUNGE_KUTTA_REACH,
+    division,
+    runge_kutta,
+    solve,
+)
 from elastic_arm.studies.paper.virtual_prototype.mechanism import BUSHING, Bushing, build_spec, engine, transmissions
-from elastic_arm.studies.paper.virtual_prototype.motions import ImposedMotion
+from elastic_arm.studies.paper.virtual_prototype.motions import ImposedMotion, SmoothPiece
 from elastic_arm.studies.paper.virtual_prototype.rotations import link_coordinates
 
 Torque = Callable[[int, np.ndarray, np.ndarray], np.ndarray]
 _Sample = tuple[float, np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]
-RUNGE_KUTTA_REACH = 2.78  # of |eigenvalue| times step, on the real axis
 DEFAULT_STEP = 1.0e-4
-RECORD_RATE = 1000.0
 
 
 @dataclass(frozen=True)
@@ -118,7 +122,7 @@ class Prototype:
                 self.T[self._address(f"{name}.{axis}"), self.n + len(free) * i + k] = 1.0
         self._Tt = np.ascontiguousarray(self.T.T)
         self._driven, self._free = np.ascontiguousarray(self.T[:, : self.n]), self.T[:, self.n :].argmax(axis=0)
-        self._among_free = (self._free[:, None] * self._model.nv + self._free).ravel()  # places in the flat mass matrix
+        self._among_free = self._free[:, None] * self._model.nv + self._free  # places in the flat mass matrix
         self._delta = self.n + np.arange(self.n) * len(free) + len(free) - 1  # the drive's deflection of each joint
 
     def _address(self, joint: str) -> int:
@@ -126,15 +130,29 @@ class Prototype:
 
     def reduced(self, y: np.ndarray, dy: np.ndarray) -> _Reduced:
         """Return the engine's mass matrix and bias minus passive forces on y = (theta, bushing)."""
-        force = self._evaluate(self.T @ y, self.T @ dy)
-        return _Reduced(self._Tt @ self._full @ self.T, self._Tt @ force)
+        n, driven = self.n, self._driven
+        force = self._evaluate(driven.dot(y[:n]), driven.dot(dy[:n]), y[n:], dy[n:])
+        return _Reduced(self._Tt.dot(self._full).dot(self.T), self._Tt.dot(force))
 
-    def _evaluate(self, position: np.ndarray, velocity: np.ndarray) -> np.ndarray:
-        """Let the engine fill its full mass matrix; return its bias minus passive forces (nv,)."""
-        data, model, mj = self._data, self._model, self._mj
-        self._qpos[:] = position
-        self._qvel[:] = velocity
-        mj.mj_fwdPosition(model, data)
+    def _evaluate(self, position: np.ndarray, velocity: np.ndarray, u: np.ndarray, du: np.ndarray) -> np.ndarray:
+        """Let the engine fill its full mass matrix; return its bias minus passive forces (nv,).
+
+        Parameters
+        ----------
+        position, velocity
+            Of the driven coordinates, G theta and G dtheta (nv,).
+        u, du
+            Deflections of the bushing and their rates.
+        """
+        data, model, mj, qpos, qvel = self._data, self._model, self._mj, self._qpos, self._qvel
+        qpos[:] = position
+        qpos[self._free] = u
+        qvel[:] = velocity
+        qvel[self._free] = du
+        # The parts of mj_fwdPosition that a model without constraints and sensors needs.
+        mj.mj_kinematics(model, data)
+        mj.mj_comPos(model, data)
+        mj.mj_crb(model, data)
         mj.mj_fwdVelocity(model, data)
         mj.mj_fullM(model, data, self._full)
         force: np.ndarray = self._bias - self._passive
@@ -197,21 +215,67 @@ class Prototype:
         SimulationError
             When the bushing's motion leaves the finite numbers (a step too large for its stiffness).
         """
-        u = self.equilibrium(motion.pieces[0].evaluate(np.array([motion.pieces[0].start]))[0][0])
-        du, samples = np.zeros_like(u), []
+        first = motion.pieces[0]
+        u = self.equilibrium(first.evaluate(np.array([first.start]))[0][0])
+        state = np.array([u, np.zeros_like(u)])
+        samples: list[_Sample] = []
         for piece in motion.pieces:
-            steps, stride, h = _division(piece.end - piece.start, step, rate)
-            times = piece.start + 0.5 * h * np.arange(2 * steps + 1)
-            imposed = list(zip(*piece.evaluate(times), strict=True))
-            if piece is motion.pieces[0] and piece.start >= 0.0:
-                samples.append(self._sample(piece.start, imposed[0], u, du))
-            for k in range(steps):
-                respond = _Imposed(self, imposed[2 * k : 2 * k + 3])
-                u, du = runge_kutta(respond, u, du, respond(0, u, du), h)
-                if (k + 1) % stride == 0 and piece.start + (k + 1) * h > -0.5 * h:
-                    samples.append(self._sample(times[2 * k + 2], imposed[2 * k + 2], u, du))
-            self._refuse_unless_finite(u, h)
+            steps, stride, h = division(piece.end - piece.start, step, rate)
+            begin = 0 if piece is first else stride  # where a piece begins, the one before has ended
+            kept = {k for k in range(begin, steps + 1, stride) if piece.start + k * h > -0.5 * h}
+            state = self._follow_piece(piece, state, (steps, h), kept, samples)
+            self._refuse_unless_finite(state, h)
         return self._gather(samples)
+
+    def _follow_piece(
+        self,
+        piece: SmoothPiece,
+        state: np.ndarray,
+        division: tuple[int, float],
+        kept: set[int],
+        samples: list[_Sample],
+    ) -> np.ndarray:
+        """Integrate the bushings over one smooth piece.
+
+        Parameters
+        ----------
+        piece
+            Of the motion imposed.
+        state
+            Deflections of the bushings and their rates (2, 6 n), at its start.
+        division
+            Number of steps and the step, s.
+        kept
+            The steps at whose beginning a sample is taken; the one after the last is the piece's end.
+        samples
+            To which the samples are added.
+
+        Returns
+        -------
+        state
+            At the piece's end (2, 6 n).
+        """
+        steps, h = division
+        times = piece.start + 0.5 * h * np.arange(2 * steps + 1)
+        imposed = piece.evaluate(times)
+        driven = list(zip(*(part.dot(self._driven.T) for part in imposed), strict=True))
+
+        def accelerate(half: int, state: np.ndarray) -> np.ndarray:
+            return self._bushing_acceleration(driven[half], state)[0]
+
+        for k in range(steps + 1):
+            ddu, force = self._bushing_acceleration(driven[2 * k], state)
+            if k in kept:
+                y, dy, ddy = (
+                    np.concatenate([part[2 * k], own]) for part, own in zip(imposed, (*state, ddu), strict=True)
+                )
+                accelerations = driven[2 * k][2].copy()
+                accelerations[self._free] = ddu
+                tau_m = self._driven.T.dot(force + self._full.dot(accelerations))
+                samples.append((times[2 * k], y, dy, ddy, tau_m, self._data.site_xpos[0].copy()))
+            if k < steps:
+                state = runge_kutta(accelerate, 2 * k, state, ddu, h)
+        return state
 
     def actuate(
         self,
@@ -233,74 +297,44 @@ class Prototype:
             theta and dtheta at t = 0; the bushings begin in static equilibrium, turning along.
         """
         n = self.n
-        y = np.concatenate([start[0], self.equilibrium(start[0])])
-        dy, samples = np.concatenate([start[1], np.zeros(len(y) - n)]), []
-        steps, stride, h = _division(duration, step, rate)
+        state, samples = np.zeros((2, self.T.shape[1])), []
+        state[:, :n], state[0, n:] = start, self.equilibrium(start[0])
+        steps, stride, h = division(duration, step, rate)
+
+        def accelerate(half: int, state: np.ndarray) -> np.ndarray:
+            at = self.reduced(*state)
+            force = -at.force
+            force[:n] += torque(half, *state[:, :n])
+            return solve(at.mass, force)
+
         for k in range(steps + 1):
-
-            def respond(half: int, y: np.ndarray, dy: np.ndarray, k: int = k) -> np.ndarray:
-                at = self.reduced(y, dy)
-                force = -at.force
-                force[:n] += torque(2 * k + half, y[:n], dy[:n])
-                return _solve(at.mass, force)
-
-            ddy = respond(0, y, dy)
+            ddy = accelerate(2 * k, state)
             if k % stride == 0:
-                tau_m = torque(2 * k, y[:n], dy[:n])
-                samples.append((k * h, y, dy, ddy, tau_m, self._data.site_xpos[0].copy()))
+                tau_m = torque(2 * k, *state[:, :n])
+                samples.append((k * h, *state, ddy, tau_m, self._data.site_xpos[0].copy()))
             if k < steps:
-                y, dy = runge_kutta(respond, y, dy, ddy, h)
-        self._refuse_unless_finite(y, h)
+                state = runge_kutta(accelerate, 2 * k, state, ddy, h)
+        self._refuse_unless_finite(state, h)
         return self._gather(samples)
 
-    def respond(self, imposed: tuple[np.ndarray, ...], u: np.ndarray, du: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return the bushing's acceleration and the motor torque tau_m under imposed theta, dtheta, ddtheta.
-
-        Parameters
-        ----------
-        imposed
-            theta, dtheta, ddtheta (n,).
-        u, du
-            Deflections of the bushing and their rates.
-        """
-        ddu, force = self._bushing_acceleration(imposed, u, du)
-        torque = force + self._full @ self._placed(imposed[2], ddu)
-        return ddu, self._driven.T @ torque
-
-    def _bushing_acceleration(
-        self, imposed: tuple[np.ndarray, ...], u: np.ndarray, du: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray]:
+    def _bushing_acceleration(self, driven: tuple[np.ndarray, ...], state: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return the bushing's acceleration, and the engine's bias minus passive forces (nv,).
 
         The rows of the bushing alone are solved: its deflections are coordinates of the engine, so that their part of
         T' M T is a part of M.
-        """
-        theta, dtheta, ddtheta = imposed
-        force = self._evaluate(self._placed(theta, u), self._placed(dtheta, du))
-        imposed_force = force + self._full @ (self._driven @ ddtheta)
-        mass = self._full.take(self._among_free).reshape(len(u), len(u))
-        return _solve(mass, -imposed_force[self._free]), force
-
-    def _placed(self, theta: np.ndarray, u: np.ndarray) -> np.ndarray:
-        """Return T (theta, u), the engine's coordinates (nv,)."""
-        full: np.ndarray = self._driven @ theta
-        full[self._free] = u
-        return full
-
-    def acceleration(self, imposed: tuple[np.ndarray, ...], u: np.ndarray, du: np.ndarray) -> np.ndarray:
-        """Return the bushing's acceleration alone.
 
         Parameters
         ----------
-        imposed, u, du
-            See :meth:`respond`.
+        driven
+            Positions, velocities and accelerations of the driven coordinates, (nv,) each.
+        state
+            Deflections of the bushing and their rates (2, 6 n).
         """
-        return self._bushing_acceleration(imposed, u, du)[0]
-
-    def _sample(self, t: float, imposed: tuple[np.ndarray, ...], u: np.ndarray, du: np.ndarray) -> _Sample:
-        ddu, tau_m = self.respond(imposed, u, du)
-        y, dy, ddy = (np.concatenate(pair) for pair in zip(imposed, (u, du, ddu), strict=True))
-        return t, y, dy, ddy, tau_m, self._data.site_xpos[0].copy()
+        u, du = state
+        force = self._evaluate(driven[0], driven[1], u, du)
+        imposed_force = force + self._full.dot(driven[2])
+        mass = self._full.take(self._among_free)
+        return solve(mass, -imposed_force[self._free]), force
 
     def _refuse_unless_finite(self, state: np.ndarray, step: float) -> None:
         if not np.isfinite(state).all():
@@ -324,60 +358,3 @@ class Prototype:
         tilt = np.concatenate([q_x, q_y], axis=2)
         tau_J = -y[:, self._delta] * self._drive[:, 0] - dy[:, self._delta] * self._drive[:, 1]
         return PrototypeRun(t, q[0], q[1], q[2], theta[0], theta[1], theta[2], tilt, tau_m, tau_J, tool)
-
-
-class _Imposed:
-    """The bushing's acceleration over one step, given the imposed motion at its start, middle and end."""
-
-    def __init__(self, prototype: Prototype, imposed: Sequence[tuple[np.ndarray, ...]]) -> None:
-        self._prototype, self._imposed = prototype, imposed
-
-    def __call__(self, half: int, u: np.ndarray, du: np.ndarray) -> np.ndarray:
-        return self._prototype.acceleration(self._imposed[half], u, du)
-
-
-def runge_kutta(
-    acceleration: Callable[[int, np.ndarray, np.ndarray], np.ndarray],
-    u: np.ndarray,
-    du: np.ndarray,
-    ddu: np.ndarray,
-    h: float,
-) -> tuple[np.ndarray, np.ndarray]:
-    """Take one classical fourth-order step of u'' = acceleration(half step 0, 1 or 2, u, u'); `ddu` is the first.
-
-    Parameters
-    ----------
-    acceleration
-        (half step 0, 1 or 2, u, u') -> u''.
-    u, du
-        State at the beginning of the step.
-    ddu
-        Acceleration there.
-    h
-        Step, s.
-    """
-    v2 = du + 0.5 * h * ddu
-    a2 = acceleration(1, u + 0.5 * h * du, v2)
-    v3 = du + 0.5 * h * a2
-    a3 = acceleration(1, u + 0.5 * h * v2, v3)
-    v4 = du + h * a3
-    a4 = acceleration(2, u + h * v3, v4)
-    return u + h / 6.0 * (du + 2.0 * v2 + 2.0 * v3 + v4), du + h / 6.0 * (ddu + 2.0 * a2 + 2.0 * a3 + a4)
-
-
-def _solve(mass: np.ndarray, force: np.ndarray) -> np.ndarray:
-    """Solve with a symmetric positive definite matrix; LAPACK itself, as this is most of a small step's overhead."""
-    solution: np.ndarray = dposv(mass, force)[1]
-    return solution
-
-
-def dividing_step(step: float, rate: float = RECORD_RATE) -> float:
-    """Return the largest step, at most `step`, of which a whole number makes one sample, s."""
-    return 1.0 / (rate * max(1, int(np.ceil(1.0 / (rate * step) - 1e-9))))
-
-
-def _division(duration: float, step: float, rate: float) -> tuple[int, int, float]:
-    """Return the number of steps, steps a sample, and the step, no larger than requested and dividing the samples."""
-    stride = round(1.0 / (rate * dividing_step(step, rate)))
-    steps = stride * round(duration * rate)
-    return steps, stride, duration / steps

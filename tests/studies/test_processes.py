@@ -1,0 +1,31 @@
+"""Tasks of the paper's study over processes."""
+
+from __future__ import annotations
+
+import math
+from functools import partial
+
+import pytest
+
+from elastic_arm.studies.paper.parallel import ProcessPool
+
+
+@pytest.mark.parametrize("workers", [1, 2])
+def test_results_come_in_the_order_of_the_tasks_and_each_is_counted(workers: int) -> None:
+    """Whichever ends first, in one process or in several; a second batch may begin before the first is waited for."""
+    done: list[int] = []
+    with ProcessPool(workers) as pool:
+        first = pool.start([partial(math.factorial, k) for k in (2000, 3, 4)], lambda: done.append(1))
+        second = pool.start([partial(math.sqrt, 4.0)], lambda: done.append(2))
+        assert second() == [2.0]
+        assert [value % 10**9 for value in first()][1:] == [6, 24]
+    assert sorted(done) == [1, 1, 1, 2]
+
+
+def test_a_tasks_error_is_raised_where_its_result_is_waited_for() -> None:
+    """Not before, so that other stages are not disturbed, and not lost."""
+    with ProcessPool(2) as pool:
+        broken = pool.start([partial(math.sqrt, -1.0)], lambda: None)
+        assert pool.run([partial(math.sqrt, 9.0)], lambda: None) == [3.0]
+        with pytest.raises(ValueError, match="domain"):
+            broken()
