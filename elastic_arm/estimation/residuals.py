@@ -8,8 +8,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.polynomial.legendre import legvander
 from numpy.typing import NDArray
-from scipy.ndimage import binary_dilation, binary_opening
+from scipy.ndimage import binary_dilation, binary_opening, find_objects, label
 
 from elastic_arm.dynamics import Model
 from elastic_arm.estimation.band import Band
@@ -22,8 +23,9 @@ Array = NDArray[np.float64]
 SLOWEST = 5e-4  # rad/s: slower than this a joint counts as standing, whatever the noise
 SLOW = 0.005  # of a joint's highest speed, below which it sticks if it is as slow for as long as STICKING
 STICKING = 0.03  # s
-LEAST_MOVING = 0.5  # of a stretch, below which each equation is left out by itself
+LEAST_MOVING = 0.5  # of a stretch, below which rows are not left out but freed of the friction of each joint
 MOST_STICKING = 0.3  # of a stretch; a joint that sticks longer is one that stands still
+RANK = 0.05  # of the strongest: courses of friction that show less in the band are left in
 
 
 def raw_residuals(model: Model, motion: CompletedMotion) -> Array:
@@ -108,36 +110,110 @@ def residuals(model: Model, observation: Observation, equations: EquationSet, ba
     return [s for s in stretches if len(s.t) > band.kept_rate]
 
 
-def moving_rows(stretch: Stretch, band: Band, layout: EquationSet) -> Array:
-    """Return weights of a stretch's rows: 0 where a joint sticks, as its friction takes any value there, else 1.
-
-    One weight an instant (N',), for all equations. Where that would leave little, one an equation (N', R): a joint that
-    sticks leaves out those equations that hold its motor's friction. A joint that hardly moves in the whole stretch
-    does not count.
+@dataclass(frozen=True)
+class Sticking:
+    """What is removed of the rows of a stretch.
 
     Parameters
     ----------
-    stretch
-        Of residuals.
-    band
-        Its filter carries what sticks over to rows around.
-    layout
-        The usable equations.
+    moving
+        (N',) 0 for an instant that is left out, else 1.
+    friction
+        Orthonormal (N', m) of each row that holds a sticking motor's friction: what it can be in the band, were it any
+        torque while the joint sticks. Infinite prior variance: it is projected out of residuals and columns alike.
     """
+
+    moving: Array
+    friction: tuple[Array | None, ...]
+
+    @classmethod
+    def none(cls, stretch: Stretch, rows: int) -> Sticking:
+        """Return what removes nothing."""
+        return cls(np.ones(len(stretch.t)), (None,) * rows)
+
+    @classmethod
+    def of(cls, stretch: Stretch, band: Band, layout: EquationSet) -> Sticking:
+        """Return what is removed of a stretch: the instants, or where that would leave little, the friction.
+
+        A joint that hardly moves in the whole stretch does not count.
+
+        Parameters
+        ----------
+        stretch
+            Of residuals.
+        band
+            Its filter carries what sticks over to rows around.
+        layout
+            The usable equations.
+        """
+        stuck = _stuck(stretch)
+        moving = _moving(stretch, band, stuck)
+        if moving.mean() >= LEAST_MOVING:
+            return cls(moving, (None,) * layout.rows)
+        bases = [_friction(stretch, band, column) for column in stuck.T]
+        held = [bases[joint] if equation.combination[2] else None for equation, joint in layout.entries]
+        return cls(np.ones(len(stretch.t)), tuple(held))
+
+    def remove(self, values: Array) -> Array:
+        """Return residuals or columns (N', R, …) without it."""
+        if not self.moving.all():
+            return np.asarray(values * self.moving.reshape(-1, *[1] * (values.ndim - 1)))
+        if all(basis is None for basis in self.friction):
+            return values
+        out = values.copy()
+        for row, basis in enumerate(self.friction):
+            if basis is not None and out[:, row].any():
+                out[:, row] -= basis @ (basis.T @ out[:, row])
+        return out
+
+    @property
+    def share_left(self) -> float:
+        """Share of the rows' degrees of freedom that are left."""
+        lost = sum(0 if basis is None else basis.shape[1] for basis in self.friction)
+        return float(self.moving.mean()) - lost / (len(self.moving) * len(self.friction))
+
+
+def moving_instants(stretch: Stretch, band: Band) -> NDArray[np.bool_]:
+    """Return at which instants (N',) of a stretch no joint sticks, as far as the band's filter carries it."""
+    return _moving(stretch, band, _stuck(stretch)) != 0.0
+
+
+def _stuck(stretch: Stretch) -> NDArray[np.bool_]:
+    """Return where joints stick, (N, n) at the recording's rate."""
     t, speed = stretch.quiet.t, np.abs(stretch.quiet.dtheta)
     slow = speed < np.maximum(SLOW * speed.max(axis=0), 2.0 * SLOWEST)
-    step = float(t[1] - t[0])
-    sticks = np.stack([binary_opening(column, np.ones(max(1, round(STICKING / step)))) for column in slow.T], axis=1)
-    sticks &= sticks.mean(axis=0) < MOST_STICKING
-    around = round((0.5 * len(band.taps) / band.rate + STICKING) / step)
+    length = np.ones(max(1, round(STICKING / (t[1] - t[0]))))
+    sticks = np.stack([binary_opening(column, length) for column in slow.T], axis=1)
+    return np.asarray(sticks & (sticks.mean(axis=0) < MOST_STICKING))
+
+
+def _moving(stretch: Stretch, band: Band, stuck: NDArray[np.bool_]) -> Array:
+    """Return weights (N',) of a stretch's instants: 0 where a joint sticks, as far as the filter carries it, else 1."""
+    t, together = stretch.quiet.t, np.asarray(stuck.any(axis=1))
+    if together.any():
+        around = round((0.5 * len(band.taps) / band.rate + STICKING) / (t[1] - t[0]))
+        together = binary_dilation(together, iterations=around)
     at = np.clip(np.searchsorted(t, stretch.t), 0, len(t) - 1)
+    return np.asarray(1.0 - together[at])
 
-    def spread(stuck: NDArray[np.bool_]) -> Array:
-        return np.asarray(1.0 - (binary_dilation(stuck, iterations=around) if stuck.any() else stuck)[at])
 
-    together = spread(np.asarray(sticks.any(axis=1)))
-    if together.mean() >= LEAST_MOVING:
-        return together
-    rubs = [equation.combination[2] != 0 for equation, _ in layout.entries]
-    own = [spread(sticks[:, joint] & holds) for holds, (_, joint) in zip(rubs, layout.entries, strict=True)]
-    return np.stack(own, axis=1)
+def _friction(stretch: Stretch, band: Band, stuck: NDArray[np.bool_]) -> Array | None:
+    """Return an orthonormal basis (N', m) of the friction of a joint that sticks where `stuck` (N,), in the band."""
+    step = float(stretch.quiet.t[1] - stretch.quiet.t[0])
+    if not stuck.any():
+        return None
+    numbered, _ = label(binary_dilation(stuck, iterations=max(1, round(STICKING / step))))
+    free = np.concatenate([_polynomials(len(stuck), piece[0], step, band) for piece in find_objects(numbered)], axis=1)
+    shown = band.apply(free)[stretch.kept]
+    left, singular, _ = np.linalg.svd(shown, full_matrices=False)
+    basis = left[:, singular > RANK * singular[0]]
+    return basis if basis.shape[1] else None
+
+
+def _polynomials(length: int, piece: slice, step: float, band: Band) -> Array:
+    """Return Legendre polynomials (length, m) over a piece, null outside; as many as the band resolves in it."""
+    count = piece.stop - piece.start
+    degree = min(count - 1, 2 + int(2.0 * band.cutoff * count * step))
+    out = np.zeros((length, degree + 1))
+    out[piece] = legvander(np.linspace(-1.0, 1.0, count), degree) if count > 1 else 1.0
+    return out

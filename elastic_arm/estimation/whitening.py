@@ -23,7 +23,7 @@ from elastic_arm.estimation.motion import drive_constants, wound_by_load
 from elastic_arm.estimation.noise_colour import Colour
 from elastic_arm.estimation.observation import Observation
 from elastic_arm.estimation.regressors import Signals
-from elastic_arm.estimation.residuals import SLOWEST, Stretch, moving_rows, predicted_torques, residuals
+from elastic_arm.estimation.residuals import SLOWEST, Sticking, Stretch, predicted_torques, residuals
 
 Array = NDArray[np.float64]
 
@@ -207,7 +207,7 @@ class WhitenedData:
     predicted
         Whether the laws of effects take the torques that the model predicts instead of the measured ones.
     in_motion
-        Whether rows where a joint sticks are left out.
+        Whether what a joint's friction may be while it sticks is removed.
     acting
         Effects that are part of the predicted torques.
     """
@@ -253,17 +253,16 @@ class WhitenedData:
                 "Record longer without gaps",
             )
         stretches = [part.stretch for part in self.parts]
-        self._weights = [moving_rows(s, band, layout) if in_motion else np.ones(len(s.t)) for s in stretches]
+        self._sticking = [
+            Sticking.of(s, band, layout) if in_motion else Sticking.none(s, layout.rows) for s in stretches
+        ]
         self.y = self.weighted([part.stretch.values for part in self.parts])
         self.white = self.whiten([y[:, :, None] for y in self.y])[:, 0]
         self.blocks = self._blocks()
 
     def weighted(self, columns: Sequence[Array]) -> list[Array]:
-        """Return columns (N', …) of all stretches, null where a joint sticks."""
-        return [
-            values if weights.all() else values * weights.reshape(*weights.shape, *[1] * (values.ndim - weights.ndim))
-            for values, weights in zip(columns, self._weights, strict=True)
-        ]
+        """Return columns (N', R, …) of all stretches without what a joint's friction may be while it sticks."""
+        return [sticking.remove(values) for values, sticking in zip(columns, self._sticking, strict=True)]
 
     @property
     def seconds(self) -> float:
@@ -347,8 +346,8 @@ class WhitenedData:
     @property
     def freedom(self) -> float:
         """Number of independent rows: the band leaves out part of the kept spectrum."""
-        used = sum(float(w.sum()) for w in self._weights) / max(1, sum(w.size for w in self._weights))
-        return len(self.white) * used * min(1.0, 2 * self.band.cutoff / self.band.kept_rate)
+        used = np.average([s.share_left for s in self._sticking], weights=[len(y) for y in self.y])
+        return float(len(self.white) * used * min(1.0, 2 * self.band.cutoff / self.band.kept_rate))
 
 
 def _standstill(observation: Observation, f: Array, n: int) -> tuple[Array, Array]:

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from elastic_arm.diagnosis.preparation import PreparedData
 from elastic_arm.diagnosis.selection.hypothesis import Hypothesis
-from elastic_arm.estimation.residuals import moving_rows
+from elastic_arm.estimation.residuals import moving_instants
 from elastic_arm.estimation.whitening import EDGE, WhitenedData
 
 
@@ -35,6 +35,5 @@ def sticking_misfits(prepared: PreparedData, hypothesis: Hypothesis) -> bool:
 
 def sticking_rows(data: WhitenedData) -> NDArray[np.bool_]:
     """Return which whitened rows (rows,) are those of instants at which a joint sticks."""
-    weights = [moving_rows(part.stretch, data.band, data.layout) for part in data.parts]
-    whole = [w.reshape(len(w), -1) * np.ones(data.layout.rows) for w in weights]
-    return np.asarray(np.concatenate([w[EDGE:-EDGE].ravel() for w in whole]) == 0.0)
+    moving = [moving_instants(part.stretch, data.band)[EDGE:-EDGE] for part in data.parts]
+    return np.repeat(~np.concatenate(moving), data.layout.rows)
