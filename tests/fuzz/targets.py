@@ -7,6 +7,7 @@ import shutil
 import struct
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -30,7 +31,8 @@ from elastic_arm.robot.urdf import parse_urdf
 from tests.helpers.bags import stamps, states, two_sided, write_sqlite
 from tests.helpers.motions import trajectory
 
-MAP = "times: {key: t}\njoints: [a, b]\nlink:\n  position: {key: q, unit: deg, columns: [0, 1]}\nignore: [x*]\n"
+MAP = "times: {key: t}\njoints: [a, b]\nlink:\n  position: {key: q, unit: deg, columns: [0, 1]}\nignore: [x*, s.*]\n"
+TABLE_MAP = "times: {key: t}\njoints: [a, b]\nlink:\n  position: {key: [q, r], unit: deg}\n"
 CHANNELS = """
 defaults: {link: {position: {topic: /joint_states}}, motor: {effort: {topic: /joint_states, unit: A,
   torque_constant: 0.1, ratio: 100}}}
@@ -67,7 +69,6 @@ def targets(folder: Path) -> dict[str, Target]:
     rng = np.random.default_rng(0)
     folder.mkdir(parents=True, exist_ok=True)
     (folder / "arm.urdf").write_text(to_urdf(load_robot()))
-    (folder / "map.yaml").write_text(MAP)
     trajectory(n=2, period=2.0, ramp=0.2, periods=1).save(folder / "trajectory.yaml")
     bag, sqlite, packed = _bags(folder, rng)
     metadata = (folder / "none" / METADATA).read_bytes()
@@ -119,16 +120,33 @@ def _array_targets(folder: Path, rng: np.random.Generator) -> dict[str, Target]:
     table = np.column_stack([arrays["t"], arrays["q"]])
     text = "t,q,r\n" + "\n".join(",".join(f"{value:.6g}" for value in row) for row in table)
 
-    def work(path: Path) -> None:
-        load_arrays(path)
-        import_arrays(path, folder / "map.yaml")
+    alone = folder / "arrays"  # each .npy is one array, so that a recording is a folder of them
+    alone.mkdir(exist_ok=True)
+    np.save(alone / "t.npy", arrays["t"])
 
+    def read_array(path: Path) -> None:
+        shutil.copyfile(path, alone / "q.npy")
+        _import(alone, folder / "map.yaml")
+
+    (folder / "map.yaml").write_text(MAP)
+    (folder / "table.yaml").write_text(TABLE_MAP)
+    read = partial(_import, mapping=folder / "map.yaml")
     return {
-        "npz": Target("files", ".npz", [whole["npz"], whole["deflated"]], work),
-        "npy": Target("files", ".npy", [whole["npy"]], work),
-        "mat": Target("files", ".mat", [whole["mat"], whole["packed"]], work),
-        "csv": Target("files", ".csv", [text.encode(), text.replace(",", " ").encode()], work),
+        "npz": Target("files", ".npz", [whole["npz"], whole["deflated"]], read),
+        "npy": Target("files", ".npy", [whole["npy"]], read_array),
+        "mat": Target("files", ".mat", [whole["mat"], whole["packed"]], read),
+        "csv": Target(
+            "files",
+            ".csv",
+            [text.encode(), text.replace(",", " ").encode()],
+            partial(_import, mapping=folder / "table.yaml"),
+        ),
     }
+
+
+def _import(path: Path, mapping: Path) -> None:
+    load_arrays(path)
+    import_arrays(path, mapping)
 
 
 def _read_bag(path: Path) -> None:

@@ -18,8 +18,8 @@ from elastic_arm.recording.definitions import parse_definition
 from elastic_arm.recording.foreign.arrays import load_array_map
 from elastic_arm.robot import load_robot
 from elastic_arm.robot.loading import NOMINAL_ARM
-from tests.fuzz.campaign import run
-from tests.fuzz.targets import CHANNELS, MAP
+from tests.fuzz.campaign import run, try_one
+from tests.fuzz.targets import CHANNELS, MAP, targets
 
 SECONDS = 7.0  # a group; `make fuzz` takes hours
 BRIEF = settings(max_examples=80, deadline=None, database=None, derandomize=True,
@@ -52,6 +52,13 @@ def test_no_mutant_gets_more_than_a_line(tmp_path: Path, group: str) -> None:
     failures = [words for outcome in found.values() for words in outcome.failures]
     assert not failures, failures[0]
     assert all(outcome.counts.total() > 0 for outcome in found.values())
+
+
+def test_every_whole_file_is_read(tmp_path: Path) -> None:
+    """What the mutants are made of reaches the end of what reads it: otherwise they would try the first step alone."""
+    for name, target in targets(tmp_path / "seeds").items():
+        for content in target.seeds:
+            assert try_one(target, tmp_path / f"whole{target.suffix}", content) == ("read", ""), name
 
 
 @pytest.mark.parametrize("name", LOADERS)
