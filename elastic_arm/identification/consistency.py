@@ -24,7 +24,7 @@ from elastic_arm.dynamics.composition import ARMATURE, inertia_from
 from elastic_arm.effects import EffectInstance
 from elastic_arm.errors import IdentificationError
 from elastic_arm.identification.base_regression import BaseRegression
-from elastic_arm.identification.least_squares import Fit
+from elastic_arm.identification.least_squares import Fit, correlation
 from elastic_arm.identification.result import Identification
 from elastic_arm.identification.stream import Identifier
 from elastic_arm.robot import Robot
@@ -85,9 +85,7 @@ class _Chart:
     bounds: tuple[tuple[int, float], ...] = ()
 
 
-def consistent(
-    fit: Fit, equations: BaseRegression, effective_samples: float | None = None, trust: float | None = None
-) -> Consistent:
+def consistent(fit: Fit, equations: BaseRegression, correlated: float = 1.0, trust: float | None = None) -> Consistent:
     """Find the physically consistent parameters that fit best, close to the nominal where the data determine nothing.
 
     Parameters
@@ -96,9 +94,8 @@ def consistent(
         The unconstrained fit of the base parameters.
     equations
         Whose model and laws these are.
-    effective_samples
-        Number of independent samples (:class:`.verdict.MotionStatistics`): what the model misses follows the motion,
-        and its errors do not average out between them. All of them when None.
+    correlated
+        How many times larger the variances are than those of white errors, beyond what the fit's blocks show.
     trust
         Relative standard deviation of the nominal; the most probable one when None.
 
@@ -108,7 +105,7 @@ def consistent(
         If the solver fails.
     """
     chart = _chart(equations)
-    A, b = _data(fit, equations, chart, effective_samples or fit.samples)
+    A, b = _data(fit, equations, chart, correlated)
     trust = trust or _most_probable_trust(A, b, chart)
     x = _solve(A, b, chart, trust)
     Psi = chart.Psi0 + chart.G @ (x - chart.x0)
@@ -148,7 +145,11 @@ def with_consistency(
         Relative standard deviation of the nominal; the most probable one when None.
     """
     try:
-        found = consistent(identifier.fit(), identifier.equations, identifier.statistics.effective_samples, trust)
+        fit = identifier.fit()
+        # What the model misses follows the motion: errors may be alike over half a period of it, and no longer.
+        most = fit.samples / identifier.statistics.effective_samples
+        correlated = min(most, correlation(identifier.linear_blocks(), fit, most))
+        found = consistent(fit, identifier.equations, correlated, trust)
     except IdentificationError as error:
         return result.with_(notes=(*result.notes, f"no physically consistent arm: {error.problem}"))
     return result.with_(
@@ -315,14 +316,14 @@ def _solid_chart(nominal: Array) -> Array:
     return np.array([[mass, 0.0, 0.0], [0.0, 0.0, 0.0], [0.0, radial, axial], [0.0, 2.0 * radial, 0.0]])
 
 
-def _data(fit: Fit, equations: BaseRegression, chart: _Chart, effective_samples: float) -> tuple[Array, Array]:
+def _data(fit: Fit, equations: BaseRegression, chart: _Chart, correlated: float) -> tuple[Array, Array]:
     """Return A, b: the recording gives A (x - x0) = b with unit noise.
 
-    Errors are coloured: their effect on the estimate is larger than white ones' by a factor known from the blocks, and
-    larger still where the motion repeats itself block after block.
+    Errors are coloured: their effect on the estimate is larger than white ones' by a factor known from the blocks, or
+    from longer ones.
     """
     coloured = float(np.median(np.diag(fit.covariance) / np.diag(fit.white_covariance)))
-    inflation = np.sqrt(max(1.0, coloured, fit.samples / effective_samples))
+    inflation = np.sqrt(max(1.0, coloured, correlated))
     # Ordinary least squares has weights of one: its rows are still in Nm.
     size = np.sqrt(np.mean((fit.weights * fit.noise) ** 2))
     scaled = fit.factor[:-1, :] / (inflation * size)

@@ -292,6 +292,27 @@ def fit(blocks: Blocks, weighted: bool = True, rounds: int = 4, prior: Prior | N
     return Fit(Psi, robust, white, noise, weights, whole, number, undetermined, blocks.samples)
 
 
+def correlation(blocks: Blocks, found: Fit, samples: float) -> float:
+    """Return how many times larger the variances are than those of white errors, by the scatter of long blocks.
+
+    Parameters
+    ----------
+    blocks
+        The data.
+    found
+        Their fit, without a prior.
+    samples
+        That a block shall have; fewer where too few blocks would be left. Infinite where there are too few as it is.
+    """
+    if len(blocks.grams) < deviations.FEWEST_BLOCKS:
+        return float("inf")
+    long = blocks.copy()
+    while len(long.grams) >= 2 * deviations.FEWEST_BLOCKS and long.samples < samples * len(long.grams):
+        long._halve()
+    robust, white = _covariances(long, found.Psi, found.weights, found.noise, found.factor, blocks.total())
+    return float(np.median(np.diag(robust) / np.diag(white)))
+
+
 def _joined(whole: Array, prior: Prior | None, size: float) -> Array:
     """Return the triangular factor of the data's rows and the prior's, whose unit is `size`."""
     return whole if prior is None else triangular(np.vstack([whole, size * prior.rows()]))
