@@ -23,7 +23,7 @@ from scipy.signal import butter, sosfiltfilt
 
 from elastic_arm.estimation.resampling import Clock, Grid
 from elastic_arm.identification import identify_with, parse_laws
-from elastic_arm.identification.identify import differentiate
+from elastic_arm.identification.identify import DerivativeStage
 from elastic_arm.recording import Recording, read_recording
 from elastic_arm.robot import Robot, load_robot, to_urdf
 
@@ -120,7 +120,7 @@ def ours(robot: Robot, fits: list[Recording], held_out: Recording, side: str, cu
         arms["consistent"] = equations.base.T @ result.Psi
     name = next(side for side in equations.sides if equations.equations.equation(side).torque is not None)
     found = {}
-    motions = [m for m in differentiate(samples, "smoother", equations=equations).motions if len(m) > 50]
+    motions = [m for m in DerivativeStage(samples, "smoother")(equations).motions if len(m) > 50]
     for arm, Psi in arms.items():
         left = []
         for motion in motions:

@@ -1,7 +1,7 @@
 """Identification: base parameters, least squares in batch and stream, consistency, verdict."""
 
 from elastic_arm.effects.text import parse_laws
-from elastic_arm.identification.identify import differentiate, identifier_of, identify, identify_with
+from elastic_arm.identification.identify import DerivativeStage, identifier_of, identify, identify_with
 from elastic_arm.identification.law_columns import law_columns
 from elastic_arm.identification.result import (
     Comparison,
@@ -16,13 +16,13 @@ from elastic_arm.identification.stream import Identifier
 
 __all__ = [
     "Comparison",
+    "DerivativeStage",
     "Estimate",
     "Identification",
     "Identifier",
     "StdRatio",
     "chi_square",
     "compare",
-    "differentiate",
     "identifier_of",
     "identify",
     "identify_with",

@@ -122,12 +122,26 @@ def description_covariance(equations: BaseRegression) -> Array:
     return (chart.G * variance) @ chart.G.T
 
 
+def correlation_of_errors(identifier: Identifier, repeats: bool) -> float:
+    """Return how many times larger the variances are than those of white errors.
+
+    What the model misses follows the motion: errors may be alike over half a period of it, and no longer. How far they
+    are is measured by the scatter of long blocks, unless the motion repeats: its errors then do so too, from block to
+    block, without scatter.
+    """
+    fit = identifier.fit()
+    most = fit.samples / identifier.statistics.effective_samples
+    return most if repeats else min(most, correlation(identifier.linear_blocks(), fit, most))
+
+
 def with_consistency(
     result: Identification,
     identifier: Identifier,
     robot: Robot,
     effects: Sequence[EffectInstance] = (),
     trust: float | None = None,
+    *,
+    correlated: float = 1.0,
 ) -> Identification:
     """Add all parameters, physically consistent, and the arm that has them; where there are such.
 
@@ -141,20 +155,16 @@ def with_consistency(
         The nominal arm.
     effects
         Laws beyond the model.
-    trust
-        Relative standard deviation of the nominal; the most probable one when None.
+    trust, correlated
+        See :func:`consistent`.
     """
     try:
-        fit = identifier.fit()
-        # What the model misses follows the motion: errors may be alike over half a period of it, and no longer.
-        most = fit.samples / identifier.statistics.effective_samples
-        correlated = min(most, correlation(identifier.linear_blocks(), fit, most))
-        found = consistent(fit, identifier.equations, correlated, trust)
+        found = consistent(identifier.fit(), identifier.equations, correlated, trust)
     except IdentificationError as error:
         return result.with_(notes=(*result.notes, f"no physically consistent arm: {error.problem}"))
     return result.with_(
         Psi=found.Psi,
-        consistency={"trust": found.trust, "misfit": found.misfit},
+        consistency={"trust": found.trust, "misfit": found.misfit, "correlation": correlated},
         identified=identified_robot(robot, identifier.equations, found.Psi, effects),
     )
 

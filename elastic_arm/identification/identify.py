@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import contextlib
+import functools
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
@@ -14,12 +16,11 @@ from elastic_arm.dynamics import build_model
 from elastic_arm.effects import Catalogue, EffectInstance
 from elastic_arm.errors import IdentificationError
 from elastic_arm.estimation.motion import Motion
-from elastic_arm.estimation.noise import estimate_noise
 from elastic_arm.estimation.resampling import Clock, Grid
 from elastic_arm.estimation.series import FourierFit, fourier_motion, period_of, repeats
 from elastic_arm.estimation.smoother import Smoother, design_smoother
 from elastic_arm.identification.base_regression import BaseRegression
-from elastic_arm.identification.consistency import with_consistency
+from elastic_arm.identification.consistency import correlation_of_errors, with_consistency
 from elastic_arm.identification.deflection import shifted, shifts, zeros
 from elastic_arm.identification.deviations import series_covariance
 from elastic_arm.identification.law_columns import DEFAULT_SIGN_SPEED, SIGN_SPEEDS, is_dry, law_columns, with_stated
@@ -60,6 +61,8 @@ class Derived:
         Of link and motor side for each of `pieces`, where the derivatives come from them.
     said
         What is to be known of clock and pieces.
+    repeats
+        Whether the motion is periodic.
     zeros, shift
         Where deflections are measured: at no load, with standard deviations, and what is added to the link angles so
         that they count from where those of the first recording do, (n,) rad each.
@@ -69,6 +72,7 @@ class Derived:
     method: str
     series: tuple[tuple[FourierFit | None, FourierFit | None], ...] = ()
     said: tuple[str, ...] = ()
+    repeats: bool = False
     zeros: tuple[Array, Array] | None = None
     shift: Array | None = None
 
@@ -95,10 +99,8 @@ class Derived:
         )
 
 
-def differentiate(
-    samples: Samples, method: Method = "auto", *, period: float | None = None, equations: BaseRegression | None = None
-) -> Derived:
-    """Take a recording through the derivative stage.
+class DerivativeStage:
+    """The derivative stage of one recording: what depends on no law (clock, noise, series) is found once.
 
     Parameters
     ----------
@@ -109,36 +111,67 @@ def differentiate(
         nothing stands out of the encoders' noise, else the smoother.
     period
         Of the motion, s; found from it when None.
-    equations
-        Whose laws beyond the model are to pass the same filter.
 
     Raises
     ------
     IdentificationError
         If the recording is too short, or a series was requested and the motion is none.
     """
-    if period is not None and not period > 0:
-        raise IdentificationError(f"the period is {period:g} s", "Give a time above zero, or none.")
-    clock = Clock.of(samples)
-    grids = clock.place(samples)
-    if not grids:
-        raise IdentificationError("the recording has no run of samples without gaps", "Record some seconds of motion.")
-    if not any(grid.moves() for grid in grids):
-        raise IdentificationError("the recording holds no motion", "Record one that `elastic-arm excite` makes.")
-    said: tuple[str, ...] = (clock.note,) if clock.note else ()
-    if method != "smoother":
-        try:
-            return replace(_by_series(grids, period), said=said)
-        except IdentificationError:
-            if method == "fourier":
-                raise
-    smoother = design_smoother(grids, _width(samples))
-    lost = 2 * smoother.lag * (2 if equations is not None and equations.columns else 1)
-    long_enough = [grid for grid in grids if len(grid) > lost] or [max(grids, key=len)]
-    said += _left_out(grids, long_enough)
-    stage = smoother if equations is None else partial(smoothed, smoother, equations=equations)
-    pieces = [partial(stage, run) for grid in long_enough for run in _runs(grid, lost)]
-    return Derived(tuple(pieces), _describe(smoother), said=said)
+
+    def __init__(self, samples: Samples, method: Method = "auto", *, period: float | None = None) -> None:
+        if period is not None and not period > 0:
+            raise IdentificationError(f"the period is {period:g} s", "Give a time above zero, or none.")
+        clock = Clock.of(samples)
+        self._grids = clock.place(samples)
+        if not self._grids:
+            raise IdentificationError("the recording has no run of samples without gaps", "Record seconds of motion.")
+        if not any(grid.moves() for grid in self._grids):
+            raise IdentificationError("the recording holds no motion", "Record one that `elastic-arm excite` makes.")
+        self._said: tuple[str, ...] = (clock.note,) if clock.note else ()
+        self._width = _width(samples)
+        self._longest, self._period = max(self._grids, key=len), period
+        if period is None:
+            with contextlib.suppress(IdentificationError):
+                self._period = period_of(self._longest)
+        self._series: Derived | None = None
+        if method != "smoother":
+            try:
+                self._series = self._by_series()
+            except IdentificationError:
+                if method == "fourier":
+                    raise
+
+    @property
+    def _repeats(self) -> bool:
+        return self._period is not None and repeats(self._longest, self._period)
+
+    @functools.cached_property
+    def _smoother(self) -> Smoother:
+        return design_smoother(self._grids, self._width)
+
+    def _by_series(self) -> Derived:
+        """Fit series to every piece in which the motion repeats, each its own: it may begin anew after a gap."""
+        grids, period = self._grids, self._period or period_of(self._longest)
+        noises = (self._smoother.link_noise, self._smoother.motor_noise)
+        link_std, motor_std = (None if noise is None else noise.position_std for noise in noises)
+        used = [grid for grid in grids if grid is self._longest or repeats(grid, period)]
+        fitted = [fourier_motion(grid, link_std, motor_std, period) for grid in used]
+        what = "Fourier series" if len(used) == len(grids) else f"Fourier series of {len(used)} of {len(grids)} pieces"
+        pieces = tuple((lambda motion=motion: motion) for motion, _, _ in fitted)
+        return Derived(pieces, what, tuple((link, motor) for _, link, motor in fitted), self._said, self._repeats)
+
+    def __call__(self, equations: BaseRegression | None = None) -> Derived:
+        """Return the motion, the laws of `equations` beyond the model through the same filter."""
+        if self._series is not None:
+            return self._series
+        smoother, grids = self._smoother, self._grids
+        lost = 2 * smoother.lag * (2 if equations is not None and equations.columns else 1)
+        long_enough = [grid for grid in grids if len(grid) > lost] or [self._longest]
+        stage = smoother if equations is None else partial(smoothed, smoother, equations=equations)
+        pieces = [partial(stage, run) for grid in long_enough for run in _runs(grid, lost)]
+        method = f"smoother to {smoother.cutoff / (2 * np.pi):.1f} Hz"
+        said = (*self._said, *_left_out(grids, long_enough))
+        return Derived(tuple(pieces), method, said=said, repeats=self._repeats)
 
 
 def _left_out(grids: Sequence[Grid], used: Sequence[Grid]) -> tuple[str, ...]:
@@ -184,7 +217,7 @@ def identify(
         Laws identified beside the model's own parameters (:func:`elastic_arm.effects.text.parse_laws`), and beside
         those that the description states.
     derivatives, period
-        See :func:`differentiate`.
+        See :class:`DerivativeStage`.
     weighted
         Weigh each equation by its noise; else ordinary least squares.
     consistent
@@ -250,7 +283,7 @@ def identify_with(
     prepared = [recording.samples() for recording in chosen]
     effects = with_stated(effects, robot, motored=any(s.tau_m is not None for s in prepared), catalogue=catalogue)
     speeds = SIGN_SPEEDS if any(is_dry(instance) for instance in effects) else (DEFAULT_SIGN_SPEED,)
-    tries = []
+    tries, stages = [], list[DerivativeStage]()
     for k, speed in enumerate(speeds):
         columns = law_columns(effects, robot, model, speed)
         identifier = Identifier(
@@ -259,16 +292,15 @@ def identify_with(
         derived: list[Derived] = []
         for j, (recording, samples) in enumerate(zip(chosen, prepared, strict=True)):
             report(f"equations of {recording.source}", (k * len(chosen) + j) / (len(speeds) * len(chosen)))
-            equations = identifier.choose_equations(samples)
-            _require_traces(equations)
-            motion_of = differentiate(samples, derivatives, period=period, equations=equations)
-            derived.append(motion_of.aligned(equations, derived[0] if derived else None))
+            equations = _chosen_equations(identifier, samples)
+            if j == len(stages):
+                stages.append(DerivativeStage(samples, derivatives, period=period))
+            derived.append(stages[j](equations).aligned(equations, derived[0] if derived else None))
             for motion in derived[-1].motions:
                 identifier.add_motion(motion)
         misfit = float(np.sum(np.log(identifier.fit().noise))) if len(speeds) > 1 else 0.0
         tries.append((misfit, speed, identifier, derived))
     _, speed, identifier, derived = min(tries, key=lambda each: each[0])
-    equations = identifier.equations
     report("estimate", 1.0)
     names, methods = tuple(r.source for r in chosen), tuple(d.method for d in derived)
     covariance = _covariance(identifier, derived)
@@ -281,7 +313,8 @@ def identify_with(
     result = result.with_(notes=tuple(dict.fromkeys([*result.notes, *notes])))
     if consistent:
         report("physical consistency", 1.0)
-        result = with_consistency(result, identifier, robot, effects)
+        weight = correlation_of_errors(identifier, repeats=any(d.repeats for d in derived))
+        result = with_consistency(result, identifier, robot, effects, correlated=weight)
     if validate:
         held_out = _held_out(validate, identifier, derived[0], report)
         result = validated(result, identifier, robot, effects, held_out)
@@ -295,7 +328,9 @@ def _regularised(identifier: Identifier) -> tuple[float | None, Prior | None]:
     return width, None if width is None else prior_of(equations, width, description_error(plain, equations))
 
 
-def _require_traces(equations: BaseRegression) -> None:
+def _chosen_equations(identifier: Identifier, samples: Samples) -> BaseRegression:
+    """Return the equations that the channels allow, in which every law that is fitted has left a trace."""
+    equations = identifier.choose_equations(samples)
     own = len(equations.names) - len(equations.columns)
     unseen = [c.name for k, c in enumerate(equations.columns, own) if not equations.base.T[:, k].any()]
     if unseen:
@@ -303,6 +338,7 @@ def _require_traces(equations: BaseRegression) -> None:
             f"{', '.join(unseen)}: no trace in the torques that were recorded",
             "Leave the law out, or let it act on the recorded side, as in coulomb_friction:side=link.",
         )
+    return equations
 
 
 def _covariance(identifier: Identifier, derived: Sequence[Derived]) -> Array | None:
@@ -325,7 +361,7 @@ def _held_out(
         report(f"validation on {recording.source}", 1.0)
         samples = without_outliers(recording.select(identifier.model.robot.joint_names)).samples()
         identifier.choose_equations(samples)
-        derived = differentiate(samples, "smoother", equations=equations).aligned(equations, first)
+        derived = DerivativeStage(samples, "smoother")(equations).aligned(equations, first)
         motions[recording.source] = list(derived.motions)
     return HeldOut(equations, motions)
 
@@ -350,31 +386,8 @@ def identifier_of(
     return Identifier(build_model(robot, model), columns, joints=robot.joint_names, **options)  # type: ignore[arg-type]
 
 
-def _by_series(grids: list[Grid], period: float | None) -> Derived:
-    """Fit series to every piece in which the motion repeats, each its own: a motion may begin anew after a gap."""
-    longest = max(grids, key=len)
-    link_std, motor_std = (
-        None if x is None else estimate_noise(x, dx, longest.rate).position_std
-        for x, dx in ((longest.q, longest.dq), (longest.theta, longest.dtheta))
-    )
-    period = period_of(longest) if period is None else period
-    used = [grid for grid in grids if grid is longest or repeats(grid, period)]
-    fitted = [fourier_motion(grid, link_std, motor_std, period) for grid in used]
-    what = "Fourier series" if len(used) == len(grids) else f"Fourier series of {len(used)} of {len(grids)} pieces"
-    pieces = tuple(partial(_same, motion) for motion, _, _ in fitted)
-    return Derived(pieces, what, tuple((link, motor) for _, link, motor in fitted))
-
-
-def _same(motion: Motion) -> Motion:
-    return motion
-
-
 def _width(samples: Samples) -> int:
     position = samples.q if samples.q is not None else samples.theta
     if position is None:
         raise IdentificationError("no positions were recorded", "Record /joint_states or /motor_states.")
     return position.shape[1]
-
-
-def _describe(smoother: Smoother) -> str:
-    return f"smoother to {smoother.cutoff / (2 * np.pi):.1f} Hz"

@@ -253,8 +253,11 @@ def _consistent_or_none(
 ) -> Identification:
     """Return the result with a consistent arm that predicts held-out motion no worse than the description, or none."""
     T = held_out.equations.base.T
+    correlated = (result.consistency or {}).get("correlation", 1.0)
     for trust in (None, *TRUSTS):
-        tried = result if trust is None else with_consistency(result, identifier, robot, effects, trust)
+        tried = result
+        if trust is not None:
+            tried = with_consistency(result, identifier, robot, effects, trust, correlated=correlated)
         if tried.Psi is not None and held_out.ratio(T @ tried.Psi) <= 0.0:
             return tried
     note = "the consistent arm predicts the held-out recordings worse than the description: no robot.yaml is written"

@@ -79,7 +79,8 @@ class Identification:
         (B, B) of the base parameters.
     consistency
         For Psi: `trust`, the relative error of the nominal that made the recording most probable; `misfit`, by how much
-        of the noise the consistent arm fits worse than the base parameters.
+        of the noise the consistent arm fits worse than the base parameters; `correlation`, by how much more the errors
+        weigh than white ones, as they follow the motion.
     validation
         Recording -> "nominal", "identified" or "consistent" -> equation -> joint -> rms of the residual, Nm, on data
         that no fit has seen.

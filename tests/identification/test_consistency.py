@@ -9,8 +9,13 @@ import numpy as np
 import pytest
 
 from elastic_arm.dynamics import build_model
-from elastic_arm.identification import Identification, identifier_of, identify, parse_laws
-from elastic_arm.identification.consistency import consistent, identified_robot, pseudo_inertia
+from elastic_arm.identification import Identification, identifier_of, identify, identify_with, parse_laws
+from elastic_arm.identification.consistency import (
+    consistent,
+    correlation_of_errors,
+    identified_robot,
+    pseudo_inertia,
+)
 from elastic_arm.recording import Recording, Samples, Side
 from elastic_arm.robot import Robot, load_robot
 from tests.helpers.periodic_arm import record
@@ -83,6 +88,16 @@ def test_stiffness_and_motor_inertia_come_out_to_a_thousandth(result: Identifica
         for robot in (result.identified, true_robot)
     ]
     assert inertia[0] == pytest.approx(inertia[1], rel=1e-3)
+
+
+def test_errors_count_as_alike_over_half_a_period_only_where_the_motion_repeats(true_robot: Robot) -> None:
+    """Blocks show how far sensors' noise is correlated; where the motion repeats, so may what the model misses."""
+    samples = record(build_model(true_robot, "mod3"), np.random.default_rng(1), encoder_noise=1e-6, velocity_noise=1e-4)
+    recording = recorded(samples, true_robot)
+    _, identifier, _ = identify_with(recording, true_robot, derivatives="smoother", consistent=False)
+    half_period = identifier.fit().samples / identifier.statistics.effective_samples
+    assert correlation_of_errors(identifier, repeats=True) == half_period
+    assert correlation_of_errors(identifier, repeats=False) < 0.4 * half_period
 
 
 def test_saved_arm_loads_and_predicts_the_same(result: Identification, true_robot: Robot, tmp_path: Path) -> None:
