@@ -21,9 +21,10 @@ quick: $(DONE)/packages $(DONE)/tests ## the tests that need no ROS graph, no br
 	@$(RUN) $(PYTEST) -m "not graph and not slow and not browser"
 
 # The Pinocchio that goes with NumPy 1.26 (2.7) returns NaN for the hidden arm with joint springs.
+TESTS := tests
 oldest: ## the tests that need no ROS and little time, with the oldest libraries allowed
 	@tools/setup.sh oldest
-	@PATH="$$PWD/.venv-oldest/bin:$$PATH" PYTHONPATH=. $(PYTEST) -m "not graph and not slow and not browser" \
+	@PATH="$$PWD/.venv-oldest/bin:$$PATH" PYTHONPATH=. $(PYTEST) $(TESTS) -m "not graph and not slow and not browser" \
 	  --ignore tests/nodes --ignore tests/test_package.py \
 	  --deselect "tests/effects/test_simulated.py::test_accelerations_agree_with_the_hidden_arm[joint_spring]"
 

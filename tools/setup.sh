@@ -85,13 +85,28 @@ tests() {
   install_requirements requirements-dev.txt
 }
 
+# Ubuntu 24.04 has Python 3.12; where there is none, any other that will do.
+find_oldest_python() {
+  local candidate
+  for candidate in ${PYTHON:-} python3.12 "${PYENV_ROOT:-$HOME/.pyenv}"/versions/3.12*/bin/python3; do
+    if "$candidate" -c 'import ensurepip, sys; sys.exit(sys.version_info[:2] != (3, 12))' 2>/dev/null; then
+      echo "$candidate"
+      return
+    fi
+  done
+  find_python
+}
+
 oldest() {
-  local names='s/==.*//'
-  .venv-oldest/bin/python -c 'import pytest' 2>/dev/null && return
-  echo "setup: installing the oldest versions allowed into .venv-oldest"
-  quietly "$(find_python)" -m venv .venv-oldest
+  local names='s/==.*//' python done=.venv-oldest/.done
+  [ "$done" -nt constraints-oldest.txt ] && [ "$done" -nt requirements.txt ] && [ "$done" -nt requirements-dev.txt ] &&
+    return
+  python=$(find_oldest_python)
+  echo "setup: installing the oldest versions allowed into .venv-oldest, with $("$python" --version)"
+  quietly "$python" -m venv --clear .venv-oldest
   quietly .venv-oldest/bin/python -m pip install --quiet --disable-pip-version-check -c constraints-oldest.txt \
     -r <(sed "$names" requirements.txt) -r <(sed "$names" requirements-dev.txt)
+  touch "$done"
 }
 
 case "${1:-}" in

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import sys
-from functools import partial
+from contextlib import suppress
+from functools import cache, partial
 from typing import Any
 
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
@@ -44,6 +45,7 @@ class Recorder(ArmNode):
         size = declare(self, "max_size", 0.0, "MB after which another file begins; 0: never", between=(0.0, 1e6))
         length = declare(self, "max_duration", 0.0, "Seconds after which another begins; 0: never", between=(0.0, 1e6))
         compression: Any = declare(self, "compression", "zstd", "Of the bag", choices=COMPRESSIONS)
+        _load_types()  # takes long where the machine is busy: not while samples arrive
         names = wanted or [graph.relative(topic) for topic in topics.TYPES]
         self._wanted = {self.resolve_topic_name(name) for name in names}
         self._subscribed: set[str] = set()
@@ -95,11 +97,10 @@ class Recorder(ArmNode):
         except GraphError as error:
             self.get_logger().error(f"{topic} is not recorded: {error}")
             return
-        known = message_types.known(type_name)
-        definition, type_hash = message_types.definition(type_name) if known else installed_definition(type_name)
-        self._writer.add_topic(topic, type_name, definition, type_hash)
+        self._writer.add_topic(topic, type_name, *_definition(type_name))
         take = partial(self._take, topic)
         self.create_subscription(kind, topic, take, matching(infos), raw=True)
+        self._writer.tick()  # to subscribe may take long as well
 
     def _take(self, topic: str, data: bytes) -> None:
         if self._paused:
@@ -133,6 +134,21 @@ class Recorder(ArmNode):
         if self._paused:
             problems.append("paused")
         self._health.report(problems, "recording", {"messages": sum(counts.values()), **counts})
+
+
+@cache
+def _definition(type_name: str) -> tuple[str, str]:
+    """Return the text and the hash of a type: as this package knows it, else as it is installed."""
+    known = message_types.known(type_name)
+    return message_types.definition(type_name) if known else installed_definition(type_name)
+
+
+def _load_types() -> None:
+    """Load the suite's types, so that a topic is subscribed to as soon as it is found."""
+    for type_name in topics.TYPES.values():
+        with suppress(GraphError):  # reported where a topic of the type is found
+            graph.message_class(type_name)
+        _definition(type_name)
 
 
 def matching(infos: list[TopicEndpointInfo]) -> QoSProfile:
