@@ -43,7 +43,9 @@ setup(
     maintainer="elastic_arm maintainers",
     maintainer_email="maintainers@users.noreply.h-seed-cf1e5b97.example",
     packages=find_packages(include=[NAME, f"{NAME}.*"]),
-    package_data={NAME: ["**/*.yaml", "**/*.html", "**/*.j2", "**/*.css", "**/*.js", "**/*.msg", "**/*.c", "**/*.h"]},
+    package_data={
+        NAME: ["**/*.yaml", "**/*.html", "**/*.xml", "**/*.j2", "**/*.css", "**/*.js", "**/*.msg", "**/*.c", "**/*.h"]
+    },
     python_requires=">=3.11",
     install_requires=list(LIBRARIES),
     extras_require={
