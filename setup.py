@@ -51,7 +51,7 @@ setup(
     extras_require={
         "test": ["pytest", "pytest-xdist", "hypothesis"],
         "learning": ["h5py", "pyarrow"],
-        "mujoco": ["mujoco", "lxml"],
+        "mujoco": ["mujoco", "lxml", "pillow"],
         "paper": ["mujoco", "sympy"],
         "challenge": ["dask", "distributed", "pin"],
     },

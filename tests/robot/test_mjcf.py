@@ -23,6 +23,7 @@ CHAINS = {
     "xarm7.xml": "link_base:link7",
     "aloha.xml": "left/base_link:left/gripper_link",
     "tidybot.xml": "gen3/base_link:bracelet_link",
+    "z1.xml": "link00:link06",
 }
 
 
