@@ -376,18 +376,20 @@ def _solve(A: Array, b: Array, chart: _Chart, trust: float) -> Array:
     import cvxpy as cp
 
     x = cp.Variable(len(chart.x0))
+    # Whole matrices and vectors: CVXPY takes its time for each expression, not for its size.
+    full = np.array([[float({i, j} == set(pair)) for pair in _PAIRS] for i in range(4) for j in range(4)])
     divergence: list[cp.Expression] = []
     for piece in chart.pseudo:
-        entries = x[piece]
-        index = {pair: k for k, pair in enumerate(_PAIRS)}
-        X = cp.bmat([[entries[index[min(i, j), max(i, j)]] for j in range(4)] for i in range(4)])
+        X = cp.reshape(full @ x[piece], (4, 4), order="C")
         divergence.append(cp.trace(X) - cp.log_det(X) - 4)
-    for k, weight in chart.positive:
-        divergence.append(weight * (x[k] - cp.log(x[k]) - 1))
+    if chart.positive:
+        places, weights = zip(*chart.positive, strict=True)
+        divergence.append(np.array(weights) @ (x[list(places)] - cp.log(x[list(places)]) - 1))
     cost = cp.sum_squares(A @ (x - chart.x0) - b) / 2 + cp.sum(divergence) / trust**2
     if chart.free:
         cost = cost + cp.sum_squares(x[list(chart.free)]) / (2 * LAW_WIDTH**2)
-    problem = cp.Problem(cp.Minimize(cost), [x[k] >= least for k, least in chart.bounds])
+    bounded, least = [k for k, _ in chart.bounds], np.array([value for _, value in chart.bounds])
+    problem = cp.Problem(cp.Minimize(cost), [x[bounded] >= least] if bounded else [])
     try:
         problem.solve(solver=cp.CLARABEL)
     except cp.SolverError as error:
