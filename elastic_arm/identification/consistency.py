@@ -190,8 +190,7 @@ def identified_robot(
         changes: dict[str, object] = {"link": inertia_from(_link_alone(robot, equations, joint.name, value))}
         t = joint.transmission
         if joint.armature is not None:
-            # One that the description states as zero has no chart of its own, and may come out below.
-            changes["armature"] = max(0.0, value[f"{joint.name}.{ARMATURE}"])
+            changes["armature"] = max(0.0, value[f"{joint.name}.{ARMATURE}"])  # of zero to the solver's tolerance
         if t is not None:
             solids = {
                 what: replace(
@@ -278,10 +277,11 @@ def _chart(equations: BaseRegression) -> _Chart:
     for k, name in enumerate(names):
         if k in seen:
             continue
-        spring = name.rpartition(".")[2] in ("K", "D", ARMATURE) and equations.nominal[k] > 0
+        physical = name.rpartition(".")[2] in ("K", "D", ARMATURE)
+        spring = physical and equations.nominal[k] > 0
         positive += [(len(x0), 1.0)] if spring else []
         free += [] if spring else [len(x0)]
-        lowest = max(least.get(name, -np.inf), 0.0 if equations.nominal[k] > 0 else -np.inf)
+        lowest = max(least.get(name, -np.inf), 0.0 if physical or equations.nominal[k] > 0 else -np.inf)
         bounds += [(len(x0), lowest - float(equations.nominal[k]))] if not spring and np.isfinite(lowest) else []
         columns += _embedded(np.array([[equations.nominal[k] if spring else 1.0]]), [k], len(names))
         x0.append(1.0 if spring else 0.0)
