@@ -111,10 +111,12 @@ class _FinalEstimates:
         return replace(fault, value=value, std=float(self.stds[own].min()))
 
     def is_ordinary(self, fault: SensorFault) -> bool:
-        """Whether a sensor is within its prior here; of lags, and of link encoders, what they do decides."""
+        """Whether a sensor may be without fault, or is within its prior; of lags and link encoders, what they do counts."""
+        settings = self.fit.problem.settings.refit
+        if abs(fault.value) < settings.certain * fault.std:
+            return True
         if fault.feature.effect.ordinary is not None or "q" in sensed_channels(fault.feature):
             return False
-        settings = self.fit.problem.settings.refit
         own = max(p.ordinary_std for p in self.fit.problem.parameters if is_of(p, fault.feature))
         return abs(fault.value) < settings.beyond_ordinary * own + settings.certain * fault.std
 

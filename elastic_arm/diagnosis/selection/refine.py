@@ -155,8 +155,10 @@ class _Axis:
         return _Axis(middle - half, middle + half, False)
 
     def at(self, value: float) -> float:
-        """Return where a value lies."""
-        return float(np.log(value)) if self.logarithmic else value
+        """Return where a value lies; one of the wrong sign at the end of the range."""
+        if not self.logarithmic:
+            return value
+        return float(np.log(value)) if value > 0.0 else self.low
 
     def value(self, place: float) -> float:
         """Return the value at a place."""
