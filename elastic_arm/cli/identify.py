@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from enum import StrEnum
 from pathlib import Path
 from typing import Annotated
@@ -165,7 +165,7 @@ def _print(result: Identification, out_dir: Path, corrected: Exported | str | No
         for heading in ("", *result.joints):
             shown.add_column(escape(heading), justify="right" if heading else "left")
         for name, values in rows:
-            shown.add_row(escape(name), *(f"{value:.3g}" for value in values))
+            shown.add_row(escape(name), *("–" if value is None else f"{value:.3g}" for value in values))
         out.print(shown)
     written = ["identification.json", "report.html", *(["robot.yaml"] if result.identified is not None else [])]
     out.print(f"results in {escape(str(out_dir))}: {', '.join(written)}")
@@ -192,11 +192,17 @@ def _fitted(name: str, width: int) -> str:
     return f"{name[: width - 1]}…" if " " in name else name.replace(".", ".\n  ")
 
 
-def _residual_rows(result: Identification) -> list[tuple[str, list[tuple[str, list[float]]]]]:
-    fitted = [(side, list(values.values())) for side, values in result.noise.items()]
+def _of_joints(values: Mapping[str, float], joints: Sequence[str]) -> list[float | None]:
+    """Return a number for each joint, None for those without the equation."""
+    return [values.get(joint) for joint in joints]
+
+
+def _residual_rows(result: Identification) -> list[tuple[str, list[tuple[str, list[float | None]]]]]:
+    fitted = [(side, _of_joints(values, result.joints)) for side, values in result.noise.items()]
     unit = result.units.over("Nm")
     tables = [(f"residual of the fit, {unit}", fitted)]
     for recording, arms in (result.validation or {}).items():
-        rows = [(f"{arm}, {side}", list(v.values())) for arm, by_side in arms.items() for side, v in by_side.items()]
+        sides = [(arm, side, values) for arm, by_side in arms.items() for side, values in by_side.items()]
+        rows = [(f"{arm}, {side}", _of_joints(values, result.joints)) for arm, side, values in sides]
         tables.append((f"validation on {recording}, {unit}", rows))
     return tables

@@ -106,12 +106,12 @@ def assemble(prepared: PreparedData, judgement: Judgement, estimated: EstimatedH
         independent_motion=prepared.independent_motion,
         band=before.band,
         verdict=answer,
-        noise=dict(zip(prepared.places, before.noise.tolist(), strict=True)),
+        noise=_by_live_place(prepared, before.noise),
         before=_sizes(prepared, before),
         after=_sizes(prepared, after),
         shrink=None if answer == "none" else shrink,
         shrink_interval=None if answer == "none" else interval,
-        shrink_by_place={prepared.places[place.row]: place.shrink for place in by_place},
+        shrink_by_place={prepared.places[p.row]: p.shrink for p in by_place if prepared.validation.layout.live[p.row]},
         measured_by=measure.name,
         log_likelihood=judgement.log_likelihood,
         causes=tuple(r.cause if sure is None else r.cause.less_sure(sure) for r in ranked),
@@ -296,10 +296,13 @@ def _unexplained(
 
 
 def _sizes(prepared: PreparedData, statistics: ResidualStatistics) -> ResidualSizes:
-    def by_place(values: Array) -> dict[tuple[str, str], float]:
-        return dict(zip(prepared.places, values.tolist(), strict=True))
+    return ResidualSizes(_by_live_place(prepared, statistics.rmse), _by_live_place(prepared, statistics.peak))
 
-    return ResidualSizes(by_place(statistics.rmse), by_place(statistics.peak))
+
+def _by_live_place(prepared: PreparedData, values: Array) -> dict[tuple[str, str], float]:
+    """Return numbers (R,) by joint and side, without those of equations that a joint lacks."""
+    layout = prepared.validation.layout
+    return dict(zip(layout.places(prepared.model.robot.joint_names), values[layout.live].tolist(), strict=True))
 
 
 def _context(

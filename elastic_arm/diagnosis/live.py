@@ -175,17 +175,17 @@ class LiveDiagnosis:
         """
         model, settings = self._model, self.question.settings.preprocessing
         observation = observe(usable(recording.select(self.question.robot.joint_names), settings))
-        layout = EquationSet.direct(observation.pieces[0].recorded, model.n, elastic=model.robot.elastic)
+        layout = EquationSet.of(observation.pieces[0], model)
         band = common_band(layout, model, observation.rate, settings)
         stretches = residuals(model, observation, layout, band)
         if not stretches:
             raise DiagnosisError("too little motion is left after filtering", "Wait some seconds")
         values = np.concatenate([stretch.values for stretch in stretches])
         noise = noise_model(model, observation, layout, band, floor=0.0).std(LowPass(band.cutoff, band.kept_rate))
-        places = [(joint, side) for side in layout.sides for joint in model.robot.joint_names]
+        places = layout.places(model.robot.joint_names)
 
         def named(numbers: Array) -> dict[tuple[str, str], float]:
-            return dict(zip(places, numbers.tolist(), strict=True))
+            return dict(zip(places, numbers[layout.live].tolist(), strict=True))
 
         rmse, peak = np.sqrt(np.mean(values**2, axis=0)), np.abs(values).max(axis=0)
         return ResidualLevels(ResidualSizes(named(rmse), named(peak)), named(noise))

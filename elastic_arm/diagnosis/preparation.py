@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -37,6 +37,7 @@ from elastic_arm.errors import DiagnosisError
 from elastic_arm.estimation.band import Band
 from elastic_arm.estimation.effect_columns import Feature
 from elastic_arm.estimation.equations import EquationSet
+from elastic_arm.estimation.motion import Motion
 from elastic_arm.estimation.noise_colour import Colour
 from elastic_arm.estimation.observation import Observation, continued, observe, widest_band
 from elastic_arm.estimation.whitening import WhitenedData
@@ -179,7 +180,7 @@ def prepare(recordings: Sequence[Recording], validate: Sequence[Recording], ques
         settings,
         refit=question.refit,
     )
-    candidates = _candidates(question, equations, still, problem, observed[0][0].pieces[0].recorded)
+    candidates = _candidates(question, equations, still, problem, observed[0][0].pieces[0])
     expansion, noise = expand(problem, np.zeros(len(problem.parameters))), 1.0
     if problem.parameters:
         expansion, noise = calibrate(problem, expansion)
@@ -310,8 +311,8 @@ def _common(
     observations: Sequence[Observation], model: Model, settings: PreprocessingSettings
 ) -> tuple[EquationSet, Band]:
     """Return equations and band that all recordings allow."""
-    layouts = [EquationSet.direct(o.pieces[0].recorded, model.n, elastic=model.robot.elastic) for o in observations]
-    if any(layout.sides != layouts[0].sides for layout in layouts):
+    layouts = [EquationSet.of(o.pieces[0], model) for o in observations]
+    if any(layout != layouts[0] for layout in layouts):
         raise DiagnosisError(
             "the recordings do not hold the same channels", "Diagnose those with equal channels together"
         )
@@ -354,7 +355,7 @@ def _candidates(
     equations: ArmEquations,
     still: Sequence[str],
     problem: CalibrationProblem,
-    recorded: Collection[str],
+    motion: Motion,
 ) -> list[Feature]:
     """Return every effect at every place where motion and channels can show it.
 
@@ -362,5 +363,5 @@ def _candidates(
     """
     held = {p.feature.effect.id for p in problem.parameters if p.feature is not None}
     effects = [effect for effect in question.candidates if effect.id not in held]
-    shown = recorded_features(features(equations, effects), recorded)
+    shown = recorded_features(features(equations, effects), motion)
     return [f for f in shown if f.joint not in still or not needs_motion(f)]

@@ -16,6 +16,9 @@ independent
     Rows that share no torque sensor, so that each can be weighted by itself: with both encoders the lines of (1),
     `link - drive` (which holds no torque) and `drive + motor` (tau_m), and the drive's law (tau_J); with the encoders
     of one side only theta = q, and `link` gives tau_J, `link + motor` tau_m.
+
+Channels that only some joints have are asked for joint by joint. :meth:`EquationSet.even` gives such joints the same
+names of equations again, for arrays of names times joints: those that a joint lacks are void, null combinations.
 """
 
 from __future__ import annotations
@@ -27,7 +30,9 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from elastic_arm.dynamics import Model
 from elastic_arm.errors import IdentificationError
+from elastic_arm.estimation.motion import Motion
 
 Array = NDArray[np.float64]
 Channels = Collection[str]
@@ -81,6 +86,8 @@ _INDEPENDENT = {
     "joint": Equation("joint", (1, 0, 0)),
     "whole": Equation("whole", (1, 0, 1)),
 }
+VOID = (0, 0, 0)  # combination of an equation that a joint lacks
+_ALIKE = {"joint": "drive", "whole": "motor"}
 
 
 @dataclass(frozen=True)
@@ -119,6 +126,12 @@ class EquationSet:
         return cls._of([_direct(frozenset(names), elastic=elastic) for names in _of_joints(recorded, n)], tuple(SIDES))
 
     @classmethod
+    def of(cls, motion: Motion, model: Model) -> EquationSet:
+        """Return the residuals that a motion's channels allow, every name for every joint."""
+        recorded = [motion.recorded_at(joint) for joint in range(model.n)]
+        return cls.direct(recorded, model.n, elastic=model.robot.elastic).even()
+
+    @classmethod
     def independent(
         cls, recorded: Channels | Sequence[Channels], n: int, *, elastic: bool = True, summed: bool = False
     ) -> EquationSet:
@@ -149,6 +162,37 @@ class EquationSet:
         entries = tuple((own[name], joint) for name in order for joint, own in enumerate(found) if name in own)
         return cls(len(found), entries)
 
+    def even(self) -> EquationSet:
+        """Return the set with every name for every joint: void where a joint lacks it.
+
+        A joint with the encoders of one side alone has its equations under the names that both sides' have for the same
+        torque: "joint" as "drive", "whole" as "motor".
+        """
+        if len(self.entries) == len(self.sides) * self.n:
+            return self
+        mixed = bool({"joint", "whole"} & set(self.sides)) and bool(set(SIDES) & set(self.sides))
+        renamed = _ALIKE if mixed else {}
+        own: list[dict[str, Equation]] = [{} for _ in range(self.n)]
+        for equation, joint in self.entries:
+            name = renamed.get(equation.name, equation.name)
+            own[joint][name] = Equation(name, equation.combination)
+        names = dict.fromkeys(renamed.get(name, name) for name in self.sides)
+        entries = [(found.get(name, Equation(name, VOID)), joint) for name in names for joint, found in enumerate(own)]
+        return EquationSet(self.n, tuple(entries))
+
+    @property
+    def live(self) -> NDArray[np.bool_]:
+        """Which rows (R,) are no void ones."""
+        return np.array([equation.combination != VOID for equation, _ in self.entries])
+
+    def places(self, joints: Sequence[str]) -> list[tuple[str, str]]:
+        """Return joint and side of each row that is no void one."""
+        return [(joints[joint], equation.name) for equation, joint in self.entries if equation.combination != VOID]
+
+    def of_joint(self, side: str, joint: int) -> Equation:
+        """Return the equation of a name and a joint of an even set."""
+        return next(equation for equation, own in self.entries if equation.name == side and own == joint)
+
     @property
     def sides(self) -> tuple[str, ...]:
         """Names of the equations, each once."""
@@ -171,8 +215,8 @@ class EquationSet:
         return any(equation.combination == _WITHOUT_SENSOR["link"].combination for equation, _ in self.entries)
 
     def equation(self, side: str) -> Equation:
-        """Return the equation of a name, as its first joint has it."""
-        return next(equation for equation, _ in self.entries if equation.name == side)
+        """Return the equation of a name, as the first joint that has it has it."""
+        return next(equation for equation, _ in self.entries if equation.name == side and equation.combination != VOID)
 
     @cached_property
     def transform(self) -> Array:

@@ -11,13 +11,15 @@ from numpy.typing import NDArray
 from elastic_arm.dynamics import Model
 from elastic_arm.errors import DiagnosisError
 from elastic_arm.estimation.noise import StateNoise
+from elastic_arm.recording.sides import Lacking
 
 Array = NDArray[np.float64]
 
 STIFF = 12.0  # Hz, up to which the deflection behind a single encoder follows the load
 SENSED = 40.0  # Hz, up to which it follows a joint torque sensor: the widest band in which residuals are looked at
 PADDING = 500  # samples
-_NO_CHANNELS = ("noise", "every", "span", "before")
+_CHANNELS = ("q", "theta", "tau_J", "tau_m")
+_NO_CHANNELS = ("noise", "every", "span", "before", "lacking")
 
 
 @dataclass(frozen=True)
@@ -43,6 +45,9 @@ class Motion:
         Begin and end of the whole recording on the axis of `t`, s; None where it is these samples alone.
     before
         The motion up to the first sample, where the recording was cut there: internal states of effects go on from it.
+    lacking
+        Channels with the index of a joint that lacks them while others have them; there the angle is that of the
+        joint's other side, and the torque is zero.
     """
 
     t: Array
@@ -59,6 +64,7 @@ class Motion:
     every: int = 1
     span: tuple[float, float] | None = None
     before: Motion | None = None
+    lacking: Lacking = frozenset()
 
     def __len__(self) -> int:
         return len(self.t)
@@ -70,12 +76,15 @@ class Motion:
     @property
     def recorded(self) -> frozenset[str]:
         """Names of the channels that are there, among q, theta, tau_J, tau_m."""
-        return frozenset(self.channels()) & {"q", "theta", "tau_J", "tau_m"}
+        return frozenset(self.channels()) & frozenset(_CHANNELS)
 
-    @property
-    def follows_link(self) -> bool:
-        """Whether the motor's motion has to be made of the link's, for an equation of its own beside torque sensors."""
-        return self.theta is None and {"q", "tau_J", "tau_m"} <= self.recorded
+    def recorded_at(self, joint: int) -> frozenset[str]:
+        """Return the names of the channels that a joint has, by its index."""
+        return frozenset(name for name in self.recorded if (name, joint) not in self.lacking)
+
+    def follows_link_at(self, joint: int) -> bool:
+        """Whether a motor's motion has to be made of the link's, for an equation of its own beside torque sensors."""
+        return self.recorded_at(joint) == {"q", "tau_J", "tau_m"}
 
     def channels(self) -> dict[str, Array]:
         """Return what is there for every sample, by name."""
@@ -91,7 +100,7 @@ class Motion:
             name: np.concatenate([getattr(part, name) for part in parts]) for name in parts[0].channels()
         }
         first = parts[0]
-        return Motion(**whole, noise=first.noise, every=first.every, span=first.span, before=first.before)
+        return replace(first, **whole)
 
 
 @dataclass(frozen=True)
@@ -119,17 +128,21 @@ def completed(motion: Motion, model: Model) -> CompletedMotion:
     K, D = drive_constants(model)
     link, motor = (motion.q, motion.dq, motion.ddq), (motion.theta, motion.dtheta, motion.ddtheta)
     q, dq, ddq = (own if own is not None else other for own, other in zip(link, motor, strict=True))
-    if motion.q is None and model.robot.elastic and q is not None and dq is not None and ddq is not None:
+    without = {name: np.array([name not in motion.recorded_at(j) for j in range(model.n)]) for name in _CHANNELS}
+    if without["q"].any() and model.robot.elastic and q is not None and dq is not None and ddq is not None:
         load = model.inverse_dynamics(*(np.hstack([v, v]) for v in (q, dq, ddq)))[:, : model.n]
         wound = _deflection(model, motion.t, load, STIFF)
-        q, dq, ddq = q - wound[0], dq - wound[1], ddq - wound[2]
+        q, dq, ddq = (v - np.where(without["q"], w, 0.0) for v, w in zip((q, dq, ddq), wound, strict=True))
     theta, dtheta, ddtheta = (own if own is not None else other for own, other in zip(motor, link, strict=True))
     if q is None or dq is None or ddq is None or theta is None or dtheta is None or ddtheta is None:
         raise DiagnosisError("the recording holds no positions", "Record /motor_states or /joint_states with positions")
-    if motion.follows_link and motion.tau_J is not None and model.robot.elastic:
+    follows = np.array([motion.follows_link_at(j) for j in range(model.n)])
+    if follows.any() and motion.tau_J is not None and model.robot.elastic:
         wound = _deflection(model, motion.t, motion.tau_J, SENSED)
-        theta, dtheta, ddtheta = theta + wound[0], dtheta + wound[1], ddtheta + wound[2]
-    tau_J = motion.tau_J if motion.tau_J is not None else K * (theta - q) + D * (dtheta - dq)
+        moved = zip((theta, dtheta, ddtheta), wound, strict=True)
+        theta, dtheta, ddtheta = (v + np.where(follows, w, 0.0) for v, w in moved)
+    tau_J = K * (theta - q) + D * (dtheta - dq)
+    tau_J = tau_J if motion.tau_J is None else np.where(without["tau_J"], tau_J, motion.tau_J)
     tau_m = motion.tau_m if motion.tau_m is not None else np.zeros_like(tau_J)
     before = None if motion.before is None else completed(motion.before, model)
     return CompletedMotion(motion.t, q, dq, ddq, theta, dtheta, ddtheta, tau_J, tau_m, span=motion.span, before=before)

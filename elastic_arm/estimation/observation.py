@@ -21,6 +21,7 @@ from elastic_arm.estimation.noise_colour import Colour
 from elastic_arm.estimation.resampling import Clock, Grid
 from elastic_arm.estimation.smoother import Smoother
 from elastic_arm.recording import Recording
+from elastic_arm.recording.sides import Lacking
 
 Array = NDArray[np.float64]
 
@@ -204,14 +205,15 @@ def observe(recording: Recording, band: float | None = None) -> Observation:
     wide_link, wide_motor = (None if side is None else replace(side, cutoff=cutoff) for side in (link, motor))
     crossing = Smoother.from_noise(clock.rate, wide_link, wide_motor, recording.n)
     smoother = Smoother(clock.rate, cutoff, crossing.link_crossover, crossing.motor_crossover)
-    noise = ChannelNoise(
-        link.position_std if link else None,
-        link.velocity_std if link else None,
-        motor.position_std if motor else None,
-        motor.velocity_std if motor else None,
-        torque_noise(grids, "tau_J"),
-        torque_noise(grids, "tau_m"),
-    )
+    levels = {
+        "q": link.position_std if link else None,
+        "dq": link.velocity_std if link else None,
+        "theta": motor.position_std if motor else None,
+        "dtheta": motor.velocity_std if motor else None,
+        "tau_J": torque_noise(grids, "tau_J"),
+        "tau_m": torque_noise(grids, "tau_m"),
+    }
+    noise = ChannelNoise(**{name: _of_recorded(level, name, samples.lacking) for name, level in levels.items()})
     pieces = tuple(smoother(_extended(grid, smoother.lag)) for grid in grids)
     # Above the frequency where noise outweighs motion, accelerations are noise, and the same that the residuals hold:
     # a column made of it would be correlated with them.
@@ -223,6 +225,14 @@ def observe(recording: Recording, band: float | None = None) -> Observation:
     return Observation(
         pieces, quiet, clock.rate, smoother, noise, designed.cutoff / (2 * np.pi), recording.source, notes
     )
+
+
+def _of_recorded(level: Array | None, name: str, lacking: Lacking) -> Array | None:
+    """Return noise (n,) of a channel, none where its joint lacks it: what stands there is another channel."""
+    if level is None or not lacking:
+        return level
+    there = [(name.removeprefix("d"), joint) not in lacking for joint in range(len(level))]
+    return np.where(there, level, 0.0)
 
 
 def continued(first: Observation, rest: Observation, offset: float) -> tuple[Observation, Observation]:
@@ -258,7 +268,8 @@ def _extended(grid: Grid, count: int) -> Grid:
     length: internal states need the motion from the first sample on. The rows made of it are dropped."""
     channels = {name: _mirrored(v, count, odd=name in ("q", "theta")) for name, v in grid.channels().items()}
     step = np.arange(1, count + 1) / grid.rate
-    return Grid(np.concatenate([grid.t[0] - step[::-1], grid.t, grid.t[-1] + step]), grid.rate, **channels)
+    t = np.concatenate([grid.t[0] - step[::-1], grid.t, grid.t[-1] + step])
+    return Grid(t, grid.rate, **channels, lacking=grid.lacking)
 
 
 def _mirrored(values: Array, count: int, *, odd: bool) -> Array:

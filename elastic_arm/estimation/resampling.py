@@ -8,7 +8,7 @@ taken regularly; the smoothness of the motion decides which.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, replace
 from itertools import pairwise
 from typing import Any, NamedTuple
 
@@ -19,9 +19,11 @@ from elastic_arm.errors import IdentificationError
 from elastic_arm.estimation.clocks import evidence, jitter_of
 from elastic_arm.recording import Samples
 from elastic_arm.recording.sides import ClockMode as Mode
+from elastic_arm.recording.sides import Lacking
 
 Array = NDArray[np.float64]
 CHANNELS = ("q", "dq", "tau_J", "theta", "dtheta", "tau_m")
+_OF_ALL = ("notes", "clock", "lacking")  # what samples have once for all of them
 
 # Up to this many missing samples in a row are interpolated; the smoother would hardly notice them.
 LONGEST_HOLE = 4
@@ -52,6 +54,8 @@ class Grid:
         Samples per second.
     q, dq, tau_J, theta, dtheta, tau_m
         (N, n) or None.
+    lacking
+        Channels with the index of a joint that lacks them, see :class:`elastic_arm.recording.Samples`.
     """
 
     t: Array
@@ -62,12 +66,14 @@ class Grid:
     theta: Array | None = None
     dtheta: Array | None = None
     tau_m: Array | None = None
+    lacking: Lacking = frozenset()
 
     def __len__(self) -> int:
         return len(self.t)
 
     def __getitem__(self, part: slice) -> Grid:
-        return Grid(self.t[part], self.rate, **{name: values[part] for name, values in self.channels().items()})
+        kept: dict[str, Any] = {name: values[part] for name, values in self.channels().items()}
+        return replace(self, t=self.t[part], **kept)
 
     @staticmethod
     def joined(parts: Sequence[Grid]) -> Grid:
@@ -75,8 +81,8 @@ class Grid:
         if len(parts) == 1:
             return parts[0]
         names = parts[0].channels()
-        together = {name: np.concatenate([getattr(part, name) for part in parts]) for name in names}
-        return Grid(np.concatenate([part.t for part in parts]), parts[0].rate, **together)
+        together: dict[str, Any] = {name: np.concatenate([getattr(part, name) for part in parts]) for name in names}
+        return replace(parts[0], t=np.concatenate([part.t for part in parts]), **together)
 
     def channels(self) -> dict[str, Array]:
         """Return the channels that are there, by name."""
@@ -203,16 +209,18 @@ class Placing:
 
     def _grid(self, piece: Samples, position: Array, points: NDArray[np.int64]) -> Grid:
         channels = {name: values for name in CHANNELS if (values := getattr(piece, name)) is not None}
-        rate = self.clock.rate
+        rate, lacking = self.clock.rate, piece.lacking
         if self.clock.mode == "stamps":
             t = (self._origin or 0.0) + points / rate
-            return Grid(t, rate, **{name: interpolate(piece.t, values, t) for name, values in channels.items()})
+            there = {name: interpolate(piece.t, values, t) for name, values in channels.items()}
+            return Grid(t, rate, **there, lacking=lacking)
         begin, end = np.searchsorted(position, points[[0, -1]])
         # The last point is a sample.
         inside = slice(int(begin), int(end) + 1)
         k = position[inside]
         if len(k) == len(points):
-            return Grid(piece.t[inside], rate, **{name: values[inside] for name, values in channels.items()})
+            there = {name: values[inside] for name, values in channels.items()}
+            return Grid(piece.t[inside], rate, **there, lacking=lacking)
         missing = np.setdiff1d(points, k)
         filled = {}
         for name, values in channels.items():
@@ -220,7 +228,7 @@ class Placing:
             column[k - points[0]] = values[inside]
             column[missing - points[0]] = interpolate(position.astype(float), values, missing.astype(float))
             filled[name] = column
-        return Grid(np.interp(points, position, piece.t), rate, **filled)
+        return Grid(np.interp(points, position, piece.t), rate, **filled, lacking=lacking)
 
 
 def interpolate(known: Array, values: Array, wanted: Array) -> Array:
@@ -251,22 +259,26 @@ def part(samples: Samples, piece: slice | NDArray[Any]) -> Samples:
     kept: dict[str, Any] = {
         f.name: None if (v := getattr(samples, f.name)) is None else v[piece]
         for f in fields(Samples)
-        if f.name not in ("notes", "clock")
+        if f.name not in _OF_ALL
     }
-    return Samples(**kept, clock=samples.clock)
+    return Samples(**kept, clock=samples.clock, lacking=samples.lacking)
 
 
 def joined(first: Samples, second: Samples) -> Samples:
     """Return samples with later ones after them; both hold the same channels."""
     kept: dict[str, Any] = {}
-    for name in (f.name for f in fields(Samples) if f.name not in ("notes", "clock")):
+    for name in (f.name for f in fields(Samples) if f.name not in _OF_ALL):
         a, b = getattr(first, name), getattr(second, name)
         if (a is None) != (b is None):
             raise IdentificationError(
                 f"{name} is in one part of the samples and not in the other", "Identify recordings with equal channels."
             )
         kept[name] = None if a is None else np.concatenate([a, b])
-    return Samples(**kept, clock=first.clock)
+    if first.lacking != second.lacking:
+        raise IdentificationError(
+            "a joint has a channel in one part of the samples only", "Identify recordings with equal channels."
+        )
+    return Samples(**kept, clock=first.clock, lacking=first.lacking)
 
 
 def _increments(steps: Array) -> NDArray[np.int64]:

@@ -164,7 +164,7 @@ def fourier_motion(
     torques: dict[str, Any] = {
         name: instantaneous(v)[start:] for name in ("tau_J", "tau_m") if (v := getattr(grid, name)) is not None
     }
-    return Motion(grid.t[start:], **sides, **torques), series.get("q"), series.get("theta")
+    return Motion(grid.t[start:], **sides, **torques, lacking=grid.lacking), series.get("q"), series.get("theta")
 
 
 def period_of(grid: Grid) -> float:

@@ -112,6 +112,7 @@ class Smoother:
             None if grid.tau_m is None else self.filter(instantaneous(grid.tau_m), every),
             noise=self.noise,
             every=every,
+            lacking=grid.lacking,
         )
 
     def filter(self, values: Array, every: int = 1) -> Array:

@@ -129,13 +129,13 @@ def noise_model(
     covariance = np.zeros((len(f), equations.rows, equations.rows), dtype=complex)
     poses = _inertias(model, observation)
     # The noise of motor angles that are made of link angles is that of the link's encoders.
-    made = 1.0 if observation.pieces[0].follows_link else 0.0
+    made = np.diag([float(observation.pieces[0].follows_link_at(joint)) for joint in range(n)])
     for M, S, B in poses:
         # Rows link, drive, motor of the full three; columns tau_J, tau_m, q, theta.
         rows = [
             [ones * one, ones * zero, -(s**2) * M, -(s**2) * S],
             [ones * one, ones * zero, drive, -drive],
-            [ones * -one, ones * one, -(s**2) * (S.T + made * B), -(s**2) * B],
+            [ones * -one, ones * one, -(s**2) * (S.T + B @ made), -(s**2) * B],
         ]
         way = equations.transform @ np.concatenate([np.concatenate(row, axis=2) for row in rows], axis=1)
         covariance += (way * spectrum[:, None, :]) @ way.conj().transpose(0, 2, 1) / len(poses)
@@ -345,8 +345,9 @@ class WhitenedData:
 
     @property
     def freedom(self) -> float:
-        """Number of independent rows: the band leaves out part of the kept spectrum."""
-        used = np.average([s.share_left for s in self._sticking], weights=[len(y) for y in self.y])
+        """Number of independent rows: the band leaves out part of the kept spectrum, and void rows hold nothing."""
+        left = np.average([s.share_left for s in self._sticking], weights=[len(y) for y in self.y])
+        used = left * self.layout.live.mean()
         return float(len(self.white) * used * min(1.0, 2 * self.band.cutoff / self.band.kept_rate))
 
 

@@ -41,7 +41,7 @@ from elastic_arm.dynamics.composition import ARMATURE
 from elastic_arm.dynamics.double_double import Pair
 from elastic_arm.dynamics.gram import Information, gram
 from elastic_arm.errors import IdentificationError
-from elastic_arm.estimation.equations import SIDES, EquationSet
+from elastic_arm.estimation.equations import SIDES, VOID, Channels, Equation, EquationSet
 from elastic_arm.estimation.motion import Motion
 from elastic_arm.formatting import JointUnits
 from elastic_arm.identification.base_parameters import BaseParameters, find_base
@@ -83,7 +83,7 @@ class BaseRegression:
     model
         Bearings locked.
     recorded
-        Names of the recorded channels among q, theta, tau_J, tau_m.
+        Names of the recorded channels among q, theta, tau_J, tau_m: one set for all joints, or n sets.
     columns
         Laws beyond the model.
     joints
@@ -102,7 +102,7 @@ class BaseRegression:
     def __init__(
         self,
         model: Model,
-        recorded: Sequence[str],
+        recorded: Channels | Sequence[Channels],
         columns: Sequence[Column] = (),
         joints: Sequence[str] = (),
         *,
@@ -113,13 +113,15 @@ class BaseRegression:
         self.n = model.n
         self.elastic = model.robot.elastic
         self.columns = tuple(columns)
-        self.equations = EquationSet.independent(frozenset(recorded), self.n, elastic=self.elastic, summed=summed)
+        self.equations = EquationSet.independent(recorded, self.n, elastic=self.elastic, summed=summed).even()
         self.sides = self.equations.sides
+        self.partial = len({equation for equation, _ in self.equations.entries}) > len(self.sides)
         self.summed = self.sides == ("link", "motor") and self.equations.equation("motor").combination == (1, 0, 1)
         self.joints = tuple(joints) or tuple(f"joint_{i + 1}" for i in range(self.n))
         self.groups = tuple((side, joint) for side in self.sides for joint in self.joints)
         own = model.parameters
-        self._encoders = _encoder_columns(self.joints, model.robot.units) if self.summed and encoder_columns else ()
+        wound = self.wound if self.summed and encoder_columns else ()
+        self._encoders = _encoder_columns(self.joints, wound, model.robot.units)
         added = (*self._encoders, *self.columns)
         self.names = tuple(p.name for p in own) + tuple(c.name for c in added)
         self.units = tuple(p.unit for p in own) + tuple(c.unit for c in added)
@@ -141,7 +143,7 @@ class BaseRegression:
         """Return [Phi y]'[Phi y] of all groups, hi and lo (groups, B + 1, B + 1), in twice the working precision."""
         # Equations that no line of the model stands for alone: sums of both, one line measured twice, or a part of one.
         sums = self.summed or ("whole" in self.sides and (self.elastic or "joint" in self.sides))
-        if self.columns or sums or ("joint" in self.sides and len(self._armatures)):
+        if self.columns or sums or self.partial or ("joint" in self.sides and len(self._armatures)):
             rows = self.rows(motion)
             parts = [gram(group) for group in rows]
             return np.stack([hi for hi, _ in parts]), np.stack([lo for _, lo in parts])
@@ -176,16 +178,30 @@ class BaseRegression:
             hi[np.ix_([i], [K, D, width - 1], [K, D, width - 1])] = (columns @ columns.T)[None]
         return hi, lo
 
+    @property
+    def wound(self) -> tuple[int, ...]:
+        """Joints whose deflection both encoders show."""
+        rows = [self.equations.of_joint("link", j) for j in range(self.n)] if "link" in self.sides else []
+        return tuple(j for j, equation in enumerate(rows) if equation.combination != VOID)
+
     def drive_columns(self) -> list[tuple[int, int]]:
-        """Return the places of K and D of each joint among the base columns."""
+        """Return the places of K and D among the base columns of each joint whose deflection is measured."""
         place = {self.names[c]: k for k, c in enumerate(self.base.columns.tolist())}
-        joints = self.model.robot.joint_names
+        joints = [self.model.robot.joint_names[j] for j in self.wound]
         return [(place[f"{joint}.K"], place[f"{joint}.D"]) for joint in joints]
 
     def predict(self, motion: Motion, Psi_base: Array) -> dict[str, Array]:
         """Return the right sides of all equations, side -> (N, n) Nm, for base parameters `Psi_base`."""
         rows = self.rows(motion)[..., :-1] @ Psi_base
         return {side: rows[k * self.n : (k + 1) * self.n].T for k, side in enumerate(self.sides)}
+
+    def by_joint(self, values: Array) -> dict[str, dict[str, float]]:
+        """Return numbers (groups,) as equation -> joint -> number, without equations that a joint lacks."""
+        found: dict[str, dict[str, float]] = {side: {} for side in self.sides}
+        for (side, joint), value, live in zip(self.groups, values.tolist(), self.equations.live, strict=True):
+            if live:
+                found[side][joint] = value
+        return found
 
     def comparable(self, Psi_base: Array) -> dict[str, Array]:
         """Return factors (n,) by side that make residuals of different parameters comparable.
@@ -195,7 +211,7 @@ class BaseRegression:
         factors = {side: np.ones(self.n) for side in self.sides}
         if self.summed:
             places = [K for K, _ in self.drive_columns()]
-            factors["link"] = (self.base.T @ self.nominal)[places] / Psi_base[places]
+            factors["link"][list(self.wound)] = (self.base.T @ self.nominal)[places] / Psi_base[places]
         return factors
 
     def measured(self, motion: Motion) -> dict[str, Array]:
@@ -233,27 +249,40 @@ class BaseRegression:
         by_residual = laws[:, :, extra].transpose(1, 0, 2).reshape(3, self.n, len(motion), len(extra))
         blocks = []
         for side in self.sides:
-            block = np.empty((self.n, len(motion), len(own) + len(extra)))
-            block[:, :, : len(own)] = 0.0
-            self._fill_own(block[:, :, : len(own)], phi, side, own)
-            combination = np.array(self.equations.equation(side).combination, dtype=float)
-            block[:, :, len(own) :] = np.tensordot(combination, by_residual, 1)
+            block = np.zeros((self.n, len(motion), len(own) + len(extra)))
+            for equation, joints in self._alike(side):
+                part = block[joints]
+                self._fill_own(part[:, :, : len(own)], phi, (equation, joints), own)
+                combination = np.array(equation.combination, dtype=float)
+                part[:, :, len(own) :] = np.tensordot(combination, by_residual[:, joints], 1)
+                block[joints] = part
             blocks.append(block)
         return np.concatenate(blocks)
 
-    def _fill_own(self, block: Array, phi: Array, side: str, own: NDArray[np.intp]) -> None:
-        by_line = phi.transpose(1, 0, 2)
-        link, motor, spring = self.equations.equation(side).lines
+    def _alike(self, side: str) -> list[tuple[Equation, slice | list[int]]]:
+        """Return the different equations of one name, each with the joints that have it; void ones are left out."""
+        found: dict[Equation, list[int]] = {}
+        for equation, joint in self.equations.entries:
+            if equation.name == side and equation.combination != VOID:
+                found.setdefault(equation, []).append(joint)
+        return [(equation, slice(None) if len(joints) == self.n else joints) for equation, joints in found.items()]
+
+    def _fill_own(
+        self, block: Array, phi: Array, of: tuple[Equation, slice | list[int]], own: NDArray[np.intp]
+    ) -> None:
+        """Add the model's columns to the rows of one equation and some joints."""
+        by_line, (equation, joints) = phi.transpose(1, 0, 2), of
+        link, motor, spring = equation.lines
         if link:
-            block += by_line[: self.n]
+            block += by_line[: self.n][joints]
         if not motor and len(self._armatures):
             # A sensor behind the motor does not feel what spins with it.
             block[:, :, np.isin(own, self._armatures)] = 0.0
         if motor and self.elastic:
-            block += by_line[self.n : 2 * self.n]
+            block += by_line[self.n : 2 * self.n][joints]
         if spring:
             springs = np.flatnonzero(np.isin(own, self._springs))
-            block[:, :, springs] -= by_line[: self.n, :, springs]
+            block[:, :, springs] -= by_line[: self.n, :, springs][joints]
 
     def _both_sides(self, motion: Motion) -> Motion:
         if motion.q is None:
@@ -280,14 +309,16 @@ class BaseRegression:
         motion = Motion(t, q, dq, ddq, tau_J=tau_J, tau_m=tau_m)
         if "link" in self.sides:
             theta = q + 0.1 * rng.standard_normal(shape)
-            motion = replace(motion, theta=theta, dtheta=dtheta, ddtheta=ddtheta)
+            both = np.isin(np.arange(self.n), self.wound)
+            dtheta, ddtheta = np.where(both, dtheta, dq), np.where(both, ddtheta, ddq)
+            motion = replace(motion, theta=np.where(both, theta, q), dtheta=dtheta, ddtheta=ddtheta)
         return motion
 
 
-def _encoder_columns(joints: Sequence[str], units: JointUnits) -> tuple[Column, ...]:
+def _encoder_columns(joints: Sequence[str], wound: Sequence[int], units: JointUnits) -> tuple[Column, ...]:
     """Return the columns of the link encoders' lags and offsets beside the motor encoders, times the stiffness."""
     found = []
-    for joint, name in enumerate(joints):
+    for joint, name in ((j, joints[j]) for j in wound):
         for what, unit, value in (("K_delay", "Nm s/rad", _speed), ("K_offset", "Nm", _one)):
             own = units.at(name, unit)
             found.append(Column(f"link_encoder:{name}.{what}", own, partial(_of_drive, joint, value)))

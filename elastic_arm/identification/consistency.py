@@ -13,7 +13,7 @@ probable (its evidence) is taken.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -114,6 +114,12 @@ def consistent(fit: Fit, equations: BaseRegression, correlated: float = 1.0, tru
     return Consistent(Psi, trust, float(np.linalg.norm(apart) / size / np.sqrt(max(fit.samples, 1))))
 
 
+def _law_joint(name: str) -> str | None:
+    """Return the joint of a law's parameter, such as "coulomb_friction:joint_2.torque"; None for other names."""
+    law, _, rest = name.partition(":")
+    return rest.rpartition(".")[0] if rest and law != "link_encoder" else None
+
+
 def description_covariance(equations: BaseRegression) -> Array:
     """Return the covariance (P, P) of all parameters for a description with relative errors of one; laws have none."""
     chart = _chart(equations)
@@ -142,6 +148,7 @@ def with_consistency(
     trust: float | None = None,
     *,
     correlated: float = 1.0,
+    described: Collection[str] = (),
 ) -> Identification:
     """Add all parameters, physically consistent, and the arm that has them; where there are such.
 
@@ -157,15 +164,20 @@ def with_consistency(
         Laws beyond the model.
     trust, correlated
         See :func:`consistent`.
+    described
+        Joints whose laws beyond the model are put back to what the description has.
     """
+    equations = identifier.equations
     try:
-        found = consistent(identifier.fit(), identifier.equations, correlated, trust)
+        found = consistent(identifier.fit(), equations, correlated, trust)
     except IdentificationError as error:
         return result.with_(notes=(*result.notes, f"no physically consistent arm: {error.problem}"))
+    kept = [_law_joint(name) in described for name in equations.names]
+    Psi = np.where(kept, equations.nominal, found.Psi)
     return result.with_(
-        Psi=found.Psi,
+        Psi=Psi,
         consistency={"trust": found.trust, "misfit": found.misfit, "correlation": correlated},
-        identified=identified_robot(robot, identifier.equations, found.Psi, effects),
+        identified=identified_robot(robot, equations, Psi, effects),
     )
 
 

@@ -47,12 +47,15 @@ class Deflections:
 
     Parameters
     ----------
+    rows
+        (k,) groups of the link's rows: the joints whose deflection both encoders show.
     stiffness, damping
-        (n,) places of K and D among the base parameters; row i of the link is group i.
+        (k,) places of their K and D among the base parameters.
     nominal
         (B,) base parameters of the description.
     """
 
+    rows: NDArray[np.intp]
     stiffness: NDArray[np.intp]
     damping: NDArray[np.intp]
     nominal: Array
@@ -63,7 +66,7 @@ class Deflections:
         if not equations.summed:
             return None
         stiffness, damping = np.array(equations.drive_columns(), dtype=np.intp).T
-        return Deflections(stiffness, damping, equations.base.T @ equations.nominal)
+        return Deflections(np.array(equations.wound), stiffness, damping, equations.base.T @ equations.nominal)
 
     def transform(self, Psi: Array, fixed: Mapping[int, float], groups: int) -> Array:
         """Return (groups, B + 1, B + 1) from the rows [Phi y] to those of the problem linearised at `Psi`.
@@ -79,7 +82,7 @@ class Deflections:
         """
         width = len(Psi) + 1
         found = np.broadcast_to(np.eye(width), (groups, width, width)).copy()
-        for row, k in enumerate(self.stiffness):
+        for row, k in zip(self.rows, self.stiffness, strict=True):
             share = self.nominal[k] / Psi[k]
             torque = np.append(-Psi, 1.0)
             torque[k] = 0.0

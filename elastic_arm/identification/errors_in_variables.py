@@ -113,4 +113,4 @@ def _moved(thin: Motion, directions: _Directions) -> Motion:
         if name in directions.offsets:
             copies = copies + directions.offsets[name][:, None]
         moved[name] = copies.reshape(-1, *values.shape[1:])
-    return Motion(**moved)
+    return Motion(**moved, lacking=thin.lacking)

@@ -12,16 +12,17 @@ from __future__ import annotations
 import functools
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property, partial
 
 import numpy as np
 from numpy.typing import NDArray
 
-from elastic_arm.dynamics.double_double import add
+from elastic_arm.dynamics.double_double import add, cholesky
 from elastic_arm.effects import EffectInstance
 from elastic_arm.estimation.motion import Motion
 from elastic_arm.identification.base_regression import BaseRegression
 from elastic_arm.identification.consistency import description_covariance, with_consistency
-from elastic_arm.identification.least_squares import Blocks, Fit, Prior
+from elastic_arm.identification.least_squares import Blocks, Fit, Prior, residual_norms
 from elastic_arm.identification.result import Identification
 from elastic_arm.identification.stream import Identifier
 from elastic_arm.identification.verdict import natural_scales
@@ -44,8 +45,11 @@ FOLDS = 5
 GAIN = 0.05
 # Relative errors of the description that the consistent arm may still take it for, where it predicts badly.
 TRUSTS = (0.3, 0.1, 0.03, 0.01)
-# Ratio of rms errors from which a joint is said to be predicted worse than by the description.
+# Ratio of rms errors from which a joint is predicted worse than by the description.
 WORSE = 1.1
+# Mean log ratio of rms errors up to which a fit predicts as well as the description: one that is right already cannot
+# be improved.
+EQUAL = 0.01
 
 
 def prior_of(equations: BaseRegression, width: float, error: float = 0.0) -> Prior:
@@ -183,15 +187,36 @@ class HeldOut:
     equations: BaseRegression
     motions: Mapping[str, Sequence[Motion]]
 
+    @cached_property
+    def _factors(self) -> dict[str, tuple[Array, int]]:
+        """Triangular factors (groups, B + 1, B + 1) of the rows of each recording, and its number of samples."""
+        found = {}
+        for source, motions in self.motions.items():
+            grams = [self.equations.information(motion) for motion in motions]
+            found[source] = cholesky(functools.reduce(add, grams)), sum(map(len, motions))
+        return found
+
     def errors(self, Psi_base: Array) -> dict[str, dict[str, dict[str, float]]]:
         """Return recording -> equation -> joint -> rms, Nm, of base parameters."""
-        return {source: residuals(self.equations, Psi_base, runs) for source, runs in self.motions.items()}
+        scale = np.concatenate(list(self.equations.comparable(Psi_base).values()))
+        return {
+            source: self.equations.by_joint(scale * residual_norms(factors, Psi_base) / np.sqrt(max(samples, 1)))
+            for source, (factors, samples) in self._factors.items()
+        }
+
+    @cached_property
+    def nominal(self) -> dict[str, dict[str, dict[str, float]]]:
+        """Errors of the description."""
+        return self.errors(self.equations.base.T @ self.equations.nominal)
 
     def ratio(self, Psi_base: Array) -> float:
         """Return the mean log ratio of rms errors to those of the description; above 0 is worse."""
-        nominal = self.equations.base.T @ self.equations.nominal
-        found, known = self.errors(Psi_base), self.errors(nominal)
-        return log_ratio(list(found.values()), list(known.values()), self.equations)
+        return log_ratio(list(self.errors(Psi_base).values()), list(self.nominal.values()), self.equations)
+
+    def worse(self, Psi_base: Array) -> list[str]:
+        """Return the joints that some recording shows to be predicted clearly worse than by the description."""
+        pairs = _pairs(list(self.errors(Psi_base).values()), list(self.nominal.values()), self.equations)
+        return list(dict.fromkeys(joint for _, joint, a, b in pairs if a > WORSE * b))
 
 
 def validated(
@@ -214,7 +239,7 @@ def validated(
     held_out
         What no fit has seen.
     """
-    if held_out.ratio(result.Psi_base) > 0.0:
+    if held_out.ratio(result.Psi_base) > EQUAL:
         result = _pulled(result, identifier, held_out)
     if result.Psi is not None:
         result = _consistent_or_none(result, identifier, robot, effects, held_out)
@@ -243,7 +268,7 @@ def _pulled(result: Identification, identifier: Identifier, held_out: HeldOut) -
     if ratio < held_out.ratio(result.Psi_base):
         said.append(described_width(width, "the held-out recordings"))
         result = result.with_(estimates=best.estimates, covariance=best.covariance, noise=best.noise)
-    if ratio > 0.0:
+    if ratio > EQUAL:
         said.append("no fit near the description is better than it: do not use the identified numbers")
     return result.with_(notes=(*result.notes, *said))
 
@@ -251,42 +276,30 @@ def _pulled(result: Identification, identifier: Identifier, held_out: HeldOut) -
 def _consistent_or_none(
     result: Identification, identifier: Identifier, robot: Robot, effects: Sequence[EffectInstance], held_out: HeldOut
 ) -> Identification:
-    """Return the result with a consistent arm that predicts held-out motion no worse than the description, or none."""
-    T = held_out.equations.base.T
-    correlated = (result.consistency or {}).get("correlation", 1.0)
-    for trust in (None, *TRUSTS):
-        tried = result
-        if trust is not None:
-            tried = with_consistency(result, identifier, robot, effects, trust, correlated=correlated)
-        if tried.Psi is not None and held_out.ratio(T @ tried.Psi) <= 0.0:
-            return tried
-    note = "the consistent arm predicts the held-out recordings worse than the description: no robot.yaml is written"
-    return result.with_(identified=None, notes=(*result.notes, note))
+    """Return the result with a consistent arm that predicts no joint worse on held-out motion, or none.
 
-
-def residuals(equations: BaseRegression, Psi_base: Array, motions: Sequence[Motion]) -> dict[str, dict[str, float]]:
-    """Return equation -> joint -> rms of measured less predicted, Nm, in the band of the derivative stage.
-
-    Parameters
-    ----------
-    equations
-        In base parameters.
-    Psi_base
-        (B,) parameters to predict with.
-    motions
-        Runs of smoothed motion.
+    Where it does, the description is trusted more, and the laws of the joints in question stay as described.
     """
-    squares = {side: np.zeros(equations.n) for side in equations.sides}
-    samples = sum(len(motion) for motion in motions)
-    scale = equations.comparable(Psi_base)
-    for motion in motions:
-        predicted = equations.predict(motion, Psi_base)
-        for side, measured in equations.measured(motion).items():
-            squares[side] += np.sum((scale[side] * (measured - predicted[side])) ** 2, axis=0)
-    return {
-        side: dict(zip(equations.joints, np.sqrt(total / max(samples, 1)).tolist(), strict=True))
-        for side, total in squares.items()
-    }
+    T, worst = held_out.equations.base.T, list[str]()
+    kept: list[str] = []
+    correlated = (result.consistency or {}).get("correlation", 1.0)
+    consistent = partial(with_consistency, result, identifier, robot, effects, correlated=correlated)
+    for trust in (None, *TRUSTS):
+        tried = result if trust is None else consistent(trust)
+        for last in (False, True):
+            if tried.Psi is None:
+                break
+            worse = held_out.worse(T @ tried.Psi)
+            if not worse and held_out.ratio(T @ tried.Psi) <= 0.0:
+                return tried.with_(notes=(*tried.notes, _described(kept))) if last else tried
+            worst = worst or worse
+            if last or not worse:
+                break
+            kept = worse
+            tried = consistent(trust, described=kept)
+    where = f" at {', '.join(worst)}" if worst else ""
+    note = f"the consistent arm predicts the held-out recordings worse than the description{where}: "
+    return result.with_(identified=None, notes=(*result.notes, note + "no robot.yaml is written"))
 
 
 def log_ratio(found: Sequence[ByJoint], nominal: Sequence[ByJoint], equations: BaseRegression) -> float:
@@ -295,7 +308,7 @@ def log_ratio(found: Sequence[ByJoint], nominal: Sequence[ByJoint], equations: B
     Parameters
     ----------
     found, nominal
-        What :func:`residuals` returned for two arms, recording by recording.
+        What :meth:`HeldOut.errors` returned for two arms, recording by recording.
     equations
         Whose residuals they are.
     """
@@ -315,6 +328,13 @@ def worse_joints(found: ByJoint, nominal: ByJoint, equations: BaseRegression) ->
     return [
         f"{joint} ({side}: {a:.3g} against {b:.3g} {unit(joint, 'Nm')})" for side, joint, a, b in pairs if a > WORSE * b
     ]
+
+
+def _described(joints: Sequence[str]) -> str:
+    return (
+        f"robot.yaml has the laws of {', '.join(joints)} as the description has them: with those identified, "
+        "the held-out recordings are predicted worse"
+    )
 
 
 def _pairs(

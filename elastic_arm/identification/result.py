@@ -61,7 +61,7 @@ class Identification:
     estimates
         Base parameters.
     noise
-        Equation -> joint -> std of the residual, Nm, in the band of the derivative stage.
+        Equation -> joint -> std of the residual, Nm, in the band of the derivative stage; joints that have it.
     condition
         Condition number of the weighted, equilibrated regressor.
     undetermined
@@ -292,7 +292,6 @@ def result_of(
     relative = relative_std(equations, fit.Psi, fit.std)
     nominal = base.T @ equations.nominal
     robot = equations.model.robot
-    noise = fit.noise.reshape(len(equations.sides), equations.n)
     return Identification(
         robot=robot.name,
         model=equations.model.name,
@@ -312,10 +311,7 @@ def result_of(
                 strict=True,
             )
         ),
-        noise={
-            side: dict(zip(equations.joints, row.tolist(), strict=True))
-            for side, row in zip(equations.sides, noise, strict=True)
-        },
+        noise=equations.by_joint(fit.noise),
         condition=fit.condition,
         undetermined=directions(fit.undetermined, base.names),
         samples=fit.samples,

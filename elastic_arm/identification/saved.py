@@ -23,13 +23,17 @@ Array = NDArray[np.float64]
 SCHEMA = "elastic_arm/identifier/1"
 
 
+# Channels by joint.
+Recorded = tuple[frozenset[str], ...]
+
+
 class Sums(NamedTuple):
     """The sums of a stream, as they are saved.
 
     Parameters
     ----------
     recorded
-        Names of the channels.
+        Names of the channels of each joint.
     blocks, statistics
         The sums.
     progress
@@ -38,7 +42,7 @@ class Sums(NamedTuple):
         Of the derivative stage; None where motion with derivatives was added.
     """
 
-    recorded: frozenset[str]
+    recorded: Recorded
     blocks: Blocks
     statistics: MotionStatistics
     progress: dict[str, int]
@@ -67,7 +71,7 @@ def write_sums(path: str | Path, equations: BaseRegression, sums: Sums) -> None:
     head = {
         "schema": SCHEMA,
         **_identity(equations),
-        "recorded": sorted(sums.recorded),
+        "recorded": [sorted(channels) for channels in sums.recorded],
         "span": blocks.span,
         "counts": blocks.counts,
         "progress": sums.progress,
@@ -83,9 +87,15 @@ def write_sums(path: str | Path, equations: BaseRegression, sums: Sums) -> None:
         raise IdentificationError(f"{path} cannot be written: {error.strerror}", "Choose another folder.") from None
 
 
-def recorded_in(path: str | Path) -> frozenset[str]:
+def recorded_in(path: str | Path) -> Recorded:
     """Return the channels of the samples whose sums were saved; see :func:`read_sums` for errors."""
-    return frozenset(_read(path)[0]["recorded"])
+    return _recorded(_read(path)[0])
+
+
+def _recorded(head: dict[str, Any]) -> Recorded:
+    """Return the channels by joint; files of the first releases hold one list for all joints."""
+    saved = head["recorded"]
+    return tuple(map(frozenset, saved if saved and isinstance(saved[0], list) else [saved] * len(head["joints"])))
 
 
 def read_sums(path: str | Path, equations: BaseRegression) -> Sums:
@@ -113,7 +123,7 @@ def read_sums(path: str | Path, equations: BaseRegression) -> Sums:
     # Files of the first releases call them by another name.
     statistics = head["statistics"] if "statistics" in head else head["liveliness"]
     return Sums(
-        frozenset(head["recorded"]),
+        _recorded(head),
         blocks,
         MotionStatistics(**{name: _array(value) for name, value in statistics.items()}),
         head["progress"],

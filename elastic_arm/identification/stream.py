@@ -19,7 +19,7 @@ from elastic_arm.identification.base_regression import BaseRegression, Column
 from elastic_arm.identification.deflection import Deflections, fit_deflections
 from elastic_arm.identification.least_squares import Blocks, Fit, Prior, fit
 from elastic_arm.identification.result import Identification, result_of
-from elastic_arm.identification.saved import Sums, read_sums, recorded_in, write_sums
+from elastic_arm.identification.saved import Recorded, Sums, read_sums, recorded_in, write_sums
 from elastic_arm.identification.verdict import Excitation, MotionStatistics, excitation
 from elastic_arm.recording import Samples
 
@@ -154,7 +154,7 @@ class Identifier:
         self.accumulator: Accumulator | None = None
         self.progress = Progress()
         self._piece = _PartialRun()
-        self._recorded: frozenset[str] = frozenset()
+        self._recorded: Recorded = ()
 
     def pause(self) -> None:
         """Ignore samples until :meth:`resume`."""
@@ -189,20 +189,24 @@ class Identifier:
         IdentificationError
             If the channels allow no equation, or others than before.
         """
-        recorded = frozenset(name for name in SENSED if getattr(channels, name) is not None)
+        there = [name for name in SENSED if getattr(channels, name) is not None]
+        recorded = tuple(
+            frozenset(name for name in there if (name, joint) not in channels.lacking) for joint in range(self.model.n)
+        )
         if self.accumulator is None:
             self.accumulator = Accumulator(self._regression(recorded))
             self._recorded = recorded
         if recorded != self._recorded:
+            one, other = (", ".join(sorted(frozenset().union(*sets))) for sets in (self._recorded, recorded))
             raise IdentificationError(
-                f"one recording holds {', '.join(sorted(self._recorded))}, another {', '.join(sorted(recorded))}",
+                f"one recording holds {one}, another {other}" + (", not at the same joints" if one == other else ""),
                 "Identify recordings with equal channels.",
             )
         return self.accumulator.equations
 
-    def _regression(self, recorded: frozenset[str]) -> BaseRegression:
+    def _regression(self, recorded: Recorded) -> BaseRegression:
         return BaseRegression(
-            self.model, sorted(recorded), self.columns, self.joints, summed=True, encoder_columns=self.encoder_columns
+            self.model, recorded, self.columns, self.joints, summed=True, encoder_columns=self.encoder_columns
         )
 
     def add(self, samples: Samples) -> None:

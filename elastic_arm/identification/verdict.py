@@ -152,7 +152,7 @@ def excitation(
         relative = np.where(size > 0, spread / size, np.inf) / scales
     names = equations.base.names
     weakest = tuple(names[k] for k in np.flatnonzero(np.abs(vt[-1]) > TAKES_PART).tolist())
-    reasons = _reasons(statistics, len(equations.groups), relative[np.isfinite(scales)], len(names))
+    reasons = _reasons(statistics, int(equations.equations.live.sum()), relative[np.isfinite(scales)], len(names))
     return Excitation(condition, relative, weakest, bool(reasons), reasons)
 
 
@@ -274,7 +274,8 @@ def _encoders(fit: Fit, equations: BaseRegression) -> list[str]:
         return []
     place = {name: k for k, name in enumerate(equations.base.names)}
     found = []
-    for joint, (K, _) in zip(equations.joints, equations.drive_columns(), strict=True):
+    wound = [equations.joints[j] for j in equations.wound]
+    for joint, (K, _) in zip(wound, equations.drive_columns(), strict=True):
         parts = []
         for what, factor, unit in (("delay", 1e3, "ms"), ("offset", 1e3, "mrad")):
             k = place.get(f"link_encoder:{joint}.K_{what}")

@@ -19,7 +19,7 @@ from elastic_arm.recording.inspection.quality import check_times, checked
 from elastic_arm.recording.namespaces import choose_namespace, local_name
 from elastic_arm.recording.recording import Recording
 from elastic_arm.recording.series import Piece, Series
-from elastic_arm.recording.sides import Side
+from elastic_arm.recording.sides import Side, joints_with
 from elastic_arm.recording.storage.bag import Bag, open_bag
 from elastic_arm.recording.storage.interface import BagFile, Block
 from elastic_arm.recording.timebase import pair
@@ -279,6 +279,8 @@ def _side(series: Series | None, joints: tuple[str, ...], paths: dict[str, str],
             notes.append(f"{series.topic}.{name} is NaN throughout and counts as not recorded")
         elif values is not None:
             channels[name] = values
+            without = [joint for joint, there in zip(joints, joints_with(values), strict=True) if not there]
+            notes += [f"{series.topic}.{name} is not there for {', '.join(without)}"] if without else []
     return checked(Side(series.stamp_ns, **channels), series.topic, joints)
 
 

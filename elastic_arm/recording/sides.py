@@ -18,6 +18,9 @@ CHANNELS = ("position", "velocity", "effort", "acceleration")
 # Samples were taken regularly, whatever their stamps; or at their stamps.
 ClockMode = Literal["regular", "stamps"]
 
+# Channels with the index of a joint that lacks it.
+Lacking = frozenset[tuple[str, int]]
+
 
 @dataclass(frozen=True)
 class Side:
@@ -29,7 +32,7 @@ class Side:
         (N,) int64, nanoseconds, strictly increasing.
     position, velocity, effort, acceleration
         (N, n) rad, rad/s, Nm, rad/s²; None where not recorded. Torques and motor angles are reduced to the
-        harmonic-drive output.
+        harmonic-drive output. Joints without the channel have NaN throughout.
     """
 
     stamp_ns: Stamps
@@ -65,6 +68,11 @@ class Side:
         return Side(self.stamp_ns[index], **{name: values[index] for name, values in self.channels().items()})
 
 
+def joints_with(values: Array) -> NDArray[np.bool_]:
+    """Return which joints (n,) have a channel (N, n) that some have: the others hold NaN throughout."""
+    return np.asarray(~np.isnan(values).all(axis=0))
+
+
 @dataclass(frozen=True)
 class Samples:
     """All channels on one time base.
@@ -83,6 +91,9 @@ class Samples:
         What was done to bring the channels together.
     clock
         "regular" or "stamps" where the user knows what the stamps mean; None where the motion decides.
+    lacking
+        Channels q, theta, tau_J, tau_m, each with the index of a joint that lacks it while others have it. There the
+        angle is that of the joint's other side, and the torque is zero.
     """
 
     t: Array
@@ -95,6 +106,7 @@ class Samples:
     stamp_ns: Stamps
     notes: tuple[str, ...] = ()
     clock: ClockMode | None = None
+    lacking: Lacking = frozenset()
 
     def __len__(self) -> int:
         return len(self.t)

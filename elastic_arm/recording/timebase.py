@@ -6,7 +6,7 @@ import numpy as np
 import scipy
 
 from elastic_arm.errors import RecordingError
-from elastic_arm.recording.sides import Array, Samples, Side, Stamps
+from elastic_arm.recording.sides import Array, Lacking, Samples, Side, Stamps, joints_with
 
 # Two topics stamped by one clock tick share nearly all their stamps, apart from lost messages; below this share they
 # are stamped apart and have to be interpolated.
@@ -76,8 +76,10 @@ def pair(base: Side, other: Side, other_name: str, base_name: str) -> tuple[Side
 
 def _samples(stamp_ns: Stamps, link: Side | None, motor: Side | None, notes: tuple[str, ...]) -> Samples:
     link, motor = link or Side(stamp_ns), motor or Side(stamp_ns)
+    t: Array = (stamp_ns - stamp_ns[0]) * 1e-9
+    link, motor, lacking = _filled(t, link, motor)
     return Samples(
-        t=(stamp_ns - stamp_ns[0]) * 1e-9,
+        t=t,
         q=link.position,
         dq=link.velocity,
         tau_J=link.effort,
@@ -86,7 +88,46 @@ def _samples(stamp_ns: Stamps, link: Side | None, motor: Side | None, notes: tup
         tau_m=motor.effort,
         stamp_ns=stamp_ns,
         notes=notes,
+        lacking=lacking,
     )
+
+
+def _filled(t: Array, link: Side, motor: Side) -> tuple[Side, Side, Lacking]:
+    """Return both sides with numbers for joints that lack a channel, and which these are.
+
+    An angle is that of the joint's other side, a velocity the derivative of the angle, a torque zero.
+
+    Raises
+    ------
+    RecordingError
+        If a joint has neither angle.
+    """
+    if not any(np.isnan(v[:1]).any() for side in (link, motor) for v in side.channels().values()):
+        return link, motor, frozenset()
+    channels = {"q": link.position, "tau_J": link.effort, "theta": motor.position, "tau_m": motor.effort}
+    lacking = {
+        (name, int(j))
+        for name, values in channels.items()
+        if values is not None
+        for j in np.flatnonzero(~joints_with(values))
+    }
+    return _filled_side(t, link, motor), _filled_side(t, motor, link), frozenset(lacking)
+
+
+def _filled_side(t: Array, side: Side, other: Side) -> Side:
+    found = side.channels()
+    angle = side.position if side.position is not None else other.position
+    if angle is not None and other.position is not None:
+        angle = np.where(joints_with(angle), angle, other.position)
+    if side.position is not None and angle is not None:
+        if np.isnan(angle[:1]).any():
+            raise RecordingError("a joint has no positions on either side", "Record positions of every joint.")
+        found["position"] = angle
+    if side.velocity is not None and angle is not None:
+        found["velocity"] = np.where(joints_with(side.velocity), side.velocity, np.gradient(angle, t, axis=0))
+    if side.effort is not None:
+        found["effort"] = np.where(joints_with(side.effort), side.effort, 0.0)
+    return Side(side.stamp_ns, **found)
 
 
 def _covered(wanted: Stamps, given: Stamps) -> np.ndarray:
@@ -103,6 +144,11 @@ def _interpolate(side: Side, stamp_ns: Stamps) -> Side:
     origin = side.stamp_ns[0]
     given: Array = (side.stamp_ns - origin) * 1e-9
     wanted: Array = (stamp_ns - origin) * 1e-9
-    return Side(
-        stamp_ns, **{name: scipy.interpolate.CubicSpline(given, x)(wanted) for name, x in side.channels().items()}
-    )
+
+    def at_stamps(values: Array) -> Array:
+        there = joints_with(values)
+        found = np.full((len(wanted), values.shape[1]), np.nan)
+        found[:, there] = scipy.interpolate.CubicSpline(given, values[:, there])(wanted)
+        return found
+
+    return Side(stamp_ns, **{name: at_stamps(x) for name, x in side.channels().items()})

@@ -193,7 +193,10 @@ def before_and_after(found: Diagnosis, context: DiagnosisContext) -> MplFigure:
         figure, axes = new_figure(n, len(sides), size=(3.6 * len(sides), 0.7 + 1.45 * n), sharex=True)
         for row in range(n * len(sides)):
             s, i = divmod(row, n)
-            ax, noise = axes[i, s], found.noise[found.joints[i], sides[s]]
+            ax, noise = axes[i, s], found.noise.get((found.joints[i], sides[s]))
+            if noise is None:
+                ax.set_visible(False)
+                continue
             ax.axhspan(-2 * noise, 2 * noise, color="#E3E6EA", zorder=0)
             draw_signal(ax, t, context.before[part][:, row], points=700, color=BEFORE, lw=1.0, label="before")
             if found.causes:

@@ -170,7 +170,7 @@ def _parameters(result: Identification) -> Table:
 
 
 def _noise(result: Identification) -> Table:
-    rows = [[SIDES[side], *by_joint.values()] for side, by_joint in result.noise.items()]
+    rows = [[SIDES[side], *map(by_joint.get, result.joints)] for side, by_joint in result.noise.items()]
     how = f"{result.samples:,} samples; derivatives: {', '.join(dict.fromkeys(result.derivatives))}; "
     unit = result.units.over("Nm")
     caption = how + f"condition number {result.condition:.3g}. Standard deviation of the residuals, {unit}."
@@ -179,7 +179,7 @@ def _noise(result: Identification) -> Table:
 
 def _validation(result: Identification) -> Table:
     rows = [
-        [recording, arm, SIDES[side], *by_joint.values()]
+        [recording, arm, SIDES[side], *map(by_joint.get, result.joints)]
         for recording, arms in (result.validation or {}).items()
         for arm, by_side in arms.items()
         for side, by_joint in by_side.items()

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from elastic_arm.dynamics import build_model
-from elastic_arm.identification import Identification, identifier_of, identify
+from elastic_arm.identification import Identification, identifier_of, identify, parse_laws
 from elastic_arm.identification.base_regression import BaseRegression
 from elastic_arm.identification.least_squares import Fit
 from elastic_arm.identification.regularisation import chosen_width, description_error, prior_of
@@ -63,6 +63,23 @@ def test_no_arm_file_of_such_a_fit_is_written_silently(misled: Identification) -
     else:
         found, nominal = (np.array(list(by_arm[name]["motor"].values())) for name in ("consistent", "nominal"))
         assert np.mean(np.log(found / nominal)) <= 0.0
+
+
+def test_no_joint_of_the_arm_file_is_predicted_worse_than_by_the_description(arm: Robot, samples: Samples) -> None:
+    """The links are too heavy, and friction of the third joint is in the fitted motion alone: it stays out of the arm."""
+    scaled = zip(arm.joints, (1.3, 1.3, 1.02), strict=True)
+    heavy = arm.with_(joints=tuple(replace(j, link=replace(j.link, mass=scale * j.link.mass)) for j, scale in scaled))
+    plain, held_out = (recorded(arm, samples, part, "a") for part in (slice(0, 6000), slice(6000, 12000)))
+    assert plain.motor is not None and plain.motor.effort is not None and plain.motor.velocity is not None
+    rubs = np.tanh(plain.motor.velocity / 1e-3) * np.array([0.0, 0.0, 60.0])
+    fitted = replace(plain, motor=replace(plain.motor, effort=plain.motor.effort + rubs))
+    laws = parse_laws(("coulomb_friction:joint_3",), arm)
+    found = identify(fitted, heavy, validate=[held_out], derivatives="smoother", effects=laws)
+    assert found.identified is not None and found.validation is not None
+    (by_arm,) = found.validation.values()
+    ratios = {joint: by_arm["consistent"]["motor"][joint] / rms for joint, rms in by_arm["nominal"]["motor"].items()}
+    assert max(ratios.values()) < 0.2
+    assert any("laws of joint_3 as the description has them" in note for note in found.notes)
 
 
 def test_a_recording_that_determines_its_parameters_needs_no_prior(arm: Robot, samples: Samples) -> None:

@@ -127,7 +127,7 @@ CHANNEL = {"topic": "/x"}
         ({"joints": {"a": {"motor": {"effort": {**CHANNEL, "sign": 2}}}}}, "joints.a.motor.effort.sign"),
         ({"joints": {"a": {"motor": {"effort": {**CHANNEL, "factor": 0}}}}}, "factor must be a finite number"),
         ({"joints": {"a": {"motor": {"effort": {"field": "effort"}}}}}, "joints.a.motor.effort.topic: missing field"),
-        ({"joints": {"a": {"link": {"position": CHANNEL}}, "b": {}}}, "every joint needs the same ones"),
+        ({"joints": {"a": {"link": {"position": CHANNEL}}, "b": {}}}, "b has no channel"),
         ({"joints": {"a": {"link": [1]}}}, "joints.a.link"),
         (["a"], "holds no fields"),
     ],

@@ -171,8 +171,7 @@ def problem_of(
     if not refit:
         return CalibrationProblem(robot, model, observed, layout, band, (), np.zeros((0, 0)), known, settings)
     equations = ArmEquations(robot, model)
-    recorded = observed[0][0].pieces[0].recorded
-    shown = recorded_features(features(equations, effects), recorded)
+    shown = recorded_features(features(equations, effects), observed[0][0].pieces[0])
     parameters = nuisance_parameters(robot, shown, observed[0][0].rate, settings.priors, settings.refit)
     if layout.reads_torque_by_deflection:
         parameters = tuple(unreferenced(parameter) for parameter in parameters)

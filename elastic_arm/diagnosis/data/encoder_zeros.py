@@ -58,6 +58,7 @@ def _zeros(recording: Recording, stiffness: Array) -> tuple[Array, Array]:
     torque = samples.tau_J if samples.tau_J is not None else samples.tau_m
     load = np.zeros_like(samples.q) if torque is None else torque
     apart = samples.q - samples.theta + load / stiffness
+    apart[:, [joint for channel, joint in samples.lacking if channel in ("q", "theta")]] = 0.0
     speed = np.gradient(samples.theta, samples.t, axis=0)
     slope = np.sum((speed - speed.mean(axis=0)) * apart, axis=0) / np.maximum(np.sum(speed**2, axis=0), 1e-300)
     return np.asarray(np.mean(apart - slope * speed, axis=0)), np.asarray(np.abs(load).max(axis=0))

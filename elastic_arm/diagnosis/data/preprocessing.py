@@ -123,6 +123,7 @@ def clock_drift(samples: Samples, settings: PreprocessingSettings) -> float | No
     if samples.q is None or samples.theta is None:
         return None
     moves = np.ptp(samples.theta, axis=0) >= STILL
+    moves[[joint for channel, joint in samples.lacking if channel in ("q", "theta")]] = False
     found = [_drift_of(samples, int(j), settings.clock_averaging) for j in np.flatnonzero(moves)]
     if not found:
         return None

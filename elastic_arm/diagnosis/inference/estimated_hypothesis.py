@@ -111,7 +111,7 @@ class _FinalEstimates:
         return replace(fault, value=value, std=float(self.stds[own].min()))
 
     def is_ordinary(self, fault: SensorFault) -> bool:
-        """Whether a sensor may be without fault, or is within its prior; of lags and link encoders, what they do counts."""
+        """Whether a sensor may have no fault, or is within its prior; lags and link encoders count by what they do."""
         settings = self.fit.problem.settings.refit
         if abs(fault.value) < settings.certain * fault.std:
             return True

@@ -14,6 +14,7 @@ from elastic_arm.effects.equations import ArmEquations
 from elastic_arm.effects.model import Effect, EffectInstance, SensorEffect
 from elastic_arm.effects.parameters import Parameter
 from elastic_arm.estimation.effect_columns import Feature, OwnRegressor, has_columns
+from elastic_arm.estimation.motion import Motion
 from elastic_arm.sensors import Sensors
 
 Array = NDArray[np.float64]
@@ -35,18 +36,20 @@ def _possible(feature: Feature) -> bool:
     return ("link" in sides or sides == {"motor"}) and "link_encoder" not in feature.choices.get("channels", ())
 
 
-def recorded_features(found: Iterable[Feature], recorded: Collection[str]) -> list[Feature]:
+def recorded_features(found: Iterable[Feature], motion: Motion) -> list[Feature]:
     """Return the features without those of sensors that were not recorded; of several channels those that were.
 
     Parameters
     ----------
     found
         Every effect at every place.
-    recorded
-        Channels of the recordings, among q, theta, tau_J and tau_m.
+    motion
+        Of the recordings: its channels, among q, theta, tau_J and tau_m, may be those of some joints alone.
     """
     kept: dict[tuple[object, ...], Feature] = {}
     for feature in found:
+        joints = feature.equations.robot.joint_names
+        recorded = motion.recorded if feature.joint is None else motion.recorded_at(joints.index(feature.joint))
         if _is_repeated(feature, recorded):
             continue
         shown = {
@@ -56,7 +59,7 @@ def recorded_features(found: Iterable[Feature], recorded: Collection[str]) -> li
         }
         if all(shown.values()):
             only = replace(feature, choices={**feature.choices, **shown}) if shown else feature
-            if sensed_channels(only) <= set(recorded):
+            if sensed_channels(only) <= recorded:
                 kept.setdefault(only.key, only)
     return list(kept.values())
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from fnmatch import fnmatchcase
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
@@ -67,12 +67,14 @@ class Rows(Strict):
 
 
 class ArrayChannel(Strict):
-    """One channel of all joints.
+    """One channel of all joints, or of some.
 
     Parameters
     ----------
     key
         Name of an array with one column a joint, or one name a joint.
+    joints
+        Those that have the channel; all by default. What is given a joint is given for these.
     columns
         Columns of the array, one a joint; all by default.
     unit, offset, factor, sign, torque_constant, ratio
@@ -80,6 +82,7 @@ class ArrayChannel(Strict):
     """
 
     key: Key | list[Key]
+    joints: Annotated[list[str], Field(min_length=1)] | None = None
     columns: list[Annotated[int, Field(ge=0)]] | None = None
     unit: Unit | None = None
     offset: float | list[float] = 0.0
@@ -91,6 +94,21 @@ class ArrayChannel(Strict):
     def arrays(self) -> list[str]:
         """Return the names of all arrays used."""
         return [self.key] if isinstance(self.key, str) else self.key
+
+    def places(self, joints: Sequence[str]) -> list[int]:
+        """Return which of all joints have the channel.
+
+        Raises
+        ------
+        ValueError
+            If one of them is not among `joints`, or is named twice.
+        """
+        own = self.joints or list(joints)
+        if unknown := [name for name in own if name not in joints]:
+            raise ValueError(f"there is no joint {', '.join(unknown)}; there are {', '.join(joints)}")
+        if len(set(own)) < len(own):
+            raise ValueError(f"joints {', '.join(own)}: a name occurs twice")
+        return [list(joints).index(name) for name in own]
 
     def scales(self, channel: ChannelName, n: int) -> list[ChannelScale]:
         """Return how each of n joints' numbers become ones in SI units at the harmonic-drive output.
@@ -162,7 +180,7 @@ class ArrayMap(Strict):
             raise ValueError("neither link nor motor has a channel")
         for side in (self.link, self.motor):
             for name, channel in side.present().items():
-                channel.scales(name, len(self.joints))
+                channel.scales(name, len(channel.places(self.joints)))
         coupling_matrix(self.coupling, self.joints)
         return self
 
@@ -278,9 +296,11 @@ def _side(
     n = len(rules.joints)
     values: dict[str, Any] = {}
     for channel, source in channels.items():
-        table = _table(arrays, source, len(stamp_ns), n)
-        scaled = [scale.applied(table[:, i], channel) for i, scale in enumerate(source.scales(channel, n))]
-        values[channel] = np.column_stack(scaled)
+        places = source.places(rules.joints)
+        table = _table(arrays, source, len(stamp_ns), len(places))
+        values[channel] = np.full((len(stamp_ns), n), np.nan)
+        for i, (place, scale) in enumerate(zip(places, source.scales(channel, len(places)), strict=True)):
+            values[channel][:, place] = scale.applied(table[:, i], channel)
     return checked(Side(stamp_ns, **values), name, rules.joints)
 
 

@@ -62,7 +62,7 @@ def mapped_side(
 def _channel(
     sources: dict[str, Channel], name: ChannelName, series: Mapping[str, Series], channels: ChannelMap
 ) -> tuple[Side, tuple[str, ...]]:
-    """Build one channel of all joints, brought to the stamps of the first joint's topic."""
+    """Build one channel, brought to the stamps of the first joint's topic; NaN for joints without a source."""
     by_topic: dict[str, list[str]] = {}
     for joint, source in sources.items():
         by_topic.setdefault(source.topic, []).append(joint)
@@ -87,8 +87,9 @@ def _channel(
         order += joints
     if built is None:
         raise RecordingError(f"the channel map names no source for {name}")
-    columns = [order.index(joint) for joint in sources]
-    return Side(built.stamp_ns, **{name: built.channels()[name][:, columns]}), notes
+    table = np.full((len(built), len(channels.joints)), np.nan)
+    table[:, [list(channels.joints).index(joint) for joint in order]] = built.channels()[name]
+    return Side(built.stamp_ns, **{name: table}), notes
 
 
 def _one(messages: Series, source: Channel, name: ChannelName) -> Array:

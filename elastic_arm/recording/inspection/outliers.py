@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elastic_arm.recording.recording import Recording
-from elastic_arm.recording.sides import Array, Side
+from elastic_arm.recording.sides import Array, Side, joints_with
 
 _FEWEST = 50  # samples; of fewer no range is known
 _LOOKED_AT = 5000  # samples that the range is taken from
@@ -80,8 +80,14 @@ def find_outliers(recording: Recording) -> list[Outliers]:
         for name, side in sides.items()
         if side is not None and len(side) >= _FEWEST
         for channel, values in side.channels().items()
-        for found in _all_of_channel(name, channel, side.stamp_ns, values, recording.joints)
+        for found in _all_of_channel(name, channel, side.stamp_ns, *_recorded(values, recording.joints))
     ]
+
+
+def _recorded(values: Array, joints: Sequence[str]) -> tuple[Array, Sequence[str]]:
+    """Return a channel's columns (N, k) of the joints that have it, and their names."""
+    there = joints_with(values)
+    return (values, joints) if there.all() else (values[:, there], [joints[j] for j in np.flatnonzero(there).tolist()])
 
 
 def without_outliers(recording: Recording) -> Recording:

@@ -7,13 +7,13 @@ from collections.abc import Sequence
 import numpy as np
 
 from elastic_arm.errors import RecordingError
-from elastic_arm.recording.sides import Side, Stamps
+from elastic_arm.recording.sides import Side, Stamps, joints_with
 
 REPAIR = "Make a usable copy with: elastic-arm bag check --repair BAG"
 
 
 def checked(side: Side, topic: str, joints: Sequence[str]) -> Side:
-    """Return `side` if its times advance and all its numbers are finite.
+    """Return `side` if its times advance and its numbers are finite, or NaN throughout for joints without a channel.
 
     Parameters
     ----------
@@ -33,7 +33,10 @@ def checked(side: Side, topic: str, joints: Sequence[str]) -> Side:
     for name, values in side.channels().items():
         # One sum finds any NaN or infinity in a pass; only then is it worth looking where.
         if not np.isfinite(values.sum()) and not np.isfinite(values).all():
-            row, column = np.argwhere(~np.isfinite(values))[0]
+            bad = ~np.isfinite(values) & joints_with(values)
+            if joints_with(values).any() and not bad.any():
+                continue
+            row, column = np.argwhere(bad if bad.any() else ~np.isfinite(values))[0]
             raise RecordingError(
                 f"{topic}: {name} of {joints[column]} is {values[row, column]} at {moment(side.stamp_ns, row)}", REPAIR
             )
