@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from elastic_arm.dynamics import Model
 from elastic_arm.excitation.fourier import FourierTrajectory, require
 from elastic_arm.excitation.workspace import Workspace
+from elastic_arm.formatting import JointUnits
 from elastic_arm.robot.description import Robot
 
 Array = NDArray[np.float64]
@@ -21,6 +22,14 @@ DEFAULTS: dict[str, float] = {
     "position_max": np.pi,
     "velocity": 1.5,
     "acceleration": 6.0,
+    "torque": np.inf,
+}
+# The same of prismatic joints, in m and N: half a metre of travel, at the pace of a gantry without haste.
+LINEAR_DEFAULTS: dict[str, float] = {
+    "position_min": -0.25,
+    "position_max": 0.25,
+    "velocity": 0.3,
+    "acceleration": 1.0,
     "torque": np.inf,
 }
 UNITS = {"position": "rad", "velocity": "rad/s", "acceleration": "rad/s²", "torque": "Nm", "floor": "m", "links": "m"}
@@ -34,20 +43,23 @@ FEWEST_SAMPLES = 200
 
 @dataclass(frozen=True, eq=False)
 class MotionLimits:
-    """Limits of all joints, (n,) each, and of the workspace; see :data:`DEFAULTS`.
+    """Limits of all joints, (n,) each, and of the workspace; see :data:`DEFAULTS` and :data:`LINEAR_DEFAULTS`.
 
     Parameters
     ----------
     joints
         Their names.
     position_min, position_max, velocity, acceleration, torque
-        rad, rad/s, rad/s^2, Nm; torque at the harmonic-drive output, infinite where unlimited.
+        rad, rad/s, rad/s^2, Nm, of prismatic joints m, m/s, m/s^2, N; torque at the harmonic-drive output, infinite
+        where unlimited.
     workspace
         None where the arm may go everywhere.
     margin
         Smallest gap to the floor and between links, m; :data:`MARGIN` by default.
     assumed
         Sentences on limits that the description does not state.
+    units
+        Of the joints.
     """
 
     joints: tuple[str, ...]
@@ -59,14 +71,14 @@ class MotionLimits:
     workspace: Workspace | None = None
     margin: float = MARGIN
     assumed: tuple[str, ...] = ()
+    units: JointUnits = field(default_factory=lambda: JointUnits(()))
 
     def __post_init__(self) -> None:
         sane = bool(np.isfinite(self.margin)) and self.margin >= 0.0
         require(sane, f"the margin of safety is {self.margin:g} m", "Give zero or a length above it")
         for joint, low, high in zip(self.joints, self.position_min, self.position_max, strict=True):
-            require(
-                low < high, f"{joint} may go from {low:g} to {high:g} rad", "State both position limits of that joint"
-            )
+            span = f"{joint} may go from {low:g} to {high:g} {self.units.at(joint, 'rad')}"
+            require(low < high, span, "State both position limits of that joint")
 
     @classmethod
     def of(
@@ -86,7 +98,7 @@ class MotionLimits:
         robot
             The arm.
         velocity, acceleration, torque
-            rad/s, rad/s², Nm.
+            rad/s, rad/s², Nm; m/s, m/s², N for prismatic joints.
         workspace
             Where the links may be; anywhere when None.
         margin
@@ -94,19 +106,32 @@ class MotionLimits:
         """
         values: dict[str, Array] = {}
         assumed: list[str] = []
-        for name, default in DEFAULTS.items():
+        for name in DEFAULTS:
+            defaults = [(LINEAR_DEFAULTS if joint.prismatic else DEFAULTS)[name] for joint in robot.joints]
             stated = [getattr(joint.limits, name) for joint in robot.joints]
-            values[name] = np.array([default if value is None else value for value in stated], dtype=float)
-            unknown = [j for j, value in zip(robot.joint_names, stated, strict=True) if value is None]
-            if unknown:
-                assumed.append(f"{name.replace('_', ' ')} of {', '.join(unknown)}: {_words(default, name)} assumed")
+            both = list(zip(stated, defaults, strict=True))
+            values[name] = np.array([default if value is None else value for value, default in both], dtype=float)
+            unknown: dict[str, list[str]] = {}
+            for joint, (value, default) in zip(robot.joint_names, both, strict=True):
+                if value is None:
+                    unit = robot.units.at(joint, UNITS[name.partition("_")[0]])
+                    unknown.setdefault("no limit" if np.isinf(default) else f"{default:.3g} {unit}", []).append(joint)
+            what = name.replace("_", " ")
+            assumed += [f"{what} of {', '.join(joints)}: {words} assumed" for words, joints in unknown.items()]
         for name, given in (("velocity", velocity), ("acceleration", acceleration), ("torque", torque)):
             if given is not None:
                 positive = bool(np.isfinite(given)) and given > 0.0
                 require(positive, f"the {name} limit is {given:g}", "Give a number above zero")
                 values[name] = np.minimum(values[name], given)
         workspace = workspace or Workspace.of(robot)
-        return cls(robot.joint_names, **values, workspace=workspace, margin=margin, assumed=tuple(assumed))
+        return cls(
+            robot.joint_names,
+            **values,
+            workspace=workspace,
+            margin=margin,
+            assumed=tuple(assumed),
+            units=robot.units,
+        )
 
     @property
     def centre(self) -> Array:
@@ -282,9 +307,3 @@ def check_limits(limits: MotionLimits, model: Model, trajectory: FourierTrajecto
 def _ratio(swing: Array, clearance: Array) -> Array:
     """Return swing over clearance; huge where there is no clearance."""
     return np.where(swing <= 0.0, 0.0, swing / np.maximum(clearance, 1e-9))
-
-
-def _words(default: float, name: str) -> str:
-    if np.isinf(default):
-        return "no limit"
-    return f"{default:.3g} {UNITS[name.partition('_')[0]]}"

@@ -130,18 +130,19 @@ def joint_motion(trajectory: FourierTrajectory, limits: MotionLimits) -> MplFigu
         (-limits.velocity, limits.velocity),
         (-limits.acceleration, limits.acceleration),
     )
-    names = ("q [rad]", "dq [rad/s]", "ddq [rad/s²]")
+    units = ("rad", "rad/s", "rad/s²")
     with style():
         figure, axes = new_figure(3, trajectory.n, size=(max(6.0, 3.0 * trajectory.n), 5.6), sharex=True)
-        for row, (values, (low, high), name) in enumerate(zip(trajectory.evaluate(t), bounds, names, strict=True)):
+        for row, (values, (low, high), unit) in enumerate(zip(trajectory.evaluate(t), bounds, units, strict=True)):
             for joint in range(trajectory.n):
                 ax = axes[row, joint]
                 ax.axvspan(*trajectory.periodic, color="#F3F5F7", zorder=0)
                 ax.plot(t, values[:, joint], color=BLUE)
                 for bound in (low[joint], high[joint]):
                     ax.axhline(bound, color=VERMILION, lw=1.0, ls="--")
-                if joint == 0:
-                    ax.set_ylabel(name)
+                own = limits.units.at(limits.joints[joint], unit)
+                if joint == 0 or own != unit:
+                    ax.set_ylabel(f"{'d' * row}q [{own}]")
         for joint, name in enumerate(limits.joints):
             axes[0, joint].set_title(name, loc="left")
             axes[-1, joint].set_xlabel("t [s]")

@@ -66,7 +66,7 @@ def test_no_arm_file_of_such_a_fit_is_written_silently(misled: Identification) -
 
 
 def test_no_joint_of_the_arm_file_is_predicted_worse_than_by_the_description(arm: Robot, samples: Samples) -> None:
-    """The links are too heavy, and friction of the third joint is in the fitted motion alone: it stays out of the arm."""
+    """The links are too heavy, and friction of the third joint is in the fitted motion alone: it stays out."""
     scaled = zip(arm.joints, (1.3, 1.3, 1.02), strict=True)
     heavy = arm.with_(joints=tuple(replace(j, link=replace(j.link, mass=scale * j.link.mass)) for j, scale in scaled))
     plain, held_out = (recorded(arm, samples, part, "a") for part in (slice(0, 6000), slice(6000, 12000)))

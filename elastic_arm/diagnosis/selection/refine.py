@@ -131,6 +131,8 @@ def _starts(
 
 def _scalar(cost: Cost, parameter: Parameter, centre: float, width: float, settings: RefinementSettings) -> float:
     axis = _Axis.of(parameter, beyond=settings.range_factor)
+    # What a column's coefficient means may lie far outside the range.
+    centre = min(max(centre, axis.low), axis.high)
     bounds = (max(axis.low, centre - width), min(axis.high, centre + width))
     tolerance = 1e-4 if axis.logarithmic else 1e-4 * (axis.high - axis.low)
     options = {"maxiter": settings.evaluations, "xatol": tolerance}
