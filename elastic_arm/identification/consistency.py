@@ -24,6 +24,7 @@ from elastic_arm.dynamics.composition import ARMATURE, inertia_from
 from elastic_arm.effects import EffectInstance
 from elastic_arm.errors import IdentificationError
 from elastic_arm.identification.base_regression import BaseRegression
+from elastic_arm.identification.law_columns import joint_of_law
 from elastic_arm.identification.least_squares import Fit, correlation
 from elastic_arm.identification.result import Identification
 from elastic_arm.identification.stream import Identifier
@@ -114,12 +115,6 @@ def consistent(fit: Fit, equations: BaseRegression, correlated: float = 1.0, tru
     return Consistent(Psi, trust, float(np.linalg.norm(apart) / size / np.sqrt(max(fit.samples, 1))))
 
 
-def _law_joint(name: str) -> str | None:
-    """Return the joint of a law's parameter, such as "coulomb_friction:joint_2.torque"; None for other names."""
-    law, _, rest = name.partition(":")
-    return rest.rpartition(".")[0] if rest and law != "link_encoder" else None
-
-
 def description_covariance(equations: BaseRegression) -> Array:
     """Return the covariance (P, P) of all parameters for a description with relative errors of one; laws have none."""
     chart = _chart(equations)
@@ -154,14 +149,10 @@ def with_consistency(
 
     Parameters
     ----------
-    result
-        The identification so far.
-    identifier
-        The estimator that it came from.
-    robot
-        The nominal arm.
-    effects
-        Laws beyond the model.
+    result, identifier
+        The identification so far, and the estimator that it came from.
+    robot, effects
+        The nominal arm, and laws beyond the model.
     trust, correlated
         See :func:`consistent`.
     described
@@ -172,8 +163,7 @@ def with_consistency(
         found = consistent(identifier.fit(), equations, correlated, trust)
     except IdentificationError as error:
         return result.with_(notes=(*result.notes, f"no physically consistent arm: {error.problem}"))
-    kept = [_law_joint(name) in described for name in equations.names]
-    Psi = np.where(kept, equations.nominal, found.Psi)
+    Psi = np.where([joint_of_law(name) in described for name in equations.names], equations.nominal, found.Psi)
     return result.with_(
         Psi=Psi,
         consistency={"trust": found.trust, "misfit": found.misfit, "correlation": correlated},

@@ -133,3 +133,9 @@ class _LawColumns:
         return Signals.of_samples(
             CompletedMotion(**samples), (self.standstill, self.standstill), elastic=self.robot.elastic
         )
+
+
+def joint_of_law(name: str) -> str | None:
+    """Return the joint of a law's parameter, such as "coulomb_friction:joint_2.torque"; None for other names."""
+    law, _, rest = name.partition(":")
+    return rest.rpartition(".")[0] if rest and law != "link_encoder" else None

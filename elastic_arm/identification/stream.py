@@ -189,19 +189,15 @@ class Identifier:
         IdentificationError
             If the channels allow no equation, or others than before.
         """
-        there = [name for name in SENSED if getattr(channels, name) is not None]
-        recorded = tuple(
-            frozenset(name for name in there if (name, joint) not in channels.lacking) for joint in range(self.model.n)
-        )
+        there = {name for name in SENSED if getattr(channels, name) is not None}
+        recorded = tuple(frozenset(there - {c for c, j in channels.lacking if j == i}) for i in range(self.model.n))
         if self.accumulator is None:
             self.accumulator = Accumulator(self._regression(recorded))
             self._recorded = recorded
         if recorded != self._recorded:
             one, other = (", ".join(sorted(frozenset().union(*sets))) for sets in (self._recorded, recorded))
-            raise IdentificationError(
-                f"one recording holds {one}, another {other}" + (", not at the same joints" if one == other else ""),
-                "Identify recordings with equal channels.",
-            )
+            what = f"one recording holds {one}, another {other}" + ", not at the same joints" * (one == other)
+            raise IdentificationError(what, "Identify recordings with equal channels.")
         return self.accumulator.equations
 
     def _regression(self, recorded: Recorded) -> BaseRegression:
