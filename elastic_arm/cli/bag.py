@@ -118,7 +118,9 @@ def import_(
     if guess:
         if mapping is not None or robot is None:
             raise typer.BadParameter("needs --robot, and no --map", param_hint="--guess")
-        _write_draft(arrays, out_folder, guess_mapping(load_arrays(arrays), load_arm(robot, chain, at).joint_names))
+        arm = load_arm(robot, chain, at)
+        draft = guess_mapping(load_arrays(arrays), arm.joint_names, arm.units.prismatic)
+        _write_draft(arrays, out_folder, draft)
         return
     if mapping is None:
         raise typer.BadParameter("give a mapping file, or --guess to make a draft of one", param_hint="--map")

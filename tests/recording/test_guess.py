@@ -71,6 +71,31 @@ def test_rotor_angles_get_their_ratio_and_currents_ask_for_theirs(tmp_path: Path
         load_array_map(tmp_path / "map.yaml")
 
 
+def test_joints_that_slide_have_lengths_and_forces(tmp_path: Path) -> None:
+    """A gantry carries an arm: its travel in mm is told by its size, the units are given joint by joint."""
+    positions, speeds = (v * np.array([300.0, 1.0, 1.0]) for v in (Q, DQ))
+    arrays = {"time": T, "positions": positions, "speeds": speeds, "torques": TAU}
+    draft = guess_mapping(arrays, JOINTS, prismatic=("a",))
+    assert [list(guess.units) for guess in draft.channels if guess.side == "link"] == [
+        ["mm", "rad", "rad"],
+        ["mm/s", "rad/s", "rad/s"],
+    ]
+    np.savez(tmp_path / "run.npz", **arrays)  # type: ignore[arg-type]
+    (tmp_path / "map.yaml").write_text(draft.to_yaml())
+    taken = import_arrays(tmp_path / "run.npz", tmp_path / "map.yaml")
+    assert taken.link is not None and taken.motor is not None
+    np.testing.assert_allclose(taken.link.position, Q * [0.3, 1.0, 1.0])
+    np.testing.assert_allclose(taken.motor.effort, TAU)
+
+
+def test_a_single_axis_has_columns_of_one_name_each() -> None:
+    """A log of a linear drive: position, speed and force are told by their names."""
+    arrays = {"time": T, "position": 0.1 * Q[:, 0], "speed": 0.1 * DQ[:, 0], "motor_force": TAU[:, 0]}
+    draft = guess_mapping(arrays, ("axis",), prismatic=("axis",))
+    found = {(guess.side, guess.channel): guess.unit for guess in draft.channels}
+    assert found == {("link", "position"): "m", ("link", "velocity"): "m/s", ("motor", "effort"): "N"}
+
+
 def test_arrays_of_other_joints_are_refused() -> None:
     """Arrays of three columns are no arm of seven joints."""
     with pytest.raises(RecordingError, match="no array holds positions or torques of 7 joints"):

@@ -78,13 +78,13 @@ class ArrayChannel(Strict):
     columns
         Columns of the array, one a joint; all by default.
     unit, offset, factor, sign, torque_constant, ratio
-        As in a channel map; one for all joints, or one a joint.
+        As in a channel map; one for all joints, or one a joint, as where some of them slide.
     """
 
     key: Key | list[Key]
     joints: Annotated[list[str], Field(min_length=1)] | None = None
     columns: list[Annotated[int, Field(ge=0)]] | None = None
-    unit: Unit | None = None
+    unit: Unit | list[Unit] | None = None
     offset: float | list[float] = 0.0
     factor: float | list[float] = 1.0
     sign: Literal[1, -1] | list[Literal[1, -1]] = 1
@@ -118,15 +118,16 @@ class ArrayChannel(Strict):
         ValueError
             If a list is not one a joint, or the unit and the rest are at odds.
         """
-        given = {name: getattr(self, name) for name in ("offset", "factor", "sign", "torque_constant", "ratio")}
+        names = ("unit", "offset", "factor", "sign", "torque_constant", "ratio")
+        given = {name: getattr(self, name) for name in names}
         for name, value in given.items():
             if isinstance(value, list) and len(value) != n:
                 raise ValueError(f"{channel}.{name} has {len(value)} values for {n} joints")
         of_joint = [
-            ChannelScale(unit=self.unit, **{k: v[joint] if isinstance(v, list) else v for k, v in given.items()})
-            for joint in range(n)
+            ChannelScale(**{k: v[joint] if isinstance(v, list) else v for k, v in given.items()}) for joint in range(n)
         ]
-        of_joint[0].check_unit(channel)
+        for scale in of_joint:
+            scale.check_unit(channel)
         return of_joint
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import product
 from typing import Literal
@@ -27,6 +27,10 @@ CLOSE = 0.15
 AVERAGED = 0.05
 # Angles of an arm in radians stay below this.
 LARGEST_ANGLE = 4 * np.pi
+# Travels in metres, and speeds in metres a second, stay below this.
+LARGEST_TRAVEL = 20.0
+# What a motor has, whether its joint turns or slides.
+_AT_SHAFT = ("A", "Nm_motor")
 # A rotor's angle over the joint's is at least this.
 SMALLEST_RATIO = 5.0
 
@@ -38,7 +42,7 @@ _WORDS: dict[Quantity, str] = {
     r"grav|model|predict|simul|ff(?=_|\d|$)|init|(?<![a-z])action(?![a-z])",
     "acceleration": r"acc|ddq|qdd|d2",
     "velocity": r"vel|dq|qd|omega|speed|rpm|dtheta",
-    "effort": r"torq|tau|eff|cur|load|moment|(?<![a-z])i(?=_|\d|$)",
+    "effort": r"torq|tau|force|eff|cur|load|moment|(?<![a-z])i(?=_|\d|$)",
     "position": r"pos|ang|theta|(?<![a-z])q(?=_|\d|$)|joint_state|(?<![a-z])state$",
 }
 # Read in this order: a sensor of a motor's torque is rarer than a torque sensor.
@@ -68,6 +72,8 @@ class Guess:
         Further keys of the mapping: sign, ratio.
     missing
         Keys that the mapping needs and no array can show, with what they are.
+    units
+        One a joint, where some of them slide; empty where `unit` is that of all.
     """
 
     side: SideName
@@ -77,6 +83,7 @@ class Guess:
     reasons: tuple[str, ...]
     scales: Mapping[str, list[float]] = field(default_factory=dict)
     missing: Mapping[str, str] = field(default_factory=dict)
+    units: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -137,7 +144,7 @@ class Draft:
         return [(pattern, "; ".join(dict.fromkeys(reasons))) for pattern, reasons in patterns.items()]
 
 
-def guess_mapping(arrays: Mapping[str, np.ndarray], joints: Sequence[str]) -> Draft:
+def guess_mapping(arrays: Mapping[str, np.ndarray], joints: Sequence[str], prismatic: Collection[str] = ()) -> Draft:
     """Return a draft of the mapping from arrays to a recording.
 
     Units follow from names, ranges, and slopes of derivatives; sides and kinds of torque from names.
@@ -148,6 +155,8 @@ def guess_mapping(arrays: Mapping[str, np.ndarray], joints: Sequence[str]) -> Dr
         By name, as :func:`elastic_arm.recording.foreign.array_files.load_arrays` reads them.
     joints
         n names, in robot-description order.
+    prismatic
+        Those that slide: their numbers are lengths and forces.
 
     Raises
     ------
@@ -155,6 +164,12 @@ def guess_mapping(arrays: Mapping[str, np.ndarray], joints: Sequence[str]) -> Dr
         If no array can be the positions or torques of n joints.
     """
     contents = find_tables(arrays, len(joints))
+    slides = np.array([joint in prismatic for joint in joints])
+    whole = {table.keys: table for table in contents.tables}
+    if not slides.all():
+        # What is in the columns is told by those of joints that turn.
+        turning = [JointTable(table.keys, table.columns, table.values[:, ~slides]) for table in contents.tables]
+        contents = replace(contents, tables=tuple(turning))
     ignored = [(key, "no table of all joints") for key in contents.rest]
     chosen: dict[tuple[SideName, ChannelName], Guess] = {}
     for guess in _recognised(contents):
@@ -174,9 +189,23 @@ def guess_mapping(arrays: Mapping[str, np.ndarray], joints: Sequence[str]) -> Dr
             f"no array holds positions or torques of {len(joints)} joints; there are {', '.join(arrays)[:300]}",
             "Check --robot: it needs as many joints as the arrays have columns; or write the mapping by hand.",
         )
-    found = _with_ratio(chosen)
+    chosen = {place: replace(guess, table=whole[guess.table.keys]) for place, guess in chosen.items()}
+    found = {place: _with_lengths(guess, slides.tolist()) for place, guess in _with_ratio(chosen).items()}
     ordered = [found[place] for place in product(_SIDE_WORDS, CHANNEL_NAMES) if place in found]
     return Draft(tuple(joints), contents.times, tuple(ordered), tuple(ignored))
+
+
+def _with_lengths(guess: Guess, slides: Sequence[bool]) -> Guess:
+    """Return a guess with the units of a length or force for joints that slide."""
+    if not any(slides) or guess.unit in _AT_SHAFT:
+        return guess
+    largest = float(np.abs(guess.table.values[:, np.flatnonzero(slides)]).max())
+    length = "mm" if largest > LARGEST_TRAVEL else "m"
+    own = {"position": length, "velocity": f"{length}/s", "effort": "N"}[guess.channel]
+    why = f"joints that slide have {own}: the largest number is {largest:.3g}"
+    if all(slides):
+        return replace(guess, unit=own, reasons=(*(r for r in guess.reasons if guess.unit not in r), why))
+    return replace(guess, units=tuple(own if slide else guess.unit for slide in slides), reasons=(*guess.reasons, why))
 
 
 def _recognised(contents: Contents) -> list[Guess | tuple[JointTable, str]]:
@@ -342,7 +371,7 @@ def _channel_lines(guess: Guess) -> list[str]:
     keys: dict[str, object] = {"key": guess.table.keys[0] if len(guess.table.keys) == 1 else list(guess.table.keys)}
     if guess.table.columns is not None:
         keys["columns"] = list(guess.table.columns)
-    keys["unit"] = guess.unit
+    keys["unit"] = list(guess.units) or guess.unit
     keys |= {k: [int(v) if k == "sign" else v for v in values] for k, values in guess.scales.items()}
     lines = [f"  # {reason}" for reason in guess.reasons]
     lines.append(f"  {guess.channel}:")

@@ -89,7 +89,8 @@ class Contents:
 def find_tables(arrays: Mapping[str, np.ndarray], n: int) -> Contents:
     """Sort arrays into times, tables of n joints, and others.
 
-    An array of more than n columns is a table of its first n; columns without names are taken n at a time.
+    An array of more than n columns is a table of its first n; columns without names are taken n at a time. For one
+    joint every column is a table.
     """
     numeric = {key: np.squeeze(values) for key, values in arrays.items() if values.dtype.kind in "biuf"}
     count = _sample_count(numeric)
@@ -102,6 +103,10 @@ def find_tables(arrays: Mapping[str, np.ndarray], n: int) -> Contents:
         if values.ndim == 2 and (table := _whole(key, values, count, n)) is not None
     ]
     tables += _counted(columns, n)
+    if n == 1:
+        taken = {key for table in tables for key in table.keys}
+        single = {key: values.astype(np.float64)[:, None] for key, values in columns.items() if key not in taken}
+        tables += [JointTable((key,), None, values) for key, values in single.items()]
     used = {key for table in tables for key in table.keys} | ({times.key} if times is not None else set())
     return Contents(times, tuple(tables), tuple(key for key in arrays if key not in used))
 
