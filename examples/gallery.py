@@ -1,31 +1,52 @@
-"""All examples of real robots in one run, and the table of docs/real_robots.md.
+"""All examples of real robots in one run, and the tables of docs/real_robots.md.
 
     python examples/gallery.py DATA --out gallery [--only kuka_kr300 …] [--markdown docs/real_robots.md]
 
 DATA has a folder for each robot, named as in `examples/`. Every example's `run.sh` is run in a folder of its own below
-`--out`; the table is made of the `identification.json` and `diagnosis.json` that are there afterwards.
+`--out`, or taken as it is there; the tables are made of the `identification.json` and `diagnosis.json` that are there
+afterwards, and of the processor time of each command in `times.tsv`.
 """
 
 from __future__ import annotations
 
 import argparse
 import json
+import math
 import os
 import subprocess
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
 HERE = Path(__file__).resolve().parent
 BEGIN, END = "<!-- table: examples/gallery.py -->", "<!-- end of table -->"
+TIMES = "times.tsv"
+# Runs a command and notes its processor time beside the folder that it wrote to.
+TIMED = """
+import os, resource, subprocess, sys
+code = subprocess.call(sys.argv[2:])
+used = resource.getrusage(resource.RUSAGE_CHILDREN)
+out = sys.argv[sys.argv.index("--out") + 1] if "--out" in sys.argv else ""
+with open(sys.argv[1], "a") as file:
+    print(os.path.abspath(out), round(used.ru_utime + used.ru_stime), sep="\\t", file=file)
+sys.exit(code)
+"""
+# What `identify` has of a link encoder as a torque of the spring.
+ENCODER = {"time_delay": "delay", "encoder_offset": "offset"}
 
 
 def run(example: Path, data: Path, folder: Path) -> None:
     """Run one example in a folder of its own; what it prints goes to `run.log` there."""
     folder.mkdir(parents=True)
-    path = os.pathsep.join([str(Path(sys.executable).parent), os.environ["PATH"]])
+    shim, command = folder / "bin" / "elastic-arm", Path(sys.executable).parent / "elastic-arm"
+    shim.parent.mkdir()
+    (shim.parent / "timed.py").write_text(TIMED)
+    timed = f'"{sys.executable}" "{shim.parent / "timed.py"}" "{folder.resolve() / TIMES}"'
+    shim.write_text(f'#!/bin/sh\nexec {timed} "{command}" "$@"\n')
+    shim.chmod(0o755)
+    path = os.pathsep.join([str(shim.parent.resolve()), os.environ["PATH"]])
     began = time.monotonic()
     with (folder / "run.log").open("w") as log:
         command = ["sh", str(example / "run.sh"), str(data)]
@@ -35,22 +56,68 @@ def run(example: Path, data: Path, folder: Path) -> None:
 
 def rows(folder: Path) -> Iterator[list[str]]:
     """Yield the rows of the table for one example."""
+    times = _times(folder)
     for file in sorted(folder.rglob("identification.json")):
         found = json.loads(file.read_text())
         for arms in (found["validation"] or {}).values():
-            for arm in ("nominal", "identified"):
-                for side, values in arms[arm].items():
-                    yield [_case(folder, file), f"`identify`: {arm}, {side}", _numbers(values.values()), "", ""]
+            for arm in ("nominal", "identified", "consistent"):
+                for side, values in arms.get(arm, {}).items():
+                    seconds = times.get(file.parent.resolve(), "") if arm == "identified" else ""
+                    what = f"`identify`: {'robot.yaml' if arm == 'consistent' else arm}, {side}"
+                    yield [_case(folder, file), what, _numbers(values.values()), "", "", seconds]
     for file in sorted(folder.rglob("diagnosis.json")):
         found = json.loads(file.read_text())
-        causes = ", ".join(f"{c['effect']} {c['joint'] or ''}".strip() for c in found["causes"]) or "no cause"
+        causes = ", ".join(map(_cause, found["causes"])) or "no cause"
         verdict = f"{found['verdict']}: {causes}"
         for when in ("before", "after"):
             for side in ("link", "drive", "motor"):
                 rmse = [(place.get(side) or {}).get("rmse") for place in found["gap"][when].values()]
                 if any(value is not None for value in rmse):
-                    said = (_prediction(found, when), verdict if when == "after" else "")
+                    said = (_prediction(found, when), verdict, times.get(file.parent.resolve(), ""))
+                    said = said if when == "after" else (said[0], "", "")
                     yield [_case(folder, file), f"`{file.parent.name}`: {when}, {side}", _numbers(rmse), *said]
+
+
+def _times(folder: Path) -> dict[Path, str]:
+    """Return the processor time of the command that wrote to a folder, s."""
+    file = folder / TIMES
+    lines = file.read_text().splitlines() if file.exists() else []
+    return {Path(out): seconds for out, seconds in (line.split("\t") for line in lines)}
+
+
+def _cause(cause: dict[str, Any]) -> str:
+    """Return a cause in words, with its confidence."""
+    minor = ", minor" if cause["minor"] else ""
+    return f"{cause['effect']} {cause['joint'] or ''}".strip() + f" ({100 * cause['confidence']:.0f} %{minor})"
+
+
+def agreement(folder: Path) -> Iterator[list[str]]:
+    """Yield the rows of the comparison of `identify` and `diagnose --refit` on the same recordings of one example."""
+    for file in sorted(folder.rglob("diagnosis_refit/diagnosis.json")):
+        other = file.parent.parent / "identified" / "identification.json"
+        if not other.exists():
+            continue
+        found = json.loads(file.read_text())
+        estimates = {e["name"]: e for e in json.loads(other.read_text())["estimates"]}
+        for law in (*found["known"], *found["causes"]):
+            for joint in [law["joint"]] if law["joint"] else found["noise"]:
+                for parameter, two in law["parameters"].items():
+                    one = _identified(estimates, law["effect"], joint, parameter)
+                    if one is not None and two["std"]:
+                        apart = abs(one["value"] - two["value"]) / math.hypot(one["std"], two["std"])
+                        values = [f"{v['value']:.4g} ± {v['std']:.2g}" for v in (one, two)]
+                        what = f"{law['effect']} {joint}, {two['unit']}"
+                        yield [_case(folder, file), what, *values, f"{apart:.1f}"]
+
+
+def _identified(estimates: dict[str, Any], effect: str, joint: str, parameter: str) -> dict[str, float] | None:
+    """Return what `identify` has for a parameter of an effect at a joint; None where it has none."""
+    if effect not in ENCODER:
+        return estimates.get(f"{effect}:{joint}.{parameter}")
+    torque, stiffness = estimates.get(f"link_encoder:{joint}.K_{ENCODER[effect]}"), estimates.get(f"{joint}.K")
+    if torque is None or stiffness is None or parameter != ENCODER[effect]:
+        return None
+    return {name: torque[name] / stiffness["value"] for name in ("value", "std")}
 
 
 def _case(folder: Path, file: Path) -> str:
@@ -68,14 +135,21 @@ def _prediction(found: dict[str, Any], when: str) -> str:
     if not errors:
         return prediction.get("reason") or "–"
     horizons = prediction["horizons_s"]
-    largest = [max(size[k] for sides in errors.values() for size in sides.values()) for k in range(len(horizons))]
-    return ", ".join(f"{1e3 * e:.3g} at {1e3 * h:.0f} ms" for h, e in zip(horizons, largest, strict=True))
+    sizes = [size for sides in errors.values() for size in sides.values()]
+    known = [k for k in range(len(horizons)) if all(size[k] is not None for size in sizes)]
+    each = [f"{1e3 * max(size[k] for size in sizes):.3g} at {1e3 * horizons[k]:.0f} ms" for k in known]
+    return ", ".join([*each, *(["beyond 1 rad later"] if len(known) < len(horizons) else [])])
 
 
 def table(folders: list[Path]) -> str:
-    """Return the table of all examples in Markdown."""
-    head = ["robot", "model and side", "held-out rms a joint, Nm", "largest prediction error, mrad", "verdict"]
-    lines = [head, ["---"] * len(head), *(row for folder in folders for row in rows(folder))]
+    """Return the tables of all examples in Markdown."""
+    head = ["robot", "model and side", "held-out rms a joint, Nm", "largest prediction error, mrad", "verdict", "s"]
+    both = ["robot", "parameter", "`identify`", "`diagnose --refit`", "apart, deviations"]
+    return _markdown(head, folders, rows) + "\n\n" + _markdown(both, folders, agreement)
+
+
+def _markdown(head: list[str], folders: list[Path], rows_of: Callable[[Path], Iterator[list[str]]]) -> str:
+    lines = [head, ["---"] * len(head), *(row for folder in folders for row in rows_of(folder))]
     return "\n".join(f"| {' | '.join(line)} |" for line in lines)
 
 

@@ -33,7 +33,7 @@ def batches(samples: Samples, length: int = 100) -> Iterator[Samples]:
         part = {
             f.name: values[first : first + length]
             for f in fields(samples)
-            if f.name != "notes" and (values := getattr(samples, f.name)) is not None
+            if f.name not in ("notes", "lacking") and (values := getattr(samples, f.name)) is not None
         }
         yield replace(samples, **part)
 
