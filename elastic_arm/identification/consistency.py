@@ -91,10 +91,8 @@ def consistent(fit: Fit, equations: BaseRegression, correlated: float = 1.0, tru
 
     Parameters
     ----------
-    fit
-        The unconstrained fit of the base parameters.
-    equations
-        Whose model and laws these are.
+    fit, equations
+        The unconstrained fit of the base parameters, and whose model and laws these are.
     correlated
         How many times larger the variances are than those of white errors, beyond what the fit's blocks show.
     trust
