@@ -27,6 +27,7 @@ from elastic_arm.mujoco.stated_arm import StatedArm, stated_arm
 from elastic_arm.robot import Inertia, Robot
 from elastic_arm.robot.kinematics import moved
 from elastic_arm.robot.mjcf import MjcfArm, engine, open_mjcf
+from elastic_arm.robot.mjcf.engine import saved
 from elastic_arm.robot.mjcf.reading import motor_inertia_and_damping
 from elastic_arm.robot.parts import located
 from elastic_arm.robot.urdf_tree import Chain
@@ -35,6 +36,7 @@ Array = NDArray[np.float64]
 
 # What is read back from a written file is what was meant, to this share: nine digits are written.
 READ_BACK = 1e-6
+UNROLLED = "bodies of the arm come from <attach> or <replicate>: the file is as MuJoCo saves it, without your layout"
 _ORIENTATIONS = ("quat", "axisangle", "xyaxes", "zaxis", "euler")
 
 
@@ -50,11 +52,14 @@ class Exported:
         Numbers before and after.
     left
         Effects that no number of the file states, with the reason.
+    notes
+        What else is to be known of the file.
     """
 
     files: tuple[Path, ...]
     changes: tuple[Change, ...]
     left: tuple[tuple[EffectInstance, str], ...]
+    notes: tuple[str, ...] = ()
 
 
 def require_same_joints(robot: Robot, base: Robot, path: Path) -> None:
@@ -117,11 +122,22 @@ def export_mjcf(
     require_same_joints(robot, arm.robot, base)
     before, after = stated_arm(arm.robot, catalogue), stated_arm(robot, catalogue)
     with located(f"{base}: "):
-        document = _Document(arm, ShapedMjcf(base), before, after)
+        file = ShapedMjcf(base)
+        unrolled = _carriers(file, arm) is None
+        if unrolled:
+            file = ShapedMjcf(base, saved(base))
+        document = _Document(arm, file, before, after)
         changes = document.change(deviations)
         files = document.file.write(out)
         _check(out, chain, at, after)
-    return Exported(tuple(files), tuple(changes), (*after.left, *document.left))
+    return Exported(tuple(files), tuple(changes), (*after.left, *document.left), (UNROLLED,) if unrolled else ())
+
+
+def _carriers(file: ShapedMjcf, arm: MjcfArm) -> list[Any] | None:
+    """Return the elements of the bodies that carry the arm's joints, or None where one stands nowhere in the file."""
+    model = arm.model
+    places = [int(model.jnt_bodyid[joint]) for joint in arm.chain.joints]
+    return file.lines_of([model.body(place).name for place in places], places, model.nbody - 1)
 
 
 class _Document:
@@ -130,13 +146,11 @@ class _Document:
     def __init__(self, arm: MjcfArm, file: ShapedMjcf, before: StatedArm, after: StatedArm) -> None:
         self.arm, self.file, self.before, self.after = arm, file, before, after
         self.left: list[tuple[EffectInstance, str]] = []
-        model = arm.model
-        if len(file.bodies) != model.nbody - 1:
-            raise RobotError(
-                f"the file shows {len(file.bodies)} bodies, MuJoCo makes {model.nbody - 1} of it",
-                "Bodies of <replicate>, <attach> or <composite> have no line to change: save the model from MuJoCo",
-            )
-        self._carriers = [int(model.jnt_bodyid[joint]) for joint in arm.chain.joints]
+        elements = _carriers(file, arm)
+        if elements is None:
+            raise RobotError("some bodies of the arm have no name and no line in the file", "Name them in the file")
+        self._elements = elements
+        self._carriers = [int(arm.model.jnt_bodyid[joint]) for joint in arm.chain.joints]
 
     def change(self, deviations: Deviations | None) -> list[Change]:
         changes = list(self._joints(deviations))
@@ -203,12 +217,12 @@ class _Document:
 
     def _joint_element(self, i: int) -> Any:
         joint, body = self.arm.chain.joints[i], self._carriers[i]
-        elements = self.file.children(self.file.bodies[body - 1], "joint")
+        elements = self.file.children(self._elements[i], "joint")
         k = joint - int(self.arm.model.body_jntadr[body])
         if k >= len(elements) or elements[k].get("name") not in (None, self.arm.robot.joint_names[i]):
             raise RobotError(
                 f"joint {self.arm.robot.joint_names[i]!r} has no line of its own in the file",
-                "Joints made by <attach> or <replicate> cannot be changed: save the model from MuJoCo first",
+                "Give each joint of the arm a line in its body",
             )
         return elements[k]
 
@@ -233,7 +247,7 @@ class _Document:
             )
         own = _own_inertia(model, body)
         new = body_after(own, self.before.links[i], self.after.links[i], name)
-        element = self.file.bodies[body - 1]
+        element = self._elements[i]
         inertials = self.file.children(element, "inertial")
         inertial = inertials[0] if inertials else self.file.insert_first(element, "inertial")
         xx, yy, zz, xy, xz, yz = six(new)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -11,8 +11,6 @@ from elastic_arm.errors import OutputError, RobotError
 from elastic_arm.input_files import read_bytes
 from elastic_arm.mujoco.shape import ShapedXml, insert_first
 
-# Elements that make bodies which no line of the file stands for.
-MAKERS = ("replicate", "attach", "composite", "flexcomp")
 FOLDERS = ("meshdir", "texturedir", "assetdir")
 
 
@@ -23,6 +21,8 @@ class ShapedMjcf:
     ----------
     path
         Of the main file.
+    text
+        In its place; read from the file when None.
 
     Attributes
     ----------
@@ -30,16 +30,27 @@ class ShapedMjcf:
         Elements of all bodies in MuJoCo's order, the world left out.
     """
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path, text: str | None = None) -> None:
         self._path = path
         self._trees: dict[Path, ShapedXml] = {}
         self._changed: set[Path] = set()
-        self._load(path)
+        self._load(path, text)
         self.bodies = [element for element in self._walk(path) if element.tag == "body"]
 
-    def makes_bodies(self) -> bool:
-        """Return whether some element makes bodies that stand nowhere in the file."""
-        return any(True for tree in self._trees.values() for _ in tree.root.iter(*MAKERS))
+    def lines_of(self, names: Sequence[str], places: Sequence[int], count: int) -> list[Any] | None:
+        """Return the elements of some bodies, or None where one has none: <attach> and <replicate> make bodies too.
+
+        Parameters
+        ----------
+        names, places
+            Of the bodies, in MuJoCo's order; the world is 0.
+        count
+            Of all bodies of the compiled model, the world left out.
+        """
+        if len(self.bodies) == count:
+            return [self.bodies[place - 1] for place in places]
+        same = [[element for element in self.bodies if element.get("name") == name] for name in names]
+        return [found[0] for found in same] if all(len(found) == 1 for found in same) else None
 
     def elements(self, tag: str) -> Iterator[Any]:
         """Yield all elements of a name, of all files."""
@@ -129,9 +140,11 @@ class ShapedMjcf:
         root = element.getroottree().getroot()
         self._changed |= {path for path, tree in self._trees.items() if tree.root is root}
 
-    def _load(self, path: Path) -> None:
-        text = read_bytes(path, RobotError, "Give an MJCF file and what it includes.")
-        self._trees[path] = ShapedXml(text, str(path))
+    def _load(self, path: Path, text: str | None = None) -> None:
+        read = (
+            read_bytes(path, RobotError, "Give an MJCF file and what it includes.") if text is None else text.encode()
+        )
+        self._trees[path] = ShapedXml(read, str(path))
         for include in self._trees[path].root.iter("include"):
             file = self._included(include)
             if file not in self._trees:

@@ -95,6 +95,45 @@ def test_what_no_number_states_is_listed(base: Path) -> None:
     assert not done.changes
 
 
+SCENE = """<mujoco>
+  <option timestep="0.001" integrator="implicitfast"/>
+  <asset><model name="cobot" file="arm.xml"/></asset>
+  <worldbody>
+    <frame pos="1 0 0"><attach model="cobot" body="pedestal" prefix="left/"/></frame>
+    <replicate count="3" offset="0 0.2 0"><body name="brick"><geom size="0.05" mass="1"/></body></replicate>
+  </worldbody>
+</mujoco>
+"""
+
+
+def test_an_attached_arm_is_written_as_mujoco_saves_it(base: Path) -> None:
+    """Bodies of <attach> have no line in the user's file: the whole model is saved, with the numbers changed."""
+    scene, out = base.parent / "scene.xml", base.parent / "fixed.xml"
+    scene.write_text(SCENE)
+    chain = ("left/pedestal", "left/link6")
+    robot = load_robot(scene, "left/pedestal:left/link6")
+    friction = {**FRICTION, "joint": "left/joint3"}
+    done = export_mjcf(robot.with_(effects=(*robot.effects, friction)), scene, out, chain=chain)
+    assert {(c.element, c.number) for c in done.changes} >= {("left/joint3", "frictionloss")}
+    assert any("<attach>" in note for note in done.notes)
+    again = load_robot(out, "left/pedestal:left/link6")
+    assert [e["parameters"] for e in again.effects if e["effect"] == "coulomb_friction"] == [{"torque": 2.0}]
+    motion = random_motion(robot.n)
+    torques = [build_model(one).inverse_dynamics(*motion) for one in (again, robot)]
+    np.testing.assert_allclose(*torques, rtol=1e-6, atol=1e-6)
+
+
+def test_replicated_bodies_beside_the_arm_leave_the_file_as_it_is(base: Path) -> None:
+    """Where the arm's own bodies stand in the file by name, others may be made by <replicate>."""
+    brick = '<replicate count="3" offset="0 0.2 0"><body name="brick"><geom size="0.05" mass="1"/></body></replicate>'
+    base.write_text(base.read_text().replace("<worldbody>", f"<worldbody>\n    {brick}"))
+    out = base.parent / "fixed.xml"
+    done = export_mjcf(corrected(base, FRICTION), base, out)
+    assert not done.notes
+    assert len(changed_lines(base, out)) == 2
+    assert brick in out.read_text()
+
+
 def test_unphysical_numbers_are_refused(base: Path) -> None:
     """Friction that drives, and a link that leaves a body no positive inertia, are refused by name."""
     bad = {**DAMPING, "parameters": {"coefficient": -1.0}}

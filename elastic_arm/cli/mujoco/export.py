@@ -75,6 +75,7 @@ def export(
                 "files": [str(path) for path in done.files],
                 "changes": [change.to_dict() for change in done.changes],
                 "left": [{**instance.to_dict(), "reason": reason} for instance, reason in done.left],
+                "notes": list(done.notes),
             }
         )
     else:
@@ -97,6 +98,8 @@ def print_export(done: Exported, *, new: bool = False) -> None:
         place = instance.joint or "the whole arm"
         words = f"{instance.effect.id} on {place} ({instance_text(instance) or 'no parameters'}): {reason}"
         out.print(f"[yellow]not in the file:[/] {escape(words)}", soft_wrap=True)
+    for note in done.notes:
+        out.print(f"[yellow]note:[/] {escape(note)}", soft_wrap=True)
     out.print(f"written: {escape(', '.join(str(path) for path in done.files))}", soft_wrap=True)
 
 

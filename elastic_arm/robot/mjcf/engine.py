@@ -53,12 +53,29 @@ def compiled(path: Path) -> tuple[Any, list[str]]:
     RobotError
         If MuJoCo refuses it; the message is MuJoCo's own.
     """
+    _, model, notes = _opened(path)
+    return model, notes
+
+
+def saved(path: Path) -> str:
+    """Return an MJCF file as MuJoCo saves it: without includes, and with a line for each body, whatever made it.
+
+    Parameters
+    ----------
+    path
+        Of the file; see :func:`compiled` for errors.
+    """
+    return str(_opened(path)[0].to_xml())
+
+
+def _opened(path: Path) -> tuple[Any, Any, list[str]]:
+    """Return specification, compiled model and notes."""
     mj = engine()
     read_bytes(path, RobotError, "Give the path of an MJCF file.")
     try:
         spec = mj.MjSpec.from_file(str(path))
         notes = _without_missing_files(spec, path.parent)
-        return spec.compile(), notes
+        return spec, spec.compile(), notes
     except RobotError:
         raise
     except (ValueError, mj.FatalError) as error:
