@@ -184,6 +184,9 @@ def _ordinary_note(candidate: Candidate, values: Mapping[str, ParameterEstimate]
 def eliminate(prepared: PreparedData, hypothesis: Hypothesis, measure: GapMeasure) -> tuple[Hypothesis, list[str]]:
     """Leave out causes that do not pass, worst first, and return notes on those too small.
 
+    In the place of one with an impossible number goes an effect that is known to be confused with it: friction that
+    bends at no speed reached is Coulomb friction.
+
     Parameters
     ----------
     prepared
@@ -194,6 +197,7 @@ def eliminate(prepared: PreparedData, hypothesis: Hypothesis, measure: GapMeasur
         What the gap is measured by.
     """
     notes: list[str] = []
+    refused: set[Key] = set()
     while hypothesis.causes:
         shares = {k: measure.contribution(hypothesis.selected, k) for k in hypothesis.causes}
         failed = {k: share for k, share in shares.items() if not passes(prepared, hypothesis, k, share)}
@@ -203,7 +207,14 @@ def eliminate(prepared: PreparedData, hypothesis: Hypothesis, measure: GapMeasur
         if not failed:
             break
         worst = min(failed, key=lambda k: failed[k])
-        notes += [impossible[worst]] if worst in impossible else []
+        if worst in impossible:
+            refused.add(hypothesis.selected[worst].feature.key)
+            search = StepwiseSearch(prepared.library, hypothesis.baseline, prepared.settings, prepared.sizes)
+            other = search.replaced(hypothesis, worst, refused)
+            if other is not None:
+                hypothesis = other
+                continue
+            notes.append(impossible[worst])
         if is_small_effect(prepared, hypothesis, worst, failed[worst]):
             feature, least = hypothesis.selected[worst].feature, prepared.settings.judgement.least_shrink
             notes.append(texts.small_effect_note(feature, failed[worst], least))

@@ -9,7 +9,7 @@ that the best hypothesis so far leaves.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import replace
 from functools import cached_property
 from itertools import islice
@@ -304,6 +304,26 @@ class StepwiseSearch:
         changed = [k for k in hypothesis.causes if selected[k] is not hypothesis.selected[k]]
         rivals = {**hypothesis.rivals, **{k: self._rivals(selected, k) for k in changed}}
         return replace(hypothesis, selected=selected, rivals=rivals)
+
+    def replaced(self, hypothesis: Hypothesis, k: int, refused: Collection[Key]) -> Hypothesis | None:
+        """Return it with an effect that is known to be confused with cause k in its place; None where none is worth it.
+
+        Parameters
+        ----------
+        hypothesis, k
+            That holds the cause, and its position.
+        refused
+            Keys of effects that are not to be taken.
+        """
+        others, without = hypothesis.without(k), self._score(hypothesis.without(k))
+        for score, (*_, other) in self._ranked(others):
+            if score - without <= self._worth([*others, other]):
+                break
+            if other.feature.key not in refused and _confused(other, hypothesis.selected[k]):
+                chosen = [*others[:k], self._refine(others, other), *others[k:]]
+                rivals = [r for r in self._rivals(chosen, k) if r.candidate.feature.key not in refused]
+                return replace(hypothesis, selected=chosen, rivals={**hypothesis.rivals, k: rivals})
+        return None
 
     def _optimised(self, selected: Sequence[Candidate]) -> list[Candidate]:
         """Optimise the searched parameters of all causes, one after another."""
