@@ -35,6 +35,10 @@ STICKING = (
     "Instants at which a joint sticks were left out: dry friction takes any value there, and much more was left than "
     "elsewhere."
 )
+LOW_PASSED = (
+    "the noise is unknown then, and what changes within such a time, as friction at reversals does, is seen smoothed: "
+    "friction that bends or turns over slowly may be Coulomb friction"
+)
 REPEATED_MOTION = "The validation data repeat the motion of the fit: it is not an independent motion."
 
 

@@ -42,6 +42,7 @@ from elastic_arm.estimation.noise_colour import Colour
 from elastic_arm.estimation.observation import Observation, continued, observe, widest_band
 from elastic_arm.estimation.whitening import WhitenedData
 from elastic_arm.recording import Recording
+from elastic_arm.recording.inspection.plausibility import smoothed_torques
 
 
 @dataclass(frozen=True)
@@ -186,6 +187,8 @@ def prepare(recordings: Sequence[Recording], validate: Sequence[Recording], ques
         expansion, noise = calibrate(problem, expansion)
     found, _ = linearise(problem, expansion, candidates, noise=noise)
     notes = list(dict.fromkeys(note for part in observed for o in part for note in o.notes))
+    smooth = dict.fromkeys(words for part in parts for r in part for words in smoothed_torques(r))
+    notes += [f"{words}: {texts.LOW_PASSED}." for words in list(smooth)[:1]]
     notes += [texts.REFITTED] if question.refit else []
     notes += [texts.standing_note(joint) for joint in still]
     notes += [texts.unseen_note(unseen)] if unseen else []

@@ -12,7 +12,7 @@ import scipy
 from elastic_arm.recording import Recording, Side, read_recording, write_recording
 from elastic_arm.recording.foreign.arrays import import_arrays
 from elastic_arm.recording.inspection.check import check_bag
-from elastic_arm.recording.inspection.plausibility import implausible
+from elastic_arm.recording.inspection.plausibility import implausible, smoothed_torques
 from tests.helpers.bags import JOINTS
 
 ROOT = Path(__file__).parents[2]
@@ -164,3 +164,15 @@ def test_low_passed_torques_of_real_robots_are_found() -> None:
     mapping = ROOT / "examples" / "kuka_lwr4" / "import.yaml"
     lwr4 = import_arrays(SHARED / "kuka_lwr4" / "measurements_1.npz", mapping)
     assert codes(ur10) == codes(lwr4) == {"smooth_torque"}
+
+
+def test_torques_that_were_low_passed_are_named_by_themselves() -> None:
+    """The diagnosis asks for this alone; torques with noise of their own are not named."""
+    rng, t = np.random.default_rng(0), np.arange(4000) / 200.0
+    noisy = 20.0 * np.sin(t)[:, None] + rng.normal(0.0, 0.3, (len(t), 2))
+    smooth = scipy.signal.sosfiltfilt(scipy.signal.butter(4, 5.0, fs=200.0, output="sos"), noisy, axis=0)
+    stamps = np.rint(1e9 * t).astype(np.int64)
+    angles = np.stack([np.sin(t), np.cos(t)], axis=1)
+    named = [smoothed_torques(Recording(("a", "b"), motor=Side(stamps, angles, effort=e))) for e in (noisy, smooth)]
+    assert named[0] == []
+    assert len(named[1]) == 1 and "motor effort of all joints holds nothing above" in named[1][0]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -209,8 +209,7 @@ def eliminate(prepared: PreparedData, hypothesis: Hypothesis, measure: GapMeasur
         worst = min(failed, key=lambda k: failed[k])
         if worst in impossible:
             refused.add(hypothesis.selected[worst].feature.key)
-            search = StepwiseSearch(prepared.library, hypothesis.baseline, prepared.settings, prepared.sizes)
-            other = search.replaced(hypothesis, worst, refused)
+            other = in_its_place(prepared, hypothesis, worst, refused)
             if other is not None:
                 hypothesis = other
                 continue
@@ -220,6 +219,22 @@ def eliminate(prepared: PreparedData, hypothesis: Hypothesis, measure: GapMeasur
             notes.append(texts.small_effect_note(feature, failed[worst], least))
         hypothesis = hypothesis.drop(worst)
     return hypothesis, notes
+
+
+def in_its_place(prepared: PreparedData, hypothesis: Hypothesis, k: int, refused: Collection[Key]) -> Hypothesis | None:
+    """Return the hypothesis with what cause k is known to be confused with; None where nothing is worth it.
+
+    Parameters
+    ----------
+    prepared
+        Data and regressors.
+    hypothesis, k
+        That holds the cause, and its position.
+    refused
+        Keys of effects that are not to be taken.
+    """
+    search = StepwiseSearch(prepared.library, hypothesis.baseline, prepared.settings, prepared.sizes)
+    return search.replaced(hypothesis, k, refused)
 
 
 def impossible_sizes(prepared: PreparedData, hypothesis: Hypothesis) -> dict[int, str]:

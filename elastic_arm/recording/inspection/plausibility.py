@@ -20,12 +20,13 @@ import scipy
 
 from elastic_arm.recording.inspection.report import Finding
 from elastic_arm.recording.recording import Recording
-from elastic_arm.recording.sides import Array, Side
+from elastic_arm.recording.sides import Array, Side, joints_with
 
 _FEWEST = 200  # samples; below, nothing is concluded
 _WINDOW = 0.02  # s over which a velocity is compared with the position's advance: above the encoders' steps
 _STILL = 1e-3  # rad/s rms below which a joint does not move
 _FASTEST = 500.0  # rad/s rms from sample to sample; beyond, the numbers are no motion of an arm
+_SMOOTH = "smooth_torque"
 _FOLLOWS = 0.5  # share of a velocity that its position must explain
 _SELDOM = 0.02  # share of samples at which a joint can pass a full turn
 _GAIN = 0.03  # a unit or a sign is off by more
@@ -72,23 +73,40 @@ class _ComparedMotion:
 
 def implausible(recording: Recording) -> list[Finding]:
     """Return what no sensors of a moving arm measure; nothing of numbers that are no motion at all."""
-    sides = [side for side in (recording.link, recording.motor) if side is not None]
-    if not all(_is_motion(side) for side in sides):
+    sides = {name: _whole(side, recording.joints) for name, side in recording.sides().items() if name != "reference"}
+    if not all(_is_motion(side) for side, _ in sides.values()):
         return []
     findings = _same_arrays(recording)
-    for name, side in (("link", recording.link), ("motor", recording.motor)):
-        if side is None or len(side) < _FEWEST:
+    for name, (side, joints) in sides.items():
+        if len(side) < _FEWEST:
             continue
         if side.position is not None:
-            findings += _wrapped(name, side.position, recording.joints)
-            findings += _held(name, side, recording.joints)
+            findings += _wrapped(name, side.position, joints)
+            findings += _held(name, side, joints)
         if side.position is not None and side.velocity is not None:
             motion = _compared(side)
-            findings += _velocities(name, motion, recording.joints)
+            findings += _velocities(name, motion, joints)
             findings += _stamps(name, motion)
         if side.effort is not None:
-            findings += _noiseless(name, side, recording.joints)
+            findings += _noiseless(name, side, joints)
     return findings
+
+
+def _whole(side: Side, joints: Sequence[str]) -> tuple[Side, Sequence[str]]:
+    """Return the side of those joints that have all of its channels, and their names."""
+    there = np.all([joints_with(values) for values in side.channels().values()], axis=0)
+    if there.all():
+        return side, joints
+    kept = {name: values[:, there] for name, values in side.channels().items()}
+    return Side(side.stamp_ns, **kept), [joints[j] for j in np.flatnonzero(there).tolist()]
+
+
+def smoothed_torques(recording: Recording) -> list[str]:
+    """Return in words which torques were low-passed before they were recorded: they hold not even noise above."""
+    sides = [(name, side) for name, side in (("link", recording.link), ("motor", recording.motor)) if side is not None]
+    long = [(name, side) for name, side in sides if side.effort is not None and len(side) >= _FEWEST]
+    found = [finding for name, side in long for finding in _noiseless(name, side, recording.joints)]
+    return [finding.message for finding in found if finding.code == _SMOOTH]
 
 
 def _compared(side: Side) -> _ComparedMotion:
@@ -252,7 +270,7 @@ def _noiseless(name: str, side: Side, joints: Sequence[str]) -> list[Finding]:
     if smooth.any():
         ends = [frequency[np.flatnonzero(level[:, j] > _NOISELESS)[-1]] for j in np.flatnonzero(smooth)]
         message = f"{name} effort of {_listed(joints, smooth)} holds nothing above {_range(np.array(ends))} Hz"
-        findings.append(Finding("note", "smooth_torque", f"{message}, not even noise: it was low-passed, or computed"))
+        findings.append(Finding("note", _SMOOTH, f"{message}, not even noise: it was low-passed, or computed"))
     return findings
 
 

@@ -109,6 +109,7 @@ def test_a_size_that_no_arm_has_is_noted_and_no_cause(prepared: Any, monkeypatch
         return {k: "absurd" for k in hypothesis.causes if hypothesis.selected[k] is absurd}
 
     monkeypatch.setattr(judgement, "impossible_sizes", impossible)
+    monkeypatch.setattr(judgement, "in_its_place", lambda *_: None)
     measure: Any = SimpleNamespace(contribution=lambda selected, k: selected[k].share)
     left, notes = eliminate(prepared, Hypothesis([absurd, good]), measure)
     assert left.selected == [good] and notes == ["absurd"]
