@@ -187,8 +187,7 @@ def prepare(recordings: Sequence[Recording], validate: Sequence[Recording], ques
         expansion, noise = calibrate(problem, expansion)
     found, _ = linearise(problem, expansion, candidates, noise=noise)
     notes = list(dict.fromkeys(note for part in observed for o in part for note in o.notes))
-    smooth = dict.fromkeys(words for part in parts for r in part for words in smoothed_torques(r))
-    notes += [f"{words}: {texts.LOW_PASSED}." for words in list(smooth)[:1]]
+    notes += _low_passed(parts)
     notes += [texts.REFITTED] if question.refit else []
     notes += [texts.standing_note(joint) for joint in still]
     notes += [texts.unseen_note(unseen)] if unseen else []
@@ -203,6 +202,12 @@ def prepare(recordings: Sequence[Recording], validate: Sequence[Recording], ques
         notes=tuple(notes),
         settings=settings,
     )
+
+
+def _low_passed(parts: Sequence[Sequence[Recording]]) -> list[str]:
+    """Return a note where torques hold not even noise at high frequencies; that on the first recording is enough."""
+    found = [words for part in parts for recording in part for words in smoothed_torques(recording)]
+    return [f"{words}: {texts.LOW_PASSED}." for words in found[:1]]
 
 
 def recalibrated(
