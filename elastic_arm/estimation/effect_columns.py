@@ -19,7 +19,7 @@ from elastic_arm.effects.model import Effect, EffectInstance, Scope
 from elastic_arm.effects.parameters import Parameter, Role
 from elastic_arm.effects.regressor import Regressor
 from elastic_arm.errors import EffectError
-from elastic_arm.estimation.regressors import CompiledColumns, Signals, Term
+from elastic_arm.estimation.regressors import CompiledColumns, Entries, Signals, Term
 
 Array = NDArray[np.float64]
 
@@ -48,7 +48,7 @@ class Feature:
     equations: ArmEquations = field(repr=False)
     friction: tuple[tuple[Feature, tuple[float, ...]], ...] = field(default=(), repr=False)
 
-    @property
+    @cached_property
     def key(self) -> tuple[str, str | None, tuple[Any, ...]]:
         """What distinguishes it from other features."""
         return self.effect.id, self.joint, tuple(sorted(self.choices.items()))
@@ -113,6 +113,11 @@ class Feature:
         return [neutral] if self.phase is None else [{**neutral, self.phase.name: phi} for phi in (0.0, np.pi / 2)]
 
     @property
+    def quadratic(self) -> bool:
+        """Whether its columns are polynomials of second degree in several searched numbers."""
+        return self._compiled.quadratic
+
+    @property
     def acts(self) -> bool:
         """Whether the law adds anything to the residuals of this model."""
         try:
@@ -121,7 +126,11 @@ class Feature:
             return False
 
     def columns(self, signals: Signals, searched: Sequence[float] = (), start: float = 0.0) -> Array:
-        """Evaluate the columns (N, 3 n, count).
+        """Evaluate the columns (N, 3 n, count); arguments as in :meth:`entries`."""
+        return self.entries(signals, searched, start).dense()
+
+    def entries(self, signals: Signals, searched: Sequence[float] = (), start: float = 0.0) -> Entries:
+        """Evaluate the entries of the columns that are not null.
 
         Parameters
         ----------
@@ -136,7 +145,7 @@ class Feature:
             torques = sum(feature.columns(signals, values)[:, :, 0] for feature, values in self.friction)
             link, _, motor = np.split(torques, 3, axis=1)
             signals = signals.with_friction(link, motor)
-        return self._compiled(signals, searched, start)
+        return self._compiled.entries(signals, searched, start)
 
     def parameters(self, coefficients: Sequence[float], searched: Sequence[float] = ()) -> dict[str, Any]:
         """Return the effect's parameters for the coefficients of its columns."""
@@ -203,12 +212,17 @@ class OwnRegressor(Whole):
         return self.effect.regressor(self.equations)
 
     @property
+    def quadratic(self) -> bool:
+        """False: nothing is known of its regressor."""
+        return False
+
+    @property
     def acts(self) -> bool:
         """Whether the arm has what the effect acts in."""
         return self._regressor.acts
 
-    def columns(self, signals: Signals, searched: Sequence[float] = (), start: float = 0.0) -> Array:
-        """Return what the effect adds to the residuals, (N, 3 n, 1).
+    def entries(self, signals: Signals, searched: Sequence[float] = (), start: float = 0.0) -> Entries:
+        """Return what the effect adds to the residuals, as entries of one column.
 
         Parameters
         ----------
@@ -222,7 +236,7 @@ class OwnRegressor(Whole):
         robot = self.equations.robot
         joints = range(robot.n) if self.joint is None else [robot.joint_names.index(self.joint)]
         values = {**self.choices, **self.parameters((), searched), "joints": joints}
-        return self._regressor.residuals(signals, values)[:, :, None]
+        return Entries.of(self._regressor.residuals(signals, values)[:, :, None])
 
 
 def has_columns(effect: Effect) -> bool:

@@ -160,6 +160,38 @@ def _values(
     return {name: np.ascontiguousarray(v) for name, v in values.items()}
 
 
+@dataclass(frozen=True, eq=False)
+class Entries:
+    """Columns of the residuals at the recording's rate, of which only some entries are not null.
+
+    Parameters
+    ----------
+    values
+        (N, m) of these entries.
+    rows, columns
+        (m,) where they stand.
+    shape
+        Numbers of rows, 3 n, and of columns, k.
+    """
+
+    values: Array
+    rows: NDArray[np.intp]
+    columns: NDArray[np.intp]
+    shape: tuple[int, int]
+
+    @staticmethod
+    def of(columns: Array) -> Entries:
+        """Take columns (N, 3 n, k) apart."""
+        rows, numbers = np.nonzero(columns.any(axis=0))
+        return Entries(columns[:, rows, numbers], rows, numbers, (columns.shape[1], columns.shape[2]))
+
+    def dense(self) -> Array:
+        """Return the columns (N, 3 n, k)."""
+        out = np.zeros((len(self.values), *self.shape))
+        out[:, self.rows, self.columns] = self.values
+        return out
+
+
 @dataclass(frozen=True)
 class Term:
     """An effect whose columns are wanted.
@@ -222,6 +254,9 @@ class CompiledColumns:
             if term.effect.states:
                 self._scan = _recursion(contribution, states, symbols, argument, equations)
         columns = ca.horzcat(*blocks)
+        # Whether they are polynomials of second degree in several searched numbers.
+        several = sum(p.size for p in searched) > 1 and not states
+        self.quadratic = several and ca.is_linear(ca.jacobian(ca.vec(columns), argument), argument)
         if engine == "numpy":
             columns = ca.substitute(columns, equations.Psi, ca.DM(equations.nominal))
         self._shape = (int(columns.shape[0]), int(columns.shape[1]))
@@ -250,7 +285,11 @@ class CompiledColumns:
         return len(self.places) > 0
 
     def __call__(self, signals: Signals, searched: Sequence[float] = (), start: float = 0.0) -> Array:
-        """Evaluate the columns (N, 3 n, k).
+        """Evaluate the columns (N, 3 n, k); arguments as in :meth:`entries`."""
+        return self.entries(signals, searched, start).dense()
+
+    def entries(self, signals: Signals, searched: Sequence[float] = (), start: float = 0.0) -> Entries:
+        """Evaluate the entries of the columns that are not null.
 
         Parameters
         ----------
@@ -262,12 +301,13 @@ class CompiledColumns:
             Of all internal states, where the motion before the first sample is not known.
         """
         N, (rows, count) = len(signals.t), self._shape
-        out = np.zeros((N, rows * count))
-        if self._kernel is not None:
-            argument = np.asarray(searched, dtype=float) if self._arguments else np.zeros(1)
-            states = np.zeros((N, 1)) if self._scan is None else _states(self._scan, signals, argument, start)
-            out[:, self.places] = self._kernel(*signals.arrays(), argument, states, self._equations.nominal)
-        return out.reshape(N, count, rows).transpose(0, 2, 1)
+        column, row = np.divmod(self.places, rows)
+        if self._kernel is None:
+            return Entries(np.zeros((N, 0)), row, column, (rows, count))
+        argument = np.asarray(searched, dtype=float) if self._arguments else np.zeros(1)
+        states = np.zeros((N, 1)) if self._scan is None else _states(self._scan, signals, argument, start)
+        values = self._kernel(*signals.arrays(), argument, states, self._equations.nominal)
+        return Entries(np.asarray(values), row, column, (rows, count))
 
 
 def _stacked(symbols: Mapping[str, ca.SX], name: str) -> ca.SX:

@@ -22,7 +22,7 @@ from elastic_arm.estimation.equations import EquationSet
 from elastic_arm.estimation.motion import drive_constants, wound_by_load
 from elastic_arm.estimation.noise_colour import Colour
 from elastic_arm.estimation.observation import Observation
-from elastic_arm.estimation.regressors import Signals
+from elastic_arm.estimation.regressors import Entries, Signals
 from elastic_arm.estimation.residuals import SLOWEST, Sticking, Stretch, predicted_torques, residuals
 
 Array = NDArray[np.float64]
@@ -285,7 +285,7 @@ class WhitenedData:
         """Return a feature's columns (N', R, count) in the band, one array a stretch."""
         return self.weighted(
             [
-                self.in_band(part, feature.columns(part.signals, searched, self._start(k, feature, searched)))
+                self._thin(part, feature.entries(part.signals, searched, self._start(k, feature, searched)))
                 for k, part in enumerate(self.parts)
             ]
         )
@@ -296,19 +296,17 @@ class WhitenedData:
         if not feature.effect.states or part.signals.before is not None:
             return 0.0
         size = 1.0 if feature.fixed else None
-        return starting_state(
-            self.y[k], lambda at: self.in_band(part, feature.columns(part.signals, searched, at)), size
-        )
+        return starting_state(self.y[k], lambda at: self._thin(part, feature.entries(part.signals, searched, at)), size)
 
     def in_band(self, part: Part, columns: Array) -> Array:
         """Carry columns (N, 3 n, k) at the recording's rate over to the usable equations in the band, (N', R, k)."""
-        rows = self.layout.combine(columns)
-        N, R, k = rows.shape
-        flat = rows.reshape(N, R * k)
-        used = np.flatnonzero(flat.any(axis=0))
-        thin = np.zeros((len(part.stretch.t), R * k))
-        thin[:, used] = self.band.apply(np.ascontiguousarray(flat[:, used]))[part.stretch.kept]
-        return thin.reshape(-1, R, k)
+        return self._thin(part, Entries.of(columns))
+
+    def _thin(self, part: Part, entries: Entries) -> Array:
+        """Carry entries at the recording's rate over to the usable equations in the band, (N', R, k)."""
+        # Fewer samples first: filter and combination commute.
+        thin = Entries(self.band.apply(entries.values)[part.stretch.kept], entries.rows, entries.columns, entries.shape)
+        return self.layout.combine(thin.dense())
 
     def whiten(self, columns: Sequence[Array]) -> Array:
         """Whiten columns (N', R, k) of all stretches and stack them: (rows, k)."""

@@ -15,9 +15,10 @@ import numpy as np
 
 from elastic_arm.diagnosis.selection.candidates import starting_points
 from elastic_arm.diagnosis.selection.hypothesis import Hypothesis, Key, Rival
+from elastic_arm.diagnosis.selection.plausible_hypothesis import plausible
 from elastic_arm.diagnosis.selection.refine import refine
 from elastic_arm.diagnosis.selection.regressor_library import Candidate, RegressorLibrary
-from elastic_arm.diagnosis.selection.stepwise import misfit, plausible
+from elastic_arm.diagnosis.selection.stepwise import misfit
 from elastic_arm.diagnosis.settings import DiagnosisSettings
 from elastic_arm.estimation.effect_columns import Feature
 

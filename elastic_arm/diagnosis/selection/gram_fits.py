@@ -4,23 +4,35 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg.lapack import dpocon, dpotrf, dpotrs
 
 Array = NDArray[np.float64]
 Index = NDArray[np.intp]
 
 RANK = 1e-10  # relative eigenvalue below which a combination of columns is not determined; numerical
+# Reciprocal condition from which a Cholesky factorisation gives what the eigenvectors give, and sooner; numerical.
+DETERMINED = 1e-7
 
 
 def solution(gram: Array, free: NDArray[np.bool_]) -> Array:
     """Least squares for the free columns, the others with coefficient 1; row and column 0 are the residual's."""
     beta = np.ones(len(free))
     if free.any():
+        if free.all():
+            return _solve(gram[1:, 1:], gram[1:, 0])
         a, fixed = 1 + np.flatnonzero(free), 1 + np.flatnonzero(~free)
-        beta[free] = _solve(gram[np.ix_(a, a)], gram[a, 0] - gram[np.ix_(a, fixed)].sum(axis=1))
+        beta[free] = _solve(block(gram, a, a), gram[a, 0] - block(gram, a, fixed).sum(axis=1))
     return beta
 
 
-def bordered(gram: Array, index: Index, free: NDArray[np.bool_], columns: Index, *, fixed: bool) -> tuple[Array, Array]:
+def block(gram: Array, rows: Index, columns: Index) -> Array:
+    """Return the entries of some rows and columns of a Gram matrix."""
+    return gram[rows[:, None], columns]
+
+
+def bordered(
+    gram: Array, index: Index, free: NDArray[np.bool_], columns: Index, fixed: NDArray[np.bool_]
+) -> tuple[Array, Array]:
     """Fit a base together with each of M further choices, by block elimination: the base is decomposed once.
 
     Parameters
@@ -32,37 +44,62 @@ def bordered(gram: Array, index: Index, free: NDArray[np.bool_], columns: Index,
     columns
         (M, m) of the further choices.
     fixed
-        Whether these have the coefficient 1.
+        (m,) which of these have the coefficient 1.
 
     Returns
     -------
     (p, M) coefficients of the base, (M, m) of the further columns.
     """
     own, others = index[free], index[~free]
-    beta = np.ones((len(index), len(columns)))
-    target = gram[own, 0] - gram[np.ix_(own, others)].sum(axis=1)
-    cross = gram[own[:, None, None], columns[None]]
-    scale, vectors, values = _decomposed(gram[np.ix_(own, own)])
-
-    def solved(right: Array) -> Array:
-        shape = (len(own), *[1] * (right.ndim - 1))
-        part = np.tensordot(vectors.T, right / scale.reshape(shape), axes=1) / values.reshape(-1, *shape[1:])
-        return np.asarray(np.tensordot(vectors, part, axes=1) / scale.reshape(shape))
-
-    plain, along = solved(target), solved(cross)
-    if fixed:
-        gamma = np.ones(columns.shape)
-    else:
-        square = gram[columns[:, :, None], columns[:, None, :]]
-        left = square - np.einsum("pMm,pMk->Mmk", cross, along)
-        wanted = gram[columns, 0] - gram[columns[:, :, None], others].sum(axis=2) - np.einsum("pMm,p->Mm", cross, plain)
-        size = np.sqrt(np.maximum(np.einsum("Mmm->Mm", square), 1e-300))
-        spectrum, basis = np.linalg.eigh(left / (size[:, :, None] * size[:, None, :]))
-        inverse = np.where(spectrum > RANK, 1.0 / np.where(spectrum > RANK, spectrum, 1.0), 0.0)
-        part = np.einsum("Mkj,Mk->Mj", basis, wanted / size) * inverse
-        gamma = np.einsum("Mkj,Mj->Mk", basis, part) / size
-    beta[free] = plain[:, None] - np.einsum("pMm,Mm->pM", along, gamma)
+    count, width = columns.shape
+    scale, vectors, values = _decomposed(block(gram, own, own))
+    half = vectors / np.sqrt(values) / scale[:, None]
+    plain = half.T @ (gram[own, 0] - block(gram, own, others).sum(axis=1))
+    along = (half.T @ block(gram, own, columns.ravel())).reshape(-1, count, width)
+    square = gram[columns[:, :, None], columns[:, None, :]]
+    # What the base leaves of the further columns, and of the residual in them.
+    left = square - along.transpose(1, 2, 0) @ along.transpose(1, 0, 2)
+    wanted = gram[columns, 0] - gram[columns[:, :, None], others].sum(axis=2) - np.tensordot(plain, along, axes=1)
+    gamma = np.ones((count, width))
+    if not fixed.all():
+        wanted = wanted[:, ~fixed] - left[:, ~fixed][:, :, fixed].sum(axis=2)
+        size = np.sqrt(np.maximum(np.diagonal(square, axis1=1, axis2=2)[:, ~fixed], 1e-300))
+        gamma[:, ~fixed] = _solve_each(left[:, ~fixed][:, :, ~fixed], wanted, size)
+    beta = np.ones((len(index), count))
+    beta[free] = half @ (plain[:, None] - (along * gamma).sum(axis=2))
     return beta, gamma
+
+
+def _solve_each(left: Array, wanted: Array, size: Array) -> Array:
+    """Solve M systems (M, m, m) for (M, m), what is not determined in units of `size` (M, m) set to nothing."""
+    if left.shape[1] == 1:
+        shown = left[:, 0] > RANK * size**2
+        return np.asarray(np.where(shown, wanted / np.where(shown, left[:, 0], 1.0), 0.0))
+    spectrum, basis = np.linalg.eigh(left / (size[:, :, None] * size[:, None, :]))
+    inverse = np.where(spectrum > RANK, 1.0 / np.where(spectrum > RANK, spectrum, 1.0), 0.0)
+    part = inverse[:, :, None] * (basis.transpose(0, 2, 1) @ (wanted / size)[:, :, None])
+    return np.asarray((basis @ part)[:, :, 0] / size)
+
+
+def gained_each(gram: Array, index: Index, columns: Index, beta: Array, gamma: Array) -> Array:
+    """Return the log-likelihood (M,) that each choice gains on the data of a Gram matrix, nats.
+
+    Parameters
+    ----------
+    gram
+        Of all columns.
+    index
+        (p,) columns of the base.
+    columns
+        (M, m) of the further choices.
+    beta, gamma
+        (p, M) and (M, m) coefficients.
+    """
+    cross = block(gram, index, columns.ravel()).reshape(len(index), *columns.shape)
+    of_base = gram[index, 0] @ beta - 0.5 * np.sum(beta * (block(gram, index, index) @ beta), axis=0)
+    target = gram[columns, 0] - np.sum(beta[:, :, None] * cross, axis=0)
+    square = gram[columns[:, :, None], columns[:, None, :]]
+    return np.asarray(of_base + np.sum(gamma * (target - 0.5 * (square @ gamma[:, :, None])[:, :, 0]), axis=1))
 
 
 def _decomposed(gram: Array) -> tuple[Array, Array, Array]:
@@ -75,5 +112,10 @@ def _decomposed(gram: Array) -> tuple[Array, Array, Array]:
 
 def _solve(gram: Array, target: Array) -> Array:
     """Least squares from a Gram matrix, what it does not determine set to nothing."""
+    size = np.sqrt(np.maximum(np.diag(gram), 1e-300))
+    scaled = gram / (size[:, None] * size)
+    factor, failed = dpotrf(scaled, lower=1)
+    if not failed and dpocon(factor, np.abs(scaled).sum(axis=0).max(), uplo="L")[0] > DETERMINED:
+        return np.asarray(dpotrs(factor, target / size, lower=1)[0] / size)
     scale, vectors, values = _decomposed(gram)
     return vectors @ ((vectors.T @ (target / scale)) / values) / scale

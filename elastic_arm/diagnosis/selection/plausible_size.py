@@ -93,12 +93,13 @@ class PlausibleSizes:
         value
             As an array, (size,).
         """
-        largest = float(np.abs(value).max(initial=0.0))
+        numbers = value.ravel().tolist()
+        largest = max(map(abs, numbers), default=0.0)
         if parameter.unit == "1" and parameter.neutral:
             low, high = parameter.low / SLACK, parameter.high * SLACK
             if isinstance(feature.effect, SensorEffect):
                 low, high = parameter.neutral / MOST_GAIN, parameter.neutral * MOST_GAIN
-            return bool(((low <= value) & (value <= high)).all())
+            return all(low <= number <= high for number in numbers)
         if largest <= SLACK * max(abs(parameter.low), abs(parameter.high)):
             return True
         # An angle of either sign is a zero or a mounting: it may have any value.

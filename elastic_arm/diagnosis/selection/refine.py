@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from scipy.optimize import minimize, minimize_scalar
 
 from elastic_arm.diagnosis.selection.regressor_library import Candidate, RegressorLibrary
+from elastic_arm.diagnosis.selection.searched_points import monomials
 from elastic_arm.diagnosis.settings import RefinementSettings
 from elastic_arm.effects.parameters import Parameter
 from elastic_arm.estimation.effect_columns import Feature
@@ -58,11 +59,7 @@ def refine(
     if not free or any(p.integer for p in free):
         return which
     others = [candidate for candidate in selected if candidate is not which]
-    project = _Projection(library, others)
-
-    def cost(point: Sequence[float]) -> float:
-        return project.cost(library.columns(0, feature, tuple(float(v) for v in point)), fixed=feature.fixed)
-
+    cost = _cost_of(library, feature, _Projection(library, others))
     if len(free) > 1:
         return _added(library, feature, _together(cost, free, start))
     assert start is not None
@@ -74,6 +71,23 @@ def refine(
         if plausible([*others, found[-1]]):
             return found[-1]
     return found[0]
+
+
+def _cost_of(library: RegressorLibrary, feature: Feature, project: _Projection) -> Cost:
+    """Return half the sum of squares that is left, as a function of the searched numbers of a feature."""
+    if feature.quadratic and feature.count == 1 and not feature.fixed:
+        target, gram = project.products(library.monomial_columns(feature))
+
+        def of_polynomial(point: Sequence[float]) -> float:
+            terms = monomials(point)
+            return project.left(np.array([terms @ target]), np.array([[terms @ gram @ terms]]))
+
+        return of_polynomial
+
+    def cost(point: Sequence[float]) -> float:
+        return project.cost(library.columns(0, feature, tuple(float(v) for v in point)), fixed=feature.fixed)
+
+    return cost
 
 
 def _whole(
@@ -191,12 +205,21 @@ class _Projection:
         """Half the sum of squares that is left with these columns added."""
         if fixed:
             columns = columns.sum(axis=1, keepdims=True)
+        target, gram = self.products(columns)
+        if fixed:
+            return 0.5 * (self._square - 2.0 * float(target[0]) + float(gram[0, 0]))
+        return self.left(target, gram)
+
+    def products(self, columns: Array) -> tuple[Array, Array]:
+        """Return products (m,), (m, m) of columns (rows, m) with the residual and each other, less what is there."""
         target, gram = columns.T @ self._y, columns.T @ columns
         for basis in self._bases:
             part = basis.T @ columns
             gram = gram - part.T @ part
-        if fixed:
-            return 0.5 * (self._square - 2.0 * float(target[0]) + float(gram[0, 0]))
+        return target, gram
+
+    def left(self, target: Array, gram: Array) -> float:
+        """Half the sum of squares that is left beside columns with these products, fitted."""
         scale = np.sqrt(np.maximum(np.diag(gram), 1e-300))
         values, vectors = np.linalg.eigh(gram / np.outer(scale, scale))
         acts = values > 1e-10 * max(values[-1], 1e-300)

@@ -14,13 +14,16 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from elastic_arm.diagnosis.selection.gram_fits import bordered, solution
+from elastic_arm.diagnosis.selection.gram_fits import block, bordered, gained_each, solution
 from elastic_arm.diagnosis.selection.marginalisation import Marginalisation, NuisanceColumns
+from elastic_arm.diagnosis.selection.searched_points import monomials, neighbourhood, quadratic_points
 from elastic_arm.diagnosis.settings import CandidateSettings
 from elastic_arm.estimation.effect_columns import Feature
 from elastic_arm.estimation.whitening import WhitenedData
 
 Array = NDArray[np.float64]
+
+RESIDUALS_KEPT = 50  # of sets of candidates: judgement asks for the same ones; bounds the memory
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,6 +51,11 @@ class Candidate:
     def index(self) -> NDArray[np.intp]:
         """Column numbers."""
         return np.arange(self.columns.start, self.columns.stop)
+
+    @cached_property
+    def shape(self) -> tuple[int, bool]:
+        """How many columns it has, and whether their coefficient is fixed."""
+        return len(self.index), self.fixed
 
     @property
     def numbers(self) -> int:
@@ -88,9 +96,15 @@ class RegressorLibrary:
         self.nuisance = nuisance or NuisanceColumns.none(identify, validate)
         self._marginalisation = Marginalisation(self.nuisance)
         self._marginal: list[Array] = []
+        # Gram matrices by which each data set judges, given the other.
+        self._judging: list[Array] = []
         self._reference: Array | None = None
         self._settings = settings
         self.candidates: list[Candidate] = []
+        self._monomials: dict[Feature, Array] = {}
+        self._plain: dict[Candidate, list[Array]] = {}
+        self._squares: dict[tuple[int, tuple[Candidate, ...]], Array] = {}
+        self._left: dict[tuple[Candidate, ...], list[Array]] = {}
         self._pending: list[list[Array]] = [[e.white[:, None]] for e in self.sets]
         self._columns = [np.empty((len(e.white), 0), order="F") for e in self.sets]
         self._grams = [np.empty((0, 0)) for _ in self.sets]
@@ -122,8 +136,8 @@ class RegressorLibrary:
     def add_columns(self, blocks: Sequence[Array]) -> slice:
         """Take in whitened columns (rows, k) of both data sets, and return where they stand."""
         place = slice(self._count, self._count + blocks[0].shape[1])
-        for own, block in zip(self._pending, blocks, strict=True):
-            own.append(block)
+        for own, columns in zip(self._pending, blocks, strict=True):
+            own.append(columns)
         self._count = place.stop
         return place
 
@@ -142,8 +156,20 @@ class RegressorLibrary:
         data = self.sets[which]
         if searched is not None:
             return data.whiten(data.plain(feature, searched))
-        points = _neighbourhood(feature, self._settings.reach)
+        points = neighbourhood(feature, self._settings.reach)
         return np.hstack([data.whiten(data.plain(feature, tuple(point))) for point in points])
+
+    def monomial_columns(self, feature: Feature) -> Array:
+        """Return whitened columns (rows, m) of the identification data, one a monomial of the searched numbers.
+
+        Of a feature of one column that is a polynomial of second degree in its searched numbers: at any values of them
+        its column is a sum of these.
+        """
+        if feature not in self._monomials:
+            points = quadratic_points(sum(p.size for p in feature.searched))
+            columns = np.hstack([self.columns(0, feature, tuple(point)) for point in points])
+            self._monomials[feature] = columns @ np.linalg.inv(np.stack([monomials(point) for point in points], axis=1))
+        return self._monomials[feature]
 
     def close(self) -> None:
         """Bring the Gram matrices up to the columns taken in since."""
@@ -160,6 +186,9 @@ class RegressorLibrary:
             self._marginalisation.add(which, columns[:, old:now])
         self._filled = now
         self._marginal = self._marginalisation.grams([gram[:now, :now] for gram in self._grams])
+        first, second, both = self._marginal
+        # Given the other data set: what both hold beyond it.
+        self._judging = [both - second, both - first] if len(self.nuisance) else [first, second]
 
     def marginalised(self, columns: Array, *, residual: bool = False) -> Array:
         """Return rows whose products are those of columns of the identification data, the nuisance marginalised.
@@ -222,7 +251,7 @@ class RegressorLibrary:
         """Return coefficients of all columns of the selected, in order, fitted on one data set."""
         index, free = _split(selected)
         keep = np.append(0, index)
-        return solution(self._marginal[which][np.ix_(keep, keep)], free)
+        return solution(block(self._marginal[which], keep, keep), free)
 
     def coefficients(self, selected: Sequence[Candidate]) -> list[Array]:
         """Return the coefficients of each candidate's columns, fitted on the identification data."""
@@ -241,20 +270,34 @@ class RegressorLibrary:
         Else a cause that nuisance parameters could hold leaves no residual without it.
         """
         found = copy(self)
+        found._left = {}
         found._reference = self.nuisance_values(selected)
         return found
 
     def validation_residuals(self, selected: Sequence[Candidate]) -> list[Array]:
-        """Return the residuals (N', R) of each stretch of the validation data that candidates leave, Nm."""
-        data = self.sets[1]
-        left = [y.copy() for y in data.y]
+        """Return the residuals (N', R) of each stretch of the validation data that candidates leave, Nm; made once."""
+        key = tuple(selected)
+        if key not in self._left:
+            if len(self._left) >= RESIDUALS_KEPT:
+                self._left.clear()
+            self._left[key] = self._validation_residuals(selected)
+        return self._left[key]
+
+    def _validation_residuals(self, selected: Sequence[Candidate]) -> list[Array]:
+        left = [y.copy() for y in self.sets[1].y]
         if len(self.nuisance):
             values = self.nuisance_values(selected) if self._reference is None else self._reference
             left = [y - N @ values for y, N in zip(left, self.nuisance.validation, strict=True)]
         for candidate, beta in zip(selected, self.coefficients(selected), strict=True):
-            for own, columns in zip(left, data.plain(candidate.feature, candidate.searched or ()), strict=True):
+            for own, columns in zip(left, self._plain_validation(candidate), strict=True):
                 own -= columns @ beta
         return left
+
+    def _plain_validation(self, candidate: Candidate) -> list[Array]:
+        """Return a candidate's columns (N', R, k) of each stretch of the validation data, Nm; made once."""
+        if candidate not in self._plain:
+            self._plain[candidate] = self.sets[1].plain(candidate.feature, candidate.searched or ())
+        return self._plain[candidate]
 
     def gain(self, which: int, selected: Sequence[Candidate], beta: Array) -> float:
         """Log-likelihood that coefficients gain on a data set over no cause, nats.
@@ -269,14 +312,8 @@ class RegressorLibrary:
             Coefficients of all their columns, in order.
         """
         index, _ = _split(selected)
-
-        def gained(gram: Array) -> float:
-            return float(beta @ gram[index, 0] - 0.5 * beta @ gram[np.ix_(index, index)] @ beta)
-
-        if not len(self.nuisance):
-            return gained(self._grams[which])
-        # Given the other data set: what both hold beyond it.
-        return gained(self._marginal[2]) - gained(self._marginal[1 - which])
+        gram = self._judging[which]
+        return float(beta @ gram[index, 0] - 0.5 * beta @ block(gram, index, index) @ beta)
 
     def held_out(self, selected: Sequence[Candidate]) -> float:
         """Log-likelihood gained on both data sets, each with the coefficients of the other."""
@@ -284,52 +321,36 @@ class RegressorLibrary:
             return 0.0
         return self.gain(1, selected, self.fit(0, selected)) + self.gain(0, selected, self.fit(1, selected))
 
-    def held_out_each(self, base: Sequence[Candidate], further: Sequence[Candidate]) -> Array:
-        """Return :meth:`held_out` of `base` with each further candidate, (candidates,).
+    def held_out_each(self, base: Sequence[Candidate], further: Sequence[Sequence[Candidate]]) -> Array:
+        """Return :meth:`held_out` of `base` with each further choice, (choices,).
 
         Parameters
         ----------
         base
             Candidates that are always there.
         further
-            Of these, one at a time is added.
+            Choices of some candidates each; one choice at a time is added.
         """
         scores = np.zeros(len(further))
-        groups: dict[tuple[int, bool], list[int]] = {}
-        for k, candidate in enumerate(further):
-            groups.setdefault((len(candidate.index), candidate.fixed), []).append(k)
-        for (_, fixed), members in groups.items():
-            columns = np.stack([further[k].index for k in members])
-            for fitted, judged in ((0, 1), (1, 0)):
-                scores[members] += self._held_out_each(base, columns, fitted, judged, fixed=fixed)
-        return scores
-
-    def _held_out_each(
-        self, base: Sequence[Candidate], columns: NDArray[np.intp], fitted: int, judged: int, *, fixed: bool
-    ) -> Array:
-        """Return the gain (M,) on one data set of further columns (M, m) fitted with the base on the other."""
+        groups: dict[tuple[tuple[int, bool], ...], list[int]] = {}
+        for k, choice in enumerate(further):
+            groups.setdefault(tuple(c.shape for c in choice), []).append(k)
         index, free = _split(base)
-        beta, gamma = bordered(self._marginal[fitted], index, free, columns, fixed=fixed)
-
-        def gained(gram: Array) -> Array:
-            own = gram[np.ix_(index, index)]
-            cross = gram[index[:, None, None], columns[None]]
-            of_base = beta.T @ gram[index, 0] - 0.5 * np.einsum("pM,pq,qM->M", beta, own, beta, optimize=True)
-            target = gram[columns, 0] - np.einsum("pM,pMm->Mm", beta, cross)
-            square = gram[columns[:, :, None], columns[:, None, :]]
-            of_further = np.einsum("Mm,Mm->M", gamma, target) - 0.5 * np.einsum("Mm,Mmk,Mk->M", gamma, square, gamma)
-            return np.asarray(of_base + of_further)
-
-        if not len(self.nuisance):
-            return gained(self._grams[judged])
-        return gained(self._marginal[2]) - gained(self._marginal[fitted])
+        for shape, members in groups.items():
+            starts = np.array([[c.columns.start for c in further[k]] for k in members])
+            columns = np.hstack([first[:, None] + np.arange(w) for first, (w, _) in zip(starts.T, shape, strict=True)])
+            fixed = np.repeat([own for _, own in shape], [width for width, _ in shape])
+            for fitted, judged in ((0, 1), (1, 0)):
+                beta, gamma = bordered(self._marginal[fitted], index, free, columns, fixed)
+                scores[members] += gained_each(self._judging[judged], index, columns, beta, gamma)
+        return scores
 
     def both(self, selected: Sequence[Candidate]) -> float:
         """Log-likelihood gained on both data sets by one fit to both."""
-        index, _ = _split(selected)
+        index, free = _split(selected)
         keep = np.append(0, index)
-        gram = self._marginal[2][np.ix_(keep, keep)]
-        beta = solution(gram, _split(selected)[1])
+        gram = block(self._marginal[2], keep, keep)
+        beta = solution(gram, free)
         return float(beta @ gram[1:, 0] - 0.5 * beta @ gram[1:, 1:] @ beta)
 
     def remainder(self, which: int, selected: Sequence[Candidate], beta: Array) -> Array:
@@ -359,11 +380,16 @@ class RegressorLibrary:
 
     def falls(self, without: Sequence[Candidate], selected: Sequence[Candidate]) -> tuple[Array, Array]:
         """Return what the squares of the residual fall, (blocks,) of each data set, fitted on the other."""
-        falls: list[Array] = []
-        for which, fitted in ((0, 1), (1, 0)):
-            before, after = (self.remainder(which, some, self.fit(fitted, some)) ** 2 for some in (without, selected))
-            falls.append(np.bincount(self.sets[which].blocks, before - after).astype(float))
-        return falls[0], falls[1]
+        first, second = (self._block_squares(k, without) - self._block_squares(k, selected) for k in (0, 1))
+        return first, second
+
+    def _block_squares(self, which: int, selected: Sequence[Candidate]) -> Array:
+        """Return the squares (blocks,) of what candidates leave of a data set, fitted on the other; made once."""
+        key = (which, tuple(selected))
+        if key not in self._squares:
+            left = self.remainder(which, selected, self.fit(1 - which, selected))
+            self._squares[key] = np.bincount(self.sets[which].blocks, left**2).astype(float)
+        return self._squares[key]
 
 
 def _split(selected: Sequence[Candidate]) -> tuple[NDArray[np.intp], NDArray[np.bool_]]:
@@ -372,11 +398,3 @@ def _split(selected: Sequence[Candidate]) -> tuple[NDArray[np.intp], NDArray[np.
     return np.concatenate([candidate.index for candidate in selected]), np.concatenate(
         [candidate.free for candidate in selected]
     )
-
-
-def _neighbourhood(feature: Feature, share: float) -> Array:
-    """Return points (2 k + 1, k) around the middle of the ranges of k searched numbers."""
-    components = [p for p in feature.searched for _ in range(p.size)]
-    middle = np.array([(p.low + p.high) / 2 for p in components])
-    reach = np.diag([share * (p.high - p.low) / 2 for p in components])
-    return np.concatenate([middle[None], middle + reach, middle - reach])

@@ -12,13 +12,14 @@ from collections import Counter
 from collections.abc import Collection, Iterator, Sequence
 from dataclasses import replace
 from functools import cached_property
-from itertools import islice
+from itertools import islice, product
 
 import numpy as np
 from numpy.typing import NDArray
 
 from elastic_arm.diagnosis.bootstrap import block_counts
 from elastic_arm.diagnosis.selection.hypothesis import Hypothesis, Rival
+from elastic_arm.diagnosis.selection.plausible_hypothesis import plausible
 from elastic_arm.diagnosis.selection.plausible_size import PlausibleSizes
 from elastic_arm.diagnosis.selection.refine import refine
 from elastic_arm.diagnosis.selection.regressor_library import Candidate, RegressorLibrary
@@ -26,7 +27,10 @@ from elastic_arm.diagnosis.settings import DiagnosisSettings
 
 Array = NDArray[np.float64]
 Key = tuple[str, str | None, tuple[object, ...]]
+# Position of a cause, another value of it, and a further candidate; or the further candidate alone.
+_Choice = tuple[int, Candidate] | tuple[int, Candidate, Candidate]
 
+RANKINGS_KEPT = 50  # of sets of causes: the search comes back to the same ones; bounds the memory
 SAME_LAW = 0.9999  # cosine of two columns: from here on they are one law, 1 % apart in shape
 
 
@@ -37,68 +41,11 @@ def misfit(library: RegressorLibrary, selected: Sequence[Candidate]) -> float:
     return max(1.0, left / sum(e.freedom for e in library.sets))
 
 
-def plausible(
-    library: RegressorLibrary,
-    selected: Sequence[Candidate],
-    ratio_factor: float,
-    sizes: PlausibleSizes | None = None,
-) -> bool:
-    """Whether every parameter has a sign and a size that its effect can have (no friction that drives).
-
-    Parameters
-    ----------
-    library
-        Of all columns.
-    selected
-        The candidates, fitted together.
-    ratio_factor
-        How far outside its plausible range a ratio may be.
-    sizes
-        The largest plausible sizes; signs and ratios alone are judged where they are not known.
-    """
-    joints = {candidate.feature.joint for candidate in selected}
-    if len(library.nuisance) and not library.nuisance.possible(library.nuisance_values(selected), joints):
-        return False
-    if any(_turns_over(candidate, library.nuisance.turned_over) for candidate in selected):
-        return False
-    scaling = [c.feature for c in selected if c.feature.effect.scales_friction]
-    if not all(any(feature.scales(other.feature) for other in selected) for feature in scaling):
-        return False
-    fitted = zip(selected, library.coefficients(selected), strict=True)
-    return all(c.fixed or c.searched is None or _possible(c, beta, ratio_factor, sizes) for c, beta in fitted)
-
-
-def _turns_over(candidate: Candidate, below: float) -> bool:
-    """Whether an effect is friction that dies out below a speed (rad/s) at which dry friction only turns over."""
-    feature = candidate.feature
-    numbers = [p for p in feature.searched for _ in range(p.size)]
-    speeds = [v for p, v in zip(numbers, candidate.searched or (), strict=False) if p.unit == "rad/s"]
-    return feature.effect.friction and any(0.0 < speed < below for speed in speeds)
-
-
 def _confused(one: Candidate, other: Candidate) -> bool:
     """Whether two candidates are one effect, or effects that their files name as easily confused, on the same joint."""
     first, second = one.feature.effect, other.feature.effect
     named = {c.effect for c in first.confusions} | {first.id}, {c.effect for c in second.confusions} | {second.id}
     return one.feature.joint == other.feature.joint and (second.id in named[0] or first.id in named[1])
-
-
-def _possible(candidate: Candidate, beta: Array, ratio_factor: float, sizes: PlausibleSizes | None) -> bool:
-    feature = candidate.feature
-    if feature.fixed:
-        return bool(beta[0] > 0)
-    first = feature.linear[0]
-    size = float(np.hypot(*beta)) if feature.phase is not None else first.value_of(float(beta[0]))
-    if sizes is not None and not sizes.allows(feature, first, np.array([size])):
-        return False
-    if feature.phase is not None:
-        return True
-    value = first.value_of(float(beta[0]))
-    if first.neutral == 0.0 and first.low > 0.0:
-        return value > 0.0
-    if first.neutral:
-        return first.low / ratio_factor < value < first.high * ratio_factor
-    return value > first.above
 
 
 def is_provisional(candidate: Candidate) -> bool:
@@ -137,6 +84,8 @@ class StepwiseSearch:
         self._price = {key: np.log(count) for key, count in Counter(e.feature.key for e in library.candidates).items()}
         self._refinements_left = settings.search.refinements
         self._refined: dict[tuple[Candidate, frozenset[Candidate]], Candidate] = {}
+        self._possible: dict[tuple[Candidate, ...], bool] = {}
+        self._rankings: dict[tuple[Candidate, ...], list[tuple[float, _Choice]]] = {}
         self._sizes = sizes
         self._freedom = sum(e.freedom for e in library.sets)
 
@@ -145,7 +94,10 @@ class StepwiseSearch:
         return self.library.held_out(selected) - sum(self._price[candidate.feature.key] for candidate in selected)
 
     def _plausible(self, selected: Sequence[Candidate]) -> bool:
-        return plausible(self.library, selected, self._search.ratio_factor, self._sizes)
+        key = tuple(selected)
+        if key not in self._possible:
+            self._possible[key] = plausible(self.library, selected, self._search.ratio_factor, self._sizes)
+        return self._possible[key]
 
     def strongest(self) -> float:
         """Held-out log-likelihood that the best single cause gains, less what its tried values are worth."""
@@ -212,27 +164,44 @@ class StepwiseSearch:
         What was searched alone may have gone astray for want of the newcomer, so its other values are tried again.
         Whether sizes are plausible takes a fit of each set, and few of them are looked at: one after another.
         """
-        free = self._open(selected)
-        tried = self._tried(selected, free)
-        for k in range(len(self.given), len(selected)):
-            same = [e for e in self._candidates if e.feature.key == selected[k].feature.key]
-            beside = [e for e in free if e.feature.joint == selected[k].feature.joint]
-            for e in same if len(same) > 1 else ():
-                tried += self._tried([*selected[:k], e, *selected[k + 1 :]], beside)
         done: set[Key] = set()
-        for score, trial in sorted(tried, key=lambda pair: -pair[0]):
+        for score, trial in self._tried(tuple(selected)):
             if trial[-1].feature.key not in done and self._plausible(trial):
                 done.add(trial[-1].feature.key)
                 yield score, trial
 
-    def _tried(self, base: Sequence[Candidate], further: Sequence[Candidate]) -> list[tuple[float, list[Candidate]]]:
-        """Return a set of candidates with each further one, and its score."""
-        scores = self.library.held_out_each(base, further)
+    def _tried(self, selected: tuple[Candidate, ...]) -> Iterator[tuple[float, list[Candidate]]]:
+        """Yield `selected` with each further candidate, and with other values of each cause besides, best first."""
+        if selected not in self._rankings:
+            if len(self._rankings) >= RANKINGS_KEPT:
+                self._rankings.clear()
+            self._rankings[selected] = self._ranking(selected)
+        for score, (k, *choice) in self._rankings[selected]:
+            if len(choice) == 1:
+                yield score, [*selected, *choice]
+            else:
+                value, newcomer = choice
+                yield score, [*selected[:k], value, *selected[k + 1 :], newcomer]
+
+    def _ranking(self, selected: tuple[Candidate, ...]) -> list[tuple[float, _Choice]]:
+        """Return scores and choices: a further candidate, or another value of cause k and a further candidate."""
+        free = self._open(selected)
+        scores = [self._scores(selected, [(e,) for e in free])]
+        choices: list[_Choice] = [(len(selected), e) for e in free]
+        for k in range(len(self.given), len(selected)):
+            same = [e for e in self._candidates if e.feature.key == selected[k].feature.key]
+            beside = [e for e in free if e.feature.joint == selected[k].feature.joint]
+            pairs = list(product(same, beside)) if len(same) > 1 else []
+            scores.append(self._scores([*selected[:k], *selected[k + 1 :]], pairs))
+            choices += [(k, *pair) for pair in pairs]
+        flat = np.concatenate(scores)
+        return [(float(flat[i]), choices[i]) for i in np.argsort(-flat, kind="stable")]
+
+    def _scores(self, base: Sequence[Candidate], further: Sequence[tuple[Candidate, ...]]) -> Array:
+        """Return the scores of a set of candidates with each further choice."""
         paid = sum(self._price[candidate.feature.key] for candidate in base)
-        return [
-            (float(score) - paid - self._price[candidate.feature.key], [*base, candidate])
-            for score, candidate in zip(scores, further, strict=True)
-        ]
+        prices = [sum(self._price[candidate.feature.key] for candidate in choice) for choice in further]
+        return self.library.held_out_each(base, further) - paid - np.array(prices)
 
     def _best_next(self, chosen: Sequence[Candidate]) -> list[Candidate] | None:
         first, scored = None, []

@@ -12,9 +12,10 @@ import pytest
 from numpy.typing import NDArray
 
 from elastic_arm.diagnosis.selection.hypothesis import Hypothesis, Rival
+from elastic_arm.diagnosis.selection.plausible_hypothesis import plausible
 from elastic_arm.diagnosis.selection.refine import refine
 from elastic_arm.diagnosis.selection.regressor_library import Candidate, RegressorLibrary
-from elastic_arm.diagnosis.selection.stepwise import StepwiseSearch, misfit, plausible
+from elastic_arm.diagnosis.selection.stepwise import StepwiseSearch, misfit
 from elastic_arm.diagnosis.settings import DiagnosisSettings
 from elastic_arm.effects.parameters import Parameter, Role
 
@@ -47,7 +48,7 @@ class Whitened:
 def feature(name: str, **changed: Any) -> Any:
     """A feature with one linear parameter and one column."""
     own = {"key": (name, None, ()), "linear": (COEFFICIENT,), "searched": (), "fixed": False, "phase": None}
-    own["choices"] = {}
+    own |= {"choices": {}, "quadratic": False}
     effect = SimpleNamespace(
         id=name, parameters=(COEFFICIENT,), confusions=(), friction=False, scales_friction=False, regressor=None
     )
@@ -77,8 +78,8 @@ def test_further_candidates_are_judged_as_one_by_one(fixed: bool) -> None:
     for base in ([], [one], [one, three]):
         further = [c for c in (two, both, three) if c not in base]
         alone = [library.held_out([*base, c]) for c in further]
-        assert library.held_out_each(base, further) == pytest.approx(alone, rel=1e-9, abs=1e-9)
-    assert library.held_out_each([one, two], [both]) == pytest.approx([library.held_out([one, two])], rel=1e-9)
+        assert library.held_out_each(base, [(c,) for c in further]) == pytest.approx(alone, rel=1e-9, abs=1e-9)
+    assert library.held_out_each([one, two], [(both,)]) == pytest.approx([library.held_out([one, two])], rel=1e-9)
 
 
 def test_coefficients_are_those_of_least_squares() -> None:

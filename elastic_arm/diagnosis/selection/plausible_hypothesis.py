@@ -1,0 +1,73 @@
+"""Whether a hypothesis is possible: signs and sizes of its parameters, and what its effects need beside them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from elastic_arm.diagnosis.selection.plausible_size import PlausibleSizes
+from elastic_arm.diagnosis.selection.regressor_library import Candidate, RegressorLibrary
+
+Array = NDArray[np.float64]
+
+
+def plausible(
+    library: RegressorLibrary,
+    selected: Sequence[Candidate],
+    ratio_factor: float,
+    sizes: PlausibleSizes | None = None,
+) -> bool:
+    """Whether every parameter has a sign and a size that its effect can have (no friction that drives).
+
+    Parameters
+    ----------
+    library
+        Of all columns.
+    selected
+        The candidates, fitted together.
+    ratio_factor
+        How far outside its plausible range a ratio may be.
+    sizes
+        The largest plausible sizes; signs and ratios alone are judged where they are not known.
+    """
+    joints = {candidate.feature.joint for candidate in selected}
+    if any(_turns_over(candidate, library.nuisance.turned_over) for candidate in selected):
+        return False
+    scaling = [c.feature for c in selected if c.feature.effect.scales_friction]
+    if not all(any(feature.scales(other.feature) for other in selected) for feature in scaling):
+        return False
+    coefficients = library.coefficients(selected)
+    if len(library.nuisance):
+        values = library.nuisance_values(selected, np.concatenate([*coefficients, np.zeros(0)]))
+        if not library.nuisance.possible(values, joints):
+            return False
+    fitted = zip(selected, coefficients, strict=True)
+    return all(c.fixed or c.searched is None or _possible(c, beta, ratio_factor, sizes) for c, beta in fitted)
+
+
+def _turns_over(candidate: Candidate, below: float) -> bool:
+    """Whether an effect is friction that dies out below a speed (rad/s) at which dry friction only turns over."""
+    feature = candidate.feature
+    numbers = [p for p in feature.searched for _ in range(p.size)]
+    speeds = [v for p, v in zip(numbers, candidate.searched or (), strict=False) if p.unit == "rad/s"]
+    return feature.effect.friction and any(0.0 < speed < below for speed in speeds)
+
+
+def _possible(candidate: Candidate, beta: Array, ratio_factor: float, sizes: PlausibleSizes | None) -> bool:
+    feature = candidate.feature
+    if feature.fixed:
+        return bool(beta[0] > 0)
+    first = feature.linear[0]
+    size = float(np.hypot(*beta)) if feature.phase is not None else first.value_of(float(beta[0]))
+    if sizes is not None and not sizes.allows(feature, first, np.array([size])):
+        return False
+    if feature.phase is not None:
+        return True
+    value = first.value_of(float(beta[0]))
+    if first.neutral == 0.0 and first.low > 0.0:
+        return value > 0.0
+    if first.neutral:
+        return first.low / ratio_factor < value < first.high * ratio_factor
+    return value > first.above
