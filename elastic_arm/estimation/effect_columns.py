@@ -7,7 +7,7 @@ parameters that do not are arguments of the columns, and searched.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
 
@@ -53,17 +53,17 @@ class Feature:
         """What distinguishes it from other features."""
         return self.effect.id, self.joint, tuple(sorted(self.choices.items()))
 
-    @property
+    @cached_property
     def linear(self) -> tuple[Parameter, ...]:
         """Parameters that are coefficients of columns."""
         return tuple(p for p in self.effect.parameters if p.role is Role.LINEAR)
 
-    @property
+    @cached_property
     def phase(self) -> Parameter | None:
         """The phase beside the first linear parameter, if there is one."""
         return next((p for p in self.effect.parameters if p.role is Role.PHASE), None)
 
-    @property
+    @cached_property
     def searched(self) -> tuple[Parameter, ...]:
         """Parameters that are arguments of the columns."""
         return tuple(p for p in self.effect.parameters if p.role is Role.SEARCHED)
@@ -163,6 +163,13 @@ class Feature:
         kind = Whole if self.effect.regressor is None else OwnRegressor
         return kind(self.effect, self.joint, self.choices, self.equations, self.friction)
 
+    def at(self, equations: ArmEquations) -> Feature:
+        """Return the feature of the same arm with other numbers; columns that hold none of them stay compiled."""
+        moved = replace(self, equations=equations)
+        if not self._compiled.holds_numbers:
+            moved.__dict__["_compiled"] = self._compiled
+        return moved
+
     def scales(self, other: Feature) -> bool:
         """Whether another effect is friction that this one scales."""
         alike = self.joint == other.joint and set(self.sides) & set(other.sides)
@@ -181,17 +188,17 @@ class Whole(Feature):
         """Return itself."""
         return self
 
-    @property
+    @cached_property
     def linear(self) -> tuple[Parameter, ...]:
         """None: all are arguments."""
         return ()
 
-    @property
+    @cached_property
     def phase(self) -> Parameter | None:
         """None: it is an argument too."""
         return None
 
-    @property
+    @cached_property
     def searched(self) -> tuple[Parameter, ...]:
         """All parameters."""
         return self.effect.parameters
@@ -205,6 +212,10 @@ class OwnRegressor(Whole):
     def scalable(self) -> bool:
         """False: its size follows from its parameters."""
         return False
+
+    def at(self, equations: ArmEquations) -> Feature:
+        """Return the feature of the same arm with other numbers."""
+        return replace(self, equations=equations)
 
     @cached_property
     def _regressor(self) -> Regressor:

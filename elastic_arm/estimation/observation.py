@@ -7,7 +7,7 @@ here, because the gap's own band (:mod:`.band`) follows it and takes the same sh
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -91,6 +91,9 @@ class Observation:
     source: str = ""
     notes: tuple[str, ...] = ()
     colour: Colour | None = None
+    _splines: dict[tuple[int, str], list[CubicSpline]] = field(
+        default_factory=dict, init=False, repr=False, compare=False
+    )
 
     @property
     def margin(self) -> float:
@@ -115,18 +118,24 @@ class Observation:
             changed: dict[str, Any] = {"before": None if motion.before is None else moved(motion.before)}
             for channel, lag in lags.items():
                 for name in CHANNELS[channel]:
-                    values = getattr(motion, name)
-                    if values is not None and np.any(lag):
+                    if getattr(motion, name) is not None and np.any(lag):
                         changed[name] = np.stack(
                             [
-                                CubicSpline(motion.t, column)(np.clip(motion.t + late, motion.t[0], motion.t[-1]))
-                                for column, late in zip(values.T, lag, strict=True)
+                                spline(np.clip(motion.t + late, motion.t[0], motion.t[-1]))
+                                for spline, late in zip(self._splines_of(motion, name), lag, strict=True)
                             ],
                             axis=1,
                         )
             return replace(motion, **changed)
 
         return replace(self, pieces=tuple(map(moved, self.pieces)), quiet=tuple(map(moved, self.quiet)))
+
+    def _splines_of(self, motion: Motion, name: str) -> list[CubicSpline]:
+        """Return a spline through each joint's samples of a channel; a calibration moves the same ones many times."""
+        key = (id(motion), name)
+        if key not in self._splines:
+            self._splines[key] = [CubicSpline(motion.t, column) for column in getattr(motion, name).T]
+        return self._splines[key]
 
     def position_spectrum(self, side: str, f: Array) -> Array:
         """Noise of the smoothed position of "link" or "motor" at f (F,) Hz: (F, n), 1 = white of 1 rad a sample."""

@@ -257,6 +257,8 @@ class CompiledColumns:
         # Whether they are polynomials of second degree in several searched numbers.
         several = sum(p.size for p in searched) > 1 and not states
         self.quadratic = several and ca.is_linear(ca.jacobian(ca.vec(columns), argument), argument)
+        # Whether numbers of the arm stand in them.
+        self.holds_numbers = bool(states) or ca.depends_on(columns, equations.Psi)
         if engine == "numpy":
             columns = ca.substitute(columns, equations.Psi, ca.DM(equations.nominal))
         self._shape = (int(columns.shape[0]), int(columns.shape[1]))

@@ -116,6 +116,25 @@ def noise_model(
     floor
         Share of the torque noise that each equation gets besides, 0 for the noise itself.
     """
+    return noise_models(model, observation, equations, band, (floor,))[0]
+
+
+def noise_models(
+    model: Model, observation: Observation, equations: EquationSet, band: Band, floors: Sequence[float]
+) -> list[NoiseModel]:
+    """Propagate the channels' noise into the usable residuals, for several floors of :func:`noise_model`.
+
+    Parameters
+    ----------
+    model
+        Of the arm.
+    observation
+        Holds the noise of the channels.
+    equations, band
+        Usable equations, and where they are looked at.
+    floors
+        Shares of the torque noise that each equation gets besides.
+    """
     n = equations.n
     f = np.linspace(0.0, band.kept_rate / 2, NOISE_FREQUENCIES)
     s = 2j * np.pi * f[:, None, None]
@@ -143,8 +162,11 @@ def noise_model(
     largest = max(float(noise.max()), 1e-12)
     # Joint by joint, as wrists have finer sensors; by octaves, as sensors of a kind count as equal.
     level = largest * 2.0 ** np.ceil(np.log2(np.maximum(noise / largest, 1e-9)))
-    covariance = covariance + np.diag(np.tile(floor**2 * level + 1e-8, equations.rows // n))
-    return NoiseModel(f, covariance, observation.rate, equations.torque_coefficients, observation.colour)
+    found = []
+    for floor in floors:
+        own = covariance + np.diag(np.tile(floor**2 * level + 1e-8, equations.rows // n))
+        found.append(NoiseModel(f, own, observation.rate, equations.torque_coefficients, observation.colour))
+    return found
 
 
 def _inertias(model: Model, observation: Observation) -> list[tuple[Array, Array, Array]]:
@@ -227,8 +249,7 @@ class WhitenedData:
         self.parts: list[Part] = []
         self.pure: list[NoiseModel] = []
         for observation in observations:
-            noise = noise_model(model, observation, layout, band)
-            pure = noise_model(model, observation, layout, band, floor=0.0)
+            noise, pure = noise_models(model, observation, layout, band, (FLOOR, 0.0))
             standstill = _standstill(observation, noise.f, model.n)
             for stretch in residuals(model, observation, layout, band):
                 elastic, cutoff = model.robot.elastic, observation.cutoff

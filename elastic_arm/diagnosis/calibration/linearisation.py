@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -80,6 +81,12 @@ class CalibrationProblem:
     known: Sequence[EffectInstance]
     settings: DiagnosisSettings
     in_motion: bool = False
+
+    @cached_property
+    def features(self) -> tuple[Feature, ...]:
+        """The features of the known effects, on the arm as it is described."""
+        equations = ArmEquations(self.robot, self.model)
+        return tuple(feature_of(instance, equations) for instance in self.known)
 
 
 @dataclass(frozen=True)
@@ -283,10 +290,13 @@ def linearise(
     """
     nuisance = None if expansion.nuisance is None else replace(expansion.nuisance, noise=noise)
     equations = ArmEquations(expansion.model.robot, problem.model)
-    moved = [replace(feature, equations=equations) for feature in candidates]
+    moved = [feature.at(equations) for feature in candidates]
     library = build_library(*expansion.data, moved, problem.settings.candidates, nuisance)
-    given = [_given(library, feature_of(instance, equations), instance) for instance in problem.known]
-    again = [library.add(replace(c.feature, equations=equations), c.searched, fixed=c.fixed) for c in extra]
+    given = [
+        _given(library, feature.at(equations), instance)
+        for feature, instance in zip(problem.features, problem.known, strict=True)
+    ]
+    again = [library.add(c.feature.at(equations), c.searched, fixed=c.fixed) for c in extra]
     library.close()
     return Linearised(expansion, library, tuple(given)), again
 

@@ -138,23 +138,23 @@ def _beside(spectra: Sequence[_Spectra], columns: Sequence[_Spectra], colour: Co
     inverses = [np.linalg.inv(factor) for factor in factors]
     y = [inverse @ one.values for inverse, one in zip(inverses, spectra, strict=True)]
     X = [inverse @ one.values for inverse, one in zip(inverses, columns, strict=True)]
-    count = X[0].shape[2]
-    gram, target = np.zeros((count, count)), np.zeros(count)
-    for x, v in zip(X, y, strict=True):
-        for columns_part, own in ((x.real, v.real), (x.imag, v.imag)):
-            flat = columns_part.reshape(-1, count)
-            gram += flat.T @ flat
-            target += flat.T @ own.reshape(-1)
+    # Coefficients are real: the real and the imaginary part of each entry are two rows.
+    rows = [np.concatenate([x.real, x.imag], axis=1).reshape(-1, x.shape[2]) for x in X]
+    aims = [np.concatenate([v.real, v.imag], axis=1).reshape(-1) for v in y]
+    gram, target = sum(x.T @ x for x in rows), sum(x.T @ v for x, v in zip(rows, aims, strict=True))
     scale = np.sqrt(np.maximum(np.diag(gram), 1e-300))
     values, vectors = np.linalg.eigh(gram / np.outer(scale, scale))
     keep = values > RANK * values[-1]
     basis = vectors[:, keep] / np.sqrt(values[keep]) / scale[:, None]
     beta = basis @ (basis.T @ target)
     found = []
-    for one, factor, x, v in zip(spectra, factors, X, y, strict=True):
+    for one, factor, x, v in zip(spectra, factors, rows, aims, strict=True):
+        F, R = one.values.shape[:2]
+        held = np.square(x @ basis).sum(axis=1).reshape(F, 2, R).sum(axis=1)
         # Of real columns a complex number holds two: half the leverage is each one's.
-        share = np.maximum(1.0 - 0.5 * (np.abs(x @ basis) ** 2).sum(axis=2), LEAST_SHARE)
-        left = (v[:, :, 0] - x @ beta) / np.sqrt(share)
+        share = np.maximum(1.0 - 0.5 * held, LEAST_SHARE)
+        parts = (v - x @ beta).reshape(F, 2, R)
+        left = (parts[:, 0] + 1j * parts[:, 1]) / np.sqrt(share)
         found.append(Periodogram(one.f, (factor @ left[:, :, None])[:, :, 0], share, one.ways))
     return found
 

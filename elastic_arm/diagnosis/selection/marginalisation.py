@@ -92,38 +92,36 @@ class Marginalisation:
         one = nuisance.noise * np.eye(len(nuisance))
         self._precision = (one + own[0], one + own[1], one + own[0] + own[1])
         self._factors = [np.linalg.cholesky(a) for a in self._precision]
-        # N'X of each data set; L^-1 N'X and its squares of identification data, validation data and both.
+        # N'X of each data set; L^-1 N'X of identification data, validation data and both.
         self._cross = [np.empty((len(one), 0)) for _ in own]
         self._held = [np.empty((len(one), 0)) for _ in self._factors]
-        self._squares = [np.empty((0, 0)) for _ in self._factors]
 
     def add(self, which: int, columns: Array) -> None:
         """Take further columns (rows, m) of one data set."""
         self._cross[which] = np.hstack([self._cross[which], self._nuisance.white[which].T @ columns])
 
-    def grams(self, raw: Sequence[Array]) -> list[Array]:
-        """Return marginalised Gram matrices (m, m) of identification data, validation data and both."""
-        both = (*raw, raw[0] + raw[1])
-        if not len(self._nuisance):
-            return list(both)
-        crosses = (*self._cross, self._cross[0] + self._cross[1])
-        for which, cross in enumerate(crosses):
-            self._extend(which, cross)
-        return [gram - squares for gram, squares in zip(both, self._squares, strict=True)]
+    def held(self, old: int) -> list[Array]:
+        """Return what nuisance parameters hold of products of columns, those from `old` on with all.
 
-    def _extend(self, which: int, cross: Array) -> None:
-        """Bring what nuisance parameters hold up to the columns taken in since, N'X (k, m) of all of them given."""
-        old = self._held[which].shape[1]
+        Parameters
+        ----------
+        old
+            Number of columns that were asked for before.
+
+        Returns
+        -------
+        (m, m - old) for identification data, validation data and both.
+        """
+        crosses = (*self._cross, self._cross[0] + self._cross[1])
+        return [self._extended(which, cross, old) for which, cross in enumerate(crosses)]
+
+    def _extended(self, which: int, cross: Array, old: int) -> Array:
         further = cross[:, old:].copy()
         if not old:
             further[:, 0] += self._nuisance.noise * self._nuisance.centre
-        held = np.hstack([self._held[which], solve_triangular(self._factors[which], further, lower=True)])
-        corner = held.T @ held[:, old:]
-        squares = np.empty((held.shape[1], held.shape[1]))
-        squares[:old, :old] = self._squares[which]
-        squares[:, old:] = corner
-        squares[old:, :old] = corner[:old].T
-        self._held[which], self._squares[which] = held, squares
+        own = solve_triangular(self._factors[which], further, lower=True) if len(further) else further
+        self._held[which] = np.hstack([self._held[which], own])
+        return np.asarray(self._held[which].T @ own)
 
     def squares_left(self, gram: Array, index: NDArray[np.intp], beta: Array) -> float:
         """Return the sum of squares on both data sets that columns and the posterior means of nuisance leave.
@@ -135,7 +133,10 @@ class Marginalisation:
         index, beta
             Numbers of the columns, and their coefficients.
         """
-        signed, values = np.append(1.0, -beta), self.means(index, beta)
+        signed = np.append(1.0, -beta)
+        if not len(self._nuisance):
+            return float(signed @ gram @ signed)
+        values = self.means(index, beta)
         cross = sum(part[:, np.append(0, index)] @ signed for part in self._cross)
         own = self._precision[2] @ values - self._nuisance.noise * values
         return float(signed @ gram @ signed + values @ (own - 2.0 * cross))

@@ -33,7 +33,8 @@ def plausible(
         The largest plausible sizes; signs and ratios alone are judged where they are not known.
     """
     joints = {candidate.feature.joint for candidate in selected}
-    if any(_turns_over(candidate, library.nuisance.turned_over) for candidate in selected):
+    slowest = library.nuisance.turned_over
+    if slowest and any(_turns_over(candidate, slowest) for candidate in selected):
         return False
     scaling = [c.feature for c in selected if c.feature.effect.scales_friction]
     if not all(any(feature.scales(other.feature) for other in selected) for feature in scaling):

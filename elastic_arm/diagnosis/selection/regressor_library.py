@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elastic_arm.diagnosis.selection.gram_fits import block, bordered, gained_each, solution
+from elastic_arm.diagnosis.selection.growing_matrix import GrowingMatrix
 from elastic_arm.diagnosis.selection.marginalisation import Marginalisation, NuisanceColumns
 from elastic_arm.diagnosis.selection.searched_points import monomials, neighbourhood, quadratic_points
 from elastic_arm.diagnosis.settings import CandidateSettings
@@ -22,8 +23,6 @@ from elastic_arm.estimation.effect_columns import Feature
 from elastic_arm.estimation.whitening import WhitenedData
 
 Array = NDArray[np.float64]
-
-RESIDUALS_KEPT = 50  # of sets of candidates: judgement asks for the same ones; bounds the memory
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,19 +94,16 @@ class RegressorLibrary:
         self.sets = (identify, validate)
         self.nuisance = nuisance or NuisanceColumns.none(identify, validate)
         self._marginalisation = Marginalisation(self.nuisance)
-        self._marginal: list[Array] = []
-        # Gram matrices by which each data set judges, given the other.
-        self._judging: list[Array] = []
+        self._marginal = [GrowingMatrix() for _ in range(5 if len(self.nuisance) else 3)]
         self._reference: Array | None = None
         self._settings = settings
         self.candidates: list[Candidate] = []
         self._monomials: dict[Feature, Array] = {}
         self._plain: dict[Candidate, list[Array]] = {}
         self._squares: dict[tuple[int, tuple[Candidate, ...]], Array] = {}
-        self._left: dict[tuple[Candidate, ...], list[Array]] = {}
         self._pending: list[list[Array]] = [[e.white[:, None]] for e in self.sets]
         self._columns = [np.empty((len(e.white), 0), order="F") for e in self.sets]
-        self._grams = [np.empty((0, 0)) for _ in self.sets]
+        self._grams = [GrowingMatrix() for _ in self.sets]
         self._filled = 0
         self._count = 1
 
@@ -178,17 +174,34 @@ class RegressorLibrary:
             return
         for which, pending in enumerate(self._pending):
             self._reserve(which, now)
-            columns, gram = self._columns[which], self._grams[which]
-            columns[:, old:now] = np.hstack(pending)
+            columns, first = self._columns[which], old
+            for further in pending:
+                columns[:, first : first + further.shape[1]] = further
+                first += further.shape[1]
             pending.clear()
-            gram[:now, old:now] = columns[:, :now].T @ columns[:, old:now]
-            gram[old:now, :old] = gram[:old, old:now].T
+            self._grams[which].extend(columns[:, :now].T @ columns[:, old:now])
             self._marginalisation.add(which, columns[:, old:now])
         self._filled = now
-        self._marginal = self._marginalisation.grams([gram[:now, :now] for gram in self._grams])
-        first, second, both = self._marginal
-        # Given the other data set: what both hold beyond it.
-        self._judging = [both - second, both - first] if len(self.nuisance) else [first, second]
+        self._marginalise(old)
+
+    def _marginalise(self, old: int) -> None:
+        """Bring the marginalised Gram matrices up to the columns from `old` on."""
+        first, second = (gram.filled[:, old:] for gram in self._grams)
+        further = [first, second, first + second]
+        if len(self.nuisance):
+            further = [border - held for border, held in zip(further, self._marginalisation.held(old), strict=True)]
+            # Given the other data set, one judges by what both hold beyond it.
+            further += [further[2] - further[1], further[2] - further[0]]
+        for matrix, border in zip(self._marginal, further, strict=True):
+            matrix.extend(border)
+
+    def _gram(self, which: int) -> Array:
+        """Return the marginalised Gram matrix of identification data, validation data (1), or both (2)."""
+        return self._marginal[which].filled
+
+    def _judging(self, which: int) -> Array:
+        """Return the Gram matrix by which a data set judges what was fitted on the other."""
+        return self._marginal[3 + which if len(self.nuisance) else which].filled
 
     def marginalised(self, columns: Array, *, residual: bool = False) -> Array:
         """Return rows whose products are those of columns of the identification data, the nuisance marginalised.
@@ -231,17 +244,14 @@ class RegressorLibrary:
             Factor on the noise's variance: with much unexplained the prior counts more.
         """
         index, free = _split(selected)
-        gram = self._grams[0] + self._grams[1]
+        gram = self._grams[0].filled + self._grams[1].filled
         return self._marginalisation.joint_posterior(gram, index[free], index[~free], misfit)
 
     def _reserve(self, which: int, count: int) -> None:
-        columns, gram, old = self._columns[which], self._grams[which], self._filled
+        columns, old = self._columns[which], self._filled
         if columns.shape[1] < count:
-            capacity = count + count // 2
-            self._columns[which] = np.empty((len(columns), capacity), order="F")
+            self._columns[which] = np.empty((len(columns), count + count // 2), order="F")
             self._columns[which][:, :old] = columns[:, :old]
-            self._grams[which] = np.empty((capacity, capacity))
-            self._grams[which][:old, :old] = gram[:old, :old]
 
     def matrix(self, which: int, index: Sequence[int] | NDArray[np.intp]) -> Array:
         """Return columns (rows, k) by number; column 0 is the residual."""
@@ -251,7 +261,7 @@ class RegressorLibrary:
         """Return coefficients of all columns of the selected, in order, fitted on one data set."""
         index, free = _split(selected)
         keep = np.append(0, index)
-        return solution(block(self._marginal[which], keep, keep), free)
+        return solution(block(self._gram(which), keep, keep), free)
 
     def coefficients(self, selected: Sequence[Candidate]) -> list[Array]:
         """Return the coefficients of each candidate's columns, fitted on the identification data."""
@@ -260,8 +270,8 @@ class RegressorLibrary:
 
     def held_by_nuisance(self, candidate: Candidate) -> float:
         """Return the share of a candidate's squares on both data sets that nuisance parameters could hold."""
-        raw = np.diag(self._grams[0] + self._grams[1])[candidate.index]
-        left = np.diag(self._marginal[2])[candidate.index]
+        raw = sum(np.diag(gram.filled)[candidate.index] for gram in self._grams)
+        left = np.diag(self._gram(2))[candidate.index]
         return float(1.0 - np.max(left / np.maximum(raw, 1e-300)))
 
     def calibrated_beside(self, selected: Sequence[Candidate]) -> RegressorLibrary:
@@ -270,20 +280,11 @@ class RegressorLibrary:
         Else a cause that nuisance parameters could hold leaves no residual without it.
         """
         found = copy(self)
-        found._left = {}
         found._reference = self.nuisance_values(selected)
         return found
 
     def validation_residuals(self, selected: Sequence[Candidate]) -> list[Array]:
-        """Return the residuals (N', R) of each stretch of the validation data that candidates leave, Nm; made once."""
-        key = tuple(selected)
-        if key not in self._left:
-            if len(self._left) >= RESIDUALS_KEPT:
-                self._left.clear()
-            self._left[key] = self._validation_residuals(selected)
-        return self._left[key]
-
-    def _validation_residuals(self, selected: Sequence[Candidate]) -> list[Array]:
+        """Return the residuals (N', R) of each stretch of the validation data that candidates leave, Nm."""
         left = [y.copy() for y in self.sets[1].y]
         if len(self.nuisance):
             values = self.nuisance_values(selected) if self._reference is None else self._reference
@@ -312,7 +313,7 @@ class RegressorLibrary:
             Coefficients of all their columns, in order.
         """
         index, _ = _split(selected)
-        gram = self._judging[which]
+        gram = self._judging(which)
         return float(beta @ gram[index, 0] - 0.5 * beta @ block(gram, index, index) @ beta)
 
     def held_out(self, selected: Sequence[Candidate]) -> float:
@@ -341,15 +342,15 @@ class RegressorLibrary:
             columns = np.hstack([first[:, None] + np.arange(w) for first, (w, _) in zip(starts.T, shape, strict=True)])
             fixed = np.repeat([own for _, own in shape], [width for width, _ in shape])
             for fitted, judged in ((0, 1), (1, 0)):
-                beta, gamma = bordered(self._marginal[fitted], index, free, columns, fixed)
-                scores[members] += gained_each(self._judging[judged], index, columns, beta, gamma)
+                beta, gamma = bordered(self._gram(fitted), index, free, columns, fixed)
+                scores[members] += gained_each(self._judging(judged), index, columns, beta, gamma)
         return scores
 
     def both(self, selected: Sequence[Candidate]) -> float:
         """Log-likelihood gained on both data sets by one fit to both."""
         index, free = _split(selected)
         keep = np.append(0, index)
-        gram = block(self._marginal[2], keep, keep)
+        gram = block(self._gram(2), keep, keep)
         beta = solution(gram, free)
         return float(beta @ gram[1:, 0] - 0.5 * beta @ gram[1:, 1:] @ beta)
 
@@ -371,12 +372,10 @@ class RegressorLibrary:
 
     def squares_left(self, selected: Sequence[Candidate]) -> float:
         """Return the sum of whitened squares on both data sets that candidates leave, fitted to identification data."""
-        beta = self.fit(0, selected)
-        if not len(self.nuisance):
-            return sum(float(np.sum(self.remainder(which, selected, beta) ** 2)) for which in (0, 1))
-        index, _ = _split(selected)
-        keep = np.ix_(np.append(0, index), np.append(0, index))
-        return self._marginalisation.squares_left(self._grams[0][keep] + self._grams[1][keep], index, beta)
+        beta, (index, _) = self.fit(0, selected), _split(selected)
+        keep = np.append(0, index)
+        first, second = (block(gram.filled, keep, keep) for gram in self._grams)
+        return self._marginalisation.squares_left(first + second, index, beta)
 
     def falls(self, without: Sequence[Candidate], selected: Sequence[Candidate]) -> tuple[Array, Array]:
         """Return what the squares of the residual fall, (blocks,) of each data set, fitted on the other."""

@@ -36,9 +36,7 @@ SAME_LAW = 0.9999  # cosine of two columns: from here on they are one law, 1 % a
 
 def misfit(library: RegressorLibrary, selected: Sequence[Candidate]) -> float:
     """Mean square of what is left, whitened, over both data sets: 1 for a complete hypothesis, more for others."""
-    beta = library.fit(0, selected)
-    left = sum(float(np.sum(library.remainder(which, selected, beta) ** 2)) for which in (0, 1))
-    return max(1.0, left / sum(e.freedom for e in library.sets))
+    return max(1.0, library.squares_left(selected) / sum(e.freedom for e in library.sets))
 
 
 def _confused(one: Candidate, other: Candidate) -> bool:

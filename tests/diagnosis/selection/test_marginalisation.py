@@ -20,7 +20,8 @@ def marginalisation() -> tuple[Marginalisation, list[np.ndarray]]:
     found = Marginalisation(NuisanceColumns((N[0], N[1]), (), CENTRE, np.full(K, np.inf), ("a", "b", "c")))
     for which in (0, 1):
         found.add(which, X[which])
-    return found, found.grams([x.T @ x for x in X])
+    first, second = (x.T @ x for x in X)
+    return found, [gram - held for gram, held in zip((first, second, first + second), found.held(0), strict=True)]
 
 
 def log_likelihood(rows: np.ndarray, nuisance: np.ndarray, beta: np.ndarray) -> float:
