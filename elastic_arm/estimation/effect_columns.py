@@ -126,7 +126,17 @@ class Feature:
             return False
 
     def columns(self, signals: Signals, searched: Sequence[float] = (), start: float = 0.0) -> Array:
-        """Evaluate the columns (N, 3 n, count); arguments as in :meth:`entries`."""
+        """Evaluate the columns (N, 3 n, count).
+
+        Parameters
+        ----------
+        signals
+            Of the motion.
+        searched
+            Values of the searched parameters.
+        start
+            Of all internal states, where the motion before the first sample is not known.
+        """
         return self.entries(signals, searched, start).dense()
 
     def entries(self, signals: Signals, searched: Sequence[float] = (), start: float = 0.0) -> Entries:

@@ -26,7 +26,15 @@ def solution(gram: Array, free: NDArray[np.bool_]) -> Array:
 
 
 def block(gram: Array, rows: Index, columns: Index) -> Array:
-    """Return the entries of some rows and columns of a Gram matrix."""
+    """Return the entries of some rows and columns of a Gram matrix, (p, q).
+
+    Parameters
+    ----------
+    gram
+        Of all columns.
+    rows, columns
+        (p,) and (q,) numbers.
+    """
     return gram[rows[:, None], columns]
 
 
