@@ -25,7 +25,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elastic_arm.dynamics import build_model
-from elastic_arm.excitation import FourierTrajectory, MotionLimits, random_trajectories
+from elastic_arm.excitation import MotionLimits, liveliest, random_trajectories
 from elastic_arm.identification import Identification, identify
 from elastic_arm.mujoco import export_mjcf, record, replay
 from elastic_arm.recording import Recording
@@ -184,15 +184,6 @@ def value(robot: Robot, kind: str, i: int) -> float:
     return float(next(iter(own[0].values()))) if own else 0.0
 
 
-def lively(motions: list[FourierTrajectory]) -> list[FourierTrajectory]:
-    """Return motions by how fast their slowest joint gets, the fastest last."""
-
-    def slowest(motion: FourierTrajectory) -> float:
-        return float(np.abs(motion.evaluate(np.linspace(0.0, motion.duration, 500))[1]).max(axis=0).min())
-
-    return sorted(motions, key=slowest)
-
-
 def main() -> None:
     """Run one size and print the table."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
@@ -207,7 +198,7 @@ def main() -> None:
         (folder / "true.xml").write_text(model_text(options.joints, np.random.default_rng(7)))
         robot, true = load_robot(folder / "plain.xml"), load_robot(folder / "true.xml")
         limits = MotionLimits.of(robot, velocity=2.0, acceleration=8.0)
-        motions = lively(random_trajectories(build_model(robot), limits, 40, rng=rng))[-2:]
+        motions = liveliest(random_trajectories(build_model(robot), limits, 40, rng=rng), 2)
         fit, judge = (
             record(open_mjcf(folder / "true.xml"), m, nominal=robot, rate=RATE, rng=rng, **NOISE) for m in motions
         )

@@ -73,6 +73,15 @@ def random_trajectories(
     return found
 
 
+def liveliest(motions: Sequence[FourierTrajectory], count: int) -> list[FourierTrajectory]:
+    """Return the motions whose slowest joint gets fastest, the best last: where a joint rests, nothing shows of it."""
+
+    def slowest(motion: FourierTrajectory) -> float:
+        return float(np.abs(motion.evaluate(np.linspace(0.0, motion.duration, 500))[1]).max(axis=0).min())
+
+    return sorted(motions, key=slowest)[-count:]
+
+
 class Problem:
     """Motions as points u in [-1, 1]^(n (2 H + 1)): centres, sines, cosines, joint by joint."""
 

@@ -11,10 +11,10 @@ from typer.testing import CliRunner
 
 from elastic_arm.app import app
 from elastic_arm.dynamics import build_model
-from elastic_arm.excitation import FourierTrajectory, MotionLimits, random_trajectories
+from elastic_arm.excitation import MotionLimits, liveliest, random_trajectories
 from elastic_arm.mujoco import record
 from elastic_arm.recording import write_recording
-from elastic_arm.robot import Robot, load_robot
+from elastic_arm.robot import load_robot
 from elastic_arm.robot.mjcf import open_mjcf
 from tests.helpers.mujoco_arms import MODELS
 
@@ -45,17 +45,6 @@ def write_models(folder: Path) -> tuple[Path, Path]:
     return folder / "plain.xml", folder / "true.xml"
 
 
-def lively(robot: Robot, count: int) -> list[FourierTrajectory]:
-    """Return those of some random motions in which every joint moves."""
-    limits = MotionLimits.of(robot, velocity=1.5, acceleration=5.0)
-    drawn = random_trajectories(build_model(robot), limits, 40, rng=np.random.default_rng(1))
-
-    def slowest(motion: FourierTrajectory) -> float:
-        return float(np.abs(motion.evaluate(np.linspace(0.0, motion.duration, 500))[1]).max(axis=0).min())
-
-    return sorted(drawn, key=slowest)[-count:]
-
-
 def run(*arguments: object) -> dict[str, object]:
     """Run `elastic-arm …` and return the JSON that it prints."""
     result = CliRunner().invoke(app, [str(argument) for argument in arguments])
@@ -68,8 +57,10 @@ def test_a_corrected_mjcf_predicts_as_well_as_the_true_one(tmp_path: Path) -> No
     """The prediction error of the corrected MJCF is within 10 % of that of the true one; the plain one's is far off."""
     plain, true = write_models(tmp_path)
     robot = open_mjcf(plain).robot
+    limits = MotionLimits.of(robot, velocity=1.5, acceleration=5.0)
+    motions = random_trajectories(build_model(robot), limits, 40, rng=np.random.default_rng(1))
     rng = np.random.default_rng(2)
-    for name, motion in zip(("fit", "judge", "held_out"), lively(robot, 3), strict=True):
+    for name, motion in zip(("fit", "judge", "held_out"), liveliest(motions, 3), strict=True):
         recording = record(
             open_mjcf(true), motion, nominal=robot, rate=500.0, torque_noise=0.15, encoder_noise=2e-5, rng=rng
         )
