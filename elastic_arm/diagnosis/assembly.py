@@ -15,12 +15,12 @@ from elastic_arm.diagnosis.inference.estimated_hypothesis import EstimatedHypoth
 from elastic_arm.diagnosis.inference.estimates import ParameterEstimate
 from elastic_arm.diagnosis.inference.excess import ResidualStatistics, residual_statistics
 from elastic_arm.diagnosis.inference.excess import shrink as shrink_of
+from elastic_arm.diagnosis.inference.faults import with_faults
 from elastic_arm.diagnosis.inference.gap_metric import GapMeasure
 from elastic_arm.diagnosis.inference.judgement import Judgement, verdict
 from elastic_arm.diagnosis.inference.lack_of_fit import LackOfFit
 from elastic_arm.diagnosis.inference.place_gaps import PlaceGap, place_gaps
 from elastic_arm.diagnosis.inference.regimes import regime, shares
-from elastic_arm.diagnosis.inference.sensor_faults import with_faults
 from elastic_arm.diagnosis.preparation import PreparedData
 from elastic_arm.diagnosis.result import (
     Alternative,
@@ -162,7 +162,7 @@ def ranked_causes(prepared: PreparedData, estimated: EstimatedHypothesis, judgem
 
 
 def fault_causes(prepared: PreparedData, judgement: Judgement, estimated: EstimatedHypothesis) -> list[RankedCause]:
-    """Return the causes that are faults of sensors.
+    """Return the causes that are faults: sensors and numbers of the arm beyond ordinary.
 
     Parameters
     ----------
@@ -193,6 +193,7 @@ def fault_causes(prepared: PreparedData, judgement: Judgement, estimated: Estima
             confidence=1.0 - settings.judgement.least_listed,
             alternatives=(),
             instance=fault.instance,
+            refitted=bool(feature.effect.number),
         )
         candidate = library.add(feature, ())
         library.close()

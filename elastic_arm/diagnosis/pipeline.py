@@ -10,10 +10,9 @@ import numpy as np
 from elastic_arm.diagnosis.assembly import assemble
 from elastic_arm.diagnosis.design.discriminating_motion import propose
 from elastic_arm.diagnosis.inference.across_recordings import agreements
-from elastic_arm.diagnosis.inference.estimated_hypothesis import EstimatedHypothesis, estimate
-from elastic_arm.diagnosis.inference.estimates import differs
+from elastic_arm.diagnosis.inference.estimated_hypothesis import estimate
 from elastic_arm.diagnosis.inference.excess import select_band, statistics_in_bands
-from elastic_arm.diagnosis.inference.judgement import Judgement, judge
+from elastic_arm.diagnosis.inference.judgement import judge
 from elastic_arm.diagnosis.inference.noise_colour import noise_colours
 from elastic_arm.diagnosis.inference.prediction import predict
 from elastic_arm.diagnosis.inference.sticking import sticking_misfits
@@ -69,7 +68,7 @@ def diagnose(recordings: Sequence[Recording], question: Question, validate: Sequ
     # Without the effects that are too small, uncertain in resampled blocks, or compatible with no effect.
     judgement = judge(prepared, hypothesis)
     # All parameters at their joint optimum, with standard deviations.
-    judgement, estimated = estimated_causes(prepared, judgement)
+    estimated = estimate(prepared, judgement.hypothesis, judgement.faults)
     # The gap before and after, the verdict, the causes in order, and what is left.
     return assemble(prepared, judgement, estimated)
 
@@ -102,23 +101,6 @@ def beyond_ordinary(prepared: PreparedData, hypothesis: Hypothesis) -> tuple[Pre
     return replace(prepared, found=beside), found
 
 
-def estimated_causes(prepared: PreparedData, judgement: Judgement) -> tuple[Judgement, EstimatedHypothesis]:
-    """Return the causes with their parameters, without minor ones that may be nothing beside sensors' own errors.
-
-    The judgement takes the sensors' gains for known; the last estimate does not, and a small term of friction that was
-    certain beside the other causes may be within its deviation then.
-    """
-    estimated = estimate(prepared, judgement.hypothesis, judgement.faults)
-    hypothesis, level = judgement.hypothesis, prepared.settings.judgement.level
-    minor = [k for k in hypothesis.causes if hypothesis.selected[k].feature.key in judgement.minor]
-    unsure = [k for k in minor if not differs(estimated.parameters[k], hypothesis.selected[k], level)]
-    if not unsure:
-        return judgement, estimated
-    for k in reversed(unsure):
-        hypothesis = hypothesis.drop(k)
-    return estimated_causes(prepared, replace(judgement, hypothesis=hypothesis))
-
-
 def follow_up(found: Diagnosis, *, rng: np.random.Generator | None) -> Diagnosis:
     """Return a diagnosis with prediction errors, agreement over recordings and, where causes are in doubt, a motion.
 
@@ -136,7 +118,7 @@ def follow_up(found: Diagnosis, *, rng: np.random.Generator | None) -> Diagnosis
     return replace(
         found,
         causes=tuple(cause.with_separating_file(decided) for cause in found.causes),
-        prediction=predict(found.context, [cause.instance for cause in found.causes]),
+        prediction=predict(found.context, [cause.instance for cause in found.causes if not cause.refitted]),
         agreements=agreements(found.context),
         proposal=proposal,
     )

@@ -176,7 +176,7 @@ def prepare(recordings: Sequence[Recording], validate: Sequence[Recording], ques
         observed,
         layout,
         band,
-        _sensor_effects(question),
+        _calibrated_effects(question),
         known,
         settings,
         refit=question.refit,
@@ -253,7 +253,7 @@ class FinalFit:
     Parameters
     ----------
     problem
-        What was calibrated; faulty sensors have hardly any prior.
+        What was calibrated; what is beyond ordinary has hardly any prior.
     found
         Residuals and columns where the nuisance parameters lie beside the causes.
     selected
@@ -275,15 +275,17 @@ def final_fit(prepared: PreparedData, selected: Sequence[Candidate], faulty: Seq
     selected
         Known effects and the causes that passed.
     faulty
-        Faults of sensors among the nuisance parameters.
+        Nuisance parameters beyond ordinary.
     """
     problem, start = prepared.calibration, prepared.found.expansion
     wide = np.array([any(is_of(p, fault) for fault in faulty) for p in problem.parameters])
     width = problem.settings.refit.fault_width
     parameters = tuple(p.of_fault(width) if w else p for p, w in zip(problem.parameters, wide, strict=True))
-    problem = replace(problem, parameters=parameters)
+    problem = replace(problem, parameters=parameters, directions=problem.directions * np.where(wide, width, 1.0))
     if wide.any():
-        start = expand(problem, np.where(wide, start.values / width, start.values), start)
+        # Columns of the arm's numbers are those of one standard deviation: wider ones are made anew.
+        near = start if not any(w and p.feature is None for w, p in zip(wide, parameters, strict=True)) else None
+        start = expand(problem, np.where(wide, start.values / width, start.values), near)
     causes = selected[len(prepared.given) :]
     expansion, noise = calibrate(problem, start, causes, scaled=True)
     found, again = linearise(problem, expansion, (), causes, noise=noise)
@@ -291,8 +293,8 @@ def final_fit(prepared: PreparedData, selected: Sequence[Candidate], faulty: Seq
 
 
 def is_of(parameter: NuisanceParameter, fault: Feature) -> bool:
-    """Whether a nuisance parameter is a fault of a sensor, on its joint or on all of them."""
-    own = parameter.feature
+    """Whether a nuisance parameter is a fault, on its joint or on all of them."""
+    own = parameter.cause
     return (
         own is not None
         and fault.joint in (None, own.joint)
@@ -304,10 +306,10 @@ def is_of(parameter: NuisanceParameter, fault: Feature) -> bool:
     )
 
 
-def _sensor_effects(question: Question) -> tuple[Effect, ...]:
-    """Return the effects of sensors that an ordinary arm has some of, but those that the user knows."""
+def _calibrated_effects(question: Question) -> tuple[Effect, ...]:
+    """Return the effects of sensors and numbers that an ordinary arm has some of, but those that the user knows."""
     given = {instance.effect.id for instance in question.given}
-    return tuple(e for e in question.catalogue.values() if e.prior is not None and e.id not in given)
+    return tuple(e for e in question.catalogue.values() if (e.prior is not None or e.number) and e.id not in given)
 
 
 def _is_seen(instance: EffectInstance, layout: EquationSet) -> bool:

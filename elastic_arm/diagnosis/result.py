@@ -69,6 +69,8 @@ class Cause:
         As the simulator takes it.
     minor
         Whether it is a term of friction that takes less off the gap than a cause by itself must.
+    refitted
+        Whether it is a number of the arm beyond ordinary: the refitted numbers hold it.
     """
 
     effect: str
@@ -81,6 +83,7 @@ class Cause:
     alternatives: tuple[Alternative, ...]
     instance: EffectInstance
     minor: bool = False
+    refitted: bool = False
 
     def less_sure(self, share: float) -> Cause:
         """Return it with its own and its alternatives' confidence reduced to a share.

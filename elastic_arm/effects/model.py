@@ -127,6 +127,8 @@ class Effect:
         Whether it shows by the motion of its own joint alone. A drive is wound where its joint stands still, too.
     model_parameter
         Whether it is an error of the model's own parameters: where these are identified first, nothing of it is left.
+    number
+        Name of the number of an arm's description that it is an error of, where it is one alone: "stiffness".
     lacked_by
         Model variants that lack it.
     ordinary
@@ -168,6 +170,7 @@ class Effect:
     magnitude: tuple[str, ...] = ()
     needs_motion: bool = False
     model_parameter: bool = False
+    number: str = ""
     lacked_by: tuple[str, ...] = MODELS
     ordinary: Ordinary | None = None
     regressor: RegressorOf | None = None

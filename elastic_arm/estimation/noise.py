@@ -35,6 +35,7 @@ QUIET = 1e-5
 # Spectra are taken over windows of this many seconds; their side lobes lie 1e-15 below the motion.
 SPECTRUM_SECONDS = 4.0
 KAISER_BETA = 26.0
+WIENER_SECONDS = 2.0  # of the windows for the spectrum of a signal to be filtered, and of its filter
 # Where no motion is, as shares of the sample rate.
 WHITE = (0.35, 0.49)
 
@@ -268,3 +269,28 @@ def _innovations(y: Array, transition: Array, gain: Array, c: Array) -> Array:
         modal[1:, :, k] = scipy.signal.lfilter([1.0], [1.0, -value], drive[:-1, :, k], axis=0, zi=start)[0]
     predicted = (modal @ (c @ vectors).T).real
     return y - predicted
+
+
+def wiener_filtered(values: Array, rate: float, f: Array, noise: Array) -> Array:
+    """Return a signal in noise (N,) with each frequency reduced to its share of signal.
+
+    The coefficient of a regression on the result is not biased by the noise (regression calibration; Carroll et al.,
+    Measurement Error in Nonlinear Models, 2006, section 4).
+
+    Parameters
+    ----------
+    values
+        (N,) of any unit.
+    rate
+        Samples per second.
+    f
+        (F,) Hz, ascending; what lies above is taken off.
+    noise
+        (F,) in it, in units squared; 1 is white noise of one unit a sample.
+    """
+    half = min(len(values), round(WIENER_SECONDS * rate)) // 2
+    at, power = scipy.signal.welch(values, rate, nperseg=2 * half, detrend="linear")
+    share = 1.0 - np.interp(at, f, noise) * 2.0 / rate / np.maximum(power, 1e-300)
+    taps = np.fft.fftshift(np.fft.irfft(np.where(at <= f[-1], np.clip(share, 0.0, 1.0), 0.0)))
+    taps = np.append(taps, taps[0]) * np.hanning(2 * half + 1)
+    return np.asarray(scipy.signal.oaconvolve(np.pad(values, half, mode="edge"), taps, mode="valid"))

@@ -177,6 +177,10 @@ class Observation:
         """Response of the smoother at f (F,) Hz."""
         return 1.0 / (1.0 + (2 * np.pi * f / self.smoother.cutoff) ** (2 * ORDER))
 
+    def quiet_gain(self, f: Array) -> Array:
+        """Response of the further smoothing of the quiet motion at f (F,) Hz."""
+        return 1.0 / (1.0 + (f / min(self.cutoff, self.smoother.cutoff / (2 * np.pi))) ** (2 * ORDER)) / self.gain(f)
+
 
 def observe(recording: Recording, band: float | None = None) -> Observation:
     """Bring a recording on a grid, estimate the noise of its channels and smooth it.

@@ -55,6 +55,8 @@ class NoiseModel:
         Channel -> (R, n): coefficients of the torque sensors in the rows.
     colour
         Of their noise beyond the white level in `covariance`; None where it has none.
+    load
+        (F, n) of the load that the model predicts for the quiet motion, Nm², in units as `covariance`.
     """
 
     f: Array
@@ -62,6 +64,7 @@ class NoiseModel:
     rate: float
     torques: Mapping[str, Array] = field(default_factory=dict)
     colour: Colour | None = None
+    load: Array | None = None
     _whiteners: dict[bytes, NDArray[np.complex128]] = field(default_factory=dict, init=False, repr=False, compare=False)
 
     def std(self, low_pass: LowPass) -> Array:
@@ -162,10 +165,12 @@ def noise_models(
     largest = max(float(noise.max()), 1e-12)
     # Joint by joint, as wrists have finer sensors; by octaves, as sensors of a kind count as equal.
     level = largest * 2.0 ** np.ceil(np.log2(np.maximum(noise / largest, 1e-9)))
+    accelerations = (2 * np.pi * f[:, None]) ** 4 * position[:, :n] * observation.quiet_gain(f)[:, None] ** 2
+    load = accelerations @ np.mean([M**2 for M, _, _ in poses], axis=0)
     found = []
     for floor in floors:
         own = covariance + np.diag(np.tile(floor**2 * level + 1e-8, equations.rows // n))
-        found.append(NoiseModel(f, own, observation.rate, equations.torque_coefficients, observation.colour))
+        found.append(NoiseModel(f, own, observation.rate, equations.torque_coefficients, observation.colour, load))
     return found
 
 

@@ -16,8 +16,9 @@ from scipy.interpolate import CubicSpline
 from elastic_arm.diagnosis.calibration.nuisance import NuisanceParameter, calibrated_robot
 from elastic_arm.dynamics import Model, build_model
 from elastic_arm.estimation.motion import CompletedMotion, drive_constants
+from elastic_arm.estimation.noise import wiener_filtered
 from elastic_arm.estimation.residuals import predicted_torques
-from elastic_arm.estimation.whitening import WhitenedData
+from elastic_arm.estimation.whitening import NoiseModel, Part, WhitenedData
 from elastic_arm.robot import Robot
 
 Array = NDArray[np.float64]
@@ -56,7 +57,7 @@ def nuisance_columns(
                 out[:, :, k] = columns[:, :, 0] * parameter.prior_std
     others = [k for k, p in enumerate(parameters) if p.feature is None and not _is_inertial(p)]
     for out, part in zip(result, data.parts, strict=True):
-        full = _drive_columns(model, nominal, part.stretch.quiet, [parameters[k] for k in others])
+        full = _drive_columns(model, nominal, part, [parameters[k] for k in others])
         out[:, :, others] = data.in_band(part, full)
     return data.weighted(result)
 
@@ -142,11 +143,9 @@ def _regressor(model: Model, motion: CompletedMotion, directions: Array) -> Arra
     return columns
 
 
-def _drive_columns(
-    model: Model, nominal: Robot, motion: CompletedMotion, parameters: Sequence[NuisanceParameter]
-) -> Array:
+def _drive_columns(model: Model, nominal: Robot, part: Part, parameters: Sequence[NuisanceParameter]) -> Array:
     """Columns (N, 3 n, k): stiffness and damping by predicted torque, presliding by speed."""
-    n, elastic = model.n, model.robot.elastic
+    n, elastic, motion = model.n, model.robot.elastic, part.stretch.quiet
     columns = np.zeros((len(motion), 3 * n, len(parameters)))
     load = predicted_torques(model, motion)[0] if elastic else np.zeros((len(motion), n))
     K = drive_constants(model)[0] if elastic else np.ones(n)
@@ -160,9 +159,20 @@ def _drive_columns(
         elif parameter.what == "stiffness" and gear is not None:
             columns[:, n + j, k] = load[:, j] * (gear.stiffness / K[j]) * parameter.prior_std
         elif parameter.what == "damping" and gear is not None:
-            rate = CubicSpline(motion.t, load[:, j])(motion.t, 1)
-            columns[:, n + j, k] = gear.damping / K[j] * rate * parameter.prior_std
+            columns[:, n + j, k] = (
+                gear.damping / K[j] * _rate(motion.t, load[:, j], part.noise, j) * parameter.prior_std
+            )
     return columns
+
+
+def _rate(t: Array, load: Array, noise: NoiseModel, j: int) -> Array:
+    """Return the rate (N,) of the predicted load (N,) of joint j, Nm/s, without what is noise of the encoders.
+
+    It holds the third derivative of the links' angles. Regressed on its noise too, a damping comes out too small.
+    """
+    rate = np.asarray(CubicSpline(t, load)(t, 1))
+    assert noise.load is not None
+    return wiener_filtered(rate, noise.rate, noise.f, (2 * np.pi * noise.f) ** 2 * noise.load[:, j])
 
 
 def _turnover(w: Array, t: Array, speeds: Sequence[float]) -> Array:

@@ -167,7 +167,7 @@ def problem_of(
     layout, band
         Usable equations, and where they are compared.
     effects
-        Those of sensors among them have priors.
+        Of sensors and of the arm's numbers; those of sensors among them have priors.
     known
         Effects that count as part of the model.
     settings

@@ -44,7 +44,9 @@ class NuisanceParameter:
     neutral
         Its value as described: 1 for a ratio, else 0.
     feature
-        The effect; None for a number of the arm.
+        The effect of a sensor; None for a number of the arm.
+    error
+        The effect of a number of the arm that is off; None where the catalogue has none.
     limit
         Largest believable deviation, in standard deviations of the prior; infinite where none is known.
     speeds
@@ -60,9 +62,15 @@ class NuisanceParameter:
     prior_std: float
     neutral: float
     feature: Feature | None = None
+    error: Feature | None = None
     limit: float = np.inf
     speeds: tuple[float, ...] | None = None
     widened: float = 1.0
+
+    @property
+    def cause(self) -> Feature | None:
+        """The effect under which it is reported where it is beyond ordinary."""
+        return self.feature or self.error
 
     @property
     def ordinary_std(self) -> float:
@@ -93,7 +101,7 @@ def nuisance_parameters(
     robot
         The description.
     features
-        Effects of sensors at every place; those whose file states no prior are left out.
+        Effects of sensors and of the arm's numbers at every place; sensors' without a prior in their file are left out.
     rate
         Hz, of the recordings.
     priors
@@ -102,6 +110,8 @@ def nuisance_parameters(
         What is believable, and the speeds of presliding.
     """
     found: list[NuisanceParameter] = []
+    features = tuple(features)
+    errors = {(feature.effect.number, feature.joint): feature for feature in features if feature.effect.number}
     for joint in robot.joints:
         stds = {"link_mass": ("1", priors.mass, 1.0)}
         stds |= {f"link_com_{axis}": ("m", priors.centre_of_mass, 0.0) for axis in "xyz"}
@@ -115,7 +125,8 @@ def nuisance_parameters(
             stds |= {"rotor_inertia": ("1", priors.rotor, 1.0)}
         for what, (unit, std, neutral) in stds.items():
             limit = settings.largest_scale / std if what == "stiffness" else np.inf
-            found.append(NuisanceParameter(what, joint.name, unit, std, neutral, limit=limit))
+            error = errors.get((what, joint.name))
+            found.append(NuisanceParameter(what, joint.name, unit, std, neutral, error=error, limit=limit))
         found += [
             NuisanceParameter(f"{PRESLIDING}_{k}", joint.name, joint.unit("Nm"), priors.presliding, 0.0, speeds=speeds)
             for k, speeds in enumerate(settings.presliding_speeds)
@@ -129,7 +140,9 @@ def nuisance_parameters(
         limit = settings.largest_scale / std if parameter.unit == "1" else np.inf
         what = "_".join([feature.effect.id, *chosen])
         neutral = parameter.neutral or 0.0
-        found.append(NuisanceParameter(what, feature.joint, feature.unit(parameter), std, neutral, feature, limit))
+        found.append(
+            NuisanceParameter(what, feature.joint, feature.unit(parameter), std, neutral, feature, limit=limit)
+        )
     return tuple(found)
 
 

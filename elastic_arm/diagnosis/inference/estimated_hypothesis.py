@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 
 from elastic_arm.diagnosis import format as texts
 from elastic_arm.diagnosis.calibration.calibrate import imperfections, posterior
-from elastic_arm.diagnosis.inference.estimates import ParameterEstimate, tangents
+from elastic_arm.diagnosis.inference.estimates import ParameterEstimate, differs, several, tangents
+from elastic_arm.diagnosis.inference.faults import Fault
 from elastic_arm.diagnosis.inference.joint_estimates import JointEstimates
-from elastic_arm.diagnosis.inference.sensor_faults import SensorFault
 from elastic_arm.diagnosis.preparation import FinalFit, PreparedData, final_fit, is_of
 from elastic_arm.diagnosis.result import Imperfection
 from elastic_arm.diagnosis.selection.candidates import sensed_channels
@@ -40,7 +40,7 @@ class EstimatedHypothesis:
     imperfections
         What the recordings determine of each nuisance parameter.
     faults
-        Faulty sensors, as they came out beside the causes.
+        As they came out beside the causes.
     """
 
     hypothesis: Hypothesis
@@ -48,10 +48,10 @@ class EstimatedHypothesis:
     instances: tuple[EffectInstance, ...]
     notes: tuple[str, ...]
     imperfections: tuple[Imperfection, ...] = ()
-    faults: tuple[SensorFault, ...] = ()
+    faults: tuple[Fault, ...] = ()
 
 
-def estimate(prepared: PreparedData, hypothesis: Hypothesis, faults: Sequence[SensorFault] = ()) -> EstimatedHypothesis:
+def estimate(prepared: PreparedData, hypothesis: Hypothesis, faults: Sequence[Fault] = ()) -> EstimatedHypothesis:
     """Bring all parameters to their joint optimum, with standard deviations.
 
     Parameters
@@ -61,16 +61,16 @@ def estimate(prepared: PreparedData, hypothesis: Hypothesis, faults: Sequence[Se
     hypothesis
         Known effects and the causes that passed.
     faults
-        Of sensors: nuisance parameters beyond ordinary.
+        Nuisance parameters beyond ordinary.
     """
-    polished = prepared.estimates.polished(hypothesis.selected)
     joint = prepared.estimates
     imperfect: tuple[Imperfection, ...] = ()
     library, selected = prepared.library, list(hypothesis.selected)
     if prepared.calibration.parameters:
-        last, faults = _beside_faults(prepared, hypothesis.selected, faults)
+        hypothesis, last, faults = _that_last(prepared, hypothesis, faults)
         joint, library, selected = last.estimates, last.fit.found.library, list(last.fit.selected)
         imperfect = imperfections(last.fit.problem, last.deviations, last.stds)
+    polished = prepared.estimates.polished(hypothesis.selected)
     own, parameters = joint.polished(selected), joint.parameters(selected)
     fitted = zip(own, library.coefficients(own), strict=True)
     # Of effects that count as part of the model only the kind was given: their sizes are worth a note.
@@ -104,16 +104,20 @@ class _FinalEstimates:
     deviations: Array
     stds: Array
 
-    def measured(self, fault: SensorFault) -> SensorFault:
+    def measured(self, fault: Fault) -> Fault:
         """Return a fault of a sensor as it comes out here."""
         own = [is_of(p, fault.feature) for p in self.fit.problem.parameters]
         value = float(np.average(self.deviations[own], weights=self.stds[own] ** -2.0))
         return replace(fault, value=value, std=float(self.stds[own].min()))
 
-    def is_ordinary(self, fault: SensorFault) -> bool:
-        """Whether a sensor may have no fault, or is within its prior; lags and link encoders count by what they do."""
+    def is_nothing(self, fault: Fault) -> bool:
+        """Whether a fault, as it came out here, may be none."""
+        return abs(fault.value) < self.fit.problem.settings.refit.certain * fault.std
+
+    def is_ordinary(self, fault: Fault) -> bool:
+        """Whether it may be none, or is within its prior here; of lags and link encoders, what they do decides."""
         settings = self.fit.problem.settings.refit
-        if abs(fault.value) < settings.certain * fault.std:
+        if self.is_nothing(fault):
             return True
         if fault.feature.effect.ordinary is not None or "q" in sensed_channels(fault.feature):
             return False
@@ -121,10 +125,29 @@ class _FinalEstimates:
         return abs(fault.value) < settings.beyond_ordinary * own + settings.certain * fault.std
 
 
+def _that_last(
+    prepared: PreparedData, hypothesis: Hypothesis, faults: Sequence[Fault]
+) -> tuple[Hypothesis, _FinalEstimates, list[Fault]]:
+    """Return the causes and faults that are still there beside one another at last, with the final estimates."""
+    level = prepared.settings.judgement.level
+    while True:
+        found, kept = _beside_faults(prepared, hypothesis.selected, faults)
+        selected, last = found.fit.selected, found.estimates
+        lost = [k for k in hypothesis.causes if not differs(last.parameters(selected)[k], selected[k], level)]
+        if any(several(last.parameters(selected)[k]) for k in lost):
+            lost = [k for k in lost if not (several(last.parameters(selected)[k]) and last.certain(selected)[k])]
+        there = [fault for fault in kept if not found.is_nothing(fault)]
+        if not lost and len(there) == len(kept):
+            return hypothesis, found, kept
+        faults = there
+        for k in reversed(lost):
+            hypothesis = hypothesis.drop(k)
+
+
 def _beside_faults(
-    prepared: PreparedData, selected: Sequence[Candidate], faults: Sequence[SensorFault]
-) -> tuple[_FinalEstimates, list[SensorFault]]:
-    """Return the final estimates, and the faulty sensors: not those that were drawn along by the worst of them."""
+    prepared: PreparedData, selected: Sequence[Candidate], faults: Sequence[Fault]
+) -> tuple[_FinalEstimates, list[Fault]]:
+    """Return the final estimates, and the faults: not those that were drawn along by the worst of them."""
     parameters = prepared.calibration.parameters
     own = [max(p.ordinary_std for p in parameters if is_of(p, fault.feature)) for fault in faults]
     order = np.argsort([-abs(fault.value) / std for fault, std in zip(faults, own, strict=True)])
@@ -137,9 +160,7 @@ def _beside_faults(
     return found, [found.measured(fault) for fault in (*worst, *kept)]
 
 
-def _final_estimates(
-    prepared: PreparedData, selected: Sequence[Candidate], faults: Sequence[SensorFault]
-) -> _FinalEstimates:
+def _final_estimates(prepared: PreparedData, selected: Sequence[Candidate], faults: Sequence[Fault]) -> _FinalEstimates:
     fit = final_fit(prepared, selected, [fault.feature for fault in faults])
     library = fit.found.library
     joint = JointEstimates(library, prepared.settings.judgement)

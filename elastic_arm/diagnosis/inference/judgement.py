@@ -10,9 +10,9 @@ import numpy as np
 from elastic_arm.diagnosis import format as texts
 from elastic_arm.diagnosis.bootstrap import lower_bound
 from elastic_arm.diagnosis.inference.estimates import ParameterEstimate, differs, several
+from elastic_arm.diagnosis.inference.faults import Fault, faults_beside, is_large
 from elastic_arm.diagnosis.inference.gap_metric import GapMeasure, gap_measure
 from elastic_arm.diagnosis.inference.lack_of_fit import LackOfFitTest
-from elastic_arm.diagnosis.inference.sensor_faults import SensorFault, is_large, sensor_faults
 from elastic_arm.diagnosis.preparation import PreparedData
 from elastic_arm.diagnosis.selection.hypothesis import Hypothesis, Key
 from elastic_arm.diagnosis.selection.regressor_library import Candidate
@@ -48,7 +48,7 @@ class Judgement:
     test: LackOfFitTest
     log_likelihood: float
     notes: tuple[str, ...]
-    faults: tuple[SensorFault, ...] = ()
+    faults: tuple[Fault, ...] = ()
     minor: frozenset[Key] = frozenset()
 
 
@@ -57,14 +57,14 @@ def judge(prepared: PreparedData, hypothesis: Hypothesis) -> Judgement:
     ratios = [prepared.gear_ratios(joint) for joint in range(prepared.model.n)]
     test = LackOfFitTest(prepared.library, ratios, prepared.settings)
     hypothesis, notes = without_ordinary(prepared, hypothesis)
-    faults = sensor_faults(prepared, hypothesis.selected)
+    faults = faults_beside(prepared, hypothesis.selected)
     measure = gap_measure(prepared, hypothesis, test, faults)
     # An effect of the arm is not small because a sensor is far off, too.
     beside = gap_measure(prepared, hypothesis, test) if faults else measure
     kept, more_notes = eliminate(prepared, hypothesis, beside)
     kept = StepwiseSearch(prepared.library, kept.baseline, prepared.settings, prepared.sizes).simplified(kept)
     if len(kept.selected) < len(hypothesis.selected):
-        faults = sensor_faults(prepared, kept.selected)
+        faults = faults_beside(prepared, kept.selected)
         if not kept.causes:
             measure = gap_measure(prepared, kept, test, faults)
     gained = gain(prepared, kept.selected, kept.baseline)

@@ -14,6 +14,7 @@ EFFECT = Effect(
     sides=("drive",),
     regime="frequency",
     model_parameter=True,
+    number="damping",
     confusions=(
         Confusion(
             "time_delay",

@@ -15,6 +15,7 @@ EFFECT = Effect(
     regime="acceleration",
     needs_motion=True,
     model_parameter=True,
+    number="rotor_inertia",
     confusions=(
         Confusion(
             "motor_torque_gain",

@@ -16,6 +16,7 @@ EFFECT = Effect(
     sides=("drive",),
     regime="load",
     model_parameter=True,
+    number="stiffness",
     confusions=(
         Confusion(
             "joint_torque_gain",

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from elastic_arm.diagnosis import Diagnosis, Question, diagnose
+from elastic_arm.diagnosis.corrected_robot import repaired_robot
 from elastic_arm.effects.text import known_effects
 from elastic_arm.robot import Robot, load_robot
 from elastic_arm.studies.blind_challenge.hidden_arms.effect_laws import Fault
@@ -136,3 +138,40 @@ def test_a_faulty_gain_is_its_whole_size_and_leaves_the_others_ordinary() -> Non
     gains = {(one.what, one.joint): one.value for one in found.imperfections if one.what.endswith("_gain")}
     assert gains.pop(("motor_torque_gain", "joint_3")) == pytest.approx(gain.value)
     assert len(gains) == 5 and all(abs(value - 1.0) < 0.03 for value in gains.values())
+
+
+@pytest.mark.slow
+def test_numbers_beyond_ordinary_are_causes_and_stand_in_the_corrected_arm() -> None:
+    """A rotor of 60 % and a damping of three times are named at that size; nothing acts twice in robot.yaml."""
+    rng = np.random.default_rng(38)
+    true, ordinary = imprecise(ROBOT, rng), ordinary_faults(ROBOT.n, rng)
+    gears = [joint.transmission for joint in true.joints]
+    light, damped = gears[0], gears[1]
+    assert light is not None and damped is not None
+    rotor, wave = (
+        replace(part, ixx=0.6 * part.ixx, izz=0.6 * part.izz) for part in (light.rotor, light.wave_generator)
+    )
+    joints = (
+        replace(true.joints[0], transmission=replace(light, rotor=rotor, wave_generator=wave)),
+        replace(true.joints[1], transmission=replace(damped, damping=3.0 * damped.damping)),
+        true.joints[2],
+    )
+    first, judge = record(true.with_(joints=joints), ordinary, (16.0, 8.0), rng)
+    found = diagnose([first], Question(ROBOT, refit=True, given=FRICTION), [judge])
+    assert {(c.effect, c.joint) for c in found.causes} == {
+        ("rotor_inertia_mismatch", "joint_1"),
+        ("damping_mismatch", "joint_2"),
+    }
+    nominal = ROBOT.joints[0].transmission, ROBOT.joints[1].transmission
+    assert nominal[0] is not None and nominal[1] is not None
+    expected = {
+        "inertia": rotor.izz / nominal[0].rotor.izz,
+        "damping": joints[1].transmission.damping / nominal[1].damping,
+    }
+    for cause in found.causes:
+        for name, estimate in cause.parameters.items():
+            assert abs(estimate.value - expected[name]) < 3.0 * estimate.std
+    corrected = repaired_robot(ROBOT, found)
+    gear = corrected.joints[0].transmission
+    assert gear is not None and gear.rotor.izz == pytest.approx(rotor.izz, rel=0.03)
+    assert not {effect["effect"] for effect in corrected.effects} & {"rotor_inertia_mismatch", "damping_mismatch"}

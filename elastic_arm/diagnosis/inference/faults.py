@@ -1,7 +1,7 @@
-"""Sensors that are further off than ordinary ones: nuisance parameters that became causes.
+"""Faults: sensors and numbers of the arm further off than ordinary ones, nuisance parameters that became causes.
 
-A nuisance parameter takes what its sensor does in every hypothesis, so no candidate can gain by it. What lies far
-outside its prior is reported as a cause under the id of its effect.
+A nuisance parameter takes what its sensor or its number does in every hypothesis, so no candidate can gain by it. What
+lies far outside its prior is reported as a cause under the id of its effect.
 """
 
 from __future__ import annotations
@@ -13,7 +13,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elastic_arm.diagnosis.calibration.calibrate import posterior
-from elastic_arm.diagnosis.calibration.nuisance import NuisanceParameter
 from elastic_arm.diagnosis.preparation import PreparedData
 from elastic_arm.diagnosis.selection.candidates import feature_of, sensed_channels
 from elastic_arm.diagnosis.selection.plausible_size import typical_torques
@@ -25,16 +24,16 @@ Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
-class SensorFault:
-    """An effect of a sensor, beyond what is ordinary.
+class Fault:
+    """An effect of a sensor, or a number of the arm, beyond what is ordinary.
 
     Parameters
     ----------
     feature
         Effect, joint (None where all joints have it alike) and channels.
     value, std
-        Coefficient of its column, with standard deviation: deviation of its first parameter from what means no effect,
-        as the column is made of predicted torques.
+        Deviation of its first parameter from what means no effect, with standard deviation: the coefficient of its
+        column, as that is made of predicted torques.
     contribution
         What it does to the residuals (N', R) of each validation stretch, Nm.
     """
@@ -56,8 +55,8 @@ class SensorFault:
         return EffectInstance(feature.effect, feature.joint, {**feature.choices, feature.linear[0].name: self.size})
 
 
-def sensor_faults(prepared: PreparedData, selected: Sequence[Candidate]) -> tuple[SensorFault, ...]:
-    """Return the sensors that are further off than ordinary ones.
+def faults_beside(prepared: PreparedData, selected: Sequence[Candidate]) -> tuple[Fault, ...]:
+    """Return the sensors and the numbers of the arm that are further off than ordinary ones.
 
     Parameters
     ----------
@@ -72,13 +71,12 @@ def sensor_faults(prepared: PreparedData, selected: Sequence[Candidate]) -> tupl
     values, stds = posterior(library, selected, prepared.settings)
     settings, found = prepared.settings.refit, []
     for k, (p, value, std) in enumerate(zip(parameters, prepared.found.values + values, stds, strict=True)):
-        if p.feature is None or abs(value) < 2.0 * settings.certain * std:
+        if p.cause is None or abs(value) < 2.0 * settings.certain * std:
             continue
         columns = [N[:, :, k] * value for N in library.nuisance.validation]
-        fault = SensorFault(p.feature, float(value * p.prior_std), float(std * p.prior_std), columns)
-        extraordinary = abs(value) >= settings.beyond_ordinary + settings.certain * std and not _is_ordinary(
-            prepared, p, fault
-        )
+        fault = Fault(p.cause, float(value * p.prior_std), float(std * p.prior_std), columns)
+        beyond = abs(value) >= settings.beyond_ordinary + settings.certain * std
+        extraordinary = beyond and not _is_ordinary(prepared, fault)
         # A channel ahead of the others is no effect: it remains an imperfection.
         possible = fault.size > fault.feature.linear[0].above
         if possible and (extraordinary or _matters(prepared, fault)):
@@ -86,7 +84,7 @@ def sensor_faults(prepared: PreparedData, selected: Sequence[Candidate]) -> tupl
     return tuple(_common(prepared, found))
 
 
-def _matters(prepared: PreparedData, fault: SensorFault) -> bool:
+def _matters(prepared: PreparedData, fault: Fault) -> bool:
     """Whether an ordinary lag, or a link encoder's error, makes a good part of the torque of a joint."""
     if fault.feature.effect.ordinary is None and "q" not in sensed_channels(fault.feature):
         return False
@@ -100,16 +98,15 @@ def is_large(prepared: PreparedData, contribution: Array) -> bool:
     return bool(np.any(contribution > prepared.settings.judgement.large_share * typical))
 
 
-def _is_ordinary(prepared: PreparedData, parameter: NuisanceParameter, fault: SensorFault) -> bool:
-    assert parameter.feature is not None
-    ordinary, clear = parameter.feature.effect.ordinary, prepared.settings.refit.certain * fault.std
+def _is_ordinary(prepared: PreparedData, fault: Fault) -> bool:
+    ordinary, clear = fault.feature.effect.ordinary, prepared.settings.refit.certain * fault.std
     return ordinary is not None and abs(fault.value) <= ordinary.most(prepared.rate) + clear
 
 
-def _common(prepared: PreparedData, faults: Sequence[SensorFault]) -> list[SensorFault]:
+def _common(prepared: PreparedData, faults: Sequence[Fault]) -> list[Fault]:
     """Return faults that all joints have alike as one."""
     robot, kept, settings = prepared.model.robot, list(faults), prepared.settings.refit
-    groups: dict[tuple[object, ...], list[SensorFault]] = {}
+    groups: dict[tuple[object, ...], list[Fault]] = {}
     for fault in faults:
         if fault.feature.effect.scope is Scope.EACH_OR_ARM:
             groups.setdefault((fault.feature.effect.id, fault.feature.key[2]), []).append(fault)
@@ -124,10 +121,10 @@ def _common(prepared: PreparedData, faults: Sequence[SensorFault]) -> list[Senso
         whole = feature_of(EffectInstance(first.effect, None, common.parameters), first.equations)
         contribution = [np.sum(parts, axis=0) for parts in zip(*(f.contribution for f in group), strict=True)]
         kept = [f for f in kept if not any(f is one for one in group)]
-        kept.append(SensorFault(whole, mean, float(np.sum(stds**-2.0) ** -0.5), contribution))
+        kept.append(Fault(whole, mean, float(np.sum(stds**-2.0) ** -0.5), contribution))
     return kept
 
 
-def with_faults(residuals: Sequence[Array], faults: Sequence[SensorFault]) -> list[Array]:
+def with_faults(residuals: Sequence[Array], faults: Sequence[Fault]) -> list[Array]:
     """Return residuals (N', R) of each stretch with what faults of sensors do to them."""
     return [r + sum((f.contribution[k] for f in faults), np.zeros_like(r)) for k, r in enumerate(residuals)]
