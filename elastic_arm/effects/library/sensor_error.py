@@ -12,6 +12,10 @@ from elastic_arm.effects.motion import Contribution, SymbolicMotion
 from elastic_arm.effects.parameters import Parameter
 from elastic_arm.sensors import Sensors
 
+# Which residuals hold a channel.
+SIDES = {"joint_torque": ("link", "drive", "motor"), "motor_torque": ("motor",), "link_encoder": ("link", "drive")}
+TORQUES = ("joint_torque", "motor_torque")
+
 # The error is linear in 1 - 1/gain, which is the coefficient that a fit gives its column.
 GAIN = Parameter(
     "gain",
@@ -38,6 +42,12 @@ def offset(unit: str, most: float, example: tuple[float, float] | None = None) -
         Range that is clearly seen on an industrial arm.
     """
     return Parameter("offset", unit, -most, most, neutral=0.0, example=example, meaning="recorded - true")
+
+
+def sides_of(p: Mapping[str, Any]) -> tuple[str, ...]:
+    """Return the residuals that hold the channels of an effect, by its choice `channels`, or `channel`."""
+    chosen = p["channels"] if "channels" in p else (p["channel"],)
+    return tuple(side for side in ("link", "drive", "motor") if any(side in SIDES[channel] for channel in chosen))
 
 
 def misread(channel: str, error: Callable[[SymbolicMotion, int, Mapping[str, Any]], Any]) -> Law:

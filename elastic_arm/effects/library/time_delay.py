@@ -3,14 +3,12 @@
 from collections.abc import Mapping
 from typing import Any
 
+from elastic_arm.effects.library.sensor_error import SIDES, sides_of
 from elastic_arm.effects.library.torque_filters import DelayedTorques
 from elastic_arm.effects.model import Confusion, Effect, Ordinary, Scope, SensorEffect
 from elastic_arm.effects.motion import Contribution, SymbolicMotion
 from elastic_arm.effects.parameters import Choice, Parameter
 from elastic_arm.sensors import Sensors
-
-# What each late channel does to the residuals, per second of delay, to first order.
-_SIDES = {"joint_torque": ("link", "drive", "motor"), "motor_torque": ("motor",), "link_encoder": ("link", "drive")}
 
 
 def law(motion: SymbolicMotion, i: int, p: Mapping[str, Any]) -> Contribution:
@@ -56,11 +54,6 @@ def change(sensors: Sensors, i: int, n: int, p: Mapping[str, Any]) -> Sensors:
     return sensors
 
 
-def sides_of(p: Mapping[str, Any]) -> tuple[str, ...]:
-    """The equations that hold a late channel."""
-    return tuple(s for s in ("link", "drive", "motor") if any(s in _SIDES[c] for c in p["channels"]))
-
-
 def note(p: Mapping[str, Any], place: str) -> str:
     """Describe what is counted as part of the model: a lag of a sample or less."""
     late = f"{', '.join(p['channels'])} of {place} lags by {1e3 * p['delay']:.2f} ms"
@@ -85,7 +78,7 @@ EFFECT: Effect = SensorEffect(
             meaning="late against the motor encoder",
         ),
     ),
-    choices=(Choice("channels", tuple(_SIDES), ("joint_torque",), several=True),),
+    choices=(Choice("channels", tuple(SIDES), ("joint_torque",), several=True),),
     scope=Scope.EACH_OR_ARM,
     sides=("link", "drive", "motor"),
     sides_of=sides_of,

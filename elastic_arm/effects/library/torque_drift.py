@@ -5,13 +5,12 @@ from typing import Any
 
 import casadi as ca
 
-from elastic_arm.effects.library.sensor_error import misread
+from elastic_arm.effects.library.sensor_error import TORQUES, misread, sides_of
 from elastic_arm.effects.model import Confusion, Effect, Ordinary, SensorEffect
 from elastic_arm.effects.motion import Contribution, SymbolicMotion
 from elastic_arm.effects.parameters import Choice, Parameter
 from elastic_arm.sensors import Sensors
 
-_SIDES = {"joint_torque": ("link", "drive", "motor"), "motor_torque": ("motor",)}
 # Strain gauges and drives that warm up: about 0.3 Nm a minute.
 USUAL = 0.005  # Nm/s
 
@@ -48,11 +47,6 @@ def change(sensors: Sensors, i: int, n: int, p: Mapping[str, Any]) -> Sensors:
     return sensors.changed(p["channel"], i, n, drift=p["rate"])
 
 
-def sides_of(p: Mapping[str, Any]) -> tuple[str, ...]:
-    """The equations that hold the channel."""
-    return _SIDES[p["channel"]]
-
-
 def note(p: Mapping[str, Any], place: str) -> str:
     """Describe what is counted as part of the model: a slow drift."""
     return f"the zero of {p['channel']} of {place} drifts by {p['rate']:.2g} Nm/s, as is usual: no cause."
@@ -75,7 +69,7 @@ EFFECT: Effect = SensorEffect(
             meaning="mean over the recording",
         ),
     ),
-    choices=(Choice("channel", tuple(_SIDES), "joint_torque"),),
+    choices=(Choice("channel", TORQUES, "joint_torque"),),
     sides=("link", "drive", "motor"),
     sides_of=sides_of,
     regime="drift",

@@ -7,7 +7,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from elastic_arm.effects.library.sensor_error import misread
+from elastic_arm.effects.library.sensor_error import TORQUES, misread, sides_of
 from elastic_arm.effects.library.torque_filters import LowPassedTorques
 from elastic_arm.effects.model import Confusion, Effect, Scope, SensorEffect
 from elastic_arm.effects.motion import Contribution, SymbolicMotion
@@ -15,7 +15,6 @@ from elastic_arm.effects.parameters import Choice, Parameter
 from elastic_arm.sensors import Sensors
 
 REFERENCE = 5.0  # Hz
-_SIDES = {"joint_torque": ("link", "drive", "motor"), "motor_torque": ("motor",)}
 
 
 def law(motion: SymbolicMotion, i: int, p: Mapping[str, Any]) -> Contribution:
@@ -56,11 +55,6 @@ def change(sensors: Sensors, i: int, n: int, p: Mapping[str, Any]) -> Sensors:
     return sensors
 
 
-def sides_of(p: Mapping[str, Any]) -> tuple[str, ...]:
-    """The equations that hold a filtered channel."""
-    return tuple(s for s in ("link", "drive", "motor") if any(s in _SIDES[c] for c in p["channels"]))
-
-
 EFFECT: Effect = SensorEffect(
     id="torque_lowpass",
     formula="named channels y with y' = 2 pi cutoff (true - y)",
@@ -82,7 +76,7 @@ EFFECT: Effect = SensorEffect(
             meaning="corner",
         ),
     ),
-    choices=(Choice("channels", tuple(_SIDES), ("joint_torque",), several=True),),
+    choices=(Choice("channels", TORQUES, ("joint_torque",), several=True),),
     scope=Scope.EACH_OR_ARM,
     sides=("link", "drive", "motor"),
     sides_of=sides_of,
