@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from elastic_arm.diagnosis import format as texts
 from elastic_arm.diagnosis.calibration.calibrate import imperfections, posterior
 from elastic_arm.diagnosis.inference.estimates import ParameterEstimate, differs, several, tangents
-from elastic_arm.diagnosis.inference.faults import Fault
+from elastic_arm.diagnosis.inference.faults import LargeImperfection
 from elastic_arm.diagnosis.inference.joint_estimates import JointEstimates
 from elastic_arm.diagnosis.preparation import FinalFit, PreparedData, final_fit, is_of
 from elastic_arm.diagnosis.result import Imperfection
@@ -48,10 +48,12 @@ class EstimatedHypothesis:
     instances: tuple[EffectInstance, ...]
     notes: tuple[str, ...]
     imperfections: tuple[Imperfection, ...] = ()
-    faults: tuple[Fault, ...] = ()
+    faults: tuple[LargeImperfection, ...] = ()
 
 
-def estimate(prepared: PreparedData, hypothesis: Hypothesis, faults: Sequence[Fault] = ()) -> EstimatedHypothesis:
+def estimate(
+    prepared: PreparedData, hypothesis: Hypothesis, faults: Sequence[LargeImperfection] = ()
+) -> EstimatedHypothesis:
     """Bring all parameters to their joint optimum, with standard deviations.
 
     Parameters
@@ -104,17 +106,17 @@ class _FinalEstimates:
     deviations: Array
     stds: Array
 
-    def measured(self, fault: Fault) -> Fault:
+    def measured(self, fault: LargeImperfection) -> LargeImperfection:
         """Return a fault of a sensor as it comes out here."""
         own = [is_of(p, fault.feature) for p in self.fit.problem.parameters]
         value = float(np.average(self.deviations[own], weights=self.stds[own] ** -2.0))
         return replace(fault, value=value, std=float(self.stds[own].min()))
 
-    def is_nothing(self, fault: Fault) -> bool:
+    def is_nothing(self, fault: LargeImperfection) -> bool:
         """Whether a fault, as it came out here, may be none."""
         return abs(fault.value) < self.fit.problem.settings.refit.certain * fault.std
 
-    def is_ordinary(self, fault: Fault) -> bool:
+    def is_ordinary(self, fault: LargeImperfection) -> bool:
         """Whether it may be none, or is within its prior here; of lags and link encoders, what they do decides."""
         settings = self.fit.problem.settings.refit
         if self.is_nothing(fault):
@@ -126,8 +128,8 @@ class _FinalEstimates:
 
 
 def _that_last(
-    prepared: PreparedData, hypothesis: Hypothesis, faults: Sequence[Fault]
-) -> tuple[Hypothesis, _FinalEstimates, list[Fault]]:
+    prepared: PreparedData, hypothesis: Hypothesis, faults: Sequence[LargeImperfection]
+) -> tuple[Hypothesis, _FinalEstimates, list[LargeImperfection]]:
     """Return the causes and faults that are still there beside one another at last, with the final estimates."""
     level = prepared.settings.judgement.level
     while True:
@@ -145,8 +147,8 @@ def _that_last(
 
 
 def _beside_faults(
-    prepared: PreparedData, selected: Sequence[Candidate], faults: Sequence[Fault]
-) -> tuple[_FinalEstimates, list[Fault]]:
+    prepared: PreparedData, selected: Sequence[Candidate], faults: Sequence[LargeImperfection]
+) -> tuple[_FinalEstimates, list[LargeImperfection]]:
     """Return the final estimates, and the faults: not those that were drawn along by the worst of them."""
     parameters = prepared.calibration.parameters
     own = [max(p.ordinary_std for p in parameters if is_of(p, fault.feature)) for fault in faults]
@@ -160,7 +162,9 @@ def _beside_faults(
     return found, [found.measured(fault) for fault in (*worst, *kept)]
 
 
-def _final_estimates(prepared: PreparedData, selected: Sequence[Candidate], faults: Sequence[Fault]) -> _FinalEstimates:
+def _final_estimates(
+    prepared: PreparedData, selected: Sequence[Candidate], faults: Sequence[LargeImperfection]
+) -> _FinalEstimates:
     fit = final_fit(prepared, selected, [fault.feature for fault in faults])
     library = fit.found.library
     joint = JointEstimates(library, prepared.settings.judgement)

@@ -24,7 +24,7 @@ Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
-class Fault:
+class LargeImperfection:
     """An effect of a sensor, or a number of the arm, beyond what is ordinary.
 
     Parameters
@@ -55,7 +55,7 @@ class Fault:
         return EffectInstance(feature.effect, feature.joint, {**feature.choices, feature.linear[0].name: self.size})
 
 
-def faults_beside(prepared: PreparedData, selected: Sequence[Candidate]) -> tuple[Fault, ...]:
+def faults_beside(prepared: PreparedData, selected: Sequence[Candidate]) -> tuple[LargeImperfection, ...]:
     """Return the sensors and the numbers of the arm that are further off than ordinary ones.
 
     Parameters
@@ -74,7 +74,7 @@ def faults_beside(prepared: PreparedData, selected: Sequence[Candidate]) -> tupl
         if p.cause is None or abs(value) < 2.0 * settings.certain * std:
             continue
         columns = [N[:, :, k] * value for N in library.nuisance.validation]
-        fault = Fault(p.cause, float(value * p.prior_std), float(std * p.prior_std), columns)
+        fault = LargeImperfection(p.cause, float(value * p.prior_std), float(std * p.prior_std), columns)
         beyond = abs(value) >= settings.beyond_ordinary + settings.certain * std
         extraordinary = beyond and not _is_ordinary(prepared, fault)
         # A channel ahead of the others is no effect: it remains an imperfection.
@@ -84,7 +84,7 @@ def faults_beside(prepared: PreparedData, selected: Sequence[Candidate]) -> tupl
     return tuple(_common(prepared, found))
 
 
-def _matters(prepared: PreparedData, fault: Fault) -> bool:
+def _matters(prepared: PreparedData, fault: LargeImperfection) -> bool:
     """Whether an ordinary lag, or a link encoder's error, makes a good part of the torque of a joint."""
     if fault.feature.effect.ordinary is None and "q" not in sensed_channels(fault.feature):
         return False
@@ -98,15 +98,15 @@ def is_large(prepared: PreparedData, contribution: Array) -> bool:
     return bool(np.any(contribution > prepared.settings.judgement.large_share * typical))
 
 
-def _is_ordinary(prepared: PreparedData, fault: Fault) -> bool:
+def _is_ordinary(prepared: PreparedData, fault: LargeImperfection) -> bool:
     ordinary, clear = fault.feature.effect.ordinary, prepared.settings.refit.certain * fault.std
     return ordinary is not None and abs(fault.value) <= ordinary.most(prepared.rate) + clear
 
 
-def _common(prepared: PreparedData, faults: Sequence[Fault]) -> list[Fault]:
+def _common(prepared: PreparedData, faults: Sequence[LargeImperfection]) -> list[LargeImperfection]:
     """Return faults that all joints have alike as one."""
     robot, kept, settings = prepared.model.robot, list(faults), prepared.settings.refit
-    groups: dict[tuple[object, ...], list[Fault]] = {}
+    groups: dict[tuple[object, ...], list[LargeImperfection]] = {}
     for fault in faults:
         if fault.feature.effect.scope is Scope.EACH_OR_ARM:
             groups.setdefault((fault.feature.effect.id, fault.feature.key[2]), []).append(fault)
@@ -121,10 +121,10 @@ def _common(prepared: PreparedData, faults: Sequence[Fault]) -> list[Fault]:
         whole = feature_of(EffectInstance(first.effect, None, common.parameters), first.equations)
         contribution = [np.sum(parts, axis=0) for parts in zip(*(f.contribution for f in group), strict=True)]
         kept = [f for f in kept if not any(f is one for one in group)]
-        kept.append(Fault(whole, mean, float(np.sum(stds**-2.0) ** -0.5), contribution))
+        kept.append(LargeImperfection(whole, mean, float(np.sum(stds**-2.0) ** -0.5), contribution))
     return kept
 
 
-def with_faults(residuals: Sequence[Array], faults: Sequence[Fault]) -> list[Array]:
+def with_faults(residuals: Sequence[Array], faults: Sequence[LargeImperfection]) -> list[Array]:
     """Return residuals (N', R) of each stretch with what faults of sensors do to them."""
     return [r + sum((f.contribution[k] for f in faults), np.zeros_like(r)) for k, r in enumerate(residuals)]

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from elastic_arm.diagnosis.bootstrap import lower_bound
 from elastic_arm.diagnosis.inference import excess
 from elastic_arm.diagnosis.inference.excess import ResidualStatistics
-from elastic_arm.diagnosis.inference.faults import Fault, with_faults
+from elastic_arm.diagnosis.inference.faults import LargeImperfection, with_faults
 from elastic_arm.diagnosis.inference.lack_of_fit import LackOfFitTest
 from elastic_arm.diagnosis.preparation import PreparedData
 from elastic_arm.diagnosis.selection.hypothesis import Hypothesis
@@ -22,7 +22,7 @@ Share = tuple[float, tuple[float, float]]
 
 
 def gap_measure(
-    prepared: PreparedData, hypothesis: Hypothesis, test: LackOfFitTest, faults: Sequence[Fault] = ()
+    prepared: PreparedData, hypothesis: Hypothesis, test: LackOfFitTest, faults: Sequence[LargeImperfection] = ()
 ) -> GapMeasure:
     """Return what the gap is measured by: residuals where any stands out by its size, else likelihood.
 

@@ -10,7 +10,7 @@ import numpy as np
 from elastic_arm.diagnosis import format as texts
 from elastic_arm.diagnosis.bootstrap import lower_bound
 from elastic_arm.diagnosis.inference.estimates import ParameterEstimate, differs, several
-from elastic_arm.diagnosis.inference.faults import Fault, faults_beside, is_large
+from elastic_arm.diagnosis.inference.faults import LargeImperfection, faults_beside, is_large
 from elastic_arm.diagnosis.inference.gap_metric import GapMeasure, gap_measure
 from elastic_arm.diagnosis.inference.lack_of_fit import LackOfFitTest
 from elastic_arm.diagnosis.preparation import PreparedData
@@ -48,7 +48,7 @@ class Judgement:
     test: LackOfFitTest
     log_likelihood: float
     notes: tuple[str, ...]
-    faults: tuple[Fault, ...] = ()
+    faults: tuple[LargeImperfection, ...] = ()
     minor: frozenset[Key] = frozenset()
 
 
