@@ -27,6 +27,7 @@ MOST_GEOMS = 2000
 STICK = 0.02
 GLOW = 0.4  # of moving shapes: a model need not have lights
 AZIMUTH, ELEVATION = 130.0, -20.0  # of the camera, degrees
+DISTANCE = 2.6  # of the camera, in radii of what the arm reaches
 
 
 def write_video(path: Path, arms: Sequence[MjcfArm], found: Sequence[Replay]) -> None:
@@ -76,6 +77,7 @@ def _pictures(arm: MjcfArm, replay: Replay) -> Iterator[tuple[float, Picture]]:
     every = max(1, round(1.0 / (FRAMES_A_SECOND * period)))
     kept = np.flatnonzero(course.t - course.t[0] <= LONGEST)[::every]
     stage = _Stage(arm)
+    stage.look_at(course.recorded[kept])
     for k in kept.tolist():
         replayed = np.where(np.isfinite(course.replayed[k]), course.replayed[k], course.recorded[k])
         yield float(course.t[k] - course.t[0]), stage.picture(course.recorded[k], replayed)
@@ -100,6 +102,22 @@ class _Stage:
             arm.chain.link_of.get(int(model.geom_bodyid[k])) for k in range(model.ngeom) if model.geom_group[k] < 3
         }
         self._bare = [link for link in range(arm.robot.n) if link not in shown]
+
+    def look_at(self, poses: Array) -> None:
+        """Point the camera at what the arm reaches in poses (N, n)."""
+        reached = []
+        for pose in poses:
+            self._pose(pose)
+            reached += self._points()
+        low, high = np.min(reached, axis=0), np.max(reached, axis=0)
+        self._camera.lookat[:] = 0.5 * (low + high)
+        self._camera.distance = DISTANCE * 0.5 * float(np.linalg.norm(high - low))
+
+    def _points(self) -> list[Array]:
+        """Return where the joints are, and the last link's centre of mass."""
+        model, joints = self._arm.model, list(self._arm.chain.joints)
+        last = int(model.jnt_bodyid[joints[-1]])
+        return [*self._data.xanchor[joints].copy(), self._data.xipos[last].copy()]
 
     def picture(self, recorded: Array, replayed: Array) -> Picture:
         """Return the picture (HEIGHT, WIDTH, 3) of two poses (n,)."""
@@ -133,9 +151,7 @@ class _Stage:
         return int(scene.ngeom)
 
     def _add_sticks(self) -> None:
-        mj, model, data = self._mj, self._arm.model, self._data
-        joints = list(self._arm.chain.joints)
-        ends = [*data.xanchor[joints], data.xipos[model.jnt_bodyid[joints[-1]]]]
+        mj, model, ends = self._mj, self._arm.model, self._points()
         capsule, none = mj.mjtGeom.mjGEOM_CAPSULE, np.zeros(3)
         for link in self._bare:
             geom = self._scene.geoms[self._scene.ngeom]
