@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import resource
 import struct
+import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -65,3 +67,14 @@ def test_a_reader_that_never_ends_is_ended(file: Path, monkeypatch: pytest.Monke
     monkeypatch.setattr(matlab, "PATIENCE", 1)
     with pytest.raises(RecordingError, match="takes more than 1 s"):
         load_arrays(file)
+
+
+def test_a_file_is_read_where_the_user_s_own_limit_is_lower(tmp_path: Path) -> None:
+    """A shell that allows a process less memory than the reader would take (ulimit -v) still reads files."""
+    scipy.io.savemat(tmp_path / "a.mat", {"q": np.arange(3.0)})
+    script = "import sys; from elastic_arm.recording.foreign.array_files import load_arrays; from pathlib import Path; "
+    script += "print(load_arrays(Path(sys.argv[1]))['q'].sum())"
+    command = ["bash", "-c", 'ulimit -v 5000000; exec "$@"', "bash", sys.executable, "-c", script]
+    command.append(str(tmp_path / "a.mat"))
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert done.stdout.strip() == "3.0", done.stderr

@@ -41,14 +41,24 @@ def _flat(name: object, values: object) -> Iterator[tuple[str, np.ndarray]]:
             yield from _flat(f"{name}.{field}", values[field].item())
 
 
+def _limit(kind: int, limit: int) -> None:
+    """Limit this process, at most to what it may have already: a limit of the user's shell cannot be raised."""
+    _, most = resource.getrlimit(kind)
+    limit = limit if most == resource.RLIM_INFINITY else min(limit, most)
+    resource.setrlimit(kind, (limit, limit))
+
+
 def main() -> int:
     """Read the file, write an .npz file to standard output; return the exit code."""
     path, memory, seconds = sys.argv[1], int(sys.argv[2]), int(sys.argv[3])
     with open("/proc/self/statm", encoding="ascii") as status:
         own = int(status.read().split()[0]) * resource.getpagesize()
-    resource.setrlimit(resource.RLIMIT_AS, (own + memory,) * 2)
-    resource.setrlimit(resource.RLIMIT_CPU, (seconds, seconds))
-    resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
+    for kind, limit in (
+        (resource.RLIMIT_AS, own + memory),
+        (resource.RLIMIT_CPU, seconds),
+        (resource.RLIMIT_CORE, 0),
+    ):
+        _limit(kind, limit)
     try:
         found = arrays_of(path)
     except NotImplementedError:
