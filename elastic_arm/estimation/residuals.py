@@ -23,7 +23,7 @@ Array = NDArray[np.float64]
 SLOWEST = 5e-4  # rad/s: slower than this a joint counts as standing, whatever the noise
 SLOW = 0.005  # of a joint's highest speed, below which it sticks if it is as slow for as long as STICKING
 STICKING = 0.03  # s
-LEAST_MOVING = 0.5  # of a stretch, below which rows are not left out but freed of the friction of each joint
+LEAST_MOVING = 0.5  # of a stretch: the least that is left where rows are left out
 MOST_STICKING = 0.3  # of a stretch; a joint that sticks longer is one that stands still
 RANK = 0.05  # of the strongest: courses of friction that show less in the band are left in
 
@@ -117,7 +117,7 @@ class Sticking:
     Parameters
     ----------
     moving
-        (N',) 0 for an instant that is left out, else 1.
+        (N', R) 0 for a row that is left out, else 1.
     friction
         Orthonormal (N', m) of each row that holds a sticking motor's friction: what it can be in the band, were it any
         torque while the joint sticks. Infinite prior variance: it is projected out of residuals and columns alike.
@@ -129,13 +129,15 @@ class Sticking:
     @classmethod
     def none(cls, stretch: Stretch, rows: int) -> Sticking:
         """Return what removes nothing."""
-        return cls(np.ones(len(stretch.t)), (None,) * rows)
+        return cls(np.ones((len(stretch.t), rows)), (None,) * rows)
 
     @classmethod
     def of(cls, stretch: Stretch, band: Band, layout: EquationSet) -> Sticking:
-        """Return what is removed of a stretch: the instants, or where that would leave little, the friction.
+        """Return what is removed of a stretch.
 
-        A joint that hardly moves in the whole stretch does not count.
+        Where a joint sticks, all rows are left out; where that would leave less than half, those alone that hold the
+        friction of its motor; and where these would be less than half, too, they are freed of the friction. A joint
+        that hardly moves in the whole stretch does not count.
 
         Parameters
         ----------
@@ -146,21 +148,21 @@ class Sticking:
         layout
             The usable equations.
         """
-        stuck = _stuck(stretch)
-        moving = _moving(stretch, band, stuck)
-        if moving.mean() >= LEAST_MOVING:
-            return cls(moving, (None,) * layout.rows)
-        bases = [_friction(stretch, band, column) for column in stuck.T]
-        held = [bases[joint] if equation.combination[2] else None for equation, joint in layout.entries]
-        return cls(np.ones(len(stretch.t)), tuple(held))
+        sticks, stuck = stuck_rows(stretch, band, layout), _stuck(stretch)
+        friction = [
+            _friction(stretch, band, stuck[:, joint]) if column.mean() > 1.0 - LEAST_MOVING else None
+            for column, (_, joint) in zip(sticks.T, layout.entries, strict=True)
+        ]
+        freed = np.array([basis is not None for basis in friction])
+        return cls(np.where(sticks & ~freed, 0.0, 1.0), tuple(friction))
 
     def remove(self, values: Array) -> Array:
         """Return residuals or columns (N', R, …) without it."""
+        out = values
         if not self.moving.all():
-            return np.asarray(values * self.moving.reshape(-1, *[1] * (values.ndim - 1)))
-        if all(basis is None for basis in self.friction):
-            return values
-        out = values.copy()
+            out = np.asarray(values * self.moving.reshape(*self.moving.shape, *[1] * (values.ndim - 2)))
+        elif any(basis is not None for basis in self.friction):
+            out = values.copy()
         for row, basis in enumerate(self.friction):
             if basis is not None and out[:, row].any():
                 out[:, row] -= basis @ (basis.T @ out[:, row])
@@ -170,12 +172,31 @@ class Sticking:
     def share_left(self) -> float:
         """Share of the rows' degrees of freedom that are left."""
         lost = sum(0 if basis is None else basis.shape[1] for basis in self.friction)
-        return float(self.moving.mean()) - lost / (len(self.moving) * len(self.friction))
+        return float(self.moving.mean()) - lost / self.moving.size
 
 
-def moving_instants(stretch: Stretch, band: Band) -> NDArray[np.bool_]:
-    """Return at which instants (N',) of a stretch no joint sticks, as far as the band's filter carries it."""
-    return _moving(stretch, band, _stuck(stretch)) != 0.0
+def stuck_rows(stretch: Stretch, band: Band, layout: EquationSet) -> NDArray[np.bool_]:
+    """Return the rows (N', R) of instants at which a joint sticks, as far as the band's filter carries it.
+
+    All rows of an instant; where that would leave less than half of the stretch, those that hold the friction of the
+    joint's motor.
+
+    Parameters
+    ----------
+    stretch
+        Of residuals.
+    band
+        Its filter carries what sticks over to rows around.
+    layout
+        The usable equations.
+    """
+    stuck = _stuck(stretch)
+    together = _around(stretch, band, np.asarray(stuck.any(axis=1)))
+    if together.mean() <= 1.0 - LEAST_MOVING:
+        return np.repeat(together[:, None], layout.rows, axis=1)
+    own = [_around(stretch, band, column) for column in stuck.T]
+    holds = [equation.combination[2] != 0 for equation, _ in layout.entries]
+    return np.stack([own[joint] & held for held, (_, joint) in zip(holds, layout.entries, strict=True)], axis=1)
 
 
 def _stuck(stretch: Stretch) -> NDArray[np.bool_]:
@@ -187,14 +208,13 @@ def _stuck(stretch: Stretch) -> NDArray[np.bool_]:
     return np.asarray(sticks & (sticks.mean(axis=0) < MOST_STICKING))
 
 
-def _moving(stretch: Stretch, band: Band, stuck: NDArray[np.bool_]) -> Array:
-    """Return weights (N',) of a stretch's instants: 0 where a joint sticks, as far as the filter carries it, else 1."""
-    t, together = stretch.quiet.t, np.asarray(stuck.any(axis=1))
-    if together.any():
+def _around(stretch: Stretch, band: Band, stuck: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Return which instants (N',) the filter carries something to that sticks at some of (N,)."""
+    t = stretch.quiet.t
+    if stuck.any():
         around = round((0.5 * len(band.taps) / band.rate + STICKING) / (t[1] - t[0]))
-        together = binary_dilation(together, iterations=around)
-    at = np.clip(np.searchsorted(t, stretch.t), 0, len(t) - 1)
-    return np.asarray(1.0 - together[at])
+        stuck = np.asarray(binary_dilation(stuck, iterations=around))
+    return np.asarray(stuck[np.clip(np.searchsorted(t, stretch.t), 0, len(t) - 1)])
 
 
 def _friction(stretch: Stretch, band: Band, stuck: NDArray[np.bool_]) -> Array | None:

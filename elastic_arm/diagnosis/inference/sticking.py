@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from elastic_arm.diagnosis.preparation import PreparedData
 from elastic_arm.diagnosis.selection.hypothesis import Hypothesis
-from elastic_arm.estimation.residuals import moving_instants
+from elastic_arm.estimation.residuals import stuck_rows
 from elastic_arm.estimation.whitening import EDGE, WhitenedData
 
 
@@ -35,5 +35,5 @@ def sticking_misfits(prepared: PreparedData, hypothesis: Hypothesis) -> bool:
 
 def sticking_rows(data: WhitenedData) -> NDArray[np.bool_]:
     """Return which whitened rows (rows,) are those of instants at which a joint sticks."""
-    moving = [moving_instants(part.stretch, data.band)[EDGE:-EDGE] for part in data.parts]
-    return np.repeat(~np.concatenate(moving), data.layout.rows)
+    rows = [stuck_rows(part.stretch, data.band, data.layout)[EDGE:-EDGE].ravel() for part in data.parts]
+    return np.concatenate(rows)
