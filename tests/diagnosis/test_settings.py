@@ -26,7 +26,7 @@ from elastic_arm.diagnosis.settings import (
 from elastic_arm.effects import EFFECTS
 from elastic_arm.effects.parameters import Parameter, Role
 from elastic_arm.errors import DiagnosisError
-from elastic_arm.recording import Recording
+from elastic_arm.recording import Recording, Samples
 from tests.helpers.gap_recordings import ROBOT, motions, record
 
 DEFAULT = DiagnosisSettings()
@@ -96,7 +96,7 @@ def test_a_drift_below_the_threshold_is_no_drift() -> None:
     theta = np.stack([np.sin(1.3 * t), np.cos(0.7 * t)], axis=1)
     late = t / (1.0 + 1e-4)
     q = np.stack([np.sin(1.3 * late), np.cos(0.7 * late)], axis=1)
-    samples: Any = SimpleNamespace(t=t, q=q, theta=theta, tau_J=None, tau_m=None)
+    samples = Samples(t, q, None, None, theta, None, None, stamp_ns=np.round(1e9 * t).astype(np.int64))
     assert clock_drift(samples, PreprocessingSettings()) == pytest.approx(1e-4, rel=0.05)
     assert clock_drift(samples, replace(PreprocessingSettings(), clock_shift=1.0)) is None
 
