@@ -17,6 +17,7 @@ from elastic_arm.diagnosis.preparation import FinalFit, PreparedData, final_fit,
 from elastic_arm.diagnosis.result import Imperfection
 from elastic_arm.diagnosis.selection.candidates import sensed_channels
 from elastic_arm.diagnosis.selection.hypothesis import Hypothesis
+from elastic_arm.diagnosis.selection.plausible_hypothesis import turns_over
 from elastic_arm.diagnosis.selection.regressor_library import Candidate
 from elastic_arm.effects import EffectInstance
 
@@ -138,11 +139,13 @@ def _that_last(
         lost = [k for k in hypothesis.causes if not differs(last.parameters(selected)[k], selected[k], level)]
         if any(several(last.parameters(selected)[k]) for k in lost):
             lost = [k for k in lost if not (several(last.parameters(selected)[k]) and last.certain(selected)[k])]
+        slowest = prepared.settings.refit.turned_over
+        lost += [k for k in hypothesis.causes if k not in lost and turns_over(last.polished(selected)[k], slowest)]
         there = [fault for fault in kept if not found.is_nothing(fault)]
         if not lost and len(there) == len(kept):
             return hypothesis, found, kept
         faults = there
-        for k in reversed(lost):
+        for k in sorted(lost, reverse=True):
             hypothesis = hypothesis.drop(k)
 
 

@@ -34,7 +34,7 @@ def plausible(
     """
     joints = {candidate.feature.joint for candidate in selected}
     slowest = library.nuisance.turned_over
-    if slowest and any(_turns_over(candidate, slowest) for candidate in selected):
+    if slowest and any(turns_over(candidate, slowest) for candidate in selected):
         return False
     scaling = [c.feature for c in selected if c.feature.effect.scales_friction]
     if not all(any(feature.scales(other.feature) for other in selected) for feature in scaling):
@@ -48,7 +48,7 @@ def plausible(
     return all(c.fixed or c.searched is None or _possible(c, beta, ratio_factor, sizes) for c, beta in fitted)
 
 
-def _turns_over(candidate: Candidate, below: float) -> bool:
+def turns_over(candidate: Candidate, below: float) -> bool:
     """Whether an effect is friction that dies out below a speed (rad/s) at which dry friction only turns over."""
     feature = candidate.feature
     numbers = [p for p in feature.searched for _ in range(p.size)]
