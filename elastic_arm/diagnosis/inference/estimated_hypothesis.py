@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from elastic_arm.diagnosis import format as texts
 from elastic_arm.diagnosis.calibration.calibrate import imperfections, posterior
-from elastic_arm.diagnosis.inference.estimates import ParameterEstimate, differs, several, tangents
+from elastic_arm.diagnosis.inference.estimates import ParameterEstimate, tangents
 from elastic_arm.diagnosis.inference.faults import LargeImperfection
 from elastic_arm.diagnosis.inference.joint_estimates import JointEstimates
 from elastic_arm.diagnosis.preparation import FinalFit, PreparedData, final_fit, is_of
@@ -132,20 +132,17 @@ def _that_last(
     prepared: PreparedData, hypothesis: Hypothesis, faults: Sequence[LargeImperfection]
 ) -> tuple[Hypothesis, _FinalEstimates, list[LargeImperfection]]:
     """Return the causes and faults that are still there beside one another at last, with the final estimates."""
-    level = prepared.settings.judgement.level
+    slowest = prepared.settings.refit.turned_over
     while True:
         found, kept = _beside_faults(prepared, hypothesis.selected, faults)
         selected, last = found.fit.selected, found.estimates
-        lost = [k for k in hypothesis.causes if not differs(last.parameters(selected)[k], selected[k], level)]
-        if any(several(last.parameters(selected)[k]) for k in lost):
-            lost = [k for k in lost if not (several(last.parameters(selected)[k]) and last.certain(selected)[k])]
-        slowest = prepared.settings.refit.turned_over
-        lost += [k for k in hypothesis.causes if k not in lost and turns_over(last.polished(selected)[k], slowest)]
+        gone = last.insignificant(selected)
+        lost = [k for k in hypothesis.causes if k in gone or turns_over(last.polished(selected)[k], slowest)]
         there = [fault for fault in kept if not found.is_nothing(fault)]
         if not lost and len(there) == len(kept):
             return hypothesis, found, kept
         faults = there
-        for k in sorted(lost, reverse=True):
+        for k in reversed(lost):
             hypothesis = hypothesis.drop(k)
 
 

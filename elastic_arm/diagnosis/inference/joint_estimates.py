@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from elastic_arm.diagnosis.inference.estimates import ParameterEstimate, certain, estimates, polish
+from elastic_arm.diagnosis.inference.estimates import ParameterEstimate, certain, differs, estimates, polish, several
 from elastic_arm.diagnosis.selection.regressor_library import Candidate, RegressorLibrary
 from elastic_arm.diagnosis.settings import JudgementSettings
 
@@ -46,3 +46,12 @@ class JointEstimates:
         if key not in self._certain:
             self._certain[key] = certain(self._library, self.polished(selected), self._settings)
         return self._certain[key]
+
+    def insignificant(self, selected: Sequence[Candidate]) -> set[int]:
+        """Return the numbers of candidates that may be no effect: each parameter, and several of them together."""
+        found = self.parameters(selected)
+        unsure = {k for k, one in enumerate(selected) if not differs(found[k], one, self._settings.level)}
+        if not any(several(found[k]) for k in unsure):
+            return unsure
+        together = self.certain(selected)
+        return {k for k in unsure if not (several(found[k]) and together[k])}

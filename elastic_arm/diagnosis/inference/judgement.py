@@ -9,7 +9,7 @@ import numpy as np
 
 from elastic_arm.diagnosis import format as texts
 from elastic_arm.diagnosis.bootstrap import lower_bound
-from elastic_arm.diagnosis.inference.estimates import ParameterEstimate, differs, several
+from elastic_arm.diagnosis.inference.estimates import ParameterEstimate
 from elastic_arm.diagnosis.inference.faults import LargeImperfection, faults_beside, is_large
 from elastic_arm.diagnosis.inference.gap_metric import GapMeasure, gap_measure
 from elastic_arm.diagnosis.inference.lack_of_fit import LackOfFitTest
@@ -308,12 +308,9 @@ def is_minor(prepared: PreparedData, hypothesis: Hypothesis, k: int, share: floa
 
 def insignificant(prepared: PreparedData, hypothesis: Hypothesis) -> list[int]:
     """Return the candidates whose parameters may be no effect: each, and where there are several, together."""
-    settings = prepared.settings.judgement
-    estimated = prepared.estimates.parameters(hypothesis.selected)
-    uncertain = [k for k, c in enumerate(hypothesis.selected) if not differs(estimated[k], c, settings.level)]
-    together = prepared.estimates.certain(hypothesis.selected) if any(several(estimated[k]) for k in uncertain) else []
-    failed = {k for k in uncertain if not (several(estimated[k]) and together[k])}
+    failed = prepared.estimates.insignificant(hypothesis.selected)
     if len(prepared.library.nuisance):
+        estimated = prepared.estimates.parameters(hypothesis.selected)
         failed |= {k for k, c in enumerate(hypothesis.selected) if is_implausible(c, estimated[k])}
     return sorted(failed)
 
