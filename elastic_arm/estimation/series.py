@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from elastic_arm.errors import IdentificationError
 from elastic_arm.estimation.motion import Motion
+from elastic_arm.estimation.noise import StateNoise
 from elastic_arm.estimation.resampling import Grid
 from elastic_arm.estimation.smoother import instantaneous
 
@@ -102,6 +103,15 @@ class FourierFit:
         harmonic = 2.0 / (1.0 + (w * self.velocity_weight) ** 2)
         return np.outer(np.concatenate([[1.0], harmonic, harmonic]), self.residual_std**2 / self.samples)
 
+    def state_covariances(self) -> Array:
+        """Return covariances (n, 3, 3) of position, velocity and acceleration, the same at all times."""
+        w = self.omega * np.concatenate([[0.0], np.arange(1, len(self.sine) + 1)])
+        variances = self.variances()[: len(w)]  # those of the cosines are the sines'
+        position, velocity, acceleration = (w**power @ variances for power in (0, 2, 4))
+        none = np.zeros_like(position)
+        rows = [position, none, -velocity], [none, velocity, none], [-velocity, none, acceleration]
+        return np.array(rows).transpose(2, 0, 1)
+
     def bases(self, t: Array) -> tuple[Array, Array, Array]:
         """Return what mean, sines and cosines add to position, velocity and acceleration, (N, 1 + 2 H) each."""
         w = self.omega * np.arange(1, len(self.sine) + 1)
@@ -164,7 +174,9 @@ def fourier_motion(
     torques: dict[str, Any] = {
         name: instantaneous(v)[start:] for name in ("tau_J", "tau_m") if (v := getattr(grid, name)) is not None
     }
-    return Motion(grid.t[start:], **sides, **torques, lacking=grid.lacking), series.get("q"), series.get("theta")
+    link, motor = series.get("q"), series.get("theta")
+    noise = StateNoise(*(None if side is None else side.state_covariances() for side in (link, motor)))
+    return Motion(grid.t[start:], **sides, **torques, noise=noise, lacking=grid.lacking), link, motor
 
 
 def period_of(grid: Grid) -> float:

@@ -1,14 +1,19 @@
 """Standard deviations that hold for errors of any colour, and what fitted series add to them.
 
 Whatever the errors' colour, the scores Phi'(y - Phi Psi) of blocks that are longer than it lasts are independent, and
-their scatter gives the covariance (the sandwich, clustered by blocks). Two things make it too small where blocks are
-few, and both are mended:
+their scatter gives the covariance (the sandwich, clustered by blocks). Three things make it too small where blocks are
+few, and all are mended:
 
 - The fit follows the blocks that determine a parameter: their scores are corrected for their share in the fit (the
   jackknife that leaves out one block at a time).
+- Of as many scores as there are parameters, or fewer, the scatter is next to none in some directions: it is shrunk
+  towards errors that are white and as large as all scores together show, by as much as is closest to the truth on the
+  average (O. Ledoit and M. Wolf, Journal of Multivariate Analysis 88 (2004) 365).
 - The scatter of few scores is itself uncertain, and a parameter that two blocks determine has two scores, however many
   blocks there are. Its error over its deviation follows Student's distribution, whose degrees of freedom come from the
-  blocks' shares in that parameter; deviations are widened so that 1.96 of them make an interval of 95 %.
+  blocks' shares in that parameter; deviations are widened so that 1.96 of them make an interval of 95 %. What is
+  widened are directions in which errors would be white and of unit size: parameters that share one torque scale to
+  seven digits keep doing so, which a factor for each parameter by itself would destroy.
 
 R. Bell and D. McCaffrey, Survey Methodology 28 (2002) 169.
 
@@ -34,10 +39,12 @@ from elastic_arm.identification.base_regression import BaseRegression
 
 Array = NDArray[np.float64]
 
-# With fewer blocks than this, errors are taken for white: there is nothing to tell their colour by.
-FEWEST_BLOCKS = 8
+# A single block has no scatter: errors are taken for white there.
+FEWEST_BLOCKS = 2
 # Share that is left of a block's score beside the fit's, at least.
 LEAST_OWN = 1e-3
+# A group's noise is not believed to be smaller than this share of its largest term: rounding, not data.
+NOISE_FLOOR = 1e-6
 COVERED = 0.975
 NORMAL = 1.96
 # Sums over the errors of a series run over about so many samples of the motion, which is smooth.
@@ -61,30 +68,48 @@ def scattered(blocks: Iterable[tuple[Pair, Array]], Psi: Array, weights: Array, 
         (P, k) from whitened coordinates to parameters: `back @ back.T` is the covariance at unit noise.
     """
     solution = np.append(-Psi, 1.0)
-    meat = np.zeros((back.shape[1],) * 2)
-    shares = []
+    scores, squares = [], np.zeros((back.shape[1],) * 2)
     for (hi, lo), noise_in_phi in blocks:
         gram = np.tensordot(weights**2, hi - noise_in_phi, 1)
         score = back.T @ (gram @ solution + np.tensordot(weights**2, lo, 1) @ solution)[:-1]
-        leverage = back.T @ gram[:-1, :-1] @ back
-        values, vectors = np.linalg.eigh(leverage)
-        mended = vectors @ ((vectors.T @ score) / np.maximum(1.0 - values, LEAST_OWN))
-        meat += np.outer(mended, mended)
-        shares.append(np.einsum("pk,kl,pl->p", back, leverage, back))
-    widening = stdtrit(freedom(np.maximum(shares, 0.0)), COVERED) / NORMAL
-    return back @ meat @ back.T * np.outer(widening, widening)
+        values, vectors = np.linalg.eigh(back.T @ gram[:-1, :-1] @ back)
+        scores.append(vectors @ ((vectors.T @ score) / np.maximum(1.0 - values, LEAST_OWN)))
+        squares += (vectors * np.maximum(values, 0.0) ** 2) @ vectors.T
+    meat, target, share = shrunk(np.array(scores))
+    wide = back @ widening(squares, np.sqrt(1.0 - share))
+    return np.asarray(wide @ ((1.0 - share) * meat + share * target * np.eye(len(meat))) @ wide.T)
 
 
-def freedom(shares: Array) -> Array:
-    """Return the degrees of freedom (P,) of deviations, by the shares (blocks, P) of the blocks in each parameter.
+def shrunk(scores: Array) -> tuple[Array, float, float]:
+    """Return the covariance (k, k) of a sum of scores (blocks, k), a multiple of the unit matrix, and that one's share.
 
-    Satterthwaite's: the number of blocks where they share alike, fewer where some determine a parameter alone; one is
-    lost to the estimate itself.
+    Ledoit and Wolf's estimate: the mixture of the two that is closest to the true covariance on the average.
     """
-    total = np.sum(shares, axis=0)
-    squares = np.sum(shares**2, axis=0)
-    effective = np.where(squares > 0, total**2 / np.where(squares > 0, squares, 1.0), len(shares))
-    return np.asarray(np.maximum(effective - 1.0, 1.0))
+    blocks, k = scores.shape
+    meat = scores.T @ scores
+    target = float(np.trace(meat)) / k
+    apart = np.sum((meat - target * np.eye(k)) ** 2)
+    scatter = np.sum(np.sum(scores**2, axis=1) ** 2) - np.sum(meat**2) / blocks
+    return meat, target, float(min(scatter / max(apart, 1e-300), 1.0))
+
+
+def widening(squares: Array, own: float = 1.0) -> Array:
+    """Return the matrix (k, k) by which whitened errors are widened for the few blocks that determine them.
+
+    Satterthwaite's degrees of freedom along each eigenvector: the number of blocks where they share alike, fewer where
+    some determine it alone; one is lost to the estimate itself.
+
+    Parameters
+    ----------
+    squares
+        (k, k) sum over the blocks of the square of each one's share in the information, whose sum is the unit matrix.
+    own
+        By how much the variance varies with the scores' scatter, 1 where it is that alone. What it is shrunk to
+        hardly scatters, but need not be right: the square root of the scatter's share stands between the two.
+    """
+    values, vectors = np.linalg.eigh(squares)
+    freedom = np.maximum(1.0 / np.maximum(values, 1e-12) - 1.0, 1.0) / max(own, 1e-6)
+    return np.asarray((vectors * (stdtrit(freedom, COVERED) / NORMAL)) @ vectors.T)
 
 
 def white(r: Array, weights: Array, noise: Array, back: Array) -> Array:
@@ -101,6 +126,36 @@ def white(r: Array, weights: Array, noise: Array, back: Array) -> Array:
     """
     phi = ((weights**2 * noise)[:, None, None] * (r[..., :-1] @ back)).reshape(-1, back.shape[1])
     return np.asarray(back @ (phi.T @ phi) @ back.T)
+
+
+def residual_norms(r: Array, Psi: Array) -> Array:
+    """Return |y - Phi Psi| of every group, (groups,), from factors (groups, width, width)."""
+    return np.linalg.norm(r[..., -1] - r[..., :-1] @ Psi, axis=-1)
+
+
+def residual_std(r: Array, Psi: Array, samples: int) -> Array:
+    """Return the std (groups,) of the residuals, Nm, never below rounding.
+
+    Parameters
+    ----------
+    r
+        (groups, B + 1, B + 1) triangular factors of the rows.
+    Psi
+        (B,) parameters.
+    samples
+        That the rows come from.
+    """
+    active = np.count_nonzero(np.linalg.norm(r[..., :-1], axis=-2), axis=-1)
+    freedom = np.maximum(samples - active / max(len(r) / len(Psi), 1.0), 1.0)
+    largest = largest_terms(r, Psi)
+    floor = NOISE_FLOOR * np.maximum(largest, np.max(largest) * 1e-6) + np.finfo(float).tiny
+    return np.maximum(residual_norms(r, Psi), floor) / np.sqrt(freedom)
+
+
+def largest_terms(r: Array, Psi: Array) -> Array:
+    """Return the norm over all samples of each group's largest term, (groups,)."""
+    terms: Array = np.linalg.norm(r, axis=-2) * np.append(np.abs(Psi), 1.0)
+    return np.max(terms, axis=-1)
 
 
 class SolvedFit(Protocol):

@@ -24,6 +24,12 @@ Array = NDArray[np.float64]
 # and rounding has no say. Steps are never below the noise itself.
 STEPS = np.array([1e-4, 1e-3, 1e-2])
 _RATES = ("", "d", "dd")
+# Of the noise that would leave nothing of the sums in some direction, so much is taken off at the most.
+MOST_TAKEN_OFF = 0.9
+# Singular values below this share of the largest are rounding.
+SMALLEST = 1e-12
+# Coefficients of a spectrum per sample from which the level of white noise is estimated (`estimation.noise.WHITE`).
+WHITE_SHARE = 0.14
 
 
 @dataclass(frozen=True)
@@ -114,3 +120,49 @@ def _moved(thin: Motion, directions: _Directions) -> Motion:
             copies = copies + directions.offsets[name][:, None]
         moved[name] = copies.reshape(-1, *values.shape[1:])
     return Motion(**moved, lacking=thin.lacking)
+
+
+def correction_share(whole: Array, noise: Array) -> float:
+    """Return which share of the noise may be taken off sums so that they stay those of something.
+
+    Where noise is all that sums hold in some direction, its own scatter decides whether anything is left without it,
+    or less than nothing. As Fuller's modified estimator (section 2.5 there) does, no more is taken off than
+    :data:`MOST_TAKEN_OFF` of what would leave nothing.
+
+    Parameters
+    ----------
+    whole
+        (B + 1, B + 1) triangular factor of all rows [Phi y].
+    noise
+        (B + 1, B + 1) what noise adds to their sums on the average.
+    """
+    size = np.linalg.norm(whole, axis=0)
+    live = size > 0
+    _, s, right = np.linalg.svd(whole[:, live] / size[live])
+    back = right.T / np.maximum(s, SMALLEST * s[0]) / size[live, None]
+    largest = float(np.linalg.eigvalsh(back.T @ noise[np.ix_(live, live)] @ back)[-1])
+    return min(1.0, MOST_TAKEN_OFF / max(largest, 1e-300))
+
+
+def covariance_left(noise: Array, whole: Array, Psi: Array, described: Array, samples: int) -> Array:
+    """Return what is not known of the noise, as a covariance (B + 1, B + 1) of the sums' right side.
+
+    Parameters
+    ----------
+    noise
+        (groups, B + 1, B + 1) what noise adds to the weighted sums.
+    whole
+        See :func:`correction_share`.
+    Psi
+        (B,) estimate.
+    described
+        (B,) what the parameters are known to be like; zero where nothing is known. An estimate that the noise has
+        drawn to zero does not show how far it was drawn.
+    samples
+        From which the level of the noise was estimated.
+    """
+    total = noise.sum(axis=0)
+    level = noise @ np.append(-Psi, 1.0) / np.sqrt(WHITE_SHARE * samples)
+    likely = np.where(np.abs(described) > np.abs(Psi), described, Psi)
+    remaining = (1.0 - correction_share(whole, total)) * (total @ np.append(-likely, 1.0))
+    return np.asarray(level.T @ level + np.outer(remaining, remaining))

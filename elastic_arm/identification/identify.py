@@ -26,6 +26,7 @@ from elastic_arm.identification.deviations import series_covariance
 from elastic_arm.identification.law_columns import DEFAULT_SIGN_SPEED, SIGN_SPEEDS, is_dry, law_columns, with_stated
 from elastic_arm.identification.least_squares import Prior
 from elastic_arm.identification.regularisation import (
+    DOUBT,
     HeldOut,
     chosen_width,
     described_width,
@@ -325,7 +326,7 @@ def _regularised(identifier: Identifier) -> tuple[float | None, Prior | None]:
     """Return the width of the prior that predicts left-out parts best, and the prior; None where it takes none."""
     equations, plain = identifier.equations, identifier.fit()
     width = chosen_width(identifier.linear_blocks(), plain, equations)
-    return width, None if width is None else prior_of(equations, width, description_error(plain, equations))
+    return width, None if width is None else prior_of(equations, width, description_error(plain, equations, DOUBT))
 
 
 def _chosen_equations(identifier: Identifier, samples: Samples) -> BaseRegression:

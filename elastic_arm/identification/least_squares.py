@@ -19,16 +19,17 @@ from scipy.linalg import solve_triangular
 from elastic_arm.dynamics.double_double import Pair, add, cholesky, multiply
 from elastic_arm.errors import IdentificationError
 from elastic_arm.identification import deviations
+from elastic_arm.identification.errors_in_variables import correction_share, covariance_left
 
 Array = NDArray[np.float64]
 
 MOST_BLOCKS = 64
+# With fewer long blocks than this there is nothing to tell the errors' colour by.
+FEWEST_LONG_BLOCKS = 8
 # Below this share of the largest singular value of the equilibrated columns a direction is not determined.
 RANK_FLOOR = 1e-9
 # What has no more than this share in such a direction is determined: the direction itself is only known so well.
 OPEN_SHARE = 1e-3
-# A group's noise is not believed to be smaller than this share of its largest term: rounding, not data.
-NOISE_FLOOR = 1e-6
 # An equation is not believed to close better than this share of its largest term, in a way that no number of samples
 # averages out: an arm with exact sensors, sampled at 1 kHz, closes its own to 2e-10 where its torques are smooth and
 # to 3e-9 where its drives hold their commands for a sample, which leaves faster motion than the samples can show.
@@ -121,6 +122,11 @@ class Blocks:
         """Samples in all blocks."""
         return sum(self.counts)
 
+    @property
+    def noisy(self) -> bool:
+        """Whether any noise in Phi is known."""
+        return any(noise.any() for noise in self.known_noise)
+
     def total(self) -> Array:
         """Return the triangular factors (groups, width, width) of all samples."""
         if not self.grams:
@@ -137,10 +143,12 @@ class Blocks:
         factors
             What :meth:`total` returned: without known noise, the factor is that of them all.
         """
-        if not any(noise.any() for noise in self.known_noise):
-            return triangular((weights[:, None, None] * factors).reshape(-1, self.width))
+        whole = triangular((weights[:, None, None] * factors).reshape(-1, self.width))
+        if not self.noisy:
+            return whole
         hi, lo = functools.reduce(add, self.grams)
         noise = functools.reduce(np.add, self.known_noise)
+        noise = correction_share(whole, np.tensordot(weights**2, noise, 1)) * noise
         rest = add((hi, lo), (-noise, np.zeros_like(noise)))
         square = np.broadcast_to((weights**2)[:, None, None], hi.shape)
         weighted = multiply((square, np.zeros_like(square)), rest)
@@ -277,15 +285,15 @@ def fit(blocks: Blocks, weighted: bool = True, rounds: int = 4, prior: Prior | N
     for _ in range(rounds if weighted else 1):
         whole = blocks.corrected(weights, r)
         Psi, number, undetermined = _solve(_joined(whole, prior, 1.0 if weighted else _size(r, whole, blocks)))
-        noise = _noise(r, Psi, blocks.samples)
+        noise = deviations.residual_std(r, Psi, blocks.samples)
         if weighted:
             weights = 1.0 / noise
     if weighted:
         whole = blocks.corrected(weights, r)
         Psi, number, undetermined = _solve(_joined(whole, prior, 1.0))
-        noise = _noise(r, Psi, blocks.samples)
+        noise = deviations.residual_std(r, Psi, blocks.samples)
     known = _joined(whole, prior, 1.0 if weighted else _size(r, whole, blocks))
-    robust, white = _covariances(blocks, Psi, weights, noise, known, r)
+    robust, white = _covariances(blocks, Psi, weights, noise, known, r, prior)
     if prior is not None:
         own = _prior_covariance(known, prior, 1.0 if weighted else _size(r, whole, blocks))
         robust, white = robust + own, white + own
@@ -304,10 +312,10 @@ def correlation(blocks: Blocks, found: Fit, samples: float) -> float:
     samples
         That a block shall have; fewer where too few blocks would be left. Infinite where there are too few as it is.
     """
-    if len(blocks.grams) < deviations.FEWEST_BLOCKS:
+    if len(blocks.grams) < FEWEST_LONG_BLOCKS:
         return float("inf")
     long = blocks.copy()
-    while len(long.grams) >= 2 * deviations.FEWEST_BLOCKS and long.samples < samples * len(long.grams):
+    while len(long.grams) >= 2 * FEWEST_LONG_BLOCKS and long.samples < samples * len(long.grams):
         long._halve()
     robust, white = _covariances(long, found.Psi, found.weights, found.noise, found.factor, blocks.total())
     return float(np.median(np.diag(robust) / np.diag(white)))
@@ -329,27 +337,7 @@ def _prior_covariance(known: Array, prior: Prior, size: float) -> Array:
 def _size(r: Array, whole: Array, blocks: Blocks) -> float:
     """Return the rms of the residuals of ordinary least squares, Nm."""
     Psi = _solve(whole)[0]
-    return float(np.sqrt(np.mean(_noise(r, Psi, blocks.samples) ** 2)))
-
-
-def residual_norms(r: Array, Psi: Array) -> Array:
-    """Return |y - Phi Psi| of every group, (groups,), from factors (groups, width, width)."""
-    return np.linalg.norm(r[..., -1] - r[..., :-1] @ Psi, axis=-1)
-
-
-def _noise(r: Array, Psi: Array, samples: int) -> Array:
-    """Return the std of the residuals, never below rounding."""
-    active = np.count_nonzero(np.linalg.norm(r[..., :-1], axis=-2), axis=-1)
-    freedom = np.maximum(samples - active / max(len(r) / len(Psi), 1.0), 1.0)
-    largest = _largest_term(r, Psi)
-    floor = NOISE_FLOOR * np.maximum(largest, np.max(largest) * 1e-6) + np.finfo(float).tiny
-    return np.maximum(residual_norms(r, Psi), floor) / np.sqrt(freedom)
-
-
-def _largest_term(r: Array, Psi: Array) -> Array:
-    """Return the norm over all samples of each group's largest term, (groups,)."""
-    terms: Array = np.linalg.norm(r, axis=-2) * np.append(np.abs(Psi), 1.0)
-    return np.max(terms, axis=-1)
+    return float(np.sqrt(np.mean(deviations.residual_std(r, Psi, blocks.samples) ** 2)))
 
 
 def condition(columns: Array) -> float:
@@ -380,17 +368,24 @@ def _solve(whole: Array) -> tuple[Array, float, Array]:
 
 
 def _covariances(
-    blocks: Blocks, Psi: Array, weights: Array, noise: Array, whole: Array, r: Array
+    blocks: Blocks, Psi: Array, weights: Array, noise: Array, whole: Array, r: Array, prior: Prior | None = None
 ) -> tuple[Array, Array]:
     """Return the covariance from the blocks' scores, and that of white errors.
 
-    Both include what :data:`CLOSURE` leaves open, where parameters differ by the last digits of an equation alone.
+    Both include what :data:`CLOSURE` leaves open, where parameters differ by the last digits of an equation alone, and
+    what is not known of the noise in Phi.
     """
     columns, scale = _equilibrated(whole)
     _, s, vt = np.linalg.svd(columns, full_matrices=False)
     known = s > RANK_FLOOR * s[0]
     back = (vt[known].T / s[known]) / scale[:, None]  # whitened coordinates -> Psi
-    systematic = deviations.white(r, weights, CLOSURE * _largest_term(r, Psi), back)
+    systematic = deviations.white(r, weights, CLOSURE * deviations.largest_terms(r, Psi), back)
+    if blocks.noisy:
+        known_noise = (weights**2)[:, None, None] * functools.reduce(np.add, blocks.known_noise)
+        rows = triangular((weights[:, None, None] * r).reshape(-1, blocks.width))
+        described = np.zeros_like(Psi) if prior is None else prior.mean
+        left = covariance_left(known_noise, rows, Psi, described, blocks.samples)[:-1, :-1]
+        systematic = systematic + back @ back.T @ left @ back @ back.T
     white = deviations.white(r, weights, noise, back) + systematic
     if len(blocks.grams) < deviations.FEWEST_BLOCKS:
         return white, white

@@ -22,7 +22,8 @@ from elastic_arm.effects import EffectInstance
 from elastic_arm.estimation.motion import Motion
 from elastic_arm.identification.base_regression import BaseRegression
 from elastic_arm.identification.consistency import description_covariance, with_consistency
-from elastic_arm.identification.least_squares import Blocks, Fit, Prior, residual_norms
+from elastic_arm.identification.deviations import residual_norms
+from elastic_arm.identification.least_squares import Blocks, Fit, Prior
 from elastic_arm.identification.result import Identification
 from elastic_arm.identification.stream import Identifier
 from elastic_arm.identification.verdict import natural_scales
@@ -40,6 +41,9 @@ ERRORS = tuple(np.geomspace(0.01, 10.0, 31).tolist())
 # Beside its relative error every base parameter may be off by this share of what is usual for its body: descriptions
 # hold placeholders that are far too small.
 PLACEHOLDER = 0.3
+# Few parameters that are determined hardly show how far the others are off: what counts in the deviations is the upper
+# end of the interval of 95 %, by the loss of log-likelihood (half of chi-squared with one degree of freedom, one side).
+DOUBT = 1.35
 FOLDS = 5
 # A prior has to lower the error of left-out parts by this share.
 GAIN = 0.05
@@ -79,7 +83,7 @@ def _description_errors(equations: BaseRegression) -> tuple[NDArray[np.intp], Ar
     return own, covariance + np.diag((PLACEHOLDER * scales[own]) ** 2)
 
 
-def description_error(fit: Fit, equations: BaseRegression) -> float:
+def description_error(fit: Fit, equations: BaseRegression, doubt: float = 0.0) -> float:
     """Return the relative error of the description that the parameters which the data do determine speak for.
 
     The width of the prior in `fit`'s estimate less the description, by maximum likelihood (empirical Bayes; B. Efron,
@@ -92,6 +96,8 @@ def description_error(fit: Fit, equations: BaseRegression) -> float:
         Without a prior.
     equations
         In base parameters.
+    doubt
+        Return the smallest error above it whose log-likelihood is more than this below its own; it itself when 0.
     """
     own, covariance = _description_errors(equations)
     seen = np.isfinite(fit.std[own])
@@ -101,7 +107,11 @@ def description_error(fit: Fit, equations: BaseRegression) -> float:
     for error in ERRORS:
         variance = noise + error**2 * described
         likelihoods.append(-0.5 * np.sum(np.log(variance) + off**2 / variance))
-    return ERRORS[int(np.argmax(likelihoods))]
+    best = int(np.argmax(likelihoods))
+    if not doubt:
+        return ERRORS[best]
+    unlikely = np.flatnonzero(likelihoods[best] - np.array(likelihoods) > doubt)
+    return ERRORS[min(unlikely[unlikely > best].tolist(), default=-1)]
 
 
 def chosen_width(blocks: Blocks, fit: Fit, equations: BaseRegression) -> float | None:
@@ -258,7 +268,7 @@ def validated(
 
 def _pulled(result: Identification, identifier: Identifier, held_out: HeldOut) -> Identification:
     """Return the result with the description as the prior that predicts held-out motion best."""
-    tries, error = [], description_error(identifier.fit(), held_out.equations)
+    tries, error = [], description_error(identifier.fit(), held_out.equations, DOUBT)
     for width in PULLED:
         prior = prior_of(held_out.equations, width, error)
         own = identifier.estimate(result.recordings, result.derivatives, None, prior)

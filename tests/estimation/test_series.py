@@ -7,7 +7,7 @@ import pytest
 
 from elastic_arm.errors import IdentificationError
 from elastic_arm.estimation.resampling import Grid
-from elastic_arm.estimation.series import find_period, fourier_motion
+from elastic_arm.estimation.series import FourierFit, find_period, fourier_motion
 
 RATE, PERIOD = 250.0, 4.0
 T = np.arange(int(5 * PERIOD * RATE)) / RATE
@@ -47,3 +47,13 @@ def test_a_motion_that_does_not_repeat_has_no_period() -> None:
     """A chirp is refused."""
     with pytest.raises(IdentificationError):
         find_period(np.sin(0.3 * T**2)[:, None], RATE)
+
+
+def test_covariance_of_a_series_state_is_that_of_its_coefficients() -> None:
+    """At any time the variances of position, velocity and acceleration are what the coefficients' variances make."""
+    rng = np.random.default_rng(0)
+    sine, cosine = rng.standard_normal((2, 5, 2))
+    fit = FourierFit(2.0, np.zeros(2), sine, cosine, np.array([0.1, 0.2]), samples=1000, velocity_weight=0.05)
+    bases = np.stack(fit.bases(np.array([0.37])))[:, 0]
+    for joint, found in enumerate(fit.state_covariances()):
+        np.testing.assert_allclose(found, (bases * fit.variances()[:, joint]) @ bases.T, atol=1e-12)

@@ -4,22 +4,51 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from scipy.special import stdtrit
+from scipy.stats import chi2
 
 from elastic_arm.dynamics.gram import gram
-from elastic_arm.identification.deviations import freedom
+from elastic_arm.identification.deviations import widening
 from elastic_arm.identification.least_squares import Blocks, fit
+
+
+def student(freedom: float) -> float:
+    """Return the factor by which Student's interval of 95 % is wider than the normal one."""
+    return float(stdtrit(freedom, 0.975) / 1.96)
 
 
 def test_blocks_that_share_alike_all_count() -> None:
     """Twelve equal blocks leave eleven degrees of freedom to every parameter."""
-    np.testing.assert_allclose(freedom(np.ones((12, 3))), 11.0)
+    shares = np.eye(3) / 12.0
+    np.testing.assert_allclose(widening(12 * shares @ shares), student(11.0) * np.eye(3), atol=1e-12)
 
 
-def test_a_parameter_that_two_blocks_determine_has_one_degree_of_freedom() -> None:
+def test_a_direction_that_two_blocks_determine_has_one_degree_of_freedom() -> None:
     """However many blocks there are besides; and one block alone leaves no fewer than one."""
-    shares = np.full((40, 2), 1e-9)
-    shares[:2, 0] = shares[0, 1] = 1.0
-    np.testing.assert_allclose(freedom(shares), 1.0, rtol=1e-6)
+    np.testing.assert_allclose(widening(np.diag([0.5, 1.0])), student(1.0) * np.eye(2), rtol=1e-6)
+
+
+def test_parameters_known_by_their_ratio_stay_so_when_deviations_are_widened() -> None:
+    """Two parameters whose ratio is known 1e6 times better than themselves: chi² of both errors is that of two.
+
+    Blocks determine them unequally, so that factors for each parameter by itself would differ and break the ratio.
+    """
+    found = []
+    for seed in range(200):
+        rng = np.random.default_rng(seed)
+        blocks = Blocks(2, 3)
+        for k in range(12):
+            torque, ratio = rng.standard_normal((2, 40, 2)) * [1.0 if k < 3 else 0.1, 1.0]
+            ratio = ratio[:, :1] * [1.0, 2.0]  # the second is minus half the first
+            rows = [(torque, 1.0), (ratio, 1e-6)]
+            parts = [gram(np.column_stack([phi, phi @ [2.0, -1.0] + s * rng.standard_normal(40)])) for phi, s in rows]
+            blocks.add((np.stack([hi for hi, _ in parts]), np.stack([lo for _, lo in parts])), 40)
+        estimate = fit(blocks)
+        error = (estimate.Psi - [2.0, -1.0]) / estimate.std
+        spread = estimate.covariance / np.outer(estimate.std, estimate.std)
+        found.append(error @ np.linalg.solve(spread, error))
+    assert np.median(found) < chi2.ppf(0.5, 2) + 0.4
+    assert np.mean(np.array(found) > chi2.ppf(0.99, 2)) < 0.06
 
 
 @pytest.mark.parametrize("strong", [2, 4, 12])

@@ -84,14 +84,14 @@ def test_both_torques_identify_an_arm_described_as_rigid(samples: Samples) -> No
 
 @pytest.mark.slow(4)
 def test_intervals_cover_the_truth_over_seeds(model: Model) -> None:
-    """95 % intervals of all 26 parameters, with a smoother's coloured errors, cover in 90 to 98 % of cases."""
+    """95 % intervals of all 26 parameters, with a smoother's coloured errors, cover in 92 to 98.5 % of cases."""
     hits, bias = [], []
     for seed in SEEDS:
         identifier = fed(model, record(model, np.random.default_rng(100 + seed), **REAL), [])
         found, true = identifier.fit(), identifier.equations.base.T @ model.Psi
         hits.append(np.abs(found.Psi - true) < 1.96 * found.std)
         bias.append((found.Psi - true) / found.std)
-    assert 0.90 <= np.mean(hits) <= 0.98
+    assert 0.92 <= np.mean(hits) <= 0.985
     # Noise in the regressor itself would shift estimates the same way every time.
     assert np.sqrt(np.mean(np.mean(bias, axis=0) ** 2)) < 2.0 / np.sqrt(len(SEEDS))
 
