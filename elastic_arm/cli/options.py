@@ -6,14 +6,16 @@ from collections.abc import Sequence
 from dataclasses import replace
 from enum import StrEnum
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from elastic_arm.effects import Catalogue, robot_effects
 from elastic_arm.errors import EffectError
-from elastic_arm.recording import ChannelMap, Recording, read_recording
 from elastic_arm.robot import Robot, load_robot
+
+if TYPE_CHECKING:
+    from elastic_arm.effects import Catalogue
+    from elastic_arm.recording import ChannelMap, Recording
 
 
 class ClockChoice(StrEnum):
@@ -97,6 +99,11 @@ def load_arm(
         Naming the file.
     """
     robot = load_robot(path, chain, at)
+    if not robot.effects:
+        return robot
+    # The catalogue takes a while to load, and few descriptions state effects.
+    from elastic_arm.effects import robot_effects
+
     try:
         robot_effects(robot, catalogue)
     except EffectError as error:
@@ -131,6 +138,9 @@ def read_by_clock(
     RecordingError
         Naming what is missing or wrong.
     """
+    # Not every command that takes these options reads a bag.
+    from elastic_arm.recording import read_recording
+
     recording = read_recording(path, channels, joints, arrival=clock is ClockChoice.arrival, namespace=namespace)
     if clock is ClockChoice.auto:
         return recording

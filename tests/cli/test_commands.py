@@ -309,6 +309,20 @@ def test_help_imports_no_library_of_a_subcommand() -> None:
     assert done.returncode == 0, done.stderr
 
 
+def test_a_description_is_shown_without_estimators_readers_and_effects() -> None:
+    """`describe` names base parameters, and imports neither what estimates them nor what reads bags."""
+    lines = (
+        "import sys",
+        "from typer.testing import CliRunner",
+        "from elastic_arm.app import app",
+        "assert 'base parameters' in CliRunner().invoke(app, ['describe', '--base']).output",
+        "heavy = ('scipy.optimize', 'scipy.linalg', 'cvxpy', 'rosbags', 'mcap', 'elastic_arm.effects')",
+        "sys.exit(' '.join(name for name in heavy if name in sys.modules) or None)",
+    )
+    done = subprocess.run([sys.executable, "-c", "\n".join(lines)], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+
+
 def test_a_table_in_a_pipe_is_not_padded(capsys: pytest.CaptureFixture[str]) -> None:
     """In a pipe a row ends with its last word, however wide another row is, and no word is cut."""
     table = Table("number", "name", box=None)

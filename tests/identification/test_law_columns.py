@@ -8,7 +8,8 @@ import pytest
 from elastic_arm.dynamics import build_model
 from elastic_arm.effects import parse
 from elastic_arm.errors import IdentificationError
-from elastic_arm.identification import law_columns, parse_laws
+from elastic_arm.identification import parse_laws
+from elastic_arm.identification.law_columns import law_columns
 from elastic_arm.robot import load_robot
 from tests.helpers.smooth_motion import smooth_motion
 
