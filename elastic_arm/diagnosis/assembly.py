@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import expit
 
 from elastic_arm.diagnosis import format as texts
 from elastic_arm.diagnosis.context import DiagnosisContext
@@ -18,9 +19,10 @@ from elastic_arm.diagnosis.inference.excess import shrink as shrink_of
 from elastic_arm.diagnosis.inference.faults import with_faults
 from elastic_arm.diagnosis.inference.gap_metric import GapMeasure
 from elastic_arm.diagnosis.inference.judgement import Judgement, verdict
-from elastic_arm.diagnosis.inference.lack_of_fit import LackOfFit
+from elastic_arm.diagnosis.inference.lack_of_fit import LackOfFit, strongest
 from elastic_arm.diagnosis.inference.place_gaps import PlaceGap, place_gaps
 from elastic_arm.diagnosis.inference.regimes import regime, shares
+from elastic_arm.diagnosis.laws.better_laws import NO_LAWS, BetterLaws, lacks_of_fit
 from elastic_arm.diagnosis.preparation import PreparedData
 from elastic_arm.diagnosis.result import (
     Alternative,
@@ -56,8 +58,15 @@ class RankedCause:
     rivals: tuple[Candidate, ...]
     alone: list[Array]
 
+    def against(self, laws: BetterLaws) -> RankedCause:
+        """Return it with the confidence that it has against a general law in its place."""
+        better = laws.instead.get(self.candidate.feature.key)
+        return self if better is None else replace(self, cause=self.cause.less_sure(float(expit(-better.gain))))
 
-def assemble(prepared: PreparedData, judgement: Judgement, estimated: EstimatedHypothesis) -> Diagnosis:
+
+def assemble(
+    prepared: PreparedData, judgement: Judgement, estimated: EstimatedHypothesis, laws: BetterLaws = NO_LAWS
+) -> Diagnosis:
     """Measure the gap before and after, rank the causes, and name what is left.
 
     Parameters
@@ -68,11 +77,14 @@ def assemble(prepared: PreparedData, judgement: Judgement, estimated: EstimatedH
         The causes that passed, and the measure of the gap.
     estimated
         Their parameters.
+    laws
+        General laws that explain more than they do.
     """
     settings, measure, library = prepared.settings, judgement.measure, prepared.library
     hypothesis = estimated.hypothesis
     ranked = ranked_causes(prepared, estimated, judgement)
-    ranked = sorted([*ranked, *fault_causes(prepared, judgement, estimated)], key=lambda r: -r.cause.shrink)
+    ranked = [r.against(laws) for r in (*ranked, *fault_causes(prepared, judgement, estimated))]
+    ranked.sort(key=lambda r: -r.cause.shrink)
     shrink, interval = measure.share(hypothesis.selected)
     stands_out = measure.stands_out(hypothesis.selected)
     # Known effects alone are linear: what they leave is what they left before they were polished.
@@ -84,8 +96,9 @@ def assemble(prepared: PreparedData, judgement: Judgement, estimated: EstimatedH
     answer = verdict(
         shrink,
         caused=bool(ranked),
-        unexplained=stands_out or bool(traces),
+        unexplained=stands_out or bool(traces) or laws.beside is not None,
         open_places=any(place.is_open(left) for place in by_place),
+        refuted=bool(laws.instead),
         settings=settings.judgement,
     )
     # An incomplete hypothesis may owe its causes to what it lacks.
@@ -94,8 +107,6 @@ def assemble(prepared: PreparedData, judgement: Judgement, estimated: EstimatedH
     rng = settings.resampling.significance_rng()
     after = residual_statistics(prepared.validation, residuals, before.band, settings, rng)
     unexplained = _unexplained(prepared, before, after, residuals, traces, by_place) if answer == "unknown" else []
-    found = estimated.imperfections
-    repeated = () if prepared.independent_motion else (texts.REPEATED_MOTION,)
     return Diagnosis(
         model=prepared.model.name,
         robot=prepared.model.robot.name,
@@ -115,13 +126,61 @@ def assemble(prepared: PreparedData, judgement: Judgement, estimated: EstimatedH
         measured_by=measure.name,
         log_likelihood=judgement.log_likelihood,
         causes=tuple(r.cause if sure is None else r.cause.less_sure(sure) for r in ranked),
-        unexplained=tuple(unexplained),
-        imperfections=found,
+        unexplained=tuple(with_laws(unexplained, prepared, laws) if answer == "unknown" else ()),
+        imperfections=estimated.imperfections,
         known=_known(estimated),
-        notes=(*prepared.notes, *texts.imperfection_notes(found), *judgement.notes, *estimated.notes, *repeated),
+        notes=_notes(prepared, judgement, estimated, laws),
         cumulative_shrink=cumulative_shrink(measure, hypothesis.baseline, [r.candidate for r in ranked]),
         context=_context(prepared, judgement, estimated, ranked, residuals),
     )
+
+
+def with_laws(
+    places: Sequence[UnexplainedResidual], prepared: PreparedData, laws: BetterLaws
+) -> list[UnexplainedResidual]:
+    """Return the places where something is left, those first where a law that no catalogue states shows most.
+
+    Parameters
+    ----------
+    places
+        Where residuals or general shapes show it.
+    prepared
+        Data and regressors.
+    laws
+        Laws that no catalogue states.
+    """
+    lacks = strongest(lacks_of_fit(prepared, laws.all))
+    first = [UnexplainedResidual(*prepared.places[one.row], one.regime, one.rmse) for one in lacks]
+    own = {(one.joint, one.side) for one in first}
+    return [*first, *(one for one in places if (one.joint, one.side) not in own)]
+
+
+def _notes(
+    prepared: PreparedData, judgement: Judgement, estimated: EstimatedHypothesis, laws: BetterLaws
+) -> tuple[str, ...]:
+    """Return what the reader should know, in the order of the steps."""
+    imperfect = texts.imperfection_notes(estimated.imperfections)
+    repeated = () if prepared.independent_motion else (texts.REPEATED_MOTION,)
+    return (
+        *prepared.notes,
+        *imperfect,
+        *judgement.notes,
+        *estimated.notes,
+        *_law_notes(prepared, laws),
+        *repeated,
+    )
+
+
+def _law_notes(prepared: PreparedData, laws: BetterLaws) -> list[str]:
+    """Return a note on each general law that explains more than the causes."""
+    names = prepared.model.robot.joint_names
+    notes = [
+        texts.refuted_note(effect, joint, names[fit.law.joint], fit.law, fit.gain)
+        for (effect, joint, _), fit in laws.instead.items()
+    ]
+    if laws.beside is not None and not notes:
+        notes = [texts.general_law_note(names[laws.beside.law.joint], laws.beside.law, laws.beside.gain)]
+    return notes
 
 
 def _known(estimated: EstimatedHypothesis) -> tuple[dict[str, Any], ...]:

@@ -12,6 +12,7 @@ if TYPE_CHECKING:
 
     from elastic_arm.diagnosis.inference.estimates import ParameterEstimate
     from elastic_arm.diagnosis.inference.prediction import Prediction
+    from elastic_arm.diagnosis.laws.general_laws import GeneralLaw
     from elastic_arm.diagnosis.result import Alternative, Cause, Diagnosis, Imperfection
     from elastic_arm.effects import EffectInstance
     from elastic_arm.estimation.effect_columns import Feature
@@ -88,6 +89,44 @@ def impossible_size_note(feature: Feature, name: str, estimate: ParameterEstimat
         f"{_of_place(feature)} would fit with {name} {_size(estimate.value, estimate.std)}{_unit(estimate.unit)}, "
         "which no such arm has: it is no cause. The model or the channel map is wrong there, or an effect acts that "
         "the catalogue lacks."
+    )
+
+
+def refuted_note(effect: str, joint: str | None, place: str, law: GeneralLaw, gain: float) -> str:
+    """Return the note on a cause that a law without a form explains better.
+
+    Parameters
+    ----------
+    effect, joint
+        The cause.
+    place
+        Joint on which the law acts.
+    law
+        Which.
+    gain
+        Nats by which it is likelier.
+    """
+    return (
+        f"{effect_at(effect, joint)} only stands in for a law that the catalogue lacks: a torque of {place} "
+        f"({law.side}) as a smooth function of {law.argument} is likelier by {log_likelihood_text(gain)} nats."
+    )
+
+
+def general_law_note(place: str, law: GeneralLaw, gain: float) -> str:
+    """Return the note on what is left beside the causes and follows a law that the catalogue lacks.
+
+    Parameters
+    ----------
+    place
+        Joint on which the law acts.
+    law
+        Which.
+    gain
+        Nats that it adds.
+    """
+    return (
+        f"A torque of {place} ({law.side}) as a smooth function of {law.argument} explains "
+        f"{log_likelihood_text(gain)} nats of what is left: no effect of the catalogue does."
     )
 
 

@@ -16,6 +16,7 @@ from elastic_arm.diagnosis.inference.judgement import judge
 from elastic_arm.diagnosis.inference.noise_colour import noise_colours
 from elastic_arm.diagnosis.inference.prediction import predict
 from elastic_arm.diagnosis.inference.sticking import sticking_misfits
+from elastic_arm.diagnosis.laws.better_laws import better_laws
 from elastic_arm.diagnosis.preparation import PreparedData, in_motion, prepare, recalibrated
 from elastic_arm.diagnosis.question import Question
 from elastic_arm.diagnosis.result import Diagnosis
@@ -69,8 +70,10 @@ def diagnose(recordings: Sequence[Recording], question: Question, validate: Sequ
     judgement = judge(prepared, hypothesis)
     # All parameters at their joint optimum, with standard deviations.
     estimated = estimate(prepared, judgement.hypothesis, judgement.faults)
+    # Laws that no catalogue states, in the place of the causes and beside them.
+    laws = better_laws(prepared, estimated)
     # The gap before and after, the verdict, the causes in order, and what is left.
-    return assemble(prepared, judgement, estimated)
+    return assemble(prepared, judgement, estimated, laws)
 
 
 def search(prepared: PreparedData) -> Hypothesis:

@@ -171,6 +171,20 @@ class RegimeSettings:
 
 
 @dataclass(frozen=True)
+class GeneralLawSettings:
+    """Laws that no catalogue states, with which those of the causes are compared."""
+
+    # Numbers of cubic splines. Conventions: each has its price, so that too many cost a few nats and no truth.
+    speeds: int = 10  # over the root of a speed
+    times: int = 12  # over the recording
+    places: int = 16  # of friction over the angle
+    angles: int = 32  # of a torque over the angle
+    loads: int = 12
+    relaxations: tuple[float, ...] = (0.03, 0.1, 0.3, 1.0, 3.0)  # s; from a cycle of fast motion to a slow one
+    sizes: tuple[float, ...] = (0.01, 0.03, 0.1, 0.3, 1.0, 3.0, 10.0, 30.0, 100.0)  # Nm; of joints of every kind
+
+
+@dataclass(frozen=True)
 class AgreementSettings:
     """When a cause counts as equal in several recordings."""
 
@@ -240,8 +254,9 @@ class DiagnosisSettings:
         Data: which part judges, clocks and band, the model's own parameters and how far they may be off.
     candidates, refinement, search
         Selection: what competes, nonlinear parameters, the stepwise search.
-    significance, judgement, regimes, agreement
-        Inference: what is a gap, what is a cause, what a residual follows, what agrees.
+    significance, judgement, regimes, general_laws, agreement
+        Inference: what is a gap, what is a cause, what a residual follows, with which laws those of causes are
+        compared, what agrees.
     experiment
         Design: the next motion.
     resampling
@@ -259,6 +274,7 @@ class DiagnosisSettings:
     colour: ColourSettings = field(default_factory=ColourSettings)
     judgement: JudgementSettings = field(default_factory=JudgementSettings)
     regimes: RegimeSettings = field(default_factory=RegimeSettings)
+    general_laws: GeneralLawSettings = field(default_factory=GeneralLawSettings)
     agreement: AgreementSettings = field(default_factory=AgreementSettings)
     experiment: ExperimentSettings = field(default_factory=ExperimentSettings)
     resampling: ResamplingSettings = field(default_factory=ResamplingSettings)

@@ -3,19 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from elastic_arm.diagnosis import format as texts
-from elastic_arm.diagnosis.calibration.calibrate import imperfections, posterior
+from elastic_arm.diagnosis.calibration.calibrate import imperfections
 from elastic_arm.diagnosis.inference.estimates import ParameterEstimate, tangents
 from elastic_arm.diagnosis.inference.faults import LargeImperfection
-from elastic_arm.diagnosis.inference.joint_estimates import JointEstimates
-from elastic_arm.diagnosis.preparation import FinalFit, PreparedData, final_fit, is_of
+from elastic_arm.diagnosis.inference.final_estimates import FinalEstimates, final_estimates
+from elastic_arm.diagnosis.preparation import PreparedData, is_of
 from elastic_arm.diagnosis.result import Imperfection
-from elastic_arm.diagnosis.selection.candidates import sensed_channels
 from elastic_arm.diagnosis.selection.hypothesis import Hypothesis
 from elastic_arm.diagnosis.selection.plausible_hypothesis import turns_over
 from elastic_arm.diagnosis.selection.regressor_library import Candidate
@@ -42,6 +41,10 @@ class EstimatedHypothesis:
         What the recordings determine of each nuisance parameter.
     faults
         As they came out beside the causes.
+    optimum
+        The candidates where their parameters were determined, with the derivatives by these.
+    final
+        Where that was; None where nothing is calibrated, which is where the search was.
     """
 
     hypothesis: Hypothesis
@@ -50,6 +53,8 @@ class EstimatedHypothesis:
     notes: tuple[str, ...]
     imperfections: tuple[Imperfection, ...] = ()
     faults: tuple[LargeImperfection, ...] = ()
+    optimum: tuple[Candidate, ...] = ()
+    final: FinalEstimates | None = None
 
 
 def estimate(
@@ -68,6 +73,7 @@ def estimate(
     """
     joint = prepared.estimates
     imperfect: tuple[Imperfection, ...] = ()
+    last: FinalEstimates | None = None
     library, selected = prepared.library, list(hypothesis.selected)
     if prepared.calibration.parameters:
         hypothesis, last, faults = _that_last(prepared, hypothesis, faults)
@@ -85,52 +91,14 @@ def estimate(
         tuple(texts.known_effect_note(c.feature, values) for c, values in known),
         imperfect,
         tuple(faults),
+        (*own, *tangents(library, own)),
+        last,
     )
-
-
-@dataclass(frozen=True)
-class _FinalEstimates:
-    """Everything beside the causes that passed.
-
-    Parameters
-    ----------
-    fit
-        Residuals and columns.
-    estimates
-        Of the causes.
-    deviations, stds
-        (k,) of the nuisance parameters from the description, in their units.
-    """
-
-    fit: FinalFit
-    estimates: JointEstimates
-    deviations: Array
-    stds: Array
-
-    def measured(self, fault: LargeImperfection) -> LargeImperfection:
-        """Return a fault of a sensor as it comes out here."""
-        own = [is_of(p, fault.feature) for p in self.fit.problem.parameters]
-        value = float(np.average(self.deviations[own], weights=self.stds[own] ** -2.0))
-        return replace(fault, value=value, std=float(self.stds[own].min()))
-
-    def is_nothing(self, fault: LargeImperfection) -> bool:
-        """Whether a fault, as it came out here, may be none."""
-        return abs(fault.value) < self.fit.problem.settings.refit.certain * fault.std
-
-    def is_ordinary(self, fault: LargeImperfection) -> bool:
-        """Whether it may be none, or is within its prior here; of lags and link encoders, what they do decides."""
-        settings = self.fit.problem.settings.refit
-        if self.is_nothing(fault):
-            return True
-        if fault.feature.effect.ordinary is not None or "q" in sensed_channels(fault.feature):
-            return False
-        own = max(p.ordinary_std for p in self.fit.problem.parameters if is_of(p, fault.feature))
-        return abs(fault.value) < settings.beyond_ordinary * own + settings.certain * fault.std
 
 
 def _that_last(
     prepared: PreparedData, hypothesis: Hypothesis, faults: Sequence[LargeImperfection]
-) -> tuple[Hypothesis, _FinalEstimates, list[LargeImperfection]]:
+) -> tuple[Hypothesis, FinalEstimates, list[LargeImperfection]]:
     """Return the causes and faults that are still there beside one another at last, with the final estimates."""
     slowest = prepared.settings.refit.turned_over
     while True:
@@ -148,27 +116,15 @@ def _that_last(
 
 def _beside_faults(
     prepared: PreparedData, selected: Sequence[Candidate], faults: Sequence[LargeImperfection]
-) -> tuple[_FinalEstimates, list[LargeImperfection]]:
+) -> tuple[FinalEstimates, list[LargeImperfection]]:
     """Return the final estimates, and the faults: not those that were drawn along by the worst of them."""
     parameters = prepared.calibration.parameters
     own = [max(p.ordinary_std for p in parameters if is_of(p, fault.feature)) for fault in faults]
     order = np.argsort([-abs(fault.value) / std for fault, std in zip(faults, own, strict=True)])
     worst = [faults[k] for k in order[:1]]
-    found = _final_estimates(prepared, selected, worst)
+    found = final_estimates(prepared, selected, worst)
     further = [found.measured(faults[k]) for k in order[1:]]
     kept = [fault for fault in further if not found.is_ordinary(fault)]
     if kept:
-        found = _final_estimates(prepared, selected, [*worst, *kept])
+        found = final_estimates(prepared, selected, [*worst, *kept])
     return found, [found.measured(fault) for fault in (*worst, *kept)]
-
-
-def _final_estimates(
-    prepared: PreparedData, selected: Sequence[Candidate], faults: Sequence[LargeImperfection]
-) -> _FinalEstimates:
-    fit = final_fit(prepared, selected, [fault.feature for fault in faults])
-    library = fit.found.library
-    joint = JointEstimates(library, prepared.settings.judgement)
-    polished = joint.polished(fit.selected)
-    values, stds = posterior(library, [*polished, *tangents(library, polished)], prepared.settings)
-    scale = np.array([p.prior_std for p in fit.problem.parameters])
-    return _FinalEstimates(fit, joint, (fit.found.values + values) * scale, stds * scale)

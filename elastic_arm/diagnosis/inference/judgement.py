@@ -80,7 +80,13 @@ def judge(prepared: PreparedData, hypothesis: Hypothesis) -> Judgement:
 
 
 def verdict(
-    shrink: float, *, caused: bool, unexplained: bool, settings: JudgementSettings, open_places: bool = False
+    shrink: float,
+    *,
+    caused: bool,
+    unexplained: bool,
+    settings: JudgementSettings,
+    open_places: bool = False,
+    refuted: bool = False,
 ) -> str:
     """Return whether the causes explain the gap: "none", "explained" or "unknown".
 
@@ -98,8 +104,10 @@ def verdict(
         How much of the gap may be left.
     open_places
         Whether some joint and side keeps too much of its own gap.
+    refuted
+        Whether some cause stands in for a law that no catalogue has.
     """
-    if open_places:
+    if open_places or refuted:
         return "unknown"
     if caused and shrink >= 1.0 - settings.explained:
         return "explained"

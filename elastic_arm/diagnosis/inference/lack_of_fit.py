@@ -129,10 +129,15 @@ def lack_of_fit(
                 gain = sum(_gain(white[which][regime], left[which], fits[1 - which]) for which in (0, 1))
                 size = np.concatenate([part[:, row] @ fits[0] for part in plain[1][regime]])
                 found.append(LackOfFit(row, regime, gain, float(np.sqrt(np.mean(size**2)))))
-    strongest: dict[int, LackOfFit] = {}
+    return strongest(found)
+
+
+def strongest(found: Sequence[LackOfFit]) -> list[LackOfFit]:
+    """Return the strongest of each residual, strongest first."""
+    kept: dict[int, LackOfFit] = {}
     for structure in sorted(found, key=lambda structure: -structure.gain):
-        strongest.setdefault(structure.row, structure)
-    return list(strongest.values())
+        kept.setdefault(structure.row, structure)
+    return list(kept.values())
 
 
 def shapes_of(

@@ -1,0 +1,1 @@
+"""Laws that no catalogue states, with which the causes are compared."""

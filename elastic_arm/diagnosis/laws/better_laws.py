@@ -1,0 +1,105 @@
+"""Causes whose form is wrong, and what no cause explains: general laws beside a hypothesis and in the place of it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from elastic_arm.diagnosis.inference.estimated_hypothesis import EstimatedHypothesis
+from elastic_arm.diagnosis.inference.faults import LargeImperfection
+from elastic_arm.diagnosis.inference.final_estimates import FinalEstimates
+from elastic_arm.diagnosis.inference.lack_of_fit import LackOfFit
+from elastic_arm.diagnosis.inference.regimes import regime, shares
+from elastic_arm.diagnosis.laws.comparison import LawComparison, LawFit
+from elastic_arm.diagnosis.preparation import PreparedData
+from elastic_arm.diagnosis.selection.hypothesis import Key
+from elastic_arm.estimation.effect_columns import Feature
+
+
+@dataclass(frozen=True)
+class BetterLaws:
+    """General laws that explain more than the hypothesis does.
+
+    Parameters
+    ----------
+    beside
+        The one that explains most beside all causes; None where none is there beyond doubt.
+    instead
+        By key of the cause in whose place it explains more.
+    """
+
+    beside: LawFit | None = None
+    instead: Mapping[Key, LawFit] = field(default_factory=dict)
+
+    @property
+    def all(self) -> list[LawFit]:
+        """Each of them."""
+        return [*self.instead.values(), *([self.beside] if self.beside else [])]
+
+
+NO_LAWS = BetterLaws()
+
+
+def better_laws(prepared: PreparedData, estimated: EstimatedHypothesis) -> BetterLaws:
+    """Return the general laws that are there beyond doubt, and those that refute a cause.
+
+    A cause is refuted where a general law in its place explains clearly more. So is a fault, with all others of its
+    joint, if it is ordinary beside that law.
+    """
+    detected, share = prepared.settings.significance.detected, prepared.settings.search.simpler_share
+    final = estimated.final
+    library = prepared.library if final is None else final.fit.found.library
+    comparison = LawComparison(library, estimated.optimum, prepared.settings)
+    beside = comparison.beside(range(prepared.model.n))
+    instead: dict[Key, LawFit] = {}
+    if beside.gain <= detected:
+        return NO_LAWS
+    for feature in (estimated.hypothesis.selected[k].feature for k in estimated.hypothesis.causes):
+        found = comparison.instead_of(feature.key, _joints(prepared, feature))
+        if found.gain > max(detected, share * comparison.worth(feature.key)):
+            instead[feature.key] = found
+    if final is not None:
+        instead.update(_instead_of_faults(prepared, comparison, estimated.faults, final))
+    return BetterLaws(beside, instead)
+
+
+def _instead_of_faults(
+    prepared: PreparedData, comparison: LawComparison, faults: Sequence[LargeImperfection], final: FinalEstimates
+) -> dict[Key, LawFit]:
+    """Return the general laws that refute faults, by key of the fault."""
+    found = {}
+    for fault in faults:
+        joints = _joints(prepared, fault.feature)
+        together = [other.feature for other in faults if set(_joints(prepared, other.feature)) & set(joints)]
+        wider = final.wider(together)
+        law = comparison.instead_of_numbers(wider, joints)
+        there = law.gain > prepared.settings.significance.detected
+        if there and final.is_within_prior(fault, *comparison.numbers_beside(law, wider)):
+            found[fault.feature.key] = law
+    return found
+
+
+def _joints(prepared: PreparedData, feature: Feature) -> Sequence[int]:
+    names = list(prepared.model.robot.joint_names)
+    return range(len(names)) if feature.joint is None else [names.index(feature.joint)]
+
+
+def lacks_of_fit(prepared: PreparedData, laws: Sequence[LawFit]) -> list[LackOfFit]:
+    """Return where general laws show most, and which regime their torques follow.
+
+    Parameters
+    ----------
+    prepared
+        Data and regressors.
+    laws
+        Those that are there.
+    """
+    settings, found = prepared.settings.regimes, []
+    for fit in laws:
+        sizes = np.sqrt(np.mean(np.concatenate(fit.torque) ** 2, axis=0))
+        row = int(np.argmax(sizes))
+        followed = shares(prepared.validation, fit.torque, row, prepared.gear_ratios(row), settings)
+        found.append(LackOfFit(row, regime(followed, settings), fit.gain, float(sizes[row])))
+    return found

@@ -1,0 +1,228 @@
+"""Whether the laws of a hypothesis are right: each is compared with laws that no catalogue states.
+
+The marginal likelihood of a general law with K columns Z and coefficients N(0, a^2), beside what the hypothesis P keeps
+in the regression (nuisance parameters with their priors, the other causes), is in closed form
+
+    ln p(y | a) = y'Z (Z'Z + s/a^2)^-1 Z'y / 2s - ln det(1 + a^2 Z'Z / s) / 2,        y, Z with P projected out,
+
+s the variance of the noise. Its determinant is the price of the coefficients. The size a, in Nm, is marginalised over a
+grid. A named law has few numbers, for which nothing is counted: a general law has to explain clearly more.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import logsumexp
+
+from elastic_arm.diagnosis.calibration.calibrate import effective_noise
+from elastic_arm.diagnosis.laws.general_laws import GeneralLaw, general_laws
+from elastic_arm.diagnosis.selection.hypothesis import Key
+from elastic_arm.diagnosis.selection.regressor_library import Candidate, RegressorLibrary
+from elastic_arm.diagnosis.selection.stepwise import misfit
+from elastic_arm.diagnosis.settings import DiagnosisSettings
+
+Array = NDArray[np.float64]
+
+RANK = 1e-6  # relative singular value below which a combination of columns is not determined; numerical
+
+
+@dataclass(frozen=True)
+class LawFit:
+    """A general law and what it explains.
+
+    Parameters
+    ----------
+    law
+        Which.
+    gain
+        Nats by which it raises the marginal likelihood over the hypothesis, less what choosing among the laws is worth.
+    size
+        Likeliest size of its torque, Nm.
+    torque
+        (N', R) Nm of each validation stretch.
+    """
+
+    law: GeneralLaw
+    gain: float
+    size: float
+    torque: list[Array]
+
+
+@dataclass(frozen=True)
+class _Base:
+    """What a hypothesis keeps in the regression.
+
+    Parameters
+    ----------
+    basis
+        Orthonormal (rows, k).
+    left
+        (rows,) residual without it.
+    log_likelihood
+        Nats, up to a constant.
+    """
+
+    basis: Array
+    left: Array
+    log_likelihood: float
+
+
+class LawComparison:
+    """A hypothesis at its optimum, beside which general laws are fitted.
+
+    Parameters
+    ----------
+    library
+        Of all columns.
+    selected
+        Candidates of the hypothesis, and their derivatives by parameters that do not act linearly.
+    settings
+        Of the general laws.
+    """
+
+    def __init__(self, library: RegressorLibrary, selected: Sequence[Candidate], settings: DiagnosisSettings) -> None:
+        self._library, self._selected, self._settings = library, list(selected), settings
+        self._nuisance = library.nuisance
+        self._noise = effective_noise(misfit(library, self._selected), settings)
+        self._white = np.vstack(self._nuisance.white)
+        self._residual = np.concatenate([library.matrix(which, [0])[:, 0] for which in (0, 1)])
+        self._columns: dict[tuple[int, int], Array] = {}
+
+    def beside(self, joints: Sequence[int]) -> LawFit:
+        """Return the general law of some joints that explains most beside the whole hypothesis."""
+        return self._best(self._whole, joints)
+
+    def instead_of(self, key: Key, joints: Sequence[int]) -> LawFit:
+        """Return the general law of some joints that explains most in the place of a cause, over that cause.
+
+        Parameters
+        ----------
+        key
+            Of the cause.
+        joints
+            On which it acts.
+        """
+        others = [candidate for candidate in self._selected if candidate.feature.key != key]
+        return self._best(self._base(others), joints)
+
+    def worth(self, key: Key) -> float:
+        """Return by how many nats a cause raises the likelihood of all data beside the others."""
+        others = [candidate for candidate in self._selected if candidate.feature.key != key]
+        return self._whole.log_likelihood - self._base(others).log_likelihood
+
+    def instead_of_numbers(self, wider: Mapping[int, float], joints: Sequence[int]) -> LawFit:
+        """Return the general law that explains most where nuisance parameters have the priors of ordinary ones.
+
+        Parameters
+        ----------
+        wider
+            How much wider than ordinary the prior of each of these nuisance parameters is in the hypothesis.
+        joints
+            To which they belong.
+        """
+        return self._best(self._base(self._selected, wider), joints)
+
+    def numbers_beside(self, fit: LawFit, wider: Mapping[int, float]) -> tuple[Array, Array]:
+        """Return posterior means and standard deviations (k,) of the nuisance parameters beside a general law.
+
+        They are relative to where the model stands, in standard deviations of the hypothesis' priors.
+
+        Parameters
+        ----------
+        fit
+            The law.
+        wider
+            As in :meth:`instead_of_numbers`.
+        """
+        count, narrower = len(self._nuisance), self._narrower(wider)
+        columns = [self._white / narrower]
+        if self._selected:
+            columns.append(self._of(self._selected)[: len(self._white)])
+        columns.append(np.vstack([data.whiten(fit.law.plain(data)) for data in self._library.sets]))
+        together = np.hstack(columns)
+        precision = np.zeros(together.shape[1])
+        precision[:count], precision[-columns[-1].shape[1] :] = self._noise, self._noise / fit.size**2
+        gram, target = together.T @ together + np.diag(precision), together.T @ self._residual
+        target[:count] += self._noise * self._nuisance.centre * narrower
+        scale = np.sqrt(np.maximum(np.diag(gram), 1e-300))
+        inverse = np.linalg.pinv(gram / np.outer(scale, scale), rcond=RANK**2, hermitian=True)
+        values = (inverse @ (target / scale)) / scale
+        stds = np.sqrt(self._noise * np.maximum(np.diag(inverse), 0.0)) / scale
+        return values[:count] / narrower, stds[:count] / narrower
+
+    def _narrower(self, wider: Mapping[int, float]) -> Array:
+        found = np.ones(len(self._nuisance))
+        found[list(wider)] = list(wider.values())
+        return found
+
+    @cached_property
+    def _whole(self) -> _Base:
+        return self._base(self._selected)
+
+    def _base(self, selected: Sequence[Candidate], wider: Mapping[int, float] | None = None) -> _Base:
+        """Return the regression on the nuisance parameters, some with priors that are narrower, and on candidates."""
+        prior, count, narrower = np.sqrt(self._noise), len(self._nuisance), self._narrower(wider or {})
+        basis, triangle = np.linalg.qr(np.vstack([self._white / narrower, prior * np.eye(count)]))
+        price = float(np.sum(np.log(np.abs(np.diag(triangle)) / prior)))
+        if selected:
+            own = _without(self._of(selected), basis)
+            u, s, _ = np.linalg.svd(own, full_matrices=False)
+            basis = np.hstack([basis, u[:, s > RANK * s[0]]])
+        left = _without(np.append(self._residual, prior * self._nuisance.centre * narrower), basis)
+        return _Base(basis, left, -0.5 * float(left @ left) / self._noise - price)
+
+    def _of(self, selected: Sequence[Candidate]) -> Array:
+        """Return the columns of candidates, each of length one."""
+        index = np.concatenate([candidate.index for candidate in selected])
+        columns = np.vstack([self._library.matrix(which, index) for which in (0, 1)])
+        return self._with_priors(columns / np.maximum(np.linalg.norm(columns, axis=0), 1e-300))
+
+    def _with_priors(self, columns: Array) -> Array:
+        """Return columns of both data sets with a row for each prior."""
+        return np.vstack([columns, np.zeros((len(self._nuisance), columns.shape[1]))])
+
+    def _best(self, base: _Base, joints: Sequence[int]) -> LawFit:
+        tried = [(joint, k) for joint in joints for k in range(len(self._laws(joint)))]
+        fits = [self._fit(base, *which) for which in tried]
+        best = int(np.argmax([gain for gain, *_ in fits]))
+        (joint, k), (gain, size, coefficients) = tried[best], fits[best]
+        law = self._laws(joint)[k]
+        over = gain + base.log_likelihood - self._whole.log_likelihood - float(np.log(len(tried)))
+        return LawFit(law, over, size, [part @ coefficients for part in law.plain(self._library.sets[1])])
+
+    def _laws(self, joint: int) -> list[GeneralLaw]:
+        if joint not in self._all_laws:
+            self._all_laws[joint] = general_laws(self._library.sets, joint, self._settings.general_laws)
+        return self._all_laws[joint]
+
+    @cached_property
+    def _all_laws(self) -> dict[int, list[GeneralLaw]]:
+        return {}
+
+    def _fit(self, base: _Base, joint: int, k: int) -> tuple[float, float, Array]:
+        """Return the log-likelihood, nats, that a law gains over a base, its likeliest size, and its coefficients."""
+        columns = _without(self._of_law(joint, k), base.basis)
+        values, vectors = np.linalg.eigh(columns.T @ columns / self._noise)
+        seen = values > RANK**2 * values[-1]
+        values, vectors = values[seen], vectors[:, seen]
+        shown = vectors.T @ (columns.T @ base.left) / self._noise
+        sizes = np.array(self._settings.general_laws.sizes)[:, None]
+        gains = 0.5 * np.sum(shown**2 / (values + sizes**-2) - np.log1p(values * sizes**2), axis=1)
+        size = float(sizes[int(np.argmax(gains)), 0])
+        coefficients = vectors @ (shown / (values + size**-2))
+        return float(logsumexp(gains) - np.log(len(gains))), size, coefficients
+
+    def _of_law(self, joint: int, k: int) -> Array:
+        if (joint, k) not in self._columns:
+            sets, law = self._library.sets, self._laws(joint)[k]
+            self._columns[joint, k] = self._with_priors(np.vstack([data.whiten(law.plain(data)) for data in sets]))
+        return self._columns[joint, k]
+
+
+def _without(columns: Array, basis: Array) -> Array:
+    return np.asarray(columns - basis @ (basis.T @ columns))
