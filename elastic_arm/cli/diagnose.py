@@ -35,6 +35,7 @@ from elastic_arm.diagnosis.comparison import SimulationComparison, compare
 from elastic_arm.diagnosis.corrected_robot import deviations, repaired_robot
 from elastic_arm.diagnosis.design.proposal import Proposal
 from elastic_arm.diagnosis.format import (
+    agreement_text,
     alone_text,
     cause_size,
     effect_at,
@@ -288,9 +289,8 @@ def _print_followed_up(found: Diagnosis) -> None:
     if found.proposal is not None:
         _print_proposal(found.proposal)
     for agreement in found.agreements:
-        word = "agrees" if agreement.agrees else "[yellow]does not agree[/]"
-        apart = "" if agreement.spread is None else f": sizes within {100 * agreement.spread:.2g} % of their mean"
-        out.print(f"{escape(effect_at(agreement.effect, agreement.joint))}: {word} over the recordings{apart}")
+        words = agreement_text(agreement).replace("does not agree", "[yellow]does not agree[/]")
+        out.print(f"{escape(effect_at(agreement.effect, agreement.joint))}: {words}")
 
 
 def print_further(

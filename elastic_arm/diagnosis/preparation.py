@@ -329,10 +329,14 @@ def _common(
     rate = min(o.rate for o in observations)
     if max(o.rate for o in observations) > settings.rate_tolerance * rate:
         raise DiagnosisError("the recordings have different sample rates", "Diagnose those of one rate together")
-    return layouts[0], common_band(layouts[0], model, rate, settings)
+    longest = min(max(len(piece) / o.rate - 2.0 * o.margin for piece in o.pieces) for o in observations)
+    torque_band = max(min(o.torque_band for o in observations), settings.narrow_filter / max(longest, 1e-3))
+    return layouts[0], common_band(layouts[0], model, rate, settings, torque_band)
 
 
-def common_band(layout: EquationSet, model: Model, rate: float, settings: PreprocessingSettings) -> Band:
+def common_band(
+    layout: EquationSet, model: Model, rate: float, settings: PreprocessingSettings, torque_band: float = np.inf
+) -> Band:
     """Return the band in which residuals are compared.
 
     Parameters
@@ -345,8 +349,10 @@ def common_band(layout: EquationSet, model: Model, rate: float, settings: Prepro
         Hz, of the recordings.
     settings
         Upper edge where only one encoder is recorded.
+    torque_band
+        Hz, from which on torques were low-passed before they were recorded: above, they are not those of the motion.
     """
-    widest = widest_band(rate)
+    widest = min(widest_band(rate), torque_band)
     one_encoder = len(layout.sides) == 1 and model.robot.elastic
     return Band(min(widest, settings.one_encoder_band) if one_encoder else widest, rate)
 

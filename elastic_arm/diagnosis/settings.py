@@ -44,6 +44,9 @@ class PreprocessingSettings:
     # Convention: where the law holds, few rows that are noise give up to 2.4; true sticking gave 6.
     sticking: float = 4.0
     one_encoder_band: float = 5.0  # Hz; above it the deflection that a single encoder does not show changes the motion
+    # Of a band's edge, Hz, times the length of a stretch, s: below, its filters leave too little to judge. They take
+    # 4.2 and 3.6 over the edge; half of what the first leaves must be longer than the second.
+    narrow_filter: float = 12.0
     difference: float = 1e-3  # of the velocities' spread: equal to differences of positions up to rounding
     rate_tolerance: float = 1.01  # ratio of sample rates that counts as one rate; convention
 
@@ -55,7 +58,7 @@ class RefitSettings:
     steps: int = 5  # Gauss-Newton steps; the third changes the misfit of 8 % mass errors by less than a thousandth
     step_shares: tuple[float, ...] = (1.0, 0.5, 0.25)  # of a step, tried until one lowers the misfit; convention
     improvement: float = 0.999  # ratio of misfits from which a step is worth another; convention
-    most_discount: float = 50.0  # largest factor by which coloured residuals are discounted; convention
+    most_discount: float = 50.0  # largest factor by which coloured residuals of the widest band are; convention
     beyond_ordinary: float = 3.0  # standard deviations of a prior; 0.3 % of ordinary arms have more
     certain: float = 3.0  # standard deviations by which a sensor is beyond ordinary, and differs from nothing
     fault_width: float = 30.0  # of a faulty sensor's prior over an ordinary one's: hardly any prior; convention
@@ -139,6 +142,7 @@ class ColourSettings:
     least_gain: float = 20.0  # nats over white noise; recordings with white noise reach 5
     largest_lack: float = 3.0  # power left over that expected, in any octave and row; noise reaches 2
     largest_peakedness: float = 2.0  # 1 for noise, 1.8 for coarse steps; effects without a column reach 20
+    largest_share: float = 0.05  # of the torque of most joints; sensors and currents have 1 % and less
 
 
 @dataclass(frozen=True)
@@ -190,6 +194,7 @@ class AgreementSettings:
 
     alpha: float = 1e-3  # chi-square probability below which sizes differ by more than chance
     alike: float = 0.02  # of the effect's size; closer values count as equal, however sharp they are; convention
+    comparable: float = 0.5  # of the same: values that chance spreads wider cannot be compared; convention
 
 
 @dataclass(frozen=True)

@@ -21,6 +21,7 @@ from elastic_arm.estimation.noise_colour import Colour
 from elastic_arm.estimation.resampling import Clock, Grid
 from elastic_arm.estimation.smoother import Smoother
 from elastic_arm.recording import Recording
+from elastic_arm.recording.inspection.torque_spectrum import TorqueSpectrum, torque_spectra
 from elastic_arm.recording.sides import Lacking
 
 Array = NDArray[np.float64]
@@ -33,6 +34,9 @@ BAND_SHARE = 0.2  # of the sample rate
 SMOOTHER_WIDTH = 2.2  # smoother's cutoff over the band: 0.2 % of a term is taken at the band's edge, from all alike
 ABOVE_MOTION = 0.2  # share of the sample rate above which torque channels hold noise alone
 SHORTEST = 2.0  # s
+NARROWEST_BAND = 1.0  # Hz; the motion of an arm is slower than that nowhere
+# Of a torque's rms, within its band: noise of a torque that was low-passed, where nothing shows it; convention.
+ORDINARY_NOISE = 0.005
 UNBROKEN = 5.0  # sample intervals between two parts of a recording up to which its motion counts as going on
 
 
@@ -80,6 +84,8 @@ class Observation:
         Where it came from, and what had to be assumed.
     colour
         Of the torque channels' noise beyond its white level, where it was found to have one.
+    torque_band
+        Hz, from which on torques were low-passed before they were recorded; infinite where none was.
     """
 
     pieces: tuple[Motion, ...]
@@ -91,6 +97,7 @@ class Observation:
     source: str = ""
     notes: tuple[str, ...] = ()
     colour: Colour | None = None
+    torque_band: float = np.inf
     _splines: dict[tuple[int, str], list[CubicSpline]] = field(
         default_factory=dict, init=False, repr=False, compare=False
     )
@@ -218,13 +225,14 @@ def observe(recording: Recording, band: float | None = None) -> Observation:
     wide_link, wide_motor = (None if side is None else replace(side, cutoff=cutoff) for side in (link, motor))
     crossing = Smoother.from_noise(clock.rate, wide_link, wide_motor, recording.n)
     smoother = Smoother(clock.rate, cutoff, crossing.link_crossover, crossing.motor_crossover)
+    spectra = torque_spectra(recording)
     levels = {
         "q": link.position_std if link else None,
         "dq": link.velocity_std if link else None,
         "theta": motor.position_std if motor else None,
         "dtheta": motor.velocity_std if motor else None,
-        "tau_J": torque_noise(grids, "tau_J"),
-        "tau_m": torque_noise(grids, "tau_m"),
+        "tau_J": _with_low_pass(torque_noise(grids, "tau_J"), longest.tau_J, spectra.get("link"), clock.rate),
+        "tau_m": _with_low_pass(torque_noise(grids, "tau_m"), longest.tau_m, spectra.get("motor"), clock.rate),
     }
     noise = ChannelNoise(**{name: _of_recorded(level, name, samples.lacking) for name, level in levels.items()})
     pieces = tuple(smoother(_extended(grid, smoother.lag)) for grid in grids)
@@ -236,8 +244,39 @@ def observe(recording: Recording, band: float | None = None) -> Observation:
     span = (0.0, float(samples.t[-1]))
     pieces, quiet = (tuple(replace(piece, span=span) for piece in some) for some in (pieces, quiet))
     return Observation(
-        pieces, quiet, clock.rate, smoother, noise, designed.cutoff / (2 * np.pi), recording.source, notes
+        pieces,
+        quiet,
+        clock.rate,
+        smoother,
+        noise,
+        designed.cutoff / (2 * np.pi),
+        recording.source,
+        notes,
+        torque_band=max(NARROWEST_BAND, min((found.band for found in spectra.values()), default=np.inf)),
     )
+
+
+def _with_low_pass(
+    level: Array | None, torque: Array | None, spectrum: TorqueSpectrum | None, rate: float
+) -> Array | None:
+    """Return the noise (n,) of a torque channel: of what was low-passed, that of an ordinary sensor within its band.
+
+    Parameters
+    ----------
+    level
+        (n,) Nm a sample, from frequencies at which a torque that was low-passed holds nothing.
+    torque
+        (N, n) Nm.
+    spectrum
+        Of the channel, if it is long enough to have one.
+    rate
+        Samples per second.
+    """
+    if level is None or torque is None or spectrum is None or not spectrum.low_passed.any():
+        return level
+    knee = np.minimum(np.maximum(spectrum.knee, NARROWEST_BAND), rate / 2)
+    ordinary = ORDINARY_NOISE * np.sqrt(np.mean(torque**2, axis=0)) * np.sqrt(0.5 * rate / knee)
+    return np.where(spectrum.low_passed, np.maximum(level, ordinary), level)
 
 
 def _of_recorded(level: Array | None, name: str, lacking: Lacking) -> Array | None:

@@ -10,6 +10,7 @@ import numpy as np
 from elastic_arm.diagnosis.comparison import SimulationComparison
 from elastic_arm.diagnosis.context import DiagnosisContext
 from elastic_arm.diagnosis.format import (
+    agreement_text,
     alone_text,
     cause_size,
     effect_at,
@@ -292,18 +293,17 @@ def _agreement(found: Diagnosis) -> list[Block]:
             [f.source or "a recording", estimates_text(f.parameters) or "no free size", log_likelihood_text(f.gain)]
             for f in agreement.findings
         ]
-        verdict = "agrees over the recordings" if agreement.agrees else "does not agree over the recordings"
-        blocks.append(Text(f"{place}: {verdict}{_why(agreement)}.", "good" if agreement.agrees else "warn"))
+        good = agreement.agrees and agreement.comparable
+        blocks.append(Text(f"{place} {agreement_text(agreement)}{_test(agreement)}.", "good" if good else "warn"))
         blocks.append(Table(["recording", "size", "log-likelihood gained"], rows, digits=3))
     return blocks
 
 
-def _why(agreement: Agreement) -> str:
-    if agreement.chi_square is None or agreement.spread is None:
+def _test(agreement: Agreement) -> str:
+    if agreement.chi_square is None:
         return ""
     freedom = f"{agreement.freedom} degree{'s' if agreement.freedom > 1 else ''} of freedom"
-    spread = f"values within {100 * agreement.spread:.2g} % of their mean"
-    return f" (chi-square {agreement.chi_square:.3g} for {freedom}, {spread})"
+    return f" (chi-square {agreement.chi_square:.3g} for {freedom})"
 
 
 def _leftover(found: Diagnosis) -> list[str]:

@@ -2,12 +2,20 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
 from elastic_arm.diagnosis import Question, diagnose, follow_up
+from elastic_arm.diagnosis.format import agreement_text
+from elastic_arm.diagnosis.inference.across_recordings import Agreement, RecordingEstimate, compared
+from elastic_arm.diagnosis.inference.estimates import ParameterEstimate
 from elastic_arm.diagnosis.result import Diagnosis
-from elastic_arm.effects import EFFECTS
+from elastic_arm.diagnosis.selection.candidates import feature_of
+from elastic_arm.diagnosis.settings import AgreementSettings
+from elastic_arm.effects import EFFECTS, parse
+from elastic_arm.effects.equations import ArmEquations
 from elastic_arm.recording import Recording
 from tests.helpers.gap_recordings import ROBOT, motions, record
 
@@ -74,3 +82,26 @@ def test_agreement_is_written_with_every_recording(same: Diagnosis) -> None:
         assert set(one) == {"recording", "parameters", "log_likelihood"}
         assert one["parameters"]["torque"]["std"] > 0.0
     assert np.isfinite(written["chi_square"]) and written["degrees_of_freedom"] == 2
+
+
+def test_what_single_recordings_hardly_determine_is_not_called_equal() -> None:
+    """Sizes that chance alone spreads by several times their mean neither agree nor disagree, and it is said."""
+    agreement = _agreement([1.0, 8.0, -3.0], std=6.0)
+    assert agreement.agrees and not agreement.comparable
+    assert agreement_text(agreement) == (
+        "cannot be compared over the recordings: each alone determines its size too poorly"
+    )
+
+
+def test_sizes_that_differ_are_stated_as_a_share_of_their_mean() -> None:
+    """2 and 3 Nm, each to 0.01 Nm, do not agree and are 20 % from their mean."""
+    agreement = _agreement([2.0, 3.0], std=0.01)
+    assert not agreement.agrees and agreement.comparable
+    assert agreement_text(agreement) == "does not agree over the recordings: sizes differ by up to 20.0 % of their mean"
+
+
+def _agreement(torques: list[float], std: float) -> Agreement:
+    """Compare dry friction of these sizes, one a recording."""
+    feature = feature_of(parse(friction(6), ROBOT), ArmEquations(ROBOT, "mod3"))
+    found = [RecordingEstimate("run", {"torque": ParameterEstimate(value, std, "Nm")}, 50.0) for value in torques]
+    return compared(SimpleNamespace(feature=feature), found, AgreementSettings())

@@ -7,6 +7,7 @@ from functools import cache
 
 import numpy as np
 import pytest
+import scipy
 
 from elastic_arm.errors import DiagnosisError
 from elastic_arm.estimation.observation import Observation, observe, torque_noise, widest_band
@@ -108,3 +109,17 @@ def test_recordings_that_no_residual_can_be_made_of_are_refused() -> None:
     )
     with pytest.raises(DiagnosisError, match="no motion"):
         observe(still)
+
+
+def test_a_torque_that_was_low_passed_limits_the_band_and_has_the_noise_of_an_ordinary_sensor() -> None:
+    """Below a low pass of 5 Hz a torque is compared up to there, with noise of 0.5 % of its rms in that band."""
+    whole = recording()
+    assert whole.motor is not None and whole.motor.effort is not None
+    sections = scipy.signal.butter(4, 5.0, fs=1e9 / np.median(np.diff(whole.motor.stamp_ns)), output="sos")
+    smooth = scipy.signal.sosfiltfilt(sections, whole.motor.effort, axis=0)
+    seen = observe(replace(whole, motor=replace(whole.motor, effort=smooth)))
+    assert observation().torque_band == np.inf
+    assert seen.torque_band == pytest.approx(5.0, rel=0.35)
+    assert seen.noise.tau_m is not None
+    in_band = seen.noise.tau_m * np.sqrt(2.0 * seen.torque_band / seen.rate)
+    np.testing.assert_allclose(in_band, 0.005 * np.sqrt(np.mean(smooth**2, axis=0)), rtol=0.25)

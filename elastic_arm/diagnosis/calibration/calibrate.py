@@ -20,6 +20,8 @@ from elastic_arm.diagnosis.selection.regressor_library import Candidate, Regress
 from elastic_arm.diagnosis.selection.stepwise import misfit
 from elastic_arm.diagnosis.settings import DiagnosisSettings
 from elastic_arm.effects.model import SensorEffect
+from elastic_arm.estimation.band import Band
+from elastic_arm.estimation.observation import widest_band
 from elastic_arm.estimation.whitening import ActingEffect
 
 Array = NDArray[np.float64]
@@ -56,7 +58,7 @@ def calibrate(
         before, best = best.misfit, nearer
         if best.misfit > settings.refit.improvement * before:
             break
-    return best.expansion, effective_noise(best.misfit, settings)
+    return best.expansion, effective_noise(best.misfit, problem.band, settings)
 
 
 @dataclass(frozen=True)
@@ -87,7 +89,7 @@ def _fitted(
     found, again = linearise(problem, expansion, (), extra)
     selected = [*found.given, *again]
     left = misfit(found.library, selected)
-    step, _ = found.library.nuisance_step(selected, effective_noise(left, problem.settings))
+    step, _ = found.library.nuisance_step(selected, effective_noise(left, problem.band, problem.settings))
     acting = tuple(
         ActingEffect(c.feature, c.searched or (), beta)
         for c, beta in zip(selected, found.library.coefficients(selected), strict=True)
@@ -114,19 +116,23 @@ def _nearer(
     return None
 
 
-def effective_noise(misfit: float, settings: DiagnosisSettings) -> float:
+def effective_noise(misfit: float, band: Band, settings: DiagnosisSettings) -> float:
     """Return the variance at which whitened residuals count as white noise.
 
-    What is unexplained is coloured: fewer of its rows are independent than there are.
+    What is unexplained is coloured: fewer of its rows are independent than there are. In a narrower band there are
+    fewer rows to begin with.
 
     Parameters
     ----------
     misfit
         Mean square of the whitened residuals.
+    band
+        In which they are compared.
     settings
-        Largest discount for colour.
+        Largest discount for colour, in the widest band of the recording.
     """
-    return misfit * min(misfit, settings.refit.most_discount)
+    most = settings.refit.most_discount * min(1.0, band.cutoff / widest_band(band.rate))
+    return misfit * min(misfit, max(most, 1.0))
 
 
 def posterior(
@@ -143,7 +149,7 @@ def posterior(
     settings
         Largest discount for colour.
     """
-    return library.nuisance_step(selected, effective_noise(misfit(library, selected), settings))
+    return library.nuisance_step(selected, effective_noise(misfit(library, selected), library.sets[0].band, settings))
 
 
 def imperfections(problem: CalibrationProblem, deviations: Array, stds: Array) -> tuple[Imperfection, ...]:

@@ -61,7 +61,9 @@ class Agreement:
     spread
         Largest distance of a value from the mean, as a share of the effect's size.
     agrees
-        Whether the cause is there in every recording, of one size.
+        Whether the cause is there in every recording, of one size as far as they determine it.
+    comparable
+        Whether single recordings determine the size well enough for that to mean something.
     """
 
     effect: str
@@ -72,6 +74,7 @@ class Agreement:
     probability: float | None
     spread: float | None
     agrees: bool
+    comparable: bool = True
 
     def to_dict(self) -> dict[str, Any]:
         """Return it as plain data."""
@@ -79,6 +82,7 @@ class Agreement:
             "effect": self.effect,
             "joint": self.joint,
             "agrees": self.agrees,
+            "comparable": self.comparable,
             "chi_square": _rounded(self.chi_square),
             "degrees_of_freedom": self.freedom,
             "probability": _rounded(self.probability),
@@ -176,7 +180,9 @@ def compared(candidate: Candidate, findings: Sequence[RecordingEstimate], settin
     scatter, spread = max([numbers for numbers in tried if numbers[1] >= settings.alike] or tried)
     probability = min(1.0, len(tried) * float(chi2.sf(scatter, len(findings) - 1)))
     agrees = present and (probability > settings.alpha or spread < settings.alike)
-    return Agreement(effect.id, joint, tuple(findings), scatter, len(findings) - 1, probability, spread, agrees)
+    comparable = not agrees or spread < settings.comparable
+    freedom = len(findings) - 1
+    return Agreement(effect.id, joint, tuple(findings), scatter, freedom, probability, spread, agrees, comparable)
 
 
 def _whole_size(effect: Effect, findings: Sequence[RecordingEstimate]) -> float:

@@ -3,7 +3,8 @@
 White noise is what a recording shows above the motion's frequencies. Within the band it is tested: what is left of the
 residuals beside all candidates and all shapes of :mod:`.lack_of_fit` can be no effect of the motion. Where that
 is not white, and where a smooth spectrum describes it, the sensors' noise has that colour. Where no smooth spectrum
-does, something of the arm is in it that no column resembles, and the noise is left white.
+does, or where it is a good part of the torques, something of the arm is in it that no column resembles, and the noise
+is left white.
 """
 
 from __future__ import annotations
@@ -17,6 +18,7 @@ from numpy.typing import NDArray
 from elastic_arm.diagnosis.inference.lack_of_fit import placed, shapes_of
 from elastic_arm.diagnosis.preparation import PreparedData
 from elastic_arm.diagnosis.selection.hypothesis import Hypothesis
+from elastic_arm.diagnosis.selection.plausible_size import typical_torques
 from elastic_arm.diagnosis.settings import ColourSettings
 from elastic_arm.estimation.noise_colour import Colour, ColourFit, Periodogram, covariances, fit_colour, pooled
 from elastic_arm.estimation.whitening import EDGE
@@ -62,7 +64,7 @@ def noise_colours(prepared: PreparedData, hypothesis: Hypothesis) -> tuple[Colou
     if not _credible(fits, settings):
         return None
     first, second = pooled([one.colour for one in fits])
-    return first, second
+    return (first, second) if _is_of_sensors(prepared, (first, second)) else None
 
 
 def _credible(fits: Sequence[ColourFit], settings: ColourSettings) -> bool:
@@ -71,6 +73,20 @@ def _credible(fits: Sequence[ColourFit], settings: ColourSettings) -> bool:
         and max(one.lack for one in fits) < settings.largest_lack
         and max(one.peakedness for one in fits) < settings.largest_peakedness
     )
+
+
+def _is_of_sensors(prepared: PreparedData, colours: Sequence[Colour]) -> bool:
+    """Whether a colour is as small beside the torques as sensors' noise is; what is larger, the model lacks.
+
+    At most joints: one that carries next to nothing may show more noise than torque.
+    """
+    shares = []
+    for data, colour in zip(prepared.library.sets, colours, strict=True):
+        f = np.linspace(colour.lowest, data.band.cutoff, FREQUENCIES)
+        for channel in colour.coefficients:
+            noise = np.sqrt(np.mean(colour.density(channel, f), axis=0) * 2.0 * data.band.cutoff / data.band.rate)
+            shares.append(noise / np.maximum(typical_torques(data, channel), 1e-300))
+    return float(np.median(shares, axis=1).max()) < prepared.settings.colour.largest_share
 
 
 @dataclass(frozen=True, eq=False)

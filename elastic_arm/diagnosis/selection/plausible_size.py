@@ -127,9 +127,9 @@ class PlausibleSizes:
         return self._peaks[feature.key]
 
 
-def typical_torques(data: WhitenedData) -> Array:
-    """Return the root mean square (n,) Nm of the measured torque of every joint."""
-    measured = data.layout.torques[-1]
+def typical_torques(data: WhitenedData, channel: str | None = None) -> Array:
+    """Return the root mean square (n,) Nm of the measured torque of every joint: of a channel, else of the last one."""
+    measured = channel or data.layout.torques[-1]
     values = np.concatenate([getattr(part.stretch.motion, measured) for part in data.parts])
     return np.asarray(np.sqrt(np.mean(values**2, axis=0)))
 

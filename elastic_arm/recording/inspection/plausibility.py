@@ -19,6 +19,7 @@ import numpy as np
 import scipy
 
 from elastic_arm.recording.inspection.report import Finding
+from elastic_arm.recording.inspection.torque_spectrum import torque_spectrum
 from elastic_arm.recording.recording import Recording
 from elastic_arm.recording.sides import Array, Side, joints_with
 
@@ -35,11 +36,6 @@ _REGULAR = 2e-6  # of the interval: rounding of stamps to a nanosecond or a floa
 _COMMON = 0.02  # of the interval: joints advance too far together by more than that
 _AGREE = 0.3  # correlation of two groups of joints about it
 _JITTER = 0.02  # of the interval: stamps that spread more must be those of the motion
-# A torque of 16 bits, six standard deviations wide, rounds at -91 dB of its variance: no converter gives less noise.
-_NOISELESS = -95.0
-_FLAT = 10.0  # dB: white noise over the upper two thirds of the band
-_ROUNDING = -150.0  # dB: nothing is left but the rounding of floating-point numbers
-_SMOOTH_WINDOW = ("kaiser", 24.0)  # side lobes below -180 dB
 
 
 @dataclass(frozen=True)
@@ -249,33 +245,20 @@ def _common(rest: Array, mean: Array) -> tuple[Array, Array]:
 def _noiseless(name: str, side: Side, joints: Sequence[str]) -> list[Finding]:
     """Find torques with less noise than a converter of 16 bits: smoothed, or computed."""
     assert side.effort is not None
-    rate = 1e9 / float(np.median(np.diff(side.stamp_ns)))
-    rows = min(1024, len(side) // 2)
-    varying = side.effort.std(axis=0) > 0.0
-    frequency, power = scipy.signal.welch(
-        side.effort, rate, _SMOOTH_WINDOW, rows, detrend="linear", axis=0, scaling="density"
-    )
-    white = np.where(varying, side.effort.var(axis=0), 1.0) / (0.5 * rate)
-    level = 10.0 * np.log10(np.maximum(power / white, 1e-30))
-    middle, top = (_band(frequency / (0.5 * rate), level, band) for band in ((0.3, 0.5), (0.7, 0.95)))
-    quiet = varying & (top < _NOISELESS)
-    flat = quiet & (middle - top < _FLAT) & (top > _ROUNDING)
+    found = torque_spectrum(side.effort, 1e9 / float(np.median(np.diff(side.stamp_ns))))
     findings = []
-    if flat.any():
-        message = f"{name} effort of {_listed(joints, flat)} has {_range(top[flat])} dB of noise"
+    if found.computed.any():
+        message = (
+            f"{name} effort of {_listed(joints, found.computed)} has {_range(found.level[found.computed])} dB of noise"
+        )
         remedy = "less than a converter of 16 bits: it is computed, as by a model, not measured"
         findings.append(Finding("warning", "computed_torque", f"{message}, {remedy}"))
-    # A straight line has no spectrum to speak of.
-    smooth = quiet & ~flat & (level > _NOISELESS).any(axis=0)
+    smooth = found.low_passed
     if smooth.any():
-        ends = [frequency[np.flatnonzero(level[:, j] > _NOISELESS)[-1]] for j in np.flatnonzero(smooth)]
-        message = f"{name} effort of {_listed(joints, smooth)} holds nothing above {_range(np.array(ends))} Hz"
-        findings.append(Finding("note", _SMOOTH, f"{message}, not even noise: it was low-passed, or computed"))
+        message = f"{name} effort of {_listed(joints, smooth)} holds nothing above {_range(found.end[smooth])} Hz, not"
+        falls = f"even noise, and falls steeply from {_range(found.knee[smooth])} Hz on"
+        findings.append(Finding("note", _SMOOTH, f"{message} {falls}: it was low-passed there, or computed"))
     return findings
-
-
-def _band(share: Array, level: Array, band: tuple[float, float]) -> Array:
-    return np.median(level[(share > band[0]) & (share < band[1])], axis=0)
 
 
 def _same_arrays(recording: Recording) -> list[Finding]:

@@ -1,0 +1,106 @@
+"""Torques that hold less noise than any converter gives: low-passed before they were recorded, or computed."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import scipy
+from numpy.typing import NDArray
+
+from elastic_arm.recording.recording import Recording
+from elastic_arm.recording.sides import Array
+
+FEWEST = 200  # samples; below, nothing is concluded
+# A torque of 16 bits, six standard deviations wide, rounds at -91 dB of its variance: no converter gives less noise.
+NOISELESS = -95.0
+FLAT = 10.0  # dB: white noise over the upper two thirds of the band
+ROUNDING = -150.0  # dB: nothing is left but the rounding of floating-point numbers
+WINDOW = ("kaiser", 24.0)  # side lobes below -180 dB
+# dB a decade, from where on a low pass is what makes the spectrum fall: noise is flat, friction that jumps gives 20.
+STEEP = 80.0
+STEPS_PER_DECADE, SPAN = 50, 10  # of frequencies, and how many of them a slope is taken over
+
+
+@dataclass(frozen=True, eq=False)
+class TorqueSpectrum:
+    """What the torques of one side hold at high frequencies.
+
+    Parameters
+    ----------
+    level
+        (n,) dB of the torque's variance, if it were white: the noise in the upper part of the spectrum.
+    computed
+        (n,) whether it is that of white noise, and yet less than any converter's.
+    low_passed
+        (n,) whether there is none at all.
+    end
+        (n,) Hz, above which a torque that was low-passed holds nothing; infinite for others.
+    knee
+        (n,) Hz, from which on it falls as steeply as nothing but a low pass does, up to its end; infinite for others.
+    """
+
+    level: Array
+    computed: NDArray[np.bool_]
+    low_passed: NDArray[np.bool_]
+    end: Array
+    knee: Array
+
+    @property
+    def band(self) -> float:
+        """Hz, up to which the torques are those of the motion: the joints of a side pass one kind of filter."""
+        return float(np.median(self.knee[self.low_passed])) if self.low_passed.any() else float("inf")
+
+
+def torque_spectrum(effort: Array, rate: float) -> TorqueSpectrum:
+    """Look at the high frequencies of torques.
+
+    Parameters
+    ----------
+    effort
+        (N, n) Nm, or any unit.
+    rate
+        Samples per second.
+    """
+    varying = effort.std(axis=0) > 0.0
+    rows = min(1024, len(effort) // 2)
+    frequency, power = scipy.signal.welch(effort, rate, WINDOW, rows, detrend="linear", axis=0, scaling="density")
+    white = np.where(varying, effort.var(axis=0), 1.0) / (0.5 * rate)
+    level = 10.0 * np.log10(np.maximum(power / white, 1e-30))
+    middle, top = (_between(frequency / (0.5 * rate), level, *edges) for edges in ((0.3, 0.5), (0.7, 0.95)))
+    quiet = varying & (top < NOISELESS)
+    computed = quiet & (middle - top < FLAT) & (top > ROUNDING)
+    # A straight line has no spectrum to speak of.
+    low_passed = quiet & ~computed & (level > NOISELESS).any(axis=0)
+    end, knee = np.full((2, effort.shape[1]), np.inf)
+    for j in np.flatnonzero(low_passed):
+        last = int(np.flatnonzero(level[:, j] > NOISELESS)[-1])
+        end[j] = frequency[last]
+        knee[j] = _knee(frequency[: last + 1], level[: last + 1, j])
+    return TorqueSpectrum(top, computed, low_passed, end, knee)
+
+
+def torque_spectra(recording: Recording) -> dict[str, TorqueSpectrum]:
+    """Return the spectra of the torques of the link and the motor side, of those that are long enough."""
+    found = {}
+    for name, side in (("link", recording.link), ("motor", recording.motor)):
+        if side is not None and side.effort is not None and len(side) >= FEWEST:
+            found[name] = torque_spectrum(side.effort, 1e9 / float(np.median(np.diff(side.stamp_ns))))
+    return found
+
+
+def _knee(frequency: Array, level: Array) -> float:
+    """Return the frequency, Hz, from which on the level falls steeply up to the last frequency."""
+    if len(frequency) < 3:
+        return float(frequency[-1])
+    at = np.arange(np.log10(frequency[1]), np.log10(frequency[-1]), 1.0 / STEPS_PER_DECADE)
+    values = np.interp(at, np.log10(frequency[1:]), level[1:])
+    if len(at) <= SPAN:
+        return float(frequency[-1])
+    gentle = np.flatnonzero((values[SPAN:] - values[:-SPAN]) * STEPS_PER_DECADE / SPAN > -STEEP)
+    # Half of the first steep span is the bend of the filter.
+    return float(10.0 ** at[min((int(gentle[-1]) + 1 if len(gentle) else 0) + SPAN // 2, len(at) - 1)])
+
+
+def _between(share: Array, level: Array, low: float, high: float) -> Array:
+    return np.asarray(np.median(level[(share > low) & (share < high)], axis=0))
