@@ -235,11 +235,11 @@ def observe(recording: Recording, band: float | None = None) -> Observation:
         "tau_m": _with_low_pass(torque_noise(grids, "tau_m"), longest.tau_m, spectra.get("motor"), clock.rate),
     }
     noise = ChannelNoise(**{name: _of_recorded(level, name, samples.lacking) for name, level in levels.items()})
-    pieces = tuple(smoother(_extended(grid, smoother.lag)) for grid in grids)
+    pieces = tuple(smoother(extended(grid, smoother.lag)) for grid in grids)
     # Above the frequency where noise outweighs motion, accelerations are noise, and the same that the residuals hold:
     # a column made of it would be correlated with them.
     calm = replace(smoother, cutoff=min(smoother.cutoff, designed.cutoff))
-    quiet = pieces if calm == smoother else tuple(calm(_extended(grid, calm.lag)) for grid in grids)
+    quiet = pieces if calm == smoother else tuple(calm(extended(grid, calm.lag)) for grid in grids)
     notes = (*recording.notes, *samples.notes, *([f"{where}: {clock.note}"] if clock.note else []))
     span = (0.0, float(samples.t[-1]))
     pieces, quiet = (tuple(replace(piece, span=span) for piece in some) for some in (pieces, quiet))
@@ -315,7 +315,7 @@ def continued(first: Observation, rest: Observation, offset: float) -> tuple[Obs
     return whole, replace(rest, pieces=parts(rest.pieces), quiet=parts(rest.quiet))
 
 
-def _extended(grid: Grid, count: int) -> Grid:
+def extended(grid: Grid, count: int) -> Grid:
     """Continue a stretch at both ends by its mirror image, through the point for angles, so that smoothing keeps its
     length: internal states need the motion from the first sample on. The rows made of it are dropped."""
     channels = {name: _mirrored(v, count, odd=name in ("q", "theta")) for name, v in grid.channels().items()}

@@ -16,7 +16,7 @@ from elastic_arm.dynamics import build_model
 from elastic_arm.effects import Catalogue, EffectInstance
 from elastic_arm.errors import IdentificationError
 from elastic_arm.estimation.motion import Motion
-from elastic_arm.estimation.resampling import Clock, Grid
+from elastic_arm.estimation.resampling import Clock
 from elastic_arm.estimation.series import FourierFit, fourier_motion, period_of, repeats
 from elastic_arm.estimation.smoother import Smoother, design_smoother
 from elastic_arm.identification.base_regression import BaseRegression
@@ -25,12 +25,14 @@ from elastic_arm.identification.deflection import shifted, shifts, zeros
 from elastic_arm.identification.deviations import series_covariance
 from elastic_arm.identification.law_columns import DEFAULT_SIGN_SPEED, SIGN_SPEEDS, is_dry, law_columns, with_stated
 from elastic_arm.identification.least_squares import Prior
+from elastic_arm.identification.pieces import closes, left_out, runs, with_ends
 from elastic_arm.identification.regularisation import (
     DOUBT,
     HeldOut,
     chosen_width,
     described_width,
     description_error,
+    law_sizes,
     prior_of,
     validated,
 )
@@ -43,9 +45,6 @@ from elastic_arm.robot import Robot
 Array = NDArray[np.float64]
 Method = Literal["auto", "smoother", "fourier"]
 ProgressCallback = Callable[[str, float], None]
-
-# Long recordings go through the derivative stage in runs of this many samples, which stay in the cache.
-RUN = 32768
 
 
 @dataclass(frozen=True)
@@ -161,33 +160,22 @@ class DerivativeStage:
         pieces = tuple((lambda motion=motion: motion) for motion, _, _ in fitted)
         return Derived(pieces, what, tuple((link, motor) for _, link, motor in fitted), self._said, self._repeats)
 
-    def __call__(self, equations: BaseRegression | None = None) -> Derived:
-        """Return the motion, the laws of `equations` beyond the model through the same filter."""
+    def __call__(self, equations: BaseRegression | None = None, *, ends: bool = False) -> Derived:
+        """Return the motion, the laws of `equations` beyond the model through the same filter.
+
+        With `ends`, those of the recording that the smoother loses are part of it where they matter.
+        """
         if self._series is not None:
             return self._series
         smoother, grids = self._smoother, self._grids
         lost = 2 * smoother.lag * (2 if equations is not None and equations.columns else 1)
-        long_enough = [grid for grid in grids if len(grid) > lost] or [self._longest]
+        grids = [with_ends(grid, lost) for grid in grids] if ends else grids
+        long_enough = [grid for grid in grids if len(grid) > lost] or [max(grids, key=len)]
         stage = smoother if equations is None else partial(smoothed, smoother, equations=equations)
-        pieces = [partial(stage, run) for grid in long_enough for run in _runs(grid, lost)]
+        pieces = [partial(stage, run) for grid in long_enough for run in runs(grid, lost)]
         method = f"smoother to {smoother.cutoff / (2 * np.pi):.1f} Hz"
-        said = (*self._said, *_left_out(grids, long_enough))
+        said = (*self._said, *left_out(grids, long_enough))
         return Derived(tuple(pieces), method, said=said, repeats=self._repeats)
-
-
-def _left_out(grids: Sequence[Grid], used: Sequence[Grid]) -> tuple[str, ...]:
-    """Return in words which pieces between gaps are too short for the smoother."""
-    kept, whole = (sum(map(len, some)) for some in (used, grids))
-    if len(used) == len(grids):
-        return ()
-    pieces = f"{len(grids) - len(used)} of {len(grids)} pieces between gaps"
-    return (f"{pieces} are too short and left out, {whole - kept} of {whole} samples",)
-
-
-def _runs(grid: Grid, lost: int) -> Iterator[Grid]:
-    """Cut a regular piece into runs that overlap by what the smoother loses."""
-    for start in range(0, max(len(grid) - lost, 1), RUN):
-        yield grid[start : start + RUN + lost]
 
 
 def identify(
@@ -284,24 +272,33 @@ def identify_with(
     prepared = [recording.samples() for recording in chosen]
     effects = with_stated(effects, robot, motored=any(s.tau_m is not None for s in prepared), catalogue=catalogue)
     speeds = SIGN_SPEEDS if any(is_dry(instance) for instance in effects) else (DEFAULT_SIGN_SPEED,)
-    tries, stages = [], list[DerivativeStage]()
-    for k, speed in enumerate(speeds):
+    stages: list[DerivativeStage] = []
+
+    def accumulated(speed: float, share: float, *, ends: bool = False) -> tuple[Identifier, list[Derived]]:
+        """Return the sums of all recordings, with dry friction that turns over within a speed, rad/s."""
         columns = law_columns(effects, robot, model, speed)
         identifier = Identifier(
             build_model(robot, model), columns, joints=robot.joint_names, weighted=weighted, encoder_columns=True
         )
         derived: list[Derived] = []
         for j, (recording, samples) in enumerate(zip(chosen, prepared, strict=True)):
-            report(f"equations of {recording.source}", (k * len(chosen) + j) / (len(speeds) * len(chosen)))
+            report(f"equations of {recording.source}", share)
             equations = _chosen_equations(identifier, samples)
             if j == len(stages):
                 stages.append(DerivativeStage(samples, derivatives, period=period))
-            derived.append(stages[j](equations).aligned(equations, derived[0] if derived else None))
+            derived.append(stages[j](equations, ends=ends).aligned(equations, derived[0] if derived else None))
             for motion in derived[-1].motions:
                 identifier.add_motion(motion)
+        return identifier, derived
+
+    tries = []
+    for k, speed in enumerate(speeds):
+        identifier, derived = accumulated(speed, k / len(speeds))
         misfit = float(np.sum(np.log(identifier.fit().noise))) if len(speeds) > 1 else 0.0
         tries.append((misfit, speed, identifier, derived))
     _, speed, identifier, derived = min(tries, key=lambda each: each[0])
+    if not closes(identifier.fit(), identifier.linear_blocks()):
+        identifier, derived = accumulated(speed, 1.0, ends=True)
     report("estimate", 1.0)
     names, methods = tuple(r.source for r in chosen), tuple(d.method for d in derived)
     covariance = _covariance(identifier, derived)
@@ -324,9 +321,12 @@ def identify_with(
 
 def _regularised(identifier: Identifier) -> tuple[float | None, Prior | None]:
     """Return the width of the prior that predicts left-out parts best, and the prior; None where it takes none."""
-    equations, plain = identifier.equations, identifier.fit()
-    width = chosen_width(identifier.linear_blocks(), plain, equations)
-    return width, None if width is None else prior_of(equations, width, description_error(plain, equations, DOUBT))
+    equations, plain, blocks = identifier.equations, identifier.fit(), identifier.linear_blocks()
+    width = chosen_width(blocks, plain, equations)
+    if width is None:
+        return None, None
+    error = description_error(plain, equations, DOUBT)
+    return width, prior_of(equations, width, error, law_sizes(blocks, equations))
 
 
 def _chosen_equations(identifier: Identifier, samples: Samples) -> BaseRegression:

@@ -56,8 +56,8 @@ WORSE = 1.1
 EQUAL = 0.01
 
 
-def prior_of(equations: BaseRegression, width: float, error: float = 0.0) -> Prior:
-    """Return the description as a prior of relative error `width`; laws beyond the model are free.
+def prior_of(equations: BaseRegression, width: float, error: float = 0.0, laws: Array | None = None) -> Prior:
+    """Return the description as a prior of relative error `width`; laws beyond the model are free up to a size.
 
     Parameters
     ----------
@@ -67,12 +67,39 @@ def prior_of(equations: BaseRegression, width: float, error: float = 0.0) -> Pri
         By which the prior is weighed.
     error
         By which the description is off, as far as is known; it counts in the deviations where it exceeds `width`.
+    laws
+        What :func:`law_sizes` returned; without it, laws have no size.
     """
     base = equations.base
     own, covariance = _description_errors(equations)
     factor = np.zeros((len(base),) * 2)
     factor[np.ix_(own, own)] = np.linalg.inv(np.linalg.cholesky(covariance)) / width
+    if laws is not None:
+        sized = np.flatnonzero(np.isfinite(laws))
+        factor[sized, sized] = 1.0 / laws[sized]
     return Prior(base.T @ equations.nominal, factor, max(error / width, 1.0))
+
+
+def law_sizes(blocks: Blocks, equations: BaseRegression) -> Array:
+    """Return the size (B,) at which each law beyond the model makes all the torque of its joint; NaN for the others.
+
+    A joint that never reverses shows friction and the zero of its torque as one and the same constant: any two numbers
+    of the right sum would fit.
+
+    Parameters
+    ----------
+    blocks
+        The data.
+    equations
+        In base parameters.
+    """
+    squares = np.diagonal(functools.reduce(add, blocks.grams)[0], axis1=1, axis2=2)
+    columns, torques = squares[:, :-1], squares[:, -1:]
+    whole = np.sum(np.where(columns > 0.0, torques, 0.0), axis=0)
+    law = np.array([":" in name and not name.startswith("link_encoder:") for name in equations.base.names])
+    with np.errstate(divide="ignore", invalid="ignore"):
+        sizes = np.sqrt(whole / columns.sum(axis=0))
+    return np.where(law & np.isfinite(sizes) & (sizes > 0.0), sizes, np.nan)
 
 
 def _description_errors(equations: BaseRegression) -> tuple[NDArray[np.intp], Array]:
@@ -135,7 +162,8 @@ def chosen_width(blocks: Blocks, fit: Fit, equations: BaseRegression) -> float |
     if (1.0 - GAIN) * plain.sum() <= solution @ whole @ solution:
         # Nothing predicts left-out parts much better than it fits them.
         return None
-    errors = np.array([plain, *(_left_out_errors(parts, prior_of(equations, width)) for width in WIDTHS)])
+    laws = law_sizes(blocks, equations)
+    errors = np.array([plain, *(_left_out_errors(parts, prior_of(equations, width, laws=laws)) for width in WIDTHS)])
     total = errors.sum(axis=1)
     best = int(np.argmin(total))
     gain = errors[0] - errors[best]
@@ -269,8 +297,9 @@ def validated(
 def _pulled(result: Identification, identifier: Identifier, held_out: HeldOut) -> Identification:
     """Return the result with the description as the prior that predicts held-out motion best."""
     tries, error = [], description_error(identifier.fit(), held_out.equations, DOUBT)
+    laws = law_sizes(identifier.linear_blocks(), held_out.equations)
     for width in PULLED:
-        prior = prior_of(held_out.equations, width, error)
+        prior = prior_of(held_out.equations, width, error, laws)
         own = identifier.estimate(result.recordings, result.derivatives, None, prior)
         tries.append((held_out.ratio(own.Psi_base), width, own))
     ratio, width, best = min(tries, key=lambda each: each[0])

@@ -54,6 +54,6 @@ def test_friction_of_low_passed_torques_does_not_bend() -> None:
     arm = load_robot(SHARED / "kuka_lwr4" / "kuka_lwr4.urdf")
     recordings = runs("kuka_lwr4", "import.yaml", [f"measurements_{k}.npz" for k in (1, 2, 3)])
     found = diagnose(recordings[:2], Question(arm, refit=True), recordings[2:])
-    assert found.band == pytest.approx(2.0, rel=0.15)
+    assert 1.5 < found.band < 2.1
     assert found.verdict == "unknown" and found.shrink is not None and found.shrink > 0.5
     assert {cause.effect for cause in found.causes} <= {"coulomb_friction", "viscous_friction"}

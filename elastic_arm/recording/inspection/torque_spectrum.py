@@ -19,6 +19,7 @@ ROUNDING = -150.0  # dB: nothing is left but the rounding of floating-point numb
 WINDOW = ("kaiser", 24.0)  # side lobes below -180 dB
 # dB a decade, from where on a low pass is what makes the spectrum fall: noise is flat, friction that jumps gives 20.
 STEEP = 80.0
+BELOW_KNEE = 0.9  # of the knee: there a filter of the eighth order has taken 3 dB, at the knee itself 6
 STEPS_PER_DECADE, SPAN = 50, 10  # of frequencies, and how many of them a slope is taken over
 
 
@@ -49,7 +50,7 @@ class TorqueSpectrum:
     @property
     def band(self) -> float:
         """Hz, up to which the torques are those of the motion: the joints of a side pass one kind of filter."""
-        return float(np.median(self.knee[self.low_passed])) if self.low_passed.any() else float("inf")
+        return BELOW_KNEE * float(np.median(self.knee[self.low_passed])) if self.low_passed.any() else float("inf")
 
 
 def torque_spectrum(effort: Array, rate: float) -> TorqueSpectrum:
