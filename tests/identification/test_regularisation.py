@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -10,11 +11,15 @@ import pytest
 from elastic_arm.dynamics import build_model
 from elastic_arm.identification import Identification, identifier_of, identify, parse_laws
 from elastic_arm.identification.base_regression import BaseRegression
-from elastic_arm.identification.least_squares import Fit
-from elastic_arm.identification.regularisation import DOUBT, chosen_width, description_error, prior_of
+from elastic_arm.identification.law_columns import law_columns
+from elastic_arm.identification.least_squares import Blocks, Fit
+from elastic_arm.identification.regularisation import DOUBT, chosen_width, description_error, law_sizes, prior_of
 from elastic_arm.recording import Recording, Samples, Side
+from elastic_arm.recording.foreign.arrays import import_arrays
 from elastic_arm.robot import Robot, load_robot
 from tests.helpers.periodic_arm import record
+
+GEN3 = Path(__file__).resolve().parents[3] / "shared" / "data" / "kinova_gen3"
 
 
 @pytest.fixture(scope="module")
@@ -142,3 +147,39 @@ def test_a_prior_narrower_than_its_errors_counts_these_in_the_deviations(arm: Ro
     narrow, honest = (identifier.fit(prior_of(equations, 1e-5, error)).std for error in (0.0, 0.1))
     assert np.all(honest >= narrow)
     assert np.median(honest / narrow) > 3.0
+
+
+def test_friction_of_a_joint_that_never_reverses_stays_within_its_torque(arm: Robot) -> None:
+    """Dry friction and the zero of the torque are one constant then: neither is taken to be more than the torque is."""
+    equations = BaseRegression(
+        build_model(arm, "mod3"),
+        frozenset({"q", "tau_J"}),
+        law_columns(parse_laws(("coulomb_friction:side=link", "joint_torque_offset"), arm), arm),
+    )
+    rng, width = np.random.default_rng(3), len(equations.base) + 1
+    rows = rng.standard_normal((len(equations.groups), 200, width))
+    rows[..., -1] *= 30.0
+    names = equations.base.names
+    dry = names.index("coulomb_friction:joint_2.torque")
+    rows[:, :, dry] = 0.0
+    rows[1, :, dry] = 1.0
+    blocks = Blocks(len(rows), width)
+    blocks.add((np.einsum("gni,gnj->gij", rows, rows), np.zeros((len(rows), width, width))), 200)
+    sizes = law_sizes(blocks, equations)
+    laws = [k for k, name in enumerate(names) if ":" in name]
+    assert sizes[dry] == pytest.approx(np.sqrt(np.mean(rows[1, :, -1] ** 2)))
+    assert np.isfinite(sizes[laws]).all() and np.isnan(np.delete(sizes, laws)).all()
+    factor = prior_of(equations, 0.1, laws=sizes).factor
+    assert factor[dry, dry] == pytest.approx(1.0 / sizes[dry])
+
+
+@pytest.mark.skipif(not GEN3.is_dir(), reason=f"the recordings of the Gen3 are not in {GEN3}")
+def test_no_joint_of_a_poorly_excited_arm_is_missed_absurdly() -> None:
+    """Two seconds of a Gen3, friction and offsets asked for: no joint of the other run is missed beyond its torque."""
+    robot = load_robot(GEN3 / "gen3_2f85.urdf")
+    mapping = Path(__file__).resolve().parents[2] / "examples" / "kinova_gen3" / "import.yaml"
+    first, second = (import_arrays(GEN3 / f"opti_traj_testing{k}.csv", mapping) for k in (1, 2))
+    laws = parse_laws(("coulomb_friction:side=link", "viscous_friction:side=link", "joint_torque_offset"), robot)
+    (by_arm,) = identify(second, robot, effects=laws, validate=[first], consistent=False).validation.values()
+    found, nominal = (np.array(list(by_arm[name]["joint"].values())) for name in ("identified", "nominal"))
+    assert np.exp(np.mean(np.log(found / nominal))) < 1.0 and np.all(found < 2.0 * nominal)
