@@ -52,6 +52,8 @@ EQUATION = {
         "tau_m − [Sᵀ q″ + B theta″ + c2] − tau_J",
     ),
 }
+# Of the motor side, where it is the only one: no sensor parts the motor from its link.
+WHOLE = ("motor torque against what moves and carries motor and link", "tau_m − [all terms of (1)]")
 
 
 def write_gap_report(
@@ -150,12 +152,14 @@ def _verdict(found: Diagnosis) -> list[Block]:
 
 
 def _where(found: Diagnosis) -> list[Block]:
+    sides = figures.shown_sides(found)
+    equations = {1: "one equation", 2: "two equations", 3: "three equations"}[len(sides)]
     text = (
-        "Each joint has three equations, and a residual each: what was measured minus what the model gives. The map "
-        f"shows it over the noise of the sensors, on validation data between 0 and {found.band:g} Hz: 1× is noise "
+        f"Each joint has {equations}, and a residual each: what was measured minus what the model gives. The map "
+        f"shows it over the noise of the sensors, on validation data between 0 and {found.band:.3g} Hz: 1× is noise "
         "alone, red is a gap."
     )
-    rows = [[side, *EQUATION[side]] for side in SIDES]
+    rows = [[side, *(WHOLE if sides == ("motor",) else EQUATION[side])] for side in sides]
     return [Text(text), Figure(figures.gap_map(found)), Table(["side", "compares", "residual, Nm"], rows)]
 
 
@@ -170,10 +174,10 @@ def _how_far(found: Diagnosis) -> list[Block]:
         Figure(figures.cumulative_shrink(found), "From top to bottom the causes are added one by one."),
     ]
     if found.shrink_by_place:
-        sides = [side for side in SIDES if any((joint, side) in found.before.rmse for joint in found.joints)]
+        sides = figures.shown_sides(found)
         rows = [[joint, *(gap_at(found, joint, side) for side in sides)] for joint in found.joints]
         unit = found.units.over("Nm")
-        caption = f"Residuals before → after, {unit}, 0 to {found.band:g} Hz, and the share of each one's own gap"
+        caption = f"Residuals before → after, {unit}, 0 to {found.band:.3g} Hz, and the share of each one's own gap"
         blocks.append(Table(["joint", *(f"{side} side" for side in sides)], rows, caption))
     return blocks
 
@@ -232,7 +236,7 @@ def _sizes(found: Diagnosis, context: DiagnosisContext | None) -> list[Block]:
         if (j, s) in found.before.rmse
     ]  # fmt: skip
     header = ["joint", "side", "noise", *(f"rmse{when}" for when in shown), *(f"max{when}" for when in shown)]
-    table = Table(header, rows, f"{found.units.over('Nm')}, validation data, 0 to {found.band:g} Hz", 3)
+    table = Table(header, rows, f"{found.units.over('Nm')}, validation data, 0 to {found.band:.3g} Hz", 3)
     if context is None:
         return [table]
     caption = "Residuals on the longest stretch of validation data; the band is two standard deviations of the noise."

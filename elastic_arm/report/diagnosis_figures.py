@@ -47,22 +47,28 @@ def times(ratio: float) -> str:
     return f"{ratio:.1f}× noise" if ratio < BRIGHTEST else f"{ratio:.0f}× noise"
 
 
+def shown_sides(found: Diagnosis) -> tuple[str, ...]:
+    """Return the sides of which some joint has a residual."""
+    return tuple(side for side in SIDES if any((joint, side) in found.before.rmse for joint in found.joints))
+
+
 def gap_map(found: Diagnosis) -> MplFigure:
     """Draw joints by sides, before and after: residual over its noise."""
+    sides = shown_sides(found)
     with style():
         shown = {"the model as it is": found.before}
         if found.causes:
             shown["with the causes added"] = found.after
-        size_of_map = (0.6 + 4.2 * len(shown), 1.3 + 0.5 * len(found.joints))
+        size_of_map = (0.6 + (1.2 + len(sides)) * len(shown), 1.3 + 0.5 * len(found.joints))
         figure, axes = new_figure(1, len(shown), size=size_of_map)
         for ax, (name, size) in zip(axes[0], shown.items(), strict=True):
             ratio = np.array(
-                [[_ratio(size.rmse.get((j, s)), found.noise.get((j, s))) for s in SIDES] for j in found.joints]
+                [[_ratio(size.rmse.get((j, s)), found.noise.get((j, s))) for s in sides] for j in found.joints]
             )
             shade = np.log10(np.maximum(ratio, 1.0)) / np.log10(BRIGHTEST)
             ax.imshow(shade, vmin=0.0, vmax=1.0, cmap="YlOrRd", aspect="auto")
             for (row, column), value in np.ndenumerate(ratio):
-                place = (found.joints[row], SIDES[column])
+                place = (found.joints[row], sides[column])
                 label = (
                     "not recorded"
                     if np.isnan(value)
@@ -70,7 +76,7 @@ def gap_map(found: Diagnosis) -> MplFigure:
                 )
                 colour = "white" if shade[row, column] > 0.7 else "black"
                 ax.text(column, row, label, ha="center", va="center", fontsize=8, color=colour)
-            ax.set_xticks(range(len(SIDES)), [f"{s} side" for s in SIDES])
+            ax.set_xticks(range(len(sides)), [f"{s} side" for s in sides])
             ax.set_yticks(range(len(found.joints)), found.joints)
             ax.set_title(name, loc="left")
             ax.grid(False)
@@ -131,7 +137,7 @@ def residual_figure(
     unit = partial(found.units.at, joint)
     speed, angle = (motion.dq, motion.q) if side == "link" else (motion.dtheta, motion.theta)
     w, q = (np.interp(t, motion.t, values[:, i]) for values in (speed, angle))
-    turn, turning = _turn(found, context, i, np.interp(t, motion.t, motion.theta[:, i]), regime)
+    turn, turning = angle_within_turn(found, context, i, np.interp(t, motion.t, motion.theta[:, i]), regime)
     with style():
         figure, _ = new_figure(size=(10.4, 5.4))
         figure.clear()
@@ -173,11 +179,25 @@ def _draw_cloud(ax: Axes, x: Array, before: Array, cause: Array | None) -> None:
         ax.plot(x[::step], cause[::step], ".", color=CAUSE, ms=2.2, alpha=0.7, mew=0, rasterized=True)
 
 
-def _turn(found: Diagnosis, context: DiagnosisContext, i: int, theta: Array, regime: str) -> tuple[Array, str]:
-    """Return the angle within a turn of what turns fast, and its name: wave generator, rotor, or the joint itself."""
+def angle_within_turn(
+    found: Diagnosis, context: DiagnosisContext, i: int, theta: Array, regime: str
+) -> tuple[Array, str]:
+    """Return the angle within a turn of what turns fast, and its name: wave generator, rotor, or the joint itself.
+
+    Parameters
+    ----------
+    found, context
+        The diagnosis, and its arm.
+    i, theta
+        Index of the joint, and its angles (N,), rad.
+    regime
+        What the residual follows: the rotor is shown where that is its angle.
+    """
     gear = context.model.robot.joints[i].transmission
     if gear is None:
-        return np.mod(theta, 2 * np.pi), "joint angle within a turn [rad]"
+        # Around the middle of the motion: one about zero would be cut in two.
+        middle = 0.5 * (theta.min() + theta.max())
+        return middle + np.mod(theta - middle + np.pi, 2 * np.pi) - np.pi, "joint angle within a turn [rad]"
     rotor = regime == "rotor_angle"
     ratio = gear.r_tot if rotor else gear.harmonic_drive_ratio
     name = "rotor" if rotor else "wave generator"

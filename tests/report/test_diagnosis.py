@@ -8,6 +8,7 @@ import json
 import re
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -24,10 +25,11 @@ from elastic_arm.diagnosis import Question, diagnose, follow_up
 from elastic_arm.diagnosis.corrected_robot import repaired_robot
 from elastic_arm.diagnosis.format import estimates_text, probability_text, verdict_sentence
 from elastic_arm.diagnosis.inference.estimates import ParameterEstimate
-from elastic_arm.diagnosis.result import SEPARATING, Diagnosis
+from elastic_arm.diagnosis.result import SEPARATING, Diagnosis, ResidualSizes
 from elastic_arm.effects import EFFECTS
 from elastic_arm.recording import read_recording, write_recording
 from elastic_arm.report.diagnosis import write_gap_report
+from elastic_arm.report.diagnosis_figures import angle_within_turn, shown_sides
 from tests.helpers.browser import rendered_page
 from tests.helpers.gap_recordings import ROBOT, gentle, motions, record
 
@@ -223,3 +225,37 @@ def test_repeatable_options_take_several_values(given: str, meant: str) -> None:
     """`--validate A B` judges on both, as the usage line says; what stands before any argument is an argument."""
     command = typer.main.get_command(APP).commands["diagnose"]  # type: ignore[attr-defined]
     assert spelled_out(given.split(), command.params) == meant.split()
+
+
+def test_sides_without_a_residual_are_not_drawn(two_causes: Diagnosis, tmp_path: Path) -> None:
+    """An arm with one encoder and motor torque has one equation a joint, and no columns of what was not recorded."""
+
+    def motor_alone(values: dict[tuple[str, str], float]) -> dict[tuple[str, str], float]:
+        return {place: value for place, value in values.items() if place[1] == "motor"}
+
+    def sizes(of: ResidualSizes) -> ResidualSizes:
+        return ResidualSizes(motor_alone(of.rmse), motor_alone(of.peak))
+
+    whole = replace(
+        two_causes,
+        before=sizes(two_causes.before),
+        after=sizes(two_causes.after),
+        noise=motor_alone(two_causes.noise),
+        context=None,
+    )
+    page = write_gap_report(tmp_path / "report.html", whole).read_text(encoding="utf-8")
+    assert shown_sides(whole) == ("motor",) and shown_sides(two_causes) == ("link", "drive", "motor")
+    assert "Each joint has one equation" in page and "all terms of (1)" in page
+    assert "not recorded" not in page and "link side" not in page
+
+
+def test_an_angle_about_zero_is_drawn_in_one_piece(two_causes: Diagnosis) -> None:
+    """A joint without gears that swings about zero is not cut in two where a turn begins."""
+    context = two_causes.context
+    assert context is not None
+    joint = replace(context.model.robot.joints[0], transmission=None)
+    gearless = SimpleNamespace(model=SimpleNamespace(robot=SimpleNamespace(joints=(joint,))))
+    theta = 4.0 * np.pi + 0.5 * np.sin(np.linspace(0.0, 6.0, 200))
+    drawn, name = angle_within_turn(two_causes, gearless, 0, theta, "position")
+    np.testing.assert_allclose(np.diff(drawn), np.diff(theta), atol=1e-12)
+    assert name == "joint angle within a turn [rad]"
