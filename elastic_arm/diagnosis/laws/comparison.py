@@ -88,7 +88,7 @@ class LawComparison:
     def __init__(self, library: RegressorLibrary, selected: Sequence[Candidate], settings: DiagnosisSettings) -> None:
         self._library, self._selected, self._settings = library, list(selected), settings
         self._nuisance = library.nuisance
-        self._noise = effective_noise(misfit(library, self._selected), settings)
+        self._noise = effective_noise(misfit(library, self._selected), library.sets[0].band, settings)
         self._white = np.vstack(self._nuisance.white)
         self._residual = np.concatenate([library.matrix(which, [0])[:, 0] for which in (0, 1)])
         self._columns: dict[tuple[int, int], Array] = {}
