@@ -18,7 +18,7 @@ from elastic_arm.errors import DiagnosisError
 from elastic_arm.estimation.motion import Motion
 from elastic_arm.estimation.noise import HIGHEST_CUTOFF, ORDER, estimate_noise
 from elastic_arm.estimation.noise_colour import Colour
-from elastic_arm.estimation.resampling import Clock, Grid
+from elastic_arm.estimation.resampling import Clock, Grid, extended
 from elastic_arm.estimation.smoother import Smoother
 from elastic_arm.recording import Recording
 from elastic_arm.recording.inspection.torque_spectrum import TorqueSpectrum, torque_spectra
@@ -313,22 +313,6 @@ def continued(first: Observation, rest: Observation, offset: float) -> tuple[Obs
         quiet=tuple(placed(piece, 0.0) for piece in first.quiet),
     )
     return whole, replace(rest, pieces=parts(rest.pieces), quiet=parts(rest.quiet))
-
-
-def extended(grid: Grid, count: int) -> Grid:
-    """Continue a stretch at both ends by its mirror image, through the point for angles, so that smoothing keeps its
-    length: internal states need the motion from the first sample on. The rows made of it are dropped."""
-    channels = {name: _mirrored(v, count, odd=name in ("q", "theta")) for name, v in grid.channels().items()}
-    step = np.arange(1, count + 1) / grid.rate
-    t = np.concatenate([grid.t[0] - step[::-1], grid.t, grid.t[-1] + step])
-    return Grid(t, grid.rate, **channels, lacking=grid.lacking)
-
-
-def _mirrored(values: Array, count: int, *, odd: bool) -> Array:
-    before, after = values[count:0:-1], values[-2 : -count - 2 : -1]
-    if odd:
-        before, after = 2 * values[0] - before, 2 * values[-1] - after
-    return np.concatenate([before, values, after])
 
 
 def widest_band(rate: float) -> float:

@@ -321,3 +321,19 @@ def _roughness(position: Array) -> float:
     rough = np.abs(np.diff(position, 6, axis=0))
     scale = np.std(position, axis=0)
     return float(np.median(rough / np.where(scale > 0, scale, 1.0)))
+
+
+def extended(grid: Grid, count: int) -> Grid:
+    """Continue a stretch at both ends by its mirror image, through the point for angles, so that smoothing keeps its
+    length: internal states need the motion from the first sample on. The rows made of it are dropped."""
+    channels = {name: _mirrored(v, count, odd=name in ("q", "theta")) for name, v in grid.channels().items()}
+    step = np.arange(1, count + 1) / grid.rate
+    t = np.concatenate([grid.t[0] - step[::-1], grid.t, grid.t[-1] + step])
+    return Grid(t, grid.rate, **channels, lacking=grid.lacking)
+
+
+def _mirrored(values: Array, count: int, *, odd: bool) -> Array:
+    before, after = values[count:0:-1], values[-2 : -count - 2 : -1]
+    if odd:
+        before, after = 2 * values[0] - before, 2 * values[-1] - after
+    return np.concatenate([before, values, after])

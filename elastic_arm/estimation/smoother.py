@@ -10,6 +10,7 @@ torques: an equation stays an equation.
 from __future__ import annotations
 
 import functools
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -19,7 +20,7 @@ from elastic_arm.errors import IdentificationError
 from elastic_arm.estimation.convolution import convolve
 from elastic_arm.estimation.motion import Motion
 from elastic_arm.estimation.noise import ORDER, SideNoise, StateNoise, estimate_noise
-from elastic_arm.estimation.resampling import Grid
+from elastic_arm.estimation.resampling import Grid, extended
 
 Array = NDArray[np.float64]
 
@@ -30,6 +31,13 @@ NEGLIGIBLE = 1e-3
 # So many samples in a period of the cutoff show what the smoother lets through, all but 1e-4 of its noise.
 SAMPLES_A_PERIOD = 6.0
 MOST_THINNING = 64
+# Long recordings are smoothed in runs of this many samples, which stay in the cache.
+RUN = 32768
+# A smoother loses what lies within its lag of the ends of a piece, and laws that pass it twice lose twice that. Where
+# this is more than a share `LOST` of the piece, and the joints move there as fast as `MOVING` of their rms speed (at
+# rest they carry any torque up to their dry friction), the piece is continued by its mirror image, of which samples may
+# hold the share `FOREIGN`. Conventions.
+FOREIGN, LOST, MOVING = 1e-4, 0.05, 0.3
 
 
 @dataclass(frozen=True)
@@ -256,3 +264,44 @@ def _exact_on_cubics(position: Array, velocity: Array, t: NDArray[np.int_], cuto
         shapes = bell * monomials
         mended[k] += np.linalg.solve(monomials @ shapes.T, np.array(targets) - got) @ shapes
     return mended
+
+
+def runs(grid: Grid, lost: int) -> Iterator[Grid]:
+    """Cut a regular piece into runs that overlap by what the smoother loses."""
+    for start in range(0, max(len(grid) - lost, 1), RUN):
+        yield grid[start : start + RUN + lost]
+
+
+def left_out(grids: Sequence[Grid], used: Sequence[Grid]) -> tuple[str, ...]:
+    """Return in words which pieces between gaps are too short for the smoother."""
+    kept, whole = (sum(map(len, some)) for some in (used, grids))
+    if len(used) == len(grids):
+        return ()
+    pieces = f"{len(grids) - len(used)} of {len(grids)} pieces between gaps"
+    return (f"{pieces} are too short and left out, {whole - kept} of {whole} samples",)
+
+
+def with_ends(grid: Grid, lost: int) -> Grid:
+    """Return a piece continued at both ends, if they are a good part of it and the arm moves there.
+
+    Parameters
+    ----------
+    grid
+        The piece.
+    lost
+        Samples that the smoother loses at both ends together.
+    """
+    most = min(lost // 2, len(grid) - 2)
+    more = most - int(np.ceil(0.5 * lost * np.log(FOREIGN) / np.log(TAIL)))
+    if more <= 0 or lost < LOST * len(grid) or not _moves_at_ends(grid, lost // 2):
+        return grid
+    return extended(grid, more)
+
+
+def _moves_at_ends(grid: Grid, count: int) -> bool:
+    position = grid.theta if grid.theta is not None else grid.q
+    if position is None:
+        return False
+    speed = np.diff(position, axis=0)
+    whole, ends = (np.sqrt(np.mean(v**2)) for v in (speed, np.concatenate([speed[:count], speed[-count:]])))
+    return bool(ends > MOVING * whole)

@@ -4,16 +4,20 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import numpy as np
+
 from elastic_arm.estimation.motion import Motion
 from elastic_arm.identification.base_regression import BaseRegression
 from elastic_arm.identification.errors_in_variables import noise_sums
-from elastic_arm.identification.least_squares import Blocks
+from elastic_arm.identification.least_squares import Blocks, Fit
 from elastic_arm.identification.verdict import MotionStatistics
 
 # Samples of a unit: the shortest block.
 BLOCK = 256
 # In long recordings one sample stands for so many units in the sums of noise.
 MOST_REPRESENTED = 4
+# Rms of the residuals over that of the torques: simulated arms with good sensors have less.
+CLOSED = 1e-3
 
 
 class Accumulator:
@@ -87,3 +91,18 @@ def _thinning(blocks: Blocks, unit: int) -> tuple[int, int]:
 def _unit(motion: Motion) -> int:
     """Return the samples of a unit."""
     return max(1, BLOCK // motion.every)
+
+
+def closes(fit: Fit, blocks: Blocks) -> bool:
+    """Whether the equations close so well that samples with a trace of foreign motion would make them worse.
+
+    Parameters
+    ----------
+    fit
+        Of the samples between the ends.
+    blocks
+        Their sums.
+    """
+    torque = np.sqrt(np.sum([hi[:, -1, -1] for hi, _ in blocks.grams], axis=0) / max(blocks.samples, 1))
+    carries = torque > 0.0
+    return not carries.any() or float(np.median(fit.noise[carries] / torque[carries])) < CLOSED

@@ -18,14 +18,14 @@ from elastic_arm.errors import IdentificationError
 from elastic_arm.estimation.motion import Motion
 from elastic_arm.estimation.resampling import Clock
 from elastic_arm.estimation.series import FourierFit, fourier_motion, period_of, repeats
-from elastic_arm.estimation.smoother import Smoother, design_smoother
+from elastic_arm.estimation.smoother import Smoother, design_smoother, left_out, runs, with_ends
+from elastic_arm.identification.accumulator import closes
 from elastic_arm.identification.base_regression import BaseRegression
 from elastic_arm.identification.consistency import correlation_of_errors, with_consistency
 from elastic_arm.identification.deflection import shifted, shifts, zeros
 from elastic_arm.identification.deviations import series_covariance
 from elastic_arm.identification.law_columns import DEFAULT_SIGN_SPEED, SIGN_SPEEDS, is_dry, law_columns, with_stated
 from elastic_arm.identification.least_squares import Prior
-from elastic_arm.identification.pieces import closes, left_out, runs, with_ends
 from elastic_arm.identification.regularisation import (
     DOUBT,
     HeldOut,

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from elastic_arm.estimation.resampling import Grid
-from elastic_arm.identification.pieces import FOREIGN, with_ends
+from elastic_arm.estimation.smoother import FOREIGN, with_ends
 
 RATE, LOST = 200.0, 400
 
