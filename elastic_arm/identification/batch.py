@@ -161,10 +161,7 @@ class DerivativeStage:
         return Derived(pieces, what, tuple((link, motor) for _, link, motor in fitted), self._said, self._repeats)
 
     def __call__(self, equations: BaseRegression | None = None, *, ends: bool = False) -> Derived:
-        """Return the motion, the laws of `equations` beyond the model through the same filter.
-
-        With `ends`, those of the recording that the smoother loses are part of it where they matter.
-        """
+        """Return the motion, the laws of `equations` through the same filter; with `ends`, those of the pieces too."""
         if self._series is not None:
             return self._series
         smoother, grids = self._smoother, self._grids
@@ -272,33 +269,20 @@ def identify_with(
     prepared = [recording.samples() for recording in chosen]
     effects = with_stated(effects, robot, motored=any(s.tau_m is not None for s in prepared), catalogue=catalogue)
     speeds = SIGN_SPEEDS if any(is_dry(instance) for instance in effects) else (DEFAULT_SIGN_SPEED,)
-    stages: list[DerivativeStage] = []
+    add = partial(_added, list(zip(chosen, prepared, strict=True)), [], (derivatives, period), report)
 
-    def accumulated(speed: float, share: float, *, ends: bool = False) -> tuple[Identifier, list[Derived]]:
-        """Return the sums of all recordings, with dry friction that turns over within a speed, rad/s."""
-        columns = law_columns(effects, robot, model, speed)
-        identifier = Identifier(
-            build_model(robot, model), columns, joints=robot.joint_names, weighted=weighted, encoder_columns=True
-        )
-        derived: list[Derived] = []
-        for j, (recording, samples) in enumerate(zip(chosen, prepared, strict=True)):
-            report(f"equations of {recording.source}", share)
-            equations = _chosen_equations(identifier, samples)
-            if j == len(stages):
-                stages.append(DerivativeStage(samples, derivatives, period=period))
-            derived.append(stages[j](equations, ends=ends).aligned(equations, derived[0] if derived else None))
-            for motion in derived[-1].motions:
-                identifier.add_motion(motion)
-        return identifier, derived
+    def begun(speed: float) -> Identifier:
+        columns, arm = law_columns(effects, robot, model, speed), build_model(robot, model)
+        return Identifier(arm, columns, joints=robot.joint_names, weighted=weighted, encoder_columns=True)
 
     tries = []
     for k, speed in enumerate(speeds):
-        identifier, derived = accumulated(speed, k / len(speeds))
+        derived = add(identifier := begun(speed), k / len(speeds))
         misfit = float(np.sum(np.log(identifier.fit().noise))) if len(speeds) > 1 else 0.0
         tries.append((misfit, speed, identifier, derived))
     _, speed, identifier, derived = min(tries, key=lambda each: each[0])
     if not closes(identifier.fit(), identifier.linear_blocks()):
-        identifier, derived = accumulated(speed, 1.0, ends=True)
+        derived = add(identifier := begun(speed), 1.0, ends=True)
     report("estimate", 1.0)
     names, methods = tuple(r.source for r in chosen), tuple(d.method for d in derived)
     covariance = _covariance(identifier, derived)
@@ -319,14 +303,35 @@ def identify_with(
     return result, identifier, next(derived[0].motions)
 
 
+def _added(
+    recordings: Sequence[tuple[Recording, Samples]],
+    stages: list[DerivativeStage],
+    method: tuple[Method, float | None],
+    report: ProgressCallback,
+    identifier: Identifier,
+    share: float,
+    *,
+    ends: bool = False,
+) -> list[Derived]:
+    """Add all recordings to an estimator; derivative stages are kept in `stages`. See :func:`identify_with`."""
+    derived: list[Derived] = []
+    for j, (recording, samples) in enumerate(recordings):
+        report(f"equations of {recording.source}", share)
+        equations = _chosen_equations(identifier, samples)
+        if j == len(stages):
+            stages.append(DerivativeStage(samples, method[0], period=method[1]))
+        derived.append(stages[j](equations, ends=ends).aligned(equations, derived[0] if derived else None))
+        for motion in derived[-1].motions:
+            identifier.add_motion(motion)
+    return derived
+
+
 def _regularised(identifier: Identifier) -> tuple[float | None, Prior | None]:
     """Return the width of the prior that predicts left-out parts best, and the prior; None where it takes none."""
     equations, plain, blocks = identifier.equations, identifier.fit(), identifier.linear_blocks()
-    width = chosen_width(blocks, plain, equations)
-    if width is None:
+    if (width := chosen_width(blocks, plain, equations)) is None:
         return None, None
-    error = description_error(plain, equations, DOUBT)
-    return width, prior_of(equations, width, error, law_sizes(blocks, equations))
+    return width, prior_of(equations, width, description_error(plain, equations, DOUBT), law_sizes(blocks, equations))
 
 
 def _chosen_equations(identifier: Identifier, samples: Samples) -> BaseRegression:
@@ -383,8 +388,8 @@ def identifier_of(
     options
         Of :class:`.stream.Identifier`.
     """
-    columns = law_columns(effects, robot, model)
-    return Identifier(build_model(robot, model), columns, joints=robot.joint_names, **options)  # type: ignore[arg-type]
+    arm, columns = build_model(robot, model), law_columns(effects, robot, model)
+    return Identifier(arm, columns, joints=robot.joint_names, **options)  # type: ignore[arg-type]
 
 
 def _width(samples: Samples) -> int:
