@@ -23,7 +23,7 @@ class Moved:
     """Residuals of two joints that moved for 15 s, made of white noise, and a torque on joint 2 that no model has."""
 
     layout = SimpleNamespace(n=2, sides=("link", "drive", "motor"), rows=6)
-    band = SimpleNamespace(apply=lambda columns: columns)
+    band = SimpleNamespace(apply=lambda columns: columns, cutoff=40.0, rate=1000.0)
 
     def __init__(self, seed: int, torque: Torque, sides: dict[str, float]) -> None:
         rng = np.random.default_rng(seed)
