@@ -60,8 +60,14 @@ class RankedCause:
 
     def against(self, laws: BetterLaws) -> RankedCause:
         """Return it with the confidence that it has against a general law in its place."""
-        better = laws.instead.get(self.candidate.feature.key)
-        return self if better is None else replace(self, cause=self.cause.less_sure(float(expit(-better.gain))))
+        key, cause = self.candidate.feature.key, self.cause
+        if key in laws.filters:
+            sure = cause.confidence / (1.0 + laws.filters[key].odds)
+            other = _alternative(laws.filters[key], sure, self.candidate)
+            cause = replace(cause, confidence=sure, alternatives=(*cause.alternatives, other))
+        if key in laws.instead:
+            cause = cause.less_sure(float(expit(-laws.instead[key].gain)))
+        return replace(self, cause=cause)
 
 
 def assemble(
@@ -161,14 +167,8 @@ def _notes(
     """Return what the reader should know, in the order of the steps."""
     imperfect = texts.imperfection_notes(estimated.imperfections)
     repeated = () if prepared.independent_motion else (texts.REPEATED_MOTION,)
-    return (
-        *prepared.notes,
-        *imperfect,
-        *judgement.notes,
-        *estimated.notes,
-        *_law_notes(prepared, laws),
-        *repeated,
-    )
+    found = (*imperfect, *judgement.notes, *estimated.notes, *_law_notes(prepared, laws))
+    return (*prepared.notes, *found, *repeated)
 
 
 def _law_notes(prepared: PreparedData, laws: BetterLaws) -> list[str]:

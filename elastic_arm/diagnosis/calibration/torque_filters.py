@@ -35,7 +35,7 @@ def filters_for_lags(
     values, found = values.copy(), []
     for cause in causes:
         feature = cause.feature
-        if not _is_low_pass(feature.effect) or not feature.fixed:
+        if not is_low_pass(feature.effect) or not feature.fixed:
             found.append(cause)
             continue
         chosen = [
@@ -55,7 +55,7 @@ def filters_for_lags(
     return values, found
 
 
-def _is_low_pass(effect: Effect) -> bool:
+def is_low_pass(effect: Effect) -> bool:
     """Whether an effect is a corner frequency of some channels."""
     (first, *_) = effect.parameters or (None,)
     return first is not None and first.inverse and first.unit == "Hz"

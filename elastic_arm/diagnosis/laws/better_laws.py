@@ -13,8 +13,9 @@ from elastic_arm.diagnosis.inference.final_estimates import FinalEstimates
 from elastic_arm.diagnosis.inference.lack_of_fit import LackOfFit
 from elastic_arm.diagnosis.inference.regimes import regime, shares
 from elastic_arm.diagnosis.laws.comparison import LawComparison, LawFit
+from elastic_arm.diagnosis.laws.lags import filters_for_delays
 from elastic_arm.diagnosis.preparation import PreparedData
-from elastic_arm.diagnosis.selection.hypothesis import Key
+from elastic_arm.diagnosis.selection.hypothesis import Key, Rival
 from elastic_arm.estimation.effect_columns import Feature
 
 
@@ -28,10 +29,13 @@ class BetterLaws:
         The one that explains most beside all causes; None where none is there beyond doubt.
     instead
         By key of the cause in whose place it explains more.
+    filters
+        Low passes that could stand in the place of delays, by key of the delay.
     """
 
     beside: LawFit | None = None
     instead: Mapping[Key, LawFit] = field(default_factory=dict)
+    filters: Mapping[Key, Rival] = field(default_factory=dict)
 
     @property
     def all(self) -> list[LawFit]:
@@ -52,17 +56,18 @@ def better_laws(prepared: PreparedData, estimated: EstimatedHypothesis) -> Bette
     final = estimated.final
     library = prepared.library if final is None else final.fit.found.library
     comparison = LawComparison(library, estimated.optimum, prepared.settings)
+    filters = filters_for_delays(prepared, comparison, library.sets, estimated.faults)
     beside = comparison.beside(range(prepared.model.n))
     instead: dict[Key, LawFit] = {}
     if beside.gain <= detected:
-        return NO_LAWS
+        return BetterLaws(filters=filters)
     for feature in (estimated.hypothesis.selected[k].feature for k in estimated.hypothesis.causes):
         found = comparison.instead_of(feature.key, _joints(prepared, feature))
         if found.gain > max(detected, share * comparison.worth(feature.key)):
             instead[feature.key] = found
     if final is not None:
         instead.update(_instead_of_faults(prepared, comparison, estimated.faults, final))
-    return BetterLaws(beside, instead)
+    return BetterLaws(beside, instead, filters)
 
 
 def _instead_of_faults(

@@ -160,6 +160,20 @@ class LawComparison:
         found[list(wider)] = list(wider.values())
         return found
 
+    def against(self, blocks: Sequence[Sequence[Array]]) -> tuple[float, float]:
+        """Return by how many nats a law is to be expected to lose against another one, and by how many that wins.
+
+        Parameters
+        ----------
+        blocks
+            What the other one adds to the residuals (N', R, 1) of each stretch, of identification and validation.
+        """
+        sets = zip(self._library.sets, blocks, strict=True)
+        column = self._with_priors(np.vstack([data.whiten(parts) for data, parts in sets]))
+        column = _without(column, self._whole.basis)[:, 0]
+        expected = 0.5 * float(column @ column) / self._noise
+        return expected, float(column @ self._whole.left) / self._noise - expected
+
     @cached_property
     def _whole(self) -> _Base:
         return self._base(self._selected)

@@ -127,8 +127,8 @@ class DelayedTorques(FilteredTorques):
         """
         delay = float(values["delay"])
         if predicted:
-            return _moved(t, torque, -delay) - torque
-        return torque - _moved(t, torque, delay)
+            return moved(t, torque, -delay) - torque
+        return torque - moved(t, torque, delay)
 
 
 class LowPassedTorques(FilteredTorques):
@@ -164,16 +164,10 @@ class LowPassedTorques(FilteredTorques):
         predicted
             Whether the torque is the true one, as the model predicts it, instead of the recorded one.
         """
-        T, step = 1.0 / (2.0 * np.pi * float(values["cutoff"])), float(t[1] - t[0])
-        if not predicted:
-            return np.asarray(-T * scipy.interpolate.CubicSpline(t, torque)(t, 1))
-        # By the trapezoidal rule, from the state that a steady change before the first sample leaves.
-        gain = step / (2.0 * T + step)
-        slope = (torque[1] - torque[0]) / step
-        memory = (1.0 - gain) * torque[0] - T * slope
-        keep = (2.0 * T - step) / (2.0 * T + step)
-        passed, _ = scipy.signal.lfilter([gain, gain], [1.0, -keep], torque, axis=0, zi=memory[None])
-        return np.asarray(passed - torque)
+        if predicted:
+            return low_pass_error(t, torque, float(values["cutoff"]))
+        T = 1.0 / (2.0 * np.pi * float(values["cutoff"]))
+        return np.asarray(-T * scipy.interpolate.CubicSpline(t, torque)(t, 1))
 
 
 class Clear:
@@ -213,8 +207,40 @@ class Clear:
         return np.asarray(found[self._count : self._count + N])
 
 
-def _moved(t: Array, values: Array, by: float) -> Array:
-    """Return values (N, k) at t + by; beyond the ends they go on at the last slope."""
+def moved(t: Array, values: Array, by: float) -> Array:
+    """Return values at other times; beyond the ends they go on at the last slope.
+
+    Parameters
+    ----------
+    t
+        (N,) s.
+    values
+        (N, k).
+    by
+        s by which the times are later.
+    """
     spline, wanted = scipy.interpolate.CubicSpline(t, values), t + by
     inside = np.clip(wanted, t[0], t[-1])
     return np.asarray(spline(inside) + (wanted - inside)[:, None] * spline(inside, 1))
+
+
+def low_pass_error(t: Array, torque: Array, cutoff: float) -> Array:
+    """Return what a first-order low pass makes of a torque (N, k), less the torque.
+
+    Parameters
+    ----------
+    t
+        (N,) s.
+    torque
+        (N, k) Nm.
+    cutoff
+        Hz.
+    """
+    T, step = 1.0 / (2.0 * np.pi * cutoff), float(t[1] - t[0])
+    # By the trapezoidal rule, from the state that a steady change before the first sample leaves.
+    gain = step / (2.0 * T + step)
+    slope = (torque[1] - torque[0]) / step
+    memory = (1.0 - gain) * torque[0] - T * slope
+    keep = (2.0 * T - step) / (2.0 * T + step)
+    passed, _ = scipy.signal.lfilter([gain, gain], [1.0, -keep], torque, axis=0, zi=memory[None])
+    return np.asarray(passed - torque)

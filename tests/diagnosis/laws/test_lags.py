@@ -1,0 +1,79 @@
+"""Delays and low passes of torque channels: told apart where the recording can, else both are listed."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from elastic_arm.diagnosis.assembly import RankedCause
+from elastic_arm.diagnosis.inference.estimates import ParameterEstimate
+from elastic_arm.diagnosis.laws.better_laws import BetterLaws
+from elastic_arm.diagnosis.laws.lags import filters_for_delays
+from elastic_arm.diagnosis.result import Cause
+from elastic_arm.diagnosis.selection.candidates import feature_of
+from elastic_arm.diagnosis.selection.regressor_library import Candidate
+from elastic_arm.diagnosis.settings import DiagnosisSettings
+from elastic_arm.effects import parse
+from elastic_arm.effects.equations import ArmEquations
+from elastic_arm.effects.library.torque_filters import low_pass_error, moved
+from elastic_arm.robot import load_robot
+
+ROBOT = load_robot(None)
+EQUATIONS = ArmEquations(ROBOT, "mod3")
+DETECTED = DiagnosisSettings().significance.detected
+DELAY = parse("time_delay:joint_1:delay=0.0022,channels=motor_torque", ROBOT)
+LOW_PASS = parse("torque_lowpass:joint_1:cutoff=70,channels=motor_torque", ROBOT)
+
+
+def low_passes(monkeypatch: pytest.MonkeyPatch, expected: float, ratio: float) -> dict[Any, Any]:
+    """Return what stands in the place of a delay where the low pass has these expected and found log-likelihoods."""
+    monkeypatch.setattr("elastic_arm.diagnosis.laws.lags._difference", lambda *_: [])
+    prepared: Any = SimpleNamespace(
+        settings=DiagnosisSettings(), model=SimpleNamespace(robot=ROBOT), candidates=[feature_of(LOW_PASS, EQUATIONS)]
+    )
+    comparison: Any = SimpleNamespace(against=lambda _: (expected, ratio))
+    fault: Any = SimpleNamespace(feature=feature_of(DELAY, EQUATIONS), value=0.0022)
+    return filters_for_delays(prepared, comparison, [], [fault])
+
+
+@pytest.mark.parametrize("ratio", [-10.0, 50.0])
+def test_the_odds_are_even_where_the_recording_cannot_tell(ratio: float, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Below what counts as detected, the likelihoods decide nothing."""
+    (rival,) = low_passes(monkeypatch, 0.5 * DETECTED, ratio).values()
+    assert rival.candidate.feature.effect.id == "torque_lowpass"
+    assert rival.odds == 1.0
+
+
+def test_a_recording_that_tells_them_apart_decides(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A low pass that loses clearly is no alternative, and one that wins is as likely at most."""
+    assert not low_passes(monkeypatch, 10 * DETECTED, -5 * DETECTED)
+    (rival,) = low_passes(monkeypatch, 10 * DETECTED, 5 * DETECTED).values()
+    assert rival.odds == 1.0
+
+
+def test_the_alternative_takes_its_share_of_the_confidence() -> None:
+    """Cause and alternative share what the cause had."""
+    feature = feature_of(DELAY, EQUATIONS)
+    size = {"delay": ParameterEstimate(0.0022, 1e-5, "s")}
+    cause = Cause("time_delay", "joint_1", ("motor",), "frequency", size, 1.0, 0.98, (), DELAY)
+    ranked = RankedCause(cause, Candidate(feature, (), slice(0, 0)), (), [])
+    low_pass = Candidate(feature_of(LOW_PASS, EQUATIONS).whole(), (70.0,), slice(0, 0), fixed=True)
+    rival: Any = SimpleNamespace(candidate=low_pass, odds=1.0)
+    found = ranked.against(BetterLaws(filters={feature.key: rival})).cause
+    assert found.confidence == pytest.approx(0.49)
+    assert [(a.effect, a.confidence) for a in found.alternatives] == [("torque_lowpass", pytest.approx(0.49))]
+    assert replace(found, confidence=0.98, alternatives=()) == cause
+
+
+def test_a_low_pass_moved_back_differs_from_nothing_at_second_order() -> None:
+    """A low pass less the delay of its time constant is half its square times the second derivative."""
+    t, T, omega = np.arange(0.0, 4.0, 1e-3), 2e-3, 2 * np.pi * 3.0
+    torque = np.sin(omega * t)[:, None]
+    behind = moved(t, torque + low_pass_error(t, torque, 1.0 / (2 * np.pi * T)), T)
+    inner = slice(100, -100)
+    expected = -0.5 * T**2 * omega**2 * np.sin(omega * t)
+    np.testing.assert_allclose((behind - torque)[inner, 0], expected[inner], atol=0.1 * np.abs(expected).max())
