@@ -34,8 +34,8 @@ REFITTED = (
     "with the causes, each with a prior; an arm file with the causes has the refitted numbers."
 )
 STICKING = (
-    "Instants at which a joint sticks were left out: dry friction takes any value there, and much more was left than "
-    "elsewhere."
+    "While a joint sticks its dry friction takes any value: as much more was left there than elsewhere, its motor's "
+    "torque was not used at these instants."
 )
 LOW_PASSED = (
     "residuals are compared below that, as the motion's torques are missing above, with noise of 0.5 % of the torque, "

@@ -89,6 +89,22 @@ class Band:
         first = -(-(length - 1) // self.step) * self.step - (length - 1) // 2
         return t[first :: self.step][: self._kept(len(t))]
 
+    def reached(self, piece: slice) -> slice:
+        """Return the rows that :meth:`apply` gives which a piece of samples acts on; their end may lie beyond all."""
+        length, first = len(self.taps), self._first
+        start = -(-(piece.start - first - length + 1) // self.step)
+        return slice(max(0, start), max(0, (piece.stop - 1 - first) // self.step + 1))
+
+    def samples(self, rows: slice) -> slice:
+        """Return samples of which alone :meth:`apply` gives certain rows; their end may lie beyond all."""
+        return slice(rows.start * self.step, (rows.stop - 1) * self.step + self._first + len(self.taps))
+
+    @property
+    def _first(self) -> int:
+        """First sample that acts on the first row."""
+        length = len(self.taps)
+        return -(-(length - 1) // self.step) * self.step - (length - 1)
+
     def _kept(self, count: int) -> int:
         length = len(self.taps)
         first = -(-(length - 1) // self.step) * self.step

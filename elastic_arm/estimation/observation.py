@@ -37,6 +37,7 @@ SHORTEST = 2.0  # s
 NARROWEST_BAND = 1.0  # Hz; the motion of an arm is slower than that nowhere
 # Of a torque's rms, within its band: noise of a torque that was low-passed, where nothing shows it; convention.
 ORDINARY_NOISE = 0.005
+LEAST_STEP = 1e-3  # of an encoder's noise: two samples that differ by less hold one code
 UNBROKEN = 5.0  # sample intervals between two parts of a recording up to which its motion counts as going on
 
 
@@ -82,6 +83,8 @@ class Observation:
         Hz up to which accelerations are motion rather than noise.
     source, notes
         Where it came from, and what had to be assumed.
+    steps
+        "link", "motor" -> (n,) rad, steps of the encoders; zero where they are finer than their noise.
     colour
         Of the torque channels' noise beyond its white level, where it was found to have one.
     torque_band
@@ -96,6 +99,7 @@ class Observation:
     cutoff: float
     source: str = ""
     notes: tuple[str, ...] = ()
+    steps: Mapping[str, Array] = field(default_factory=lambda: {"link": np.zeros(1), "motor": np.zeros(1)})
     colour: Colour | None = None
     torque_band: float = np.inf
     _splines: dict[tuple[int, str], list[CubicSpline]] = field(
@@ -243,6 +247,7 @@ def observe(recording: Recording, band: float | None = None) -> Observation:
     notes = (*recording.notes, *samples.notes, *([f"{where}: {clock.note}"] if clock.note else []))
     span = (0.0, float(samples.t[-1]))
     pieces, quiet = (tuple(replace(piece, span=span) for piece in some) for some in (pieces, quiet))
+    steps = {"link": encoder_steps(samples.q, noise.q), "motor": encoder_steps(samples.theta, noise.theta)}
     return Observation(
         pieces,
         quiet,
@@ -252,6 +257,7 @@ def observe(recording: Recording, band: float | None = None) -> Observation:
         designed.cutoff / (2 * np.pi),
         recording.source,
         notes,
+        steps,
         torque_band=max(NARROWEST_BAND, min((found.band for found in spectra.values()), default=np.inf)),
     )
 
@@ -277,6 +283,25 @@ def _with_low_pass(
     knee = np.minimum(np.maximum(spectrum.knee, NARROWEST_BAND), rate / 2)
     ordinary = ORDINARY_NOISE * np.sqrt(np.mean(torque**2, axis=0)) * np.sqrt(0.5 * rate / knee)
     return np.where(spectrum.low_passed, np.maximum(level, ordinary), level)
+
+
+def encoder_steps(position: Array | None, noise: Array | None) -> Array:
+    """Return the steps (n,) rad of one side's encoders; zero where they are finer than their noise.
+
+    Parameters
+    ----------
+    position
+        (N, n) rad, as recorded; None where the side was not.
+    noise
+        (n,) rad, standard deviation of a sample.
+    """
+    if position is None or noise is None:
+        return np.zeros(1)
+    different = np.abs(np.diff(position, axis=0))
+    # Codes apart by rounding are the same one.
+    step = np.where(different > LEAST_STEP * noise, different, np.inf).min(axis=0)
+    same = (different <= LEAST_STEP * noise).any(axis=0)
+    return np.where(same & (step > noise) & np.isfinite(step), step, 0.0)
 
 
 def _of_recorded(level: Array | None, name: str, lacking: Lacking) -> Array | None:

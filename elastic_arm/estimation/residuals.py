@@ -5,6 +5,7 @@ Rows are ordered equation by equation: [link of all joints, drive of all joints,
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -22,10 +23,11 @@ Array = NDArray[np.float64]
 
 SLOWEST = 5e-4  # rad/s: slower than this a joint counts as standing, whatever the noise
 SLOW = 0.005  # of a joint's highest speed, below which it sticks if it is as slow for as long as STICKING
-STICKING = 0.03  # s
-LEAST_MOVING = 0.5  # of a stretch: the least that is left where rows are left out
-MOST_STICKING = 0.3  # of a stretch; a joint that sticks longer is one that stands still
-RANK = 0.05  # of the strongest: courses of friction that show less in the band are left in
+STICKING = 0.01  # s; a reversal without sticking is shorter but for accelerations below 0.5 rad/s²
+AROUND = 0.03  # s before and after, in which the smoothed motion is none of either
+MOST_STICKING = 0.9  # of a stretch; a joint that sticks longer is one that stands still
+RANK = 0.02  # of the strongest: courses of a torque that show less in the band are left in
+LINK, DRIVE, MOTOR = 0, 1, 2  # position of these equations in a combination
 
 
 def raw_residuals(model: Model, motion: CompletedMotion) -> Array:
@@ -111,129 +113,170 @@ def residuals(model: Model, observation: Observation, equations: EquationSet, ba
 
 
 @dataclass(frozen=True)
-class Sticking:
-    """What is removed of the rows of a stretch.
+class FreeTorque:
+    """What a torque that no law states can be in some rows of one residual.
 
     Parameters
     ----------
-    moving
-        (N', R) 0 for a row that is left out, else 1.
-    friction
-        Orthonormal (N', m) of each row that holds a sticking motor's friction: what it can be in the band, were it any
-        torque while the joint sticks. Infinite prior variance: it is projected out of residuals and columns alike.
+    row
+        Number of the residual.
+    instants
+        Of the rows that the band's filter carries it to.
+    basis
+        Orthonormal (instants, m).
     """
 
-    moving: Array
-    friction: tuple[Array | None, ...]
+    row: int
+    instants: slice
+    basis: Array
+
+
+@dataclass(frozen=True)
+class FreeTorques:
+    """What is removed of the rows of a stretch: torques that no law states at certain times.
+
+    While a joint sticks, its dry friction takes any value. While an encoder hardly moves, it holds one code, and its
+    error is no noise but one value, which turns up in the torques of spring and inertia. Their prior variance is
+    infinite: they are projected out of residuals and columns alike.
+
+    Parameters
+    ----------
+    found
+        All of them.
+    rows
+        Number of all rows.
+    """
+
+    found: tuple[FreeTorque, ...] = ()
+    rows: int = 1
 
     @classmethod
-    def none(cls, stretch: Stretch, rows: int) -> Sticking:
-        """Return what removes nothing."""
-        return cls(np.ones((len(stretch.t), rows)), (None,) * rows)
-
-    @classmethod
-    def of(cls, stretch: Stretch, band: Band, layout: EquationSet) -> Sticking:
+    def of(
+        cls, stretch: Stretch, band: Band, layout: EquationSet, steps: Mapping[str, Array], *, friction: bool
+    ) -> FreeTorques:
         """Return what is removed of a stretch.
 
-        Where a joint sticks, all rows are left out; where that would leave less than half, those alone that hold the
-        friction of its motor; and where these would be less than half, too, they are freed of the friction. A joint
-        that hardly moves in the whole stretch does not count.
+        A joint that hardly moves in the whole stretch does not count.
 
         Parameters
         ----------
         stretch
             Of residuals.
         band
-            Its filter carries what sticks over to rows around.
+            Its filter carries what happens at some time over to rows around.
         layout
             The usable equations.
+        steps
+            "link", "motor" -> (n,) rad, steps of the encoders.
+        friction
+            Whether the friction of a joint that sticks is removed.
         """
-        sticks, stuck = stuck_rows(stretch, band, layout), _stuck(stretch)
-        friction = [
-            _friction(stretch, band, stuck[:, joint]) if column.mean() > 1.0 - LEAST_MOVING else None
-            for column, (_, joint) in zip(sticks.T, layout.entries, strict=True)
-        ]
-        freed = np.array([basis is not None for basis in friction])
-        return cls(np.where(sticks & ~freed, 0.0, 1.0), tuple(friction))
+        link = _held(stretch, stretch.quiet.dq, band, steps["link"])
+        motor = _held(stretch, stretch.quiet.dtheta, band, steps["motor"])
+        times = {LINK: link, DRIVE: link | motor, MOTOR: motor | _stuck(stretch) if friction else motor}
+        courses = {part: [_courses(stretch, band, column) for column in when.T] for part, when in times.items()}
+        found = (
+            FreeTorque(row, instants, basis)
+            for row, (equation, joint) in enumerate(layout.entries)
+            for part, of_joints in courses.items()
+            if equation.combination[part] != 0
+            for instants, basis in of_joints[joint]
+        )
+        return cls(tuple(found), layout.rows * len(stretch.t))
 
     def remove(self, values: Array) -> Array:
-        """Return residuals or columns (N', R, …) without it."""
-        out = values
-        if not self.moving.all():
-            out = np.asarray(values * self.moving.reshape(*self.moving.shape, *[1] * (values.ndim - 2)))
-        elif any(basis is not None for basis in self.friction):
-            out = values.copy()
-        for row, basis in enumerate(self.friction):
-            if basis is not None and out[:, row].any():
-                out[:, row] -= basis @ (basis.T @ out[:, row])
+        """Return residuals or columns (N', R, …) without them."""
+        out = values.copy() if self.found else values
+        for free in self.found:
+            part = out[free.instants, free.row]
+            part -= free.basis @ (free.basis.T @ part)
         return out
 
     @property
     def share_left(self) -> float:
         """Share of the rows' degrees of freedom that are left."""
-        lost = sum(0 if basis is None else basis.shape[1] for basis in self.friction)
-        return float(self.moving.mean()) - lost / self.moving.size
+        return 1.0 - sum(free.basis.shape[1] for free in self.found) / self.rows
 
 
-def stuck_rows(stretch: Stretch, band: Band, layout: EquationSet) -> NDArray[np.bool_]:
-    """Return the rows (N', R) of instants at which a joint sticks, as far as the band's filter carries it.
-
-    All rows of an instant; where that would leave less than half of the stretch, those that hold the friction of the
-    joint's motor.
+def stuck_rows(stretch: Stretch, layout: EquationSet, around: float) -> NDArray[np.bool_]:
+    """Return the rows (N', R) that hold the friction of a joint that sticks.
 
     Parameters
     ----------
     stretch
         Of residuals.
-    band
-        Its filter carries what sticks over to rows around.
     layout
         The usable equations.
+    around
+        Seconds before and after that belong to them.
     """
-    stuck = _stuck(stretch)
-    together = _around(stretch, band, np.asarray(stuck.any(axis=1)))
-    if together.mean() <= 1.0 - LEAST_MOVING:
-        return np.repeat(together[:, None], layout.rows, axis=1)
-    own = [_around(stretch, band, column) for column in stuck.T]
-    holds = [equation.combination[2] != 0 for equation, _ in layout.entries]
-    return np.stack([own[joint] & held for held, (_, joint) in zip(holds, layout.entries, strict=True)], axis=1)
+    t = stretch.quiet.t
+    count = max(1, round(around / (t[1] - t[0])))
+    own = [binary_dilation(column, iterations=count) if column.any() else column for column in _stuck(stretch).T]
+    at = np.clip(np.searchsorted(t, stretch.t), 0, len(t) - 1)
+    return np.stack([own[joint][at] & (equation.combination[MOTOR] != 0) for equation, joint in layout.entries], axis=1)
 
 
 def _stuck(stretch: Stretch) -> NDArray[np.bool_]:
     """Return where joints stick, (N, n) at the recording's rate."""
-    t, speed = stretch.quiet.t, np.abs(stretch.quiet.dtheta)
-    slow = speed < np.maximum(SLOW * speed.max(axis=0), 2.0 * SLOWEST)
-    length = np.ones(max(1, round(STICKING / (t[1] - t[0]))))
-    sticks = np.stack([binary_opening(column, length) for column in slow.T], axis=1)
-    return np.asarray(sticks & (sticks.mean(axis=0) < MOST_STICKING))
+    speed = np.abs(stretch.quiet.dtheta)
+    return _lasting(stretch, speed < np.maximum(SLOW * speed.max(axis=0), 2.0 * SLOWEST))
 
 
-def _around(stretch: Stretch, band: Band, stuck: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Return which instants (N',) the filter carries something to that sticks at some of (N,)."""
+def _held(stretch: Stretch, velocity: Array, band: Band, steps: Array) -> NDArray[np.bool_]:
+    """Return where encoders hold one code for so long that the band shows it, (N, n)."""
+    # At a constant speed the error is a sawtooth of one period a step.
+    return _lasting(stretch, np.abs(velocity) < steps * band.cutoff)
+
+
+def _lasting(stretch: Stretch, slow: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Return where joints are slow (N, n) for as long as STICKING, but for those that are nearly always."""
     t = stretch.quiet.t
-    if stuck.any():
-        around = round((0.5 * len(band.taps) / band.rate + STICKING) / (t[1] - t[0]))
-        stuck = np.asarray(binary_dilation(stuck, iterations=around))
-    return np.asarray(stuck[np.clip(np.searchsorted(t, stretch.t), 0, len(t) - 1)])
+    length = np.ones(max(1, round(STICKING / (t[1] - t[0]))))
+    lasting = np.stack([binary_opening(column, length) for column in slow.T], axis=1)
+    return np.asarray(lasting & (lasting.mean(axis=0) < MOST_STICKING))
 
 
-def _friction(stretch: Stretch, band: Band, stuck: NDArray[np.bool_]) -> Array | None:
-    """Return an orthonormal basis (N', m) of the friction of a joint that sticks where `stuck` (N,), in the band."""
+def _courses(stretch: Stretch, band: Band, when: NDArray[np.bool_]) -> list[tuple[slice, Array]]:
+    """Return orthonormal bases (instants, m) of what a torque can be at certain times (N,), in the band."""
     step = float(stretch.quiet.t[1] - stretch.quiet.t[0])
-    if not stuck.any():
-        return None
-    numbered, _ = label(binary_dilation(stuck, iterations=max(1, round(STICKING / step))))
-    free = np.concatenate([_polynomials(len(stuck), piece[0], step, band) for piece in find_objects(numbered)], axis=1)
-    shown = band.apply(free)[stretch.kept]
-    left, singular, _ = np.linalg.svd(shown, full_matrices=False)
-    basis = left[:, singular > RANK * singular[0]]
-    return basis if basis.shape[1] else None
+    if not when.any():
+        return []
+    numbered, _ = label(binary_dilation(when, iterations=max(1, round(AROUND / step))))
+    found = []
+    for pieces in _clusters(find_objects(numbered), band):
+        reached = slice(band.reached(pieces[0]).start, band.reached(pieces[-1]).stop)
+        first, last = max(reached.start, stretch.kept.start), min(reached.stop, stretch.kept.stop)
+        if first >= last:
+            continue
+        samples = band.samples(reached)
+        length = min(samples.stop, len(when)) - samples.start
+        free = np.concatenate([_polynomials(length, samples.start, piece, step, band) for piece in pieces], axis=1)
+        left, singular, _ = np.linalg.svd(band.apply(free)[first - reached.start : last - reached.start], False)
+        instants = slice(first - stretch.kept.start, last - stretch.kept.start)
+        found.append((instants, left[:, singular > RANK * singular[0]]))
+    return found
 
 
-def _polynomials(length: int, piece: slice, step: float, band: Band) -> Array:
-    """Return Legendre polynomials (length, m) over a piece, null outside; as many as the band resolves in it."""
+def _clusters(pieces: Sequence[tuple[slice]], band: Band) -> list[list[slice]]:
+    """Return pieces of samples in groups that reach no common row of the band."""
+    groups: list[list[slice]] = []
+    for (piece,) in pieces:
+        if groups and band.reached(piece).start < band.reached(groups[-1][-1]).stop:
+            groups[-1].append(piece)
+        else:
+            groups.append([piece])
+    return groups
+
+
+def _polynomials(length: int, first: int, piece: slice, step: float, band: Band) -> Array:
+    """Return Legendre polynomials (length, m) of samples from `first` on over a piece, null outside.
+
+    They are as many as the rows resolve: polynomials of this degree follow any wave up to half the kept rate.
+    """
     count = piece.stop - piece.start
-    degree = min(count - 1, 2 + int(2.0 * band.cutoff * count * step))
+    degree = min(count - 1, 2 + int(0.5 * np.pi * band.kept_rate * count * step))
     out = np.zeros((length, degree + 1))
-    out[piece] = legvander(np.linspace(-1.0, 1.0, count), degree) if count > 1 else 1.0
+    inside = slice(piece.start - first, piece.stop - first)
+    out[inside] = legvander(np.linspace(-1.0, 1.0, count), degree) if count > 1 else 1.0
     return out

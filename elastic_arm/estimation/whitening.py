@@ -23,7 +23,7 @@ from elastic_arm.estimation.motion import drive_constants, wound_by_load
 from elastic_arm.estimation.noise_colour import Colour
 from elastic_arm.estimation.observation import Observation
 from elastic_arm.estimation.regressors import Entries, Signals
-from elastic_arm.estimation.residuals import SLOWEST, Sticking, Stretch, predicted_torques, residuals
+from elastic_arm.estimation.residuals import SLOWEST, FreeTorques, Stretch, predicted_torques, residuals
 
 Array = NDArray[np.float64]
 
@@ -253,6 +253,7 @@ class WhitenedData:
         self.layout, self.band, self.in_motion = layout, band, in_motion
         self.parts: list[Part] = []
         self.pure: list[NoiseModel] = []
+        self._free: list[FreeTorques] = []
         for observation in observations:
             noise, pure = noise_models(model, observation, layout, band, (FLOOR, 0.0))
             standstill = _standstill(observation, noise.f, model.n)
@@ -272,23 +273,20 @@ class WhitenedData:
                 signals = signals.with_model_torques(load, drive, observation.torque_variances(model.n))
                 self.parts.append(Part(stretch, signals, noise))
                 self.pure.append(pure)
+                self._free.append(FreeTorques.of(stretch, band, layout, observation.steps, friction=in_motion))
         if not self.parts:
             raise DiagnosisError(
                 f"too little motion is left of {', '.join(o.source or 'the recording' for o in observations)} "
                 "after filtering",
                 "Record longer without gaps",
             )
-        stretches = [part.stretch for part in self.parts]
-        self._sticking = [
-            Sticking.of(s, band, layout) if in_motion else Sticking.none(s, layout.rows) for s in stretches
-        ]
         self.y = self.weighted([part.stretch.values for part in self.parts])
         self.white = self.whiten([y[:, :, None] for y in self.y])[:, 0]
         self.blocks = self._blocks()
 
     def weighted(self, columns: Sequence[Array]) -> list[Array]:
-        """Return columns (N', R, …) of all stretches without what a joint's friction may be while it sticks."""
-        return [sticking.remove(values) for values, sticking in zip(columns, self._sticking, strict=True)]
+        """Return columns (N', R, …) of all stretches without the torques that no law states."""
+        return [free.remove(values) for values, free in zip(columns, self._free, strict=True)]
 
     @property
     def seconds(self) -> float:
@@ -370,7 +368,7 @@ class WhitenedData:
     @property
     def freedom(self) -> float:
         """Number of independent rows: the band leaves out part of the kept spectrum, and void rows hold nothing."""
-        left = np.average([s.share_left for s in self._sticking], weights=[len(y) for y in self.y])
+        left = np.average([free.share_left for free in self._free], weights=[len(y) for y in self.y])
         used = left * self.layout.live.mean()
         return float(len(self.white) * used * min(1.0, 2 * self.band.cutoff / self.band.kept_rate))
 

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from elastic_arm.diagnosis.preparation import PreparedData
 from elastic_arm.diagnosis.selection.hypothesis import Hypothesis
-from elastic_arm.estimation.residuals import stuck_rows
+from elastic_arm.estimation.residuals import AROUND, stuck_rows
 from elastic_arm.estimation.whitening import EDGE, WhitenedData
 
 
@@ -34,6 +34,7 @@ def sticking_misfits(prepared: PreparedData, hypothesis: Hypothesis) -> bool:
 
 
 def sticking_rows(data: WhitenedData) -> NDArray[np.bool_]:
-    """Return which whitened rows (rows,) are those of instants at which a joint sticks."""
-    rows = [stuck_rows(part.stretch, data.band, data.layout)[EDGE:-EDGE].ravel() for part in data.parts]
+    """Return which whitened rows (rows,) hold the friction of a joint that sticks."""
+    around = AROUND + 1.0 / data.band.cutoff
+    rows = [stuck_rows(part.stretch, data.layout, around)[EDGE:-EDGE].ravel() for part in data.parts]
     return np.concatenate(rows)
