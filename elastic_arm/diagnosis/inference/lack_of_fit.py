@@ -166,7 +166,7 @@ def shapes_of(
 
 
 def placed(data: WhitenedData, side: str, joint: int, shapes: Sequence[Array]) -> list[Array]:
-    """Return shapes as columns (N', R, k) of the residuals in which a side of a joint shows.
+    """Return shapes as columns (N', R, k) of the residuals in which a side of a joint shows, treated as those are.
 
     Parameters
     ----------
@@ -183,7 +183,7 @@ def placed(data: WhitenedData, side: str, joint: int, shapes: Sequence[Array]) -
     pattern = np.zeros(layout.rows)
     for name in layout.sides if side == "sensor" else (side,):
         pattern[_row(data, name, joint)] = SHARED.get(name, 1.0) if side == "sensor" else 1.0
-    return [pattern[None, :, None] * thin[:, None, :] for thin in shapes]
+    return data.weighted([pattern[None, :, None] * thin[:, None, :] for thin in shapes])
 
 
 def _row(data: WhitenedData, side: str, joint: int) -> int:

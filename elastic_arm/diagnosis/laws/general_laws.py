@@ -50,7 +50,7 @@ class GeneralLaw:
     def plain(self, data: WhitenedData) -> list[Array]:
         """Return its columns (N', R, k) in the band, one array a stretch; coefficients of 1 make about 1 Nm."""
         parts = [data.band.apply(self.shapes(part.signals))[part.stretch.kept] for part in data.parts]
-        return data.weighted(placed(data, self.side, self.joint, parts))
+        return placed(data, self.side, self.joint, parts)
 
 
 def general_laws(sets: Sequence[WhitenedData], joint: int, settings: GeneralLawSettings) -> list[GeneralLaw]:

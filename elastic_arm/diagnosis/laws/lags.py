@@ -96,7 +96,7 @@ def _difference(data: WhitenedData, channel: str, joints: Sequence[int], delay: 
             data.band.apply(_passed(part, CHANNELS[channel], joint, delay))[part.stretch.kept] for part in data.parts
         ]
         found = [one + more for one, more in zip(found, placed(data, side, joint, parts), strict=True)]
-    return data.weighted(found)
+    return found
 
 
 def _passed(part: Part, name: str, joint: int, delay: float) -> Array:
