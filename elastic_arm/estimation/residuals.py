@@ -186,10 +186,14 @@ class FreeTorques:
 
     def remove(self, values: Array) -> Array:
         """Return residuals or columns (N', R, …) without them."""
-        out = values.copy() if self.found else values
+        if not self.found:
+            return values
+        acting = np.asarray(values.any(axis=(0, *range(2, values.ndim))))
+        out = values.copy()
         for free in self.found:
-            part = out[free.instants, free.row]
-            part -= free.basis @ (free.basis.T @ part)
+            if acting[free.row]:
+                part = out[free.instants, free.row]
+                part -= free.basis @ (free.basis.T @ part)
         return out
 
     @property

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.stats import chi2
 
 from elastic_arm.diagnosis import format as texts
 from elastic_arm.diagnosis.calibration.calibrate import imperfections
@@ -101,10 +102,12 @@ def _that_last(
 ) -> tuple[Hypothesis, FinalEstimates, list[LargeImperfection]]:
     """Return the causes and faults that are still there beside one another at last, with the final estimates."""
     slowest = prepared.settings.refit.turned_over
+    # A cause is one of many that were tried: what that costs in the search, it costs here.
+    level = float(chi2.cdf(2.0 * prepared.settings.search.least_gain, 1))
     while True:
         found, kept = _beside_faults(prepared, hypothesis.selected, faults)
         selected, last = found.fit.selected, found.estimates
-        gone = last.insignificant(selected)
+        gone = last.insignificant(selected, level)
         lost = [k for k in hypothesis.causes if k in gone or turns_over(last.polished(selected)[k], slowest)]
         there = [fault for fault in kept if not found.is_nothing(fault)]
         if not lost and len(there) == len(kept):
