@@ -100,17 +100,15 @@ def _one_clock(recording: Recording, settings: PreprocessingSettings) -> Recordi
     link, motor = recording.link, recording.motor
     if link is None or motor is None or link.position is None or motor.position is None:
         return recording
-    total, mended = 0.0, recording
-    for _ in range(settings.clock_passes):
-        drift = clock_drift(mended.samples(), settings)
-        if drift is None:
-            break
-        total += drift
-        since = link.stamp_ns - link.stamp_ns[0]
-        stamps = link.stamp_ns[0] + np.round(since / (1.0 + total)).astype(np.int64)
-        mended = replace(recording, link=replace(link, stamp_ns=stamps))
-    if not total:
+    total = clock_drift(recording.samples(), settings)
+    if total is None:
         return recording
+    mended = _restamped(recording, link, total)
+    for _ in range(settings.clock_passes - 1):
+        # What is left of a drift that is there is taken out, however small.
+        drifts = _drifts(mended.samples(), settings)
+        total += 0.0 if drifts is None else _mean(*drifts)
+        mended = _restamped(recording, link, total)
     note = (
         f"{recording.source or 'the recording'}: the clocks of link and motor side drift apart by {1e6 * total:.3g} us "
         f"a second, {1e3 * abs(total) * recording.duration:.3g} ms in all: taken out by the motion of all joints."
@@ -118,8 +116,28 @@ def _one_clock(recording: Recording, settings: PreprocessingSettings) -> Recordi
     return replace(mended, notes=(*recording.notes, note))
 
 
+def _restamped(recording: Recording, link: Side, drift: float) -> Recording:
+    """Return the recording with the link side stamped by a clock that runs slower by a drift."""
+    since = link.stamp_ns - link.stamp_ns[0]
+    stamps = link.stamp_ns[0] + np.round(since / (1.0 + drift)).astype(np.int64)
+    return replace(recording, link=replace(link, stamp_ns=stamps))
+
+
 def clock_drift(samples: Samples, settings: PreprocessingSettings) -> float | None:
     """Return by how much the link side's clock runs faster than the motor side's (1), None where they keep together."""
+    found = _drifts(samples, settings)
+    if found is None:
+        return None
+    drifts, stds = found
+    mean = _mean(drifts, stds)
+    seconds = float(samples.t[-1] - samples.t[0])
+    certain = bool((np.abs(drifts) > settings.clock_certainty * stds).all())
+    alike = bool((np.abs(drifts - mean) < settings.clock_agreement * abs(mean)).all())
+    return mean if certain and alike and abs(mean) * seconds > settings.clock_shift else None
+
+
+def _drifts(samples: Samples, settings: PreprocessingSettings) -> tuple[Array, Array] | None:
+    """Return the drifts that joints show, and their standard deviations; None where none can show one."""
     if samples.q is None or samples.theta is None:
         return None
     moves = np.ptp(samples.theta, axis=0) >= STILL
@@ -128,11 +146,11 @@ def clock_drift(samples: Samples, settings: PreprocessingSettings) -> float | No
     if not found:
         return None
     drifts, stds = (np.array(column) for column in zip(*found, strict=True))
-    mean = float(np.average(drifts, weights=stds**-2.0))
-    seconds = float(samples.t[-1] - samples.t[0])
-    certain = bool((np.abs(drifts) > settings.clock_certainty * stds).all())
-    alike = bool((np.abs(drifts - mean) < settings.clock_agreement * abs(mean)).all())
-    return mean if certain and alike and abs(mean) * seconds > settings.clock_shift else None
+    return drifts, stds
+
+
+def _mean(drifts: Array, stds: Array) -> float:
+    return float(np.average(drifts, weights=stds**-2.0))
 
 
 def _drift_of(samples: Samples, j: int, averaging: float) -> tuple[float, float]:
