@@ -9,8 +9,9 @@ Names are loaded when they are first used: commands that only format a result im
 
 from __future__ import annotations
 
-from importlib import import_module
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
+
+from elastic_arm.lazy_names import lazily
 
 if TYPE_CHECKING:
     from elastic_arm.diagnosis.pipeline import diagnose, follow_up
@@ -21,15 +22,11 @@ if TYPE_CHECKING:
 __all__ = ["Diagnosis", "DiagnosisSettings", "Question", "diagnose", "follow_up"]
 
 _MODULES = {
-    "Diagnosis": "result",
-    "DiagnosisSettings": "settings",
-    "Question": "question",
-    "diagnose": "pipeline",
-    "follow_up": "pipeline",
+    "Diagnosis": "elastic_arm.diagnosis.result",
+    "DiagnosisSettings": "elastic_arm.diagnosis.settings",
+    "Question": "elastic_arm.diagnosis.question",
+    "diagnose": "elastic_arm.diagnosis.pipeline",
+    "follow_up": "elastic_arm.diagnosis.pipeline",
 }
 
-
-def __getattr__(name: str) -> Any:
-    if name not in _MODULES:
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    return getattr(import_module(f"{__name__}.{_MODULES[name]}"), name)
+__getattr__ = lazily(__name__, _MODULES)

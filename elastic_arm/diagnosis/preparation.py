@@ -240,7 +240,7 @@ def recalibrated(
 
 
 def in_motion(prepared: PreparedData) -> PreparedData:
-    """Return the data without the rows where a joint sticks."""
+    """Return the data without what friction may be while a joint sticks."""
     problem = replace(prepared.calibration, in_motion=True)
     found, _ = linearise(problem, expand(problem, prepared.found.values), prepared.candidates)
     return replace(prepared, calibration=problem, found=found, notes=(*prepared.notes, texts.STICKING))

@@ -5,8 +5,9 @@ Names are loaded when they are first used: commands that only name parameters im
 
 from __future__ import annotations
 
-from importlib import import_module
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
+
+from elastic_arm.lazy_names import lazily
 
 if TYPE_CHECKING:
     from elastic_arm.effects.text import parse_laws
@@ -39,23 +40,19 @@ __all__ = [
 ]
 
 _MODULES = {
-    "Comparison": "identification.result",
-    "DerivativeStage": "identification.batch",
-    "Estimate": "identification.result",
-    "Identification": "identification.result",
-    "Identifier": "identification.stream",
-    "StdRatio": "identification.result",
-    "chi_square": "identification.result",
-    "compare": "identification.result",
-    "identifier_of": "identification.batch",
-    "identify": "identification.batch",
-    "identify_with": "identification.batch",
-    "parse_laws": "effects.text",
-    "std_ratio": "identification.result",
+    "Comparison": "elastic_arm.identification.result",
+    "DerivativeStage": "elastic_arm.identification.batch",
+    "Estimate": "elastic_arm.identification.result",
+    "Identification": "elastic_arm.identification.result",
+    "Identifier": "elastic_arm.identification.stream",
+    "StdRatio": "elastic_arm.identification.result",
+    "chi_square": "elastic_arm.identification.result",
+    "compare": "elastic_arm.identification.result",
+    "identifier_of": "elastic_arm.identification.batch",
+    "identify": "elastic_arm.identification.batch",
+    "identify_with": "elastic_arm.identification.batch",
+    "parse_laws": "elastic_arm.effects.text",
+    "std_ratio": "elastic_arm.identification.result",
 }
 
-
-def __getattr__(name: str) -> Any:
-    if name not in _MODULES:
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    return getattr(import_module(f"elastic_arm.{_MODULES[name]}"), name)
+__getattr__ = lazily(__name__, _MODULES)

@@ -6,8 +6,9 @@ they are first used: commands that read no bag import no reader.
 
 from __future__ import annotations
 
-from importlib import import_module
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
+
+from elastic_arm.lazy_names import lazily
 
 if TYPE_CHECKING:
     from elastic_arm.recording.foreign.channels import ChannelMap, load_channels
@@ -19,17 +20,13 @@ if TYPE_CHECKING:
 __all__ = ["ChannelMap", "Recording", "Samples", "Side", "load_channels", "read_recording", "write_recording"]
 
 _MODULES = {
-    "ChannelMap": "foreign.channels",
-    "Recording": "recording",
-    "Samples": "sides",
-    "Side": "sides",
-    "load_channels": "foreign.channels",
-    "read_recording": "reading",
-    "write_recording": "writing",
+    "ChannelMap": "elastic_arm.recording.foreign.channels",
+    "Recording": "elastic_arm.recording.recording",
+    "Samples": "elastic_arm.recording.sides",
+    "Side": "elastic_arm.recording.sides",
+    "load_channels": "elastic_arm.recording.foreign.channels",
+    "read_recording": "elastic_arm.recording.reading",
+    "write_recording": "elastic_arm.recording.writing",
 }
 
-
-def __getattr__(name: str) -> Any:
-    if name not in _MODULES:
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    return getattr(import_module(f"{__name__}.{_MODULES[name]}"), name)
+__getattr__ = lazily(__name__, _MODULES)

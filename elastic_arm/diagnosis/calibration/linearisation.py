@@ -68,7 +68,7 @@ class CalibrationProblem:
     settings
         All thresholds.
     in_motion
-        Whether rows where a joint sticks are left out.
+        Whether what friction may be while a joint sticks is removed.
     """
 
     robot: Robot
