@@ -7,7 +7,6 @@ import signal
 import sys
 import time
 from collections.abc import Callable, Sequence
-from pathlib import Path
 from types import FrameType
 
 import rclpy
@@ -19,16 +18,13 @@ from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 
 from elastic_arm.errors import ElasticArmError
+from elastic_arm.nodes.support.transport import choose_transport
 
 # How long a stop signal may wait for a node that has nothing to do.
 LONGEST_REST = 0.1
 # A node that is stopped takes what has arrived: until nothing comes for `QUIET`, or this long where the stream goes on.
 LONGEST_DRAIN = 1.0
 QUIET = 0.02
-# Fast DDS's settings of writers. A reader that was held up for longer than the shared memory lasts waits for the next
-# heartbeat of the writer to know what it has missed: up to three seconds by default, and again if that is too much.
-PROFILE = Path(__file__).with_name("fastdds.xml")
-PROFILE_VARIABLE = "FASTRTPS_DEFAULT_PROFILES_FILE"
 
 
 class ArmNode(Node):
@@ -75,7 +71,7 @@ def run(make: Callable[[], ArmNode], args: Sequence[str] | None = None) -> int:
         Exit code: 0, or 2 after a mistake of the user's, which stands in one line on stderr.
     """
     stop = _Stop()
-    os.environ.setdefault(PROFILE_VARIABLE, str(PROFILE))  # the user's own profile counts; other DDS do not look at it
+    choose_transport(os.environ)
     rclpy.init(args=list(args) if args is not None else None, signal_handler_options=SignalHandlerOptions.NO)
     try:
         _spin(make, stop)
