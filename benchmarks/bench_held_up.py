@@ -17,7 +17,7 @@ from pathlib import Path
 
 import numpy as np
 
-from elastic_arm.nodes.support.transport import PROFILE_VARIABLE
+from elastic_arm.nodes.transport import PROFILE_VARIABLE
 
 RATE = 500.0  # Hz of the arm
 HELD = 2.5  # s

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 from sensor_msgs.msg import JointState
 
-from elastic_arm.nodes.support.transport import (
+from elastic_arm.nodes.transport import (
     LOCALHOST_VARIABLE,
     LOOPBACK_PROFILE,
     PEERS_VARIABLE,

@@ -18,7 +18,7 @@ from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 
 from elastic_arm.errors import ElasticArmError
-from elastic_arm.nodes.support.transport import choose_transport
+from elastic_arm.nodes.transport import choose_transport
 
 # How long a stop signal may wait for a node that has nothing to do.
 LONGEST_REST = 0.1
