@@ -160,6 +160,8 @@ def prepare(recordings: Sequence[Recording], validate: Sequence[Recording], ques
         cuts = [(rest.start_ns - first.start_ns) * 1e-9 for first, rest in zip(*parts, strict=True)]
         joined = [continued(*each) for each in zip(*observed, cuts, strict=True)]
         observed = [[first for first, _ in joined], [rest for _, rest in joined]]
+    if question.refit and all(piece.tau_m is not None for o in observed[0] for piece in o.pieces):
+        question = replace(question, robot=question.robot.with_armatures())
     nominal = build_model(question.robot, question.model)
     layout, band = _common([*observed[0], *observed[1]], nominal, settings.preprocessing)
     still = [joint for joint in names if all(joint in standing(r) for r in parts[0])]

@@ -45,6 +45,9 @@ from elastic_arm.robot import Robot
 Array = NDArray[np.float64]
 Method = Literal["auto", "smoother", "fourier"]
 ProgressCallback = Callable[[str, float], None]
+MOTOR_INERTIA = (
+    "the description states no motor inertia: it was identified beside the links (armature; a URDF cannot hold it)"
+)
 
 
 @dataclass(frozen=True)
@@ -128,7 +131,7 @@ class DerivativeStage:
         if not any(grid.moves() for grid in self._grids):
             raise IdentificationError("the recording holds no motion", "Record one that `elastic-arm excite` makes.")
         self._said: tuple[str, ...] = (clock.note,) if clock.note else ()
-        self._width = _width(samples)
+        self._width = next(iter(self._grids[0].channels().values())).shape[1]
         self._longest, self._period = max(self._grids, key=len), period
         if period is None:
             with contextlib.suppress(IdentificationError):
@@ -267,7 +270,9 @@ def identify_with(
     report = progress or (lambda what, share: None)
     chosen = [without_outliers(recording.select(robot.joint_names)) for recording in chosen]
     prepared = [recording.samples() for recording in chosen]
-    effects = with_stated(effects, robot, motored=any(s.tau_m is not None for s in prepared), catalogue=catalogue)
+    motored = any(samples.tau_m is not None for samples in prepared)
+    described, robot = robot, robot.with_armatures() if motored else robot
+    effects = with_stated(effects, robot, motored=motored, catalogue=catalogue)
     speeds = SIGN_SPEEDS if any(is_dry(instance) for instance in effects) else (DEFAULT_SIGN_SPEED,)
     add = partial(_added, list(zip(chosen, prepared, strict=True)), [], (derivatives, period), report)
 
@@ -288,7 +293,8 @@ def identify_with(
     covariance = _covariance(identifier, derived)
     width, prior = (None, None) if covariance is not None else _regularised(identifier)
     result = identifier.estimate(names, methods, covariance, prior)
-    notes = [note for r in chosen for note in r.notes]
+    notes = [MOTOR_INERTIA] if robot is not described else []
+    notes += [note for r in chosen for note in r.notes]
     notes += [note for d, r in zip(derived, chosen, strict=True) for note in d.notes(r.source, robot.joint_names)]
     notes += [] if width is None else [described_width(width, "parts of the recordings left out in turn")]
     notes += [f"dry friction turns over within {speed:g} rad/s of standstill"] if len(speeds) > 1 else []
@@ -390,10 +396,3 @@ def identifier_of(
     """
     arm, columns = build_model(robot, model), law_columns(effects, robot, model)
     return Identifier(arm, columns, joints=robot.joint_names, **options)  # type: ignore[arg-type]
-
-
-def _width(samples: Samples) -> int:
-    position = samples.q if samples.q is not None else samples.theta
-    if position is None:
-        raise IdentificationError("no positions were recorded", "Record /joint_states or /motor_states.")
-    return position.shape[1]

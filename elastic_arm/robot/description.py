@@ -203,6 +203,16 @@ class Robot:
         joints = tuple(replace(j, **changes) if j.name == name else j for j in self.joints)
         return self.with_(joints=joints)
 
+    def with_armatures(self) -> Robot:
+        """Return a copy whose models hold the inertia of its motors, from zero, where its description states none.
+
+        A description of links alone, like a URDF, has no motor inertia. Geared motors have as much as the links that
+        they move (it counts by the square of the ratio), and all torque that they make has passed it.
+        """
+        if any(joint.transmission is not None or joint.armature is not None for joint in self.joints):
+            return self
+        return self.with_(joints=tuple(replace(joint, armature=0.0) for joint in self.joints))
+
     def with_ratio(self, r_tot: float) -> Robot:
         """Return a copy whose joints all have total ratio `r_tot`, split as in the description.
 

@@ -38,8 +38,7 @@ def recordings() -> list[Recording]:
 def test_an_armature_is_felt_by_its_own_joint_alone() -> None:
     """Inverse dynamics with and without armatures differ by armature times acceleration."""
     x, dx, ddx = np.random.default_rng(1).standard_normal((3, 5, 3))
-    bare = rigid().with_(joints=tuple(replace(joint, armature=None) for joint in rigid().joints))
-    apart = build_model(rigid()).inverse_dynamics(x, dx, ddx) - build_model(bare).inverse_dynamics(x, dx, ddx)
+    apart = build_model(rigid()).inverse_dynamics(x, dx, ddx) - build_model(bare()).inverse_dynamics(x, dx, ddx)
     np.testing.assert_allclose(apart, np.array(ARMATURES) * ddx, atol=1e-12)
 
 
@@ -51,6 +50,32 @@ def test_identification_finds_armatures_that_the_motion_determines(recordings: l
     (third,) = [e for name, e in named.items() if name == "joint_3.armature"]
     assert abs(third.value - HEAVIER * ARMATURES[2]) < 4 * third.std + 0.01 * ARMATURES[2]
     assert all(joint.armature is not None and joint.armature >= 0.0 for joint in result.identified.joints)
+
+
+def bare() -> Robot:
+    """Return the arm as a URDF describes it: without the inertia of its motors."""
+    return rigid().with_(joints=tuple(replace(joint, armature=None) for joint in rigid().joints))
+
+
+def test_motor_inertia_that_no_description_states_is_identified(recordings: list[Recording]) -> None:
+    """From a URDF and motor torques the motors' inertia comes out, and no link gets it: masses stay as described."""
+    result = identify(recordings[0], bare())
+    assert result.identified is not None
+    third = result.identified.joints[2].armature
+    assert third is not None and abs(third - HEAVIER * ARMATURES[2]) < 0.02 * ARMATURES[2]
+    for found, described in zip(result.identified.joints, bare().joints, strict=True):
+        assert 0.5 < found.link.mass / described.link.mass < 2.0
+    assert any("states no motor inertia" in note for note in result.notes)
+
+
+def test_motor_inertia_that_no_description_states_is_no_gain(recordings: list[Recording]) -> None:
+    """With --refit, motors' inertia that a URDF leaves out is a number of the arm, no gain and no link."""
+    effects = tuple(EFFECTS[name] for name in ("coulomb_friction", "motor_torque_gain", "link_inertia_mismatch"))
+    found = diagnose(recordings[:1], Question(bare(), effects=effects, refit=True), recordings[1:])
+    assert not found.causes
+    assert found.context is not None
+    third = found.context.model.robot.joints[2].armature
+    assert third is not None and abs(third - HEAVIER * ARMATURES[2]) < 0.05 * ARMATURES[2]
 
 
 def test_the_diagnosis_names_larger_motor_inertia(recordings: list[Recording]) -> None:

@@ -23,6 +23,7 @@ from elastic_arm.diagnosis.calibration.columns import (
 from elastic_arm.diagnosis.calibration.nuisance import (
     NuisanceParameter,
     lags,
+    motor_inertia_scales,
     nearest_robot,
     nuisance_parameters,
     unreferenced,
@@ -179,7 +180,8 @@ def problem_of(
         return CalibrationProblem(robot, model, observed, layout, band, (), np.zeros((0, 0)), known, settings)
     equations = ArmEquations(robot, model)
     shown = recorded_features(features(equations, effects), observed[0][0].pieces[0])
-    parameters = nuisance_parameters(robot, shown, observed[0][0].rate, settings.priors, settings.refit)
+    inertias = motor_inertia_scales([piece for one in observed[0] for piece in one.pieces])
+    parameters = nuisance_parameters(robot, shown, observed[0][0].rate, settings.priors, settings.refit, inertias)
     if layout.reads_torque_by_deflection:
         parameters = tuple(unreferenced(parameter) for parameter in parameters)
     directions = directions_of(robot, model, parameters)

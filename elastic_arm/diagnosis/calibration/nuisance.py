@@ -17,10 +17,12 @@ from elastic_arm.diagnosis.selection.candidates import sensed_channels
 from elastic_arm.diagnosis.settings import RefitSettings
 from elastic_arm.errors import RobotError
 from elastic_arm.estimation.effect_columns import Feature
+from elastic_arm.estimation.motion import Motion
 from elastic_arm.robot import Component, Inertia, Joint, Robot
 
 Array = NDArray[np.float64]
 
+LEAST_SCALE = 1e-9  # numerical; of sums of squares of torques and accelerations
 ZERO_AS_MOUNTED = 1e-3  # rad; of a link encoder that was never compared with the motor's under a known torque
 PRESLIDING = "presliding"  # how gradually dry friction changes its sign: no number of the arm or of a sensor
 LINK_SHARES = (1.0, 0.75, 0.5, 0.25)  # of the links' deviations, tried until the bodies are physical
@@ -92,7 +94,12 @@ class NuisanceParameter:
 
 
 def nuisance_parameters(
-    robot: Robot, features: Iterable[Feature], rate: float, priors: Priors, settings: RefitSettings
+    robot: Robot,
+    features: Iterable[Feature],
+    rate: float,
+    priors: Priors,
+    settings: RefitSettings,
+    motor_inertias: Array | None = None,
 ) -> tuple[NuisanceParameter, ...]:
     """Return the numbers of an arm and of its sensors that have a prior.
 
@@ -108,11 +115,14 @@ def nuisance_parameters(
         Of the arm's numbers, and those of sensors that differ from their files.
     settings
         What is believable, and the speeds of presliding.
+    motor_inertias
+        (n,) kg m^2, standard deviations of motor inertias that the description does not state; they have no nuisance
+        parameter when None.
     """
     found: list[NuisanceParameter] = []
     features = tuple(features)
     errors = {(feature.effect.number, feature.joint): feature for feature in features if feature.effect.number}
-    for joint in robot.joints:
+    for j, joint in enumerate(robot.joints):
         stds = {"link_mass": ("1", priors.mass, 1.0)}
         stds |= {f"link_com_{axis}": ("m", priors.centre_of_mass, 0.0) for axis in "xyz"}
         for a, b in TENSOR:
@@ -123,6 +133,9 @@ def nuisance_parameters(
             stds |= {"stiffness": ("1", priors.stiffness, 1.0), "damping": ("1", priors.damping, 1.0)}
         if joint.armature:
             stds |= {"rotor_inertia": ("1", priors.rotor, 1.0)}
+        elif joint.armature is not None and motor_inertias is not None:
+            unit = "kg" if joint.prismatic else "kg m^2"
+            stds |= {"rotor_inertia": (unit, float(motor_inertias[j]), 0.0)}
         for what, (unit, std, neutral) in stds.items():
             limit = settings.largest_scale / std if what == "stiffness" else np.inf
             error = errors.get((what, joint.name))
@@ -144,6 +157,22 @@ def nuisance_parameters(
             NuisanceParameter(what, feature.joint, feature.unit(parameter), std, neutral, feature, limit=limit)
         )
     return tuple(found)
+
+
+def motor_inertia_scales(pieces: Sequence[Motion]) -> Array | None:
+    """Return the motor inertias (n,) kg m^2 that alone would need all the motor torque; None where none was recorded.
+
+    A description of links alone gives no idea of what their motors' inertia is: with gears it may be a hundred times
+    that of a wrist.
+    """
+    squares: Array = np.zeros((2, 1))
+    for piece in pieces:
+        ddq = piece.ddq if piece.ddq is not None else piece.ddtheta
+        if piece.tau_m is None or ddq is None:
+            return None
+        squares = squares + np.array([np.nansum(np.square(values), axis=0) for values in (piece.tau_m, ddq)])
+    torque, acceleration = np.sqrt(squares)
+    return np.asarray(np.maximum(torque, LEAST_SCALE) / np.maximum(acceleration, LEAST_SCALE))
 
 
 def unreferenced(parameter: NuisanceParameter) -> NuisanceParameter:
@@ -223,6 +252,8 @@ def _changed(joint: Joint, deviation: dict[str, float]) -> Joint:
     armature = joint.armature
     if armature:
         armature *= max(0.05, 1.0 + deviation["rotor_inertia"])
+    elif armature is not None:
+        armature = max(0.0, deviation.get("rotor_inertia", 0.0))
     return replace(joint, link=_changed_link(joint.link, deviation), transmission=gear, armature=armature)
 
 
