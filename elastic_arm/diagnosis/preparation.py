@@ -160,8 +160,7 @@ def prepare(recordings: Sequence[Recording], validate: Sequence[Recording], ques
         cuts = [(rest.start_ns - first.start_ns) * 1e-9 for first, rest in zip(*parts, strict=True)]
         joined = [continued(*each) for each in zip(*observed, cuts, strict=True)]
         observed = [[first for first, _ in joined], [rest for _, rest in joined]]
-    if question.refit and all(piece.tau_m is not None for o in observed[0] for piece in o.pieces):
-        question = replace(question, robot=question.robot.with_armatures())
+    question = _with_motor_inertia(question, observed[0])
     nominal = build_model(question.robot, question.model)
     layout, band = _common([*observed[0], *observed[1]], nominal, settings.preprocessing)
     still = [joint for joint in names if all(joint in standing(r) for r in parts[0])]
@@ -189,8 +188,7 @@ def prepare(recordings: Sequence[Recording], validate: Sequence[Recording], ques
         expansion, noise = calibrate(problem, expansion)
     found, _ = linearise(problem, expansion, candidates, noise=noise)
     notes = list(dict.fromkeys(note for part in observed for o in part for note in o.notes))
-    notes += _low_passed(parts)
-    notes += [texts.REFITTED] if question.refit else []
+    notes += [*_low_passed(parts), *([texts.REFITTED] if question.refit else [])]
     notes += [texts.standing_note(joint) for joint in still]
     notes += [texts.unseen_note(unseen)] if unseen else []
     return PreparedData(
@@ -204,6 +202,12 @@ def prepare(recordings: Sequence[Recording], validate: Sequence[Recording], ques
         notes=tuple(notes),
         settings=settings,
     )
+
+
+def _with_motor_inertia(question: Question, observed: Sequence[Observation]) -> Question:
+    """Return the question with motor inertia to be refitted where motor torques were recorded and none is described."""
+    motored = all(piece.tau_m is not None for one in observed for piece in one.pieces)
+    return replace(question, robot=question.robot.with_armatures()) if question.refit and motored else question
 
 
 def _low_passed(parts: Sequence[Sequence[Recording]]) -> list[str]:

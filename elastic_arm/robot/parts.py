@@ -144,6 +144,21 @@ class Inertia:
         )
 
 
+def nearest_tensor(inertia: np.ndarray) -> tuple[np.ndarray, float]:
+    """Return the inertia (3, 3) about a centre of mass nearest to this one that a body can have, and how far it is off.
+
+    The distance is a share of the largest moment. A body's second moments about its centre of mass are nowhere
+    negative; those that are count as zero.
+    """
+    second = 0.5 * np.trace(inertia) * np.eye(3) - inertia
+    values, axes = np.linalg.eigh(second)
+    if values[0] >= 0.0:
+        return inertia, 0.0
+    second = (axes * np.maximum(values, 0.0)) @ axes.T
+    second = 0.5 * (second + second.T)
+    return np.trace(second) * np.eye(3) - second, float(-values[0] / np.linalg.norm(inertia, 2))
+
+
 @dataclass(frozen=True, eq=False)
 class Component:
     """A solid of revolution of a transmission: rotor, wave generator or spline.

@@ -18,7 +18,7 @@ from elastic_arm.errors import RobotError
 from elastic_arm.input_files import read_bytes
 from elastic_arm.robot.description import Inertia, Joint, Limits, Robot
 from elastic_arm.robot.kinematics import lumped, moved
-from elastic_arm.robot.parts import located
+from elastic_arm.robot.parts import located, nearest_tensor
 from elastic_arm.robot.urdf_elements import (
     attribute,
     child_of,
@@ -34,6 +34,9 @@ from elastic_arm.robot.urdf_tree import Chain, UrdfTree
 Array = NDArray[np.float64]
 
 MOVING = ("revolute", "continuous", "prismatic")
+# Inertias of vendors' files that miss what a body can have by no more than the last, of the largest moment, are rounded
+# or of simplified shapes; beyond it something is wrong. The first is rounding of the computer.
+SAME_TENSOR, ROUNDED = 1e-9, 0.1
 # What <dynamics> may state, and the effects, with their parameters, that these are.
 DYNAMICS = {"damping": ("viscous_friction", "coefficient"), "friction": ("coulomb_friction", "torque")}
 
@@ -75,9 +78,11 @@ class _Reading:
         self._element = root
         self._tree = UrdfTree(root, chain)
         self._notes: list[str] = self._tree.notes()
+        self._resting = True
 
     def robot(self) -> Robot:
         base, onward = self._rigid(self._tree.first, np.eye(4))
+        self._resting = False
         joints: list[Joint] = []
         while (step := self._only(onward)) is not None:
             element, carried = step
@@ -183,10 +188,17 @@ class _Reading:
         origin = self._origin(inertial, where)
         tensor = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
         with located(f"{where}: "):
+            if self._resting:
+                # Of what stands still the mass alone counts; antennas and covers may state inertias that no body has.
+                return Inertia(mass, np.zeros(3), np.zeros((3, 3)))
             if mass == 0.0:
                 if tensor.any():
                     self._notes.append(f"{where} has an inertia and no mass: it counts as massless")
                 return Inertia(0.0, np.zeros(3), np.zeros((3, 3)))
+            nearest, off = nearest_tensor(tensor)
+            if SAME_TENSOR < off <= ROUNDED:
+                self._notes.append(f"{where}: no body has its inertia, by {off:.1%}: the nearest possible one is taken")
+                tensor = nearest
             return moved(Inertia(mass, np.zeros(3), tensor), placement @ origin)
 
     def _limits(self, element: ET.Element, name: str) -> Limits:

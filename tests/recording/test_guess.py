@@ -58,6 +58,19 @@ def test_a_table_without_names_is_cut_by_its_derivatives(tmp_path: Path) -> None
     assert load_array_map(tmp_path / "map.yaml").times.key == "0"
 
 
+def test_columns_are_grouped_by_the_joints_names(tmp_path: Path) -> None:
+    """Columns called by joint and quantity are tables in the robot's order, whatever the order in the file."""
+    joints = ("lift", "arm_1", "arm_10")
+    tables = {"position": Q, "velocity": DQ, "effort": TAU}
+    columns = {f"{name}_{what}": v[:, k] for what, v in tables.items() for k, name in [*enumerate(joints)][::-1]}
+    draft = guess_mapping({"t": T, **columns}, joints)
+    assert {guess.channel: guess.table.keys for guess in draft.channels} == {
+        what: tuple(f"{name}_{what}" for name in joints) for what in tables
+    }
+    assert [guess.table.name for guess in draft.channels] == ["*_position", "*_velocity", "*_effort"]
+    assert not draft.ignored
+
+
 def test_rotor_angles_get_their_ratio_and_currents_ask_for_theirs(tmp_path: Path) -> None:
     """The ratio and sign follow from both sides' angles; a torque constant is left open and named."""
     ratio = np.array([121.0, -101.0, 80.0])

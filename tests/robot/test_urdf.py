@@ -239,6 +239,23 @@ def test_a_gripper_is_held_at_zero_and_a_note_names_it(kind: str) -> None:
     assert any("left, right, tips mimic one another" in note and "(6 kg)" in note for note in robot.notes)
 
 
+def test_an_inertia_that_a_body_just_cannot_have_is_made_one() -> None:
+    """A moment little beyond the sum of the other two is taken as the nearest that a body has, and a note names it."""
+    robot = parse_urdf(two_joints().replace('izz="0.05"', 'izz="0.072"'))
+    moments = np.linalg.eigvalsh(robot.joints[0].link.inertia)
+    assert moments[0] + moments[1] == pytest.approx(moments[2])
+    assert moments == pytest.approx([0.03, 0.04, 0.072], rel=0.05)
+    assert [note for note in robot.notes if "link 'a': no body has its inertia" in note]
+
+
+def test_what_rests_may_state_any_inertia() -> None:
+    """Of the base the mass alone counts: an antenna whose inertia no body has leaves the arm as it is."""
+    antenna = link("antenna").replace('ixx="0.03"', 'ixx="-0.03"')
+    robot = parse_urdf(two_joints(antenna, joint("aerial", "foot", "antenna", "fixed", "")))
+    assert robot.base_mass == pytest.approx(parse_urdf(two_joints()).base_mass + 2.0)
+    assert_same_dynamics(robot, two_joints())
+
+
 def test_prismatic_joints_have_the_dynamics_of_pinocchio() -> None:
     """A linear axis under an arm, and one within it, slide along the axis that the URDF names; limits are kept."""
     text = two_joints(link("c"), joint("three", "b", "c")).replace('"two" type="revolute"', '"two" type="prismatic"')

@@ -163,12 +163,12 @@ def guess_mapping(arrays: Mapping[str, np.ndarray], joints: Sequence[str], prism
     RecordingError
         If no array can be the positions or torques of n joints.
     """
-    contents = find_tables(arrays, len(joints))
+    contents = find_tables(arrays, joints)
     slides = np.array([joint in prismatic for joint in joints])
     whole = {table.keys: table for table in contents.tables}
     if not slides.all():
         # What is in the columns is told by those of joints that turn.
-        turning = [JointTable(table.keys, table.columns, table.values[:, ~slides]) for table in contents.tables]
+        turning = [replace(table, values=table.values[:, ~slides]) for table in contents.tables]
         contents = replace(contents, tables=tuple(turning))
     ignored = [(key, "no table of all joints") for key in contents.rest]
     chosen: dict[tuple[SideName, ChannelName], Guess] = {}
@@ -243,14 +243,9 @@ def _recognised(contents: Contents) -> list[Guess | tuple[JointTable, str]]:
 def _quantity(table: JointTable) -> tuple[Quantity | None, str]:
     """Return what the name of a table means, and the part of the name that shows it."""
     for quantity, pattern in _WORDS.items():
-        if re.search(pattern, _stem(table), re.I) is not None:
+        if re.search(pattern, table.stem, re.I) is not None:
             return quantity, table.name
     return None, ""
-
-
-def _stem(table: JointTable) -> str:
-    """Return the name without the joint's number."""
-    return re.sub(r"\d+\D*$", "", table.keys[0]) if len(table.keys) > 1 else table.keys[0]
 
 
 def _guess(

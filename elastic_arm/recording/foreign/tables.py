@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -30,18 +30,28 @@ class JointTable:
         Columns of a single array that has more than the joints; None for all.
     values
         (N, n) numbers as recorded.
+    pattern
+        What its arrays are called, with * for the joint, where their names hold the joints' own.
     """
 
     keys: tuple[str, ...]
     columns: tuple[int, ...] | None
     values: Array
+    pattern: str = ""
 
     @property
     def name(self) -> str:
         """What the table is called in messages: its array, or the common part of its columns' names."""
         if len(self.keys) == 1:
             return self.keys[0]
-        return f"{self.keys[0]} to {self.keys[-1]}"
+        return self.pattern or f"{self.keys[0]} to {self.keys[-1]}"
+
+    @property
+    def stem(self) -> str:
+        """The name without what counts or names the joint."""
+        if len(self.keys) == 1:
+            return self.keys[0]
+        return self.pattern or re.sub(r"\d+\D*$", "", self.keys[0])
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,12 +96,14 @@ class Contents:
     rest: tuple[str, ...]
 
 
-def find_tables(arrays: Mapping[str, np.ndarray], n: int) -> Contents:
+def find_tables(arrays: Mapping[str, np.ndarray], joints: Sequence[str]) -> Contents:
     """Sort arrays into times, tables of n joints, and others.
 
-    An array of more than n columns is a table of its first n; columns without names are taken n at a time. For one
-    joint every column is a table.
+    An array of more than n columns is a table of its first n; columns whose names hold the joints' names are one of
+    these, as are those whose names count the joints; columns without names are taken n at a time. For one joint every
+    column is a table.
     """
+    n = len(joints)
     numeric = {key: np.squeeze(values) for key, values in arrays.items() if values.dtype.kind in "biuf"}
     count = _sample_count(numeric)
     numeric = {key: values for key, values in numeric.items() if count in values.shape and values.ndim <= 2}
@@ -102,7 +114,9 @@ def find_tables(arrays: Mapping[str, np.ndarray], n: int) -> Contents:
         for key, values in numeric.items()
         if values.ndim == 2 and (table := _whole(key, values, count, n)) is not None
     ]
-    tables += _counted(columns, n)
+    tables += _named(columns, joints)
+    named = {key for table in tables for key in table.keys}
+    tables += _counted({key: values for key, values in columns.items() if key not in named}, n)
     if n == 1:
         taken = {key for table in tables for key in table.keys}
         single = {key: values.astype(np.float64)[:, None] for key, values in columns.items() if key not in taken}
@@ -144,6 +158,22 @@ def _whole(key: str, values: np.ndarray, count: int, n: int) -> JointTable | Non
     if width < n:
         return None
     return JointTable((key,), None if width == n else tuple(range(n)), values[:, :n])
+
+
+def _named(columns: Mapping[str, np.ndarray], joints: Sequence[str]) -> list[JointTable]:
+    """Return the groups of columns whose names differ by the name of a joint alone, in the order of the joints."""
+    longest_first = sorted(joints, key=len, reverse=True)
+    own = re.compile(rf"(?<![a-zA-Z0-9])({'|'.join(map(re.escape, longest_first))})(?![a-zA-Z0-9])")
+    groups: dict[str, dict[str, str]] = {}
+    for key in columns:
+        if (match := own.search(key)) is not None:
+            groups.setdefault(f"{key[: match.start()]}*{key[match.end() :]}", {})[match[0]] = key
+    complete = {pattern: members for pattern, members in groups.items() if len(members) == len(joints) > 1}
+    found = []
+    for pattern, members in complete.items():
+        keys = tuple(members[joint] for joint in joints)
+        found.append(JointTable(keys, None, np.column_stack([columns[k].astype(np.float64) for k in keys]), pattern))
+    return found
 
 
 def _counted(columns: Mapping[str, np.ndarray], n: int) -> list[JointTable]:
