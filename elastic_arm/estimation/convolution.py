@@ -1,9 +1,12 @@
-"""Convolution of long signals with short responses, several responses to one signal at the price of one spectrum."""
+"""Convolution of long signals with short responses, several responses to one signal at the price of one spectrum.
+
+And circular convolution of signals of any length, by transforms of lengths that are fast.
+"""
 
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,6 +17,7 @@ Array = NDArray[np.float64]
 # Blocks this many times as long as the response waste little on overlap and stay in the cache.
 BLOCK_OVER_RESPONSE = 6
 SHORTEST_BLOCK = 4096
+COLUMNS = 16  # filtered at once: what the caches hold
 # Threads pay from this many samples on.
 THREADS_FROM = 30_000
 
@@ -54,6 +58,71 @@ def convolve(signals: Sequence[Array], responses: Array, every: int = 1) -> Arra
         thinned = irfft(_folded(total, size, every), size // every, workers=workers, overwrite_x=True)
         result[o] = thinned[:, spoilt:].reshape(-1)[:kept]
     return result
+
+
+def filtered_circularly(values: Array, gains: NDArray[np.complexfloating]) -> Array:
+    """Convolve columns circularly with the responses of one row to another.
+
+    Parameters
+    ----------
+    values
+        (N, R, k), columns of R rows at N samples.
+    gains
+        From :func:`circular_gains` of (F, R, R), lower triangular: no row acts on those before it.
+
+    Returns
+    -------
+    (N, R, k).
+    """
+    out = np.zeros(values.shape)
+    length = _circular_length(len(values))
+    # Most columns show in few of the rows.
+    for acting, columns in _alike(values.any(axis=0)):
+        spectrum = rfft(values[:, acting[:, None], columns], length, axis=0)
+        filtered = irfft(gains[:, acting[0] :, acting] @ spectrum, length, axis=0)
+        out[:, acting[0] :, columns] = filtered[: len(values)]
+    return out
+
+
+def circular_gains(gains: NDArray[np.complexfloating], samples: int) -> NDArray[np.complexfloating]:
+    """Return gains at the frequencies of longer transforms that make the same circular convolution.
+
+    A transform of a length with a large prime factor takes several times as long as one of twice that length without.
+    Over twice the length the response is laid out once for each lag, so that nothing wraps around.
+
+    Parameters
+    ----------
+    gains
+        (F, …) at the frequencies of `numpy.fft.rfft` of these samples.
+    samples
+        Their number.
+    """
+    length = _circular_length(samples)
+    if length == samples:
+        return gains
+    response = irfft(gains, samples, axis=0)
+    lags = np.zeros((length, *gains.shape[1:]))
+    lags[:samples] = response
+    lags[length - samples + 1 :] = response[1:]
+    return np.asarray(rfft(lags, axis=0))
+
+
+def _circular_length(samples: int) -> int:
+    """Return how long the transforms are that convolve circularly over a number of samples."""
+    fast = int(next_fast_len(samples, True))
+    return samples if fast == samples else int(next_fast_len(2 * samples - 1, True))
+
+
+def _alike(acting: NDArray[np.bool_]) -> Iterator[tuple[NDArray[np.intp], NDArray[np.intp]]]:
+    """Yield rows and some of the columns that act in just these rows (R, k)."""
+    groups: dict[bytes, list[int]] = {}
+    for column, rows in enumerate(np.ascontiguousarray(acting.T)):
+        if rows.any():
+            groups.setdefault(rows.tobytes(), []).append(column)
+    for columns in groups.values():
+        rows = np.flatnonzero(acting[:, columns[0]])
+        for first in range(0, len(columns), COLUMNS):
+            yield rows, np.array(columns[first : first + COLUMNS])
 
 
 def _folded(spectrum: Array, size: int, every: int) -> Array:

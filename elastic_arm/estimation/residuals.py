@@ -6,7 +6,7 @@ Rows are ordered equation by equation: [link of all joints, drive of all joints,
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.polynomial.legendre import legvander
@@ -113,6 +113,28 @@ def residuals(model: Model, observation: Observation, equations: EquationSet, ba
 
 
 @dataclass(frozen=True)
+class Course:
+    """When a torque that no law states acts, and in which rows that is seen.
+
+    Parameters
+    ----------
+    pieces
+        First sample of each time, and the one after its last.
+    end
+        Sample before which they and what the band's filter reaches end.
+    rows
+        First row, and the one after the last, of those that the band gives.
+    step
+        s between samples.
+    """
+
+    pieces: tuple[tuple[int, int], ...]
+    end: int
+    rows: tuple[int, int]
+    step: float
+
+
+@dataclass(frozen=True)
 class FreeTorque:
     """What a torque that no law states can be in some rows of one residual.
 
@@ -145,14 +167,24 @@ class FreeTorques:
         All of them.
     rows
         Number of all rows.
+    bases
+        Those worked out, by what they depend on beside the band.
     """
 
     found: tuple[FreeTorque, ...] = ()
     rows: int = 1
+    bases: Mapping[Course, Array] = field(default_factory=dict, repr=False)
 
     @classmethod
     def of(
-        cls, stretch: Stretch, band: Band, layout: EquationSet, steps: Mapping[str, Array], *, friction: bool
+        cls,
+        stretch: Stretch,
+        band: Band,
+        layout: EquationSet,
+        steps: Mapping[str, Array],
+        *,
+        friction: bool,
+        near: FreeTorques | None = None,
     ) -> FreeTorques:
         """Return what is removed of a stretch.
 
@@ -170,11 +202,15 @@ class FreeTorques:
             "link", "motor" -> (n,) rad, steps of the encoders.
         friction
             Whether the friction of a joint that sticks is removed.
+        near
+            Those of the same stretch with other numbers of the arm, in the same band: most bases are the same.
         """
         link = _held(stretch, stretch.quiet.dq, band, steps["link"])
         motor = _held(stretch, stretch.quiet.dtheta, band, steps["motor"])
         times = {LINK: link, DRIVE: link | motor, MOTOR: motor | _stuck(stretch) if friction else motor}
-        courses = {part: [_courses(stretch, band, column) for column in when.T] for part, when in times.items()}
+        known = {} if near is None else near.bases
+        bases: dict[Course, Array] = {}
+        courses = {part: [_courses(stretch, band, one, bases, known) for one in when.T] for part, when in times.items()}
         found = (
             FreeTorque(row, instants, basis)
             for row, (equation, joint) in enumerate(layout.entries)
@@ -182,7 +218,7 @@ class FreeTorques:
             if equation.combination[part] != 0
             for instants, basis in of_joints[joint]
         )
-        return cls(tuple(found), layout.rows * len(stretch.t))
+        return cls(tuple(found), layout.rows * len(stretch.t), bases)
 
     def remove(self, values: Array) -> Array:
         """Return residuals or columns (N', R, …) without them."""
@@ -241,8 +277,26 @@ def _lasting(stretch: Stretch, slow: NDArray[np.bool_]) -> NDArray[np.bool_]:
     return np.asarray(lasting & (lasting.mean(axis=0) < MOST_STICKING))
 
 
-def _courses(stretch: Stretch, band: Band, when: NDArray[np.bool_]) -> list[tuple[slice, Array]]:
-    """Return orthonormal bases (instants, m) of what a torque can be at certain times (N,), in the band."""
+def _courses(
+    stretch: Stretch,
+    band: Band,
+    when: NDArray[np.bool_],
+    bases: dict[Course, Array],
+    known: Mapping[Course, Array],
+) -> list[tuple[slice, Array]]:
+    """Return orthonormal bases (instants, m) of what a torque can be at certain times (N,), in the band.
+
+    Parameters
+    ----------
+    stretch, band
+        Of residuals, and where they are looked at.
+    when
+        (N,) the times.
+    bases
+        Of other times of this stretch; those found are added.
+    known
+        Of other motion.
+    """
     step = float(stretch.quiet.t[1] - stretch.quiet.t[0])
     if not when.any():
         return []
@@ -253,13 +307,22 @@ def _courses(stretch: Stretch, band: Band, when: NDArray[np.bool_]) -> list[tupl
         first, last = max(reached.start, stretch.kept.start), min(reached.stop, stretch.kept.stop)
         if first >= last:
             continue
-        samples = band.samples(reached)
-        length = min(samples.stop, len(when)) - samples.start
-        free = np.concatenate([_polynomials(length, samples.start, piece, step, band) for piece in pieces], axis=1)
-        left, singular, _ = np.linalg.svd(band.apply(free)[first - reached.start : last - reached.start], False)
-        instants = slice(first - stretch.kept.start, last - stretch.kept.start)
-        found.append((instants, left[:, singular > RANK * singular[0]]))
+        samples = min(band.samples(reached).stop, len(when))
+        course = Course(tuple((piece.start, piece.stop) for piece in pieces), samples, (first, last), step)
+        if course not in bases:
+            bases[course] = known[course] if course in known else _basis(course, band)
+        found.append((slice(first - stretch.kept.start, last - stretch.kept.start), bases[course]))
     return found
+
+
+def _basis(course: Course, band: Band) -> Array:
+    pieces = [slice(*piece) for piece in course.pieces]
+    reached = band.reached(pieces[0]).start
+    start, (first, last) = band.samples(slice(reached, reached + 1)).start, course.rows
+    free = [_polynomials(course.end - start, start, piece, course.step, band) for piece in pieces]
+    shown = band.apply(np.concatenate(free, axis=1))[first - reached : last - reached]
+    left, singular, _ = np.linalg.svd(shown, False)
+    return np.asarray(left[:, singular > RANK * singular[0]])
 
 
 def _clusters(pieces: Sequence[tuple[slice]], band: Band) -> list[list[slice]]:

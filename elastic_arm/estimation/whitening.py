@@ -17,6 +17,7 @@ from scipy.integrate import trapezoid
 from elastic_arm.dynamics import Model
 from elastic_arm.errors import DiagnosisError
 from elastic_arm.estimation.band import Band, LowPass
+from elastic_arm.estimation.convolution import circular_gains, filtered_circularly
 from elastic_arm.estimation.effect_columns import Feature, starting_state
 from elastic_arm.estimation.equations import EquationSet
 from elastic_arm.estimation.motion import drive_constants, wound_by_load
@@ -66,6 +67,7 @@ class NoiseModel:
     colour: Colour | None = None
     load: Array | None = None
     _whiteners: dict[bytes, NDArray[np.complex128]] = field(default_factory=dict, init=False, repr=False, compare=False)
+    _gains: dict[int, NDArray[np.complex128]] = field(default_factory=dict, init=False, repr=False, compare=False)
 
     def std(self, low_pass: LowPass) -> Array:
         """Return the standard deviation (R,) of each residual behind a low pass."""
@@ -98,6 +100,16 @@ class NoiseModel:
                 covariance = covariance + self._coloured(f)
             self._whiteners[key] = np.asarray(np.linalg.inv(np.linalg.cholesky(covariance)), dtype=np.complex128)
         return self._whiteners[key]
+
+    def whitening_gains(self, count: int, band: Band) -> NDArray[np.complex128]:
+        """Return what :func:`filtered_circularly` whitens so many rows of a band with; worked out once."""
+        if count not in self._gains:
+            f = np.fft.rfftfreq(count, 1 / band.kept_rate)
+            inside = f <= band.cutoff
+            gains = np.zeros((len(f), *self.covariance.shape[1:]), dtype=complex)
+            gains[inside] = self.whitener(f[inside]) * np.sqrt(band.step)
+            self._gains[count] = np.asarray(circular_gains(gains, count))
+        return self._gains[count]
 
     def _coloured(self, f: Array) -> Array:
         """Return what the colour adds to the covariance at f (F,) Hz, (F, R, R)."""
@@ -237,6 +249,8 @@ class WhitenedData:
         Whether what a joint's friction may be while it sticks is removed.
     acting
         Effects that are part of the predicted torques.
+    near
+        The same recordings beside other numbers of the arm.
     """
 
     def __init__(
@@ -249,11 +263,13 @@ class WhitenedData:
         predicted: bool = False,
         in_motion: bool = False,
         acting: Sequence[ActingEffect] = (),
+        near: WhitenedData | None = None,
     ) -> None:
         self.layout, self.band, self.in_motion = layout, band, in_motion
         self.parts: list[Part] = []
         self.pure: list[NoiseModel] = []
         self._free: list[FreeTorques] = []
+        others = iter(near._free if near is not None else ())
         for observation in observations:
             noise, pure = noise_models(model, observation, layout, band, (FLOOR, 0.0))
             standstill = _standstill(observation, noise.f, model.n)
@@ -273,7 +289,9 @@ class WhitenedData:
                 signals = signals.with_model_torques(load, drive, observation.torque_variances(model.n))
                 self.parts.append(Part(stretch, signals, noise))
                 self.pure.append(pure)
-                self._free.append(FreeTorques.of(stretch, band, layout, observation.steps, friction=in_motion))
+                alike = next(others, None)
+                free = FreeTorques.of(stretch, band, layout, observation.steps, friction=in_motion, near=alike)
+                self._free.append(free)
         if not self.parts:
             raise DiagnosisError(
                 f"too little motion is left of {', '.join(o.source or 'the recording' for o in observations)} "
@@ -339,20 +357,8 @@ class WhitenedData:
         )
 
     def _whiten(self, values: Array, noise: NoiseModel) -> Array:
-        band = self.band
-        N, R, k = values.shape
-        f = np.fft.rfftfreq(N, 1 / band.kept_rate)
-        inside = f <= band.cutoff
-        # Most columns show in few of the rows, and an equation's noise is removed from those after it alone.
-        acting = np.flatnonzero(values.any(axis=(0, 2)))
-        if not len(acting):
-            return np.zeros(((N - 2 * EDGE) * R, k))
-        spectrum = np.fft.rfft(values[:, acting], axis=0)[inside] * np.sqrt(band.step)
-        out = np.zeros((len(f), R - acting[0], k), dtype=complex)
-        out[inside] = noise.whitener(f[inside])[:, acting[0] :, acting] @ spectrum
-        rows = np.zeros((N - 2 * EDGE, R, k))
-        rows[:, acting[0] :] = np.fft.irfft(out, N, axis=0)[EDGE:-EDGE]
-        return rows.reshape(-1, k)
+        white = filtered_circularly(values, noise.whitening_gains(len(values), self.band))
+        return white[EDGE:-EDGE].reshape(-1, values.shape[2])
 
     def _blocks(self) -> NDArray[np.intp]:
         """Number of the block (rows,) to which each whitened row belongs."""

@@ -228,8 +228,9 @@ def expand(
             predicted=len(parameters) > 0,
             in_motion=problem.in_motion,
             acting=acting,
+            near=other,
         )
-        for part in aligned
+        for part, other in zip(aligned, near.data if near else (None, None), strict=True)
     )
     seen, data = (aligned[0], aligned[1]), (identify, validate)
     if not parameters:
