@@ -77,7 +77,7 @@ def filtered_circularly(values: Array, gains: NDArray[np.complexfloating]) -> Ar
     out = np.zeros(values.shape)
     length = _circular_length(len(values))
     # Most columns show in few of the rows.
-    for acting, columns in _alike(values.any(axis=0)):
+    for acting, columns in _alike(np.asarray(values.any(axis=0))):
         spectrum = rfft(values[:, acting[:, None], columns], length, axis=0)
         filtered = irfft(gains[:, acting[0] :, acting] @ spectrum, length, axis=0)
         out[:, acting[0] :, columns] = filtered[: len(values)]

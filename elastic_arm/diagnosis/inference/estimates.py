@@ -19,6 +19,8 @@ from elastic_arm.effects.parameters import Parameter
 Array = NDArray[np.float64]
 
 STEP = 1e-3  # of the derivatives by parameters, in units of their scales; numerical
+CACHED = 200  # columns kept: bounds the memory
+TOGETHER = 32  # columns marginalised at once: bounds the memory
 UNDETERMINED = 1e-9  # relative eigenvalue below which a combination of parameters does not act; numerical
 
 
@@ -55,7 +57,7 @@ def polish(library: RegressorLibrary, selected: Sequence[Candidate], settings: J
         return wholes
     bounds = (problem.lowest, np.inf)
     start = np.maximum(problem.start, problem.lowest + STEP)
-    found = least_squares(problem.left, start, diff_step=STEP, max_nfev=8, xtol=1e-7, ftol=1e-10, bounds=bounds)
+    found = least_squares(problem.left, start, problem.slopes, max_nfev=8, xtol=1e-7, ftol=1e-10, bounds=bounds)
     if found.cost >= 0.5 * float(np.sum(problem.left(problem.start) ** 2)):
         return wholes
     polished = [
@@ -273,14 +275,31 @@ class _JointFit:
             remainder -= self._column(k, values)
         return remainder
 
+    def slopes(self, z: Array) -> Array:
+        """Return the derivative (rows, numbers) of the remainder by forward differences."""
+        steps = STEP * np.where(z == 0.0, 1.0, z)
+        steps = np.where(z + steps < self.lowest, -steps, steps)
+        ends = z + np.diag(steps)
+        self._evaluate(ends)
+        here = self.left(z)
+        return np.stack([(self.left(end) - here) / (end[i] - z[i]) for i, end in enumerate(ends)], axis=1)
+
     def jacobian(self) -> Array:
         """Return the derivative (rows, numbers) of what the causes explain."""
-        columns = []
-        for i in range(len(self.free)):
-            step = np.zeros(len(self.free))
-            step[i] = STEP
-            columns.append((self.left(self.start - step) - self.left(self.start + step)) / (2 * STEP))
+        steps = STEP * np.eye(len(self.free))
+        below, above = self.start - steps, self.start + steps
+        self._evaluate([*below, *above])
+        columns = [(self.left(low) - self.left(high)) / (2 * STEP) for low, high in zip(below, above, strict=True)]
         return np.stack(columns, axis=1) if columns else np.zeros((len(self._y), 0))
+
+    def _evaluate(self, points: Sequence[Array] | Array) -> None:
+        """Make the columns of the causes at several values of their numbers, and marginalise them at one go."""
+        self._forget()
+        wanted = {(k, values) for z in points for k, values in enumerate(self.values(z))}
+        missing = [key for key in sorted(wanted) if key not in self._cache]
+        for first in range(0, len(missing), TOGETHER):
+            keys = missing[first : first + TOGETHER]
+            self._cache.update(zip(keys, self._marginalised(keys).T, strict=True))
 
     def named(self, deviation: Array) -> list[dict[str, ParameterEstimate]]:
         """Return all parameters by name, with these standard deviations (numbers,); nan where not determined."""
@@ -306,11 +325,18 @@ class _JointFit:
     def _column(self, k: int, values: tuple[float, ...]) -> Array:
         key = (k, values)
         if key not in self._cache:
-            columns = self._library.columns(0, self._selected[k].feature, values)
-            if len(self._cache) > 200:
-                self._cache.clear()
-            self._cache[key] = self._library.marginalised(columns.sum(axis=1)[:, None])[:, 0]
+            self._forget()
+            self._cache[key] = self._marginalised([key])[:, 0]
         return self._cache[key]
+
+    def _forget(self) -> None:
+        if len(self._cache) > CACHED:
+            self._cache.clear()
+
+    def _marginalised(self, keys: Sequence[tuple[int, tuple[float, ...]]]) -> Array:
+        """Return what causes add to the residual (rows, keys) at these numbers, the nuisance marginalised."""
+        columns = [self._library.columns(0, self._selected[k].feature, values).sum(axis=1) for k, values in keys]
+        return self._library.marginalised(np.stack(columns, axis=1))
 
 
 def _lowest(parameter: Parameter, clearance: float) -> float:

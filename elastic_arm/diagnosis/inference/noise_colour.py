@@ -53,7 +53,7 @@ def noise_colours(prepared: PreparedData, hypothesis: Hypothesis) -> tuple[Colou
     beta = library.fit(0, hypothesis.selected)
     fits = []
     for which in (0, 1):
-        spectra = _spectra(prepared, which, library.remainder(which, hypothesis.selected, beta)[:, None])
+        spectra = _spectra(prepared, which, [library.remainder(which, hypothesis.selected, beta)[:, None]])
         plain = [Periodogram(s.f, s.values[:, :, 0], np.ones(s.values.shape[:2]), s.ways) for s in spectra]
         fits.append(fit_colour(plain))
         if fits[-1].gain < settings.least_gain / 2:
@@ -61,6 +61,8 @@ def noise_colours(prepared: PreparedData, hypothesis: Hypothesis) -> tuple[Colou
         # A second time, with all that a motion can do projected out by weighted least squares.
         columns = _spectra(prepared, which, _motion_columns(prepared, which))
         fits[-1] = fit_colour(_beside(spectra, columns, fits[-1].colour))
+        if not _smooth(fits[-1], settings):
+            return None
     if not _credible(fits, settings):
         return None
     first, second = pooled([one.colour for one in fits])
@@ -68,11 +70,12 @@ def noise_colours(prepared: PreparedData, hypothesis: Hypothesis) -> tuple[Colou
 
 
 def _credible(fits: Sequence[ColourFit], settings: ColourSettings) -> bool:
-    return (
-        sum(one.gain for one in fits) > settings.least_gain
-        and max(one.lack for one in fits) < settings.largest_lack
-        and max(one.peakedness for one in fits) < settings.largest_peakedness
-    )
+    return sum(one.gain for one in fits) > settings.least_gain and all(_smooth(one, settings) for one in fits)
+
+
+def _smooth(fit: ColourFit, settings: ColourSettings) -> bool:
+    """Whether a smooth spectrum describes the noise."""
+    return fit.lack < settings.largest_lack and fit.peakedness < settings.largest_peakedness
 
 
 def _is_of_sensors(prepared: PreparedData, colours: Sequence[Colour]) -> bool:
@@ -108,8 +111,8 @@ class _Spectra:
     ways: Mapping[str, Complex]
 
 
-def _spectra(prepared: PreparedData, which: int, columns: Array) -> list[_Spectra]:
-    """Return the spectra of whitened columns (rows, k) of one data set, stretch by stretch."""
+def _spectra(prepared: PreparedData, which: int, blocks: Sequence[Array]) -> list[_Spectra]:
+    """Return the spectra of blocks of whitened columns (rows, k) of one data set, stretch by stretch."""
     data, found, first = prepared.library.sets[which], [], 0
     R, coefficients = data.layout.rows, data.layout.torque_coefficients
     for part in data.parts:
@@ -121,6 +124,7 @@ def _spectra(prepared: PreparedData, which: int, columns: Array) -> list[_Spectr
         values = np.concatenate(
             [
                 np.fft.rfft(columns[rows, k : k + CHUNK].reshape(count, R, -1), axis=0)[kept]
+                for columns in blocks
                 for k in range(0, columns.shape[1], CHUNK)
             ],
             axis=2,
@@ -180,11 +184,11 @@ def _factor(one: _Spectra, colour: Colour) -> Complex:
     return np.asarray(np.linalg.cholesky(covariances(one.f, one.ways, colour)))
 
 
-def _motion_columns(prepared: PreparedData, which: int) -> Array:
-    """Return whitened columns (rows, k) of what candidates and general shapes can do to the residuals."""
+def _motion_columns(prepared: PreparedData, which: int) -> list[Array]:
+    """Return blocks of whitened columns (rows, k) of what candidates and general shapes can do to the residuals."""
     library = prepared.library
     data = library.sets[which]
-    blocks: list[Array] = [library.matrix(which, np.arange(1, library.count)), library.nuisance.white[which]]
+    blocks: list[Array] = [library.matrix(which, slice(1, library.count)), library.nuisance.white[which]]
     for joint in range(data.layout.n):
         plain: list[Sequence[Array]] = []
         ratios = prepared.gear_ratios(joint)
@@ -194,4 +198,4 @@ def _motion_columns(prepared: PreparedData, which: int) -> Array:
             shapes = [part for regime, part in found.items() if regime not in NO_MOTION]
             plain += [placed(data, side, joint, part) for side in sides for part in shapes]
         blocks.append(data.whiten([np.concatenate(parts, axis=2) for parts in zip(*plain, strict=True)]))
-    return np.hstack(blocks)
+    return blocks

@@ -92,6 +92,7 @@ class LawComparison:
         self._white = np.vstack(self._nuisance.white)
         self._residual = np.concatenate([library.matrix(which, [0])[:, 0] for which in (0, 1)])
         self._columns: dict[tuple[int, int], Array] = {}
+        self._without_cause: dict[Key, _Base] = {}
 
     def beside(self, joints: Sequence[int]) -> LawFit:
         """Return the general law of some joints that explains most beside the whole hypothesis."""
@@ -107,13 +108,11 @@ class LawComparison:
         joints
             On which it acts.
         """
-        others = [candidate for candidate in self._selected if candidate.feature.key != key]
-        return self._best(self._base(others), joints)
+        return self._best(self._beside(key), joints)
 
     def worth(self, key: Key) -> float:
         """Return by how many nats a cause raises the likelihood of all data beside the others."""
-        others = [candidate for candidate in self._selected if candidate.feature.key != key]
-        return self._whole.log_likelihood - self._base(others).log_likelihood
+        return self._whole.log_likelihood - self._beside(key).log_likelihood
 
     def instead_of_numbers(self, wider: Mapping[int, float], joints: Sequence[int]) -> LawFit:
         """Return the general law that explains most where nuisance parameters have the priors of ordinary ones.
@@ -178,10 +177,26 @@ class LawComparison:
     def _whole(self) -> _Base:
         return self._base(self._selected)
 
+    def _beside(self, key: Key) -> _Base:
+        """Return the regression on all but a cause; worked out once."""
+        if key not in self._without_cause:
+            others = [candidate for candidate in self._selected if candidate.feature.key != key]
+            self._without_cause[key] = self._base(others)
+        return self._without_cause[key]
+
+    @cached_property
+    def _nuisance_basis(self) -> tuple[Array, Array]:
+        """Orthonormal basis (rows, k) of the nuisance columns over their priors, and its triangle (k, k)."""
+        basis, triangle = np.linalg.qr(self._over_priors(self._white))
+        return basis, triangle
+
+    def _over_priors(self, white: Array) -> Array:
+        return np.vstack([white, np.sqrt(self._noise) * np.eye(len(self._nuisance))])
+
     def _base(self, selected: Sequence[Candidate], wider: Mapping[int, float] | None = None) -> _Base:
         """Return the regression on the nuisance parameters, some with priors that are narrower, and on candidates."""
-        prior, count, narrower = np.sqrt(self._noise), len(self._nuisance), self._narrower(wider or {})
-        basis, triangle = np.linalg.qr(np.vstack([self._white / narrower, prior * np.eye(count)]))
+        prior, narrower = np.sqrt(self._noise), self._narrower(wider or {})
+        basis, triangle = np.linalg.qr(self._over_priors(self._white / narrower)) if wider else self._nuisance_basis
         price = float(np.sum(np.log(np.abs(np.diag(triangle)) / prior)))
         if selected:
             own = _without(self._of(selected), basis)
@@ -220,8 +235,9 @@ class LawComparison:
 
     def _fit(self, base: _Base, joint: int, k: int) -> tuple[float, float, Array]:
         """Return the log-likelihood, nats, that a law gains over a base, its likeliest size, and its coefficients."""
-        columns = _without(self._of_law(joint, k), base.basis)
-        values, vectors = np.linalg.eigh(columns.T @ columns / self._noise)
+        columns = self._of_law(joint, k)
+        held = base.basis.T @ columns
+        values, vectors = np.linalg.eigh((columns.T @ columns - held.T @ held) / self._noise)
         seen = values > RANK**2 * values[-1]
         values, vectors = values[seen], vectors[:, seen]
         shown = vectors.T @ (columns.T @ base.left) / self._noise

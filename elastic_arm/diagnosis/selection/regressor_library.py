@@ -253,7 +253,7 @@ class RegressorLibrary:
             self._columns[which] = np.empty((len(columns), count + count // 2), order="F")
             self._columns[which][:, :old] = columns[:, :old]
 
-    def matrix(self, which: int, index: Sequence[int] | NDArray[np.intp]) -> Array:
+    def matrix(self, which: int, index: Sequence[int] | NDArray[np.intp] | slice) -> Array:
         """Return columns (rows, k) by number; column 0 is the residual."""
         return self._columns[which][:, index]
 
