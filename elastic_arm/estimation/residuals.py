@@ -113,7 +113,7 @@ def residuals(model: Model, observation: Observation, equations: EquationSet, ba
 
 
 @dataclass(frozen=True)
-class Course:
+class FreeTimes:
     """When a torque that no law states acts, and in which rows that is seen.
 
     Parameters
@@ -173,7 +173,7 @@ class FreeTorques:
 
     found: tuple[FreeTorque, ...] = ()
     rows: int = 1
-    bases: Mapping[Course, Array] = field(default_factory=dict, repr=False)
+    bases: Mapping[FreeTimes, Array] = field(default_factory=dict, repr=False)
 
     @classmethod
     def of(
@@ -209,7 +209,7 @@ class FreeTorques:
         motor = _held(stretch, stretch.quiet.dtheta, band, steps["motor"])
         times = {LINK: link, DRIVE: link | motor, MOTOR: motor | _stuck(stretch) if friction else motor}
         known = {} if near is None else near.bases
-        bases: dict[Course, Array] = {}
+        bases: dict[FreeTimes, Array] = {}
         courses = {part: [_courses(stretch, band, one, bases, known) for one in when.T] for part, when in times.items()}
         found = (
             FreeTorque(row, instants, basis)
@@ -281,8 +281,8 @@ def _courses(
     stretch: Stretch,
     band: Band,
     when: NDArray[np.bool_],
-    bases: dict[Course, Array],
-    known: Mapping[Course, Array],
+    bases: dict[FreeTimes, Array],
+    known: Mapping[FreeTimes, Array],
 ) -> list[tuple[slice, Array]]:
     """Return orthonormal bases (instants, m) of what a torque can be at certain times (N,), in the band.
 
@@ -308,18 +308,18 @@ def _courses(
         if first >= last:
             continue
         samples = min(band.samples(reached).stop, len(when))
-        course = Course(tuple((piece.start, piece.stop) for piece in pieces), samples, (first, last), step)
-        if course not in bases:
-            bases[course] = known[course] if course in known else _basis(course, band)
-        found.append((slice(first - stretch.kept.start, last - stretch.kept.start), bases[course]))
+        times = FreeTimes(tuple((piece.start, piece.stop) for piece in pieces), samples, (first, last), step)
+        if times not in bases:
+            bases[times] = known[times] if times in known else _basis(times, band)
+        found.append((slice(first - stretch.kept.start, last - stretch.kept.start), bases[times]))
     return found
 
 
-def _basis(course: Course, band: Band) -> Array:
-    pieces = [slice(*piece) for piece in course.pieces]
+def _basis(times: FreeTimes, band: Band) -> Array:
+    pieces = [slice(*piece) for piece in times.pieces]
     reached = band.reached(pieces[0]).start
-    start, (first, last) = band.samples(slice(reached, reached + 1)).start, course.rows
-    free = [_polynomials(course.end - start, start, piece, course.step, band) for piece in pieces]
+    start, (first, last) = band.samples(slice(reached, reached + 1)).start, times.rows
+    free = [_polynomials(times.end - start, start, piece, times.step, band) for piece in pieces]
     shown = band.apply(np.concatenate(free, axis=1))[first - reached : last - reached]
     left, singular, _ = np.linalg.svd(shown, False)
     return np.asarray(left[:, singular > RANK * singular[0]])
