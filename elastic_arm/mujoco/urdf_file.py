@@ -25,7 +25,7 @@ from elastic_arm.mujoco.shape import ShapedXml, append_last
 from elastic_arm.mujoco.stated_arm import StatedArm, stated_arm
 from elastic_arm.robot import Inertia, Robot, parse_urdf, to_urdf
 from elastic_arm.robot.kinematics import moved
-from elastic_arm.robot.parts import located
+from elastic_arm.robot.parts import located, nearest_tensor
 from elastic_arm.robot.urdf_elements import rotation, vector
 from elastic_arm.robot.urdf_tree import Chain
 
@@ -146,7 +146,7 @@ def _own(link: Any) -> Inertia:
     mass, values = float(inertial.find("mass").get("value")), inertial.find("inertia")
     xx, xy, xz, yy, yz, zz = (float(values.get(key)) for key in ("ixx", "ixy", "ixz", "iyy", "iyz", "izz"))
     tensor = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
-    return moved(Inertia(mass, np.zeros(3), tensor), placement)
+    return moved(Inertia(mass, np.zeros(3), nearest_tensor(tensor)[0]), placement)
 
 
 def _child(parent: Any, tag: str, **attributes: str) -> None:

@@ -16,6 +16,8 @@ from elastic_arm.errors import RobotError
 
 # A moment or a sum of moments may miss its bound by this share of the trace: rounding of a description on its edge.
 _INERTIA_TOLERANCE = 1e-9
+# Of the largest second moment: as flat as a plate.
+_THIN = 1e-4
 # Direction cosines below this are rounding of a right angle; kept, they would create false base parameters.
 _SNAP = 1e-12
 
@@ -148,15 +150,16 @@ def nearest_tensor(inertia: np.ndarray) -> tuple[np.ndarray, float]:
     """Return the inertia (3, 3) about a centre of mass nearest to this one that a body can have, and how far it is off.
 
     The distance is a share of the largest moment. A body's second moments about its centre of mass are nowhere
-    negative; those that are count as zero.
+    negative; those that are count as a thin body's.
     """
     second = 0.5 * np.trace(inertia) * np.eye(3) - inertia
     values, axes = np.linalg.eigh(second)
-    if values[0] >= 0.0:
+    largest = float(np.linalg.norm(inertia, 2))
+    if values[0] >= -_INERTIA_TOLERANCE * largest:
         return inertia, 0.0
-    second = (axes * np.maximum(values, 0.0)) @ axes.T
+    second = (axes * np.maximum(values, _THIN * values[-1])) @ axes.T
     second = 0.5 * (second + second.T)
-    return np.trace(second) * np.eye(3) - second, float(-values[0] / np.linalg.norm(inertia, 2))
+    return np.trace(second) * np.eye(3) - second, float(-values[0] / largest)
 
 
 @dataclass(frozen=True, eq=False)

@@ -34,9 +34,9 @@ from elastic_arm.robot.urdf_tree import Chain, UrdfTree
 Array = NDArray[np.float64]
 
 MOVING = ("revolute", "continuous", "prismatic")
-# Inertias of vendors' files that miss what a body can have by no more than the last, of the largest moment, are rounded
-# or of simplified shapes; beyond it something is wrong. The first is rounding of the computer.
-SAME_TENSOR, ROUNDED = 1e-9, 0.1
+# Inertias of vendors' files that miss what a body can have by no more than this share of the largest moment are rounded
+# or of simplified shapes; beyond it something is wrong.
+ROUNDED = 0.1
 # What <dynamics> may state, and the effects, with their parameters, that these are.
 DYNAMICS = {"damping": ("viscous_friction", "coefficient"), "friction": ("coulomb_friction", "torque")}
 
@@ -196,7 +196,7 @@ class _Reading:
                     self._notes.append(f"{where} has an inertia and no mass: it counts as massless")
                 return Inertia(0.0, np.zeros(3), np.zeros((3, 3)))
             nearest, off = nearest_tensor(tensor)
-            if SAME_TENSOR < off <= ROUNDED:
+            if 0.0 < off <= ROUNDED:
                 self._notes.append(f"{where}: no body has its inertia, by {off:.1%}: the nearest possible one is taken")
                 tensor = nearest
             return moved(Inertia(mass, np.zeros(3), tensor), placement @ origin)

@@ -72,6 +72,17 @@ def test_a_constant_rate_stands_in_for_times(tmp_path: Path) -> None:
     assert recording.link.stamp_ns.tolist() == [round(k * 1e9 / 300) for k in range(10)]
 
 
+def test_a_force_beside_currents_has_no_constant(tmp_path: Path) -> None:
+    """A linear axis has its force in N, the joint above it a current: null where a constant has no place."""
+    arrays = make_arrays()
+    np.savez(tmp_path / "a.npz", **arrays)
+    effort = {"key": "i", "unit": ["N", "A"], "torque_constant": [None, 0.2], "ratio": [None, 100]}
+    content = {**MAPPING, "motor": {"effort": effort}}
+    recording = import_arrays(tmp_path / "a.npz", write_yaml(tmp_path / "map.yaml", content))
+    assert recording.motor is not None
+    np.testing.assert_allclose(recording.motor.effort, arrays["i"] * [1.0, 20.0])
+
+
 @pytest.mark.parametrize(
     ("change", "words"),
     [

@@ -243,7 +243,7 @@ def test_an_inertia_that_a_body_just_cannot_have_is_made_one() -> None:
     """A moment little beyond the sum of the other two is taken as the nearest that a body has, and a note names it."""
     robot = parse_urdf(two_joints().replace('izz="0.05"', 'izz="0.072"'))
     moments = np.linalg.eigvalsh(robot.joints[0].link.inertia)
-    assert moments[0] + moments[1] == pytest.approx(moments[2])
+    assert moments[2] * (1 + 1e-6) < moments[0] + moments[1] < moments[2] * (1 + 1e-3)
     assert moments == pytest.approx([0.03, 0.04, 0.072], rel=0.05)
     assert [note for note in robot.notes if "link 'a': no body has its inertia" in note]
 

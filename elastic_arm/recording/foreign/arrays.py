@@ -78,7 +78,7 @@ class ArrayChannel(Strict):
     columns
         Columns of the array, one a joint; all by default.
     unit, offset, factor, sign, torque_constant, ratio
-        As in a channel map; one for all joints, or one a joint, as where some of them slide.
+        As in a channel map; one for all joints, or one a joint, as where some of them slide (null for those without).
     """
 
     key: Key | list[Key]
@@ -88,8 +88,8 @@ class ArrayChannel(Strict):
     offset: float | list[float] = 0.0
     factor: float | list[float] = 1.0
     sign: Literal[1, -1] | list[Literal[1, -1]] = 1
-    torque_constant: float | list[float] | None = None
-    ratio: float | list[float] | None = None
+    torque_constant: float | list[float | None] | None = None
+    ratio: float | list[float | None] | None = None
 
     def arrays(self) -> list[str]:
         """Return the names of all arrays used."""
