@@ -251,13 +251,10 @@ def _chart(equations: BaseRegression) -> _Chart:
     names = equations.names
     robot = equations.model.robot
     links = {joint.link_name for joint in robot.joints}
-    columns: list[Array] = []
-    x0: list[float] = []
-    pseudo: list[slice] = []
-    positive: list[tuple[int, float]] = []
-    free: list[int] = []
-    bounds: list[tuple[int, float]] = []
-    seen: set[int] = set()
+    columns, Psi0 = list[Array](), equations.nominal.copy()
+    x0, pseudo = list[float](), list[slice]()
+    positive, free = list[tuple[int, float]](), list[int]()
+    bounds, seen = list[tuple[int, float]](), set[int]()
     least = {column.name: column.least for column in equations.columns}
     for body in equations.model.bodies.bodies:
         index = list(body.parameters)
@@ -267,7 +264,10 @@ def _chart(equations: BaseRegression) -> _Chart:
         if body.name in links:
             nominal = equations.nominal[index] - _folded(robot, equations, body)
             pseudo.append(slice(len(x0), len(x0) + 10))
-            columns += _embedded(_link_chart(nominal), index, len(names))
+            own, moments = _link_chart(nominal), np.linalg.eigvalsh(pseudo_inertia(nominal))
+            if moments[0] < THINNEST * moments[-1]:  # A point counts as thick as its chart, to become thinner.
+                Psi0[index] += own @ [float(i == j) for i, j in _PAIRS] - nominal
+            columns += _embedded(own, index, len(names))
             x0 += [float(i == j) for i, j in _PAIRS]
         else:
             first = len(x0)
@@ -288,7 +288,7 @@ def _chart(equations: BaseRegression) -> _Chart:
     return _Chart(
         np.array(columns).T,
         np.array(x0),
-        equations.nominal.copy(),
+        Psi0,
         tuple(pseudo),
         tuple(positive),
         tuple(free),

@@ -68,6 +68,17 @@ def test_motor_inertia_that_no_description_states_is_identified(recordings: list
     assert any("states no motor inertia" in note for note in result.notes)
 
 
+def test_a_link_described_as_a_point_gets_an_inertia(recordings: list[Recording]) -> None:
+    """A vendor's last link without moments of inertia, and too heavy, comes out as a body, and the arm is written."""
+    last = bare().joints[2]
+    point = replace(last.link, mass=1.5 * last.link.mass, inertia=np.zeros((3, 3)))
+    described = bare().with_joint(last.name, link=point)
+    result = identify(recordings[0], described)
+    assert result.identified is not None
+    moments = np.linalg.eigvalsh(result.identified.joints[2].link.inertia)
+    assert moments[0] > 0.0 and moments[2] < moments[0] + moments[1]
+
+
 def test_motor_inertia_that_no_description_states_is_no_gain(recordings: list[Recording]) -> None:
     """With --refit, motors' inertia that a URDF leaves out is a number of the arm, no gain and no link."""
     effects = tuple(EFFECTS[name] for name in ("coulomb_friction", "motor_torque_gain", "link_inertia_mismatch"))
