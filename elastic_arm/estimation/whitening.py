@@ -351,14 +351,17 @@ class WhitenedData:
         return self.layout.combine(thin.dense())
 
     def whiten(self, columns: Sequence[Array]) -> Array:
-        """Whiten columns (N', R, k) of all stretches and stack them: (rows, k)."""
-        return np.concatenate(
+        """Whiten columns (N', R, k) of all stretches: (rows, k), all rows of the first residual first.
+
+        Equations are made independent in their order, so that a column is null before the first in which it shows.
+        """
+        white = np.concatenate(
             [self._whiten(values, part.noise) for values, part in zip(columns, self.parts, strict=True)]
         )
+        return white.swapaxes(0, 1).reshape(-1, white.shape[2])
 
     def _whiten(self, values: Array, noise: NoiseModel) -> Array:
-        white = filtered_circularly(values, noise.whitening_gains(len(values), self.band))
-        return white[EDGE:-EDGE].reshape(-1, values.shape[2])
+        return filtered_circularly(values, noise.whitening_gains(len(values), self.band))[EDGE:-EDGE]
 
     def _blocks(self) -> NDArray[np.intp]:
         """Number of the block (rows,) to which each whitened row belongs."""
@@ -368,8 +371,8 @@ class WhitenedData:
             count = max(0, len(y) - 2 * EDGE)
             label = first + np.arange(count) // length
             first = int(label[-1]) + 1 if count else first
-            labels.append(np.repeat(label, self.layout.rows))
-        return np.concatenate(labels)
+            labels.append(label)
+        return np.tile(np.concatenate(labels), self.layout.rows)
 
     @property
     def freedom(self) -> float:

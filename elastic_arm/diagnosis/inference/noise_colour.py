@@ -51,17 +51,21 @@ def noise_colours(prepared: PreparedData, hypothesis: Hypothesis) -> tuple[Colou
     """
     library, settings = prepared.library, prepared.settings.colour
     beta = library.fit(0, hypothesis.selected)
-    fits = []
-    for which in (0, 1):
-        spectra = _spectra(prepared, which, [library.remainder(which, hypothesis.selected, beta)[:, None]])
-        plain = [Periodogram(s.f, s.values[:, :, 0], np.ones(s.values.shape[:2]), s.ways) for s in spectra]
-        fits.append(fit_colour(plain))
-        if fits[-1].gain < settings.least_gain / 2:
+    spectra = [
+        _spectra(prepared, which, [library.remainder(which, hypothesis.selected, beta)[:, None]]) for which in (0, 1)
+    ]
+    fits = [
+        fit_colour([Periodogram(s.f, s.values[:, :, 0], np.ones(s.values.shape[:2]), s.ways) for s in own])
+        for own in spectra
+    ]
+    # The worst first: where no smooth spectrum describes that, the other one changes nothing.
+    for which in sorted((0, 1), key=lambda k: -fits[k].lack):
+        if fits[which].gain < settings.least_gain / 2:
             continue
         # A second time, with all that a motion can do projected out by weighted least squares.
         columns = _spectra(prepared, which, _motion_columns(prepared, which))
-        fits[-1] = fit_colour(_beside(spectra, columns, fits[-1].colour))
-        if not _smooth(fits[-1], settings):
+        fits[which] = fit_colour(_beside(spectra[which], columns, fits[which].colour))
+        if not _smooth(fits[which], settings):
             return None
     if not _credible(fits, settings):
         return None
@@ -114,16 +118,17 @@ class _Spectra:
 def _spectra(prepared: PreparedData, which: int, blocks: Sequence[Array]) -> list[_Spectra]:
     """Return the spectra of blocks of whitened columns (rows, k) of one data set, stretch by stretch."""
     data, found, first = prepared.library.sets[which], [], 0
+    total = len(data.white) // data.layout.rows
     R, coefficients = data.layout.rows, data.layout.torque_coefficients
     for part in data.parts:
         count = len(part.stretch.t) - 2 * EDGE
-        rows = slice(first, first + count * R)
+        rows = slice(first, first + count)
         first = rows.stop
         f = np.fft.rfftfreq(count, 1.0 / data.band.kept_rate)
         kept = _kept(f, data.band.cutoff)
         values = np.concatenate(
             [
-                np.fft.rfft(columns[rows, k : k + CHUNK].reshape(count, R, -1), axis=0)[kept]
+                np.fft.rfft(columns[:, k : k + CHUNK].reshape(R, total, -1)[:, rows], axis=1)[:, kept].swapaxes(0, 1)
                 for columns in blocks
                 for k in range(0, columns.shape[1], CHUNK)
             ],

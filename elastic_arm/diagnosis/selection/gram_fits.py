@@ -38,6 +38,11 @@ def block(gram: Array, rows: Index, columns: Index) -> Array:
     return gram[rows[:, None], columns]
 
 
+def first_row(columns: Array) -> int:
+    """Return the number of the first row of whitened columns (rows, k) that is not null: products begin there."""
+    return min((int(np.argmax(column != 0.0)) for column in columns.T), default=0)
+
+
 def bordered(
     gram: Array, index: Index, free: NDArray[np.bool_], columns: Index, fixed: NDArray[np.bool_]
 ) -> tuple[Array, Array]:

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import cho_solve, solve_triangular
 
+from elastic_arm.diagnosis.selection.gram_fits import first_row
 from elastic_arm.estimation.whitening import WhitenedData
 
 Array = NDArray[np.float64]
@@ -98,7 +99,9 @@ class Marginalisation:
 
     def add(self, which: int, columns: Array) -> None:
         """Take further columns (rows, m) of one data set."""
-        self._cross[which] = np.hstack([self._cross[which], self._nuisance.white[which].T @ columns])
+        begin = first_row(columns)
+        own = self._nuisance.white[which][begin:].T @ columns[begin:]
+        self._cross[which] = np.hstack([self._cross[which], own])
 
     def held(self, old: int) -> list[Array]:
         """Return what nuisance parameters hold of products of columns, those from `old` on with all.

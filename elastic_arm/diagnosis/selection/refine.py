@@ -8,11 +8,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from weakref import WeakKeyDictionary
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import minimize, minimize_scalar
 
+from elastic_arm.diagnosis.selection.gram_fits import first_row
 from elastic_arm.diagnosis.selection.regressor_library import Candidate, RegressorLibrary
 from elastic_arm.diagnosis.selection.searched_points import monomials
 from elastic_arm.diagnosis.settings import RefinementSettings
@@ -24,6 +26,7 @@ Array = NDArray[np.float64]
 # First steps and tolerance of the Nelder-Mead search; numerical.
 WIDE_STEP, SMALL_STEP = 0.2, 0.02  # of half a range: first steps from its middle, and from a value that was tried
 NEAR = 2e-3  # of half a range: how near the optimum a search over several numbers ends
+PROJECTIONS_KEPT = 4  # of each library; bounds the memory
 Cost = Callable[[Sequence[float]], float]
 
 
@@ -59,7 +62,7 @@ def refine(
     if not free or any(p.integer for p in free):
         return which
     others = [candidate for candidate in selected if candidate is not which]
-    cost = _cost_of(library, feature, _Projection(library, others))
+    cost = _cost_of(library, feature, _projection(library, others))
     if len(free) > 1:
         return _added(library, feature, _together(cost, free, start))
     assert start is not None
@@ -181,6 +184,16 @@ class _Axis:
         return float(np.exp(place)) if self.logarithmic else float(place)
 
 
+def _projection(library: RegressorLibrary, others: Sequence[Candidate]) -> _Projection:
+    """Return the projection beside some candidates; one candidate after the other is refined beside the same ones."""
+    kept, key = _PROJECTIONS.setdefault(library, {}), tuple(others)
+    if key not in kept:
+        if len(kept) >= PROJECTIONS_KEPT:
+            kept.clear()
+        kept[key] = _Projection(library, others)
+    return kept[key]
+
+
 class _Projection:
     """Least squares on the identification data with some columns and the nuisance parameters always there."""
 
@@ -212,9 +225,11 @@ class _Projection:
 
     def products(self, columns: Array) -> tuple[Array, Array]:
         """Return products (m,), (m, m) of columns (rows, m) with the residual and each other, less what is there."""
-        target, gram = columns.T @ self._y, columns.T @ columns
+        begin = first_row(columns)
+        columns = columns[begin:]
+        target, gram = columns.T @ self._y[begin:], columns.T @ columns
         for basis in self._bases:
-            part = basis.T @ columns
+            part = basis[begin:].T @ columns
             gram = gram - part.T @ part
         return target, gram
 
@@ -225,3 +240,6 @@ class _Projection:
         acts = values > 1e-10 * max(values[-1], 1e-300)
         shown = vectors[:, acts].T @ (target / scale)
         return 0.5 * (self._square - float(np.sum(shown**2 / values[acts])))
+
+
+_PROJECTIONS: WeakKeyDictionary[RegressorLibrary, dict[tuple[Candidate, ...], _Projection]] = WeakKeyDictionary()

@@ -14,7 +14,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from elastic_arm.diagnosis.selection.gram_fits import block, bordered, gained_each, solution
+from elastic_arm.diagnosis.selection.gram_fits import block, bordered, first_row, gained_each, solution
 from elastic_arm.diagnosis.selection.growing_matrix import GrowingMatrix
 from elastic_arm.diagnosis.selection.marginalisation import Marginalisation, NuisanceColumns
 from elastic_arm.diagnosis.selection.searched_points import monomials, neighbourhood, quadratic_points
@@ -179,7 +179,8 @@ class RegressorLibrary:
                 columns[:, first : first + further.shape[1]] = further
                 first += further.shape[1]
             pending.clear()
-            self._grams[which].extend(columns[:, :now].T @ columns[:, old:now])
+            begin = first_row(columns[:, old:now])
+            self._grams[which].extend(columns[begin:, :now].T @ columns[begin:, old:now])
             self._marginalisation.add(which, columns[:, old:now])
         self._filled = now
         self._marginalise(old)
