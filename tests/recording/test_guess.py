@@ -71,6 +71,13 @@ def test_columns_are_grouped_by_the_joints_names(tmp_path: Path) -> None:
     assert not draft.ignored
 
 
+def test_large_angles_alone_may_be_a_rotors() -> None:
+    """Angles beyond a joint's range are taken as degrees, and the draft names the other reading."""
+    draft = guess_mapping({"time": T, "pos": np.degrees(Q), "current": TAU}, JOINTS)
+    (position,) = [guess for guess in draft.channels if guess.channel == "position"]
+    assert position.unit == "deg" and "rad of a rotor" in draft.to_yaml()
+
+
 def test_rotor_angles_get_their_ratio_and_currents_ask_for_theirs(tmp_path: Path) -> None:
     """The ratio and sign follow from both sides' angles; a torque constant is left open and named."""
     ratio = np.array([121.0, -101.0, 80.0])

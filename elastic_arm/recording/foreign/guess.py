@@ -287,7 +287,9 @@ def _angle_unit(table: JointTable) -> tuple[str, str]:
         return {"deg": "deg", "rad": "rad"}.get(word[0].lower(), "turns"), f"unit by {word[0]!r} in its name"
     largest = float(np.abs(table.values).max())
     unit = "rad" if largest < LARGEST_ANGLE else "deg"
-    return unit, f"largest angle {largest:.3g}: {unit}"
+    # Neither numbers nor a robot's limits tell degrees of a joint from a rotor's radians.
+    instead = "" if unit == "rad" else ", or rad of a rotor: then under motor, with ratio"
+    return unit, f"largest angle {largest:.3g}: {unit}{instead}"
 
 
 def _speed_unit(table: JointTable, positions: Sequence[JointTable], times: TimeArray | None) -> tuple[str, str]:
