@@ -148,7 +148,7 @@ up to {WELL:.0%}), {words.count('poorly')} poorly (up to {POORLY:.0%}), {words.c
         reasons = "; ".join(result.excitation["reasons"])
         blocks.append(Text(f"Known before any fit, from the motion alone: the excitation is poor. {reasons}.", "bad"))
     blocks += [Text(f"Left open by the data: {direction}", "warn") for direction in result.undetermined]
-    blocks += [Text(f"{note[:1].upper()}{note[1:]}.".replace("..", ".")) for note in result.notes]
+    blocks += [Text(sentence(note)) for note in result.notes]
     if result.consistency is not None:
         blocks.append(
             Text(
@@ -186,3 +186,9 @@ def _validation(result: Identification) -> Table:
     ]
     caption = f"Root of the mean square residual, {result.units.over('Nm')}."
     return Table(("recording", "arm", "equation", *result.joints), rows, caption)
+
+
+def sentence(note: str) -> str:
+    """Return a note as a sentence; one that begins with the name of a file, recording or joint keeps it as it is."""
+    first = note.partition(" ")[0]
+    return f"{note[:1].upper() if first.isalpha() else note[:1]}{note[1:]}.".replace("..", ".")
