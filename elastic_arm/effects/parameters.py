@@ -147,7 +147,11 @@ class Parameter:
     def value_of(self, coefficient: float) -> float:
         """Return the parameter's value for the coefficient that a fit gave its column."""
         if self.from_coefficient is not None:
-            return self.from_coefficient(coefficient)
+            try:
+                return self.from_coefficient(coefficient)
+            except ZeroDivisionError:
+                # As of the torque of a joint for which the model predicts none: all of it would be the sensor's gain.
+                return math.inf
         return (self.neutral or 0.0) + coefficient
 
     def checked(self, value: Any, of: str) -> float | tuple[float, ...]:

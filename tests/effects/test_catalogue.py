@@ -90,6 +90,11 @@ def test_parameters_say_what_a_search_needs():
                 assert effect.parameters[0].role is Role.LINEAR
 
 
+def test_a_gain_that_would_be_all_of_a_torque_is_infinite():
+    """Where the model predicts no torque for a joint, all that was measured fits as a gain: too large to be one."""
+    assert EFFECTS["motor_torque_gain"].parameter("gain").value_of(1.0) == float("inf")
+
+
 def test_candidates_cover_every_place_and_choice(arm):
     """The candidates of an effect sit on all joints it can sit on, in all its choices."""
     for effect in EFFECTS.values():
