@@ -31,6 +31,7 @@ Place = tuple[str, str]
 HORIZONS = (0.01, 0.02, 0.05, 0.1, 0.2)  # s
 STARTS = 64
 # An angle that is further off than this, rad, is no prediction: the model has left the motion.
+BARE = 1e-12  # inertia of a joint over the largest one's, below which it is rounding
 FARTHEST = 1.0
 
 
@@ -93,6 +94,8 @@ def predict(context: DiagnosisContext, causes: Sequence[EffectInstance], starts:
     begins = _begins(context, starts)
     if not any(len(b) for b in begins):
         return Prediction(reason=f"no stretch of the validation data is {HORIZONS[-1]:g} s long")
+    if bare := _without_inertia(context):
+        return Prediction(reason=f"the model has no inertia for {', '.join(bare)}: it would accelerate without limit")
     first = context.seen[1][0].pieces[0]
     sides = [s for s, recorded in (("link", first.q), ("motor", first.theta)) if recorded is not None]
     if not context.model.robot.elastic:
@@ -103,6 +106,16 @@ def predict(context: DiagnosisContext, causes: Sequence[EffectInstance], starts:
     units = context.model.robot.units
     reason = _left(before, horizons, "the model", units) or _left(after, horizons, "the model with the causes", units)
     return Prediction(horizons, sum(len(b) for b in begins), before, after, reason)
+
+
+def _without_inertia(context: DiagnosisContext) -> list[str]:
+    """Return the joints that nothing in the model is heavy for: a point on the last axis, motors without inertia."""
+    model = context.model
+    if model.robot.elastic:
+        return []
+    poses = context.validate.parts[0].stretch.quiet.q[:1]
+    heaviness = np.diagonal(model.mass_matrix(poses)[0])
+    return [name for name, own in zip(model.robot.joint_names, heaviness, strict=True) if own < BARE * heaviness.max()]
 
 
 def _left(size: Mapping[Place, tuple[float, ...]], horizons: Sequence[float], what: str, units: JointUnits) -> str:
