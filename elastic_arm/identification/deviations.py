@@ -43,6 +43,8 @@ Array = NDArray[np.float64]
 FEWEST_BLOCKS = 2
 # Share that is left of a block's score beside the fit's, at least.
 LEAST_OWN = 1e-3
+# Share of the data in the information along a direction from which on they show it: below it is rounding.
+LEAST_SHARE = 1e-6
 # A group's noise is not believed to be smaller than this share of its largest term: rounding, not data.
 NOISE_FLOOR = 1e-6
 COVERED = 0.975
@@ -53,7 +55,9 @@ ENOUGH_SAMPLES = 3000
 STEP = 1e-4
 
 
-def scattered(blocks: Iterable[tuple[Pair, Array]], Psi: Array, weights: Array, back: Array) -> Array:
+def scattered(
+    blocks: Iterable[tuple[Pair, Array]], Psi: Array, weights: Array, back: Array, prior: Array | None = None
+) -> Array:
     """Return the covariance (P, P) of an estimate from its blocks' scores.
 
     Parameters
@@ -66,18 +70,38 @@ def scattered(blocks: Iterable[tuple[Pair, Array]], Psi: Array, weights: Array, 
         (groups,) of the equations.
     back
         (P, k) from whitened coordinates to parameters: `back @ back.T` is the covariance at unit noise.
+    prior
+        (any, P) rows of the prior's information, which `back` holds as well; none when None.
     """
     solution = np.append(-Psi, 1.0)
-    scores, squares = [], np.zeros((back.shape[1],) * 2)
+    to_unit, from_unit = _unit_errors(back, prior)
+    scores, squares = [], np.zeros((len(to_unit),) * 2)
     for (hi, lo), noise_in_phi in blocks:
         gram = np.tensordot(weights**2, hi - noise_in_phi, 1)
         score = back.T @ (gram @ solution + np.tensordot(weights**2, lo, 1) @ solution)[:-1]
         values, vectors = np.linalg.eigh(back.T @ gram[:-1, :-1] @ back)
-        scores.append(vectors @ ((vectors.T @ score) / np.maximum(1.0 - values, LEAST_OWN)))
-        squares += (vectors * np.maximum(values, 0.0) ** 2) @ vectors.T
+        scores.append(to_unit @ vectors @ ((vectors.T @ score) / np.maximum(1.0 - values, LEAST_OWN)))
+        own = (to_unit @ vectors * np.maximum(values, 0.0)) @ vectors.T @ to_unit.T
+        squares += own @ own
     meat, target, share = shrunk(np.array(scores))
-    wide = back @ widening(squares, np.sqrt(1.0 - share))
+    wide = back @ from_unit @ widening(squares, np.sqrt(1.0 - share))
     return np.asarray(wide @ ((1.0 - share) * meat + share * target * np.eye(len(meat))) @ wide.T)
+
+
+def _unit_errors(back: Array, prior: Array | None) -> tuple[Array, Array]:
+    """Return matrices from k whitened coordinates to the m in which white errors make scores of unit size, and back.
+
+    They differ under a prior: there the scores of white errors are as large as the data's share in the information. To
+    shrink them towards a multiple of the unit matrix would take what the prior determines for a lack of errors.
+    Directions of which the data show nothing are left out.
+    """
+    if prior is None:
+        return np.eye(back.shape[1]), np.eye(back.shape[1])
+    known = prior @ back
+    shares, axes = np.linalg.eigh(np.eye(back.shape[1]) - known.T @ known)
+    shown = shares > LEAST_SHARE
+    size, axes = np.sqrt(shares[shown]), axes[:, shown]
+    return (axes / size).T, axes * size
 
 
 def shrunk(scores: Array) -> tuple[Array, float, float]:

@@ -292,10 +292,11 @@ def fit(blocks: Blocks, weighted: bool = True, rounds: int = 4, prior: Prior | N
         whole = blocks.corrected(weights, r)
         Psi, number, undetermined = _solve(_joined(whole, prior, 1.0))
         noise = deviations.residual_std(r, Psi, blocks.samples)
-    known = _joined(whole, prior, 1.0 if weighted else _size(r, whole, blocks))
-    robust, white = _covariances(blocks, Psi, weights, noise, known, r, prior)
+    size = 1.0 if weighted else _size(r, whole, blocks)
+    known = _joined(whole, prior, size)
+    robust, white = _covariances(blocks, (Psi, weights, noise), known, r, prior, size)
     if prior is not None:
-        own = _prior_covariance(known, prior, 1.0 if weighted else _size(r, whole, blocks))
+        own = _prior_covariance(known, prior, size)
         robust, white = robust + own, white + own
     return Fit(Psi, robust, white, noise, weights, whole, number, undetermined, blocks.samples)
 
@@ -317,7 +318,7 @@ def correlation(blocks: Blocks, found: Fit, samples: float) -> float:
     long = blocks.copy()
     while len(long.grams) >= 2 * FEWEST_LONG_BLOCKS and long.samples < samples * len(long.grams):
         long._halve()
-    robust, white = _covariances(long, found.Psi, found.weights, found.noise, found.factor, blocks.total())
+    robust, white = _covariances(long, (found.Psi, found.weights, found.noise), found.factor, blocks.total())
     return float(np.median(np.diag(robust) / np.diag(white)))
 
 
@@ -368,14 +369,19 @@ def _solve(whole: Array) -> tuple[Array, float, Array]:
 
 
 def _covariances(
-    blocks: Blocks, Psi: Array, weights: Array, noise: Array, whole: Array, r: Array, prior: Prior | None = None
+    blocks: Blocks,
+    solved: tuple[Array, Array, Array],
+    whole: Array,
+    r: Array,
+    prior: Prior | None = None,
+    size: float = 1.0,
 ) -> tuple[Array, Array]:
-    """Return the covariance from the blocks' scores, and that of white errors.
+    """Return the covariance from the blocks' scores, and that of white errors, for `solved`: Psi, weights and noise.
 
     Both include what :data:`CLOSURE` leaves open, where parameters differ by the last digits of an equation alone, and
     what is not known of the noise in Phi.
     """
-    columns, scale = _equilibrated(whole)
+    (Psi, weights, noise), (columns, scale) = solved, _equilibrated(whole)
     _, s, vt = np.linalg.svd(columns, full_matrices=False)
     known = s > RANK_FLOOR * s[0]
     back = (vt[known].T / s[known]) / scale[:, None]  # whitened coordinates -> Psi
@@ -389,5 +395,6 @@ def _covariances(
     white = deviations.white(r, weights, noise, back) + systematic
     if len(blocks.grams) < deviations.FEWEST_BLOCKS:
         return white, white
-    scattered = deviations.scattered(zip(blocks.grams, blocks.known_noise, strict=True), Psi, weights, back)
-    return scattered + systematic, white
+    scores = zip(blocks.grams, blocks.known_noise, strict=True)
+    information = None if prior is None else size * prior.factor
+    return deviations.scattered(scores, Psi, weights, back, information) + systematic, white

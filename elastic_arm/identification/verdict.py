@@ -184,6 +184,9 @@ def verdicts(relative_std: Array) -> tuple[str, ...]:
 def relative_std(equations: BaseRegression, Psi_base: Array, std: Array) -> Array:
     """Return the standard deviations over natural scale, over the estimate itself for laws beyond the model.
 
+    Numbers that no arm has below zero are judged by the estimate, too, where it is the smaller: noise in the regressor
+    draws them to zero (:mod:`.errors_in_variables`), and their deviations with them.
+
     Parameters
     ----------
     equations
@@ -194,7 +197,8 @@ def relative_std(equations: BaseRegression, Psi_base: Array, std: Array) -> Arra
         (B,) their standard deviations.
     """
     scale = natural_scales(equations)
-    scale = np.where(np.isfinite(scale), scale, np.maximum(np.abs(Psi_base), 1e-300))
+    own = np.maximum(np.abs(Psi_base), 1e-300)
+    scale = np.where(np.isfinite(scale), np.where(_positive(equations), np.fmin(scale, own), scale), own)
     return std / scale
 
 
@@ -217,16 +221,13 @@ def impossible(equations: BaseRegression, Psi: Array) -> NDArray[np.bool_]:
     Psi
         (B,) their values.
     """
-    can = []
-    for row in equations.base.T:
-        parts = np.flatnonzero(row)
-        names = [equations.names[k] for k in parts.tolist()]
-        can.append(bool(np.any(row < 0)) or not all(_never_negative(name) for name in names))
-    return (Psi < 0) & ~np.array(can)
+    return (Psi < 0) & _positive(equations)
 
 
-def _never_negative(name: str) -> bool:
-    return NEVER_NEGATIVE.search(name) is not None
+def _positive(equations: BaseRegression) -> NDArray[np.bool_]:
+    """Return which base parameters are sums of numbers that no arm has below zero, (B,)."""
+    never = np.array([NEVER_NEGATIVE.search(name) is not None for name in equations.names])
+    return np.array([bool(np.all(row >= 0) and np.all(never[row != 0])) for row in equations.base.T])
 
 
 def checked(words: Sequence[str], fit: Fit, equations: BaseRegression) -> tuple[str, ...]:

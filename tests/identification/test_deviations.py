@@ -9,7 +9,7 @@ from scipy.stats import chi2
 
 from elastic_arm.dynamics.gram import gram
 from elastic_arm.identification.deviations import widening
-from elastic_arm.identification.least_squares import Blocks, fit
+from elastic_arm.identification.least_squares import Blocks, Prior, fit
 
 
 def student(freedom: float) -> float:
@@ -67,3 +67,20 @@ def test_intervals_hold_the_truth_where_few_blocks_determine_a_parameter(strong:
         hits.append(np.abs(found.Psi - [2.0, -1.0]) < 1.96 * found.std)
     covered = np.mean(hits, axis=0)
     assert np.all((covered >= 0.92) & (covered <= 0.999)), covered
+
+
+def test_a_prior_on_weak_parameters_leaves_the_deviations_of_the_others() -> None:
+    """Eight parameters beside sixteen that a prior alone determines: deviations are those of their own regression."""
+    ratios = []
+    for seed in range(20):
+        rng = np.random.default_rng(seed)
+        alone, beside = Blocks(1, 9), Blocks(1, 25)
+        for _ in range(12):
+            phi = rng.standard_normal((60, 24)) * [*[1.0] * 8, *[1e-3] * 16]
+            y = phi[:, 0] + rng.standard_normal(60)
+            for blocks, columns in ((alone, phi[:, :8]), (beside, phi)):
+                hi, lo = gram(np.column_stack([columns, y]))
+                blocks.add((hi[None], lo[None]), 60)
+        prior = Prior(np.zeros(24), np.diag([*[0.0] * 8, *[1e3] * 16]))
+        ratios.append(fit(beside, prior=prior).std[:8] / fit(alone).std)
+    assert np.median(ratios) == pytest.approx(1.0, abs=0.03)

@@ -255,6 +255,25 @@ def test_topics_of_no_text_are_read(tmp_path: Path) -> None:
         quickly(lambda work=work: work(file))  # type: ignore[misc]
 
 
+@pytest.mark.parametrize("column", ["topic_id", "timestamp", "data"])
+@pytest.mark.parametrize("value", ["NULL", "'text'", "1.5"])
+def test_messages_with_a_column_of_another_type_are_left_out(tmp_path: Path, column: str, value: str) -> None:
+    """Half of the rows have no number, or no bytes, where one belongs: the other half is read."""
+    folder = write_sqlite(tmp_path / "bag", states("/joint_states", stamps(10)))
+    file = next(folder.glob("*.db3"))
+    with sqlite3.connect(file) as database:
+        sql = database.execute("SELECT sql FROM sqlite_master WHERE name = 'messages'").fetchone()[0]
+        database.execute("ALTER TABLE messages RENAME TO old")
+        database.execute(sql.replace("NOT NULL", "").replace("INTEGER PRIMARY KEY", "").replace("INTEGER", ""))
+        database.execute("INSERT INTO messages SELECT * FROM old")
+        database.execute(f"UPDATE messages SET {column} = {value} WHERE id % 2")
+    database.close()
+    quickly(lambda: check_bag(file))
+    recording = read_recording(file)
+    assert recording.link is not None
+    assert len(recording.link) == 5
+
+
 @pytest.mark.parametrize("name", ["pipe.mcap", "pipe.db3", "pipe"])
 def test_pipes_are_refused(tmp_path: Path, name: str) -> None:
     """A pipe is not waited for, also where it lies in a bag's folder."""

@@ -24,7 +24,7 @@ _REMEDY = "Give a rosbag2 folder, an .mcap or a .db3 file."
 # By timestamp: an index holds that order, so that nothing is sorted. Rows of one timestamp come as they were written.
 _MESSAGES = (
     "SELECT topic_id, timestamp, data FROM messages WHERE typeof(data) = 'blob' AND typeof(timestamp) = 'integer' "
-    "ORDER BY timestamp, id"
+    "AND typeof(topic_id) = 'integer' ORDER BY timestamp, id"
 )
 
 
