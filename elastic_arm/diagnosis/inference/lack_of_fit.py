@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from weakref import WeakKeyDictionary
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,6 +25,9 @@ Array = NDArray[np.float64]
 RANK = 1e-6  # relative singular value below which a combination of columns is not determined; numerical
 # A torque sensor's fault shows in the three equations that share it, with these signs, and in no single one.
 SHARED = {"link": 1.0, "drive": 1.0, "motor": -1.0}
+
+# Shapes of data, by side, joint, ratios and settings: each hypothesis is compared with the same ones.
+_SHAPES: WeakKeyDictionary[WhitenedData, dict[tuple[object, ...], dict[str, list[Array]]]] = WeakKeyDictionary()
 
 
 @dataclass(frozen=True)
@@ -143,7 +147,7 @@ def strongest(found: Sequence[LackOfFit]) -> list[LackOfFit]:
 def shapes_of(
     data: WhitenedData, of: str, joint: int, ratios: tuple[float, float], settings: RegimeSettings
 ) -> dict[str, list[Array]]:
-    """Return shapes (N', k) in the band that depend on one side of a joint, by regime, one array a stretch.
+    """Return shapes (N', k) in the band that depend on one side of a joint, by regime, one array a stretch; made once.
 
     Parameters
     ----------
@@ -158,11 +162,14 @@ def shapes_of(
     settings
         The shapes.
     """
-    found: dict[str, list[Array]] = {}
-    for part in data.parts:
-        for regime, columns in bases(part.signals, of, joint, data.layout.n, ratios, settings).items():
-            found.setdefault(regime, []).append(data.band.apply(columns)[part.stretch.kept])
-    return found
+    made, key = _SHAPES.setdefault(data, {}), (of, joint, ratios, settings)
+    if key not in made:
+        found: dict[str, list[Array]] = {}
+        for part in data.parts:
+            for regime, columns in bases(part.signals, of, joint, data.layout.n, ratios, settings).items():
+                found.setdefault(regime, []).append(data.band.apply(columns)[part.stretch.kept])
+        made[key] = found
+    return made[key]
 
 
 def placed(data: WhitenedData, side: str, joint: int, shapes: Sequence[Array]) -> list[Array]:
