@@ -224,7 +224,7 @@ class FreeTorques:
         """Return residuals or columns (N', R, …) without them."""
         if not self.found:
             return values
-        acting = np.asarray(values.any(axis=0)).reshape(values.shape[1], -1).any(axis=1)
+        acting = np.asarray(np.asarray(values.any(axis=0)).reshape(values.shape[1], -1).any(axis=1))
         out = values.copy()
         for free in self.found:
             if acting[free.row]:
