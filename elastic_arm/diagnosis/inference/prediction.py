@@ -30,8 +30,8 @@ Place = tuple[str, str]
 
 HORIZONS = (0.01, 0.02, 0.05, 0.1, 0.2)  # s
 STARTS = 64
-# An angle that is further off than this, rad, is no prediction: the model has left the motion.
 BARE = 1e-12  # inertia of a joint over the largest one's, below which it is rounding
+# An angle that is further off than this, rad, is no prediction: the model has left the motion.
 FARTHEST = 1.0
 
 
