@@ -207,9 +207,10 @@ class Robot:
         """Return a copy whose models hold the inertia of its motors, from zero, where its description states none.
 
         A description of links alone, like a URDF, has no motor inertia. Geared motors have as much as the links that
-        they move (it counts by the square of the ratio), and all torque that they make has passed it.
+        they move (it counts by the square of the ratio), and all torque that they make has passed it. A single joint
+        has none beside its link's: no motion separates the two.
         """
-        if any(joint.transmission is not None or joint.armature is not None for joint in self.joints):
+        if self.n == 1 or any(joint.transmission is not None or joint.armature is not None for joint in self.joints):
             return self
         return self.with_(joints=tuple(replace(joint, armature=0.0) for joint in self.joints))
 
