@@ -22,6 +22,7 @@ from elastic_arm.diagnosis.question import Question
 from elastic_arm.diagnosis.result import Diagnosis
 from elastic_arm.diagnosis.selection.beyond_ordinary import with_effects_beyond_ordinary
 from elastic_arm.diagnosis.selection.hypothesis import Hypothesis
+from elastic_arm.diagnosis.selection.library_building import scaling
 from elastic_arm.diagnosis.selection.stepwise import StepwiseSearch
 from elastic_arm.recording import Recording
 
@@ -96,7 +97,8 @@ def best_hypothesis(prepared: PreparedData) -> tuple[StepwiseSearch, Hypothesis]
 def beyond_ordinary(prepared: PreparedData, hypothesis: Hypothesis) -> tuple[PreparedData, Hypothesis]:
     """Return a hypothesis with the effects that keep the model's numbers ordinary, and data to measure them on."""
     library = prepared.library
-    sensors = [p.feature for p in prepared.calibration.parameters if p.feature is not None]
+    acting = prepared.found.expansion.acting
+    sensors = [scaling(p.feature, acting) for p in prepared.calibration.parameters if p.feature is not None]
     found = with_effects_beyond_ordinary(library, hypothesis, prepared.carried, sensors, prepared.settings)
     if not found.beyond:
         return prepared, hypothesis

@@ -234,11 +234,11 @@ def recalibrated(
     problem, expansion, noise = prepared.calibration, prepared.found.expansion, 1.0
     values, causes = filters_for_lags(problem.parameters, expansion.values, causes)
     if np.any(values != expansion.values):
-        expansion = expand(problem, values, expansion)
+        expansion = expand(problem, values, expansion, expansion.acting)
     if colours is not None:
         observed = [[replace(o, colour=c) for o in part] for part, c in zip(problem.observed, colours, strict=True)]
         problem = replace(problem, observed=observed)
-        expansion = expand(problem, expansion.values, expansion)
+        expansion = expand(problem, expansion.values, expansion, expansion.acting)
     if problem.parameters:
         expansion, noise = calibrate(problem, expansion, causes)
     found, _ = linearise(problem, expansion, prepared.candidates, causes, noise=noise)
@@ -291,7 +291,7 @@ def final_fit(prepared: PreparedData, selected: Sequence[Candidate], faulty: Seq
     if wide.any():
         # Columns of the arm's numbers are those of one standard deviation: wider ones are made anew.
         near = start if not any(w and p.feature is None for w, p in zip(wide, parameters, strict=True)) else None
-        start = expand(problem, np.where(wide, start.values / width, start.values), near)
+        start = expand(problem, np.where(wide, start.values / width, start.values), near, start.acting)
     causes = selected[len(prepared.given) :]
     expansion, noise = calibrate(problem, start, causes, scaled=True)
     found, again = linearise(problem, expansion, (), causes, noise=noise)
@@ -383,7 +383,8 @@ def _candidates(
 
     What the nuisance parameters hold is in every hypothesis already, and competes with none.
     """
-    held = {p.feature.effect.id for p in problem.parameters if p.feature is not None}
-    effects = [effect for effect in question.candidates if effect.id not in held]
-    shown = recorded_features(features(equations, effects), motion)
-    return [f for f in shown if f.joint not in still or not needs_motion(f)]
+    held = {(p.feature.effect.id, p.joint) for p in problem.parameters if p.feature is not None}
+    wholly = {effect for effect, _ in held}
+    shown = recorded_features(features(equations, question.candidates), motion)
+    free = [f for f in shown if (f.effect.id, f.joint) not in held and not (f.joint is None and f.effect.id in wholly)]
+    return [f for f in free if f.joint not in still or not needs_motion(f)]

@@ -15,16 +15,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elastic_arm.effects.equations import ArmEquations
-from elastic_arm.effects.model import Effect, EffectInstance, Scope
+from elastic_arm.effects.model import Effect, EffectInstance, Scope, SensorEffect
 from elastic_arm.effects.parameters import Parameter, Role
 from elastic_arm.effects.regressor import Regressor
 from elastic_arm.errors import EffectError
 from elastic_arm.estimation.regressors import CompiledColumns, Entries, Signals, Term
+from elastic_arm.sensors import Sensors
 
 Array = NDArray[np.float64]
 
 USUAL_START = 0.5  # standard deviation of an internal state, which stays within -1 and 1, where a recording begins
 WIDTHS = (1.0, 0.1)  # of the starts between which a column is taken as linear
+# The channels of a recording that sensors make.
+SENSED = {"link_encoder": "q", "motor_encoder": "theta", "joint_torque": "tau_J", "motor_torque": "tau_m"}
+READINGS = ("1", "Nm", "Nm/s")  # units of what a torque sensor reads too much: of its gain, its zero, its drift
 COLOUR = 20.0  # samples of a residual's misfit that count as one independent one
 
 
@@ -91,6 +95,27 @@ class Feature:
     def sides(self) -> tuple[str, ...]:
         """The equations in which it shows."""
         return self.effect.sides_of(self.choices) if self.effect.sides_of else self.effect.sides
+
+    @cached_property
+    def sensed(self) -> frozenset[str]:
+        """The channels in which a sensor's effect is seen: what it changes; none for an effect of the arm.
+
+        A link encoder is seen beside the motor encoder.
+        """
+        effect = self.effect
+        if not isinstance(effect, SensorEffect):
+            return frozenset()
+        exact, parameters = Sensors.exact(), {p.name: _some_effect(p) for p in effect.parameters}
+        instance = EffectInstance(effect, self.joint, {**parameters, **self.choices})
+        changed = effect.change(exact, 0, self.equations.robot.n, instance.parameters)
+        found = {channel for name, channel in SENSED.items() if getattr(changed, name) != getattr(exact, name)}
+        return frozenset(found | ({"theta"} if "q" in found else set()))
+
+    @property
+    def read_torque(self) -> str | None:
+        """The torque channel to whose reading it adds at its joint, as a wrong zero does; None for what does not."""
+        added = self.joint is not None and self.linear and self.linear[0].unit in READINGS
+        return next(iter(self.sensed & {"tau_J", "tau_m"}), None) if added else None
 
     @cached_property
     def _compiled(self) -> CompiledColumns:
@@ -258,6 +283,14 @@ class OwnRegressor(Whole):
         joints = range(robot.n) if self.joint is None else [robot.joint_names.index(self.joint)]
         values = {**self.choices, **self.parameters((), searched), "joints": joints}
         return Entries.of(self._regressor.residuals(signals, values)[:, :, None])
+
+
+def _some_effect(parameter: Parameter) -> float | tuple[float, ...]:
+    """Return a value that is not the one of no effect."""
+    start = parameter.start()
+    if parameter.neutral is None:
+        return start
+    return tuple(v + 1e-3 for v in start) if isinstance(start, tuple) else parameter.value_of(1e-3)
 
 
 def has_columns(effect: Effect) -> bool:

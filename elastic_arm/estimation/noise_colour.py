@@ -58,16 +58,24 @@ class Colour:
         return shapes(np.maximum(f, self.lowest)) @ self.coefficients[channel].T
 
 
-def pooled(colours: Sequence[Colour]) -> list[Colour]:
+def pooled(colours: Sequence[Colour], white: Mapping[str, Array]) -> list[Colour]:
     """Return colours in which no sensor has less slow noise than those of its kind on the average, in all recordings.
 
-    Few frequencies of a recording show the noise that is slow, so that its size at one sensor is hardly known.
+    Few frequencies of a recording show the noise that is slow, so that its size at one sensor is hardly known. It is
+    taken to go with the sensor's white noise: those of wrists are finer.
+
+    Parameters
+    ----------
+    colours
+        Of the recordings.
+    white
+        Channel -> (n,) variance of the white noise, Nm².
     """
-    slow = np.arange(len(CORNERS) + 3) == SHAPES_OF_DRIFT[:, None]
-    floors = {
-        channel: np.mean([one.coefficients[channel].mean(axis=0) for one in colours], axis=0) * slow.any(axis=0)
-        for channel in colours[0].coefficients
-    }
+    slow = (np.arange(len(CORNERS) + 3) == SHAPES_OF_DRIFT[:, None]).any(axis=0)
+    floors = {}
+    for channel, level in white.items():
+        relative = np.mean([one.coefficients[channel] / level[:, None] for one in colours], axis=(0, 1))
+        floors[channel] = level[:, None] * np.where(slow, relative, 0.0)
     return [Colour({k: np.maximum(c, floors[k]) for k, c in one.coefficients.items()}, one.lowest) for one in colours]
 
 

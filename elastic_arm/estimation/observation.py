@@ -89,6 +89,8 @@ class Observation:
         Of the torque channels' noise beyond its white level, where it was found to have one.
     torque_band
         Hz, from which on torques were low-passed before they were recorded; infinite where none was.
+    gains
+        "tau_J", "tau_m" -> (n,), by which torques were divided.
     """
 
     pieces: tuple[Motion, ...]
@@ -102,6 +104,7 @@ class Observation:
     steps: Mapping[str, Array] = field(default_factory=lambda: {"link": np.zeros(1), "motor": np.zeros(1)})
     colour: Colour | None = None
     torque_band: float = np.inf
+    gains: Mapping[str, Array] = field(default_factory=dict)
     _splines: dict[tuple[int, str], list[CubicSpline]] = field(
         default_factory=dict, init=False, repr=False, compare=False
     )
@@ -116,13 +119,15 @@ class Observation:
         """Seconds of usable motion."""
         return sum(len(piece) for piece in self.pieces) / self.rate
 
-    def aligned(self, lags: Mapping[str, Array]) -> Observation:
-        """Return it with late channels moved back to the time at which they were true.
+    def corrected(self, lags: Mapping[str, Array], gains: Mapping[str, Array]) -> Observation:
+        """Return it with late channels moved back to the time at which they were true, and torques without gain.
 
         Parameters
         ----------
         lags
             Channel ("link_encoder", "joint_torque", "motor_torque") -> (n,) s.
+        gains
+            "tau_J", "tau_m" -> (n,), recorded / true.
         """
 
         def moved(motion: Motion) -> Motion:
@@ -137,9 +142,14 @@ class Observation:
                             ],
                             axis=1,
                         )
+            for name, gain in gains.items():
+                torque = changed.get(name, getattr(motion, name))
+                changed[name] = None if torque is None else torque / gain
             return replace(motion, **changed)
 
-        return replace(self, pieces=tuple(map(moved, self.pieces)), quiet=tuple(map(moved, self.quiet)))
+        noise = {name: std / gain for name, gain in gains.items() if (std := getattr(self.noise, name)) is not None}
+        pieces, quiet = (tuple(map(moved, motions)) for motions in (self.pieces, self.quiet))
+        return replace(self, pieces=pieces, quiet=quiet, noise=replace(self.noise, **noise), gains=gains)
 
     def _splines_of(self, motion: Motion, name: str) -> list[CubicSpline]:
         """Return a spline through each joint's samples of a channel; a calibration moves the same ones many times."""

@@ -207,6 +207,14 @@ class Part:
     stretch: Stretch
     signals: Signals
     noise: NoiseModel
+    gains: Mapping[str, Array]
+
+    def gain(self, feature: Feature) -> float:
+        """Return by what the torque was divided to whose reading an effect adds; 1 for any other effect."""
+        channel = feature.read_torque
+        if channel is None or channel not in self.gains:
+            return 1.0
+        return float(self.gains[channel][feature.equations.robot.joint_names.index(str(feature.joint))])
 
 
 @dataclass(frozen=True, eq=False)
@@ -287,7 +295,7 @@ class WhitenedData:
                     motion = replace(motion, tau_J=load, tau_m=drive)
                     signals = Signals.of(motion, standstill, elastic=elastic, cutoff=cutoff, predicted=predicted)
                 signals = signals.with_model_torques(load, drive, observation.torque_variances(model.n))
-                self.parts.append(Part(stretch, signals, noise))
+                self.parts.append(Part(stretch, signals, noise, observation.gains))
                 self.pure.append(pure)
                 alike = next(others, None)
                 free = FreeTorques.of(stretch, band, layout, observation.steps, friction=in_motion, near=alike)
@@ -328,6 +336,7 @@ class WhitenedData:
         return self.weighted(
             [
                 self._thin(part, feature.entries(part.signals, searched, self._start(k, feature, searched)))
+                / part.gain(feature)
                 for k, part in enumerate(self.parts)
             ]
         )

@@ -49,8 +49,8 @@ def calibrate(
     """
     settings = problem.settings
     best = _fitted(problem, start, extra, scaled=scaled)
-    if scaled:
-        best = _fitted(problem, expand(problem, start.values, start, best.acting), extra, scaled=True)
+    if scaled or (problem.scales_friction and not start.acting):
+        best = _fitted(problem, expand(problem, start.values, start, best.acting), extra, scaled=scaled)
     for _ in range(settings.refit.steps):
         nearer = _nearer(problem, best, extra, scaled=scaled)
         if nearer is None:
@@ -105,7 +105,7 @@ def _nearer(
 
     Where the full step leaves more than before, a part of it is gone.
     """
-    # Gains and offsets act linearly: they stay in the columns.
+    # Offsets act linearly: they stay in the columns.
     limits = np.array([parameter.limit for parameter in problem.parameters])
     moves = np.array([parameter.moves_model for parameter in problem.parameters], dtype=bool)
     for share in problem.settings.refit.step_shares:

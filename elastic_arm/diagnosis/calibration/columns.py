@@ -14,11 +14,12 @@ from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
 from elastic_arm.diagnosis.calibration.nuisance import NuisanceParameter, calibrated_robot
+from elastic_arm.diagnosis.selection.library_building import scaling
 from elastic_arm.dynamics import Model, build_model
 from elastic_arm.estimation.motion import CompletedMotion, drive_constants
 from elastic_arm.estimation.noise import wiener_filtered
 from elastic_arm.estimation.residuals import predicted_torques
-from elastic_arm.estimation.whitening import NoiseModel, Part, WhitenedData
+from elastic_arm.estimation.whitening import ActingEffect, NoiseModel, Part, WhitenedData
 from elastic_arm.robot import Robot
 
 Array = NDArray[np.float64]
@@ -34,6 +35,7 @@ def nuisance_columns(
     data: WhitenedData,
     parameters: Sequence[NuisanceParameter],
     inertial: Sequence[Array],
+    acting: Sequence[ActingEffect] = (),
 ) -> list[Array]:
     """Return columns (N', R, k) of each stretch, Nm for one standard deviation of each prior.
 
@@ -49,11 +51,13 @@ def nuisance_columns(
         The nuisance parameters.
     inertial
         Of :func:`inertial_columns`, of each stretch.
+    acting
+        Known effects: the friction that changes with temperature is among them.
     """
     result = [columns.copy() for columns in inertial]
     for k, parameter in enumerate(parameters):
         if parameter.feature is not None:
-            for out, columns in zip(result, data.plain(parameter.feature), strict=True):
+            for out, columns in zip(result, data.plain(scaling(parameter.feature, acting)), strict=True):
                 out[:, :, k] = columns[:, :, 0] * parameter.prior_std
     others = [k for k, p in enumerate(parameters) if p.feature is None and not _is_inertial(p)]
     for out, part in zip(result, data.parts, strict=True):

@@ -22,6 +22,7 @@ from elastic_arm.diagnosis.calibration.columns import (
 )
 from elastic_arm.diagnosis.calibration.nuisance import (
     NuisanceParameter,
+    gains,
     lags,
     motor_inertia_scales,
     nearest_robot,
@@ -89,6 +90,11 @@ class CalibrationProblem:
         equations = ArmEquations(self.robot, self.model)
         return tuple(feature_of(instance, equations) for instance in self.known)
 
+    @property
+    def scales_friction(self) -> bool:
+        """Whether the friction that is known may change with temperature."""
+        return any(p.feature is not None and p.feature.effect.scales_friction for p in self.parameters)
+
 
 @dataclass(frozen=True)
 class Expansion:
@@ -110,6 +116,8 @@ class Expansion:
         Those among them that depend on the motion alone, of each stretch of both data sets.
     late
         By how much each channel was moved back, (n,) s.
+    acting
+        Known effects as they were fitted: what sensors' gains and temperature scale.
     """
 
     model: Model
@@ -119,6 +127,7 @@ class Expansion:
     nuisance: NuisanceColumns | None
     inertial: tuple[list[Array], list[Array]] | None = None
     late: Mapping[str, Array] = field(default_factory=dict)
+    acting: tuple[ActingEffect, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -179,7 +188,12 @@ def problem_of(
     if not refit:
         return CalibrationProblem(robot, model, observed, layout, band, (), np.zeros((0, 0)), known, settings)
     equations = ArmEquations(robot, model)
-    shown = recorded_features(features(equations, effects), observed[0][0].pieces[0])
+    friction = [feature_of(instance, equations) for instance in known]
+    shown = [
+        feature
+        for feature in recorded_features(features(equations, effects), observed[0][0].pieces[0])
+        if not feature.effect.scales_friction or any(feature.scales(one) for one in friction)
+    ]
     inertias = motor_inertia_scales([piece for one in observed[0] for piece in one.pieces])
     parameters = nuisance_parameters(robot, shown, observed[0][0].rate, settings.priors, settings.refit, inertias)
     if layout.reads_torque_by_deflection:
@@ -204,7 +218,7 @@ def expand(
     near
         Another expansion: what depends on the motion alone is taken from it where channels moved by less than a sample.
     acting
-        Known effects as they were fitted there: a sensor's gain scales their torques, too.
+        Known effects as they were fitted there: a sensor's gain scales their torques, too, and temperature friction.
 
     Raises
     ------
@@ -218,7 +232,8 @@ def expand(
     if parameters:
         model = model.at(calibrated_parameters(model, problem.robot, values, problem.directions))
     late = lags(parameters, values, robot.joint_names)
-    aligned = [tuple(o.aligned(late) for o in part) if late else tuple(part) for part in problem.observed]
+    scale = gains(parameters, values, robot.joint_names)
+    corrected = [tuple(o.corrected(late, scale) for o in part) for part in problem.observed]
     identify, validate = (
         WhitenedData(
             model,
@@ -230,17 +245,17 @@ def expand(
             acting=acting,
             near=other,
         )
-        for part, other in zip(aligned, near.data if near else (None, None), strict=True)
+        for part, other in zip(corrected, near.data if near else (None, None), strict=True)
     )
-    seen, data = (aligned[0], aligned[1]), (identify, validate)
+    seen, data = (corrected[0], corrected[1]), (identify, validate)
     if not parameters:
         return Expansion(model, values, seen, data, None)
     inertial = None if near is None else near.inertial
     if near is None or inertial is None or not _alike(data, late, near):
         first, second = (inertial_columns(model, one, parameters, problem.directions) for one in data)
         inertial = (first, second)
-    nuisance = _nuisance(problem, model, data, values, inertial)
-    return Expansion(model, values, seen, data, nuisance, inertial, late)
+    nuisance = _nuisance(problem, model, data, values, inertial, acting)
+    return Expansion(model, values, seen, data, nuisance, inertial, late, tuple(acting))
 
 
 def _alike(data: tuple[WhitenedData, WhitenedData], late: Mapping[str, Array], near: Expansion) -> bool:
@@ -257,9 +272,10 @@ def _nuisance(
     data: tuple[WhitenedData, WhitenedData],
     values: Array,
     inertial: tuple[list[Array], list[Array]],
+    acting: Sequence[ActingEffect],
 ) -> NuisanceColumns:
     columns = [
-        nuisance_columns(model, problem.robot, one, problem.parameters, own)
+        nuisance_columns(model, problem.robot, one, problem.parameters, own, acting)
         for one, own in zip(data, inertial, strict=True)
     ]
     white = (data[0].whiten(columns[0]), data[1].whiten(columns[1]))

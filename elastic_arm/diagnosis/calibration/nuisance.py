@@ -13,7 +13,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elastic_arm.diagnosis.priors import Priors
-from elastic_arm.diagnosis.selection.candidates import sensed_channels
 from elastic_arm.diagnosis.settings import RefitSettings
 from elastic_arm.errors import RobotError
 from elastic_arm.estimation.effect_columns import Feature
@@ -24,6 +23,7 @@ Array = NDArray[np.float64]
 
 LEAST_SCALE = 1e-9  # numerical; of sums of squares of torques and accelerations
 ZERO_AS_MOUNTED = 1e-3  # rad; of a link encoder that was never compared with the motor's under a known torque
+LEAST_GAIN = 0.25  # of a torque channel that is still divided by it; numerical
 PRESLIDING = "presliding"  # how gradually dry friction changes its sign: no number of the arm or of a sensor
 LINK_SHARES = (1.0, 0.75, 0.5, 0.25)  # of the links' deviations, tried until the bodies are physical
 TENSOR = ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))
@@ -86,10 +86,20 @@ class NuisanceParameter:
         )
 
     @property
+    def is_lag(self) -> bool:
+        """Whether it is how late a channel is."""
+        return self.feature is not None and "channels" in self.feature.choices
+
+    @property
+    def is_gain(self) -> bool:
+        """Whether it is the gain of a torque channel."""
+        return self.feature is not None and self.neutral == 1.0 and self.feature.read_torque is not None
+
+    @property
     def moves_model(self) -> bool:
-        """Whether residuals are made anew at its value: of the arm's numbers and of lags, not of gains and offsets."""
+        """Whether residuals are made anew at its value: of the arm's numbers, of lags and of gains, not of offsets."""
         if self.feature is not None:
-            return "channels" in self.feature.choices
+            return self.is_lag or self.is_gain
         return not self.what.startswith(PRESLIDING)
 
 
@@ -150,7 +160,7 @@ def nuisance_parameters(
             continue
         parameter = feature.linear[0]
         std = priors.sensors.get(feature.effect.id, feature.effect.prior(rate))
-        limit = settings.largest_scale / std if parameter.unit == "1" else np.inf
+        limit = (parameter.high - (parameter.neutral or 0.0)) / std if parameter.unit == "1" else np.inf
         what = "_".join([feature.effect.id, *chosen])
         neutral = parameter.neutral or 0.0
         found.append(
@@ -181,7 +191,7 @@ def unreferenced(parameter: NuisanceParameter) -> NuisanceParameter:
     Nothing has set the zeros of its two encoders by a known torque.
     """
     own, zero = parameter.feature, parameter.unit in ("rad", "m")
-    if own is None or "q" not in sensed_channels(own) or not zero:
+    if own is None or "q" not in own.sensed or not zero:
         return parameter
     return replace(parameter, prior_std=max(parameter.prior_std, ZERO_AS_MOUNTED))
 
@@ -288,10 +298,28 @@ def lags(parameters: Sequence[NuisanceParameter], values: Array, joints: Sequenc
     """
     found: dict[str, Array] = {}
     for parameter, value in zip(parameters, values, strict=True):
-        feature = parameter.feature
-        if feature is not None and "channels" in feature.choices:
-            (channel,) = feature.choices["channels"]
-            found.setdefault(channel, np.zeros(len(joints)))[joints.index(parameter.joint)] = (
-                value * parameter.prior_std
-            )
+        if parameter.is_lag and parameter.feature is not None:
+            (channel,) = parameter.feature.choices["channels"]
+            late = found.setdefault(channel, np.zeros(len(joints)))
+            late[joints.index(parameter.joint)] = value * parameter.prior_std
+    return found
+
+
+def gains(parameters: Sequence[NuisanceParameter], values: Array, joints: Sequence[str]) -> dict[str, Array]:
+    """Return the gains of torque channels, (n,) by channel, at these values of the nuisance parameters.
+
+    Parameters
+    ----------
+    parameters
+        The nuisance parameters.
+    values
+        (k,) in units of the priors' standard deviations.
+    joints
+        Names, in order.
+    """
+    found: dict[str, Array] = {}
+    for parameter, value in zip(parameters, values, strict=True):
+        if parameter.is_gain and parameter.feature is not None and parameter.feature.read_torque is not None:
+            gain = found.setdefault(parameter.feature.read_torque, np.ones(len(joints)))
+            gain[joints.index(parameter.joint)] = max(LEAST_GAIN, 1.0 + value * parameter.prior_std)
     return found

@@ -15,6 +15,7 @@ from elastic_arm.diagnosis.selection.library_building import scaling
 from elastic_arm.diagnosis.selection.regressor_library import Candidate, RegressorLibrary
 from elastic_arm.diagnosis.settings import JudgementSettings
 from elastic_arm.effects.parameters import Parameter
+from elastic_arm.estimation.whitening import ActingEffect
 
 Array = NDArray[np.float64]
 
@@ -213,11 +214,11 @@ def _rescaled(library: RegressorLibrary, selected: Sequence[Candidate]) -> list[
     fitted = list(zip(selected, library.coefficients(selected), strict=True))
     if not any(candidate.feature.effect.scales_friction for candidate in selected):
         return fitted
+    acting = [ActingEffect(c.feature, c.searched or (), beta) for c, beta in fitted]
     again = []
     for candidate, _ in fitted:
         if candidate.feature.effect.scales_friction:
-            feature = scaling(candidate.feature, [pair for pair in fitted if candidate.feature.scales(pair[0].feature)])
-            candidate = library.add(feature, candidate.searched, fixed=candidate.fixed)
+            candidate = library.add(scaling(candidate.feature, acting), candidate.searched, fixed=candidate.fixed)
         again.append(candidate)
     library.close()
     return list(zip(again, library.coefficients(again), strict=True))

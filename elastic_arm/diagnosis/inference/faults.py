@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from elastic_arm.diagnosis.calibration.calibrate import posterior
 from elastic_arm.diagnosis.preparation import PreparedData
-from elastic_arm.diagnosis.selection.candidates import feature_of, sensed_channels
+from elastic_arm.diagnosis.selection.candidates import feature_of
 from elastic_arm.diagnosis.selection.plausible_size import typical_torques
 from elastic_arm.diagnosis.selection.regressor_library import Candidate
 from elastic_arm.effects.model import EffectInstance, Scope
@@ -86,7 +86,7 @@ def faults_beside(prepared: PreparedData, selected: Sequence[Candidate]) -> tupl
 
 def _matters(prepared: PreparedData, fault: LargeImperfection) -> bool:
     """Whether an ordinary lag, or a link encoder's error, makes a good part of the torque of a joint."""
-    if fault.feature.effect.ordinary is None and "q" not in sensed_channels(fault.feature):
+    if fault.feature.effect.ordinary is None and "q" not in fault.feature.sensed:
         return False
     power = np.mean(np.concatenate(fault.contribution) ** 2, axis=0)
     return is_large(prepared, np.asarray(np.sqrt(power)))

@@ -13,7 +13,6 @@ from elastic_arm.diagnosis.inference.estimates import tangents
 from elastic_arm.diagnosis.inference.faults import LargeImperfection
 from elastic_arm.diagnosis.inference.joint_estimates import JointEstimates
 from elastic_arm.diagnosis.preparation import FinalFit, PreparedData, final_fit, is_of
-from elastic_arm.diagnosis.selection.candidates import sensed_channels
 from elastic_arm.diagnosis.selection.regressor_library import Candidate
 from elastic_arm.estimation.effect_columns import Feature
 
@@ -54,7 +53,7 @@ class FinalEstimates:
         settings = self.fit.problem.settings.refit
         if self.is_nothing(fault):
             return True
-        if fault.feature.effect.ordinary is not None or "q" in sensed_channels(fault.feature):
+        if fault.feature.effect.ordinary is not None or "q" in fault.feature.sensed:
             return False
         return abs(fault.value) < settings.beyond_ordinary * self._ordinary_std(fault) + settings.certain * fault.std
 

@@ -69,8 +69,15 @@ def noise_colours(prepared: PreparedData, hypothesis: Hypothesis) -> tuple[Colou
             return None
     if not _credible(fits, settings):
         return None
-    first, second = pooled([one.colour for one in fits])
+    colours = [one.colour for one in fits]
+    first, second = pooled(colours, _white_levels(prepared, list(colours[0].coefficients)))
     return (first, second) if _is_of_sensors(prepared, (first, second)) else None
+
+
+def _white_levels(prepared: PreparedData, channels: Sequence[str]) -> dict[str, Array]:
+    """Return the variance (n,) Nm² of the torque channels' white noise, by channel."""
+    n, observations = prepared.model.n, [o for part in prepared.observed for o in part]
+    return {channel: np.mean([o.torque_variances(n)[channel] for o in observations], axis=0) for channel in channels}
 
 
 def _credible(fits: Sequence[ColourFit], settings: ColourSettings) -> bool:
@@ -85,15 +92,16 @@ def _smooth(fit: ColourFit, settings: ColourSettings) -> bool:
 def _is_of_sensors(prepared: PreparedData, colours: Sequence[Colour]) -> bool:
     """Whether a colour is as small beside the torques as sensors' noise is; what is larger, the model lacks.
 
-    At most joints: one that carries next to nothing may show more noise than torque.
+    Of the arm as a whole: a joint that carries next to nothing may show more noise than torque.
     """
-    shares = []
+    largest = prepared.settings.colour.largest_share
     for data, colour in zip(prepared.library.sets, colours, strict=True):
         f = np.linspace(colour.lowest, data.band.cutoff, FREQUENCIES)
         for channel in colour.coefficients:
             noise = np.sqrt(np.mean(colour.density(channel, f), axis=0) * 2.0 * data.band.cutoff / data.band.rate)
-            shares.append(noise / np.maximum(typical_torques(data, channel), 1e-300))
-    return float(np.median(shares, axis=1).max()) < prepared.settings.colour.largest_share
+            if np.linalg.norm(noise) > largest * np.linalg.norm(typical_torques(data, channel)):
+                return False
+    return True
 
 
 @dataclass(frozen=True, eq=False)

@@ -11,15 +11,12 @@ from numpy.typing import NDArray
 
 from elastic_arm.diagnosis.settings import CandidateSettings
 from elastic_arm.effects.equations import ArmEquations
-from elastic_arm.effects.model import Effect, EffectInstance, SensorEffect
+from elastic_arm.effects.model import Effect, EffectInstance
 from elastic_arm.effects.parameters import Parameter
-from elastic_arm.estimation.effect_columns import Feature, OwnRegressor, has_columns
+from elastic_arm.estimation.effect_columns import SENSED, Feature, OwnRegressor, has_columns
 from elastic_arm.estimation.motion import Motion
-from elastic_arm.sensors import Sensors
 
 Array = NDArray[np.float64]
-# The channels of a recording that sensors make.
-SENSED = {"link_encoder": "q", "motor_encoder": "theta", "joint_torque": "tau_J", "motor_torque": "tau_m"}
 
 
 def features(equations: ArmEquations, effects: Sequence[Effect]) -> list[Feature]:
@@ -59,7 +56,7 @@ def recorded_features(found: Iterable[Feature], motion: Motion) -> list[Feature]
         }
         if all(shown.values()):
             only = replace(feature, choices={**feature.choices, **shown}) if shown else feature
-            if sensed_channels(only) <= recorded:
+            if only.sensed <= recorded:
                 kept.setdefault(only.key, only)
     return list(kept.values())
 
@@ -68,29 +65,6 @@ def _is_repeated(feature: Feature, recorded: Collection[str]) -> bool:
     """Whether it is what the same effect on the motor side is: a rigid joint has two sides beside a torque sensor."""
     one_side = not feature.equations.robot.elastic and "tau_J" not in recorded
     return one_side and feature.choices.get("side") == "link"
-
-
-def sensed_channels(feature: Feature) -> set[str]:
-    """Return the channels in which a sensor's effect is seen: what it changes; empty for an effect of the arm.
-
-    A link encoder is seen beside the motor encoder.
-    """
-    effect = feature.effect
-    if not isinstance(effect, SensorEffect):
-        return set()
-    exact, parameters = Sensors.exact(), {p.name: _some_effect(p) for p in effect.parameters}
-    instance = EffectInstance(effect, feature.joint, {**parameters, **feature.choices})
-    changed = effect.change(exact, 0, feature.equations.robot.n, instance.parameters)
-    found = {channel for name, channel in SENSED.items() if getattr(changed, name) != getattr(exact, name)}
-    return found | ({"theta"} if "q" in found else set())
-
-
-def _some_effect(parameter: Parameter) -> float | tuple[float, ...]:
-    """Return a value that is not the one of no effect."""
-    start = parameter.start()
-    if parameter.neutral is None:
-        return start
-    return tuple(v + 1e-3 for v in start) if isinstance(start, tuple) else parameter.value_of(1e-3)
 
 
 def feature_of(instance: EffectInstance, equations: ArmEquations) -> Feature:

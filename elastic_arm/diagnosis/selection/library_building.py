@@ -6,16 +6,13 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from elastic_arm.diagnosis.selection.candidates import starting_points
 from elastic_arm.diagnosis.selection.marginalisation import NuisanceColumns
-from elastic_arm.diagnosis.selection.regressor_library import Candidate, RegressorLibrary
+from elastic_arm.diagnosis.selection.regressor_library import RegressorLibrary
 from elastic_arm.diagnosis.settings import CandidateSettings
 from elastic_arm.estimation.effect_columns import Feature
-from elastic_arm.estimation.whitening import WhitenedData
-
-Array = NDArray[np.float64]
+from elastic_arm.estimation.whitening import ActingEffect, WhitenedData
 
 
 def build_library(
@@ -55,15 +52,17 @@ def beside_friction(library: RegressorLibrary, feature: Feature) -> Feature:
     """Return an effect that scales friction with what a fit of friction alone finds at its place."""
     friction = [c for c in library.candidates if c.feature.effect.friction and not c.feature.searched]
     found = zip(friction, library.coefficients(friction), strict=True)
-    return scaling(feature, [(c, beta) for c, beta in found if feature.scales(c.feature)])
+    return scaling(feature, [ActingEffect(c.feature, c.searched or (), beta) for c, beta in found])
 
 
-def scaling(feature: Feature, friction: Sequence[tuple[Candidate, Array]]) -> Feature:
-    """Return an effect that scales friction with this friction: candidates and the coefficients of their columns."""
+def scaling(feature: Feature, acting: Sequence[ActingEffect]) -> Feature:
+    """Return an effect that scales friction with the friction at its place among effects that act."""
     wholes = []
-    for candidate, beta in friction:
-        of = candidate.feature
-        values = of.parameters([] if of.fixed else [float(b) for b in beta], candidate.searched or ())
+    for effect in acting:
+        of = effect.feature
+        if not feature.scales(of):
+            continue
+        values = of.parameters([] if of.fixed else [float(b) for b in effect.coefficients], effect.searched)
         flat = [np.atleast_1d(values[p.name]) for p in of.effect.parameters]
         wholes.append((of.whole(), tuple(float(v) for v in np.concatenate(flat))))
     return replace(feature, friction=tuple(wholes))

@@ -50,6 +50,7 @@ EFFECT = Effect(
     needs_motion=True,
     in_time=True,
     scales_friction=True,
+    prior=lambda rate: 0.05,  # friction that was known before changes by up to 10 % in a run, as two deviations
     confusions=(
         Confusion(
             "viscous_friction",
