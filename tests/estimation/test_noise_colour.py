@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from elastic_arm.estimation.noise_colour import CORNERS, Colour, Periodogram, fit_colour, shapes
+from elastic_arm.estimation.noise_colour import CORNERS, Colour, Periodogram, fit_colour, pooled, shapes
 
 RATE = 100.0  # Hz
 F = np.arange(1, 800) * 0.05
@@ -54,3 +54,12 @@ def test_below_the_lowest_frequency_the_density_stays():
     colour = Colour({"tau_J": np.eye(3 + len(CORNERS))[2:3]}, 0.1)
     assert colour.density("tau_J", np.array([0.0, 0.05, 0.1])).ravel() == pytest.approx([100.0] * 3)
     assert shapes(F).min() > 0.0
+
+
+def test_the_slow_noise_of_a_fine_sensor_is_pooled_beside_its_white_noise():
+    """A sensor ten times finer than its neighbour is given a hundredth of its slow noise, not half of it."""
+    coefficients = np.zeros((2, 3 + len(CORNERS)))
+    coefficients[0, 2] = 4.0
+    (one,) = pooled([Colour({"tau_J": coefficients}, 0.1)], {"tau_J": np.array([1.0, 0.01])})
+    slow = one.coefficients["tau_J"][:, 2]
+    assert slow == pytest.approx([4.0, 0.02])
