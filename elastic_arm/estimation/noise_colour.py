@@ -29,7 +29,7 @@ Array = NDArray[np.float64]
 Complex = NDArray[np.complexfloating]
 
 CORNERS = (0.5, 2.0, 5.0, 16.0)  # Hz, of the first-order shapes: sums of them come within 10 % of any smooth spectrum
-SHAPES_OF_DRIFT = np.array([1, 2])  # 1/f and 1/f²
+FREQUENCIES = 500  # at which powers of shapes are compared
 STEPS = 200  # of the likelihood's ascent
 CONVERGED = 1e-3  # nats a step
 SMALLEST = 1e-3  # of the white noise, at most anywhere: shapes below are left out
@@ -58,11 +58,11 @@ class Colour:
         return shapes(np.maximum(f, self.lowest)) @ self.coefficients[channel].T
 
 
-def pooled(colours: Sequence[Colour], white: Mapping[str, Array]) -> list[Colour]:
-    """Return colours in which no sensor has less slow noise than those of its kind on the average, in all recordings.
+def pooled(colours: Sequence[Colour], white: Mapping[str, Array], highest: float) -> list[Colour]:
+    """Return colours in which no sensor has less noise than it has on the average, and than half of its kind have.
 
-    Few frequencies of a recording show the noise that is slow, so that its size at one sensor is hardly known. It is
-    taken to go with the sensor's white noise: those of wrists are finer.
+    Of a short recording few frequencies are left beside all that a motion can do, so that the noise of one sensor is
+    hardly known. Between sensors it is taken to go with their white noise: those of wrists are finer.
 
     Parameters
     ----------
@@ -70,13 +70,30 @@ def pooled(colours: Sequence[Colour], white: Mapping[str, Array]) -> list[Colour
         Of the recordings.
     white
         Channel -> (n,) variance of the white noise, Nm².
+    highest
+        Hz up to which noise is compared.
     """
-    slow = (np.arange(len(CORNERS) + 3) == SHAPES_OF_DRIFT[:, None]).any(axis=0)
-    floors = {}
-    for channel, level in white.items():
-        relative = np.mean([one.coefficients[channel] / level[:, None] for one in colours], axis=(0, 1))
-        floors[channel] = level[:, None] * np.where(slow, relative, 0.0)
-    return [Colour({k: np.maximum(c, floors[k]) for k, c in one.coefficients.items()}, one.lowest) for one in colours]
+    lowest = np.array([one.lowest for one in colours])
+    power = shapes(np.linspace(lowest.min(), highest, FREQUENCIES)).mean(axis=0)
+
+    def floors(channel: str, level: Array) -> Array:
+        own = np.stack([one.coefficients[channel] for one in colours])
+        # The lowest frequency goes with the inverse of the duration.
+        mean = np.average(own, axis=0, weights=1.0 / lowest)
+        relative = np.concatenate(own / level[:, None])
+        usual = relative.sum(axis=0) * np.median(relative @ power) / max(float((relative @ power).sum()), 1e-300)
+        return _larger(mean, level[:, None] * usual, power)
+
+    least = {channel: floors(channel, level) for channel, level in white.items()}
+    return [
+        Colour({name: _larger(own, least[name], power) for name, own in one.coefficients.items()}, one.lowest)
+        for one in colours
+    ]
+
+
+def _larger(coefficients: Array, others: Array, power: Array) -> Array:
+    """Return of each sensor the coefficients (n, shapes) with more power; (shapes,) is the power of each shape."""
+    return np.where((coefficients @ power < others @ power)[:, None], others, coefficients)
 
 
 def shapes(f: NDArray[np.floating]) -> Array:

@@ -56,10 +56,17 @@ def test_below_the_lowest_frequency_the_density_stays():
     assert shapes(F).min() > 0.0
 
 
-def test_the_slow_noise_of_a_fine_sensor_is_pooled_beside_its_white_noise():
-    """A sensor ten times finer than its neighbour is given a hundredth of its slow noise, not half of it."""
-    coefficients = np.zeros((2, 3 + len(CORNERS)))
-    coefficients[0, 2] = 4.0
-    (one,) = pooled([Colour({"tau_J": coefficients}, 0.1)], {"tau_J": np.array([1.0, 0.01])})
-    slow = one.coefficients["tau_J"][:, 2]
-    assert slow == pytest.approx([4.0, 0.02])
+def test_the_noise_of_a_fine_sensor_is_pooled_beside_its_white_noise():
+    """A sensor ten times finer than its neighbours is given a hundredth of their noise where none of it was found."""
+    coefficients = np.zeros((3, 3 + len(CORNERS)))
+    coefficients[:2, 2] = 4.0
+    (one,) = pooled([Colour({"tau_J": coefficients}, 0.1)], {"tau_J": np.array([1.0, 1.0, 0.01])}, 5.0)
+    assert one.coefficients["tau_J"][:, 2] == pytest.approx([4.0, 4.0, 0.04])
+
+
+def test_one_noisy_sensor_does_not_make_its_neighbours_noisy():
+    """What is found at one sensor of three, such as what a model lacks there, is no noise of the other two."""
+    coefficients = np.zeros((3, 3 + len(CORNERS)))
+    coefficients[0, 2] = 100.0
+    (one,) = pooled([Colour({"tau_J": coefficients}, 0.1)], {"tau_J": np.ones(3)}, 5.0)
+    assert one.coefficients["tau_J"][:, 2] == pytest.approx([100.0, 0.0, 0.0])

@@ -70,7 +70,8 @@ def noise_colours(prepared: PreparedData, hypothesis: Hypothesis) -> tuple[Colou
     if not _credible(fits, settings):
         return None
     colours = [one.colour for one in fits]
-    first, second = pooled(colours, _white_levels(prepared, list(colours[0].coefficients)))
+    white = _white_levels(prepared, list(colours[0].coefficients))
+    first, second = pooled(colours, white, prepared.validation.band.cutoff)
     return (first, second) if _is_of_sensors(prepared, (first, second)) else None
 
 
