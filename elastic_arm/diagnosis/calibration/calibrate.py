@@ -162,7 +162,6 @@ def imperfections(problem: CalibrationProblem, deviations: Array, stds: Array) -
     deviations, stds
         (k,) from the description, and their standard deviations, in units of the parameters.
     """
-    beyond, certain = problem.settings.refit.beyond_ordinary, problem.settings.refit.certain
     return tuple(
         Imperfection(
             p.what,
@@ -171,7 +170,7 @@ def imperfections(problem: CalibrationProblem, deviations: Array, stds: Array) -
             float(p.neutral + deviation),
             float(std),
             p.ordinary_std,
-            bool(abs(deviation) <= beyond * p.ordinary_std + certain * std),
+            p.is_ordinary(float(deviation), float(std), problem.settings.refit),
         )
         for p, deviation, std in zip(problem.parameters, deviations, stds, strict=True)
         if not p.what.startswith(PRESLIDING)

@@ -85,6 +85,24 @@ class NuisanceParameter:
             self, prior_std=factor * self.prior_std, limit=self.limit / factor, widened=factor * self.widened
         )
 
+    def is_ordinary(self, deviation: float, std: float, settings: RefitSettings) -> bool:
+        """Whether it may be as little off as on ordinary arms.
+
+        What a prior holds back is not held back twice: beside the posterior, what the recording alone determines has to
+        lie beyond the prior. Of Gaussians that is the posterior without the prior, with precision 1/s² - 1/p².
+
+        Parameters
+        ----------
+        deviation, std
+            From the description, and its standard deviation, with the prior.
+        settings
+            How far beyond the prior, and how certainly.
+        """
+        largest = settings.beyond_ordinary * self.ordinary_std
+        left = max(1.0 - (std / self.prior_std) ** 2, 1e-12)
+        alone, uncertain = abs(deviation) / left, std / np.sqrt(left)
+        return bool(abs(deviation) <= largest or alone <= largest + settings.certain * uncertain)
+
     @property
     def is_lag(self) -> bool:
         """Whether it is how late a channel is."""

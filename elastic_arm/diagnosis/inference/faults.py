@@ -75,8 +75,7 @@ def faults_beside(prepared: PreparedData, selected: Sequence[Candidate]) -> tupl
             continue
         columns = [N[:, :, k] * value for N in library.nuisance.validation]
         fault = LargeImperfection(p.cause, float(value * p.prior_std), float(std * p.prior_std), columns)
-        beyond = abs(value) >= settings.beyond_ordinary + settings.certain * std
-        extraordinary = beyond and not _is_ordinary(prepared, fault)
+        extraordinary = not p.is_ordinary(fault.value, fault.std, settings) and not _is_usual(prepared, fault)
         # A channel ahead of the others is no effect: it remains an imperfection.
         possible = fault.size > fault.feature.linear[0].above
         if possible and (extraordinary or _matters(prepared, fault)):
@@ -98,7 +97,8 @@ def is_large(prepared: PreparedData, contribution: Array) -> bool:
     return bool(np.any(contribution > prepared.settings.judgement.large_share * typical))
 
 
-def _is_ordinary(prepared: PreparedData, fault: LargeImperfection) -> bool:
+def _is_usual(prepared: PreparedData, fault: LargeImperfection) -> bool:
+    """Whether it is an effect that every arm has some of, such as a lag below a sample."""
     ordinary, clear = fault.feature.effect.ordinary, prepared.settings.refit.certain * fault.std
     return ordinary is not None and abs(fault.value) <= ordinary.most(prepared.rate) + clear
 

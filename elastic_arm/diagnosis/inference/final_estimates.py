@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elastic_arm.diagnosis.calibration.calibrate import posterior
+from elastic_arm.diagnosis.calibration.nuisance import NuisanceParameter
 from elastic_arm.diagnosis.inference.estimates import tangents
 from elastic_arm.diagnosis.inference.faults import LargeImperfection
 from elastic_arm.diagnosis.inference.joint_estimates import JointEstimates
@@ -50,12 +51,11 @@ class FinalEstimates:
 
     def is_ordinary(self, fault: LargeImperfection) -> bool:
         """Whether it may be none, or is within its prior here; of lags and link encoders, what they do decides."""
-        settings = self.fit.problem.settings.refit
         if self.is_nothing(fault):
             return True
         if fault.feature.effect.ordinary is not None or "q" in fault.feature.sensed:
             return False
-        return abs(fault.value) < settings.beyond_ordinary * self._ordinary_std(fault) + settings.certain * fault.std
+        return self._parameter(fault).is_ordinary(fault.value, fault.std, self.fit.problem.settings.refit)
 
     def wider(self, faults: Sequence[Feature]) -> dict[int, float]:
         """Return how much wider than ordinary the priors of faults are, by number of the nuisance parameter."""
@@ -72,13 +72,16 @@ class FinalEstimates:
         values, stds
             (k,) relative to where the model stands, in standard deviations of the priors.
         """
-        settings = self.fit.problem.settings.refit
         scale = np.array([p.prior_std for p in self.fit.problem.parameters])
         other = replace(self, deviations=(self.fit.found.values + values) * scale, stds=stds * scale).measured(fault)
-        return abs(other.value) < settings.beyond_ordinary * self._ordinary_std(fault) + settings.certain * other.std
+        own = self._parameter(fault)
+        ordinary = replace(own, prior_std=own.ordinary_std, widened=1.0)
+        return ordinary.is_ordinary(other.value, other.std, self.fit.problem.settings.refit)
 
-    def _ordinary_std(self, fault: LargeImperfection) -> float:
-        return max(p.ordinary_std for p in self.fit.problem.parameters if is_of(p, fault.feature))
+    def _parameter(self, fault: LargeImperfection) -> NuisanceParameter:
+        """Return the nuisance parameter that a fault is; of one that all joints have, that with the widest prior."""
+        own = [parameter for parameter in self.fit.problem.parameters if is_of(parameter, fault.feature)]
+        return max(own, key=lambda parameter: parameter.ordinary_std)
 
 
 def final_estimates(
