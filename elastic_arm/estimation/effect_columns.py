@@ -285,6 +285,29 @@ class OwnRegressor(Whole):
         return Entries.of(self._regressor.residuals(signals, values)[:, :, None])
 
 
+@dataclass(frozen=True, eq=False)
+class ActingEffect:
+    """An effect that adds to the torques which a model predicts.
+
+    Parameters
+    ----------
+    feature, searched
+        What, and its searched parameters.
+    coefficients
+        (count,) of its columns.
+    """
+
+    feature: Feature
+    searched: tuple[float, ...]
+    coefficients: Array
+
+    def torques(self, signals: Signals) -> tuple[Array, Array]:
+        """Return what it adds to the joint torque and to the motor torque (N, n), Nm."""
+        rows = self.feature.columns(signals, self.searched) @ self.coefficients
+        link, _, motor = np.split(rows, 3, axis=1)
+        return link, link + motor
+
+
 def _some_effect(parameter: Parameter) -> float | tuple[float, ...]:
     """Return a value that is not the one of no effect."""
     start = parameter.start()

@@ -18,7 +18,7 @@ from elastic_arm.dynamics import Model
 from elastic_arm.errors import DiagnosisError
 from elastic_arm.estimation.band import Band, LowPass
 from elastic_arm.estimation.convolution import circular_gains, filtered_circularly
-from elastic_arm.estimation.effect_columns import Feature, starting_state
+from elastic_arm.estimation.effect_columns import ActingEffect, Feature, starting_state
 from elastic_arm.estimation.equations import EquationSet
 from elastic_arm.estimation.motion import drive_constants, wound_by_load
 from elastic_arm.estimation.noise_colour import Colour
@@ -215,29 +215,6 @@ class Part:
         if channel is None or channel not in self.gains:
             return 1.0
         return float(self.gains[channel][feature.equations.robot.joint_names.index(str(feature.joint))])
-
-
-@dataclass(frozen=True, eq=False)
-class ActingEffect:
-    """An effect that adds to the torques which a model predicts.
-
-    Parameters
-    ----------
-    feature, searched
-        What, and its searched parameters.
-    coefficients
-        (count,) of its columns.
-    """
-
-    feature: Feature
-    searched: tuple[float, ...]
-    coefficients: Array
-
-    def torques(self, signals: Signals) -> tuple[Array, Array]:
-        """Return what it adds to the joint torque and to the motor torque (N, n), Nm."""
-        rows = self.feature.columns(signals, self.searched) @ self.coefficients
-        link, _, motor = np.split(rows, 3, axis=1)
-        return link, link + motor
 
 
 class WhitenedData:

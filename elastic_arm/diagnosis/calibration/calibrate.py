@@ -21,8 +21,8 @@ from elastic_arm.diagnosis.selection.stepwise import misfit
 from elastic_arm.diagnosis.settings import DiagnosisSettings
 from elastic_arm.effects.model import SensorEffect
 from elastic_arm.estimation.band import Band
+from elastic_arm.estimation.effect_columns import ActingEffect
 from elastic_arm.estimation.observation import widest_band
-from elastic_arm.estimation.whitening import ActingEffect
 
 Array = NDArray[np.float64]
 

@@ -16,10 +16,11 @@ from scipy.interpolate import CubicSpline
 from elastic_arm.diagnosis.calibration.nuisance import NuisanceParameter, calibrated_robot
 from elastic_arm.diagnosis.selection.library_building import scaling
 from elastic_arm.dynamics import Model, build_model
+from elastic_arm.estimation.effect_columns import ActingEffect
 from elastic_arm.estimation.motion import CompletedMotion, drive_constants
 from elastic_arm.estimation.noise import wiener_filtered
 from elastic_arm.estimation.residuals import predicted_torques
-from elastic_arm.estimation.whitening import ActingEffect, NoiseModel, Part, WhitenedData
+from elastic_arm.estimation.whitening import NoiseModel, Part, WhitenedData
 from elastic_arm.robot import Robot
 
 Array = NDArray[np.float64]

@@ -38,10 +38,10 @@ from elastic_arm.dynamics import Model, build_model
 from elastic_arm.effects import Effect, EffectInstance
 from elastic_arm.effects.equations import ArmEquations
 from elastic_arm.estimation.band import Band
-from elastic_arm.estimation.effect_columns import Feature
+from elastic_arm.estimation.effect_columns import ActingEffect, Feature
 from elastic_arm.estimation.equations import EquationSet
 from elastic_arm.estimation.observation import Observation
-from elastic_arm.estimation.whitening import ActingEffect, WhitenedData
+from elastic_arm.estimation.whitening import WhitenedData
 from elastic_arm.robot import Robot
 
 Array = NDArray[np.float64]

@@ -15,7 +15,7 @@ from elastic_arm.diagnosis.selection.library_building import scaling
 from elastic_arm.diagnosis.selection.regressor_library import Candidate, RegressorLibrary
 from elastic_arm.diagnosis.settings import JudgementSettings
 from elastic_arm.effects.parameters import Parameter
-from elastic_arm.estimation.whitening import ActingEffect
+from elastic_arm.estimation.effect_columns import ActingEffect
 
 Array = NDArray[np.float64]
 
