@@ -29,6 +29,7 @@ Array = NDArray[np.float64]
 Complex = NDArray[np.complexfloating]
 
 CORNERS = (0.5, 2.0, 5.0, 16.0)  # Hz, of the first-order shapes: sums of them come within 10 % of any smooth spectrum
+MOST_OF_KIND = 20.0  # power of a sensor's noise over that usual among its kind; sensors differ by less than ten
 FREQUENCIES = 500  # at which powers of shapes are compared
 STEPS = 200  # of the likelihood's ascent
 CONVERGED = 1e-3  # nats a step
@@ -62,7 +63,8 @@ def pooled(colours: Sequence[Colour], white: Mapping[str, Array], highest: float
     """Return colours in which no sensor has less noise than it has on the average, and than half of its kind have.
 
     Of a short recording few frequencies are left beside all that a motion can do, so that the noise of one sensor is
-    hardly known. Between sensors it is taken to go with their white noise: those of wrists are finer.
+    hardly known. Between sensors it is taken to go with their white noise: those of wrists are finer. What is far
+    beyond the noise of its kind is none of a sensor.
 
     Parameters
     ----------
@@ -76,17 +78,23 @@ def pooled(colours: Sequence[Colour], white: Mapping[str, Array], highest: float
     lowest = np.array([one.lowest for one in colours])
     power = shapes(np.linspace(lowest.min(), highest, FREQUENCIES)).mean(axis=0)
 
-    def floors(channel: str, level: Array) -> Array:
+    def bounds(channel: str, level: Array) -> tuple[Array, Array]:
         own = np.stack([one.coefficients[channel] for one in colours])
         # The lowest frequency goes with the inverse of the duration.
         mean = np.average(own, axis=0, weights=1.0 / lowest)
         relative = np.concatenate(own / level[:, None])
-        usual = relative.sum(axis=0) * np.median(relative @ power) / max(float((relative @ power).sum()), 1e-300)
-        return _larger(mean, level[:, None] * usual, power)
+        middle = float(np.median(relative @ power))
+        usual = relative.sum(axis=0) * middle / max(float((relative @ power).sum()), 1e-300)
+        most = np.inf if middle == 0.0 else MOST_OF_KIND * middle
+        return _larger(mean, level[:, None] * usual, power), most * level
 
-    least = {channel: floors(channel, level) for channel, level in white.items()}
+    def bounded(own: Array, least: Array, most: Array) -> Array:
+        larger = _larger(own, least, power)
+        return larger * np.minimum(1.0, most / np.maximum(larger @ power, 1e-300))[:, None]
+
+    limits = {channel: bounds(channel, level) for channel, level in white.items()}
     return [
-        Colour({name: _larger(own, least[name], power) for name, own in one.coefficients.items()}, one.lowest)
+        Colour({name: bounded(own, *limits[name]) for name, own in one.coefficients.items()}, one.lowest)
         for one in colours
     ]
 
