@@ -55,12 +55,18 @@ def with_effects_beyond_ordinary(
     library.close()
     free = [candidate for candidate in starts if library.held_by_nuisance(candidate) > settings.search.held]
     faults = {feature.key for feature in sensors}
+    faulty: list[Candidate] = []
     while free:
-        ranked = _ranked(library, hypothesis.selected, free, settings)
-        first = next((pair for pair in ranked if pair[1].feature.key not in faults), None)
-        # What a sensor's fault explains better is reported as that.
-        if first is None or first[0] < ranked[0][0] - settings.search.exchange_gain:
+        ranked = _ranked(library, [*hypothesis.selected, *faulty], free, settings)
+        if not ranked:
             break
+        first = next((pair for pair in ranked if pair[1].feature.key not in faults), None)
+        # What a sensor's fault explains better is reported as that, by its nuisance parameter: it stands here only so
+        # that other effects are judged beside it.
+        if first is None or first[0] < ranked[0][0] - settings.search.exchange_gain:
+            faulty.append(ranked[0][1])
+            free = [candidate for candidate in free if candidate.feature.key != faulty[-1].feature.key]
+            continue
         gain, best = first
         rivals = [Rival(c, float(np.exp(min(g - gain, 0.0)))) for g, c in ranked if c.feature.key != best.feature.key]
         hypothesis = replace(
