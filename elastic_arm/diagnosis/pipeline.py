@@ -12,7 +12,7 @@ from elastic_arm.diagnosis.design.discriminating_motion import propose
 from elastic_arm.diagnosis.inference.across_recordings import agreements
 from elastic_arm.diagnosis.inference.estimated_hypothesis import estimate
 from elastic_arm.diagnosis.inference.excess import select_band, statistics_in_bands
-from elastic_arm.diagnosis.inference.judgement import judge
+from elastic_arm.diagnosis.inference.judgement import judge, measured_beside
 from elastic_arm.diagnosis.inference.noise_colour import noise_colours
 from elastic_arm.diagnosis.inference.prediction import predict
 from elastic_arm.diagnosis.inference.sticking import sticking_misfits
@@ -71,6 +71,7 @@ def diagnose(recordings: Sequence[Recording], question: Question, validate: Sequ
     judgement = judge(prepared, hypothesis)
     # All parameters at their joint optimum, with standard deviations.
     estimated = estimate(prepared, judgement.hypothesis, judgement.faults)
+    judgement = measured_beside(prepared, judgement, estimated.faults)
     # Laws that no catalogue states, in the place of the causes and beside them.
     laws = better_laws(prepared, estimated)
     # The gap before and after, the verdict, the causes in order, and what is left.
@@ -96,12 +97,12 @@ def best_hypothesis(prepared: PreparedData) -> tuple[StepwiseSearch, Hypothesis]
 
 def beyond_ordinary(prepared: PreparedData, hypothesis: Hypothesis) -> tuple[PreparedData, Hypothesis]:
     """Return a hypothesis with the effects that keep the model's numbers ordinary, and data to measure them on."""
-    library = prepared.library
-    acting = prepared.found.expansion.acting
+    library, acting = prepared.library, prepared.found.expansion.acting
     sensors = [scaling(p.feature, acting) for p in prepared.calibration.parameters if p.feature is not None]
     found = with_effects_beyond_ordinary(library, hypothesis, prepared.carried, sensors, prepared.settings)
     if not found.beyond:
         return prepared, hypothesis
+    # Else a cause that nuisance parameters could hold would leave no residual without it.
     beside = replace(prepared.found, library=library.calibrated_beside(found.selected))
     return replace(prepared, found=beside), found
 

@@ -48,6 +48,11 @@ class LargeImperfection:
         """Value of its first parameter."""
         return (self.feature.linear[0].neutral or 0.0) + self.value
 
+    def of_size(self, value: float, std: float) -> LargeImperfection:
+        """Return it with another deviation and standard deviation; what it does is linear in the deviation."""
+        contribution = [columns * (value / self.value) for columns in self.contribution]
+        return replace(self, value=value, std=std, contribution=contribution)
+
     @property
     def instance(self) -> EffectInstance:
         """The fault as the simulator takes it."""

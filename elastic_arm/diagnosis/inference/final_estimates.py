@@ -43,7 +43,7 @@ class FinalEstimates:
         """Return a fault of a sensor as it comes out here."""
         own = [is_of(p, fault.feature) for p in self.fit.problem.parameters]
         value = float(np.average(self.deviations[own], weights=self.stds[own] ** -2.0))
-        return replace(fault, value=value, std=float(self.stds[own].min()))
+        return fault.of_size(value, float(self.stds[own].min()))
 
     def is_nothing(self, fault: LargeImperfection) -> bool:
         """Whether a fault, as it came out here, may be none."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -77,6 +77,24 @@ def judge(prepared: PreparedData, hypothesis: Hypothesis) -> Judgement:
         and measure.contribution(kept.selected, k) < prepared.settings.judgement.least_shrink
     )
     return Judgement(kept, measure, test, gained, (*notes, *more_notes), shown, minor)
+
+
+def measured_beside(prepared: PreparedData, judgement: Judgement, faults: Sequence[LargeImperfection]) -> Judgement:
+    """Return the judgement with the gap that these faults make, those that were left at last.
+
+    Parameters
+    ----------
+    prepared
+        Data and regressors.
+    judgement
+        Of the causes.
+    faults
+        Nuisance parameters beyond ordinary, as they came out beside the causes.
+    """
+    if not faults:
+        return judgement
+    measure = gap_measure(prepared, judgement.hypothesis, judgement.test, faults)
+    return replace(judgement, measure=measure, faults=tuple(faults))
 
 
 def verdict(

@@ -95,7 +95,7 @@ class RegressorLibrary:
         self.nuisance = nuisance or NuisanceColumns.none(identify, validate)
         self._marginalisation = Marginalisation(self.nuisance)
         self._marginal = [GrowingMatrix() for _ in range(5 if len(self.nuisance) else 3)]
-        self._reference: Array | None = None
+        self._beside: tuple[Candidate, ...] = ()
         self._settings = settings
         self.candidates: list[Candidate] = []
         self._monomials: dict[Feature, Array] = {}
@@ -276,19 +276,17 @@ class RegressorLibrary:
         return float(1.0 - np.max(left / np.maximum(raw, 1e-300)))
 
     def calibrated_beside(self, selected: Sequence[Candidate]) -> RegressorLibrary:
-        """Return the library to go on with: residuals are measured at the nuisance parameters beside these candidates.
-
-        Else a cause that nuisance parameters could hold leaves no residual without it.
-        """
+        """Return the library with residuals at the nuisance parameters beside these candidates, as later polished."""
         found = copy(self)
-        found._reference = self.nuisance_values(selected)
+        found._beside = tuple(selected)
         return found
 
     def validation_residuals(self, selected: Sequence[Candidate]) -> list[Array]:
         """Return the residuals (N', R) of each stretch of the validation data that candidates leave, Nm."""
         left = [y.copy() for y in self.sets[1].y]
         if len(self.nuisance):
-            values = self.nuisance_values(selected) if self._reference is None else self._reference
+            keys = {candidate.feature.key for candidate in selected}
+            values = self.nuisance_values([*(c for c in self._beside if c.feature.key not in keys), *selected])
             left = [y - N @ values for y, N in zip(left, self.nuisance.validation, strict=True)]
         for candidate, beta in zip(selected, self.coefficients(selected), strict=True):
             for own, columns in zip(left, self._plain_validation(candidate), strict=True):
