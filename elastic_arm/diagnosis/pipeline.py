@@ -24,6 +24,7 @@ from elastic_arm.diagnosis.selection.beyond_ordinary import with_effects_beyond_
 from elastic_arm.diagnosis.selection.hypothesis import Hypothesis
 from elastic_arm.diagnosis.selection.library_building import scaling
 from elastic_arm.diagnosis.selection.stepwise import StepwiseSearch
+from elastic_arm.effects.equations import ArmEquations
 from elastic_arm.recording import Recording
 
 
@@ -98,7 +99,9 @@ def best_hypothesis(prepared: PreparedData) -> tuple[StepwiseSearch, Hypothesis]
 def beyond_ordinary(prepared: PreparedData, hypothesis: Hypothesis) -> tuple[PreparedData, Hypothesis]:
     """Return a hypothesis with the effects that keep the model's numbers ordinary, and data to measure them on."""
     library, acting = prepared.library, prepared.found.expansion.acting
-    sensors = [scaling(p.feature, acting) for p in prepared.calibration.parameters if p.feature is not None]
+    own = [p.feature for p in prepared.calibration.parameters if p.feature is not None]
+    equations = ArmEquations(prepared.model.robot, prepared.model.name)
+    sensors = [scaling(feature.at(equations), acting) for feature in own]
     found = with_effects_beyond_ordinary(library, hypothesis, prepared.carried, sensors, prepared.settings)
     if not found.beyond:
         return prepared, hypothesis

@@ -16,6 +16,7 @@ from scipy.interpolate import CubicSpline
 from elastic_arm.diagnosis.calibration.nuisance import NuisanceParameter, calibrated_robot
 from elastic_arm.diagnosis.selection.library_building import scaling
 from elastic_arm.dynamics import Model, build_model
+from elastic_arm.effects.equations import ArmEquations
 from elastic_arm.estimation.effect_columns import ActingEffect
 from elastic_arm.estimation.motion import CompletedMotion, drive_constants
 from elastic_arm.estimation.noise import wiener_filtered
@@ -56,9 +57,12 @@ def nuisance_columns(
         Known effects: the friction that changes with temperature is among them.
     """
     result = [columns.copy() for columns in inertial]
+    equations = ArmEquations(model.robot, model.name)
     for k, parameter in enumerate(parameters):
         if parameter.feature is not None:
-            for out, columns in zip(result, data.plain(scaling(parameter.feature, acting)), strict=True):
+            # A wrong zero of an encoder is wound by the stiffness where it is now.
+            feature = scaling(parameter.feature.at(equations), acting)
+            for out, columns in zip(result, data.plain(feature), strict=True):
                 out[:, :, k] = columns[:, :, 0] * parameter.prior_std
     others = [k for k, p in enumerate(parameters) if p.feature is None and not _is_inertial(p)]
     for out, part in zip(result, data.parts, strict=True):

@@ -67,3 +67,13 @@ def test_friction_that_falls_by_a_third_is_a_cause() -> None:
     change = cause.parameters["change"]
     assert (cause.effect, cause.joint) == ("thermal_friction", "joint_2")
     assert abs(change.value + 0.35) < 3.0 * change.std and change.std < 0.02
+
+
+@pytest.mark.slow
+def test_a_wrong_zero_of_an_encoder_is_wound_by_the_stiffness_that_is_there() -> None:
+    """Where a stiffness is off by a tenth, the zero that it winds is not: it comes out to its own deviation."""
+    found = refitted(48, Fault("encoder_offset", 0, {"offset": 8e-5}))
+    (cause,) = found.causes
+    offset = cause.parameters["offset"]
+    assert (cause.effect, cause.joint) == ("encoder_offset", "joint_1")
+    assert abs(offset.value - 8e-5) < 3.0 * offset.std and offset.std < 2e-6
