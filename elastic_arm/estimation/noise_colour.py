@@ -85,8 +85,8 @@ def pooled(colours: Sequence[Colour], white: Mapping[str, Array], highest: float
         relative = np.concatenate(own / level[:, None])
         middle = float(np.median(relative @ power))
         usual = relative.sum(axis=0) * middle / max(float((relative @ power).sum()), 1e-300)
-        most = np.inf if middle == 0.0 else MOST_OF_KIND * middle
-        return _larger(mean, level[:, None] * usual, power), most * level
+        # White noise has the power one.
+        return _larger(mean, level[:, None] * usual, power), MOST_OF_KIND * (1.0 + middle) * level
 
     def bounded(own: Array, least: Array, most: Array) -> Array:
         larger = _larger(own, least, power)

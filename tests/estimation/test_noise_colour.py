@@ -65,16 +65,16 @@ def test_the_noise_of_a_fine_sensor_is_pooled_beside_its_white_noise():
 
 
 def test_what_is_far_beyond_the_noise_of_its_kind_is_no_noise():
-    """Of a thousand times the power of its neighbours' noise twenty times are taken for a sensor's."""
+    """Of a thousand times the power of its neighbours' noise, white and coloured, twenty times are a sensor's."""
     coefficients = np.zeros((3, 3 + len(CORNERS)))
-    coefficients[:, 2] = 1000.0, 1.0, 1.0
+    coefficients[:, 0] = 1000.0, 1.0, 1.0
     (one,) = pooled([Colour({"tau_J": coefficients}, 0.1)], {"tau_J": np.ones(3)}, 5.0)
-    assert one.coefficients["tau_J"][:, 2] == pytest.approx([20.0, 1.0, 1.0])
+    assert one.coefficients["tau_J"][:, 0] == pytest.approx([40.0, 1.0, 1.0])
 
 
 def test_one_noisy_sensor_does_not_make_its_neighbours_noisy():
     """What is found at one sensor of three, such as what a model lacks there, is no noise of the other two."""
     coefficients = np.zeros((3, 3 + len(CORNERS)))
-    coefficients[0, 2] = 100.0
+    coefficients[0, 0] = 10.0
     (one,) = pooled([Colour({"tau_J": coefficients}, 0.1)], {"tau_J": np.ones(3)}, 5.0)
-    assert one.coefficients["tau_J"][:, 2] == pytest.approx([100.0, 0.0, 0.0])
+    assert one.coefficients["tau_J"][:, 0] == pytest.approx([10.0, 0.0, 0.0])
