@@ -341,13 +341,11 @@ class WhitenedData:
 
         Equations are made independent in their order, so that a column is null before the first in which it shows.
         """
-        white = np.concatenate(
-            [self._whiten(values, part.noise) for values, part in zip(columns, self.parts, strict=True)]
-        )
-        return white.swapaxes(0, 1).reshape(-1, white.shape[2])
+        white = [self._whiten(values, part.noise) for values, part in zip(columns, self.parts, strict=True)]
+        return in_whitened_order(white)
 
     def _whiten(self, values: Array, noise: NoiseModel) -> Array:
-        return filtered_circularly(values, noise.whitening_gains(len(values), self.band))[EDGE:-EDGE]
+        return filtered_circularly(values, noise.whitening_gains(len(values), self.band))
 
     def _blocks(self) -> NDArray[np.intp]:
         """Number of the block (rows,) to which each whitened row belongs."""
@@ -375,6 +373,12 @@ def _standstill(observation: Observation, f: Array, n: int) -> tuple[Array, Arra
         std = np.sqrt(density.sum(axis=0) * (f[1] - f[0]) * 2 / observation.rate)
         speeds.append(np.maximum(STANDING * std, SLOWEST) * np.ones(n))
     return speeds[0], speeds[1]
+
+
+def in_whitened_order(values: Sequence[NDArray[Any]]) -> NDArray[Any]:
+    """Return values (N', R, …) of all stretches as whitened rows stand, all of the first residual first: (rows, …)."""
+    inner = np.concatenate([part[EDGE:-EDGE] for part in values])
+    return inner.swapaxes(0, 1).reshape(-1, *inner.shape[2:])
 
 
 def block_means(squares: Sequence[Array], length: int) -> Array:

@@ -16,7 +16,13 @@ from elastic_arm.estimation.equations import EquationSet
 from elastic_arm.estimation.noise_colour import CORNERS, Colour
 from elastic_arm.estimation.observation import Observation, observe, widest_band
 from elastic_arm.estimation.residuals import residuals
-from elastic_arm.estimation.whitening import NoiseModel, WhitenedData, block_means, noise_model
+from elastic_arm.estimation.whitening import (
+    NoiseModel,
+    WhitenedData,
+    block_means,
+    in_whitened_order,
+    noise_model,
+)
 from elastic_arm.recording import Side
 from elastic_arm.sensors import Sensors
 from tests.helpers.gap_recordings import ROBOT, motions, record
@@ -119,3 +125,11 @@ def test_rows_of_a_motor_that_sticks_are_freed_of_its_friction() -> None:
     assert freed[inside].max() < 0.1 * kept[inside].max()
     assert (freed == kept).mean() > 0.8
     np.testing.assert_array_equal(moving.y[0][:, : 2 * MODEL.n], whole.y[0][:, : 2 * MODEL.n])
+
+
+def test_rows_stand_residual_by_residual_over_all_stretches() -> None:
+    """Whitened rows are ordered by residual first, then by time over all stretches, without the ends of each."""
+    stretches = [np.add.outer(100.0 * k + np.arange(24 + k), [0.1, 0.2]) for k in range(2)]
+    rows = in_whitened_order(stretches)
+    times = [10.0, 11.0, 12.0, 13.0, 110.0, 111.0, 112.0, 113.0, 114.0]
+    assert rows == pytest.approx([*(t + 0.1 for t in times), *(t + 0.2 for t in times)])

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from elastic_arm.diagnosis.preparation import PreparedData
 from elastic_arm.diagnosis.selection.hypothesis import Hypothesis
 from elastic_arm.estimation.residuals import AROUND, stuck_rows
-from elastic_arm.estimation.whitening import EDGE, WhitenedData
+from elastic_arm.estimation.whitening import WhitenedData, in_whitened_order
 
 
 def sticking_misfits(prepared: PreparedData, hypothesis: Hypothesis) -> bool:
@@ -36,5 +36,4 @@ def sticking_misfits(prepared: PreparedData, hypothesis: Hypothesis) -> bool:
 def sticking_rows(data: WhitenedData) -> NDArray[np.bool_]:
     """Return which whitened rows (rows,) hold the friction of a joint that sticks."""
     around = AROUND + 1.0 / data.band.cutoff
-    rows = [stuck_rows(part.stretch, data.layout, around)[EDGE:-EDGE].ravel() for part in data.parts]
-    return np.concatenate(rows)
+    return in_whitened_order([stuck_rows(part.stretch, data.layout, around) for part in data.parts])
