@@ -117,7 +117,7 @@ def test_rows_of_a_motor_that_sticks_are_freed_of_its_friction() -> None:
     seen = observe(replace(recording, motor=held(motor), link=held(link)))
     whole, moving = (WhitenedData(MODEL, [seen], *setting(), in_motion=in_motion) for in_motion in (False, True))
     R, motor_row = whole.layout.rows, 2 * MODEL.n + 1
-    rows = sticking_rows(whole).reshape(-1, R)
+    rows = sticking_rows(whole).reshape(R, -1).T
     assert rows[:, motor_row].any() and not rows[:, : 2 * MODEL.n].any()
     t = moving.parts[0].stretch.t
     inside = (t > 2.05) & (t < 2.15)
