@@ -63,8 +63,9 @@ class RefitSettings:
     certain: float = 3.0  # standard deviations by which a sensor is beyond ordinary, and differs from nothing
     fault_width: float = 30.0  # of a faulty sensor's prior over an ordinary one's: hardly any prior; convention
     alike: float = 0.1  # relative difference of joints up to which a sensor's fault is common to all; convention
-    # Relative error of a stiffness or a torque scale beyond which the description is of another arm; convention.
-    largest_scale: float = 0.6
+    largest_scale: float = 0.6  # relative error of a stiffness; beyond, the description is of another arm; convention
+    # Of a torque channel's gain, and change of a known friction in a run: a channel that reads less is of no use.
+    largest_ratio: float = 0.75
     # rad/s: pairs of widths of the sign function between which dry friction turns over, and a width within which it
     # does so early or late; convention.
     presliding_speeds: tuple[tuple[float, ...], ...] = ((5e-4, 2e-3), (2e-3, 8e-3), (2e-3,))

@@ -114,7 +114,8 @@ class Feature:
     @property
     def read_torque(self) -> str | None:
         """The torque channel to whose reading it adds at its joint, as a wrong zero does; None for what does not."""
-        added = self.joint is not None and self.linear and self.linear[0].unit in READINGS
+        first = next((p for p in self.effect.parameters if p.role is Role.LINEAR), None)
+        added = self.joint is not None and first is not None and first.unit in READINGS
         return next(iter(self.sensed & {"tau_J", "tau_m"}), None) if added else None
 
     @cached_property

@@ -60,9 +60,10 @@ class Colour:
 
 
 def pooled(colours: Sequence[Colour], white: Mapping[str, Array], highest: float) -> list[Colour]:
-    """Return colours in which no sensor has less noise than it has on the average, and than half of its kind have.
+    """Return colours whose sizes are bounded by those of the same sensor in all recordings and of the arm's others.
 
-    Of a short recording few frequencies are left beside all that a motion can do, so that the noise of one sensor is
+    No sensor is given less noise than it has on the average of its recordings, nor less than half of its kind have. Of
+    a short recording few frequencies are left beside all that a motion can do, so that the noise of one sensor is
     hardly known. Between sensors it is taken to go with their white noise: those of wrists are finer. What is far
     beyond the noise of its kind is none of a sensor.
 
@@ -82,8 +83,10 @@ def pooled(colours: Sequence[Colour], white: Mapping[str, Array], highest: float
         own = np.stack([one.coefficients[channel] for one in colours])
         # The lowest frequency goes with the inverse of the duration.
         mean = np.average(own, axis=0, weights=1.0 / lowest)
-        relative = np.concatenate(own / level[:, None])
-        middle = float(np.median(relative @ power))
+        # A joint without the channel has no noise.
+        recorded = level > 0.0
+        relative = np.concatenate(own[:, recorded] / level[recorded, None])
+        middle = float(np.median(relative @ power)) if len(relative) else 0.0
         usual = relative.sum(axis=0) * middle / max(float((relative @ power).sum()), 1e-300)
         # White noise has the power one.
         return _larger(mean, level[:, None] * usual, power), MOST_OF_KIND * (1.0 + middle) * level

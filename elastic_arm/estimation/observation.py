@@ -122,6 +122,8 @@ class Observation:
     def corrected(self, lags: Mapping[str, Array], gains: Mapping[str, Array]) -> Observation:
         """Return it with late channels moved back to the time at which they were true, and torques without gain.
 
+        A colour of their noise is that of torques without gain already.
+
         Parameters
         ----------
         lags

@@ -78,3 +78,11 @@ def test_one_noisy_sensor_does_not_make_its_neighbours_noisy():
     coefficients[0, 0] = 10.0
     (one,) = pooled([Colour({"tau_J": coefficients}, 0.1)], {"tau_J": np.ones(3)}, 5.0)
     assert one.coefficients["tau_J"][:, 0] == pytest.approx([10.0, 0.0, 0.0])
+
+
+def test_joints_without_the_channel_have_no_noise_and_change_that_of_no_other():
+    """A joint that has no torque sensor has a white noise of null: the others are pooled without it."""
+    coefficients = np.zeros((3, 3 + len(CORNERS)))
+    coefficients[:2, 2] = 4.0
+    (one,) = pooled([Colour({"tau_J": coefficients}, 0.1)], {"tau_J": np.array([1.0, 1.0, 0.0])}, 5.0)
+    assert one.coefficients["tau_J"][:, 2] == pytest.approx([4.0, 4.0, 0.0])

@@ -107,7 +107,7 @@ class Expansion:
     values
         (k,) of the nuisance parameters, in standard deviations of their priors.
     observed
-        The recordings of identification and validation, late channels moved back.
+        The recordings of identification and validation, late channels moved back, torques without their gains.
     data
         Their whitened residuals.
     nuisance
@@ -177,7 +177,7 @@ def problem_of(
     layout, band
         Usable equations, and where they are compared.
     effects
-        Of sensors and of the arm's numbers; those of sensors among them have priors.
+        Of sensors, of the arm's numbers and of warming friction; those of the first and the last have priors.
     known
         Effects that count as part of the model.
     settings

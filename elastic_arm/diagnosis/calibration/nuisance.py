@@ -21,9 +21,8 @@ from elastic_arm.robot import Component, Inertia, Joint, Robot
 
 Array = NDArray[np.float64]
 
-LEAST_SCALE = 1e-9  # numerical; of sums of squares of torques and accelerations
+LEAST_SCALE = 1e-9  # numerical; of roots of sums of squares of torques and accelerations
 ZERO_AS_MOUNTED = 1e-3  # rad; of a link encoder that was never compared with the motor's under a known torque
-LEAST_GAIN = 0.25  # of a torque channel that is still divided by it; numerical
 PRESLIDING = "presliding"  # how gradually dry friction changes its sign: no number of the arm or of a sensor
 LINK_SHARES = (1.0, 0.75, 0.5, 0.25)  # of the links' deviations, tried until the bodies are physical
 TENSOR = ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))
@@ -46,7 +45,7 @@ class NuisanceParameter:
     neutral
         Its value as described: 1 for a ratio, else 0.
     feature
-        The effect of a sensor; None for a number of the arm.
+        The effect of a sensor or of warming friction; None for a number of the arm.
     error
         The effect of a number of the arm that is off; None where the catalogue has none.
     limit
@@ -178,7 +177,7 @@ def nuisance_parameters(
             continue
         parameter = feature.linear[0]
         std = priors.sensors.get(feature.effect.id, feature.effect.prior(rate))
-        limit = (parameter.high - (parameter.neutral or 0.0)) / std if parameter.unit == "1" else np.inf
+        limit = settings.largest_ratio / std if parameter.unit == "1" else np.inf
         what = "_".join([feature.effect.id, *chosen])
         neutral = parameter.neutral or 0.0
         found.append(
@@ -339,5 +338,5 @@ def gains(parameters: Sequence[NuisanceParameter], values: Array, joints: Sequen
     for parameter, value in zip(parameters, values, strict=True):
         if parameter.is_gain and parameter.feature is not None and parameter.feature.read_torque is not None:
             gain = found.setdefault(parameter.feature.read_torque, np.ones(len(joints)))
-            gain[joints.index(parameter.joint)] = max(LEAST_GAIN, 1.0 + value * parameter.prior_std)
+            gain[joints.index(parameter.joint)] = 1.0 + value * parameter.prior_std
     return found

@@ -78,7 +78,9 @@ def faults_beside(prepared: PreparedData, selected: Sequence[Candidate]) -> tupl
     for k, (p, value, std) in enumerate(zip(parameters, prepared.found.values + values, stds, strict=True)):
         if p.cause is None or abs(value) < 2.0 * settings.certain * std:
             continue
-        columns = [N[:, :, k] * value for N in library.nuisance.validation]
+        # In the torques as they were recorded, before they were divided by the gains found.
+        parts = zip(library.nuisance.validation, prepared.validation.parts, strict=True)
+        columns = [N[:, :, k] * (value * part.gain(p.cause)) for N, part in parts]
         fault = LargeImperfection(p.cause, float(value * p.prior_std), float(std * p.prior_std), columns)
         extraordinary = not p.is_ordinary(fault.value, fault.std, settings) and not _is_usual(prepared, fault)
         # A channel ahead of the others is no effect: it remains an imperfection.

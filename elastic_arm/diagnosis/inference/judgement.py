@@ -91,7 +91,7 @@ def measured_beside(prepared: PreparedData, judgement: Judgement, faults: Sequen
     faults
         Nuisance parameters beyond ordinary, as they came out beside the causes.
     """
-    if not faults:
+    if not (faults or judgement.faults):
         return judgement
     measure = gap_measure(prepared, judgement.hypothesis, judgement.test, faults)
     return replace(judgement, measure=measure, faults=tuple(faults))

@@ -56,7 +56,9 @@ def beside_friction(library: RegressorLibrary, feature: Feature) -> Feature:
 
 
 def scaling(feature: Feature, acting: Sequence[ActingEffect]) -> Feature:
-    """Return an effect that scales friction with the friction at its place among effects that act."""
+    """Return an effect that scales friction with the friction at its place among effects that act; others as given."""
+    if not feature.effect.scales_friction:
+        return feature
     wholes = []
     for effect in acting:
         of = effect.feature
