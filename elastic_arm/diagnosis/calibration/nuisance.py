@@ -113,6 +113,16 @@ class NuisanceParameter:
         return self.feature is not None and self.neutral == 1.0 and self.feature.read_torque is not None
 
     @property
+    def channel(self) -> str | None:
+        """The channel whose lag or gain it is; None of anything else."""
+        if self.feature is None:
+            return None
+        if self.is_lag:
+            (channel,) = self.feature.choices["channels"]
+            return str(channel)
+        return self.feature.read_torque if self.is_gain else None
+
+    @property
     def moves_model(self) -> bool:
         """Whether residuals are made anew at its value: of the arm's numbers, of lags and of gains, not of offsets."""
         if self.feature is not None:
@@ -313,13 +323,7 @@ def lags(parameters: Sequence[NuisanceParameter], values: Array, joints: Sequenc
     joints
         Names, in order.
     """
-    found: dict[str, Array] = {}
-    for parameter, value in zip(parameters, values, strict=True):
-        if parameter.is_lag and parameter.feature is not None:
-            (channel,) = parameter.feature.choices["channels"]
-            late = found.setdefault(channel, np.zeros(len(joints)))
-            late[joints.index(parameter.joint)] = value * parameter.prior_std
-    return found
+    return _by_channel([p.is_lag for p in parameters], parameters, values, joints)
 
 
 def gains(parameters: Sequence[NuisanceParameter], values: Array, joints: Sequence[str]) -> dict[str, Array]:
@@ -334,9 +338,16 @@ def gains(parameters: Sequence[NuisanceParameter], values: Array, joints: Sequen
     joints
         Names, in order.
     """
+    return _by_channel([p.is_gain for p in parameters], parameters, values, joints)
+
+
+def _by_channel(
+    chosen: Sequence[bool], parameters: Sequence[NuisanceParameter], values: Array, joints: Sequence[str]
+) -> dict[str, Array]:
+    """Return values of the chosen parameters, (n,) by channel in their units; as described where a joint has none."""
     found: dict[str, Array] = {}
-    for parameter, value in zip(parameters, values, strict=True):
-        if parameter.is_gain and parameter.feature is not None and parameter.feature.read_torque is not None:
-            gain = found.setdefault(parameter.feature.read_torque, np.ones(len(joints)))
-            gain[joints.index(parameter.joint)] = 1.0 + value * parameter.prior_std
+    for one, parameter, value in zip(chosen, parameters, values, strict=True):
+        if one and (channel := parameter.channel) is not None:
+            of_joints = found.setdefault(channel, np.full(len(joints), parameter.neutral))
+            of_joints[joints.index(parameter.joint)] = parameter.neutral + value * parameter.prior_std
     return found
