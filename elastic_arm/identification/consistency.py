@@ -244,12 +244,12 @@ def pseudo_inertia(ten: Array) -> Array:
 
 
 _PAIRS = ((0, 0), (0, 1), (0, 2), (0, 3), (1, 1), (1, 2), (1, 3), (2, 2), (2, 3), (3, 3))
+_UNIT = [float(i == j) for i, j in _PAIRS]  # coordinates of the unit matrix: of the nominal body
 
 
 def _chart(equations: BaseRegression) -> _Chart:
     """Put parameters into coordinates in which the nominal is x0 and every step of size one is as bold."""
-    names = equations.names
-    robot = equations.model.robot
+    names, robot = equations.names, equations.model.robot
     links = {joint.link_name for joint in robot.joints}
     columns, Psi0 = list[Array](), equations.nominal.copy()
     x0, pseudo = list[float](), list[slice]()
@@ -266,9 +266,9 @@ def _chart(equations: BaseRegression) -> _Chart:
             pseudo.append(slice(len(x0), len(x0) + 10))
             own, moments = _link_chart(nominal), np.linalg.eigvalsh(pseudo_inertia(nominal))
             if moments[0] < THINNEST * moments[-1]:  # A point counts as thick as its chart, to become thinner.
-                Psi0[index] += own @ [float(i == j) for i, j in _PAIRS] - nominal
+                Psi0[index] += own @ _UNIT - nominal
             columns += _embedded(own, index, len(names))
-            x0 += [float(i == j) for i, j in _PAIRS]
+            x0 += _UNIT
         else:
             first = len(x0)
             columns += _embedded(_solid_chart(equations.nominal[index]), index, len(names))
