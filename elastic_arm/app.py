@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from importlib import import_module
 from typing import Any, NamedTuple
 
@@ -9,6 +10,7 @@ import typer
 from typer.core import TyperCommand
 
 from elastic_arm import __version__
+from elastic_arm.blas import one_blas_thread
 from elastic_arm.cli.several_values import SeveralValues
 from elastic_arm.cli.usage import Application
 
@@ -137,4 +139,5 @@ def _options(
 
 def main() -> None:
     """Entry point."""
+    one_blas_thread(os.environ)
     app()

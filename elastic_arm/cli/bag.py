@@ -37,6 +37,8 @@ Channels = Annotated[Path | None, typer.Option(help="Channel map (YAML) of a for
 Json = Annotated[bool, typer.Option("--json", help="Print JSON, for scripts.")]
 
 _COLOURS = {"error": "bold red", "warning": "yellow", "note": "cyan"}
+# Findings that a repair does something about.
+_MENDABLE = {"damaged", "missing_metadata", "count", "nan"}
 
 
 @bag_app.command("info")
@@ -85,6 +87,8 @@ def check(
         if mended is not None and after is not None:
             _print_repair(mended)
             _print_report(after)
+        elif _MENDABLE & {finding.code for finding in report.findings}:
+            out.print(f"`elastic-arm bag check --repair {escape(str(bag))}` copies what is whole", soft_wrap=True)
     # What was never recorded no copy can mend: gaps and the like are left to be judged.
     fine = report.ok if after is None else after.usable
     raise typer.Exit(0 if fine else 1)

@@ -11,7 +11,6 @@ import math
 import re
 import sys
 from collections.abc import Callable, Sequence
-from pathlib import Path
 from typing import Any, ParamSpec, TypeVar
 
 from rich.console import Console
@@ -19,7 +18,7 @@ from rich.errors import MarkupError
 from rich.markup import escape
 from rich.text import Text
 
-from elastic_arm.errors import ElasticArmError, RecordingError
+from elastic_arm.errors import ElasticArmError
 
 P = ParamSpec("P")
 R = TypeVar("R")
@@ -87,21 +86,6 @@ def reports_errors(command: Callable[P, R]) -> Callable[P, R]:
             raise SystemExit(2) from None
 
     return wrapper
-
-
-def refuse_repeated(bags: Sequence[Path]) -> None:
-    """Raise if a recording is given twice: it would count double, or judge a fit that has seen it.
-
-    Raises
-    ------
-    RecordingError
-        Naming the recording.
-    """
-    seen: set[Path] = set()
-    for bag in bags:
-        if bag.resolve() in seen:
-            raise RecordingError(f"{bag} is given twice", "Give every recording once, and validate on another.")
-        seen.add(bag.resolve())
 
 
 def print_json(data: dict[str, Any]) -> None:

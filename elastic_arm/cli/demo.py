@@ -197,10 +197,9 @@ def _compare(offline: Identification, course: EstimateHistory, truth: np.ndarray
         f"true value within two standard deviations: online {int((np.abs(on) < 2).sum())}, "
         f"offline {int((np.abs(off) < 2).sum())} of {len(truth)} base parameters"
     )
-    # One torque scale is common to all: one unlucky draw of the noise shows in every row of the table.
     out.print(
-        f"all offline errors together, correlations included: chi² {chi_square(offline, truth):.0f}, 95 % stay below "
-        f"{chi2.ppf(0.95, len(truth)):.0f}"
+        f"one torque scale is common to all, so that their errors go together: chi² with correlations "
+        f"{chi_square(offline, truth):.0f}, 95 % of fits stay below {chi2.ppf(0.95, len(truth)):.0f}"
     )
     apart = np.abs(values - offline.Psi_base) / np.hypot(stds, offline.std)
     out.print(f"online and offline apart: at most {apart.max():.2f} standard deviations")

@@ -13,7 +13,7 @@ import typer
 from rich.markup import escape
 from rich.table import Table
 
-from elastic_arm.cli.console import err, out, print_json, refuse_repeated, reports_errors
+from elastic_arm.cli.console import err, out, print_json, reports_errors
 from elastic_arm.cli.mujoco.corrected import Correction, print_correction
 from elastic_arm.cli.mujoco.replay import print_replays, replay_both
 from elastic_arm.cli.options import (
@@ -28,6 +28,7 @@ from elastic_arm.cli.options import (
     RobotFile,
     load_arm,
     read_by_clock,
+    require_bags,
 )
 from elastic_arm.cli.outputs import claim_folder
 from elastic_arm.diagnosis import Question, diagnose, follow_up
@@ -112,7 +113,7 @@ def diagnose_command(
 
         elastic-arm diagnose bag --refit --with coulomb_friction --with viscous_friction
     """
-    refuse_repeated([*bags, *(validate or [])])
+    require_bags([*bags, *(validate or [])])
     claim_folder(out_dir, (), force=True)  # a diagnosis can be made again: an earlier one is replaced
     catalogue = Catalogue.default().with_files(effects_files or ())
     robot = load_arm(robot_file, chain, at, catalogue)

@@ -12,7 +12,7 @@ from rich.markup import escape
 from rich.progress import BarColumn, Progress, TextColumn
 from rich.table import Table
 
-from elastic_arm.cli.console import columns_left, err, out, print_json, refuse_repeated, reports_errors
+from elastic_arm.cli.console import columns_left, err, out, print_json, reports_errors
 from elastic_arm.cli.mujoco.corrected import Correction, print_correction
 from elastic_arm.cli.options import (
     AtOption,
@@ -24,6 +24,7 @@ from elastic_arm.cli.options import (
     RobotFile,
     load_arm,
     read_by_clock,
+    require_bags,
 )
 from elastic_arm.cli.outputs import Force, claim_folder
 from elastic_arm.effects import Catalogue
@@ -94,8 +95,8 @@ def identify(
 
         elastic-arm identify lwr_1 lwr_3 --robot lwr.urdf --with coulomb_friction:side=link --validate lwr_2
     """
+    require_bags([*bags, *(validate or [])])
     claim_folder(out_dir, RESULTS, force=force)
-    refuse_repeated([*bags, *(validate or [])])
     catalogue = Catalogue.default().with_files(effects_files or ())
     robot = load_arm(robot_file, chain, at, catalogue)
     laws = parse_laws(with_ or (), robot, catalogue)
@@ -156,7 +157,7 @@ def _print(result: Identification, out_dir: Path, corrected: Exported | str | No
     methods = ", ".join(dict.fromkeys(result.derivatives))
     out.print(f"{result.samples} samples, {methods}, condition number {result.condition:.3g}")
     for note in result.notes:
-        out.print(escape(note))
+        out.print(f"note: {escape(note)}")
     for direction in result.undetermined:
         out.print(f"[red]left open by the data:[/] {escape(direction)}")
     for title, rows in _residual_rows(result):

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from elastic_arm.errors import EffectError
+from elastic_arm.errors import EffectError, RecordingError
 from elastic_arm.robot import Robot, load_robot
 
 if TYPE_CHECKING:
@@ -109,6 +109,25 @@ def load_arm(
     except EffectError as error:
         raise EffectError(f"{path}: {error.problem}", error.remedy) from None
     return robot
+
+
+def require_bags(bags: Sequence[Path]) -> None:
+    """Raise if a recording is not there, or given twice: it would count double, or judge a fit that has seen it.
+
+    Raises
+    ------
+    RecordingError
+        Naming the recording.
+    """
+    from elastic_arm.recording.storage.bag import WHAT_IS_A_BAG
+
+    seen: set[Path] = set()
+    for bag in bags:
+        if not bag.exists():
+            raise RecordingError(f"{bag} does not exist", WHAT_IS_A_BAG)
+        if bag.resolve() in seen:
+            raise RecordingError(f"{bag} is given twice", "Give every recording once, and validate on another.")
+        seen.add(bag.resolve())
 
 
 def read_by_clock(

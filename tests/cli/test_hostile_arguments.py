@@ -31,7 +31,7 @@ def motion(tmp_path: Path) -> Path:
     return tmp_path / "motion.yaml"
 
 
-@pytest.mark.parametrize("command", [["simulate"], ["identify", "bag"], ["diagnose", "bag"], ["excite"], ["paper"]])
+@pytest.mark.parametrize("command", [["simulate"], ["identify", "."], ["diagnose", "."], ["excite"], ["paper"]])
 @pytest.mark.parametrize("name", ["x" * 300, "missing/" + "x" * 300, "x\udcff"])
 def test_a_name_that_cannot_be_made_is_refused_before_the_work(command: list[str], name: str) -> None:
     """A name of 300 characters, or of bytes that are no text, ends every command with one line."""

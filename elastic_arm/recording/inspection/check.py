@@ -92,8 +92,10 @@ def _check_whole(
     """Add what reading refuses or remarks, and what no sensors of a moving arm measure."""
     try:
         recording = read_recording(path, channels, joints, namespace=namespace)
+        known = {finding.message for finding in report.findings}
         for note in (*recording.notes, *recording.samples().notes):
-            report.add("note", "reading", note)
+            if note not in known:
+                report.add("note", "reading", note)
         for outliers in find_outliers(recording):
             report.add("warning", "outliers", f"outliers: {outliers.words()}: identify and diagnose leave them out")
         report.findings += implausible(without_outliers(recording))

@@ -18,7 +18,7 @@ from elastic_arm.recording.storage.sqlite import open_sqlite
 METADATA = "metadata.yaml"
 _OPENERS: dict[str, Callable[[Path], BagFile]] = {".mcap": open_mcap, ".db3": open_sqlite}
 _PACKED = ("", ".zstd", ".zst")
-_REMEDY = "Give a rosbag2 folder, an .mcap or a .db3 file."
+WHAT_IS_A_BAG = "Give a rosbag2 folder, an .mcap or a .db3 file."
 
 
 @dataclass(frozen=True)
@@ -80,7 +80,7 @@ def open_bag(path: str | Path) -> Bag:
     """
     path = Path(path)
     if "\0" in str(path):
-        raise RecordingError(f"{str(path)!r} is no name of a file: it holds a NUL", _REMEDY)
+        raise RecordingError(f"{str(path)!r} is no name of a file: it holds a NUL", WHAT_IS_A_BAG)
     try:
         return _opened(path)
     except OSError as error:
@@ -90,7 +90,7 @@ def open_bag(path: str | Path) -> Bag:
 
 def _opened(path: Path) -> Bag:
     if not path.exists():
-        raise RecordingError(f"{path} does not exist", _REMEDY)
+        raise RecordingError(f"{path} does not exist", WHAT_IS_A_BAG)
     if path.name == METADATA and path.is_file():
         return open_bag(path.parent)
     if not path.is_dir():
@@ -98,7 +98,7 @@ def _opened(path: Path) -> Bag:
     present = sorted((entry for entry in path.iterdir() if _storage(entry)), key=_number)
     metadata, damage = _read_metadata(path)
     if not present:
-        raise RecordingError(f"{path} holds no .mcap or .db3 file", _REMEDY)
+        raise RecordingError(f"{path} holds no .mcap or .db3 file", WHAT_IS_A_BAG)
     if metadata is None:
         if len({_storage(file) for file in present}) > 1:
             raise RecordingError(f"{path} holds .mcap and .db3 files", "Name the one to be read.")
@@ -163,5 +163,5 @@ def _storage(path: Path) -> str:
 
 def _open_file(path: Path) -> BagFile:
     if not path.is_file():
-        raise RecordingError(f"{path} is no file, but a pipe or a device", _REMEDY)
+        raise RecordingError(f"{path} is no file, but a pipe or a device", WHAT_IS_A_BAG)
     return _OPENERS.get(_storage(path), open_mcap)(path)
