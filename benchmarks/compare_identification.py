@@ -23,8 +23,7 @@ from numpy.typing import NDArray
 from scipy.signal import butter, sosfiltfilt
 
 from elastic_arm.estimation.resampling import Clock, Grid
-from elastic_arm.identification import identify_with, parse_laws
-from elastic_arm.identification.batch import DerivativeStage
+from elastic_arm.identification import DerivativeStage, identify_with, parse_laws
 from elastic_arm.recording import Recording, read_recording
 from elastic_arm.robot import Robot, load_robot, to_urdf
 

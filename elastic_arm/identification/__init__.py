@@ -11,7 +11,8 @@ from elastic_arm.lazy_names import lazily
 
 if TYPE_CHECKING:
     from elastic_arm.effects.text import parse_laws
-    from elastic_arm.identification.batch import DerivativeStage, identifier_of, identify, identify_with
+    from elastic_arm.identification.batch.derivatives import DerivativeStage
+    from elastic_arm.identification.batch.identify import identifier_of, identify, identify_with
     from elastic_arm.identification.result import (
         Comparison,
         Estimate,
@@ -41,16 +42,16 @@ __all__ = [
 
 _MODULES = {
     "Comparison": "elastic_arm.identification.result",
-    "DerivativeStage": "elastic_arm.identification.batch",
+    "DerivativeStage": "elastic_arm.identification.batch.derivatives",
     "Estimate": "elastic_arm.identification.result",
     "Identification": "elastic_arm.identification.result",
     "Identifier": "elastic_arm.identification.stream",
     "StdRatio": "elastic_arm.identification.result",
     "chi_square": "elastic_arm.identification.result",
     "compare": "elastic_arm.identification.result",
-    "identifier_of": "elastic_arm.identification.batch",
-    "identify": "elastic_arm.identification.batch",
-    "identify_with": "elastic_arm.identification.batch",
+    "identifier_of": "elastic_arm.identification.batch.identify",
+    "identify": "elastic_arm.identification.batch.identify",
+    "identify_with": "elastic_arm.identification.batch.identify",
     "parse_laws": "elastic_arm.effects.text",
     "std_ratio": "elastic_arm.identification.result",
 }

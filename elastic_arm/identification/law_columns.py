@@ -21,13 +21,16 @@ from elastic_arm.identification.base_regression import Column
 from elastic_arm.robot import Robot
 
 Array = NDArray[np.float64]
-# Dry friction turns over gradually below some speed, rad/s: presliding. A batch tries these and takes the likeliest.
-SIGN_SPEEDS = (1e-4, 1e-3, 5e-3, 2e-2)
+# Dry friction turns over gradually below some speed, rad/s: presliding. A batch takes the likeliest for each joint.
+SIGN_SPEEDS = (1e-4, 1e-3, 5e-3, 2e-2, 5e-2)
 DEFAULT_SIGN_SPEED = 1e-3
 
 
 def law_columns(
-    instances: Sequence[EffectInstance], robot: Robot, model: str = "mod3", sign_speed: float = DEFAULT_SIGN_SPEED
+    instances: Sequence[EffectInstance],
+    robot: Robot,
+    model: str = "mod3",
+    sign_speed: float | Sequence[float] = DEFAULT_SIGN_SPEED,
 ) -> list[Column]:
     """Return one column for each linear parameter of each effect.
 
@@ -38,7 +41,7 @@ def law_columns(
     robot, model
         The arm, and the variant of its equations, mod1, mod2 or mod3.
     sign_speed
-        rad/s; the sign of a velocity w is tanh(w / sign_speed).
+        rad/s, of all joints or (n,); the sign of a velocity w is tanh(w / sign_speed).
     """
     if not instances:
         return []
@@ -104,7 +107,9 @@ def _linear(effect: Effect) -> list[Parameter]:
 class _LawColumns:
     """All laws compiled together; the columns of the last motion are kept, as they are evaluated one by one."""
 
-    def __init__(self, instances: tuple[EffectInstance, ...], robot: Robot, model: str, sign_speed: float) -> None:
+    def __init__(
+        self, instances: tuple[EffectInstance, ...], robot: Robot, model: str, sign_speed: float | Sequence[float]
+    ) -> None:
         self.robot = robot
         terms = [
             Term(
@@ -117,7 +122,7 @@ class _LawColumns:
             for instance in instances
         ]
         self.columns = CompiledColumns(terms, ArmEquations(robot, model), engine=None)
-        self.standstill = np.full(robot.n, sign_speed)
+        self.standstill = np.broadcast_to(np.asarray(sign_speed, dtype=float), (robot.n,)).copy()
         self.last: tuple[Motion, Array] | None = None
 
     def column(self, k: int, motion: Motion) -> dict[str, Array]:

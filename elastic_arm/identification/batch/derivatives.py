@@ -1,0 +1,180 @@
+"""The derivative stage of a batch: from the samples of a recording to runs of smoothed motion."""
+
+from __future__ import annotations
+
+import contextlib
+import functools
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from elastic_arm.errors import IdentificationError
+from elastic_arm.estimation.motion import Motion
+from elastic_arm.estimation.resampling import Clock
+from elastic_arm.estimation.series import FourierFit, fourier_motion, period_of, repeats
+from elastic_arm.estimation.smoother import Smoother, design_smoother, left_out, runs, with_ends
+from elastic_arm.identification.base_regression import BaseRegression
+from elastic_arm.identification.deflection import shifted, shifts, zeros
+from elastic_arm.identification.stream import smoothed
+from elastic_arm.recording import Samples
+
+Array = NDArray[np.float64]
+Method = Literal["auto", "smoother", "fourier"]
+
+
+@dataclass(frozen=True)
+class Derived:
+    """A recording after its derivative stage: runs of motion, and how they came about.
+
+    Parameters
+    ----------
+    pieces
+        Each makes one run when it is called: a long recording is never in memory as a whole.
+    method
+        In words.
+    series
+        Of link and motor side for each of `pieces`, where the derivatives come from them.
+    said
+        What is to be known of clock and pieces.
+    repeats
+        Whether the motion is periodic.
+    zeros, shift
+        Where deflections are measured: at no load, with standard deviations, and what is added to the link angles so
+        that they count from where those of the first recording do, (n,) rad each.
+    """
+
+    pieces: tuple[Callable[[], Motion], ...]
+    method: str
+    series: tuple[tuple[FourierFit | None, FourierFit | None], ...] = ()
+    said: tuple[str, ...] = ()
+    repeats: bool = False
+    zeros: tuple[Array, Array] | None = None
+    shift: Array | None = None
+
+    @property
+    def motions(self) -> Iterator[Motion]:
+        """Make the runs one after another; runs of one piece of the recording follow each other without a hole."""
+        return (piece() if self.shift is None else shifted(piece(), self.shift) for piece in self.pieces)
+
+    def notes(self, source: str, joints: Sequence[str]) -> list[str]:
+        """Return what was done to the recording `source` beside smoothing it."""
+        said = [f"{source}: {note}" for note in self.said]
+        if self.shift is None or not self.shift.any():
+            return said
+        moved = ", ".join(f"{name} {1e3 * by:+.3g}" for name, by in zip(joints, self.shift, strict=True) if by)
+        return [*said, f"{source}: zeros of the link encoders moved to those of the first recording, mrad: {moved}"]
+
+    def aligned(self, equations: BaseRegression, first: Derived | None) -> Derived:
+        """Return it with the zeros of the link encoders as in the first recording, where deflections are measured."""
+        if not equations.summed:
+            return self
+        found = zeros(list(self.motions), equations.model)
+        return replace(
+            self, zeros=found, shift=None if first is None or first.zeros is None else shifts(found, first.zeros)
+        )
+
+
+class DerivativeStage:
+    """The derivative stage of one recording: what depends on no law (clock, noise, series) is found once.
+
+    Parameters
+    ----------
+    samples
+        Of one recording.
+    method
+        "fourier": analytic derivatives of a fitted series; "smoother"; "auto": the series where the motion repeats and
+        nothing stands out of the encoders' noise, else the smoother.
+    period
+        Of the motion, s; found from it when None.
+
+    Raises
+    ------
+    IdentificationError
+        If the recording is too short, or a series was requested and the motion is none.
+    """
+
+    def __init__(self, samples: Samples, method: Method = "auto", *, period: float | None = None) -> None:
+        if period is not None and not period > 0:
+            raise IdentificationError(f"the period is {period:g} s", "Give a time above zero, or none.")
+        clock = Clock.of(samples)
+        self._grids = clock.place(samples)
+        if not self._grids:
+            raise IdentificationError("the recording has no run of samples without gaps", "Record seconds of motion.")
+        if not any(grid.moves() for grid in self._grids):
+            raise IdentificationError("the recording holds no motion", "Record one that `elastic-arm excite` makes.")
+        self._said: tuple[str, ...] = (clock.note,) if clock.note else ()
+        self._width = next(iter(self._grids[0].channels().values())).shape[1]
+        self._longest, self._period = max(self._grids, key=len), period
+        if period is None:
+            with contextlib.suppress(IdentificationError):
+                self._period = period_of(self._longest)
+        self._series: Derived | None = None
+        if method != "smoother":
+            try:
+                self._series = self._by_series()
+            except IdentificationError:
+                if method == "fourier":
+                    raise
+
+    def share_lost(self, share: float, *, laws: bool) -> float:
+        """Return the share of the recording that a smoother with a share of the designed band loses at the ends."""
+        smoother = self._smoother.narrowed(share)
+        lost = len(self._grids) * 2 * smoother.lag * (2 if laws else 1)
+        return lost / max(sum(map(len, self._grids)), 1)
+
+    @property
+    def by_series(self) -> bool:
+        """Whether derivatives come from a fitted series, which needs no band."""
+        return self._series is not None
+
+    @property
+    def band(self) -> float:
+        """Band that the encoders' noise allows, Hz."""
+        return self._smoother.cutoff / (2 * np.pi)
+
+    @property
+    def _repeats(self) -> bool:
+        return self._period is not None and repeats(self._longest, self._period)
+
+    @functools.cached_property
+    def _smoother(self) -> Smoother:
+        return design_smoother(self._grids, self._width)
+
+    def _by_series(self) -> Derived:
+        """Fit series to every piece in which the motion repeats, each its own: it may begin anew after a gap."""
+        grids, period = self._grids, self._period or period_of(self._longest)
+        noises = (self._smoother.link_noise, self._smoother.motor_noise)
+        link_std, motor_std = (None if noise is None else noise.position_std for noise in noises)
+        used = [grid for grid in grids if grid is self._longest or repeats(grid, period)]
+        fitted = [fourier_motion(grid, link_std, motor_std, period) for grid in used]
+        what = "Fourier series" if len(used) == len(grids) else f"Fourier series of {len(used)} of {len(grids)} pieces"
+        pieces = tuple((lambda motion=motion: motion) for motion, _, _ in fitted)
+        return Derived(pieces, what, tuple((link, motor) for _, link, motor in fitted), self._said, self._repeats)
+
+    def __call__(self, equations: BaseRegression | None = None, *, ends: bool = False, share: float = 1.0) -> Derived:
+        """Return the motion, the laws of `equations` through the same filter.
+
+        Parameters
+        ----------
+        equations
+            With laws beyond the model, or None.
+        ends
+            Whether the ends of the pieces are used too.
+        share
+            Of the band that the encoders' noise allows; a series has none.
+        """
+        if self._series is not None:
+            return self._series
+        smoother, grids = self._smoother.narrowed(share), self._grids
+        lost = 2 * smoother.lag * (2 if equations is not None and equations.columns else 1)
+        grids = [with_ends(grid, lost) for grid in grids] if ends else grids
+        long_enough = [grid for grid in grids if len(grid) > lost] or [max(grids, key=len)]
+        stage = smoother if equations is None else partial(smoothed, smoother, equations=equations)
+        pieces = [partial(stage, run) for grid in long_enough for run in runs(grid, lost)]
+        method = f"smoother to {smoother.cutoff / (2 * np.pi):.1f} Hz"
+        said = (*self._said, *left_out(grids, long_enough))
+        return Derived(tuple(pieces), method, said=said, repeats=self._repeats)

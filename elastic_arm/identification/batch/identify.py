@@ -1,0 +1,277 @@
+"""From recordings to an identified arm."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from functools import partial
+
+import numpy as np
+from numpy.typing import NDArray
+
+from elastic_arm.dynamics import build_model
+from elastic_arm.effects import Catalogue, EffectInstance
+from elastic_arm.errors import IdentificationError
+from elastic_arm.estimation.motion import Motion
+from elastic_arm.identification.batch.derivatives import DerivativeStage, Derived, Method
+from elastic_arm.identification.batch.selection import BatchChoice, BatchTrial, ProgressCallback, Trials
+from elastic_arm.identification.consistency import correlation_of_errors, with_consistency
+from elastic_arm.identification.deviations import residual_std, series_covariance
+from elastic_arm.identification.law_columns import law_columns, with_stated
+from elastic_arm.identification.least_squares import Prior
+from elastic_arm.identification.regularisation import (
+    DOUBT,
+    HeldOut,
+    chosen_width,
+    described_width,
+    description_error,
+    law_sizes,
+    prior_of,
+    validated,
+)
+from elastic_arm.identification.result import Identification
+from elastic_arm.identification.stream import Identifier
+from elastic_arm.recording import Recording
+from elastic_arm.recording.inspection.outliers import without_outliers
+from elastic_arm.robot import Robot
+
+Array = NDArray[np.float64]
+# The consistent arm misses the torques by so much of the noise more than the base parameters do: it lacks something.
+# A zero that mends it lowers that to such a share.
+MISFIT, LOWERED = 0.3, 0.7
+SHOWN = "they differ from none in the recordings"
+NEEDED = "no physically consistent arm explains the torques without them"
+MOTOR_INERTIA = (
+    "the description states no motor inertia: it was identified beside the links (armature; a URDF cannot hold it)"
+)
+
+
+def identify(
+    recordings: Recording | Sequence[Recording],
+    robot: Robot,
+    model: str = "mod3",
+    *,
+    effects: Sequence[EffectInstance] = (),
+    derivatives: Method = "auto",
+    period: float | None = None,
+    weighted: bool = True,
+    consistent: bool = True,
+    validate: Sequence[Recording] = (),
+    progress: ProgressCallback | None = None,
+    catalogue: Catalogue | None = None,
+) -> Identification:
+    """Identify an arm from recordings.
+
+    Parameters
+    ----------
+    recordings
+        One or several, with equal channels.
+    robot
+        The nominal arm.
+    model
+        mod1, mod2 or mod3.
+    effects
+        Laws identified beside the model's own parameters (:func:`elastic_arm.effects.text.parse_laws`), and beside
+        those that the description states.
+    derivatives, period
+        See :class:`DerivativeStage`.
+    weighted
+        Weigh each equation by its noise; else ordinary least squares.
+    consistent
+        Also find all parameters, physically consistent and close to the nominal where the data determine nothing.
+    validate
+        Recordings that no fit may see; the residuals on them are part of the result.
+    progress
+        Called with what is being done and the share that is done.
+    catalogue
+        Where the ids of the description's effects are looked up; the default one when None.
+
+    Raises
+    ------
+    IdentificationError
+        If the recordings allow no equation, or too few samples.
+    """
+    return identify_with(
+        recordings,
+        robot,
+        model,
+        effects=effects,
+        derivatives=derivatives,
+        period=period,
+        weighted=weighted,
+        consistent=consistent,
+        validate=validate,
+        progress=progress,
+        catalogue=catalogue,
+    )[0]
+
+
+def identify_with(
+    recordings: Recording | Sequence[Recording],
+    robot: Robot,
+    model: str = "mod3",
+    *,
+    effects: Sequence[EffectInstance] = (),
+    derivatives: Method = "auto",
+    period: float | None = None,
+    weighted: bool = True,
+    consistent: bool = True,
+    validate: Sequence[Recording] = (),
+    progress: ProgressCallback | None = None,
+    catalogue: Catalogue | None = None,
+) -> tuple[Identification, Identifier, Motion]:
+    """Identify as :func:`identify` does, and hand out the estimator and a run of motion too.
+
+    Parameters
+    ----------
+    recordings, robot, model, effects, derivatives, period, weighted, consistent, validate, progress, catalogue
+        See :func:`identify`.
+
+    Returns
+    -------
+    result, identifier, motion
+        The result, the estimator that it came from, and the first run of smoothed motion.
+    """
+    chosen = [recordings] if isinstance(recordings, Recording) else list(recordings)
+    if not chosen:
+        raise IdentificationError("no recording was given", "Give at least one.")
+    report = progress or (lambda what, share: None)
+    chosen = [without_outliers(recording.select(robot.joint_names)) for recording in chosen]
+    prepared = [recording.samples() for recording in chosen]
+    motored = any(samples.tau_m is not None for samples in prepared)
+    described, robot = robot, robot.with_armatures() if motored else robot
+    effects = with_stated(effects, robot, motored=motored, catalogue=catalogue)
+    recorded = list(zip(chosen, prepared, strict=True))
+    trials = Trials(recorded, robot, model, effects, derivatives, period, weighted, report)
+    choice = trials.selected(catalogue)
+    estimated = partial(_estimated, trials, consistent=consistent)
+    result, trial = estimated(choice, SHOWN)
+    while (zero := _lacking(result, trial, trials, choice, catalogue)) is not None:
+        more = replace(choice, zeros=(*choice.zeros, zero))
+        again, retrial = estimated(more, NEEDED)
+        if _misfit(again) > LOWERED * _misfit(result):
+            break
+        result, trial, choice = again, retrial, more
+    notes = [MOTOR_INERTIA] if robot is not described else []
+    result = result.with_(notes=tuple(dict.fromkeys([*result.notes, *notes])))
+    if validate:
+        held_out = _held_out(validate, trial, choice.share, report)
+        result = validated(result, trial.identifier, robot, (*effects, *choice.zeros), held_out)
+    return result, trial.identifier, next(trial.derived[0].motions)
+
+
+def _estimated(trials: Trials, choice: BatchChoice, why: str, *, consistent: bool) -> tuple[Identification, BatchTrial]:
+    """Return the identification by one choice, and its estimator.
+
+    Parameters
+    ----------
+    trials, choice
+        Estimators by choice, and the choice.
+    why
+        Why zeros of torques are identified that nobody asked for.
+    consistent
+        See :func:`identify`.
+    """
+    trial = trials.final(choice)
+    trials.report("estimate", 1.0)
+    identifier, derived = trial.identifier, trial.derived
+    sources = tuple(recording.source for recording, _ in trials.recordings)
+    covariance = _covariance(identifier, derived)
+    width, prior = (None, None) if covariance is not None else _regularised(identifier)
+    result = identifier.estimate(sources, tuple(d.method for d in derived), covariance, prior)
+    joints = trials.robot.joint_names
+    notes = [note for recording, _ in trials.recordings for note in recording.notes]
+    notes += [note for d, source in zip(derived, sources, strict=True) for note in d.notes(source, joints)]
+    notes += [] if width is None else [described_width(width, "parts of the recordings left out in turn")]
+    notes += trials.notes(choice)
+    if choice.zeros:
+        zeros = ", ".join(f"{zero.effect.id}:{zero.joint}" for zero in choice.zeros)
+        notes.append(f"zeros of torques were identified without being asked for, as {why}: {zeros}")
+    result = result.with_(notes=tuple(dict.fromkeys([*result.notes, *notes])))
+    if consistent:
+        trials.report("physical consistency", 1.0)
+        weight = correlation_of_errors(identifier, repeats=any(d.repeats for d in derived))
+        laws = (*trials.effects, *choice.zeros)
+        result = with_consistency(result, identifier, trials.robot, laws, correlated=weight)
+    return result, trial
+
+
+def _lacking(
+    result: Identification, trial: BatchTrial, trials: Trials, choice: BatchChoice, catalogue: Catalogue | None
+) -> EffectInstance | None:
+    """Return the zero of a torque at the joint where the consistent arm misses the torques most; None if it does not.
+
+    Parameters
+    ----------
+    result, trial
+        The identification, and its estimator.
+    trials, choice
+        Where it came from.
+    catalogue
+        See :func:`identify`.
+    """
+    if result.Psi is None or not trials.effects or _misfit(result) <= MISFIT:
+        return None
+    blocks, fit, equations = trial.identifier.linear_blocks(), trial.identifier.fit(), trial.identifier.equations
+    missed = residual_std(blocks.total(), equations.base.T @ result.Psi, blocks.samples)
+    excess = dict(zip(equations.groups, missed * fit.weights, strict=True))
+    taken = {(zero.effect.id, zero.joint) for zero in choice.zeros}
+    open_ones = [zero for zero in trials.possible_zeros(catalogue) if (zero.effect.id, zero.joint) not in taken]
+    worst = {joint: max(value for (_, at), value in excess.items() if at == joint) for _, joint in equations.groups}
+    return max(open_ones, key=lambda zero: worst[str(zero.joint)], default=None)
+
+
+def _misfit(result: Identification) -> float:
+    """Return by how much of the noise the consistent arm fits worse than the base parameters; 0 where there is none."""
+    return (result.consistency or {}).get("misfit", 0.0)
+
+
+def _regularised(identifier: Identifier) -> tuple[float | None, Prior | None]:
+    """Return the width of the prior that predicts left-out parts best, and the prior; None where it takes none."""
+    equations, plain, blocks = identifier.equations, identifier.fit(), identifier.linear_blocks()
+    if (width := chosen_width(blocks, plain, equations)) is None:
+        return None, None
+    return width, prior_of(equations, width, description_error(plain, equations, DOUBT), law_sizes(blocks, equations))
+
+
+def _covariance(identifier: Identifier, derived: Sequence[Derived]) -> Array | None:
+    """Return the covariance where derivatives come from series; None where the blocks hold all of it."""
+    series = [(motion, *pair) for d in derived if d.series for motion, pair in zip(d.motions, d.series, strict=True)]
+    if not series:
+        return None
+    fit, equations = identifier.fit(), identifier.equations
+    known = fit.white_covariance if all(d.series for d in derived) else fit.covariance
+    return known + sum(series_covariance(equations, fit, *each) for each in series)
+
+
+def _held_out(recordings: Sequence[Recording], trial: BatchTrial, share: float, report: ProgressCallback) -> HeldOut:
+    """Return the motion of recordings that no fit has seen, smoothed to a share of the band that encoders allow."""
+    identifier, equations = trial.identifier, trial.identifier.equations
+    motions = {}
+    for recording in recordings:
+        report(f"validation on {recording.source}", 1.0)
+        samples = without_outliers(recording.select(identifier.model.robot.joint_names)).samples()
+        identifier.choose_equations(samples)
+        derived = DerivativeStage(samples, "smoother")(equations, share=share).aligned(equations, trial.derived[0])
+        motions[recording.source] = list(derived.motions)
+    return HeldOut(equations, motions)
+
+
+def identifier_of(
+    robot: Robot, model: str = "mod3", effects: Sequence[EffectInstance] = (), **options: object
+) -> Identifier:
+    """Return the stream estimator for an arm.
+
+    Parameters
+    ----------
+    robot
+        The nominal arm.
+    model
+        mod1, mod2 or mod3.
+    effects
+        Laws identified beside the model.
+    options
+        Of :class:`.stream.Identifier`.
+    """
+    arm, columns = build_model(robot, model), law_columns(effects, robot, model)
+    return Identifier(arm, columns, joints=robot.joint_names, **options)  # type: ignore[arg-type]

@@ -1,0 +1,284 @@
+"""What a batch lets the recordings decide: its band, where dry friction turns over, zeros of torque channels.
+
+**Band.** The encoders' noise allows a band far beyond the first resonance of an arm whose description is rigid, and
+there the equations do not hold: motion of the rotors alone is taken for motion of the links. Half, a quarter, ... of
+that band are tried where the description is rigid; one replaces the whole band if it predicts left-out parts of the
+recordings better within the narrowest band.
+
+**Dry friction** turns over gradually about standstill: at each joint within the likeliest of some speeds.
+
+**Zeros** of torque channels are found by the scatter of the recordings' blocks (Wald test), where laws beyond the model
+are identified: without them a constant torque goes into friction, masses and motor inertia.
+"""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from elastic_arm.dynamics import build_model
+from elastic_arm.dynamics.double_double import add
+from elastic_arm.effects import Catalogue, EffectInstance
+from elastic_arm.effects.text import parse_laws
+from elastic_arm.errors import IdentificationError
+from elastic_arm.identification.accumulator import closes
+from elastic_arm.identification.base_regression import BaseRegression
+from elastic_arm.identification.batch.derivatives import DerivativeStage, Derived, Method
+from elastic_arm.identification.law_columns import DEFAULT_SIGN_SPEED, SIGN_SPEEDS, is_dry, law_columns
+from elastic_arm.identification.least_squares import Blocks
+from elastic_arm.identification.regularisation import FOLDS, GAIN, solved
+from elastic_arm.identification.stream import Identifier
+from elastic_arm.recording import Recording, Samples
+from elastic_arm.robot import Robot
+
+Array = NDArray[np.float64]
+ProgressCallback = Callable[[str, float], None]
+
+# A narrower band loses more at the ends of a recording: up to this share of it.
+MOST_LOST = 0.2
+# A zero counts from so many standard deviations: one in 15,000 would be called one by chance. Where a channel has one,
+# its other zeros count from one standard deviation: from there on a parameter lowers the expected error of predictions.
+CERTAIN, LIKELY = 4.0, 1.0
+ZEROS = {"tau_J": "joint_torque_offset", "tau_m": "motor_torque_offset"}
+
+
+@dataclass(frozen=True)
+class BatchChoice:
+    """What the recordings have decided so far.
+
+    Parameters
+    ----------
+    sign_speed
+        rad/s, of all joints or (n,), see :func:`.law_columns.law_columns`.
+    share
+        Of the band that the encoders' noise allows.
+    zeros
+        Zeros of torque channels that are identified.
+    """
+
+    sign_speed: float | tuple[float, ...] = DEFAULT_SIGN_SPEED
+    share: float = 1.0
+    zeros: tuple[EffectInstance, ...] = ()
+
+    @property
+    def key(self) -> tuple[object, ...]:
+        """What distinguishes it from other choices."""
+        return self.sign_speed, self.share, tuple((zero.effect.id, zero.joint) for zero in self.zeros)
+
+
+@dataclass(frozen=True)
+class BatchTrial:
+    """An estimator that has seen all recordings, and how their derivatives came about."""
+
+    identifier: Identifier
+    derived: list[Derived]
+
+
+@dataclass
+class Trials:
+    """Estimators for one question with different choices; what depends on no choice is worked out once.
+
+    Parameters
+    ----------
+    recordings
+        With their samples.
+    robot, model
+        The nominal arm, and mod1, mod2 or mod3.
+    effects
+        Laws that are asked for or stated by the description.
+    derivatives, period
+        See :class:`.derivatives.DerivativeStage`.
+    weighted
+        See :func:`.identify.identify`.
+    report
+        Called with what is being done, and the share that is done.
+    """
+
+    recordings: Sequence[tuple[Recording, Samples]]
+    robot: Robot
+    model: str
+    effects: Sequence[EffectInstance]
+    derivatives: Method
+    period: float | None
+    weighted: bool
+    report: ProgressCallback
+    _known: dict[tuple[object, ...], BatchTrial] = field(default_factory=dict)
+
+    @functools.cached_property
+    def stages(self) -> list[DerivativeStage]:
+        """The derivative stage of each recording."""
+        found = []
+        for recording, samples in self.recordings:
+            self.report(f"motion of {recording.source}", 0.0)
+            found.append(DerivativeStage(samples, self.derivatives, period=self.period))
+        return found
+
+    def __call__(self, choice: BatchChoice, *, ends: bool = False) -> BatchTrial:
+        """Return the estimator of one choice; with `ends`, those of the recordings' pieces are used too."""
+        if not ends and choice.key in self._known:
+            return self._known[choice.key]
+        columns = law_columns([*self.effects, *choice.zeros], self.robot, self.model, choice.sign_speed)
+        arm, joints = build_model(self.robot, self.model), self.robot.joint_names
+        identifier = Identifier(arm, columns, joints=joints, weighted=self.weighted, encoder_columns=True)
+        derived: list[Derived] = []
+        asked = len(law_columns(self.effects, self.robot, self.model))
+        for j, (recording, samples) in enumerate(self.recordings):
+            self.report(f"equations of {recording.source}", len(self._known) / (len(self._known) + 1))
+            equations = _traced(identifier, samples, asked)
+            made = self.stages[j](equations, ends=ends, share=choice.share)
+            derived.append(made.aligned(equations, derived[0] if derived else None))
+            for motion in derived[-1].motions:
+                identifier.add_motion(motion)
+        trial = BatchTrial(identifier, derived)
+        if not ends:
+            self._known[choice.key] = trial
+        return trial
+
+    def selected(self, catalogue: Catalogue | None = None) -> BatchChoice:
+        """Return what the recordings decide."""
+        possible = self.possible_zeros(catalogue) if self.effects else ()
+        choice = self._speed(self._band(BatchChoice(zeros=possible)))
+        return replace(choice, zeros=certain_zeros(self(choice).identifier, possible)) if possible else choice
+
+    def final(self, choice: BatchChoice) -> BatchTrial:
+        """Return the estimator of a choice, ends of short recordings included where the equations do not close."""
+        trial = self(choice)
+        close = closes(trial.identifier.fit(), trial.identifier.linear_blocks())
+        return trial if close else self(choice, ends=True)
+
+    def notes(self, choice: BatchChoice) -> list[str]:
+        """Return in words what was chosen."""
+        found = []
+        if choice.share < 1.0:
+            band = max(stage.band for stage in self.stages)
+            found.append(
+                f"band of {choice.share * band:.3g} Hz, not the {band:.3g} Hz that the encoders allow: the rigid arm "
+                "that is found so predicts parts of the recordings left out in turn better"
+            )
+        if any(is_dry(instance) for instance in self.effects):
+            speeds = sorted(set(np.atleast_1d(choice.sign_speed).tolist()))
+            span = " to ".join(f"{speed:g}" for speed in dict.fromkeys((speeds[0], speeds[-1])))
+            found.append(f"dry friction turns over within {span} rad/s of standstill")
+        return found
+
+    def possible_zeros(self, catalogue: Catalogue | None = None) -> tuple[EffectInstance, ...]:
+        """Return the zeros of all recorded torques that nobody has asked for."""
+        asked = {(instance.effect.id, instance.joint) for instance in self.effects}
+        found: list[EffectInstance] = []
+        for channel, law in ZEROS.items():
+            have = [samples for _, samples in self.recordings if getattr(samples, channel) is not None]
+            lacking = {self.robot.joint_names[j] for samples in have for c, j in samples.lacking if c == channel}
+            laws = parse_laws([law], self.robot, catalogue) if have else []
+            found += [at for at in laws if (law, at.joint) not in asked and at.joint not in lacking]
+        return tuple(found)
+
+    def _band(self, choice: BatchChoice) -> BatchChoice:
+        """Return the choice with the band that predicts left-out parts best, where the description is rigid."""
+        laws = bool(self.effects)
+        if self.robot.elastic or not laws or any(stage.by_series for stage in self.stages):
+            return choice
+        shares = [1.0]
+        while max(stage.share_lost(0.5 * shares[-1], laws=laws) for stage in self.stages) < MOST_LOST:
+            shares.append(0.5 * shares[-1])
+        if len(shares) == 1:
+            return choice
+        errors = _errors_left_out([self(replace(choice, share=share)).identifier for share in shares])
+        gains = np.mean(np.log(errors[:1] / errors), axis=2)
+        best = int(np.argmax(gains.mean(axis=1)))
+        doubt = float(np.std(gains[best], ddof=1)) / np.sqrt(FOLDS)
+        better = gains[best].mean() > max(doubt, -np.log(1.0 - GAIN))
+        return replace(choice, share=shares[best]) if better else choice
+
+    def _speed(self, choice: BatchChoice) -> BatchChoice:
+        """Return the choice with the likeliest speed at which dry friction turns over."""
+        if not any(is_dry(instance) for instance in self.effects):
+            return choice
+        noises = [self(replace(choice, sign_speed=speed)).identifier.fit().noise for speed in SIGN_SPEEDS]
+        misfits = np.log(np.array(noises)).reshape(len(SIGN_SPEEDS), -1, self.robot.n).sum(axis=1)
+        best = [SIGN_SPEEDS[k] for k in np.argmin(misfits, axis=0)]
+        return replace(choice, sign_speed=best[0] if len(set(best)) == 1 else tuple(best))
+
+
+def certain_zeros(identifier: Identifier, possible: Sequence[EffectInstance]) -> tuple[EffectInstance, ...]:
+    """Return the zeros that differ from none in the recordings.
+
+    Parameters
+    ----------
+    identifier
+        Whose laws are among others the possible zeros.
+    possible
+        These.
+    """
+    fit, names = identifier.fit(), list(identifier.equations.base.names)
+    place = {name: k for k, name in enumerate(names)}
+    sizes = {}
+    for zero in possible:
+        k = place.get(f"{zero.effect.id}:{zero.joint}.offset")
+        sizes[zero.effect.id, zero.joint] = 0.0 if k is None else abs(fit.Psi[k]) / fit.std[k]
+    shown = {law for (law, _), size in sizes.items() if size > CERTAIN}
+    return tuple(z for z in possible if z.effect.id in shown and sizes[z.effect.id, z.joint] > LIKELY)
+
+
+def _traced(identifier: Identifier, samples: Samples, asked: int) -> BaseRegression:
+    """Return the equations that the channels allow, in which each of the first `asked` laws has left a trace."""
+    equations = identifier.choose_equations(samples)
+    own = len(equations.names) - len(equations.columns)
+    columns = equations.columns[:asked]
+    unseen = [c.name for k, c in enumerate(columns, own) if not equations.base.T[:, k].any()]
+    if unseen:
+        raise IdentificationError(
+            f"{', '.join(unseen)}: no trace in the torques that were recorded",
+            "Leave the law out, or let it act on the recorded side, as in coulomb_friction:side=link.",
+        )
+    return equations
+
+
+def _errors_left_out(identifiers: Sequence[Identifier]) -> Array:
+    """Return squared errors (identifiers, folds, groups) of left-out parts in the band of the last estimator.
+
+    Parameters
+    ----------
+    identifiers
+        With equal equations, each of its own band.
+    """
+    judged = _folds(identifiers[-1].linear_blocks())
+    live = np.einsum("fgii->g", judged[..., -1:, -1:]) > 0.0
+    found = [_left_out_errors(_folds(each.linear_blocks()), judged, each.fit().weights) for each in identifiers]
+    return np.maximum(np.array(found)[:, :, live], 1e-300)
+
+
+def _left_out_errors(parts: Array, judged: Array, weights: Array) -> Array:
+    """Return squared errors (folds, groups) of each part, predicted from the other parts of another set of sums.
+
+    Parameters
+    ----------
+    parts
+        (folds, groups, B + 1, B + 1) sums that are fitted.
+    judged
+        The same parts in the sums that are predicted.
+    weights
+        (groups,) of the fit.
+    """
+    weighted = np.einsum("g,fgij->fij", weights**2, parts)
+    whole = weighted.sum(axis=0)
+    found = []
+    for left_out, part in zip(weighted, judged, strict=True):
+        solution = np.append(-solved(whole - left_out, None), 1.0)
+        found.append(np.einsum("i,gij,j->g", solution, part, solution))
+    return np.array(found)
+
+
+def _folds(blocks: Blocks) -> Array:
+    """Return the sums (folds, groups, B + 1, B + 1) of consecutive parts of the recordings, of one length each."""
+    counts = np.cumsum(blocks.counts)
+    ends = np.searchsorted(counts, counts[-1] * np.arange(1, FOLDS) / FOLDS)
+    parts = np.split(np.arange(len(counts)), np.unique(ends))
+    sums = []
+    for part in parts:
+        hi, lo = functools.reduce(add, [blocks.grams[k] for k in part.tolist()])
+        sums.append(hi + lo - np.sum([blocks.known_noise[k] for k in part.tolist()], axis=0))
+    return np.array(sums)

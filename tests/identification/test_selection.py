@@ -1,0 +1,101 @@
+"""What the recordings decide: zeros of torques, where dry friction turns over, and the band of a rigid description."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from elastic_arm.dynamics import build_model
+from elastic_arm.identification import Identification, identify, parse_laws
+from elastic_arm.identification.batch import selection
+from elastic_arm.recording import Recording, Samples, Side
+from elastic_arm.robot import Robot, load_robot, parse_urdf, to_urdf
+from tests.helpers.periodic_arm import derivative, link_motion, record
+
+FRICTION = ("viscous_friction", "coulomb_friction")
+RATE, SECONDS = 500.0, 20.0
+
+
+@pytest.fixture(scope="module")
+def arm() -> Robot:
+    return load_robot(None)
+
+
+@pytest.fixture(scope="module")
+def samples(arm: Robot) -> Samples:
+    return record(build_model(arm, "mod3"), np.random.default_rng(5), encoder_noise=1e-6, velocity_noise=1e-4)
+
+
+def with_torque(arm: Robot, samples: Samples, torque: np.ndarray) -> Recording:
+    """Return the recording with a motor torque (N, n) or (n,) added."""
+    link = Side(samples.stamp_ns, samples.q, samples.dq)
+    motor = Side(samples.stamp_ns, samples.theta, samples.dtheta, samples.tau_m + torque)
+    return Recording(arm.joint_names, link=link, motor=motor, source="a")
+
+
+def zeros_of(found: Identification) -> dict[str, float]:
+    return {e.name: e.value for e in found.estimates if e.name.startswith("motor_torque_offset:")}
+
+
+def test_the_zero_of_a_torque_is_found_without_being_asked_for(arm: Robot, samples: Samples) -> None:
+    """4 Nm of one motor come out within 3 %, friction beside them, and a note names them."""
+    torque = np.array([0.0, 0.0, 4.0]) + np.tanh(samples.dtheta / 1e-3) * np.array([0.0, 0.0, 10.0])
+    laws = parse_laws(FRICTION, arm)
+    found = identify(with_torque(arm, samples, torque), arm, effects=laws, derivatives="smoother")
+    assert zeros_of(found)["motor_torque_offset:joint_3.offset"] == pytest.approx(4.0, rel=0.03)
+    assert any("without being asked for" in note and "joint_3" in note for note in found.notes)
+    assert found.identified is not None
+    assert ("motor_torque_offset", "joint_3") in {(e["effect"], e.get("joint")) for e in found.identified.effects}
+
+
+def test_torques_with_right_zeros_get_none(arm: Robot, samples: Samples) -> None:
+    """Without an offset there is none among the estimates, nor without laws where there is one."""
+    torque = np.tanh(samples.dtheta / 1e-3) * np.array([0.0, 0.0, 10.0])
+    laws = parse_laws(FRICTION, arm)
+    right = identify(with_torque(arm, samples, torque), arm, effects=laws, derivatives="smoother", consistent=False)
+    unasked = identify(with_torque(arm, samples, np.array([0, 0, 4.0])), arm, derivatives="smoother", consistent=False)
+    assert not zeros_of(right) and not zeros_of(unasked)
+
+
+def test_dry_friction_turns_over_at_each_joint_where_it_does(arm: Robot, samples: Samples) -> None:
+    """Sharp friction at one joint and gradual at another are both found within 5 %."""
+    turning, dry = np.array([1e-4, 1e-4, 5e-2]), np.array([0.0, 20.0, 20.0])
+    recording = with_torque(arm, samples, dry * np.tanh(samples.dtheta / turning))
+    found = identify(recording, arm, effects=parse_laws(FRICTION, arm), derivatives="smoother", consistent=False)
+    sizes = {e.name: e.value for e in found.estimates}
+    found_dry = [sizes[f"coulomb_friction:joint_{k}.torque"] for k in (2, 3)]
+    np.testing.assert_allclose(found_dry, dry[1:], rtol=0.05)
+    assert any("0.05 rad/s of standstill" in note for note in found.notes)
+
+
+def vibrating(rigid: Robot, seed: int) -> Recording:
+    """Return a recording of a rigid arm whose motors vibrate at 30 Hz against links that stay at rest."""
+    rng, t = np.random.default_rng(seed), np.arange(round(RATE * SECONDS)) / RATE
+    q = link_motion(rigid.n, t, SECONDS, 10, rng)
+    dq, ddq = derivative(q, 1, RATE), derivative(q, 2, RATE)
+    torque = build_model(rigid).inverse_dynamics(q, dq, ddq) + 5.0 * np.tanh(dq / 1e-3) + 3.0 * dq
+    turned = 1e-4 * np.abs(dq) * np.sin(2 * np.pi * 30.0 * t[:, None] + rng.uniform(0, 6, rigid.n))
+    theta = q + turned + 1e-7 * rng.standard_normal(q.shape)
+    torque += 0.3 * derivative(turned, 2, RATE) + 0.3 * rng.standard_normal(q.shape)
+    motor = Side(np.rint(t * 1e9).astype(np.int64), theta, None, torque)
+    return Recording(rigid.joint_names, motor=motor, source=f"seed {seed}")
+
+
+def test_motion_that_a_rigid_description_lacks_is_left_out_of_the_band(
+    arm: Robot, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Vibration of the motors alone is not taken for motion of the links: masses come out nearer to the true ones."""
+    rigid = parse_urdf(to_urdf(arm))
+    laws = parse_laws(FRICTION, rigid)
+    fitted = vibrating(rigid, 1)
+
+    def errors(found: Identification) -> np.ndarray:
+        own = [e for e in found.estimates if ":" not in e.name and "armature" not in e.name]
+        return np.abs([e.value - e.nominal for e in own])
+
+    narrow = identify(fitted, rigid, effects=laws, derivatives="smoother", consistent=False)
+    monkeypatch.setattr(selection, "MOST_LOST", 0.0)
+    whole = identify(fitted, rigid, effects=laws, derivatives="smoother", consistent=False)
+    assert any(note.startswith("band of") for note in narrow.notes)
+    assert not any(note.startswith("band of") for note in whole.notes)
+    assert np.median(errors(narrow) / errors(whole)) < 0.5
