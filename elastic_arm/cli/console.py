@@ -16,6 +16,7 @@ from typing import Any, ParamSpec, TypeVar
 from rich.console import Console
 from rich.errors import MarkupError
 from rich.markup import escape
+from rich.progress import Progress, ProgressColumn
 from rich.text import Text
 
 from elastic_arm.errors import ElasticArmError
@@ -66,6 +67,11 @@ err = _console(stderr=True)
 def print_error(error: ElasticArmError) -> None:
     """Write an error as one line on stderr."""
     err.print(f"[bold red]error:[/] {escape(str(error))}", soft_wrap=True, markup=True)
+
+
+def progress_bar(*columns: ProgressColumn, transient: bool = True) -> Progress:
+    """Return a progress display for a terminal; a pipe is spared it, and the empty line that it would leave."""
+    return Progress(*columns, console=err, transient=transient, disable=not err.is_terminal)
 
 
 def columns_left(rows: Sequence[Sequence[str]]) -> int:

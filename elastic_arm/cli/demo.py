@@ -13,12 +13,12 @@ import numpy as np
 import typer
 from rich.live import Live
 from rich.markup import escape
-from rich.progress import BarColumn, Progress, TextColumn
+from rich.progress import BarColumn, TextColumn
 from rich.rule import Rule
 from rich.table import Table
 from scipy.stats import chi2
 
-from elastic_arm.cli.console import columns_left, err, out, reports_errors
+from elastic_arm.cli.console import columns_left, out, progress_bar, reports_errors
 from elastic_arm.cli.describe import base_of
 from elastic_arm.cli.processes import Nodes
 from elastic_arm.cli.withheld import diagnose_withheld
@@ -103,7 +103,7 @@ def _make_room(folder: Path) -> None:
 def _excite(nominal: Robot, file: Path, seed: int) -> ExcitationResult:
     model = build_model(nominal, "mod3")
     limits = MotionLimits.of(nominal, workspace=Workspace.of(nominal))
-    with Progress(TextColumn("{task.description}", markup=False), BarColumn(), console=err, transient=True) as progress:
+    with progress_bar(TextColumn("{task.description}", markup=False), BarColumn()) as progress:
         task = progress.add_task("pattern search", total=EVALUATIONS)
         result = optimise(
             model,

@@ -8,10 +8,10 @@ from typing import Annotated
 import numpy as np
 import typer
 from rich.markup import escape
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeRemainingColumn
 from rich.table import Table
 
-from elastic_arm.cli.console import err, out, print_json, reports_errors
+from elastic_arm.cli.console import out, print_json, progress_bar, reports_errors
 from elastic_arm.cli.describe import base_of
 from elastic_arm.cli.options import AtOption, ChainOption, RobotFile, load_arm
 from elastic_arm.cli.outputs import Force, claim_file, claim_folder
@@ -95,7 +95,7 @@ def _search(
     model: Model, limits: MotionLimits, base: BaseParameters, shape: Shape, criterion: str, evaluations: int, seed: int
 ) -> ExcitationResult:
     columns = (TextColumn("{task.description}", markup=False), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
-    with Progress(*columns, console=err, transient=True) as progress:
+    with progress_bar(*columns) as progress:
         task = progress.add_task("random motions", total=evaluations)
 
         def show(evaluation: int, best: float) -> None:

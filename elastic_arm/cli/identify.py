@@ -9,10 +9,10 @@ from typing import Annotated
 
 import typer
 from rich.markup import escape
-from rich.progress import BarColumn, Progress, TextColumn
+from rich.progress import BarColumn, TextColumn
 from rich.table import Table
 
-from elastic_arm.cli.console import columns_left, err, out, print_json, reports_errors
+from elastic_arm.cli.console import columns_left, out, print_json, progress_bar, reports_errors
 from elastic_arm.cli.mujoco.corrected import Correction, print_correction
 from elastic_arm.cli.options import (
     AtOption,
@@ -101,7 +101,7 @@ def identify(
     robot = load_arm(robot_file, chain, at, catalogue)
     laws = parse_laws(with_ or (), robot, catalogue)
     mapping = None if channels is None else load_channels(channels)
-    with Progress(TextColumn("{task.description}", markup=False), BarColumn(), console=err, transient=True) as bar:
+    with progress_bar(TextColumn("{task.description}", markup=False), BarColumn()) as bar:
         task = bar.add_task("reading", total=1.0)
 
         def says(what: str, share: float) -> None:

@@ -10,10 +10,10 @@ from typing import Annotated, Any
 import numpy as np
 import typer
 from rich.markup import escape
-from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
+from rich.progress import BarColumn, TextColumn, TimeRemainingColumn
 from rich.table import Table
 
-from elastic_arm.cli.console import err, out, print_json, reports_errors
+from elastic_arm.cli.console import out, print_json, progress_bar, reports_errors
 from elastic_arm.cli.options import AtOption, ChainOption, EffectsFiles, load_arm
 from elastic_arm.cli.outputs import claim_bag
 from elastic_arm.diagnosis.format import instance_text
@@ -117,7 +117,7 @@ def simulate(
 
 def _simulated(robot: Robot, motion: FourierTrajectory, **settings: Any) -> Recording:
     """Simulate, with a bar of what is done."""
-    with Progress(TextColumn("simulating"), BarColumn(), TimeRemainingColumn(), console=err, transient=True) as bar:
+    with progress_bar(TextColumn("simulating"), BarColumn(), TimeRemainingColumn()) as bar:
         task = bar.add_task("", total=None)
         return run_simulation(
             robot, motion, progress=lambda done, total: bar.update(task, completed=done, total=total), **settings

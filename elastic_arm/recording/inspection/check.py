@@ -132,7 +132,9 @@ def _check_topics(content: Content, report: Report, joints: Sequence[str] | None
         for name in [name for name in known if joints is not None and name not in series.names()]:
             report.add("error", "missing_joint", f"{topic} lacks joint {name}", topic=topic, joint=name)
         if not series.has("effort") and JOINT_TORQUES not in content.series:
-            report.add("warning", "no_torque", f"{topic} has no torques (effort is empty)", topic=topic)
+            elsewhere = any(content.series[other].has("effort") for other in present)
+            message = f"{topic} has no torques (effort is empty)"
+            report.add("note" if elsewhere else "warning", "no_torque", message, topic=topic)
 
 
 def _check_series(series: Series, report: Report) -> None:

@@ -14,7 +14,7 @@ from rich.markup import escape
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 from rich.table import Table
 
-from elastic_arm.cli.console import err, out, print_json, reports_errors
+from elastic_arm.cli.console import err, out, print_json, progress_bar, reports_errors
 from elastic_arm.cli.options import EffectsFiles
 from elastic_arm.cli.outputs import claim_folder
 from elastic_arm.effects import Catalogue
@@ -194,7 +194,7 @@ def _range(text: str) -> tuple[float, float]:
 
 def _bar(what: str) -> Progress:
     columns = (TextColumn(what), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn(), TimeRemainingColumn())
-    return Progress(*columns, console=err, transient=True)
+    return progress_bar(*columns)
 
 
 def _reporter(bar: Progress) -> Callable[[int, int], None]:

@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 from rich.markup import escape
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
+from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeElapsedColumn
 from rich.table import Table
 
-from elastic_arm.cli.console import err, out, print_json, reports_errors
+from elastic_arm.cli.console import out, print_json, progress_bar, reports_errors
 from elastic_arm.cli.options import RobotFile
 from elastic_arm.cli.outputs import Force, claim_folder
 from elastic_arm.errors import MissingExtraError
@@ -64,7 +64,7 @@ def paper(
 
     robot = load_robot(robot_file)
     columns = (TextColumn("{task.description}", markup=False), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
-    with Progress(*columns, console=err) as progress:
+    with progress_bar(*columns, transient=False) as progress:
 
         def stage(name: str, count: int) -> Callable[[], None]:
             task = progress.add_task(name, total=count)
