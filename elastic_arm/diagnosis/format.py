@@ -347,7 +347,8 @@ def agreement_text(agreement: Agreement) -> str:
     if absent:
         return f"does not agree over the recordings: it shows in {len(agreement.findings) - len(absent)} of them alone"
     apart = "more than their mean" if spread is None or spread >= 1.0 else f"up to {percent(spread)} of their mean"
-    return f"does not agree over the recordings: sizes differ by {apart}"
+    doubt = ", which reduces its confidence" if agreement.odds > DOUBT else ""
+    return f"does not agree over the recordings: sizes differ by {apart}{doubt}"
 
 
 def log_likelihood_text(value: float) -> str:

@@ -124,10 +124,14 @@ def follow_up(found: Diagnosis, *, rng: np.random.Generator | None) -> Diagnosis
         return found
     proposal = None if rng is None else propose(found.context, found.causes, rng=rng)
     decided = set() if proposal is None else proposal.decided
+    compared = agreements(found.context)
+    # What has another size in every recording stands in for something else.
+    differ = {(one.effect, one.joint): one.odds for one in compared if one.comparable and one.odds > 0.0}
+    sure = [1.0 / (1.0 + differ.get((cause.effect, cause.joint), 0.0)) for cause in found.causes]
     return replace(
         found,
-        causes=tuple(cause.with_separating_file(decided) for cause in found.causes),
+        causes=tuple(c.less_sure(s).with_separating_file(decided) for c, s in zip(found.causes, sure, strict=True)),
         prediction=predict(found.context, [cause.instance for cause in found.causes if not cause.refitted]),
-        agreements=agreements(found.context),
+        agreements=compared,
         proposal=proposal,
     )

@@ -251,6 +251,7 @@ class WhitenedData:
         near: WhitenedData | None = None,
     ) -> None:
         self.layout, self.band, self.in_motion = layout, band, in_motion
+        self.predicted, self.acting = predicted, tuple(acting)
         self.parts: list[Part] = []
         self.pure: list[NoiseModel] = []
         self._free: list[FreeTorques] = []

@@ -9,7 +9,13 @@ import pytest
 
 from elastic_arm.diagnosis import Question, diagnose, follow_up
 from elastic_arm.diagnosis.format import agreement_text
-from elastic_arm.diagnosis.inference.across_recordings import Agreement, RecordingEstimate, compared
+from elastic_arm.diagnosis.inference import across_recordings
+from elastic_arm.diagnosis.inference.across_recordings import (
+    Agreement,
+    RecordingEstimate,
+    compared,
+    odds_of_different_sizes,
+)
 from elastic_arm.diagnosis.inference.estimates import ParameterEstimate
 from elastic_arm.diagnosis.result import Diagnosis
 from elastic_arm.diagnosis.selection.candidates import feature_of
@@ -97,7 +103,44 @@ def test_sizes_that_differ_are_stated_as_a_share_of_their_mean() -> None:
     """2 and 3 Nm, each to 0.01 Nm, do not agree and are 20 % from their mean."""
     agreement = _agreement([2.0, 3.0], std=0.01)
     assert not agreement.agrees and agreement.comparable
-    assert agreement_text(agreement) == "does not agree over the recordings: sizes differ by up to 20.0 % of their mean"
+    assert agreement_text(agreement) == (
+        "does not agree over the recordings: sizes differ by up to 20.0 % of their mean, which reduces its confidence"
+    )
+
+
+def test_a_cause_of_several_sizes_is_not_certain(same: Diagnosis) -> None:
+    """Sizes of 1, 6 and 14 Nm reduce a confidence to less than a tenth; what agrees keeps its own."""
+    assert _agreement([1.0, 6.0, 14.0], std=0.05).odds > 9.0
+    assert all(agreement.odds == 0.0 for agreement in same.agreements)
+
+
+def test_odds_of_several_sizes_are_those_of_their_scatter() -> None:
+    """Sizes alike, or apart by a tenth, speak for one law, sizes far apart against it, and poor ones for neither."""
+    near, tenth, apart, poor = (
+        odds_of_different_sizes(np.array(sizes), np.full(3, std), 1.0, AgreementSettings())
+        for sizes, std in (
+            ([1.0, 1.01, 0.99], 0.02),
+            ([1.0, 1.1, 0.9], 1e-3),
+            ([0.2, 1.0, 2.2], 0.05),
+            ([1.0, 2.0, 0.1], 5.0),
+        )
+    )
+    assert near < 0.05 and tenth < 0.1 and apart > 10.0 and 0.1 < poor < 1.0
+
+
+def test_with_refit_laws_take_the_torques_that_the_model_predicts(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A law of the load is compared over recordings by the torque that the diagnosis itself took."""
+    given: dict[str, object] = {}
+
+    def data_of(*data: object, **options: object) -> None:
+        given.update(options)
+        raise StopIteration
+
+    monkeypatch.setattr(across_recordings, "WhitenedData", data_of)
+    judged = SimpleNamespace(layout=None, band=None, in_motion=True, predicted=True, acting=("drag",))
+    with pytest.raises(StopIteration):
+        across_recordings.refitted(SimpleNamespace(model=None, validate=judged), [], [])
+    assert given == {"predicted": True, "in_motion": True, "acting": ("drag",)}
 
 
 def _agreement(torques: list[float], std: float) -> Agreement:

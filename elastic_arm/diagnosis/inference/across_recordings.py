@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import logsumexp
 from scipy.stats import chi2
 
 from elastic_arm.diagnosis.context import DiagnosisContext
@@ -24,6 +25,8 @@ from elastic_arm.estimation.observation import Observation
 from elastic_arm.estimation.whitening import WhitenedData
 
 Array = NDArray[np.float64]
+# Scatters over which sizes are marginalised, and the largest as a multiple of the size; they resolve a factor of 1.2.
+SCATTERS, MOST_SCATTER = 30, 3.0
 
 
 @dataclass(frozen=True)
@@ -64,6 +67,8 @@ class Agreement:
         Whether the cause is there in every recording, of one size as far as they determine it.
     comparable
         Whether single recordings determine the size well enough for that to mean something.
+    odds
+        Of sizes that differ by a good part of themselves against nearly one size; 0 where it agrees.
     """
 
     effect: str
@@ -75,6 +80,7 @@ class Agreement:
     spread: float | None
     agrees: bool
     comparable: bool = True
+    odds: float = 0.0
 
     def to_dict(self) -> dict[str, Any]:
         """Return it as plain data."""
@@ -142,7 +148,16 @@ def refitted(
         Known effects and causes.
     """
     judged = context.validate
-    data = WhitenedData(context.model, group, judged.layout, judged.band, in_motion=judged.in_motion)
+    # The laws take the same torques as those of the diagnosis: with --refit those that the model predicts.
+    data = WhitenedData(
+        context.model,
+        group,
+        judged.layout,
+        judged.band,
+        predicted=judged.predicted,
+        in_motion=judged.in_motion,
+        acting=judged.acting,
+    )
     library = RegressorLibrary(data, data, context.settings.candidates)
     judgement = context.settings.judgement
     own = [library.add(candidate.feature, candidate.searched, fixed=candidate.fixed) for candidate in selected]
@@ -173,16 +188,20 @@ def compared(candidate: Candidate, findings: Sequence[RecordingEstimate], settin
     effect, joint = candidate.feature.effect, candidate.feature.joint
     present = all(finding.gain > 0.0 for finding in findings)
     whole = {p.name: _whole_size(effect, findings) if p.name in effect.magnitude else 0.0 for p in effect.parameters}
-    tried = [numbers for p in effect.parameters for numbers in _components(p, findings, whole[p.name])]
+    by_name = {p.name: _components(p, findings, whole[p.name], settings) for p in effect.parameters}
+    tried = [numbers for components in by_name.values() for numbers in components]
     if not tried:
         return Agreement(effect.id, joint, tuple(findings), None, 0, None, None, present)
     # Of the numbers that differ by more than counts as the same, the one that differs with most certainty.
-    scatter, spread = max([numbers for numbers in tried if numbers[1] >= settings.alike] or tried)
+    scatter, spread, _ = max([numbers for numbers in tried if numbers[1] >= settings.alike] or tried)
     probability = min(1.0, len(tried) * float(chi2.sf(scatter, len(findings) - 1)))
     agrees = present and (probability > settings.alpha or spread < settings.alike)
     comparable = not agrees or spread < settings.comparable
-    freedom = len(findings) - 1
-    return Agreement(effect.id, joint, tuple(findings), scatter, freedom, probability, spread, agrees, comparable)
+    freedom, odds = len(findings) - 1, 0.0
+    if not agrees:
+        # Only of a size it is known what is much of it.
+        odds = max((own for name in effect.magnitude for _, _, own in by_name[name]), default=0.0)
+    return Agreement(effect.id, joint, tuple(findings), scatter, freedom, probability, spread, agrees, comparable, odds)
 
 
 def _whole_size(effect: Effect, findings: Sequence[RecordingEstimate]) -> float:
@@ -197,9 +216,9 @@ def _whole_size(effect: Effect, findings: Sequence[RecordingEstimate]) -> float:
 
 
 def _components(
-    parameter: Parameter, findings: Sequence[RecordingEstimate], least: float = 0.0
-) -> list[tuple[float, float]]:
-    """Return chi-square and relative spread of each number of a parameter that every recording determines.
+    parameter: Parameter, findings: Sequence[RecordingEstimate], least: float, settings: AgreementSettings
+) -> list[tuple[float, float, float]]:
+    """Return chi-square, relative spread and odds of different sizes of each number that every recording determines.
 
     Parameters
     ----------
@@ -209,6 +228,8 @@ def _components(
         One a recording.
     least
         Size of the effect, of which a number that is nearly zero beside it is a part.
+    settings
+        What counts as the same.
     """
     found = []
     for j in range(parameter.size):
@@ -222,8 +243,39 @@ def _components(
         mean = np.average(values, weights=stds**-2.0)
         size = 1.0 if parameter.role is Role.PHASE else max(abs(mean - (parameter.neutral or 0.0)), least)
         scatter = float(np.sum(((values - mean) / stds) ** 2))
-        found.append((scatter, float(np.abs(values - mean).max() / max(size, 1e-300))))
+        spread = float(np.abs(values - mean).max() / max(size, 1e-300))
+        found.append((scatter, spread, odds_of_different_sizes(values, stds, size, settings)))
     return found
+
+
+def odds_of_different_sizes(values: Array, stds: Array, size: float, settings: AgreementSettings) -> float:
+    """Return the odds that sizes differ from recording to recording by a good part of themselves.
+
+    A law that fits its effect roughly has nearly one size wherever it is fitted; one that stands in for another has a
+    size of its own in every recording. The likelihood of the scatter is the restricted one, in which the mean is
+    marginalised (D. Harville, J. Am. Stat. Assoc. 72 (1977) 320); as likely beforehand are no scatter and any one, on a
+    logarithmic scale from what counts as the same to several times the size.
+
+    Parameters
+    ----------
+    values, stds
+        (k,) sizes, and their standard deviations.
+    size
+        Of the effect.
+    settings
+        What counts as the same, and as comparable.
+    """
+
+    def log_likelihood(scatter: float) -> float:
+        weights = 1.0 / (stds**2 + scatter**2)
+        mean = weights @ values / weights.sum()
+        return float(0.5 * (np.log(weights).sum() - np.log(weights.sum()) - weights @ (values - mean) ** 2))
+
+    scatters = size * np.geomspace(settings.alike, MOST_SCATTER, SCATTERS)
+    likelihoods = np.array([log_likelihood(scatter) for scatter in scatters]) - np.log(SCATTERS)
+    apart = scatters > settings.comparable * size
+    nearly_one = np.append(likelihoods[~apart], log_likelihood(0.0))
+    return float(np.exp(np.clip(logsumexp(likelihoods[apart]) - logsumexp(nearly_one), -700.0, 700.0)))
 
 
 def _rounded(value: Any) -> Any:

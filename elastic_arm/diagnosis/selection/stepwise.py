@@ -332,10 +332,21 @@ class StepwiseSearch:
             trial = [*others, better]
             if not self._plausible(trial) or self._is_same_law(better, chosen[k]):
                 continue
-            odds = self._odds(chosen, trial, scale)
+            odds = self._odds(self._with_foreign(chosen, k, better, scale), trial, scale)
             if odds > self._search.least_odds:
                 rivals.append(Rival(better, odds))
         return sorted(rivals, key=lambda rival: -rival.odds)
+
+    def _with_foreign(self, chosen: Sequence[Candidate], k: int, rival: Candidate, scale: float) -> list[Candidate]:
+        """Return the set that a rival of cause k has to match: with the rival beside it where another joint lacks that.
+
+        What gains as much beside the cause as in its place does another joint's work and is no alternative to it.
+        """
+        beside = [*chosen, rival]
+        if rival.feature.joint in (None, chosen[k].feature.joint) or chosen[k].feature.joint is None:
+            return list(chosen)
+        worth = self._search.least_gain * scale
+        return beside if self._score(beside) - worth > self._score(chosen) else list(chosen)
 
     def _is_same_law(self, rival: Candidate, cause: Candidate) -> bool:
         """Whether a rival of more numbers is at its best the cause itself, as friction that bends at no speed reached.

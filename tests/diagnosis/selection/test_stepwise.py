@@ -171,3 +171,14 @@ def test_rivals_follow_their_cause_when_another_is_dropped() -> None:
     left = Hypothesis(names, 1, rivals).drop(1)
     assert (left.selected, left.baseline, list(left.causes)) == (["known", "second"], ["known"], [1])
     assert left.rivals[1][0].odds == 0.2
+
+
+def test_what_another_joint_lacks_is_no_alternative() -> None:
+    """An effect of another joint that gains as much beside a cause as in its place leaves the cause certain."""
+    library, _ = library_of({"one": 1.0, "two": 2.0})
+    apart = {"joint": "a", "key": ("one", "a", ())}, {"joint": "b", "key": ("two", "b", ())}
+    cause, other = (library.add(feature(name, **own), ()) for name, own in zip(("one", "two"), apart, strict=True))
+    library.close()
+    search = StepwiseSearch(library, (), SETTINGS)
+    (rivals,) = search.with_rivals(Hypothesis((cause,), 0)).rivals.values()
+    assert all(rival.candidate is not other for rival in rivals)
