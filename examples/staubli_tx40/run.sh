@@ -12,3 +12,4 @@ done
 elastic-arm bag check run_fit || true # exit status 1: something to know
 friction="--with coulomb_friction --with viscous_friction"
 elastic-arm identify run_fit --validate run_held --robot "$1/tx40.urdf" $friction --out identified
+elastic-arm diagnose run_fit --validate run_held --robot "$1/tx40.urdf" $friction --refit --out diagnosis_refit
