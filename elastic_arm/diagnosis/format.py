@@ -347,7 +347,7 @@ def agreement_text(agreement: Agreement) -> str:
     if absent:
         return f"does not agree over the recordings: it shows in {len(agreement.findings) - len(absent)} of them alone"
     apart = "more than their mean" if spread is None or spread >= 1.0 else f"up to {percent(spread)} of their mean"
-    doubt = ", which reduces its confidence" if agreement.odds > DOUBT else ""
+    doubt = ", which reduces its confidence" if agreement.odds > WORTH_A_LINE else ""
     return f"does not agree over the recordings: sizes differ by {apart}{doubt}"
 
 
