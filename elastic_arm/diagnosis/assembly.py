@@ -89,7 +89,7 @@ def assemble(
     settings, measure, library = prepared.settings, judgement.measure, prepared.library
     hypothesis = estimated.hypothesis
     ranked = ranked_causes(prepared, estimated, judgement)
-    ranked = [r.against(laws) for r in (*ranked, *fault_causes(prepared, judgement, estimated))]
+    ranked = [r.against(laws) for r in (*ranked, *fault_causes(prepared, judgement, estimated, laws))]
     ranked.sort(key=lambda r: -r.cause.shrink)
     shrink, interval = measure.share(hypothesis.selected)
     stands_out = measure.stands_out(hypothesis.selected)
@@ -220,7 +220,9 @@ def ranked_causes(prepared: PreparedData, estimated: EstimatedHypothesis, judgem
     return sorted(found, key=lambda one: -one.cause.shrink)
 
 
-def fault_causes(prepared: PreparedData, judgement: Judgement, estimated: EstimatedHypothesis) -> list[RankedCause]:
+def fault_causes(
+    prepared: PreparedData, judgement: Judgement, estimated: EstimatedHypothesis, laws: BetterLaws
+) -> list[RankedCause]:
     """Return the causes that are faults: sensors and numbers of the arm beyond ordinary.
 
     Parameters
@@ -231,11 +233,13 @@ def fault_causes(prepared: PreparedData, judgement: Judgement, estimated: Estima
         The gap without any of them.
     estimated
         The faults as they came out, and what counts as part of the model.
+    laws
+        General laws; what is ordinary beside one of them is no fault.
     """
     found, before = [], judgement.measure.before
     settings, library, sides = prepared.settings, prepared.library, prepared.validation.layout.sides
     left = library.validation_residuals(estimated.hypothesis.baseline)
-    for fault in estimated.faults:
+    for fault in (each for each in estimated.faults if each.feature.key not in laws.instead):
         feature = fault.feature
         alone = with_faults(left, [other for other in estimated.faults if other is not fault])
         rng = settings.resampling.significance_rng()

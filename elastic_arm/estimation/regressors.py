@@ -25,12 +25,17 @@ from elastic_arm.effects.model import Effect
 from elastic_arm.effects.motion import Contribution
 from elastic_arm.effects.parameters import Parameter
 from elastic_arm.estimation.motion import CompletedMotion
+from elastic_arm.estimation.smoother import Smoother
 
 Array = NDArray[np.float64]
 INPUTS = (
     "x", "dx", "ddx", "tau_J", "tau_m", "dtau_J", "dtau_m",
     "progress", "elapsed", "friction_link", "friction_motor", "sign_link", "sign_motor",
 )  # fmt: skip
+
+
+# Steps of a sample interval at which the sign of a velocity is taken before it is smoothed.
+FINER = 8
 
 
 @dataclass(frozen=True)
@@ -71,6 +76,7 @@ class Signals:
         elastic: bool = True,
         cutoff: float = np.inf,
         predicted: bool = False,
+        smoother: Smoother | None = None,
     ) -> Signals:
         """Take the signals from motion over a stretch of time.
 
@@ -86,12 +92,18 @@ class Signals:
             Hz up to which accelerations are motion rather than noise.
         predicted
             Whether torques are those that the model predicts.
+        smoother
+            What the residuals have passed, where it takes a part of their band: signs pass it, too.
         """
         rates = [CubicSpline(motion.t, torque)(motion.t, 1) for torque in (motion.tau_J, motion.tau_m)]
         before = None
         if motion.before is not None:
-            before = Signals.of(motion.before, standstill, elastic=elastic, cutoff=cutoff)
-        return Signals(motion.t, _values(motion, standstill, rates, elastic=elastic), cutoff, before, predicted)
+            before = Signals.of(motion.before, standstill, elastic=elastic, cutoff=cutoff, smoother=smoother)
+        values = _values(motion, standstill, rates, elastic=elastic)
+        if smoother is not None:
+            of_sides = {"sign_link": (motion.dq, standstill[0]), "sign_motor": (motion.dtheta, standstill[1])}
+            values |= {name: _smoothed_sign(motion.t, *side, smoother) for name, side in of_sides.items()}
+        return Signals(motion.t, values, cutoff, before, predicted)
 
     @staticmethod
     def of_samples(motion: CompletedMotion, standstill: tuple[Array, Array], *, elastic: bool = True) -> Signals:
@@ -158,6 +170,15 @@ def _values(
         "elapsed": (motion.t - begin)[:, None],
     }
     return {name: np.ascontiguousarray(v) for name, v in values.items()}
+
+
+def _smoothed_sign(t: Array, velocity: Array, standstill: Array, smoother: Smoother) -> Array:
+    """Return the sign (N, n) of a velocity as the residuals hold it.
+
+    A jump is between two samples and has no band: the sign is taken at finer steps, and passes the smoother there.
+    """
+    fine = np.linspace(t[0], t[-1], (len(t) - 1) * FINER + 1)
+    return smoother.thinned(np.tanh(CubicSpline(t, velocity)(fine) / standstill), FINER)
 
 
 @dataclass(frozen=True, eq=False)

@@ -15,6 +15,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.signal import oaconvolve
 
 from elastic_arm.errors import IdentificationError
 from elastic_arm.estimation.convolution import convolve
@@ -135,6 +136,12 @@ class Smoother:
         for k in np.flatnonzero(values.any(axis=0)):
             out[:, k] = convolve([values[:, k]], response, every)[0]
         return out
+
+    def thinned(self, values: Array, finer: int) -> Array:
+        """Pass values (N, m) at `finer` times the rate through H, and keep one of `finer`; the ends are continued."""
+        lag = self.lag * finer
+        taps = _even_taps(self.cutoff / (self.rate * finer), lag)
+        return oaconvolve(np.pad(values, ((lag, lag), (0, 0)), mode="edge"), taps[:, None], "valid", axes=0)[::finer]
 
     def _require(self, samples: int) -> None:
         if samples <= 2 * self.lag:

@@ -30,6 +30,7 @@ Array = NDArray[np.float64]
 
 EDGE = 10  # rows at the ends of a stretch that the whitening, being circular, spoils
 BLOCK = 0.5  # s; longer than the arm's memory in the residuals
+WHOLE = 0.99  # response of the smoother at the edge of the band above which laws need not pass it
 STANDING = 3.0  # standard deviations of velocity noise below which a joint counts as standing
 NOISE_FREQUENCIES = 400
 POSES = 12  # at which the inertia is looked up for the way of encoder noise into the residuals
@@ -259,19 +260,24 @@ class WhitenedData:
         for observation in observations:
             noise, pure = noise_models(model, observation, layout, band, (FLOOR, 0.0))
             standstill = _standstill(observation, noise.f, model.n)
+            limits = observation.smoother if observation.gain(np.array([band.cutoff]))[0] < WHOLE else None
             for stretch in residuals(model, observation, layout, band):
                 elastic, cutoff = model.robot.elastic, observation.cutoff
                 motion = wound_by_load(model, stretch.quiet) if layout.reads_torque_by_deflection else stretch.quiet
                 load, drive = predicted_torques(model, motion)
                 if predicted:
                     motion = replace(motion, tau_J=load, tau_m=drive)
-                signals = Signals.of(motion, standstill, elastic=elastic, cutoff=cutoff, predicted=predicted)
+                signals = Signals.of(
+                    motion, standstill, elastic=elastic, cutoff=cutoff, predicted=predicted, smoother=limits
+                )
                 if acting:
                     more = [effect.torques(signals) for effect in acting]
                     added = zip((load, drive), zip(*more, strict=True), strict=True)
                     load, drive = (torque + sum(parts) for torque, parts in added)
                     motion = replace(motion, tau_J=load, tau_m=drive)
-                    signals = Signals.of(motion, standstill, elastic=elastic, cutoff=cutoff, predicted=predicted)
+                    signals = Signals.of(
+                        motion, standstill, elastic=elastic, cutoff=cutoff, predicted=predicted, smoother=limits
+                    )
                 signals = signals.with_model_torques(load, drive, observation.torque_variances(model.n))
                 self.parts.append(Part(stretch, signals, noise, observation.gains))
                 self.pure.append(pure)
