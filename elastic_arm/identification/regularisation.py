@@ -21,7 +21,7 @@ from elastic_arm.dynamics.double_double import add, cholesky
 from elastic_arm.effects import EffectInstance
 from elastic_arm.estimation.motion import Motion
 from elastic_arm.identification.base_regression import BaseRegression
-from elastic_arm.identification.consistency import description_covariance, with_consistency
+from elastic_arm.identification.consistency.estimation import description_covariance, with_consistency
 from elastic_arm.identification.deviations import residual_norms
 from elastic_arm.identification.least_squares import Blocks, Fit, Prior
 from elastic_arm.identification.result import Identification

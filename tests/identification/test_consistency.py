@@ -10,12 +10,9 @@ import pytest
 
 from elastic_arm.dynamics import build_model
 from elastic_arm.identification import Identification, identifier_of, identify, identify_with, parse_laws
-from elastic_arm.identification.consistency import (
-    consistent,
-    correlation_of_errors,
-    identified_robot,
-    pseudo_inertia,
-)
+from elastic_arm.identification.consistency.chart import pseudo_inertia
+from elastic_arm.identification.consistency.estimation import consistent, correlation_of_errors
+from elastic_arm.identification.consistency.identified_robot import identified_robot
 from elastic_arm.recording import Recording, Samples, Side
 from elastic_arm.robot import Robot, load_robot
 from tests.helpers.periodic_arm import record

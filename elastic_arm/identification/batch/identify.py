@@ -15,7 +15,7 @@ from elastic_arm.errors import IdentificationError
 from elastic_arm.estimation.motion import Motion
 from elastic_arm.identification.batch.derivatives import DerivativeStage, Derived, Method
 from elastic_arm.identification.batch.selection import BatchChoice, BatchTrial, ProgressCallback, Trials
-from elastic_arm.identification.consistency import correlation_of_errors, with_consistency
+from elastic_arm.identification.consistency.estimation import correlation_of_errors, with_consistency
 from elastic_arm.identification.deviations import residual_std, series_covariance
 from elastic_arm.identification.law_columns import law_columns, with_stated
 from elastic_arm.identification.least_squares import Prior

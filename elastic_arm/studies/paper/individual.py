@@ -13,7 +13,7 @@ import numpy as np
 
 from elastic_arm.dynamics import build_model
 from elastic_arm.identification.base_regression import BaseRegression
-from elastic_arm.identification.consistency import consistent
+from elastic_arm.identification.consistency.estimation import consistent
 from elastic_arm.identification.least_squares import Fit
 from elastic_arm.robot.description import Component, Inertia, Joint, Robot
 

@@ -1,0 +1,182 @@
+"""Coordinates of all parameters in which physical consistency is convex, and the description is the point to stay near.
+
+A link's ten parameters are its pseudo-inertia, normalised by that of the description: positive definite where a mass
+distribution has them (P. Wensing, S. Kim, J.-J. Slotine, IEEE Robotics and Automation Letters 3 (2018) 60). Solids of
+revolution are positive moments; K, D and armatures are positive or not negative; laws beyond the model have bounds.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from elastic_arm.dynamics.bodies import Body, inertial_parameters
+from elastic_arm.dynamics.composition import ARMATURE
+from elastic_arm.identification.base_regression import BaseRegression
+from elastic_arm.robot import Robot
+
+Array = NDArray[np.float64]
+
+# Pseudo-inertias of the nominal are kept this far from singular, relative to their largest eigenvalue.
+THINNEST = 1e-6
+# Entries of a symmetric matrix (4, 4), in the order of their coordinates.
+PAIRS = ((0, 0), (0, 1), (0, 2), (0, 3), (1, 1), (1, 2), (1, 3), (2, 2), (2, 3), (3, 3))
+_UNIT = [float(i == j) for i, j in PAIRS]  # coordinates of the unit matrix: of the nominal body
+
+
+@dataclass(frozen=True)
+class Chart:
+    """Parameters near the nominal: Psi = Psi0 + G (x - x0), x dimensionless and x = x0 at the nominal.
+
+    Parameters
+    ----------
+    pseudo
+        Slices of x that hold the ten entries of a normalised pseudo-inertia.
+    positive
+        Indices of x that must be positive, each with its weight in the divergence.
+    free
+        Indices of x that may have either sign.
+    bounds
+        Of `free`, indices with the least value that each may have.
+    """
+
+    G: Array
+    x0: Array
+    Psi0: Array
+    pseudo: tuple[slice, ...]
+    positive: tuple[tuple[int, float], ...]
+    free: tuple[int, ...]
+    bounds: tuple[tuple[int, float], ...] = ()
+
+    def variances(self) -> Array:
+        """Return the variances of x that belong to the divergence at a trust of one."""
+        variance = np.ones(len(self.x0))
+        for piece in self.pseudo:
+            # Off the diagonal an entry of X counts twice in the trace of X².
+            variance[piece] = [1.0 if i == j else 0.5 for i, j in PAIRS]
+        for k, weight in self.positive:
+            variance[k] = 1.0 / weight
+        return variance
+
+
+def chart_of(equations: BaseRegression) -> Chart:
+    """Put parameters into coordinates in which the nominal is x0 and every step of size one is as bold."""
+    names, nominal, robot = equations.names, equations.nominal, equations.model.robot
+    links, seen = {joint.link_name for joint in robot.joints}, set[int]()
+    found = _Coordinates(nominal.copy())
+    for body in equations.model.bodies.bodies:
+        index = list(body.parameters)
+        if seen & set(index):
+            continue
+        seen |= set(index)
+        if body.name in links:
+            found.add_link(index, nominal[index] - folded(robot, equations, body))
+        else:
+            found.add_solid(index, nominal[index])
+    least = {column.name: column.least for column in equations.columns}
+    for k, name in enumerate(names):
+        if k not in seen:
+            physical = name.rpartition(".")[2] in ("K", "D", ARMATURE)
+            found.add_number(k, float(nominal[k]), least.get(name, -np.inf), physical=physical)
+    return found.chart()
+
+
+@dataclass
+class _Coordinates:
+    """The coordinates of a chart, one body or number after another."""
+
+    Psi0: Array
+    columns: list[Array] = field(default_factory=list)
+    x0: list[float] = field(default_factory=list)
+    pseudo: list[slice] = field(default_factory=list)
+    positive: list[tuple[int, float]] = field(default_factory=list)
+    free: list[int] = field(default_factory=list)
+    bounds: list[tuple[int, float]] = field(default_factory=list)
+
+    def add_link(self, index: list[int], nominal: Array) -> None:
+        """Add a link, whose ten parameters are `nominal` without what is folded into it."""
+        self.pseudo.append(slice(len(self.x0), len(self.x0) + 10))
+        own, moments = _link_chart(nominal), np.linalg.eigvalsh(pseudo_inertia(nominal))
+        if moments[0] < THINNEST * moments[-1]:  # A point counts as thick as its chart, to become thinner.
+            self.Psi0[index] += own @ _UNIT - nominal
+        self._add(own, index, _UNIT)
+
+    def add_solid(self, index: list[int], nominal: Array) -> None:
+        """Add a solid of revolution: its mass, and its radial and axial moments."""
+        first = len(self.x0)
+        self._add(_solid_chart(nominal), index, (1.0, 1.0, 1.0))
+        self.positive += [(first, 1.0), (first + 1, 2.0), (first + 2, 1.0)]
+
+    def add_number(self, k: int, nominal: float, least: float, *, physical: bool) -> None:
+        """Add parameter k: relative to its nominal value where it is a positive number of the drive, else as it is.
+
+        Parameters
+        ----------
+        k
+            Its index.
+        nominal, least
+            Its nominal and its least value.
+        physical
+            Whether it is a number of the drive, which no arm has below zero.
+        """
+        place, relative = len(self.x0), physical and nominal > 0
+        self._add(np.array([[nominal if relative else 1.0]]), [k], (1.0 if relative else 0.0,))
+        if relative:
+            self.positive.append((place, 1.0))
+            return
+        self.free.append(place)
+        lowest = max(least, 0.0 if physical or nominal > 0 else -np.inf)
+        if np.isfinite(lowest):
+            self.bounds.append((place, lowest - nominal))
+
+    def _add(self, columns: Array, index: list[int], start: Sequence[float]) -> None:
+        wide = np.zeros((columns.shape[1], len(self.Psi0)))
+        wide[:, index] = columns.T
+        self.columns += list(wide)
+        self.x0 += start
+
+    def chart(self) -> Chart:
+        """Return them as a chart."""
+        groups = (tuple(self.pseudo), tuple(self.positive), tuple(self.free), tuple(self.bounds))
+        return Chart(np.array(self.columns).T, np.array(self.x0), self.Psi0, *groups)
+
+
+def folded(robot: Robot, equations: BaseRegression, body: Body) -> Array:
+    """Return what the nominal body has beyond the link itself: the folded spline of mod1, else nothing."""
+    link = next(j.link for j in robot.joints if j.link_name == body.name)
+    own = inertial_parameters(link.mass, link.com, link.inertia)
+    return equations.nominal[list(body.parameters)] - own
+
+
+def pseudo_inertia(ten: Array) -> Array:
+    """Return the pseudo-inertia (4, 4) of a body's ten parameters about its frame's origin."""
+    m, mx, my, mz, xx, xy, xz, yy, yz, zz = ten
+    half = 0.5 * (xx + yy + zz)
+    return np.array([[half - xx, -xy, -xz, mx], [-xy, half - yy, -yz, my], [-xz, -yz, half - zz, mz], [mx, my, mz, m]])
+
+
+def _link_chart(nominal: Array) -> Array:
+    """Return (10, 10): entries of the normalised pseudo-inertia X -> parameters, J = L X L', J0 = L L'."""
+    values, vectors = np.linalg.eigh(pseudo_inertia(nominal))
+    L = vectors * np.sqrt(np.maximum(values, THINNEST * values[-1]))
+    columns = []
+    for i, j in PAIRS:
+        unit = np.zeros((4, 4))
+        unit[i, j] = unit[j, i] = 1.0
+        J = L @ unit @ L.T
+        trace = np.trace(J[:3, :3])
+        inertia = trace * np.eye(3) - J[:3, :3]
+        tensor = [inertia[p] for p in ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))]
+        columns.append([J[3, 3], J[0, 3], J[1, 3], J[2, 3], *tensor])
+    return np.array(columns).T
+
+
+def _solid_chart(nominal: Array) -> Array:
+    """Return (4, 3): mass, radial and axial second moment over their nominal -> m, mz, Ixx, Izz; mz stays."""
+    mass, _, xx, zz = nominal
+    radial, axial = 0.5 * zz, max(xx - 0.5 * zz, THINNEST * xx)
+    # Izz = 2 radial, Ixx = radial + axial.
+    return np.array([[mass, 0.0, 0.0], [0.0, 0.0, 0.0], [0.0, radial, axial], [0.0, 2.0 * radial, 0.0]])

@@ -1,0 +1,205 @@
+"""All parameters, physically consistent: what base parameters leave open is filled in as close to the nominal arm.
+
+Every body's pseudo-inertia is positive definite (P. Wensing, S. Kim, J.-J. Slotine, IEEE Robotics and Automation
+Letters 3 (2018) 60), so masses are positive and inertias belong to real mass distributions; solids of revolution stay
+so; K, D and armatures are positive, and what no arm has below zero, such as friction, is not negative.
+Distance to the nominal arm is the entropic divergence of the pseudo-inertias (T. Lee, P. Wensing, F. Park, IEEE Trans.
+Robotics 36 (2020) 837), which does not depend on coordinates and units. The problem is convex and solved by Clarabel
+through cvxpy.
+
+How far the nominal is trusted is not tuned by hand: the relative error of the nominal that makes the recording most
+probable (its evidence) is taken.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from elastic_arm.effects import EffectInstance
+from elastic_arm.errors import IdentificationError
+from elastic_arm.identification.base_regression import BaseRegression
+from elastic_arm.identification.consistency.chart import PAIRS, Chart, chart_of
+from elastic_arm.identification.consistency.identified_robot import identified_robot
+from elastic_arm.identification.law_columns import joint_of_law
+from elastic_arm.identification.least_squares import Fit, correlation
+from elastic_arm.identification.result import Identification
+from elastic_arm.identification.stream import Identifier
+from elastic_arm.robot import Robot
+
+Array = NDArray[np.float64]
+
+# Relative errors of the nominal that are tried, and the one taken where the data do not say.
+TRUST = np.geomspace(0.01, 2.0, 24)
+# Data finer than this, relative to the nominal, bind like an equality; finer would only spoil the solver's numbers.
+STIFFEST = 1e5
+# Laws beyond the model have no nominal: their prior is this wide, times what the residual could explain.
+LAW_WIDTH = 1e3
+
+
+@dataclass(frozen=True)
+class Consistent:
+    """Physically consistent parameters.
+
+    Parameters
+    ----------
+    Psi
+        (P,) all parameters, laws beyond the model last.
+    trust
+        Relative error of the nominal that was taken for granted.
+    misfit
+        Rise of the weighted residual over the unconstrained fit, in units of its noise: root of the mean square.
+    """
+
+    Psi: Array
+    trust: float
+    misfit: float
+
+
+def consistent(fit: Fit, equations: BaseRegression, correlated: float = 1.0, trust: float | None = None) -> Consistent:
+    """Find the physically consistent parameters that fit best, close to the nominal where the data determine nothing.
+
+    Parameters
+    ----------
+    fit, equations
+        The unconstrained fit of the base parameters, and whose model and laws these are.
+    correlated
+        How many times larger the variances are than those of white errors, beyond what the fit's blocks show.
+    trust
+        Relative standard deviation of the nominal; the most probable one when None.
+
+    Raises
+    ------
+    IdentificationError
+        If the solver fails.
+    """
+    chart = chart_of(equations)
+    A, b = _data(fit, equations, chart, correlated)
+    trust = trust or _most_probable_trust(A, b, chart)
+    x = _solve(A, b, chart, trust)
+    Psi = chart.Psi0 + chart.G @ (x - chart.x0)
+    size = np.sqrt(np.mean((fit.weights * fit.noise) ** 2))
+    apart = fit.factor[:-1, :-1] @ (equations.base.T @ Psi - fit.Psi)
+    return Consistent(Psi, trust, float(np.linalg.norm(apart) / size / np.sqrt(max(fit.samples, 1))))
+
+
+def description_covariance(equations: BaseRegression) -> Array:
+    """Return the covariance (P, P) of all parameters for a description with relative errors of one; laws have none."""
+    chart = chart_of(equations)
+    variance = chart.variances()
+    variance[list(chart.free)] = 0.0
+    return (chart.G * variance) @ chart.G.T
+
+
+def correlation_of_errors(identifier: Identifier, repeats: bool) -> float:
+    """Return how many times larger the variances are than those of white errors.
+
+    What the model misses follows the motion: errors may be alike over half a period of it, and no longer. How far they
+    are is measured by the scatter of long blocks, unless the motion repeats: its errors then do so too, from block to
+    block, without scatter.
+    """
+    fit = identifier.fit()
+    most = fit.samples / identifier.statistics.effective_samples
+    return most if repeats else min(most, correlation(identifier.linear_blocks(), fit, most))
+
+
+def with_consistency(
+    result: Identification,
+    identifier: Identifier,
+    robot: Robot,
+    effects: Sequence[EffectInstance] = (),
+    trust: float | None = None,
+    *,
+    correlated: float = 1.0,
+    described: Collection[str] = (),
+) -> Identification:
+    """Add all parameters, physically consistent, and the arm that has them; where there are such.
+
+    Parameters
+    ----------
+    result, identifier
+        The identification so far, and the estimator that it came from.
+    robot, effects
+        The nominal arm, and laws beyond the model.
+    trust, correlated
+        See :func:`consistent`.
+    described
+        Joints whose laws beyond the model are put back to what the description has.
+    """
+    equations = identifier.equations
+    try:
+        found = consistent(identifier.fit(), equations, correlated, trust)
+    except IdentificationError as error:
+        return result.with_(notes=(*result.notes, f"no physically consistent arm: {error.problem}"))
+    Psi = np.where([joint_of_law(name) in described for name in equations.names], equations.nominal, found.Psi)
+    return result.with_(
+        Psi=Psi,
+        consistency={"trust": found.trust, "misfit": found.misfit, "correlation": correlated},
+        identified=identified_robot(robot, equations, Psi, effects),
+    )
+
+
+def _data(fit: Fit, equations: BaseRegression, chart: Chart, correlated: float) -> tuple[Array, Array]:
+    """Return A, b: the recording gives A (x - x0) = b with unit noise.
+
+    Errors are coloured: their effect on the estimate is larger than white ones' by a factor known from the blocks, or
+    from longer ones.
+    """
+    coloured = float(np.median(np.diag(fit.covariance) / np.diag(fit.white_covariance)))
+    inflation = np.sqrt(max(1.0, coloured, correlated))
+    # Ordinary least squares has weights of one: its rows are still in Nm.
+    size = np.sqrt(np.mean((fit.weights * fit.noise) ** 2))
+    scaled = fit.factor[:-1, :] / (inflation * size)
+    T = equations.base.T
+    A = scaled[:, :-1] @ T @ chart.G
+    b = scaled[:, -1] - scaled[:, :-1] @ (T @ chart.Psi0)
+    u, s, vt = np.linalg.svd(A, full_matrices=False)
+    kept = s > 1e-12 * s[0]
+    softened = np.minimum(s, STIFFEST)[kept] / s[kept]
+    return softened[:, None] * s[kept][:, None] * vt[kept], softened * (u[:, kept].T @ b)
+
+
+def _most_probable_trust(A: Array, b: Array, chart: Chart) -> float:
+    """Return the relative error of the nominal under which b is most probable (type II maximum likelihood)."""
+    shape = chart.variances()
+    law = np.zeros(len(shape))
+    law[list(chart.free)] = LAW_WIDTH**2
+    own = np.where(law > 0, 0.0, shape)
+
+    def evidence(trust: float) -> float:
+        covariance = np.eye(len(b)) + (A * (trust**2 * own + law)) @ A.T
+        return float(-np.linalg.slogdet(covariance)[1] - b @ np.linalg.solve(covariance, b))
+
+    return float(max(TRUST, key=evidence))
+
+
+def _solve(A: Array, b: Array, chart: Chart, trust: float) -> Array:
+    # Takes a second to import, and nothing else needs it.
+    import cvxpy as cp
+
+    x = cp.Variable(len(chart.x0))
+    # Whole matrices and vectors: CVXPY takes its time for each expression, not for its size.
+    full = np.array([[float({i, j} == set(pair)) for pair in PAIRS] for i in range(4) for j in range(4)])
+    divergence: list[cp.Expression] = []
+    for piece in chart.pseudo:
+        X = cp.reshape(full @ x[piece], (4, 4), order="C")
+        divergence.append(cp.trace(X) - cp.log_det(X) - 4)
+    if chart.positive:
+        places, weights = zip(*chart.positive, strict=True)
+        divergence.append(np.array(weights) @ (x[list(places)] - cp.log(x[list(places)]) - 1))
+    cost = cp.sum_squares(A @ (x - chart.x0) - b) / 2 + cp.sum(divergence) / trust**2
+    if chart.free:
+        cost = cost + cp.sum_squares(x[list(chart.free)]) / (2 * LAW_WIDTH**2)
+    bounded, least = [k for k, _ in chart.bounds], np.array([value for _, value in chart.bounds])
+    problem = cp.Problem(cp.Minimize(cost), [x[bounded] >= least] if bounded else [])
+    try:
+        problem.solve(solver=cp.CLARABEL)
+    except cp.SolverError as error:
+        raise IdentificationError(f"the convex solver gave up: {error}", "Record a richer motion.") from None
+    if x.value is None:
+        raise IdentificationError(f"the convex solver found nothing ({problem.status})", "Record a richer motion.")
+    solution: Array = np.asarray(x.value, dtype=float)
+    return solution

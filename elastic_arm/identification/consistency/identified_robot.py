@@ -1,0 +1,77 @@
+"""The arm that has the parameters found."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from elastic_arm.dynamics.composition import ARMATURE, inertia_from
+from elastic_arm.effects import EffectInstance
+from elastic_arm.identification.base_regression import BaseRegression
+from elastic_arm.identification.consistency.chart import folded
+from elastic_arm.robot import Robot
+
+Array = NDArray[np.float64]
+
+
+def identified_robot(
+    robot: Robot, equations: BaseRegression, Psi: Array, effects: Sequence[EffectInstance] = ()
+) -> Robot:
+    """Return the arm with these parameters, laws beyond the model among its effects.
+
+    Parameters
+    ----------
+    robot
+        The nominal arm.
+    equations
+        Whose parameters `Psi` are.
+    Psi
+        (P,) parameters of the model, then those of the laws.
+    effects
+        The laws beyond the model.
+    """
+    value = dict(zip(equations.names, Psi.tolist(), strict=True))
+    for joint in robot.joints:
+        changes: dict[str, object] = {"link": inertia_from(_link_alone(robot, equations, joint.name, value))}
+        t = joint.transmission
+        if joint.armature is not None:
+            changes["armature"] = max(0.0, value[f"{joint.name}.{ARMATURE}"])  # of zero to the solver's tolerance
+        if t is not None:
+            solids = {
+                what: replace(
+                    component,
+                    mass=value[f"{joint.name}.{what}.m"],
+                    ixx=value[f"{joint.name}.{what}.Ixx"],
+                    izz=value[f"{joint.name}.{what}.Izz"],
+                )
+                for what, (component, _) in t.components.items()
+                if f"{joint.name}.{what}.m" in value
+            }
+            springs = {"stiffness": value[f"{joint.name}.K"], "damping": value[f"{joint.name}.D"]}
+            changes["transmission"] = replace(t, **solids, **springs)  # type: ignore[arg-type]
+        robot = robot.with_joint(joint.name, **changes)
+    replaced = {(instance.effect.id, instance.joint) for instance in effects}
+    kept = (entry for entry in robot.effects if (entry["effect"], entry.get("joint")) not in replaced)
+    return robot.with_(effects=(*kept, *(_with_values(instance, robot, value) for instance in effects)))
+
+
+def _with_values(instance: EffectInstance, robot: Robot, value: dict[str, float]) -> dict[str, object]:
+    place = f"{instance.effect.id}:{instance.joint or robot.name}"
+    found = {}
+    for p in instance.effect.parameters:
+        names = [f"{place}.{name}" for name in p.component_names]
+        if names[0] in value:
+            numbers = tuple(p.value_of(value[name]) for name in names)
+            found[p.name] = numbers[0] if p.size == 1 else numbers
+    return instance.with_parameters(**found).to_dict()
+
+
+def _link_alone(robot: Robot, equations: BaseRegression, joint: str, value: dict[str, float]) -> Array:
+    """Return the ten parameters of a joint's link, without the spline where the model folds that into it."""
+    link_name = robot.joints[robot.joint_names.index(joint)].link_name
+    body = next(b for b in equations.model.bodies.bodies if b.name == link_name)
+    total = np.array([value[equations.names[k]] for k in body.parameters])
+    return total - folded(robot, equations, body)
