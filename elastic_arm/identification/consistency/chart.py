@@ -145,7 +145,20 @@ class _Coordinates:
 
 
 def folded(robot: Robot, equations: BaseRegression, body: Body) -> Array:
-    """Return what the nominal body has beyond the link itself: the folded spline of mod1, else nothing."""
+    """Return what the nominal body has beyond the link itself: the folded spline of mod1, else nothing.
+
+    Parameters
+    ----------
+    robot, equations
+        The arm as it is described, and the model that its parameters are of.
+    body
+        Of a link.
+
+    Returns
+    -------
+    Array
+        (10,) mass (kg), first moments (kg m) and inertias (kg m²) about the frame's origin.
+    """
     link = next(j.link for j in robot.joints if j.link_name == body.name)
     own = inertial_parameters(link.mass, link.com, link.inertia)
     return equations.nominal[list(body.parameters)] - own
