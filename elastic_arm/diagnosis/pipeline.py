@@ -17,7 +17,7 @@ from elastic_arm.diagnosis.inference.noise_colour import noise_colours
 from elastic_arm.diagnosis.inference.prediction import predict
 from elastic_arm.diagnosis.inference.sticking import sticking_misfits
 from elastic_arm.diagnosis.laws.better_laws import better_laws
-from elastic_arm.diagnosis.preparation import PreparedData, in_motion, prepare, recalibrated
+from elastic_arm.diagnosis.preparation import PreparedData, prepare, recalibrated, without_sticking_friction
 from elastic_arm.diagnosis.question import Question
 from elastic_arm.diagnosis.result import Diagnosis
 from elastic_arm.diagnosis.selection.beyond_ordinary import with_effects_beyond_ordinary
@@ -53,7 +53,7 @@ def diagnose(recordings: Sequence[Recording], question: Question, validate: Sequ
     stepwise, hypothesis = best_hypothesis(prepared)
     if sticking_misfits(prepared, hypothesis):
         # While a joint sticks, its dry friction takes any value, which no law states.
-        prepared = in_motion(prepared)
+        prepared = without_sticking_friction(prepared)
         stepwise, hypothesis = best_hypothesis(prepared)
     colours = None
     if question.refit and hypothesis.causes:

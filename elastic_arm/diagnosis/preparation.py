@@ -245,9 +245,9 @@ def recalibrated(
     return replace(prepared, calibration=problem, found=found)
 
 
-def in_motion(prepared: PreparedData) -> PreparedData:
+def without_sticking_friction(prepared: PreparedData) -> PreparedData:
     """Return the data without what friction may be while a joint sticks."""
-    problem = replace(prepared.calibration, in_motion=True)
+    problem = replace(prepared.calibration, sticking_removed=True)
     found, _ = linearise(problem, expand(problem, prepared.found.values), prepared.candidates)
     return replace(prepared, calibration=problem, found=found, notes=(*prepared.notes, texts.STICKING))
 

@@ -231,7 +231,7 @@ class WhitenedData:
         Usable equations, and where they are looked at.
     predicted
         Whether the laws of effects take the torques that the model predicts instead of the measured ones.
-    in_motion
+    sticking_removed
         Whether what a joint's friction may be while it sticks is removed.
     acting
         Effects that are part of the predicted torques.
@@ -247,11 +247,11 @@ class WhitenedData:
         band: Band,
         *,
         predicted: bool = False,
-        in_motion: bool = False,
+        sticking_removed: bool = False,
         acting: Sequence[ActingEffect] = (),
         near: WhitenedData | None = None,
     ) -> None:
-        self.layout, self.band, self.in_motion = layout, band, in_motion
+        self.layout, self.band, self.sticking_removed = layout, band, sticking_removed
         self.predicted, self.acting = predicted, tuple(acting)
         self.parts: list[Part] = []
         self.pure: list[NoiseModel] = []
@@ -282,7 +282,7 @@ class WhitenedData:
                 self.parts.append(Part(stretch, signals, noise, observation.gains))
                 self.pure.append(pure)
                 alike = next(others, None)
-                free = FreeTorques.of(stretch, band, layout, observation.steps, friction=in_motion, near=alike)
+                free = FreeTorques.of(stretch, band, layout, observation.steps, friction=sticking_removed, near=alike)
                 self._free.append(free)
         if not self.parts:
             raise DiagnosisError(

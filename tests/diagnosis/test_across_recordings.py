@@ -137,10 +137,10 @@ def test_with_refit_laws_take_the_torques_that_the_model_predicts(monkeypatch: p
         raise StopIteration
 
     monkeypatch.setattr(across_recordings, "WhitenedData", data_of)
-    judged = SimpleNamespace(layout=None, band=None, in_motion=True, predicted=True, acting=("drag",))
+    judged = SimpleNamespace(layout=None, band=None, sticking_removed=True, predicted=True, acting=("drag",))
     with pytest.raises(StopIteration):
         across_recordings.refitted(SimpleNamespace(model=None, validate=judged), [], [])
-    assert given == {"predicted": True, "in_motion": True, "acting": ("drag",)}
+    assert given == {"predicted": True, "sticking_removed": True, "acting": ("drag",)}
 
 
 def _agreement(torques: list[float], std: float) -> Agreement:

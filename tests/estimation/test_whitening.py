@@ -115,7 +115,7 @@ def test_rows_of_a_motor_that_sticks_are_freed_of_its_friction() -> None:
         return replace(side, position=position, velocity=None)
 
     seen = observe(replace(recording, motor=held(motor), link=held(link)))
-    whole, moving = (WhitenedData(MODEL, [seen], *setting(), in_motion=in_motion) for in_motion in (False, True))
+    whole, moving = (WhitenedData(MODEL, [seen], *setting(), sticking_removed=removed) for removed in (False, True))
     R, motor_row = whole.layout.rows, 2 * MODEL.n + 1
     rows = sticking_rows(whole).reshape(R, -1).T
     assert rows[:, motor_row].any() and not rows[:, : 2 * MODEL.n].any()

@@ -69,7 +69,7 @@ class CalibrationProblem:
         Effects that count as part of the model.
     settings
         All thresholds.
-    in_motion
+    sticking_removed
         Whether what friction may be while a joint sticks is removed.
     """
 
@@ -82,7 +82,7 @@ class CalibrationProblem:
     directions: Array
     known: Sequence[EffectInstance]
     settings: DiagnosisSettings
-    in_motion: bool = False
+    sticking_removed: bool = False
 
     @cached_property
     def features(self) -> tuple[Feature, ...]:
@@ -200,7 +200,7 @@ def problem_of(
         parameters = tuple(unreferenced(parameter) for parameter in parameters)
     directions = directions_of(robot, model, parameters)
     return CalibrationProblem(
-        robot, model, observed, layout, band, parameters, directions, known, settings, in_motion=True
+        robot, model, observed, layout, band, parameters, directions, known, settings, sticking_removed=True
     )
 
 
@@ -241,7 +241,7 @@ def expand(
             problem.layout,
             problem.band,
             predicted=len(parameters) > 0,
-            in_motion=problem.in_motion,
+            sticking_removed=problem.sticking_removed,
             acting=acting,
             near=other,
         )

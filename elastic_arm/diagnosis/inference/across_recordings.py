@@ -155,7 +155,7 @@ def refitted(
         judged.layout,
         judged.band,
         predicted=judged.predicted,
-        in_motion=judged.in_motion,
+        sticking_removed=judged.sticking_removed,
         acting=judged.acting,
     )
     library = RegressorLibrary(data, data, context.settings.candidates)

@@ -127,7 +127,7 @@ def _beside_faults(
     worst = [faults[k] for k in order[:1]]
     found = final_estimates(prepared, selected, worst)
     further = [found.measured(faults[k]) for k in order[1:]]
-    kept = [fault for fault in further if not found.is_ordinary(fault)]
+    kept = [fault for fault in further if not found.is_no_fault(fault)]
     if kept:
         found = final_estimates(prepared, selected, [*worst, *kept])
     return found, [found.measured(fault) for fault in (*worst, *kept)]

@@ -49,7 +49,7 @@ class FinalEstimates:
         """Whether a fault, as it came out here, may be none."""
         return abs(fault.value) < self.fit.problem.settings.refit.certain * fault.std
 
-    def is_ordinary(self, fault: LargeImperfection) -> bool:
+    def is_no_fault(self, fault: LargeImperfection) -> bool:
         """Whether it may be none, or is within its prior here; of lags and link encoders, what they do decides."""
         if self.is_nothing(fault):
             return True

@@ -152,7 +152,7 @@ def without_ordinary(prepared: PreparedData, hypothesis: Hypothesis) -> tuple[Hy
     if all(hypothesis.selected[k].feature.effect.ordinary is None for k in hypothesis.causes):
         return hypothesis, []
     estimated = prepared.estimates.parameters(hypothesis.selected)
-    ordinary = [k for k in hypothesis.causes if _is_ordinary(prepared, hypothesis.selected[k], estimated[k])]
+    ordinary = [k for k in hypothesis.causes if _as_on_ordinary_arms(prepared, hypothesis.selected[k], estimated[k])]
     large = [k for k in ordinary if matters(prepared, hypothesis, k)]
     # Beside one of the arm that matters, one of a joint is its difference from it.
     found = [k for k in ordinary if not any(_overlap(hypothesis, k, other) for other in large)]
@@ -163,7 +163,7 @@ def without_ordinary(prepared: PreparedData, hypothesis: Hypothesis) -> tuple[Hy
     return Hypothesis(selected, hypothesis.given + len(found), moved, hypothesis.beyond), notes
 
 
-def _is_ordinary(prepared: PreparedData, candidate: Candidate, values: Mapping[str, ParameterEstimate]) -> bool:
+def _as_on_ordinary_arms(prepared: PreparedData, candidate: Candidate, values: Mapping[str, ParameterEstimate]) -> bool:
     """Whether there is no more of an effect, within its uncertainty, than every real arm has."""
     effect = candidate.feature.effect
     if effect.ordinary is None or effect.ordinary.parameter not in values:

@@ -24,7 +24,7 @@ def sticking_misfits(prepared: PreparedData, hypothesis: Hypothesis) -> bool:
         The known effects and the causes.
     """
     library, selected = prepared.library, hypothesis.selected
-    if prepared.calibration.in_motion or not any(candidate.feature.effect.friction for candidate in selected):
+    if prepared.calibration.sticking_removed or not any(candidate.feature.effect.friction for candidate in selected):
         return False
     sticks = sticking_rows(library.sets[0])
     if sticks.all() or not sticks.any():
