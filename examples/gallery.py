@@ -3,8 +3,9 @@
     python examples/gallery.py DATA --out gallery [--only kuka_kr300 …] [--markdown docs/real_robots.md]
 
 DATA has a folder for each robot, named as in `examples/`. Every example's `run.sh` is run in a folder of its own below
-`--out`, or taken as it is there; the tables are made of the `identification.json` and `diagnosis.json` that are there
-afterwards, and of the processor time of each command in `times.tsv`.
+`--out`, or taken as it is there if it ran to its end; the tables are made of the `identification.json` and
+`diagnosis.json` that are there afterwards, and of the processor time of each command in `times.tsv`. Rows of a page
+whose robots have no results below `--out` stay as they are, so that the robots can be run one after another.
 """
 
 from __future__ import annotations
@@ -13,6 +14,7 @@ import argparse
 import json
 import math
 import os
+import shutil
 import subprocess
 import sys
 import time
@@ -22,7 +24,7 @@ from typing import Any
 
 HERE = Path(__file__).resolve().parent
 BEGIN, END = "<!-- table: examples/gallery.py -->", "<!-- end of table -->"
-TIMES = "times.tsv"
+TIMES, ENDED = "times.tsv", "exit_status"
 # Runs a command and notes its processor time beside the folder that it wrote to.
 TIMED = """
 import os, resource, subprocess, sys
@@ -39,6 +41,7 @@ ENCODER = {"time_delay": "delay", "encoder_offset": "offset"}
 
 def run(example: Path, data: Path, folder: Path) -> None:
     """Run one example in a folder of its own; what it prints goes to `run.log` there."""
+    shutil.rmtree(folder, ignore_errors=True)
     folder.mkdir(parents=True)
     shim, command = folder / "bin" / "elastic-arm", Path(sys.executable).parent / "elastic-arm"
     shim.parent.mkdir()
@@ -51,6 +54,7 @@ def run(example: Path, data: Path, folder: Path) -> None:
     with (folder / "run.log").open("w") as log:
         command = ["sh", str(example / "run.sh"), str(data)]
         code = subprocess.call(command, cwd=folder, stdout=log, stderr=log, env={**os.environ, "PATH": path})
+    (folder / ENDED).write_text(f"{code}\n")
     print(f"{example.name}: exit status {code}, {time.monotonic() - began:.0f} s, {folder / 'run.log'}", flush=True)
 
 
@@ -141,16 +145,24 @@ def _prediction(found: dict[str, Any], when: str) -> str:
     return ", ".join([*each, *(["beyond 1 rad later"] if len(known) < len(horizons) else [])])
 
 
-def table(folders: list[Path]) -> str:
-    """Return the tables of all examples in Markdown."""
+def table(folders: list[Path], before: str = "") -> str:
+    """Return the tables of all examples in Markdown; rows of examples without results are those of `before`."""
     head = ["robot", "model and side", "held-out rms a joint, Nm", "largest prediction error, mrad", "verdict", "s"]
     both = ["robot", "parameter", "`identify`", "`diagnose --refit`", "apart, deviations"]
-    return _markdown(head, folders, rows) + "\n\n" + _markdown(both, folders, agreement)
+    first, _, second = before.strip().partition("\n\n")
+    return _markdown(head, folders, rows, first) + "\n\n" + _markdown(both, folders, agreement, second)
 
 
-def _markdown(head: list[str], folders: list[Path], rows_of: Callable[[Path], Iterator[list[str]]]) -> str:
-    lines = [head, ["---"] * len(head), *(row for folder in folders for row in rows_of(folder))]
-    return "\n".join(f"| {' | '.join(line)} |" for line in lines)
+def _markdown(head: list[str], folders: list[Path], rows_of: Callable[[Path], Iterator[list[str]]], before: str) -> str:
+    lines = [f"| {' | '.join(line)} |" for line in (head, ["---"] * len(head))]
+    for folder in folders:
+        if any(folder.rglob("*.json")):
+            lines += [f"| {' | '.join(row)} |" for row in rows_of(folder)]
+        else:
+            lines += [
+                line for line in before.splitlines() if line.startswith((f"| {folder.name} |", f"| {folder.name} /"))
+            ]
+    return "\n".join(lines)
 
 
 def main() -> None:
@@ -164,18 +176,18 @@ def main() -> None:
     examples = sorted(path.parent for path in HERE.glob("*/run.sh"))
     for example in examples:
         folder, data = asked.out / example.name, asked.data.resolve() / example.name
-        if (asked.only is None or example.name in asked.only) and not folder.exists():
+        if (asked.only is None or example.name in asked.only) and not (folder / ENDED).exists():
             if data.is_dir():
                 run(example, data, folder)
             else:
                 print(f"{example.name}: left out, as {data} is no folder", flush=True)
-    text = table([asked.out / example.name for example in examples])
+    folders = [asked.out / example.name for example in examples]
     if asked.markdown is None:
-        print(text)
+        print(table(folders))
         return
-    page = asked.markdown.read_text(encoding="utf-8")
-    before, rest = page.split(BEGIN)
-    asked.markdown.write_text(f"{before}{BEGIN}\n{text}\n{END}{rest.split(END)[1]}", encoding="utf-8")
+    before, rest = asked.markdown.read_text(encoding="utf-8").split(BEGIN)
+    old, after = rest.split(END)
+    asked.markdown.write_text(f"{before}{BEGIN}\n{table(folders, old)}\n{END}{after}", encoding="utf-8")
 
 
 if __name__ == "__main__":
