@@ -276,7 +276,8 @@ def validated(
     held_out
         What no fit has seen.
     """
-    if held_out.ratio(result.Psi_base) > EQUAL or held_out.worse(result.Psi_base):
+    linear = not held_out.equations.summed  # Else each prior takes a search of its own: too long for a single joint.
+    if held_out.ratio(result.Psi_base) > EQUAL or (linear and held_out.worse(result.Psi_base)):
         result = _pulled(result, identifier, held_out)
     if result.Psi is not None:
         result = _consistent_or_none(result, identifier, robot, effects, held_out)

@@ -257,12 +257,12 @@ class Identifier:
             return fit_deflections(blocks, rows, self.weighted, prior)
         return fit(blocks, self.weighted, prior=prior)
 
-    def linear_blocks(self) -> Blocks:
+    def linear_blocks(self, found: Fit | None = None) -> Blocks:
         """Return the sums of rows that are linear in the base parameters, at the estimate where they are not."""
         blocks, rows = self._ready().snapshot(), Deflections.of(self.equations)
         if rows is None:
             return blocks
-        found = self.fit()
+        found = found or self.fit()
         fixed = {k: float(found.Psi[k]) for k in found.fixed}
         return blocks.transformed(rows.transform(found.Psi, fixed, blocks.groups))
 

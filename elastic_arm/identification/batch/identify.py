@@ -13,7 +13,7 @@ from elastic_arm.dynamics import build_model
 from elastic_arm.effects import Catalogue, EffectInstance
 from elastic_arm.errors import IdentificationError
 from elastic_arm.estimation.motion import Motion
-from elastic_arm.identification.batch.derivatives import DerivativeStage, Derived, Method
+from elastic_arm.identification.batch.derivatives import DerivativeStage, Method
 from elastic_arm.identification.batch.selection import BatchChoice, BatchTrial, ProgressCallback, Trials
 from elastic_arm.identification.consistency.estimation import correlation_of_errors, with_consistency
 from elastic_arm.identification.deviations import residual_std, series_covariance
@@ -176,8 +176,8 @@ def _estimated(trials: Trials, choice: BatchChoice, why: str, *, consistent: boo
     trials.report("estimate", 1.0)
     identifier, derived = trial.identifier, trial.derived
     sources = tuple(recording.source for recording, _ in trials.recordings)
-    covariance = _covariance(identifier, derived)
-    width, prior = (None, None) if covariance is not None else _regularised(identifier)
+    covariance = _covariance(trial)
+    width, prior = (None, None) if covariance is not None else _regularised(trial)
     result = identifier.estimate(sources, tuple(d.method for d in derived), covariance, prior)
     joints = trials.robot.joint_names
     notes = [note for recording, _ in trials.recordings for note in recording.notes]
@@ -210,9 +210,10 @@ def _lacking(
     catalogue
         See :func:`identify`.
     """
-    if result.Psi is None or not trials.effects or _misfit(result) <= MISFIT:
+    # An arm with elastic joints takes long to try again.
+    if result.Psi is None or not trials.effects or trials.robot.elastic or _misfit(result) <= MISFIT:
         return None
-    blocks, fit, equations = trial.identifier.linear_blocks(), trial.identifier.fit(), trial.identifier.equations
+    blocks, fit, equations = trial.linear_blocks, trial.fit, trial.identifier.equations
     missed = residual_std(blocks.total(), equations.base.T @ result.Psi, blocks.samples)
     excess = dict(zip(equations.groups, missed * fit.weights, strict=True))
     taken = {(zero.effect.id, zero.joint) for zero in choice.zeros}
@@ -226,20 +227,21 @@ def _misfit(result: Identification) -> float:
     return (result.consistency or {}).get("misfit", 0.0)
 
 
-def _regularised(identifier: Identifier) -> tuple[float | None, Prior | None]:
+def _regularised(trial: BatchTrial) -> tuple[float | None, Prior | None]:
     """Return the width of the prior that predicts left-out parts best, and the prior; None where it takes none."""
-    equations, plain, blocks = identifier.equations, identifier.fit(), identifier.linear_blocks()
+    equations, plain, blocks = trial.identifier.equations, trial.fit, trial.linear_blocks
     if (width := chosen_width(blocks, plain, equations)) is None:
         return None, None
     return width, prior_of(equations, width, description_error(plain, equations, DOUBT), law_sizes(blocks, equations))
 
 
-def _covariance(identifier: Identifier, derived: Sequence[Derived]) -> Array | None:
+def _covariance(trial: BatchTrial) -> Array | None:
     """Return the covariance where derivatives come from series; None where the blocks hold all of it."""
+    derived = trial.derived
     series = [(motion, *pair) for d in derived if d.series for motion, pair in zip(d.motions, d.series, strict=True)]
     if not series:
         return None
-    fit, equations = identifier.fit(), identifier.equations
+    fit, equations = trial.fit, trial.identifier.equations
     known = fit.white_covariance if all(d.series for d in derived) else fit.covariance
     return known + sum(series_covariance(equations, fit, *each) for each in series)
 

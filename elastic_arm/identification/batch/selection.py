@@ -29,7 +29,7 @@ from elastic_arm.identification.accumulator import closes
 from elastic_arm.identification.base_regression import BaseRegression
 from elastic_arm.identification.batch.derivatives import DerivativeStage, Derived, Method
 from elastic_arm.identification.law_columns import DEFAULT_SIGN_SPEED, SIGN_SPEEDS, is_dry, law_columns
-from elastic_arm.identification.least_squares import Blocks
+from elastic_arm.identification.least_squares import Blocks, Fit
 from elastic_arm.identification.regularisation import FOLDS, GAIN, solved
 from elastic_arm.identification.stream import Identifier
 from elastic_arm.recording import Recording, Samples
@@ -76,6 +76,16 @@ class BatchTrial:
 
     identifier: Identifier
     derived: list[Derived]
+
+    @functools.cached_property
+    def fit(self) -> Fit:
+        """The estimate without a prior."""
+        return self.identifier.fit()
+
+    @functools.cached_property
+    def linear_blocks(self) -> Blocks:
+        """The sums of rows that are linear in the base parameters."""
+        return self.identifier.linear_blocks(self.fit)
 
 
 @dataclass
@@ -142,13 +152,12 @@ class Trials:
         """Return what the recordings decide."""
         possible = self.possible_zeros(catalogue) if self.effects else ()
         choice = self._speed(self._band(BatchChoice(zeros=possible)))
-        return replace(choice, zeros=certain_zeros(self(choice).identifier, possible)) if possible else choice
+        return replace(choice, zeros=certain_zeros(self(choice), possible)) if possible else choice
 
     def final(self, choice: BatchChoice) -> BatchTrial:
         """Return the estimator of a choice, ends of short recordings included where the equations do not close."""
         trial = self(choice)
-        close = closes(trial.identifier.fit(), trial.identifier.linear_blocks())
-        return trial if close else self(choice, ends=True)
+        return trial if closes(trial.fit, trial.linear_blocks) else self(choice, ends=True)
 
     def notes(self, choice: BatchChoice) -> list[str]:
         """Return in words what was chosen."""
@@ -186,7 +195,7 @@ class Trials:
             shares.append(0.5 * shares[-1])
         if len(shares) == 1:
             return choice
-        errors = _errors_left_out([self(replace(choice, share=share)).identifier for share in shares])
+        errors = _errors_left_out([self(replace(choice, share=share)) for share in shares])
         gains = np.mean(np.log(errors[:1] / errors), axis=2)
         best = int(np.argmax(gains.mean(axis=1)))
         doubt = float(np.std(gains[best], ddof=1)) / np.sqrt(FOLDS)
@@ -197,23 +206,23 @@ class Trials:
         """Return the choice with the likeliest speed at which dry friction turns over."""
         if not any(is_dry(instance) for instance in self.effects):
             return choice
-        noises = [self(replace(choice, sign_speed=speed)).identifier.fit().noise for speed in SIGN_SPEEDS]
+        noises = [self(replace(choice, sign_speed=speed)).fit.noise for speed in SIGN_SPEEDS]
         misfits = np.log(np.array(noises)).reshape(len(SIGN_SPEEDS), -1, self.robot.n).sum(axis=1)
         best = [SIGN_SPEEDS[k] for k in np.argmin(misfits, axis=0)]
         return replace(choice, sign_speed=best[0] if len(set(best)) == 1 else tuple(best))
 
 
-def certain_zeros(identifier: Identifier, possible: Sequence[EffectInstance]) -> tuple[EffectInstance, ...]:
+def certain_zeros(trial: BatchTrial, possible: Sequence[EffectInstance]) -> tuple[EffectInstance, ...]:
     """Return the zeros that differ from none in the recordings.
 
     Parameters
     ----------
-    identifier
+    trial
         Whose laws are among others the possible zeros.
     possible
         These.
     """
-    fit, names = identifier.fit(), list(identifier.equations.base.names)
+    fit, names = trial.fit, list(trial.identifier.equations.base.names)
     place = {name: k for k, name in enumerate(names)}
     sizes = {}
     for zero in possible:
@@ -237,17 +246,17 @@ def _traced(identifier: Identifier, samples: Samples, asked: int) -> BaseRegress
     return equations
 
 
-def _errors_left_out(identifiers: Sequence[Identifier]) -> Array:
-    """Return squared errors (identifiers, folds, groups) of left-out parts in the band of the last estimator.
+def _errors_left_out(trials: Sequence[BatchTrial]) -> Array:
+    """Return squared errors (trials, folds, groups) of left-out parts in the band of the last trial.
 
     Parameters
     ----------
-    identifiers
+    trials
         With equal equations, each of its own band.
     """
-    judged = _folds(identifiers[-1].linear_blocks())
+    judged = _folds(trials[-1].linear_blocks)
     live = np.einsum("fgii->g", judged[..., -1:, -1:]) > 0.0
-    found = [_left_out_errors(_folds(each.linear_blocks()), judged, each.fit().weights) for each in identifiers]
+    found = [_left_out_errors(_folds(each.linear_blocks), judged, each.fit.weights) for each in trials]
     return np.maximum(np.array(found)[:, :, live], 1e-300)
 
 
