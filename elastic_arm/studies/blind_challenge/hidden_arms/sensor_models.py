@@ -79,14 +79,17 @@ def measure(
     theta, dtheta = sampled(course.theta, ""), sampled(course.dtheta, "")
     tau_J, tau_m = sampled(course.tau_J, "joint_torque"), sampled(course.tau_m, "motor_torque")
     torques = {"joint_torque": tau_J, "motor_torque": tau_m}
+    # recorded = gain * true + offset: a gain scales neither the zero of its sensor nor how that wanders.
+    for fault in sensors:
+        channel, _, what = fault.effect.rpartition("_")
+        if what == "gain":
+            torques[channel][:, fault.joint] *= fault.parameters["gain"]
     for fault in sensors:
         _distort(torques, fault, t)
     for fault in sensors:
         j, p = fault.joint, fault.parameters
         channel, _, what = fault.effect.rpartition("_")
-        if what == "gain":
-            torques[channel][:, j] *= p["gain"]
-        elif what == "offset" and channel in torques:
+        if what == "offset" and channel in torques:
             torques[channel][:, j] += p["offset"]
         elif fault.effect == "encoder_offset":
             q[:, j] += p["offset"]
