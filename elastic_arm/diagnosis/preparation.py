@@ -236,7 +236,12 @@ def recalibrated(
     if np.any(values != expansion.values):
         expansion = expand(problem, values, expansion, expansion.acting)
     if colours is not None:
-        observed = [[replace(o, colour=c) for o in part] for part, c in zip(problem.observed, colours, strict=True)]
+        # Found in torques without gain; the recorded ones have the gain again.
+        recorded = [
+            colour.divided({name: 1.0 / gain for name, gain in part[0].gains.items()})
+            for part, colour in zip(prepared.observed, colours, strict=True)
+        ]
+        observed = [[replace(o, colour=c) for o in part] for part, c in zip(problem.observed, recorded, strict=True)]
         problem = replace(problem, observed=observed)
         expansion = expand(problem, expansion.values, expansion, expansion.acting)
     if problem.parameters:

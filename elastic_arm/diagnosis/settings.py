@@ -56,8 +56,10 @@ class RefitSettings:
     """The calibration of the model's numbers and the sensors."""
 
     steps: int = 5  # Gauss-Newton steps; the third changes the misfit of 8 % mass errors by less than a thousandth
-    step_shares: tuple[float, ...] = (1.0, 0.5, 0.25)  # of a step, tried until one lowers the misfit; convention
-    improvement: float = 0.999  # ratio of misfits from which a step is worth another; convention
+    step_shares: tuple[float, ...] = (1.0, 0.5, 0.25)  # of a step, tried until one is no worse; convention
+    worse: float = 1.01  # ratio of misfits up to which a step is no worse; of noise alone it is known to a few per cent
+    # Standard deviations up to which a step is none: what is left of the linearisation's error goes with its square.
+    settled: float = 0.3
     most_discount: float = 50.0  # largest factor by which coloured residuals of the widest band are; convention
     beyond_ordinary: float = 3.0  # standard deviations of a prior; 0.3 % of ordinary arms have more
     certain: float = 3.0  # standard deviations by which a sensor is beyond ordinary, and differs from nothing

@@ -58,6 +58,14 @@ class Colour:
         """Return the density (F, n) of a channel at f (F,) Hz; 1 = white noise of 1 Nm a sample."""
         return shapes(np.maximum(f, self.lowest)) @ self.coefficients[channel].T
 
+    def divided(self, gains: Mapping[str, Array]) -> Colour:
+        """Return the colour of torques that are divided by gains, "tau_J", "tau_m" -> (n,)."""
+        by_channel = {
+            name: own / np.square(gains[name])[:, None] if name in gains else own
+            for name, own in self.coefficients.items()
+        }
+        return Colour(by_channel, self.lowest)
+
 
 def pooled(colours: Sequence[Colour], white: Mapping[str, Array], highest: float) -> list[Colour]:
     """Return colours whose sizes are bounded by those of the same sensor in all recordings and of the arm's others.

@@ -122,8 +122,6 @@ class Observation:
     def corrected(self, lags: Mapping[str, Array], gains: Mapping[str, Array]) -> Observation:
         """Return it with late channels moved back to the time at which they were true, and torques without gain.
 
-        A colour of their noise is that of torques without gain already.
-
         Parameters
         ----------
         lags
@@ -151,7 +149,10 @@ class Observation:
 
         noise = {name: std / gain for name, gain in gains.items() if (std := getattr(self.noise, name)) is not None}
         pieces, quiet = (tuple(map(moved, motions)) for motions in (self.pieces, self.quiet))
-        return replace(self, pieces=pieces, quiet=quiet, noise=replace(self.noise, **noise), gains=gains)
+        colour = None if self.colour is None else self.colour.divided(gains)
+        return replace(
+            self, pieces=pieces, quiet=quiet, noise=replace(self.noise, **noise), colour=colour, gains=gains
+        )
 
     def _splines_of(self, motion: Motion, name: str) -> list[CubicSpline]:
         """Return a spline through each joint's samples of a channel; a calibration moves the same ones many times."""

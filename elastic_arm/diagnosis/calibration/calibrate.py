@@ -14,7 +14,7 @@ from elastic_arm.diagnosis.calibration.linearisation import (
     expand,
     linearise,
 )
-from elastic_arm.diagnosis.calibration.nuisance import PRESLIDING
+from elastic_arm.diagnosis.calibration.nuisance import PRESLIDING, gains
 from elastic_arm.diagnosis.result import Imperfection
 from elastic_arm.diagnosis.selection.regressor_library import Candidate, RegressorLibrary
 from elastic_arm.diagnosis.selection.stepwise import misfit
@@ -26,14 +26,17 @@ from elastic_arm.estimation.observation import widest_band
 
 Array = NDArray[np.float64]
 
+LEAST_GAIN = 0.1  # to which a linear step may lower one; a bound of the optimiser
+
 
 def calibrate(
     problem: CalibrationProblem, start: Expansion, extra: Sequence[Candidate] = (), *, scaled: bool = False
 ) -> tuple[Expansion, float]:
     """Expand the residuals where the nuisance parameters lie most probably; return that and what is left as noise.
 
-    Gauss-Newton steps, as long as they lower the misfit; unexplained misfit counts as noise, so that what no parameter
-    explains does not bend them.
+    Gauss-Newton steps, until they are small beside the standard deviations. The misfit, in which the nuisance parameters
+    are marginalised, is hardly lower after a good step: it must not be higher. Unexplained misfit counts as noise, so
+    that what no parameter explains does not bend them.
 
     Parameters
     ----------
@@ -52,12 +55,12 @@ def calibrate(
     if scaled or (problem.scales_friction and not start.acting):
         best = _fitted(problem, expand(problem, start.values, start, best.acting), extra, scaled=scaled)
     for _ in range(settings.refit.steps):
+        if best.farthest < settings.refit.settled:
+            break
         nearer = _nearer(problem, best, extra, scaled=scaled)
         if nearer is None:
             break
-        before, best = best.misfit, nearer
-        if best.misfit > settings.refit.improvement * before:
-            break
+        best = nearer
     return best.expansion, effective_noise(best.misfit, problem.band, settings)
 
 
@@ -73,6 +76,8 @@ class _FittedExpansion:
         Mean square of what is left.
     step
         (k,) of Gauss and Newton, in standard deviations of the priors.
+    farthest
+        The largest step of those that move the model, in standard deviations with these data.
     acting
         The known effects of the arm.
     """
@@ -80,6 +85,7 @@ class _FittedExpansion:
     expansion: Expansion
     misfit: float
     step: Array
+    farthest: float
     acting: tuple[ActingEffect, ...]
 
 
@@ -89,13 +95,15 @@ def _fitted(
     found, again = linearise(problem, expansion, (), extra)
     selected = [*found.given, *again]
     left = misfit(found.library, selected)
-    step, _ = found.library.nuisance_step(selected, effective_noise(left, problem.band, problem.settings))
+    step, stds = found.library.nuisance_step(selected, effective_noise(left, problem.band, problem.settings))
+    moving = np.array([parameter.moves_model for parameter in problem.parameters], dtype=bool)
+    farthest = float(np.max(np.abs(step[moving]) / stds[moving], initial=0.0))
     acting = tuple(
         ActingEffect(c.feature, c.searched or (), beta)
         for c, beta in zip(selected, found.library.coefficients(selected), strict=True)
         if not isinstance(c.feature.effect, SensorEffect) and (scaled or c in found.given)
     )
-    return _FittedExpansion(expansion, left, step, acting)
+    return _FittedExpansion(expansion, left, step, farthest, acting)
 
 
 def _nearer(
@@ -103,17 +111,32 @@ def _nearer(
 ) -> _FittedExpansion | None:
     """Return the fit after a step; None where it leaves more.
 
-    Where the full step leaves more than before, a part of it is gone.
+    Where the full step leaves clearly more than before, a part of it is gone.
     """
     # Offsets act linearly: they stay in the columns.
     limits = np.array([parameter.limit for parameter in problem.parameters])
     moves = np.array([parameter.moves_model for parameter in problem.parameters], dtype=bool)
+    start = best.expansion.values
     for share in problem.settings.refit.step_shares:
-        values = np.clip(np.where(moves, best.expansion.values + share * best.step, 0.0), -limits, limits)
+        step = share * best.step / _changes_of_gain(problem, start, share * best.step)
+        values = np.clip(np.where(moves, start + step, 0.0), -limits, limits)
         found = _fitted(problem, expand(problem, values, best.expansion, best.acting), extra, scaled=scaled)
-        if found.misfit * problem.settings.refit.improvement < best.misfit:
+        if found.misfit < problem.settings.refit.worse * best.misfit:
             return found
     return None
+
+
+def _changes_of_gain(problem: CalibrationProblem, values: Array, step: Array) -> Array:
+    """Return by what a step of each inertial number (k,) is to be divided: by the change of its torques' gains.
+
+    A reading is gain * torque. Linearly, both changes add up, (1 + dg) * torque + change of torque; the same reading
+    has the gain 1 + dg with the change of torque over 1 + dg.
+    """
+    joints = problem.robot.joint_names
+    before, after = (gains(problem.parameters, v, joints) for v in (values, values + step))
+    ratios = [np.maximum(after[channel], LEAST_GAIN) / before[channel] for channel in before]
+    changes = np.mean(ratios, axis=0) if ratios else np.ones(len(joints))
+    return np.array([changes[joints.index(p.joint)] if p.is_inertial else 1.0 for p in problem.parameters])
 
 
 def effective_noise(misfit: float, band: Band, settings: DiagnosisSettings) -> float:

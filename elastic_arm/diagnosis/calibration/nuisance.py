@@ -103,6 +103,11 @@ class NuisanceParameter:
         return bool(abs(deviation) <= largest or alone <= largest + settings.certain * uncertain)
 
     @property
+    def is_inertial(self) -> bool:
+        """Whether the residuals are linear in it whatever its size: a mass, a centre of mass, an inertia."""
+        return self.feature is None and self.what.startswith(("link_", "rotor_", "spline_"))
+
+    @property
     def is_lag(self) -> bool:
         """Whether it is how late a channel is."""
         return self.feature is not None and "channels" in self.feature.choices

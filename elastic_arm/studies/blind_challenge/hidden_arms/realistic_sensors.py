@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.ndimage import convolve1d
 from scipy.signal import lfilter
 
 from elastic_arm.recording import Recording, Side
@@ -115,11 +116,12 @@ def _every(recording: Recording, every: int) -> Recording:
     sides = {}
     for name, side in (("link", recording.link), ("motor", recording.motor)):
         assert side is not None and side.effort is not None
-        total = np.cumsum(np.vstack([np.zeros((1, side.effort.shape[1])), side.effort]), axis=0)
         kept = np.arange(every, len(side.effort) - every, every)
-        low, high = kept - every // 2, kept + (every + 1) // 2
-        thinned = side.at(kept)
-        sides[name] = replace(thinned, effort=(total[high] - total[low]) / every)
+        # Where the interval ends within two samples, half of each belongs to it.
+        share = np.ones(2 * (every // 2) + 1)
+        share[[0, -1]] = 1.0 if every % 2 else 0.5
+        mean = convolve1d(side.effort, share / every, axis=0)
+        sides[name] = replace(side.at(kept), effort=mean[kept])
     return replace(recording, link=sides["link"], motor=sides["motor"])
 
 
