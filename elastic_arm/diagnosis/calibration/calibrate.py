@@ -115,6 +115,10 @@ def _nearer(
     """
     # Offsets act linearly: they stay in the columns.
     limits = np.array([parameter.limit for parameter in problem.parameters])
+    if not (extra or scaled):
+        # What no number of the arm explains bends them all, and with them the gains: causes are not yet known.
+        ordinary = problem.settings.refit.beyond_ordinary
+        limits = np.where([p.is_inertial for p in problem.parameters], np.minimum(limits, ordinary), limits)
     moves = np.array([parameter.moves_model for parameter in problem.parameters], dtype=bool)
     start = best.expansion.values
     for share in problem.settings.refit.step_shares:

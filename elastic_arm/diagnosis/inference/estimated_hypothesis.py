@@ -109,7 +109,7 @@ def _that_last(
         selected, last = found.fit.selected, found.estimates
         gone = last.insignificant(selected, level)
         lost = [k for k in hypothesis.causes if k in gone or turns_over(last.polished(selected)[k], slowest)]
-        there = [fault for fault in kept if not found.is_nothing(fault)]
+        there = [fault for fault in kept if fault.is_possible and not found.is_nothing(fault)]
         if not lost and len(there) == len(kept):
             return hypothesis, found, kept
         faults = there

@@ -48,6 +48,11 @@ class LargeImperfection:
         """Value of its first parameter."""
         return (self.feature.linear[0].neutral or 0.0) + self.value
 
+    @property
+    def is_possible(self) -> bool:
+        """Whether an arm may have it: no inertia is negative."""
+        return self.size > self.feature.linear[0].above
+
     def of_size(self, value: float, std: float) -> LargeImperfection:
         """Return it with another deviation and standard deviation; what it does is linear in the deviation."""
         contribution = [columns * (value / self.value) for columns in self.contribution]
@@ -84,8 +89,7 @@ def faults_beside(prepared: PreparedData, selected: Sequence[Candidate]) -> tupl
         fault = LargeImperfection(p.cause, float(value * p.prior_std), float(std * p.prior_std), columns)
         extraordinary = not p.is_ordinary(fault.value, fault.std, settings) and not _is_usual(prepared, fault)
         # A channel ahead of the others is no effect: it remains an imperfection.
-        possible = fault.size > fault.feature.linear[0].above
-        if possible and (extraordinary or _matters(prepared, fault)):
+        if fault.is_possible and (extraordinary or _matters(prepared, fault)):
             found.append(fault)
     return tuple(_common(prepared, found))
 
