@@ -150,9 +150,7 @@ class Observation:
         noise = {name: std / gain for name, gain in gains.items() if (std := getattr(self.noise, name)) is not None}
         pieces, quiet = (tuple(map(moved, motions)) for motions in (self.pieces, self.quiet))
         colour = None if self.colour is None else self.colour.divided(gains)
-        return replace(
-            self, pieces=pieces, quiet=quiet, noise=replace(self.noise, **noise), colour=colour, gains=gains
-        )
+        return replace(self, pieces=pieces, quiet=quiet, noise=replace(self.noise, **noise), colour=colour, gains=gains)
 
     def _splines_of(self, motion: Motion, name: str) -> list[CubicSpline]:
         """Return a spline through each joint's samples of a channel; a calibration moves the same ones many times."""

@@ -34,9 +34,9 @@ def calibrate(
 ) -> tuple[Expansion, float]:
     """Expand the residuals where the nuisance parameters lie most probably; return that and what is left as noise.
 
-    Gauss-Newton steps, until they are small beside the standard deviations. The misfit, in which the nuisance parameters
-    are marginalised, is hardly lower after a good step: it must not be higher. Unexplained misfit counts as noise, so
-    that what no parameter explains does not bend them.
+    Gauss-Newton steps, until they are small beside the standard deviations. The misfit, in which the nuisance
+    parameters are marginalised, is hardly lower after a good step: it must not be higher. Unexplained misfit counts as
+    noise, so that what no parameter explains does not bend them.
 
     Parameters
     ----------

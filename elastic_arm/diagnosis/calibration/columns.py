@@ -64,7 +64,7 @@ def nuisance_columns(
             feature = scaling(parameter.feature.at(equations), acting)
             for out, columns in zip(result, data.plain(feature), strict=True):
                 out[:, :, k] = columns[:, :, 0] * parameter.prior_std
-    others = [k for k, p in enumerate(parameters) if p.feature is None and not _is_inertial(p)]
+    others = [k for k, p in enumerate(parameters) if p.feature is None and not p.is_inertial]
     for out, part in zip(result, data.parts, strict=True):
         full = _drive_columns(model, nominal, part, [parameters[k] for k in others])
         out[:, :, others] = data.in_band(part, full)
@@ -89,7 +89,7 @@ def inertial_columns(
     directions
         (P, k) of :func:`directions_of`.
     """
-    chosen = [k for k, parameter in enumerate(parameters) if _is_inertial(parameter)]
+    chosen = [k for k, parameter in enumerate(parameters) if parameter.is_inertial]
     found = []
     for part in data.parts:
         motion = part.stretch.quiet
@@ -125,10 +125,6 @@ def calibrated_parameters(model: Model, nominal: Robot, values: Array, direction
 def _springs(model: Model) -> list[int]:
     """Return the numbers of stiffnesses and dampings in Psi."""
     return [index for spring in model.bodies.springs for index in (spring.stiffness, spring.damping)]
-
-
-def _is_inertial(parameter: NuisanceParameter) -> bool:
-    return parameter.feature is None and parameter.what.startswith(("link_", "rotor_", "spline_"))
 
 
 def _regressor(model: Model, motion: CompletedMotion, directions: Array) -> Array:
