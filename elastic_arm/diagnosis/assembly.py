@@ -15,7 +15,6 @@ from elastic_arm.diagnosis.context import DiagnosisContext
 from elastic_arm.diagnosis.inference.estimated_hypothesis import EstimatedHypothesis
 from elastic_arm.diagnosis.inference.estimates import ParameterEstimate
 from elastic_arm.diagnosis.inference.excess import ResidualStatistics, residual_statistics
-from elastic_arm.diagnosis.inference.excess import shrink as shrink_of
 from elastic_arm.diagnosis.inference.faults import with_faults
 from elastic_arm.diagnosis.inference.gap_metric import GapMeasure
 from elastic_arm.diagnosis.inference.judgement import Judgement, verdict
@@ -236,15 +235,12 @@ def fault_causes(
     laws
         General laws; what is ordinary beside one of them is no fault.
     """
-    found, before = [], judgement.measure.before
-    settings, library, sides = prepared.settings, prepared.library, prepared.validation.layout.sides
+    found, library, sides = [], prepared.library, prepared.validation.layout.sides
     left = library.validation_residuals(estimated.hypothesis.baseline)
     for fault in (each for each in estimated.faults if each.feature.key not in laws.instead):
         feature = fault.feature
         alone = with_faults(left, [other for other in estimated.faults if other is not fault])
-        rng = settings.resampling.significance_rng()
-        after = residual_statistics(prepared.validation, alone, before.band, settings, rng)
-        share = shrink_of(before, after, settings.resampling, settings.resampling.shrink_rng())[0]
+        share = judgement.measure.share_of_fault(fault, alone)
         name, unit = feature.linear[0].name, feature.unit(feature.linear[0])
         cause = Cause(
             effect=feature.effect.id,
@@ -253,7 +249,7 @@ def fault_causes(
             regime=feature.effect.regime,
             parameters={name: ParameterEstimate(fault.size, fault.std, unit)},
             shrink=share,
-            confidence=1.0 - settings.judgement.least_listed,
+            confidence=1.0 - prepared.settings.judgement.least_listed,
             alternatives=(),
             instance=fault.instance,
             refitted=bool(feature.effect.number),

@@ -49,6 +49,11 @@ class LargeImperfection:
         return (self.feature.linear[0].neutral or 0.0) + self.value
 
     @property
+    def gain(self) -> float:
+        """Log-likelihood that it gains over none, nats: of a Gaussian estimate."""
+        return 0.5 * (self.value / self.std) ** 2
+
+    @property
     def is_possible(self) -> bool:
         """Whether an arm may have it: no inertia is negative."""
         return self.size > self.feature.linear[0].above

@@ -18,6 +18,7 @@ from elastic_arm.diagnosis.selection.hypothesis import Hypothesis
 from elastic_arm.diagnosis.selection.regressor_library import Candidate, RegressorLibrary
 from elastic_arm.diagnosis.settings import DiagnosisSettings
 
+Array = NDArray[np.float64]
 Share = tuple[float, tuple[float, float]]
 
 
@@ -49,7 +50,7 @@ def gap_measure(
     unexplained = test(hypothesis.baseline)
     before = excess.band_of_largest_excess(tried, unexplained[0].row) if unexplained else tried[0]
     left = max((found.gain for found in test(hypothesis.selected)), default=0.0)
-    return LikelihoodMeasure(library, before, hypothesis.baseline, hypothesis.selected, left, settings)
+    return LikelihoodMeasure(library, before, hypothesis.baseline, hypothesis.selected, left, settings, faults)
 
 
 def _residuals_of_causes(prepared: PreparedData, hypothesis: Hypothesis) -> list[NDArray[np.bool_]]:
@@ -102,6 +103,9 @@ class GapMeasure(Protocol):
 
     def contribution(self, selected: Sequence[Candidate], k: int) -> float:
         """Return what candidate k takes away beside the others, as a share of the whole gap."""
+
+    def share_of_fault(self, fault: LargeImperfection, alone: Sequence[Array]) -> float:
+        """Return the share of the gap that a fault takes away, where `alone` (N', R) are the residuals without it."""
 
 
 class ExcessMeasure:
@@ -162,6 +166,13 @@ class ExcessMeasure:
             for before in self._clear
         )
 
+    def share_of_fault(self, fault: LargeImperfection, alone: Sequence[Array]) -> float:
+        """Return the share of the gap that a fault takes away, where `alone` (N', R) are the residuals without it."""
+        settings, before = self._settings, self.before
+        rng = settings.resampling.significance_rng()
+        after = excess.residual_statistics(self.library.sets[1], alone, before.band, settings, rng)
+        return excess.shrink(before, after, settings.resampling, settings.resampling.shrink_rng())[0]
+
 
 class LikelihoodMeasure:
     """What all equations together show, where each residual is too noisy to show it.
@@ -184,6 +195,8 @@ class LikelihoodMeasure:
         Held-out log-likelihood of what `best` leaves.
     settings
         Thresholds and seeds.
+    faults
+        Nuisance parameters beyond ordinary: part of the gap, and explained in every hypothesis.
     """
 
     name = "likelihood"
@@ -196,9 +209,11 @@ class LikelihoodMeasure:
         best: Sequence[Candidate],
         left: float,
         settings: DiagnosisSettings,
+        faults: Sequence[LargeImperfection] = (),
     ) -> None:
         self.library, self.before, self.baseline, self._settings = library, before, list(baseline), settings
-        self.whole = max(self.gain(best), settings.significance.detected) + max(left, 0.0)
+        self._of_faults = sum(fault.gain for fault in faults)
+        self.whole = max(self.gain(best) + self._of_faults, settings.significance.detected) + max(left, 0.0)
 
     def stands_out(self, selected: Sequence[Candidate]) -> bool:
         """Return that no residual does."""
@@ -213,17 +228,21 @@ class LikelihoodMeasure:
 
         At its lower end, something as large as what just stays undetected may be left.
         """
-        if len(selected) == len(self.baseline):
+        if len(selected) == len(self.baseline) and not self._of_faults:
             return 0.0, (0.0, 0.0)
         falls = 0.5 * np.concatenate(self.library.falls(self.baseline, selected))
-        gain = self.gain(selected)
+        gain = self.gain(selected) + self._of_faults
         whole = max(self.whole, gain)
         resampling, detected = self._settings.resampling, self._settings.significance.detected
-        low = lower_bound(falls, resampling, resampling.fall_rng()) * len(falls)
-        high = -lower_bound(-falls, resampling, resampling.fall_rng()) * len(falls)
+        low = lower_bound(falls, resampling, resampling.fall_rng()) * len(falls) + self._of_faults
+        high = -lower_bound(-falls, resampling, resampling.fall_rng()) * len(falls) + self._of_faults
         share = gain / whole
         return share, (min(low / (whole + detected), share), max(min(high / whole, 1.0), share))
 
     def contribution(self, selected: Sequence[Candidate], k: int) -> float:
         """Return what candidate k takes away beside the others, as a share of the whole gap."""
         return (self.gain(selected) - self.gain([*selected[:k], *selected[k + 1 :]])) / self.whole
+
+    def share_of_fault(self, fault: LargeImperfection, alone: Sequence[Array]) -> float:
+        """Return the share of the gap that a fault takes away; its residuals show nothing."""
+        return fault.gain / self.whole

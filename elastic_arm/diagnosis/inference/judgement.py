@@ -68,8 +68,9 @@ def judge(prepared: PreparedData, hypothesis: Hypothesis) -> Judgement:
         if not kept.causes:
             measure = gap_measure(prepared, kept, test, faults)
     gained = gain(prepared, kept.selected, kept.baseline)
-    # Of a gap that no residual shows, an imperfect sensor is no cause.
-    shown = faults if measure.name == "excess" else ()
+    # Of a gap that no residual shows, what is beyond ordinary is a cause where the likelihood shows it.
+    detected = prepared.settings.significance.detected
+    shown = tuple(fault for fault in faults if measure.name == "excess" or fault.gain > detected)
     minor = frozenset(
         kept.selected[k].feature.key
         for k in kept.causes
