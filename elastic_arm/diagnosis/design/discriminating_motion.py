@@ -19,6 +19,7 @@ from elastic_arm.diagnosis.context import DiagnosisContext
 from elastic_arm.diagnosis.design.predicted_experiment import ExperimentConditions, PredictedExperiment
 from elastic_arm.diagnosis.design.proposal import PairSeparation, Proposal
 from elastic_arm.diagnosis.result import Cause
+from elastic_arm.diagnosis.selection.gram_fits import orthonormal_basis
 from elastic_arm.diagnosis.selection.regressor_library import Candidate
 from elastic_arm.diagnosis.selection.stepwise import misfit
 from elastic_arm.diagnosis.settings import DiagnosisSettings, ExperimentSettings
@@ -151,12 +152,8 @@ def _separations(ambiguous: Sequence[AmbiguousPair], columns: Columns) -> list[f
 
 def _unexplained(target: Array, columns: Array) -> float:
     """Sum of squares of what least squares on the columns leaves of the target."""
-    lengths = np.linalg.norm(columns, axis=0)
-    columns = columns[:, lengths > 0.0] / lengths[lengths > 0.0]
-    if columns.shape[1]:
-        u, s, _ = np.linalg.svd(columns, full_matrices=False)
-        u = u[:, s > DEPENDENT * s[0]]
-        target = target - u @ (u.T @ target)
+    basis = orthonormal_basis(columns, DEPENDENT)
+    target = target - basis @ (basis.T @ target)
     return float(target @ target)
 
 

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elastic_arm.diagnosis.inference.regimes import bases
+from elastic_arm.diagnosis.selection.gram_fits import orthonormal_basis
 from elastic_arm.diagnosis.selection.regressor_library import Candidate, RegressorLibrary
 from elastic_arm.diagnosis.settings import DiagnosisSettings, RegimeSettings
 from elastic_arm.estimation.band import LowPass
@@ -109,7 +110,7 @@ def lack_of_fit(
     n = library.sets[0].layout.n
     left = [library.remainder(which, selected, library.fit(which, selected)) for which in (0, 1)]
     explained = [
-        _basis(np.hstack([library.nuisance.white[which], library.matrix(which, _numbers(selected))]))
+        orthonormal_basis(np.hstack([library.nuisance.white[which], library.matrix(which, _numbers(selected))]), RANK)
         for which in (0, 1)
     ]
     found: list[LackOfFit] = []
@@ -200,13 +201,6 @@ def _row(data: WhitenedData, side: str, joint: int) -> int:
 
 def _numbers(selected: Sequence[Candidate]) -> NDArray[np.intp]:
     return np.concatenate([candidate.index for candidate in selected]) if selected else np.empty(0, dtype=int)
-
-
-def _basis(columns: Array) -> Array:
-    if not columns.shape[1]:
-        return columns
-    u, s, _ = np.linalg.svd(columns / np.maximum(np.linalg.norm(columns, axis=0), 1e-300), full_matrices=False)
-    return u[:, s > RANK * s[0]]
 
 
 def _whitened(data: WhitenedData, shapes: Mapping[str, Sequence[Array]], known: Array) -> dict[str, Array]:

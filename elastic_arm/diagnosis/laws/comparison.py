@@ -21,6 +21,7 @@ from scipy.special import logsumexp
 
 from elastic_arm.diagnosis.calibration.calibrate import effective_noise
 from elastic_arm.diagnosis.laws.general_laws import GeneralLaw, general_laws
+from elastic_arm.diagnosis.selection.gram_fits import orthonormal_basis
 from elastic_arm.diagnosis.selection.hypothesis import Key
 from elastic_arm.diagnosis.selection.regressor_library import Candidate, RegressorLibrary
 from elastic_arm.diagnosis.selection.stepwise import misfit
@@ -200,8 +201,7 @@ class LawComparison:
         price = float(np.sum(np.log(np.abs(np.diag(triangle)) / prior)))
         if selected:
             own = _without(self._of(selected), basis)
-            u, s, _ = np.linalg.svd(own, full_matrices=False)
-            basis = np.hstack([basis, u[:, s > RANK * s[0]]])
+            basis = np.hstack([basis, orthonormal_basis(own, RANK)])
         left = _without(np.append(self._residual, prior * self._nuisance.centre * narrower), basis)
         return _Base(basis, left, -0.5 * float(left @ left) / self._noise - price)
 

@@ -45,7 +45,7 @@ def with_effects_beyond_ordinary(
     settings
         Least gain, and how complete the hypothesis has to be: what is unexplained bends nuisance parameters.
     """
-    if not len(library.nuisance) or misfit(library, hypothesis.selected) > settings.search.complete:
+    if not len(library.nuisance) or misfit(library, hypothesis.selected) > settings.search.bent:
         return hypothesis
     hypothesis = replace(hypothesis, beyond=hypothesis.beyond | _found_beyond(library, hypothesis, settings))
     taken = {candidate.feature.key for candidate in hypothesis.selected}
@@ -108,9 +108,9 @@ def _ranked(
     found: dict[Key, tuple[float, Candidate]] = {}
     for gain, candidate in rough:
         key = candidate.feature.key
-        if gain < settings.significance.detected * scale:
-            break
-        if key in found:
+        # Columns that span a neighbourhood to first order lack what goes with the square, as a payload's inertia.
+        weak = gain < settings.significance.detected * scale and candidate.searched is not None
+        if weak or key in found:
             continue
         best = refine(library, [*selected, candidate], candidate, settings.refinement)
         trial = [*selected, best]

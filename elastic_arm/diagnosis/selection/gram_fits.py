@@ -1,9 +1,10 @@
-"""Least squares from Gram matrices, in which row and column 0 are those of the residual."""
+"""Least squares from Gram matrices, in which row and column 0 are those of the residual, and bases of columns."""
 
 from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import svd
 from scipy.linalg.lapack import dpocon, dpotrf, dpotrs
 
 Array = NDArray[np.float64]
@@ -132,3 +133,22 @@ def _solve(gram: Array, target: Array) -> Array:
         return np.asarray(dpotrs(factor, target / size, lower=1)[0] / size)
     scale, vectors, values = _decomposed(gram)
     return vectors @ ((vectors.T @ (target / scale)) / values) / scale
+
+
+def orthonormal_basis(columns: Array, tolerance: float) -> Array:
+    """Return an orthonormal basis (rows, m) of columns (rows, k); those that are null or repeated add nothing to it.
+
+    Parameters
+    ----------
+    columns
+        Of any length.
+    tolerance
+        Singular value of the columns of length one, relative to the largest, below which a combination is not
+        determined.
+    """
+    if not columns.shape[1]:
+        return columns
+    q, r = np.linalg.qr(columns / np.maximum(np.linalg.norm(columns, axis=0), 1e-300))
+    # LAPACK's faster "gesdd" does not always converge where columns depend on one another.
+    u, s, _ = svd(r, full_matrices=False, lapack_driver="gesvd")
+    return np.asarray(q @ u[:, s > tolerance * s[0]])

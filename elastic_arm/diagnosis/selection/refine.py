@@ -12,9 +12,9 @@ from weakref import WeakKeyDictionary
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import minimize, minimize_scalar
+from scipy.optimize import brute, minimize, minimize_scalar
 
-from elastic_arm.diagnosis.selection.gram_fits import first_row
+from elastic_arm.diagnosis.selection.gram_fits import first_row, orthonormal_basis
 from elastic_arm.diagnosis.selection.regressor_library import Candidate, RegressorLibrary
 from elastic_arm.diagnosis.selection.searched_points import monomials
 from elastic_arm.diagnosis.settings import RefinementSettings
@@ -26,6 +26,8 @@ Array = NDArray[np.float64]
 # First steps and tolerance of the Nelder-Mead search; numerical.
 WIDE_STEP, SMALL_STEP = 0.2, 0.02  # of half a range: first steps from its middle, and from a value that was tried
 NEAR = 2e-3  # of half a range: how near the optimum a search over several numbers ends
+GRID = 9  # values of each of several numbers from which a search starts, where one costs next to nothing
+RANK = 1e-5  # relative singular value below which a combination of columns is not determined; numerical
 PROJECTIONS_KEPT = 4  # of each library; bounds the memory
 Cost = Callable[[Sequence[float]], float]
 
@@ -64,7 +66,9 @@ def refine(
     others = [candidate for candidate in selected if candidate is not which]
     cost = _cost_of(library, feature, _projection(library, others))
     if len(free) > 1:
-        return _added(library, feature, _together(cost, free, start))
+        # Where an evaluation costs next to nothing, the best of many is the start: there may be several optima.
+        tried = _best_on_grid(cost, free) if start is None and _is_polynomial(feature) else start
+        return _added(library, feature, _together(cost, free, tried, SMALL_STEP if start is tried else WIDE_STEP))
     assert start is not None
     scaled = feature.fixed and not which.fixed and feature.scalable
     found = []
@@ -78,12 +82,16 @@ def refine(
 
 def _cost_of(library: RegressorLibrary, feature: Feature, project: _Projection) -> Cost:
     """Return half the sum of squares that is left, as a function of the searched numbers of a feature."""
-    if feature.quadratic and feature.count == 1 and not feature.fixed:
+    if _is_polynomial(feature):
         target, gram = project.products(library.monomial_columns(feature))
+        least = feature.linear[0].least
 
         def of_polynomial(point: Sequence[float]) -> float:
             terms = monomials(point)
-            return project.left(np.array([terms @ target]), np.array([[terms @ gram @ terms]]))
+            product, square = float(terms @ target), float(terms @ gram @ terms)
+            # No mass is negative.
+            shown = product if product > least * square else 0.0
+            return project.left(np.array([shown]), np.array([[square]]))
 
         return of_polynomial
 
@@ -91,6 +99,17 @@ def _cost_of(library: RegressorLibrary, feature: Feature, project: _Projection) 
         return project.cost(library.columns(0, feature, tuple(float(v) for v in point)), fixed=feature.fixed)
 
     return cost
+
+
+def _is_polynomial(feature: Feature) -> bool:
+    """Whether the column of a feature is a polynomial of second degree: then an evaluation costs next to nothing."""
+    return feature.quadratic and feature.count == 1 and not feature.fixed
+
+
+def _best_on_grid(cost: Cost, free: Sequence[Parameter]) -> tuple[float, ...]:
+    """Return the best of values that span the ranges of several numbers."""
+    found = brute(cost, tuple((p.low, p.high) for p in free), Ns=GRID, finish=None)
+    return tuple(float(value) for value in found)
 
 
 def _whole(
@@ -114,7 +133,9 @@ def _added(library: RegressorLibrary, feature: Feature, values: tuple[float, ...
     return refined
 
 
-def _together(cost: Cost, free: Sequence[Parameter], start: tuple[float, ...] | None) -> tuple[float, ...]:
+def _together(
+    cost: Cost, free: Sequence[Parameter], start: tuple[float, ...] | None, step: float = SMALL_STEP
+) -> tuple[float, ...]:
     """Return the best values of several numbers, from the best of those tried or the middle of their ranges."""
     axes = [_Axis.of(p) for p in free]
     half = np.array([(axis.high - axis.low) / 2 for axis in axes])
@@ -125,7 +146,7 @@ def _together(cost: Cost, free: Sequence[Parameter], start: tuple[float, ...] | 
     def values(point: Array) -> tuple[float, ...]:
         return tuple(axis.value(float(v)) for axis, v in zip(axes, point, strict=True))
 
-    simplex = np.vstack([first, first + np.diag((WIDE_STEP if start is None else SMALL_STEP) * half)])
+    simplex = np.vstack([first, first + np.diag((WIDE_STEP if start is None else step) * half)])
     options = {"initial_simplex": simplex, "xatol": NEAR * half.min(), "fatol": 0.5, "maxfev": 90}
     return values(minimize(lambda point: cost(values(point)), first, method="Nelder-Mead", options=options).x)
 
@@ -206,9 +227,7 @@ class _Projection:
         columns = library.matrix(0, np.concatenate(free)) if free else np.zeros((len(y), 0))
         rows = len(y)
         columns, y = library.marginalised(columns), library.marginalised(y[:, None], residual=True)[:, 0]
-        # Null columns and repeated ones would make the basis meaningless.
-        u, s, _ = np.linalg.svd(columns / np.maximum(np.linalg.norm(columns, axis=0), 1e-300), full_matrices=False)
-        basis = u[:, s > 1e-5 * s[0]] if len(s) else u
+        basis = orthonormal_basis(columns, RANK)
         y = y - basis @ (basis.T @ y)
         # Further columns are zero in the rows of the priors, so only the rows of the data are needed of either.
         self._bases = [part[:rows] for part in (library.nuisance_basis, basis) if part.shape[1]]
