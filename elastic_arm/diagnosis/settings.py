@@ -58,6 +58,8 @@ class RefitSettings:
     steps: int = 5  # Gauss-Newton steps; the third changes the misfit of 8 % mass errors by less than a thousandth
     step_shares: tuple[float, ...] = (1.0, 0.5, 0.25)  # of a step, tried until one is no worse; convention
     worse: float = 1.01  # ratio of misfits up to which a step is no worse; of noise alone it is known to a few per cent
+    passing: float = 1.5  # ratio of misfits up to which a step that leads on may be worse; convention
+    approach: float = 0.7  # ratio of what is left of the step from which it leads on; convention
     # Standard deviations up to which a step is none: what is left of the linearisation's error goes with its square.
     settled: float = 0.3
     most_discount: float = 50.0  # largest factor by which coloured residuals of the widest band are; convention

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,7 +18,8 @@ from elastic_arm.diagnosis.calibration.nuisance import PRESLIDING, gains
 from elastic_arm.diagnosis.result import Imperfection
 from elastic_arm.diagnosis.selection.regressor_library import Candidate, RegressorLibrary
 from elastic_arm.diagnosis.selection.stepwise import misfit
-from elastic_arm.diagnosis.settings import DiagnosisSettings
+from elastic_arm.diagnosis.selection.tangents import steps_along, tangents
+from elastic_arm.diagnosis.settings import DiagnosisSettings, RefitSettings
 from elastic_arm.effects.model import SensorEffect
 from elastic_arm.estimation.band import Band
 from elastic_arm.estimation.effect_columns import ActingEffect
@@ -54,13 +55,18 @@ def calibrate(
     best = _fitted(problem, start, extra, scaled=scaled)
     if scaled or (problem.scales_friction and not start.acting):
         best = _fitted(problem, expand(problem, start.values, start, best.acting), extra, scaled=scaled)
+    least = best
     for _ in range(settings.refit.steps):
         if best.farthest < settings.refit.settled:
             break
-        nearer = _nearer(problem, best, extra, scaled=scaled)
+        nearer = _nearer(problem, best, scaled=scaled)
         if nearer is None:
             break
         best = nearer
+        least = min(least, best, key=lambda one: one.misfit)
+    # Far from its end a linear fit may leave less than any arm does.
+    if best.misfit > settings.refit.passing * least.misfit:
+        best = least
     return best.expansion, effective_noise(best.misfit, problem.band, settings)
 
 
@@ -80,6 +86,8 @@ class _FittedExpansion:
         The largest step of those that move the model, in standard deviations with these data.
     acting
         The known effects of the arm.
+    extra
+        The effects that were found, and by how much their searched numbers move.
     """
 
     expansion: Expansion
@@ -87,45 +95,67 @@ class _FittedExpansion:
     step: Array
     farthest: float
     acting: tuple[ActingEffect, ...]
+    extra: tuple[tuple[Candidate, Array], ...]
+
+    def moved(self, share: float) -> list[Candidate]:
+        """Return the effects that were found with their numbers after a share of the step."""
+        return [
+            candidate if candidate.searched is None or not step.any() else _at(candidate, share * step)
+            for candidate, step in self.extra
+        ]
+
+    def is_on_the_way_from(self, other: _FittedExpansion, settings: RefitSettings) -> bool:
+        """Whether it leaves a little more than another one, but is much nearer to the end: what products left."""
+        return self.misfit < settings.passing * other.misfit and self.farthest < settings.approach * other.farthest
 
 
 def _fitted(
     problem: CalibrationProblem, expansion: Expansion, extra: Sequence[Candidate], *, scaled: bool
 ) -> _FittedExpansion:
     found, again = linearise(problem, expansion, (), extra)
-    selected = [*found.given, *again]
+    # Beside other masses and gains a payload lies elsewhere.
+    selected = [*found.given, *again, *tangents(found.library, again)]
     left = misfit(found.library, selected)
     step, stds = found.library.nuisance_step(selected, effective_noise(left, problem.band, problem.settings))
     moving = np.array([parameter.moves_model for parameter in problem.parameters], dtype=bool)
     farthest = float(np.max(np.abs(step[moving]) / stds[moving], initial=0.0))
+    acts = [*found.given, *(again if scaled else ())]
     acting = tuple(
         ActingEffect(c.feature, c.searched or (), beta)
         for c, beta in zip(selected, found.library.coefficients(selected), strict=True)
-        if not isinstance(c.feature.effect, SensorEffect) and (scaled or c in found.given)
+        if not isinstance(c.feature.effect, SensorEffect) and c in acts
     )
-    return _FittedExpansion(expansion, left, step, farthest, acting)
+    steps = steps_along(found.library, selected, again)
+    return _FittedExpansion(expansion, left, step, farthest, acting, tuple(zip(extra, steps, strict=True)))
 
 
-def _nearer(
-    problem: CalibrationProblem, best: _FittedExpansion, extra: Sequence[Candidate], *, scaled: bool
-) -> _FittedExpansion | None:
+def _at(candidate: Candidate, step: Array) -> Candidate:
+    """Return a candidate with its searched numbers changed; it has no columns until it is added to a library."""
+    searched = tuple(float(v) for v in np.asarray(candidate.searched) + step)
+    return replace(candidate, searched=searched)
+
+
+def _nearer(problem: CalibrationProblem, best: _FittedExpansion, *, scaled: bool) -> _FittedExpansion | None:
     """Return the fit after a step; None where it leaves more.
 
-    Where the full step leaves clearly more than before, a part of it is gone.
+    Where the full step leaves clearly more than before, a part of it is gone. Of several numbers whose products act a
+    long step may first leave more.
     """
+    settings = problem.settings.refit
     # Offsets act linearly: they stay in the columns.
     limits = np.array([parameter.limit for parameter in problem.parameters])
-    if not (extra or scaled):
+    if not (best.extra or scaled):
         # What no number of the arm explains bends them all, and with them the gains: causes are not yet known.
-        ordinary = problem.settings.refit.beyond_ordinary
-        limits = np.where([p.is_inertial for p in problem.parameters], np.minimum(limits, ordinary), limits)
+        near = np.minimum(limits, settings.beyond_ordinary)
+        limits = np.where([p.is_inertial for p in problem.parameters], near, limits)
     moves = np.array([parameter.moves_model for parameter in problem.parameters], dtype=bool)
     start = best.expansion.values
-    for share in problem.settings.refit.step_shares:
+    for share in settings.step_shares:
         step = share * best.step / _changes_of_gain(problem, start, share * best.step)
         values = np.clip(np.where(moves, start + step, 0.0), -limits, limits)
-        found = _fitted(problem, expand(problem, values, best.expansion, best.acting), extra, scaled=scaled)
-        if found.misfit < problem.settings.refit.worse * best.misfit:
+        expansion = expand(problem, values, best.expansion, best.acting)
+        found = _fitted(problem, expansion, best.moved(share), scaled=scaled)
+        if found.misfit < settings.worse * best.misfit or found.is_on_the_way_from(best, settings):
             return found
     return None
 

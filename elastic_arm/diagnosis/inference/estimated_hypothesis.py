@@ -11,7 +11,7 @@ from scipy.stats import chi2
 
 from elastic_arm.diagnosis import format as texts
 from elastic_arm.diagnosis.calibration.calibrate import imperfections
-from elastic_arm.diagnosis.inference.estimates import ParameterEstimate, tangents
+from elastic_arm.diagnosis.inference.estimates import ParameterEstimate
 from elastic_arm.diagnosis.inference.faults import LargeImperfection
 from elastic_arm.diagnosis.inference.final_estimates import FinalEstimates, final_estimates
 from elastic_arm.diagnosis.preparation import PreparedData, is_of
@@ -19,6 +19,7 @@ from elastic_arm.diagnosis.result import Imperfection
 from elastic_arm.diagnosis.selection.hypothesis import Hypothesis
 from elastic_arm.diagnosis.selection.plausible_hypothesis import turns_over
 from elastic_arm.diagnosis.selection.regressor_library import Candidate
+from elastic_arm.diagnosis.selection.tangents import tangents
 from elastic_arm.effects import EffectInstance
 
 Array = NDArray[np.float64]

@@ -13,13 +13,13 @@ from scipy.stats import chi2, norm
 
 from elastic_arm.diagnosis.selection.library_building import scaling
 from elastic_arm.diagnosis.selection.regressor_library import Candidate, RegressorLibrary
+from elastic_arm.diagnosis.selection.tangents import STEP, component, free_components, scale_of
 from elastic_arm.diagnosis.settings import JudgementSettings
 from elastic_arm.effects.parameters import Parameter
 from elastic_arm.estimation.effect_columns import ActingEffect
 
 Array = NDArray[np.float64]
 
-STEP = 1e-3  # of the derivatives by parameters, in units of their scales; numerical
 CACHED = 200  # columns kept: bounds the memory
 TOGETHER = 32  # columns marginalised at once: bounds the memory
 UNDETERMINED = 1e-9  # relative eigenvalue below which a combination of parameters does not act; numerical
@@ -100,41 +100,6 @@ def estimates(
     variance = np.maximum(np.maximum(spread * np.diag(inverse), by_blocks), 0.0)
     deviation = np.where(lost | (length <= 1e-300), np.nan, np.sqrt(variance) / length) * problem.scales
     return problem.named(deviation)
-
-
-def tangents(library: RegressorLibrary, selected: Sequence[Candidate]) -> list[Candidate]:
-    """Return candidates of the derivatives of polished ones by their free parameters, with coefficients to fit.
-
-    Beside them nuisance parameters are as uncertain as they are, not as if the causes' sizes were known.
-
-    Parameters
-    ----------
-    library
-        Of all columns; the derivatives are added to it.
-    selected
-        Polished candidates; of others the coefficients are free already.
-    """
-    found = []
-    for candidate in selected:
-        free = _free_components(candidate) if candidate.fixed else []
-        if free:
-            blocks = [
-                np.stack([_derivative(library, which, candidate, j) for j in free], axis=1)
-                for which in range(len(library.sets))
-            ]
-            found.append(Candidate(candidate.feature, None, library.add_columns(blocks)))
-    library.close()
-    return found
-
-
-def _derivative(library: RegressorLibrary, which: int, candidate: Candidate, j: int) -> Array:
-    """Return the derivative (rows,) of a law by component j of its numbers, in units of its scale."""
-    ends = []
-    for sign in (1.0, -1.0):
-        values = list(candidate.searched or ())
-        values[j] += sign * STEP * _scale(candidate, j)
-        ends.append(library.columns(which, candidate.feature, tuple(values)).sum(axis=1))
-    return np.asarray((ends[0] - ends[1]) / (2.0 * STEP))
 
 
 def certain(library: RegressorLibrary, selected: Sequence[Candidate], settings: JudgementSettings) -> list[bool]:
@@ -244,11 +209,11 @@ class _JointFit:
         self._y = library.marginalised(library.matrix(0, [0]), residual=True)[:, 0]
         self._cache: dict[tuple[int, tuple[float, ...]], Array] = {}
         # Where each free number stands: (candidate, component).
-        self.free = [(k, j) for k, candidate in enumerate(selected) for j in _free_components(candidate)]
-        self.scales = np.array([_scale(selected[k], j) for k, j in self.free])
+        self.free = [(k, j) for k, candidate in enumerate(selected) for j in free_components(candidate)]
+        self.scales = np.array([scale_of(selected[k], j) for k, j in self.free])
         self.start = np.ones(len(self.free))
         clearance = settings.bound_clearance
-        least = [_lowest(_component(selected[k], j), clearance) for k, j in self.free]
+        least = [_lowest(component(selected[k], j), clearance) for k, j in self.free]
         now = [(selected[k].searched or ())[j] for k, j in self.free]
         self.lowest = np.array([1.0 + (a - b) / s for a, b, s in zip(least, now, self.scales, strict=True)])
 
@@ -257,7 +222,7 @@ class _JointFit:
         found = []
         for (k, j), scale in zip(self.free, self.scales, strict=True):
             candidate = self._selected[k]
-            neutral = _component(candidate, j).neutral
+            neutral = component(candidate, j).neutral
             # A phase, a speed, a position: no value of it means no effect.
             found.append(0.0 if neutral is None else ((candidate.searched or ())[j] - neutral) / scale)
         return np.array(found)
@@ -346,22 +311,3 @@ def _lowest(parameter: Parameter, clearance: float) -> float:
     if np.isfinite(parameter.above):
         return parameter.above + clearance * abs(neutral - parameter.above)
     return 0.0 if parameter.low > 0.0 and neutral == 0.0 else -np.inf
-
-
-def _free_components(candidate: Candidate) -> list[int]:
-    components = [p for p in candidate.feature.searched for _ in range(p.size)]
-    return [j for j, p in enumerate(components) if not p.integer]
-
-
-def _scale(candidate: Candidate, j: int) -> float:
-    """Size of a parameter: its own, or a hundredth of its plausible range where it is nearly nothing."""
-    parameter, value = _component(candidate, j), (candidate.searched or ())[j]
-    neutral = parameter.neutral or 0.0
-    if parameter.low > 0 and neutral == 0.0:
-        return max(abs(value), 1e-3 * parameter.low)
-    return max(abs(value - neutral), 1e-4 * (parameter.high - parameter.low))
-
-
-def _component(candidate: Candidate, j: int) -> Parameter:
-    """Return the parameter to which component j of a cause's numbers belongs."""
-    return [p for p in candidate.feature.searched for _ in range(p.size)][j]
