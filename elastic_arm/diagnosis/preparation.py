@@ -33,6 +33,7 @@ from elastic_arm.diagnosis.settings import DiagnosisSettings, PreprocessingSetti
 from elastic_arm.dynamics import Model, build_model
 from elastic_arm.effects import Effect, EffectInstance, robot_effects
 from elastic_arm.effects.equations import ArmEquations
+from elastic_arm.effects.model import SensorEffect
 from elastic_arm.errors import DiagnosisError
 from elastic_arm.estimation.band import Band
 from elastic_arm.estimation.effect_columns import Feature
@@ -43,6 +44,7 @@ from elastic_arm.estimation.observation import Observation, continued, observe, 
 from elastic_arm.estimation.whitening import WhitenedData
 from elastic_arm.recording import Recording
 from elastic_arm.recording.inspection.plausibility import smoothed_torques
+from elastic_arm.robot import Robot
 
 
 @dataclass(frozen=True)
@@ -364,8 +366,12 @@ def common_band(
         Hz, from which on torques were low-passed before they were recorded: above, they are not those of the motion.
     """
     widest = min(widest_band(rate), torque_band)
-    one_encoder = len(layout.sides) == 1 and model.robot.elastic
-    return Band(min(widest, settings.one_encoder_band) if one_encoder else widest, rate)
+    return Band(min(widest, settings.one_encoder_band) if _has_one_encoder(layout, model.robot) else widest, rate)
+
+
+def _has_one_encoder(layout: EquationSet, robot: Robot) -> bool:
+    """Whether an elastic arm is one equation a joint, in which the deflection follows the load."""
+    return len(layout.sides) == 1 and robot.elastic
 
 
 def _carried(question: Question, equations: ArmEquations) -> list[Feature]:
@@ -392,4 +398,7 @@ def _candidates(
     wholly = {effect for effect, _ in held}
     shown = recorded_features(features(equations, question.candidates), motion)
     free = [f for f in shown if (f.effect.id, f.joint) not in held and not (f.joint is None and f.effect.id in wholly)]
+    if _has_one_encoder(problem.layout, problem.robot):
+        # Slowly, bearings and damping do less than what following the load neglects.
+        free = [f for f in free if f.effect.regime != "frequency" or isinstance(f.effect, SensorEffect)]
     return [f for f in free if f.joint not in still or not needs_motion(f)]
