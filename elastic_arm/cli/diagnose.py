@@ -54,7 +54,6 @@ from elastic_arm.diagnosis.result import SEPARATING, Cause, Diagnosis
 from elastic_arm.diagnosis.settings import DiagnosisSettings
 from elastic_arm.effects import Catalogue
 from elastic_arm.effects.text import known_effects
-from elastic_arm.errors import DiagnosisError
 from elastic_arm.estimation.equations import SIDES
 from elastic_arm.mujoco import Exported, Replay
 from elastic_arm.recording import Recording, load_channels
@@ -120,7 +119,7 @@ def diagnose_command(
     correction = Correction(robot_file, chain, at, catalogue)
     correction.require_mjcf("--replay" if replayed else None)
     mapping = None if channels is None else load_channels(channels)
-    settings = _settings(priors_file, catalogue, refit=refit)
+    settings = _settings(priors_file, catalogue)
 
     def read(paths: list[Path]) -> list[Recording]:
         return [read_by_clock(path, mapping, robot.joint_names, clock, namespace) for path in paths]
@@ -163,13 +162,11 @@ def correct(found: Diagnosis, robot: Robot, folder: Path, correction: Correction
     return correction.write(repaired_robot(robot, found) if found.causes else None, folder, deviations(found))
 
 
-def _settings(priors_file: Path | None, catalogue: Catalogue, *, refit: bool) -> DiagnosisSettings:
+def _settings(priors_file: Path | None, catalogue: Catalogue) -> DiagnosisSettings:
     """Return all thresholds, with the priors of a file where one is given."""
     settings = DiagnosisSettings()
     if priors_file is None:
         return settings
-    if not refit:
-        raise DiagnosisError("--priors has no meaning without --refit", "Add --refit, or leave --priors out")
     sensors = [effect.id for effect in catalogue.values() if effect.prior is not None]
     return replace(settings, priors=read_priors(priors_file, sensors))
 

@@ -60,7 +60,7 @@ PriorsFile = Annotated[
     Path | None,
     typer.Option(
         "--priors",
-        help="With --refit: YAML of how far masses, stiffness and sensors may be off; see docs/diagnosis.md.",
+        help="YAML of how far masses, stiffness and sensors may be off; see docs/diagnosis.md.",
     ),
 ]
 KnownEffects = Annotated[

@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from elastic_arm.diagnosis.assembly import assemble
+from elastic_arm.diagnosis.calibration.calibrate import is_commissioned
 from elastic_arm.diagnosis.design.discriminating_motion import propose
 from elastic_arm.diagnosis.inference.across_recordings import agreements
 from elastic_arm.diagnosis.inference.estimated_hypothesis import estimate
@@ -24,7 +25,9 @@ from elastic_arm.diagnosis.selection.beyond_ordinary import with_effects_beyond_
 from elastic_arm.diagnosis.selection.hypothesis import Hypothesis
 from elastic_arm.diagnosis.selection.library_building import scaling
 from elastic_arm.diagnosis.selection.stepwise import StepwiseSearch
+from elastic_arm.diagnosis.settings import SearchSettings
 from elastic_arm.effects.equations import ArmEquations
+from elastic_arm.effects.model import SensorEffect
 from elastic_arm.recording import Recording
 
 
@@ -48,7 +51,27 @@ def diagnose(recordings: Sequence[Recording], question: Question, validate: Sequ
         If a recording lacks a joint.
     """
     # Whitened residuals of both data sets, and the columns of every effect at every place where it can show.
-    prepared = prepare(recordings, validate, question)
+    found = _diagnosed(prepare(recordings, validate, question))
+    if question.refit or _is_simple(found, question.settings.search):
+        return found
+    # Many causes, or none that explains it: an exact description is less likely than one that is a little off.
+    prepared = prepare(recordings, validate, question.of_commissioned_arm())
+    if not is_commissioned(prepared.calibration, prepared.found.values):
+        return found
+    again = _diagnosed(prepared)
+    explained = again.verdict != "unknown"
+    return again if explained and (found.verdict == "unknown" or len(again.causes) < len(found.causes)) else found
+
+
+def _is_simple(found: Diagnosis, settings: SearchSettings) -> bool:
+    """Whether the arm is explained, and but for few numbers and sensors its description is exact."""
+    effects = [cause.instance.effect for cause in found.causes]
+    calibrated = sum(isinstance(effect, SensorEffect) or effect.model_parameter for effect in effects)
+    return found.verdict != "unknown" and calibrated <= settings.few_calibrated
+
+
+def _diagnosed(prepared: PreparedData) -> Diagnosis:
+    """Search, judge and estimate the causes of prepared data."""
     # The set of effects with the highest log-likelihood on motion that its fit has not seen.
     stepwise, hypothesis = best_hypothesis(prepared)
     if sticking_misfits(prepared, hypothesis):
@@ -56,7 +79,7 @@ def diagnose(recordings: Sequence[Recording], question: Question, validate: Sequ
         prepared = without_sticking_friction(prepared)
         stepwise, hypothesis = best_hypothesis(prepared)
     colours = None
-    if question.refit and hypothesis.causes:
+    if prepared.calibration.parameters and hypothesis.causes:
         # Where the model and its sensors lie beside these causes, the search has less to mistake for another one.
         colours = noise_colours(prepared, hypothesis)
         prepared = recalibrated(prepared, hypothesis, colours)

@@ -20,6 +20,7 @@ from elastic_arm.diagnosis.calibration.linearisation import (
 from elastic_arm.diagnosis.calibration.linearisation import problem_of as calibration_problem
 from elastic_arm.diagnosis.calibration.nuisance import NuisanceParameter
 from elastic_arm.diagnosis.calibration.torque_filters import filters_for_lags
+from elastic_arm.diagnosis.data.common_equations import common_equations, has_one_encoder
 from elastic_arm.diagnosis.data.encoder_zeros import with_common_zeros
 from elastic_arm.diagnosis.data.preprocessing import needs_motion, standing, usable
 from elastic_arm.diagnosis.data.split import independent, split
@@ -29,22 +30,19 @@ from elastic_arm.diagnosis.selection.candidates import feature_of, features, rec
 from elastic_arm.diagnosis.selection.hypothesis import Hypothesis
 from elastic_arm.diagnosis.selection.plausible_size import PlausibleSizes
 from elastic_arm.diagnosis.selection.regressor_library import Candidate, RegressorLibrary
-from elastic_arm.diagnosis.settings import DiagnosisSettings, PreprocessingSettings
+from elastic_arm.diagnosis.settings import DiagnosisSettings
 from elastic_arm.dynamics import Model, build_model
 from elastic_arm.effects import Effect, EffectInstance, robot_effects
 from elastic_arm.effects.equations import ArmEquations
 from elastic_arm.effects.model import SensorEffect
-from elastic_arm.errors import DiagnosisError
-from elastic_arm.estimation.band import Band
 from elastic_arm.estimation.effect_columns import Feature
 from elastic_arm.estimation.equations import EquationSet
 from elastic_arm.estimation.motion import Motion
 from elastic_arm.estimation.noise_colour import Colour
-from elastic_arm.estimation.observation import Observation, continued, observe, widest_band
+from elastic_arm.estimation.observation import Observation, continued, observe
 from elastic_arm.estimation.whitening import WhitenedData
 from elastic_arm.recording import Recording
 from elastic_arm.recording.inspection.plausibility import smoothed_torques
-from elastic_arm.robot import Robot
 
 
 @dataclass(frozen=True)
@@ -164,7 +162,7 @@ def prepare(recordings: Sequence[Recording], validate: Sequence[Recording], ques
         observed = [[first for first, _ in joined], [rest for _, rest in joined]]
     question = _with_motor_inertia(question, observed[0])
     nominal = build_model(question.robot, question.model)
-    layout, band = _common([*observed[0], *observed[1]], nominal, settings.preprocessing)
+    layout, band = common_equations([*observed[0], *observed[1]], nominal, settings.preprocessing)
     still = [joint for joint in names if all(joint in standing(r) for r in parts[0])]
     own = {(instance.effect.id, instance.joint) for instance in question.given}
     stated = robot_effects(question.robot, question.catalogue)
@@ -190,7 +188,7 @@ def prepare(recordings: Sequence[Recording], validate: Sequence[Recording], ques
         expansion, noise = calibrate(problem, expansion)
     found, _ = linearise(problem, expansion, candidates, noise=noise)
     notes = list(dict.fromkeys(note for part in observed for o in part for note in o.notes))
-    notes += [*_low_passed(parts), *([texts.REFITTED] if question.refit else [])]
+    notes += [*_low_passed(parts), *_certainty_notes(question)]
     notes += [texts.standing_note(joint) for joint in still]
     notes += [texts.unseen_note(unseen)] if unseen else []
     return PreparedData(
@@ -209,7 +207,15 @@ def prepare(recordings: Sequence[Recording], validate: Sequence[Recording], ques
 def _with_motor_inertia(question: Question, observed: Sequence[Observation]) -> Question:
     """Return the question with motor inertia to be refitted where motor torques were recorded and none is described."""
     motored = all(piece.tau_m is not None for one in observed for piece in one.pieces)
-    return replace(question, robot=question.robot.with_armatures()) if question.refit and motored else question
+    uncertain = question.refit and not question.commissioned
+    return replace(question, robot=question.robot.with_armatures()) if uncertain and motored else question
+
+
+def _certainty_notes(question: Question) -> list[str]:
+    """Return a note on what was determined together with the causes."""
+    if question.commissioned:
+        return [texts.COMMISSIONED]
+    return [texts.REFITTED] if question.refit else []
 
 
 def _low_passed(parts: Sequence[Sequence[Recording]]) -> list[str]:
@@ -330,50 +336,6 @@ def _is_seen(instance: EffectInstance, layout: EquationSet) -> bool:
     return instance.parameters.get("side") != "motor" or not set(layout.sides) <= {"link", "drive"}
 
 
-def _common(
-    observations: Sequence[Observation], model: Model, settings: PreprocessingSettings
-) -> tuple[EquationSet, Band]:
-    """Return equations and band that all recordings allow."""
-    layouts = [EquationSet.of(o.pieces[0], model) for o in observations]
-    if any(layout != layouts[0] for layout in layouts):
-        raise DiagnosisError(
-            "the recordings do not hold the same channels", "Diagnose those with equal channels together"
-        )
-    rate = min(o.rate for o in observations)
-    if max(o.rate for o in observations) > settings.rate_tolerance * rate:
-        raise DiagnosisError("the recordings have different sample rates", "Diagnose those of one rate together")
-    longest = min(max(len(piece) / o.rate - 2.0 * o.margin for piece in o.pieces) for o in observations)
-    torque_band = max(min(o.torque_band for o in observations), settings.narrow_filter / max(longest, 1e-3))
-    return layouts[0], common_band(layouts[0], model, rate, settings, torque_band)
-
-
-def common_band(
-    layout: EquationSet, model: Model, rate: float, settings: PreprocessingSettings, torque_band: float = np.inf
-) -> Band:
-    """Return the band in which residuals are compared.
-
-    Parameters
-    ----------
-    layout
-        Usable equations.
-    model
-        The nominal model.
-    rate
-        Hz, of the recordings.
-    settings
-        Upper edge where only one encoder is recorded.
-    torque_band
-        Hz, from which on torques were low-passed before they were recorded: above, they are not those of the motion.
-    """
-    widest = min(widest_band(rate), torque_band)
-    return Band(min(widest, settings.one_encoder_band) if _has_one_encoder(layout, model.robot) else widest, rate)
-
-
-def _has_one_encoder(layout: EquationSet, robot: Robot) -> bool:
-    """Whether an elastic arm is one equation a joint, in which the deflection follows the load."""
-    return len(layout.sides) == 1 and robot.elastic
-
-
 def _carried(question: Question, equations: ArmEquations) -> list[Feature]:
     """Return errors of the links' own numbers.
 
@@ -398,7 +360,7 @@ def _candidates(
     wholly = {effect for effect, _ in held}
     shown = recorded_features(features(equations, question.candidates), motion)
     free = [f for f in shown if (f.effect.id, f.joint) not in held and not (f.joint is None and f.effect.id in wholly)]
-    if _has_one_encoder(problem.layout, problem.robot):
+    if has_one_encoder(problem.layout, problem.robot):
         # Slowly, bearings and damping do less than what following the load neglects.
         free = [f for f in free if f.effect.regime != "frequency" or isinstance(f.effect, SensorEffect)]
     return [f for f in free if f.joint not in still or not needs_motion(f)]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 from elastic_arm.diagnosis.settings import DiagnosisSettings
 from elastic_arm.effects import Catalogue, Effect, EffectInstance
@@ -29,6 +29,8 @@ class Question:
         Where the ids of the description's effects are looked up.
     settings
         All thresholds.
+    commissioned
+        Whether the model's own parameters, where they are fitted, are those of an arm that was calibrated before.
     """
 
     robot: Robot
@@ -38,6 +40,12 @@ class Question:
     effects: tuple[Effect, ...] | None = None
     settings: DiagnosisSettings = field(default_factory=DiagnosisSettings)
     catalogue: Catalogue = field(default_factory=Catalogue.default)
+    commissioned: bool = False
+
+    def of_commissioned_arm(self) -> Question:
+        """Return it with a description that is nearly right everywhere, instead of exact."""
+        settings = replace(self.settings, priors=self.settings.priors.commissioned())
+        return replace(self, refit=True, commissioned=True, settings=settings)
 
     @property
     def candidates(self) -> tuple[Effect, ...]:

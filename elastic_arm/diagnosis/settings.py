@@ -64,6 +64,9 @@ class RefitSettings:
     settled: float = 0.3
     most_discount: float = 50.0  # largest factor by which coloured residuals of the widest band are; convention
     beyond_ordinary: float = 3.0  # standard deviations of a prior; 0.3 % of ordinary arms have more
+    few: float = (
+        0.2  # share of an arm's numbers at that limit from which its description was not commissioned; convention
+    )
     certain: float = 3.0  # standard deviations by which a sensor is beyond ordinary, and differs from nothing
     fault_width: float = 30.0  # of a faulty sensor's prior over an ordinary one's: hardly any prior; convention
     alike: float = 0.1  # relative difference of joints up to which a sensor's fault is common to all; convention
@@ -107,6 +110,8 @@ class SearchSettings:
     least_gain: float = 12.0
     least_share: float = 0.005  # of all the log-likelihood there is to gain; convention
     most_causes: int = 16  # bounds the time
+    # Causes of sensors and numbers up to which an exact description is likelier than one that is a little off.
+    few_calibrated: int = 3
     starts: int = 2  # single candidates from which the search sets out
     start_ratio: float = 0.3  # least score of another start, as a share of the best hypothesis' score; convention
     shortlist: int = 4  # candidates whose nonlinear parameters are optimised before they are compared

@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 from elastic_arm.diagnosis import Question
-from elastic_arm.diagnosis.preparation import common_band, prepare
+from elastic_arm.diagnosis.data.common_equations import common_band
+from elastic_arm.diagnosis.preparation import prepare
 from elastic_arm.diagnosis.settings import DiagnosisSettings, PreprocessingSettings, SplitSettings
 from elastic_arm.dynamics import build_model
 from elastic_arm.effects import EFFECTS, parse

@@ -70,6 +70,21 @@ def calibrate(
     return best.expansion, effective_noise(best.misfit, problem.band, settings)
 
 
+def is_commissioned(problem: CalibrationProblem, values: Array) -> bool:
+    """Whether most numbers of an arm are as near to its description as those of one that was calibrated before.
+
+    Parameters
+    ----------
+    problem
+        What was calibrated, before any cause is known.
+    values
+        (k,) in standard deviations of the priors.
+    """
+    settings = problem.settings.refit
+    own = np.array([parameter.is_inertial for parameter in problem.parameters])
+    return bool(np.mean(np.abs(values[own]) >= settings.beyond_ordinary) < settings.few)
+
+
 @dataclass(frozen=True)
 class _FittedExpansion:
     """An expansion with the effects fitted beside the nuisance parameters.

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elastic_arm.diagnosis import Question
-from elastic_arm.diagnosis.preparation import common_band
+from elastic_arm.diagnosis.data.common_equations import common_band
 from elastic_arm.diagnosis.selection.candidates import feature_of, features
 from elastic_arm.dynamics import Model, build_model
 from elastic_arm.effects.equations import ArmEquations
