@@ -79,19 +79,10 @@ def measure(
     theta, dtheta = sampled(course.theta, ""), sampled(course.dtheta, "")
     tau_J, tau_m = sampled(course.tau_J, "joint_torque"), sampled(course.tau_m, "motor_torque")
     torques = {"joint_torque": tau_J, "motor_torque": tau_m}
-    # recorded = gain * true + offset: a gain scales neither the zero of its sensor nor how that wanders.
-    for fault in sensors:
-        channel, _, what = fault.effect.rpartition("_")
-        if what == "gain":
-            torques[channel][:, fault.joint] *= fault.parameters["gain"]
-    for fault in sensors:
-        _distort(torques, fault, t)
+    _distort(torques, sensors, t)
     for fault in sensors:
         j, p = fault.joint, fault.parameters
-        channel, _, what = fault.effect.rpartition("_")
-        if what == "offset" and channel in torques:
-            torques[channel][:, j] += p["offset"]
-        elif fault.effect == "encoder_offset":
+        if fault.effect == "encoder_offset":
             q[:, j] += p["offset"]
         elif fault.effect == "encoder_eccentricity":
             angle = q[:, j] + p["phase"]
@@ -114,7 +105,33 @@ def measure(
     return Recording(tuple(joints), link=link, motor=motor, source="challenge")
 
 
-def _distort(torques: dict[str, np.ndarray], fault: Fault, t: np.ndarray) -> None:
+def _distort(torques: dict[str, np.ndarray], sensors: Sequence[Fault], t: np.ndarray) -> None:
+    """Give torque sensors their gains, let them filter, read another load and wander, and give them zeros, in place.
+
+    Recorded is gain * true + offset: a gain scales neither the zero of its sensor nor how that wanders.
+
+    Parameters
+    ----------
+    torques
+        (N, n) by channel.
+    sensors
+        Their faults; those of encoders change nothing.
+    t
+        (N,) s.
+    """
+    for fault in sensors:
+        channel, _, what = fault.effect.rpartition("_")
+        if what == "gain":
+            torques[channel][:, fault.joint] *= fault.parameters["gain"]
+    for fault in sensors:
+        _distort_in_time(torques, fault, t)
+    for fault in sensors:
+        channel, _, what = fault.effect.rpartition("_")
+        if what == "offset" and channel in torques:
+            torques[channel][:, fault.joint] += fault.parameters["offset"]
+
+
+def _distort_in_time(torques: dict[str, np.ndarray], fault: Fault, t: np.ndarray) -> None:
     """Let a torque channel pass a low-pass, read another joint's load, or wander, in place.
 
     Parameters
