@@ -14,12 +14,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from elastic_arm.effects.catalogue import Catalogue
 from elastic_arm.effects.equations import ArmEquations
 from elastic_arm.effects.model import Effect, EffectInstance, Scope, SensorEffect
 from elastic_arm.effects.parameters import Parameter, Role
 from elastic_arm.effects.regressor import Regressor
 from elastic_arm.errors import EffectError
 from elastic_arm.estimation.regressors import CompiledColumns, Entries, Signals, Term
+from elastic_arm.robot import Robot
 from elastic_arm.sensors import Sensors
 
 Array = NDArray[np.float64]
@@ -105,10 +107,7 @@ class Feature:
         effect = self.effect
         if not isinstance(effect, SensorEffect):
             return frozenset()
-        exact, parameters = Sensors.exact(), {p.name: _some_effect(p) for p in effect.parameters}
-        instance = EffectInstance(effect, self.joint, {**parameters, **self.choices})
-        changed = effect.change(exact, 0, self.equations.robot.n, instance.parameters)
-        found = {channel for name, channel in SENSED.items() if getattr(changed, name) != getattr(exact, name)}
+        found = _changed_channels(effect, self.joint, self.choices, self.equations.robot.n)
         return frozenset(found | ({"theta"} if "q" in found else set()))
 
     @property
@@ -307,6 +306,30 @@ class ActingEffect:
         rows = self.feature.columns(signals, self.searched) @ self.coefficients
         link, _, motor = np.split(rows, 3, axis=1)
         return link, link + motor
+
+
+def _changed_channels(effect: SensorEffect, joint: str | None, choices: Mapping[str, Any], n: int) -> set[str]:
+    """Return the channels whose sensors an effect changes.
+
+    Parameters
+    ----------
+    effect, joint, choices
+        What, where, and which of its choices.
+    n
+        Joints of the arm.
+    """
+    exact, parameters = Sensors.exact(), {p.name: _some_effect(p) for p in effect.parameters}
+    changed = effect.change(exact, 0, n, EffectInstance(effect, joint, {**parameters, **choices}).parameters)
+    return {channel for name, channel in SENSED.items() if getattr(changed, name) != getattr(exact, name)}
+
+
+def torque_zeros(catalogue: Catalogue, robot: Robot) -> dict[str, str]:
+    """Return "tau_J", "tau_m" -> the id of the effect that is a wrong zero of that channel."""
+    found: dict[str, str] = {}
+    for effect in catalogue.values():
+        if isinstance(effect, SensorEffect) and not effect.choices and effect.parameters[0].unit == "Nm":
+            found |= dict.fromkeys(_changed_channels(effect, robot.joint_names[0], {}, robot.n), effect.id)
+    return found
 
 
 def _some_effect(parameter: Parameter) -> float | tuple[float, ...]:

@@ -22,9 +22,10 @@ from numpy.typing import NDArray
 
 from elastic_arm.dynamics import build_model
 from elastic_arm.dynamics.double_double import add
-from elastic_arm.effects import Catalogue, EffectInstance
+from elastic_arm.effects import EFFECTS, Catalogue, EffectInstance
 from elastic_arm.effects.text import parse_laws
 from elastic_arm.errors import IdentificationError
+from elastic_arm.estimation.effect_columns import torque_zeros
 from elastic_arm.identification.accumulator import closes
 from elastic_arm.identification.base_regression import BaseRegression
 from elastic_arm.identification.batch.derivatives import DerivativeStage, Derived, Method
@@ -43,7 +44,6 @@ MOST_LOST = 0.2
 # A zero counts from so many standard deviations: one in 15,000 would be called one by chance. Where a channel has one,
 # its other zeros count from one standard deviation: from there on a parameter lowers the expected error of predictions.
 CERTAIN, LIKELY = 4.0, 1.0
-ZEROS = {"tau_J": "joint_torque_offset", "tau_m": "motor_torque_offset"}
 
 
 @dataclass(frozen=True)
@@ -178,7 +178,7 @@ class Trials:
         """Return the zeros of all recorded torques that nobody has asked for."""
         asked = {(instance.effect.id, instance.joint) for instance in self.effects}
         found: list[EffectInstance] = []
-        for channel, law in ZEROS.items():
+        for channel, law in torque_zeros(catalogue or EFFECTS, self.robot).items():
             have = [samples for _, samples in self.recordings if getattr(samples, channel) is not None]
             lacking = {self.robot.joint_names[j] for samples in have for c, j in samples.lacking if c == channel}
             laws = parse_laws([law], self.robot, catalogue) if have else []
