@@ -379,6 +379,7 @@ def _context(
     regimes = prepared.settings.regimes
     return DiagnosisContext(
         model=prepared.model,
+        fitted=prepared.model if estimated.final is None else estimated.final.fit.found.expansion.model,
         validate=prepared.validation,
         before=before,
         after=after,

@@ -24,7 +24,9 @@ class DiagnosisContext:
     Parameters
     ----------
     model
-        The nominal model.
+        That of residuals and columns.
+    fitted
+        The same at the numbers that were found beside the causes at last.
     validate
         WhitenedData of the validation recordings.
     before, after
@@ -50,6 +52,7 @@ class DiagnosisContext:
     """
 
     model: Model
+    fitted: Model
     validate: WhitenedData
     before: list[Array]
     after: list[Array]

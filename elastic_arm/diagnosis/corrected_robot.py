@@ -22,7 +22,7 @@ def repaired_robot(robot: Robot, diagnosis: Diagnosis) -> Robot:
     known = robot.effects if context is None else [instance.to_dict() for instance in context.known]
     causes = [c.instance for c in diagnosis.causes if not c.refitted]
     found = [instance.to_dict() for instance in causes if instance.effect.lacked_by == MODELS]
-    numbers = robot if context is None else context.model.robot
+    numbers = robot if context is None else context.fitted.robot
     return numbers.with_(effects=(*known, *found))
 
 

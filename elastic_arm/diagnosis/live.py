@@ -200,7 +200,7 @@ class LiveDiagnosis:
         """
         found = diagnose([recording], self.question)
         if self.question.refit and found.context is not None:
-            self._model = found.context.model
+            self._model = found.context.fitted
         return found
 
 

@@ -110,7 +110,7 @@ def predict(context: DiagnosisContext, causes: Sequence[EffectInstance], starts:
 
 def _without_inertia(context: DiagnosisContext) -> list[str]:
     """Return the joints that nothing in the model is heavy for: a point on the last axis, motors without inertia."""
-    model = context.model
+    model = context.fitted
     if model.robot.elastic:
         return []
     poses = context.validate.parts[0].stretch.quiet.q[:1]
@@ -148,12 +148,12 @@ def _errors(
     sides: Sequence[str],
 ) -> dict[Place, tuple[float, ...]]:
     """Return the root mean square errors with these effects in the plant, those of sensors corrected before use."""
-    plant = Plant(context.model.robot, Sensors.exact())
+    plant = Plant(context.fitted.robot, Sensors.exact())
     for instance in effects:
         plant = instance.effect.added_to(plant, instance)
     period = 1.0 / max(o.rate for o in context.seen[1])
     begin, end = context.validate.parts[0].stretch.quiet.span or (0.0, 1.0)
-    predictor = _predictor(context.model, plant, period, end - begin)
+    predictor = _predictor(context.fitted, plant, period, end - begin)
     steps = [step for step in _steps(period) if step]
     motored = "motor" in context.validate.layout.sides
     found: dict[str, list[Array]] = {"link": [], "motor": []}
