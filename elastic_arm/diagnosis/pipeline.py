@@ -11,9 +11,9 @@ from elastic_arm.diagnosis.assembly import assemble
 from elastic_arm.diagnosis.calibration.calibrate import is_commissioned
 from elastic_arm.diagnosis.design.discriminating_motion import propose
 from elastic_arm.diagnosis.inference.across_recordings import agreements
-from elastic_arm.diagnosis.inference.estimated_hypothesis import estimate
+from elastic_arm.diagnosis.inference.estimated_hypothesis import EstimatedHypothesis, estimate
 from elastic_arm.diagnosis.inference.excess import select_band, statistics_in_bands
-from elastic_arm.diagnosis.inference.judgement import judge, measured_beside
+from elastic_arm.diagnosis.inference.judgement import Judgement, judge, measured_beside
 from elastic_arm.diagnosis.inference.noise_colour import noise_colours
 from elastic_arm.diagnosis.inference.prediction import predict
 from elastic_arm.diagnosis.inference.sticking import sticking_misfits
@@ -22,7 +22,7 @@ from elastic_arm.diagnosis.preparation import PreparedData, prepare, recalibrate
 from elastic_arm.diagnosis.question import Question
 from elastic_arm.diagnosis.result import Diagnosis
 from elastic_arm.diagnosis.selection.beyond_ordinary import with_effects_beyond_ordinary
-from elastic_arm.diagnosis.selection.hypothesis import Hypothesis
+from elastic_arm.diagnosis.selection.hypothesis import Hypothesis, Key
 from elastic_arm.diagnosis.selection.library_building import scaling
 from elastic_arm.diagnosis.selection.stepwise import StepwiseSearch
 from elastic_arm.diagnosis.settings import SearchSettings
@@ -89,12 +89,7 @@ def _diagnosed(prepared: PreparedData) -> Diagnosis:
         prepared = recalibrated(prepared, hypothesis, colours)
         stepwise, hypothesis = best_hypothesis(prepared)
     hypothesis = stepwise.with_rivals(hypothesis)
-    # What the model's own numbers would have to be far from ordinary for.
-    prepared, hypothesis = beyond_ordinary(prepared, hypothesis)
-    # Without the effects that are too small, uncertain in resampled blocks, or compatible with no effect.
-    judgement = judge(prepared, hypothesis)
-    # All parameters at their joint optimum, with standard deviations.
-    estimated = estimate(prepared, judgement.hypothesis, judgement.faults)
+    prepared, judgement, estimated = estimated_beyond_ordinary(prepared, hypothesis)
     judgement = measured_beside(prepared, judgement, estimated.faults)
     # Laws that no catalogue states, in the place of the causes and beside them.
     laws = better_laws(prepared, estimated)
@@ -119,13 +114,49 @@ def best_hypothesis(prepared: PreparedData) -> tuple[StepwiseSearch, Hypothesis]
     return stepwise, stepwise.best()
 
 
-def beyond_ordinary(prepared: PreparedData, hypothesis: Hypothesis) -> tuple[PreparedData, Hypothesis]:
-    """Return a hypothesis with the effects that keep the model's numbers ordinary, and data to measure them on."""
+def estimated_beyond_ordinary(
+    prepared: PreparedData, hypothesis: Hypothesis
+) -> tuple[PreparedData, Judgement, EstimatedHypothesis]:
+    """Judge and estimate the causes of the search, and those that keep the model's numbers ordinary."""
+    refused: frozenset[Key] = frozenset()
+    while True:
+        # What the model's own numbers would have to be far from ordinary for.
+        beside, extended = beyond_ordinary(prepared, hypothesis, refused)
+        # Without the effects that are too small, uncertain in resampled blocks, or compatible with no effect.
+        judgement = judge(beside, extended)
+        # All parameters at their joint optimum, with standard deviations.
+        estimated = estimate(beside, judgement.hypothesis, judgement.faults)
+        lost = extended.beyond - {candidate.feature.key for candidate in estimated.hypothesis.selected}
+        if not lost:
+            return beside, judgement, estimated
+        # What is no cause is in the model's numbers.
+        refused |= lost
+        prepared = replace(beside, found=replace(beside.found, library=beside.library.calibrated_beside(())))
+
+
+def beyond_ordinary(
+    prepared: PreparedData, hypothesis: Hypothesis, refused: frozenset[Key] = frozenset()
+) -> tuple[PreparedData, Hypothesis]:
+    """Return a hypothesis with the effects that keep the model's numbers ordinary, and data to measure them on.
+
+    Parameters
+    ----------
+    prepared
+        Data and regressors.
+    hypothesis
+        Of the search.
+    refused
+        Keys of effects that turned out to be no causes.
+    """
     library, acting = prepared.library, prepared.found.expansion.acting
     own = [p.feature for p in prepared.calibration.parameters if p.feature is not None]
     equations = ArmEquations(prepared.model.robot, prepared.model.name)
     sensors = [scaling(feature.at(equations), acting) for feature in own]
-    found = with_effects_beyond_ordinary(library, hypothesis, prepared.carried, sensors, prepared.settings)
+    carried = [feature for feature in prepared.carried if feature.key not in refused]
+    for k in reversed(hypothesis.causes):
+        if hypothesis.selected[k].feature.key in refused:
+            hypothesis = hypothesis.drop(k)
+    found = with_effects_beyond_ordinary(library, hypothesis, carried, sensors, prepared.settings, refused)
     if not found.beyond:
         return prepared, hypothesis
     # Else a cause that nuisance parameters could hold would leave no residual without it.

@@ -29,6 +29,7 @@ def with_effects_beyond_ordinary(
     features: Sequence[Feature],
     sensors: Sequence[Feature],
     settings: DiagnosisSettings,
+    refused: frozenset[Key] = frozenset(),
 ) -> Hypothesis:
     """Return a hypothesis with the effects that bring nuisance parameters back to what is ordinary.
 
@@ -44,11 +45,13 @@ def with_effects_beyond_ordinary(
         Faults of sensors: the nuisance parameters themselves, with which those compete.
     settings
         Least gain, and how complete the hypothesis has to be: what is unexplained bends nuisance parameters.
+    refused
+        Keys of effects that are not looked for.
     """
     if not len(library.nuisance) or misfit(library, hypothesis.selected) > settings.search.bent:
         return hypothesis
     hypothesis = replace(hypothesis, beyond=hypothesis.beyond | _found_beyond(library, hypothesis, settings))
-    taken = {candidate.feature.key for candidate in hypothesis.selected}
+    taken = {candidate.feature.key for candidate in hypothesis.selected} | refused
     starts = [candidate for candidate in library.candidates if candidate.feature.key not in taken]
     for feature in (*features, *sensors):
         starts += [library.add(feature, point) for point in starting_points(feature, settings.candidates)]
