@@ -52,7 +52,8 @@ def diagnose(recordings: Sequence[Recording], question: Question, validate: Sequ
     """
     # Whitened residuals of both data sets, and the columns of every effect at every place where it can show.
     found = _diagnosed(prepare(recordings, validate, question))
-    if question.refit or _is_simple(found, question.settings.search):
+    stated = question.refit or question.effects is not None
+    if stated or _is_simple(found, question.settings.search):
         return found
     # Many causes, or none that explains it: an exact description is less likely than one that is a little off.
     prepared = prepare(recordings, validate, question.of_commissioned_arm())
