@@ -77,7 +77,7 @@ def test_a_file_that_cannot_be_written_is_an_error_with_a_remedy(tmp_path: Path)
 def test_the_corrected_arm_has_what_was_known_and_what_was_found() -> None:
     """Causes join the known effects at their fitted sizes; what a richer model variant has is left to that variant."""
     known = parse("viscous_friction:joint_1:coefficient=3", ROBOT)
-    context: Any = SimpleNamespace(known=(known,), model=SimpleNamespace(robot=ROBOT))
+    context: Any = SimpleNamespace(known=(known,), fitted=SimpleNamespace(robot=ROBOT))
     found: Any = SimpleNamespace(context=context, causes=(cause(), cause("inertia_coupling")))
     effects = repaired_robot(ROBOT, found).effects
     assert [(e["effect"], e["joint"]) for e in effects] == [
