@@ -136,12 +136,11 @@ def fit_deflections(blocks: Blocks, rows: Deflections, weighted: bool = True, pr
     """
     fixed: dict[int, float] = {}
     found = _settled(blocks, rows, fixed, weighted, prior)
-    # What is least known goes first: without it the others may be known.
-    for places in (rows.damping, rows.stiffness):
-        unknown = [k for k in rows.unknown(found) if k in places]
-        if unknown:
-            fixed |= {k: float(rows.nominal[k]) for k in unknown}
-            found = _settled(blocks, rows, fixed, weighted, prior)
+    # What is least known goes first: without it the others may be known, or lose what seemed to determine them.
+    while unknown := [k for k in rows.unknown(found) if k not in fixed]:
+        first = [k for k in unknown if k in rows.damping] or unknown
+        fixed |= {k: float(rows.nominal[k]) for k in first}
+        found = _settled(blocks, rows, fixed, weighted, prior)
     return found
 
 

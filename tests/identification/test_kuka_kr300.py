@@ -10,6 +10,7 @@ import pytest
 from scipy.io import loadmat
 
 from elastic_arm.identification import Identification, identify, parse_laws
+from elastic_arm.identification.batch.selection import BatchChoice, Trials
 from elastic_arm.recording import Recording, Side
 from elastic_arm.robot import load_robot
 
@@ -23,7 +24,7 @@ RATIO = np.array([256.857, 267.429, 252.333])
 
 def load(run: str) -> Recording:
     record = loadmat(DATA / f"run_{run}.mat", simplify_cells=True)["rec"]
-    stamps = np.arange(2501) * 4_000_000
+    stamps = np.round(1e9 * record["time_cont"]).astype(np.int64)
     link, motor = (
         Side(
             stamps, *(np.deg2rad(record[f"act_{what}"][:3].T) for what in (f"pos_{side}_deg", f"vel_{side}_deg_per_s"))
@@ -50,6 +51,21 @@ def test_stiffness_is_never_called_well_determined_far_from_the_nominal(result: 
     for e in result.estimates:
         if e.name.endswith(".K"):
             assert (e.value == e.nominal and e.verdict == "not") or 0.5 < e.value / e.nominal < 2.0
+
+
+@pytest.mark.parametrize("laws", [LAWS, LAWS[::-1]])
+def test_undetermined_springs_stay_described_whatever_the_speeds_of_friction(laws: tuple[str, ...]) -> None:
+    """Where each joint's friction turns over at its own speed, springs are the description's, in each order of laws."""
+    robot = load_robot(DATA / "kr300_3_elastic.yaml")
+    recorded = [(recording, recording.samples()) for recording in (load("A"), load("C"))]
+    effects = parse_laws(laws, robot)
+    trials = Trials(recorded, robot, "mod3", effects, "auto", None, weighted=True, report=lambda what, share: None)
+    trial = trials(BatchChoice(sign_speed=(1e-3, 1e-4, 1e-4)))
+    place = trial.identifier.equations.base.names.index
+    for joint in robot.joints:
+        K = place(f"{joint.name}.K")
+        assert trial.fit.Psi[K] == joint.transmission.stiffness
+        assert trial.fit.std[K] == np.inf
 
 
 def test_link_encoders_lag_by_what_is_known(result: Identification) -> None:
