@@ -19,5 +19,7 @@ def one_blas_thread(environment: MutableMapping[str, str]) -> None:
     environment
         Of the process; changed in place.
     """
+    if "OMP_NUM_THREADS" in environment:  # which these libraries go by where their own variable is not there
+        return
     for name in _VARIABLES:
         environment.setdefault(name, "1")

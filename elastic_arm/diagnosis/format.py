@@ -34,11 +34,12 @@ REFITTED = (
     "with the causes, each with a prior; an arm file with the causes has the refitted numbers."
 )
 COMMISSIONED = (
-    "No few causes explain the recording if the description is exact. It was taken as that of an arm that was "
-    "calibrated before: its numbers and the sensors' gains, offsets and lags were determined together with the "
-    "causes, each with a narrow prior; an arm file with the causes has these numbers. Where the description is "
-    "further off, add --refit."
+    "With the description taken as exact, more causes than are likely explain the recording, or none. It was "
+    "therefore taken as that of an arm that was calibrated before: its numbers and the sensors' gains, offsets and "
+    "lags were determined together with the causes, each with a prior; an arm file with the causes has these numbers. "
+    "Where the description is further off, add --refit."
 )
+PRIORS_UNUSED = "The stated priors were not used, as the description was taken as exact: add --refit to use them."
 STICKING = (
     "While a joint sticks its dry friction takes any value: as much more was left there than elsewhere, its motor's "
     "torque was not used at these instants."

@@ -199,7 +199,7 @@ class LiveDiagnosis:
             If it is too short, or holds no motion yet.
         """
         found = diagnose([recording], self.question)
-        if self.question.refit and found.context is not None:
+        if found.context is not None:
             self._model = found.context.fitted
         return found
 

@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from elastic_arm.diagnosis import format as texts
 from elastic_arm.diagnosis.assembly import assemble
 from elastic_arm.diagnosis.calibration.calibrate import is_commissioned
 from elastic_arm.diagnosis.design.discriminating_motion import propose
@@ -52,16 +53,38 @@ def diagnose(recordings: Sequence[Recording], question: Question, validate: Sequ
     """
     # Whitened residuals of both data sets, and the columns of every effect at every place where it can show.
     found = _diagnosed(prepare(recordings, validate, question))
-    stated = question.refit or question.effects is not None
-    if stated or _is_simple(found, question.settings.search):
+    if question.refit:
         return found
+    again = _commissioned(recordings, question, validate, found)
+    if again is not None:
+        return again
+    unused = question.settings.priors.model_fields_set
+    return replace(found, notes=(*found.notes, texts.PRIORS_UNUSED)) if unused else found
+
+
+def _commissioned(
+    recordings: Sequence[Recording], question: Question, validate: Sequence[Recording], exact: Diagnosis
+) -> Diagnosis | None:
+    """Return the diagnosis with a description that is nearly right, where that is likelier than an exact one.
+
+    Parameters
+    ----------
+    recordings, question, validate
+        As in :func:`diagnose`.
+    exact
+        The diagnosis with the description as it stands.
+    """
+    if question.effects is not None or _is_simple(exact, question.settings.search):
+        return None
     # Many causes, or none that explains it: an exact description is less likely than one that is a little off.
     prepared = prepare(recordings, validate, question.of_commissioned_arm())
     if not is_commissioned(prepared.calibration, prepared.found.values):
-        return found
+        return None
     again = _diagnosed(prepared)
-    explained = again.verdict != "unknown"
-    return again if explained and (found.verdict == "unknown" or len(again.causes) < len(found.causes)) else found
+    # Of links no cause states it where a number is further off than those of a calibrated arm.
+    of_links = all(one.ordinary for one in again.imperfections if one.what.startswith("link_"))
+    better = exact.verdict == "unknown" or len(again.causes) < len(exact.causes)
+    return again if of_links and again.verdict != "unknown" and better else None
 
 
 def _is_simple(found: Diagnosis, settings: SearchSettings) -> bool:
@@ -127,11 +150,12 @@ def estimated_beyond_ordinary(
         judgement = judge(beside, extended)
         # All parameters at their joint optimum, with standard deviations.
         estimated = estimate(beside, judgement.hypothesis, judgement.faults)
-        lost = extended.beyond - {candidate.feature.key for candidate in estimated.hypothesis.selected}
-        if not lost:
+        left = {candidate.feature.key for candidate in estimated.hypothesis.selected}
+        lost = [c.feature.key for c in extended.selected if c.feature.key in extended.beyond - left]
+        if not lost or len(left) >= len(extended.selected):
             return beside, judgement, estimated
-        # What is no cause is in the model's numbers.
-        refused |= lost
+        # What is no cause is in the model's numbers. The last one found gained least.
+        refused |= {lost[-1]}
         prepared = replace(beside, found=replace(beside.found, library=beside.library.calibrated_beside(())))
 
 
@@ -181,7 +205,10 @@ def follow_up(found: Diagnosis, *, rng: np.random.Generator | None) -> Diagnosis
     decided = set() if proposal is None else proposal.decided
     compared = agreements(found.context)
     # What has another size in every recording stands in for something else.
-    differ = {(one.effect, one.joint): one.odds for one in compared if one.comparable and one.odds > 0.0}
+    differ: dict[tuple[str, str | None], float] = {}
+    for one in compared:
+        if one.comparable:
+            differ[one.effect, one.joint] = max(one.odds, differ.get((one.effect, one.joint), 0.0))
     sure = [1.0 / (1.0 + differ.get((cause.effect, cause.joint), 0.0)) for cause in found.causes]
     return replace(
         found,

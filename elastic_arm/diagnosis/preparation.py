@@ -185,7 +185,7 @@ def prepare(recordings: Sequence[Recording], validate: Sequence[Recording], ques
     candidates = _candidates(question, equations, still, problem, observed[0][0].pieces[0])
     expansion, noise = expand(problem, np.zeros(len(problem.parameters))), 1.0
     if problem.parameters:
-        expansion, noise = calibrate(problem, expansion)
+        expansion, noise, _ = calibrate(problem, expansion)
     found, _ = linearise(problem, expansion, candidates, noise=noise)
     notes = list(dict.fromkeys(note for part in observed for o in part for note in o.notes))
     notes += [*_low_passed(parts), *_certainty_notes(question)]
@@ -253,7 +253,7 @@ def recalibrated(
         problem = replace(problem, observed=observed)
         expansion = expand(problem, expansion.values, expansion, expansion.acting)
     if problem.parameters:
-        expansion, noise = calibrate(problem, expansion, causes)
+        expansion, noise, causes = calibrate(problem, expansion, causes)
     found, _ = linearise(problem, expansion, prepared.candidates, causes, noise=noise)
     return replace(prepared, calibration=problem, found=found)
 
@@ -305,8 +305,8 @@ def final_fit(prepared: PreparedData, selected: Sequence[Candidate], faulty: Seq
         # Columns of the arm's numbers are those of one standard deviation: wider ones are made anew.
         near = start if not any(w and p.feature is None for w, p in zip(wide, parameters, strict=True)) else None
         start = expand(problem, np.where(wide, start.values / width, start.values), near, start.acting)
-    causes = selected[len(prepared.given) :]
-    expansion, noise = calibrate(problem, start, causes, scaled=True)
+    causes = list(selected[len(prepared.given) :])
+    expansion, noise, causes = calibrate(problem, start, causes, scaled=True)
     found, again = linearise(problem, expansion, (), causes, noise=noise)
     return FinalFit(problem, found, (*found.given, *again))
 
@@ -360,7 +360,7 @@ def _candidates(
     wholly = {effect for effect, _ in held}
     shown = recorded_features(features(equations, question.candidates), motion)
     free = [f for f in shown if (f.effect.id, f.joint) not in held and not (f.joint is None and f.effect.id in wholly)]
-    if has_one_encoder(problem.layout, problem.robot):
+    if question.effects is None and has_one_encoder(problem.layout, problem.robot):
         # Slowly, bearings and damping do less than what following the load neglects.
         free = [f for f in free if f.effect.regime != "frequency" or isinstance(f.effect, SensorEffect)]
     return [f for f in free if f.joint not in still or not needs_motion(f)]

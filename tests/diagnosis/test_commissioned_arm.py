@@ -55,6 +55,17 @@ def test_what_is_a_little_off_is_no_cause_without_a_refit_either() -> None:
 
 
 @pytest.mark.slow(30)
+def test_a_description_that_is_far_off_is_not_explained_as_a_calibrated_one() -> None:
+    """Links described half as heavy again as they are: no single cause stands for all of them."""
+    links = (replace(j.link, mass=1.5 * j.link.mass, inertia=1.5 * np.asarray(j.link.inertia)) for j in ROBOT.joints)
+    joints = tuple(replace(joint, link=link) for joint, link in zip(ROBOT.joints, links, strict=True))
+    rng = np.random.default_rng(5)
+    first, judge = record(ROBOT, ordinary_faults(ROBOT.n, rng), (16.0, 8.0), rng)
+    found = diagnose([first], Question(ROBOT.with_(joints=joints), given=FRICTION), [judge])
+    assert found.verdict == "unknown" or len({cause.joint for cause in found.causes}) > 1
+
+
+@pytest.mark.slow(30)
 def test_one_thing_more_is_named_alone() -> None:
     """Hysteresis of 5 Nm in an arm that is a little off everywhere is the one cause, at its size."""
     (cause,) = commissioned(3, [replace(Fault("hysteresis", 1, {"torque": 5.0, "width": 2e-4}), side="motor")]).causes

@@ -32,11 +32,12 @@ LEAST_GAIN = 0.1  # to which a linear step may lower one; a bound of the optimis
 
 def calibrate(
     problem: CalibrationProblem, start: Expansion, extra: Sequence[Candidate] = (), *, scaled: bool = False
-) -> tuple[Expansion, float]:
-    """Expand the residuals where the nuisance parameters lie most probably; return that and what is left as noise.
+) -> tuple[Expansion, float, list[Candidate]]:
+    """Expand the residuals where the nuisance parameters lie most probably.
 
-    Gauss-Newton steps, until they are small beside the standard deviations. The misfit, in which the nuisance
-    parameters are marginalised, is hardly lower after a good step: it must not be higher. Unexplained misfit counts as
+    Returns that, what is left as noise, and the effects where they lie beside it. Gauss-Newton steps go on until they
+    are small beside the standard deviations. The nuisance parameters are marginalised in the misfit, so that a good
+    step hardly lowers it; it may rise by a hundredth, or by more on the way to a near end. Unexplained misfit counts as
     noise, so that what no parameter explains does not bend them.
 
     Parameters
@@ -67,7 +68,8 @@ def calibrate(
     # Far from its end a linear fit may leave less than any arm does.
     if best.misfit > settings.refit.passing * least.misfit:
         best = least
-    return best.expansion, effective_noise(best.misfit, problem.band, settings)
+    noise = effective_noise(best.misfit, problem.band, settings)
+    return best.expansion, noise, [candidate for candidate, _ in best.extra]
 
 
 def is_commissioned(problem: CalibrationProblem, values: Array) -> bool:
@@ -151,7 +153,7 @@ def _at(candidate: Candidate, step: Array) -> Candidate:
 
 
 def _nearer(problem: CalibrationProblem, best: _FittedExpansion, *, scaled: bool) -> _FittedExpansion | None:
-    """Return the fit after a step; None where it leaves more.
+    """Return the fit after a step; None where it leaves too much.
 
     Where the full step leaves clearly more than before, a part of it is gone. Of several numbers whose products act a
     long step may first leave more.
@@ -166,7 +168,8 @@ def _nearer(problem: CalibrationProblem, best: _FittedExpansion, *, scaled: bool
     moves = np.array([parameter.moves_model for parameter in problem.parameters], dtype=bool)
     start = best.expansion.values
     for share in settings.step_shares:
-        step = share * best.step / _changes_of_gain(problem, start, share * best.step)
+        values = np.clip(np.where(moves, start + share * best.step, 0.0), -limits, limits)
+        step = (values - start) / _changes_of_gain(problem, start, values)
         values = np.clip(np.where(moves, start + step, 0.0), -limits, limits)
         expansion = expand(problem, values, best.expansion, best.acting)
         found = _fitted(problem, expansion, best.moved(share), scaled=scaled)
@@ -175,14 +178,21 @@ def _nearer(problem: CalibrationProblem, best: _FittedExpansion, *, scaled: bool
     return None
 
 
-def _changes_of_gain(problem: CalibrationProblem, values: Array, step: Array) -> Array:
+def _changes_of_gain(problem: CalibrationProblem, first: Array, second: Array) -> Array:
     """Return by what a step of each inertial number (k,) is to be divided: by the change of its torques' gains.
 
     A reading is gain * torque. Linearly, both changes add up, (1 + dg) * torque + change of torque; the same reading
     has the gain 1 + dg with the change of torque over 1 + dg.
+
+    Parameters
+    ----------
+    problem
+        What is calibrated.
+    first, second
+        (k,) before and after the step, in standard deviations of the priors.
     """
     joints = problem.robot.joint_names
-    before, after = (gains(problem.parameters, v, joints) for v in (values, values + step))
+    before, after = (gains(problem.parameters, values, joints) for values in (first, second))
     ratios = [np.maximum(after[channel], LEAST_GAIN) / before[channel] for channel in before]
     changes = np.mean(ratios, axis=0) if ratios else np.ones(len(joints))
     return np.array([changes[joints.index(p.joint)] if p.is_inertial else 1.0 for p in problem.parameters])

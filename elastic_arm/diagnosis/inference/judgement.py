@@ -58,7 +58,7 @@ def judge(prepared: PreparedData, hypothesis: Hypothesis) -> Judgement:
     test = LackOfFitTest(prepared.library, ratios, prepared.settings)
     hypothesis, notes = without_ordinary(prepared, hypothesis)
     faults = faults_beside(prepared, hypothesis.selected)
-    measure = gap_measure(prepared, hypothesis, test, faults)
+    faults, measure = _measured(prepared, hypothesis, test, faults)
     # An effect of the arm is not small because a sensor is far off, too.
     beside = gap_measure(prepared, hypothesis, test) if faults else measure
     kept, more_notes = eliminate(prepared, hypothesis, beside)
@@ -66,18 +66,38 @@ def judge(prepared: PreparedData, hypothesis: Hypothesis) -> Judgement:
     if len(kept.selected) < len(hypothesis.selected):
         faults = faults_beside(prepared, kept.selected)
         if not kept.causes:
-            measure = gap_measure(prepared, kept, test, faults)
+            faults, measure = _measured(prepared, kept, test, faults)
     gained = gain(prepared, kept.selected, kept.baseline)
-    # Of a gap that no residual shows, what is beyond ordinary is a cause where the likelihood shows it.
-    detected = prepared.settings.significance.detected
-    shown = tuple(fault for fault in faults if measure.name == "excess" or fault.gain > detected)
     minor = frozenset(
         kept.selected[k].feature.key
         for k in kept.causes
         if kept.selected[k].feature.effect.is_friction
-        and measure.contribution(kept.selected, k) < prepared.settings.judgement.least_shrink
+        and beside.contribution(kept.selected, k) < prepared.settings.judgement.least_shrink
     )
-    return Judgement(kept, measure, test, gained, (*notes, *more_notes), shown, minor)
+    return Judgement(kept, measure, test, gained, (*notes, *more_notes), faults, minor)
+
+
+def _measured(
+    prepared: PreparedData, hypothesis: Hypothesis, test: LackOfFitTest, faults: Sequence[LargeImperfection]
+) -> tuple[tuple[LargeImperfection, ...], GapMeasure]:
+    """Return the faults that show, and what the gap is measured by.
+
+    Of a gap that no residual shows, what is beyond ordinary is a cause where the likelihood shows it.
+
+    Parameters
+    ----------
+    prepared
+        Data and regressors.
+    hypothesis
+        The causes.
+    test
+        Finds what candidates leave.
+    faults
+        Nuisance parameters beyond ordinary.
+    """
+    measure, detected = gap_measure(prepared, hypothesis, test, faults), prepared.settings.significance.detected
+    shown = tuple(fault for fault in faults if measure.name == "excess" or fault.gain > detected)
+    return shown, measure if len(shown) == len(faults) else gap_measure(prepared, hypothesis, test, shown)
 
 
 def measured_beside(prepared: PreparedData, judgement: Judgement, faults: Sequence[LargeImperfection]) -> Judgement:

@@ -201,6 +201,8 @@ class LawComparison:
         price = float(np.sum(np.log(np.abs(np.diag(triangle)) / prior)))
         if selected:
             own = _without(self._of(selected), basis)
+            # What the nuisance parameters hold wholly is rounding there.
+            own = own[:, np.linalg.norm(own, axis=0) > RANK]
             basis = np.hstack([basis, orthonormal_basis(own, RANK)])
         left = _without(np.append(self._residual, prior * self._nuisance.centre * narrower), basis)
         return _Base(basis, left, -0.5 * float(left @ left) / self._noise - price)

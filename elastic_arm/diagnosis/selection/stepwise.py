@@ -36,7 +36,8 @@ SAME_LAW = 0.9999  # cosine of two columns: from here on they are one law, 1 % a
 
 def misfit(library: RegressorLibrary, selected: Sequence[Candidate]) -> float:
     """Mean square of what is left, whitened, over both data sets: 1 for a complete hypothesis, more for others."""
-    return max(1.0, library.squares_left(selected) / sum(e.freedom for e in library.sets))
+    left = library.squares_left(selected) / sum(e.freedom for e in library.sets)
+    return max(1.0, left) if np.isfinite(left) else np.inf
 
 
 def _confused(one: Candidate, other: Candidate) -> bool:

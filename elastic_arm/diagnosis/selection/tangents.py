@@ -25,7 +25,7 @@ def tangents(library: RegressorLibrary, selected: Sequence[Candidate]) -> list[C
     library
         Of all columns; the derivatives are added to it.
     selected
-        Polished candidates, all of whose numbers are searched ones, or others: their coefficients are free already.
+        Candidates. Of polished ones all numbers are searched; of others the linear ones have coefficients already.
     """
     found = []
     for candidate in selected:
@@ -45,7 +45,8 @@ def steps_along(
 ) -> list[Array]:
     """Return by how much the searched numbers (m,) of each candidate move for the best fit, to first order.
 
-    No number moves by more than its own size. Of several linear columns each would want another step: they stay.
+    No number moves by more than its own size, or to less than half of it. Of several linear columns each would want
+    another step: they stay.
 
     Parameters
     ----------
@@ -65,7 +66,10 @@ def steps_along(
             size = 1.0 if candidate.fixed else float(coefficients[candidate][0])
             scales = np.array([scale_of(candidate, j) for j in free_components(candidate)])
             share = along[candidate.feature] / (size if size else np.inf)
-            step[free_components(candidate)] = scales * np.clip(share, -1.0, 1.0)
+            values = np.array(candidate.searched)[free_components(candidate)]
+            step[free_components(candidate)] = np.clip(
+                scales * share, np.where(values > 0.0, -0.5, -1.0) * scales, np.where(values < 0.0, 0.5, 1.0) * scales
+            )
         found.append(step)
     return found
 
