@@ -10,9 +10,11 @@ import pytest
 from typer.testing import CliRunner
 
 from elastic_arm.effects import EFFECTS
+from elastic_arm.errors import SimulationError
 from elastic_arm.recording import read_recording
 from elastic_arm.robot import load_robot
 from elastic_arm.studies.blind_challenge import campaign
+from elastic_arm.studies.blind_challenge.arm_sampling import SamplingRequest
 from elastic_arm.studies.blind_challenge.command import challenge_app
 from elastic_arm.studies.blind_challenge.hidden_arms.base_arms import as_urdf, imprecise, industrial_arm
 from elastic_arm.studies.blind_challenge.hidden_arms.effect_laws import KNOWN, Fault
@@ -29,7 +31,13 @@ from elastic_arm.studies.blind_challenge.hidden_arms.realistic_sensors import (
 from elastic_arm.studies.blind_challenge.levels.answers import expected_unknown, score_realistic_answer
 from elastic_arm.studies.blind_challenge.levels.foreign_sampling import sample_foreign, sized_foreign
 from elastic_arm.studies.blind_challenge.levels.information import MarginalInformation
-from elastic_arm.studies.blind_challenge.levels.level import FLOORS, FOREIGN_FLOORS, LABORATORY_EFFECTS, drawn_effects
+from elastic_arm.studies.blind_challenge.levels.level import (
+    FLOORS,
+    FOREIGN_FLOORS,
+    LABORATORY_EFFECTS,
+    WORKSHOP,
+    drawn_effects,
+)
 from elastic_arm.studies.blind_challenge.levels.recording import channels_path, description_path
 
 ROBOT = load_robot(None)
@@ -190,3 +198,19 @@ def test_none_is_right_only_where_an_effect_of_no_catalogue_cannot_be_seen() -> 
     foreign = [{"effect": "oil_drag", "joint": 0, "parameters": {}, "side": "motor"}]
     seen, unseen = (score_realistic_answer(_entry(foreign=foreign, visible=v), _answer()) for v in (True, False))
     assert not expected_unknown(seen) and expected_unknown(unseen)
+
+
+def test_an_arm_that_no_simulation_gets_through_is_drawn_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Where the engine leaves the finite numbers, the same arm is drawn from another seed."""
+    seeds: list[tuple[int, ...]] = []
+
+    def record(folder: Path, bags: object, request: SamplingRequest, *_: object) -> dict[str, object]:
+        seeds.append(request.seed)
+        if len(seeds) < 3:
+            raise SimulationError("the hidden arm left the finite numbers", "Draw smaller effects")
+        return {"name": request.name}
+
+    monkeypatch.setattr(campaign, "record_realistic_arm", record)
+    request = SamplingRequest("arm", (), (7, 1), (2.0, 1.0))
+    assert campaign._recorded(tmp_path, request, WORKSHOP, EFFECTS) == {"name": "arm"}
+    assert len(set(seeds)) == 3 and seeds[0] == (7, 1)

@@ -20,7 +20,7 @@ from elastic_arm.diagnosis.priors import Priors
 from elastic_arm.diagnosis.settings import DiagnosisSettings
 from elastic_arm.effects import EFFECTS, Catalogue
 from elastic_arm.effects.text import known_effects
-from elastic_arm.errors import DiagnosisError, RecordingError
+from elastic_arm.errors import DiagnosisError, RecordingError, SimulationError
 from elastic_arm.recording import read_recording, write_recording
 from elastic_arm.robot import Robot, load_robot
 from elastic_arm.studies.blind_challenge.arm_sampling import HIGHEST, LOWEST, SamplingRequest, sample_arm
@@ -31,6 +31,7 @@ from elastic_arm.studies.blind_challenge.hidden_arms.further_laws import FOREIGN
 from elastic_arm.studies.blind_challenge.levels.level import (
     KNOWN_FRICTION,
     LABORATORY,
+    ChallengeLevel,
     drawn_effects,
     foreign_effects,
     level_of,
@@ -45,6 +46,7 @@ MANIFEST = "challenge.json"
 # Folders of answers: of the diagnosis, of the diagnosis without the arm's effect, and of plain least squares with BIC.
 ANSWERS, WITHHELD, BASELINE = "answers", "withheld", "baseline"
 FILES = "effects"  # folder of a challenge that holds copies of the files with effects of the user
+DRAWS = 4  # of an arm that the simulation leaves the finite numbers with
 STATE_OF = ("codegen", "dynamics", "effects", "estimation", "diagnosis")  # packages whose code gives the answers
 REFUSED: dict[str, Any] = {
     "verdict": "refused", "causes": [], "unexplained": [], "shrink": None, "measured_by": "excess",
@@ -276,8 +278,7 @@ def _record(job: tuple[str, SamplingRequest, str]) -> str:
     folder, request, level = Path(job[0]), job[1], level_of(job[2])
     rng, catalogue = np.random.default_rng(request.seed), catalogue_of(folder)
     if level is not None:
-        truth = record_realistic_arm(folder, _bags(folder, request.name), request, level, catalogue)
-        seal_piece(folder, request.name, truth)
+        seal_piece(folder, request.name, _recorded(folder, request, level, catalogue))
         return request.name
     item, motions = sample_arm(request, _robot(), rng, catalogue)
     arm = arm_maker(_robot(), request.effects, catalogue)(item.faults)
@@ -289,6 +290,32 @@ def _record(job: tuple[str, SamplingRequest, str]) -> str:
             write_recording(bag, recording)
     seal_piece(folder, item.name, item.truth())
     return item.name
+
+
+def _recorded(folder: Path, request: SamplingRequest, level: ChallengeLevel, catalogue: Catalogue) -> dict[str, Any]:
+    """Record an arm of a level and return its truth; one that no simulation gets through is drawn again.
+
+    Parameters
+    ----------
+    folder
+        Of the challenge.
+    request, level, catalogue
+        What is to be drawn.
+
+    Raises
+    ------
+    SimulationError
+        If several draws in turn leave the finite numbers.
+    """
+    bags = _bags(folder, request.name)
+    for draw in range(DRAWS - 1):
+        seed = (*request.seed, draw) if draw else request.seed
+        try:
+            return record_realistic_arm(folder, bags, replace(request, seed=seed), level, catalogue)
+        except SimulationError:
+            for bag in bags:
+                shutil.rmtree(bag, ignore_errors=True)
+    return record_realistic_arm(folder, bags, replace(request, seed=(*request.seed, DRAWS)), level, catalogue)
 
 
 def _diagnose(job: tuple[str, str, str, str, str]) -> tuple[str, str]:
