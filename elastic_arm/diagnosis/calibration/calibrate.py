@@ -27,8 +27,6 @@ from elastic_arm.estimation.observation import widest_band
 
 Array = NDArray[np.float64]
 
-LEAST_GAIN = 0.1  # to which a linear step may lower one; a bound of the optimiser
-
 
 def calibrate(
     problem: CalibrationProblem, start: Expansion, extra: Sequence[Candidate] = (), *, scaled: bool = False
@@ -170,7 +168,7 @@ def _nearer(problem: CalibrationProblem, best: _FittedExpansion, *, scaled: bool
     for share in settings.step_shares:
         values = np.clip(np.where(moves, start + share * best.step, 0.0), -limits, limits)
         step = (values - start) / _changes_of_gain(problem, start, values)
-        values = np.clip(np.where(moves, start + step, 0.0), -limits, limits)
+        values = np.clip(start + step, -limits, limits)
         expansion = expand(problem, values, best.expansion, best.acting)
         found = _fitted(problem, expansion, best.moved(share), scaled=scaled)
         if found.misfit < settings.worse * best.misfit or found.is_on_the_way_from(best, settings):
@@ -193,7 +191,7 @@ def _changes_of_gain(problem: CalibrationProblem, first: Array, second: Array) -
     """
     joints = problem.robot.joint_names
     before, after = (gains(problem.parameters, values, joints) for values in (first, second))
-    ratios = [np.maximum(after[channel], LEAST_GAIN) / before[channel] for channel in before]
+    ratios = [after[channel] / before[channel] for channel in before]
     changes = np.mean(ratios, axis=0) if ratios else np.ones(len(joints))
     return np.array([changes[joints.index(p.joint)] if p.is_inertial else 1.0 for p in problem.parameters])
 
