@@ -3,17 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import expit
 
 from elastic_arm.diagnosis import format as texts
 from elastic_arm.diagnosis.context import DiagnosisContext
 from elastic_arm.diagnosis.inference.estimated_hypothesis import EstimatedHypothesis
-from elastic_arm.diagnosis.inference.estimates import ParameterEstimate
 from elastic_arm.diagnosis.inference.excess import ResidualStatistics, residual_statistics
 from elastic_arm.diagnosis.inference.faults import with_faults
 from elastic_arm.diagnosis.inference.gap_metric import GapMeasure
@@ -23,50 +20,16 @@ from elastic_arm.diagnosis.inference.place_gaps import PlaceGap, place_gaps
 from elastic_arm.diagnosis.inference.regimes import regime, shares
 from elastic_arm.diagnosis.laws.better_laws import NO_LAWS, BetterLaws, lacks_of_fit
 from elastic_arm.diagnosis.preparation import PreparedData
+from elastic_arm.diagnosis.ranked_causes import RankedCause, listed_causes
 from elastic_arm.diagnosis.result import (
-    Alternative,
-    Cause,
     Diagnosis,
     ResidualSizes,
     UnexplainedResidual,
     plain_parameters,
 )
-from elastic_arm.diagnosis.selection.hypothesis import Rival
 from elastic_arm.diagnosis.selection.regressor_library import Candidate
-from elastic_arm.estimation.effect_columns import Feature
 
 Array = NDArray[np.float64]
-
-
-@dataclass(frozen=True)
-class RankedCause:
-    """A cause with what figures and the next experiment need of it.
-
-    Parameters
-    ----------
-    cause
-        As in the result.
-    candidate, rivals
-        As it was fitted, and what competes with it.
-    alone
-        Residuals (N', R) of each validation stretch with this cause alone added, Nm.
-    """
-
-    cause: Cause
-    candidate: Candidate
-    rivals: tuple[Candidate, ...]
-    alone: list[Array]
-
-    def against(self, laws: BetterLaws) -> RankedCause:
-        """Return it with the confidence that it has against a general law in its place."""
-        key, cause = self.candidate.feature.key, self.cause
-        if key in laws.filters:
-            sure = cause.confidence / (1.0 + laws.filters[key].odds)
-            other = _alternative(laws.filters[key], sure, self.candidate)
-            cause = replace(cause, confidence=sure, alternatives=(*cause.alternatives, other))
-        if key in laws.instead:
-            cause = cause.less_sure(float(expit(-laws.instead[key].gain)))
-        return replace(self, cause=cause)
 
 
 def assemble(
@@ -86,10 +49,8 @@ def assemble(
         General laws that explain more than they do.
     """
     settings, measure, library = prepared.settings, judgement.measure, prepared.library
-    hypothesis = estimated.hypothesis
-    ranked = ranked_causes(prepared, estimated, judgement)
-    ranked = [r.against(laws) for r in (*ranked, *fault_causes(prepared, judgement, estimated, laws))]
-    ranked.sort(key=lambda r: -r.cause.shrink)
+    ranked = listed_causes(prepared, judgement, estimated, laws)
+    hypothesis = estimated.hypothesis.only(r.candidate.feature.key for r in ranked)
     shrink, interval = measure.share(hypothesis.selected)
     stands_out = measure.stands_out(hypothesis.selected)
     # Known effects alone are linear: what they leave is what they left before they were polished.
@@ -97,12 +58,11 @@ def assemble(
     traces = [] if stands_out else judgement.test(judged)
     residuals = library.validation_residuals(hypothesis.selected)
     by_place = _by_place(prepared, judgement, hypothesis.baseline, residuals)
-    left = settings.judgement.place_explained
     answer = verdict(
         shrink,
         caused=bool(ranked),
         unexplained=stands_out or bool(traces) or laws.beside is not None,
-        open_places=any(place.is_open(left) for place in by_place),
+        open_places=any(place.is_open(settings.judgement.place_explained) for place in by_place),
         refuted=bool(laws.instead),
         settings=settings.judgement,
     )
@@ -194,110 +154,6 @@ def _known(estimated: EstimatedHypothesis) -> tuple[dict[str, Any], ...]:
         }
         for instance, parameters in zip(estimated.instances[:given], estimated.parameters[:given], strict=True)
     )
-
-
-def ranked_causes(prepared: PreparedData, estimated: EstimatedHypothesis, judgement: Judgement) -> list[RankedCause]:
-    """Return the causes, those first that shrink the gap most alone.
-
-    Parameters
-    ----------
-    prepared
-        Data and regressors.
-    estimated
-        The causes with their parameters.
-    judgement
-        The measure of the gap, and which causes are minor.
-    """
-    hypothesis, measure, found = estimated.hypothesis, judgement.measure, []
-    for k in hypothesis.causes:
-        candidate, rivals = hypothesis.selected[k], hypothesis.rivals.get(k, ())
-        alone = [*hypothesis.baseline, candidate]
-        cause = _cause(prepared, estimated, k, measure.share(alone)[0], rivals)
-        cause = replace(cause, minor=candidate.feature.key in judgement.minor)
-        residuals = prepared.library.validation_residuals(alone)
-        found.append(RankedCause(cause, candidate, tuple(r.candidate for r in rivals), residuals))
-    return sorted(found, key=lambda one: -one.cause.shrink)
-
-
-def fault_causes(
-    prepared: PreparedData, judgement: Judgement, estimated: EstimatedHypothesis, laws: BetterLaws
-) -> list[RankedCause]:
-    """Return the causes that are faults: sensors and numbers of the arm beyond ordinary.
-
-    Parameters
-    ----------
-    prepared
-        Data and regressors.
-    judgement
-        The gap without any of them.
-    estimated
-        The faults as they came out, and what counts as part of the model.
-    laws
-        General laws; what is ordinary beside one of them is no fault.
-    """
-    found, library, sides = [], prepared.library, prepared.validation.layout.sides
-    left = library.validation_residuals(estimated.hypothesis.baseline)
-    for fault in (each for each in estimated.faults if each.feature.key not in laws.instead):
-        feature = fault.feature
-        alone = with_faults(left, [other for other in estimated.faults if other is not fault])
-        share = judgement.measure.share_of_fault(fault, alone)
-        name, unit = feature.linear[0].name, feature.unit(feature.linear[0])
-        cause = Cause(
-            effect=feature.effect.id,
-            joint=feature.joint,
-            sides=tuple(side for side in feature.sides if side in sides) or feature.sides,
-            regime=feature.effect.regime,
-            parameters={name: ParameterEstimate(fault.size, fault.std, unit)},
-            shrink=share,
-            confidence=1.0 - prepared.settings.judgement.least_listed,
-            alternatives=(),
-            instance=fault.instance,
-            refitted=bool(feature.effect.number),
-        )
-        candidate = library.add(feature, ())
-        library.close()
-        found.append(RankedCause(cause, candidate, (), alone))
-    return found
-
-
-def _cause(
-    prepared: PreparedData, estimated: EstimatedHypothesis, k: int, share: float, rivals: Sequence[Rival]
-) -> Cause:
-    feature = estimated.hypothesis.selected[k].feature
-    share_of_all = 1.0 / (1.0 + sum(r.odds for r in rivals))
-    # The same effect on the other side of the drive, or in other channels too, is no other cause.
-    same = [r for r in rivals if _is_same(r, feature)]
-    doubtful = [r.candidate.feature for r in same if r.odds > prepared.settings.judgement.same_odds]
-    listed = [r for r in rivals if r.odds * share_of_all >= prepared.settings.judgement.least_listed and r not in same]
-    return Cause(
-        effect=feature.effect.id,
-        joint=feature.joint,
-        sides=_sides(prepared, [feature, *doubtful]),
-        regime=feature.effect.regime,
-        parameters=estimated.parameters[k],
-        shrink=share,
-        confidence=share_of_all * (1.0 + sum(r.odds for r in same)),
-        alternatives=tuple(_alternative(r, share_of_all, estimated.hypothesis.selected[k]) for r in listed),
-        instance=estimated.instances[k],
-    )
-
-
-def _is_same(rival: Rival, feature: Feature) -> bool:
-    """Whether a rival is the effect of the cause itself, on the same joint."""
-    other = rival.candidate.feature
-    return (other.effect.id, other.joint) == (feature.effect.id, feature.joint)
-
-
-def _sides(prepared: PreparedData, features: Sequence[Feature]) -> tuple[str, ...]:
-    """Return the sides on which one of these shows, as far as the recordings have their equations."""
-    shown = dict.fromkeys(side for feature in features for side in feature.sides)
-    return tuple(side for side in shown if side in prepared.validation.layout.sides) or tuple(shown)
-
-
-def _alternative(rival: Rival, confidence: float, candidate: Candidate) -> Alternative:
-    own, other = candidate.feature, rival.candidate.feature
-    motion = texts.separated_by(own.effect, other.effect, own.joint, other.joint)
-    return Alternative(other.effect.id, other.joint, rival.odds * confidence, motion)
 
 
 def cumulative_shrink(

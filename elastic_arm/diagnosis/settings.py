@@ -166,7 +166,7 @@ class JudgementSettings:
     main_share: float = 0.1  # of what a cause changes; residuals with less do not judge it; convention
     trace_share: float = 0.1  # of the strongest lack of fit; fainter ones are its images in other residuals
     same_odds: float = 0.05  # of an effect on its other side, from which both sides are named; convention
-    least_listed: float = 0.01  # probability of an alternative that is listed; convention
+    least_listed: float = 0.01  # probability of a cause or an alternative that is listed; convention
     level: float = 0.95  # of the intervals and tests of parameters; convention
     bound_clearance: float = 0.01  # of a parameter's distance from no effect to its physical bound; numerical
     large_share: float = 0.3  # of a joint's torque, from which a lag of a sample is a cause all the same; convention

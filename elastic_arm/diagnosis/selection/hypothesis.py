@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -59,3 +59,11 @@ class Hypothesis:
         """Return the hypothesis without the cause at position k."""
         rivals = {i - (i > k): found for i, found in self.rivals.items() if i != k}
         return Hypothesis(self.without(k), self.given, rivals, self.beyond)
+
+    def only(self, keys: Iterable[Key]) -> Hypothesis:
+        """Return the hypothesis with those of its causes alone that have one of these keys."""
+        wanted, found = set(keys), self
+        for k in reversed(self.causes):
+            if self.selected[k].feature.key not in wanted:
+                found = found.drop(k)
+        return found

@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from elastic_arm.diagnosis.assembly import RankedCause
 from elastic_arm.diagnosis.inference.estimates import ParameterEstimate
 from elastic_arm.diagnosis.laws.better_laws import BetterLaws
 from elastic_arm.diagnosis.laws.lags import filters_for_delays
+from elastic_arm.diagnosis.ranked_causes import RankedCause
 from elastic_arm.diagnosis.result import Cause
 from elastic_arm.diagnosis.selection.candidates import feature_of
 from elastic_arm.diagnosis.selection.regressor_library import Candidate
