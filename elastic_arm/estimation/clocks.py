@@ -71,8 +71,8 @@ def evidence(samples: Samples, k: NDArray[np.int64], rate: float) -> Evidence | 
         Of that clock, samples per second.
     """
     jitter = jitter_of(samples.t, k)
-    size = float(np.std(np.diff(jitter))) / np.sqrt(2.0)
-    if np.std(jitter) * rate > WANDER and np.std(jitter) > WANDER_OVER_JITTER * size:
+    if wanders(jitter, rate):
+        size = float(np.std(np.diff(jitter))) / np.sqrt(2.0)
         words = (
             f"they wander by {1e3 * np.std(jitter):.2g} ms from a regular clock, their jitter being {1e3 * size:.2g} ms"
         )
@@ -94,6 +94,20 @@ def jitter_of(t: Array, k: NDArray[np.int64]) -> Array:
     steps = k - k.mean()
     at: Array = t - t.mean()
     return at - (steps @ at / (steps @ steps)) * steps
+
+
+def wanders(jitter: Array, rate: float) -> bool:
+    """Return whether stamps part from a regular clock by much more than they jitter.
+
+    Parameters
+    ----------
+    jitter
+        (N,) s, what :func:`jitter_of` returned.
+    rate
+        Of the clock, samples per second.
+    """
+    size = np.std(np.diff(jitter)) / np.sqrt(2.0)
+    return bool(np.std(jitter) * rate > WANDER and np.std(jitter) > WANDER_OVER_JITTER * size)
 
 
 def _by_velocity(

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elastic_arm.errors import IdentificationError
-from elastic_arm.estimation.clocks import evidence, jitter_of
+from elastic_arm.estimation.clocks import evidence, jitter_of, wanders
 from elastic_arm.recording import Samples
 from elastic_arm.recording.sides import ClockMode as Mode
 from elastic_arm.recording.sides import Lacking
@@ -29,8 +29,12 @@ _OF_ALL = ("notes", "clock", "lacking")  # what samples have once for all of the
 LONGEST_HOLE = 4
 # Or up to so many seconds of them where the times between samples differ anyway: an arm does little in that time.
 LONGEST_HOLE_SECONDS = 0.01
-# Two stamps further apart than this, in sample intervals, have a sample missing between them.
+# Two stamps further apart than this, in sample intervals, have a sample missing between them; so many more where stamps
+# are late by more than an interval, so that those of samples taken regularly wander when they are counted so.
 MISSING = 1.6
+MISSING_LATE = (3.0, 6.0, 12.0)
+# Samples over which the mean interval is taken then: late stamps come in bunches.
+BUNCH = 32
 # Deviations of the stamps below this share of an interval change nothing.
 NO_JITTER = 1e-3
 POINTS = 6
@@ -106,11 +110,14 @@ class Clock:
         "regular": samples were taken regularly, whatever their stamps are; "stamps": at their stamps.
     note
         Why, in words; empty where stamps are regular.
+    missing
+        Intervals between two stamps from which a sample is missing between them.
     """
 
     rate: float
     mode: Mode = "regular"
     note: str = field(default="", compare=False)
+    missing: float = MISSING
 
     @staticmethod
     def of(samples: Samples) -> Clock:
@@ -129,11 +136,10 @@ class Clock:
             raise IdentificationError(
                 f"time stands still or runs back at {samples.t[at]:.4f} s", "Repair it with `elastic-arm bag check`."
             )
-        k = np.concatenate([[0], np.cumsum(_increments(step * (1.0 / np.median(step))))])
-        rate = float((k[-1] - k[0]) / (samples.t[-1] - samples.t[0]))
+        k, rate, missing = _numbered(samples.t)
         if samples.clock is not None:
-            return Clock(rate, samples.clock, f"clock as demanded: {_MEANING[samples.clock]}")
-        return Clock(rate, *_mode(samples, k, rate))
+            return Clock(rate, samples.clock, f"clock as demanded: {_MEANING[samples.clock]}", missing)
+        return Clock(rate, *_mode(samples, k, rate), missing)
 
     def place(self, samples: Samples) -> list[Grid]:
         """Return the regular pieces of the samples."""
@@ -172,7 +178,7 @@ class Placing:
         if not held:
             return
         whole = held[0] if len(held) == 1 else joined(*held)
-        gaps = np.flatnonzero(_increments(np.diff(whole.t) * self.clock.rate) > self._longest + 1) + 1
+        gaps = np.flatnonzero(self._steps(whole.t) > self._longest + 1) + 1
         edges = [0, *gaps.tolist(), len(whole)]
         for first, stop in pairwise(edges):
             ends = last or stop < len(whole)
@@ -188,6 +194,10 @@ class Placing:
         self._first = 0  # grid index of the first sample kept, where samples are regular
         self._next = 0  # grid index of the next point
 
+    def _steps(self, t: Array) -> NDArray[np.int64]:
+        """Return how many points of the grid lie between the samples."""
+        return _increments(np.diff(t) * self.clock.rate, self.clock.missing)
+
     def _points(self, piece: Samples, ends: bool) -> Grid | None:
         if self._origin is None:
             if len(piece) < SHORTEST:
@@ -197,7 +207,7 @@ class Placing:
         if self.clock.mode == "stamps":
             position = (piece.t - self._origin) * self.clock.rate
         else:
-            position = self._first + np.concatenate([[0], np.cumsum(_increments(np.diff(piece.t) * self.clock.rate))])
+            position = self._first + np.concatenate([[0], np.cumsum(self._steps(piece.t))])
         last = int(np.floor(position[-1 if ends else -AROUND]))
         grid = self._grid(piece, position, np.arange(self._next, last + 1)) if last >= self._next else None
         self._next = max(self._next, last + 1)
@@ -281,9 +291,30 @@ def joined(first: Samples, second: Samples) -> Samples:
     return Samples(**kept, clock=first.clock, lacking=first.lacking)
 
 
-def _increments(steps: Array) -> NDArray[np.int64]:
-    """Return how many grid steps lie between samples."""
-    return np.where(steps < MISSING, 1, np.rint(steps)).astype(np.int64)
+def _increments(steps: Array, missing: float = MISSING) -> NDArray[np.int64]:
+    """Return how many grid steps lie between samples, none missing below so many intervals."""
+    return np.where(steps < missing, 1, np.rint(steps)).astype(np.int64)
+
+
+def _numbered(t: Array) -> tuple[NDArray[np.int64], float, float]:
+    """Return the numbers (N,) of samples on a regular clock, its rate, and from where a sample counts as missing.
+
+    Stamps that are late by more than an interval look like missing samples. They are counted as such if they then keep
+    to a regular clock, or if no other way of counting makes them do so; else in the way that keeps to it most closely.
+    """
+    usual = float(np.median(np.diff(t)))
+    span = min(BUNCH, len(t) - 1)
+    bunched = float(np.median((t[span:] - t[:-span]) / span))
+    found = []
+    for missing, interval in ((MISSING, usual), *((missing, bunched) for missing in MISSING_LATE)):
+        k = np.concatenate([[0], np.cumsum(_increments(np.diff(t) / interval, missing))])
+        rate = float((k[-1] - k[0]) / (t[-1] - t[0]))
+        jitter = jitter_of(t, k)
+        if missing == MISSING and not wanders(jitter, rate):
+            return k, rate, missing
+        found.append((wanders(jitter, rate), float(np.std(jitter)), k, rate, missing))
+    late = [each for each in found if not each[0]]
+    return min(late or found[:1], key=lambda each: each[1])[2:]
 
 
 _MEANING: dict[Mode, str] = {

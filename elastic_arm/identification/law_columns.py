@@ -21,8 +21,10 @@ from elastic_arm.identification.base_regression import Column
 from elastic_arm.robot import Robot
 
 Array = NDArray[np.float64]
-# Dry friction turns over gradually below some speed, rad/s: presliding. A batch takes the likeliest for each joint.
+# Dry friction turns over gradually below some speed, rad/s: presliding. A batch chooses one for each joint, the
+# middle of what real arms show where the recordings do not tell; the stream has one for all.
 SIGN_SPEEDS = (1e-4, 1e-3, 5e-3, 2e-2, 5e-2)
+USUAL_SIGN_SPEED = 5e-3
 DEFAULT_SIGN_SPEED = 1e-3
 
 

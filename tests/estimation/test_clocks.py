@@ -50,6 +50,19 @@ def test_late_stamps_of_regular_samples_are_not(std: float, velocity: bool) -> N
     assert "taken regularly" in clock.note
 
 
+@pytest.mark.parametrize("late", [1e-3, 2.5e-3])
+def test_stamps_late_by_more_than_an_interval_are_no_missing_samples(late: float) -> None:
+    """Late stamps in order of arrival keep to a regular clock; every sample is one of its points."""
+    at = np.arange(5000) / RATE
+    stamps = np.maximum.accumulate(at + np.abs(np.random.default_rng(4).normal(0.0, late, 5000))) + 1e-9 * RATE * at
+    taken = recorded(at, stamps)
+    clock = Clock.of(taken)
+    assert clock.mode == "regular"
+    assert clock.rate == pytest.approx(RATE, rel=1e-3)
+    (grid,) = clock.place(taken)
+    np.testing.assert_array_equal(grid.q, taken.q)
+
+
 def test_a_host_loop_that_wanders_goes_by_its_stamps() -> None:
     """Steps of 0.7 to 2.1 periods with gaps to 9: encoder noise hides each, but not where they add up to."""
     rng = np.random.default_rng(3)

@@ -8,6 +8,7 @@ import pytest
 from elastic_arm.dynamics import build_model
 from elastic_arm.identification import Identification, identify, parse_laws
 from elastic_arm.identification.batch import selection
+from elastic_arm.identification.law_columns import SIGN_SPEEDS, USUAL_SIGN_SPEED
 from elastic_arm.recording import Recording, Samples, Side
 from elastic_arm.robot import Robot, load_robot, parse_urdf, to_urdf
 from tests.helpers.periodic_arm import derivative, link_motion, record
@@ -66,6 +67,20 @@ def test_dry_friction_turns_over_at_each_joint_where_it_does(arm: Robot, samples
     found_dry = [sizes[f"coulomb_friction:joint_{k}.torque"] for k in (2, 3)]
     np.testing.assert_allclose(found_dry, dry[1:], rtol=0.05)
     assert any("0.05 rad/s of standstill" in note for note in found.notes)
+
+
+def test_friction_turns_over_as_usual_where_recordings_do_not_tell() -> None:
+    """A speed that fits better in some blocks and worse in others is not taken; one that fits better in all is."""
+    rng = np.random.default_rng(3)
+    block, scatter = rng.uniform(1.0, 2.0, 40), rng.standard_normal((len(SIGN_SPEEDS), 40))
+    scatter -= scatter.mean(axis=1, keepdims=True)
+    errors = block + 0.2 * scatter
+    errors[0] -= 0.01
+    assert selection.turning_speed(errors) == USUAL_SIGN_SPEED
+    assert selection.turning_speed(errors[:, :1]) == USUAL_SIGN_SPEED
+    errors = block + 0.002 * scatter
+    errors[0] -= 0.01
+    assert selection.turning_speed(errors) == SIGN_SPEEDS[0]
 
 
 def vibrating(rigid: Robot, seed: int) -> Recording:

@@ -5,7 +5,8 @@ there the equations do not hold: motion of the rotors alone is taken for motion 
 that band are tried where the description is rigid; one replaces the whole band if it predicts left-out parts of the
 recordings better within the narrowest band.
 
-**Dry friction** turns over gradually about standstill: at each joint within the likeliest of some speeds.
+**Dry friction** turns over gradually about standstill: at each joint within the most probable of some speeds, by the
+difference of their errors block by block (Q. Vuong, Econometrica 57 (1989) 307) and what is usual.
 
 **Zeros** of torque channels are found by the scatter of the recordings' blocks (Wald test), where laws beyond the model
 are identified: without them a constant torque goes into friction, masses and motor inertia.
@@ -29,7 +30,7 @@ from elastic_arm.estimation.effect_columns import torque_zeros
 from elastic_arm.identification.accumulator import closes
 from elastic_arm.identification.base_regression import BaseRegression
 from elastic_arm.identification.batch.derivatives import DerivativeStage, Derived, Method
-from elastic_arm.identification.law_columns import DEFAULT_SIGN_SPEED, SIGN_SPEEDS, is_dry, law_columns
+from elastic_arm.identification.law_columns import DEFAULT_SIGN_SPEED, SIGN_SPEEDS, USUAL_SIGN_SPEED, is_dry, law_columns
 from elastic_arm.identification.least_squares import Blocks, Fit
 from elastic_arm.identification.regularisation import FOLDS, GAIN, solved
 from elastic_arm.identification.stream import Identifier
@@ -44,6 +45,8 @@ MOST_LOST = 0.2
 # A zero counts from so many standard deviations: one in 15,000 would be called one by chance. Where a channel has one,
 # its other zeros count from one standard deviation: from there on a parameter lowers the expected error of predictions.
 CERTAIN, LIKELY = 4.0, 1.0
+# Standard deviation, as a factor, of the speeds within which friction turns over.
+SPREAD = 10.0
 
 
 @dataclass(frozen=True)
@@ -203,13 +206,33 @@ class Trials:
         return replace(choice, share=shares[best]) if better else choice
 
     def _speed(self, choice: BatchChoice) -> BatchChoice:
-        """Return the choice with the likeliest speed at which dry friction turns over."""
+        """Return the choice with the speed at which each joint's dry friction turns over."""
         if not any(is_dry(instance) for instance in self.effects):
             return choice
-        noises = [self(replace(choice, sign_speed=speed)).fit.noise for speed in SIGN_SPEEDS]
-        misfits = np.log(np.array(noises)).reshape(len(SIGN_SPEEDS), -1, self.robot.n).sum(axis=1)
-        best = [SIGN_SPEEDS[k] for k in np.argmin(misfits, axis=0)]
+        errors = np.array([_errors_by_block(self(replace(choice, sign_speed=speed))) for speed in SIGN_SPEEDS])
+        scale = np.maximum(errors.min(axis=0).sum(axis=0), 1e-300)
+        by_joint = (errors / scale).reshape(*errors.shape[:2], -1, self.robot.n).sum(axis=2)
+        best = [turning_speed(by_joint[:, :, j]) for j in range(self.robot.n)]
         return replace(choice, sign_speed=best[0] if len(set(best)) == 1 else tuple(best))
+
+
+def turning_speed(errors: Array) -> float:
+    """Return the most probable speed, rad/s, of those at which a joint's dry friction may turn over.
+
+    Each speed makes another law with as many parameters. Where one misses by d more than the best law, with a standard
+    deviation s by the scatter from block to block, it is as good with a relative likelihood of exp(-(d/s)²/2). Before
+    the recordings, speeds are spread by a factor of :data:`SPREAD` about the usual one.
+
+    Parameters
+    ----------
+    errors
+        (speeds, blocks) squared errors of a joint, at :data:`.law_columns.SIGN_SPEEDS`.
+    """
+    more = errors - errors[np.argmin(errors.sum(axis=1))]
+    doubt = np.std(more, axis=1, ddof=1) * np.sqrt(more.shape[1]) if more.shape[1] > 1 else np.full(len(more), np.inf)
+    unlikely = 0.5 * (more.sum(axis=1) / np.maximum(doubt, 1e-300)) ** 2
+    unusual = 0.5 * (np.log(np.array(SIGN_SPEEDS) / USUAL_SIGN_SPEED) / np.log(SPREAD)) ** 2
+    return SIGN_SPEEDS[int(np.argmin(unlikely + unusual))]
 
 
 def certain_zeros(trial: BatchTrial, possible: Sequence[EffectInstance]) -> tuple[EffectInstance, ...]:
@@ -244,6 +267,12 @@ def _traced(identifier: Identifier, samples: Samples, asked: int) -> BaseRegress
             "Leave the law out, or let it act on the recorded side, as in coulomb_friction:side=link.",
         )
     return equations
+
+
+def _errors_by_block(trial: BatchTrial) -> Array:
+    """Return the squared errors (blocks, groups) of the fit."""
+    blocks, solution = trial.linear_blocks, np.append(-trial.fit.Psi, 1.0)
+    return np.einsum("i,bgij,j->bg", solution, np.array([hi + lo for hi, lo in blocks.grams]), solution)
 
 
 def _errors_left_out(trials: Sequence[BatchTrial]) -> Array:
