@@ -30,7 +30,13 @@ from elastic_arm.estimation.effect_columns import torque_zeros
 from elastic_arm.identification.accumulator import closes
 from elastic_arm.identification.base_regression import BaseRegression
 from elastic_arm.identification.batch.derivatives import DerivativeStage, Derived, Method
-from elastic_arm.identification.law_columns import DEFAULT_SIGN_SPEED, SIGN_SPEEDS, USUAL_SIGN_SPEED, is_dry, law_columns
+from elastic_arm.identification.law_columns import (
+    DEFAULT_SIGN_SPEED,
+    SIGN_SPEEDS,
+    USUAL_SIGN_SPEED,
+    is_dry,
+    law_columns,
+)
 from elastic_arm.identification.least_squares import Blocks, Fit
 from elastic_arm.identification.regularisation import FOLDS, GAIN, solved
 from elastic_arm.identification.stream import Identifier
