@@ -87,8 +87,7 @@ class NuisanceParameter:
     def is_ordinary(self, deviation: float, std: float, settings: RefitSettings) -> bool:
         """Whether it may be as little off as on ordinary arms.
 
-        What a prior holds back is not held back twice: beside the posterior, what the recording alone determines has to
-        lie beyond the prior. Of Gaussians that is the posterior without the prior, with precision 1/s² - 1/p².
+        Both the estimate and what the recording alone determines have to lie beyond the prior.
 
         Parameters
         ----------
@@ -98,9 +97,34 @@ class NuisanceParameter:
             How far beyond the prior, and how certainly.
         """
         largest = settings.beyond_ordinary * self.ordinary_std
+        alone, uncertain = self.without_prior(deviation, std)
+        return bool(abs(deviation) <= largest or abs(alone) <= largest + settings.certain * uncertain)
+
+    def is_beyond(self, alone: float, uncertain: float, settings: RefitSettings) -> bool:
+        """Whether the recording alone shows it beyond ordinary, though a narrow prior may hold the estimate back.
+
+        Parameters
+        ----------
+        alone, uncertain
+            Deviation and standard deviation :meth:`without_prior`.
+        settings
+            How far beyond the prior, and how certainly.
+        """
+        largest = settings.beyond_ordinary * self.ordinary_std
+        return bool(abs(alone) > max(largest + settings.certain * uncertain, 2.0 * settings.certain * uncertain))
+
+    def without_prior(self, deviation: float, std: float) -> tuple[float, float]:
+        """Return the deviation and standard deviation that the recording alone determines.
+
+        Of Gaussians that is the posterior divided by the prior, with precision 1/s² - 1/p².
+
+        Parameters
+        ----------
+        deviation, std
+            From the description, and its standard deviation, with the prior.
+        """
         left = max(1.0 - (std / self.prior_std) ** 2, 1e-12)
-        alone, uncertain = abs(deviation) / left, std / np.sqrt(left)
-        return bool(abs(deviation) <= largest or alone <= largest + settings.certain * uncertain)
+        return deviation / left, float(std / np.sqrt(left))
 
     @property
     def is_inertial(self) -> bool:

@@ -124,7 +124,8 @@ def _beside_faults(
     """Return the final estimates, and the faults: not those that were drawn along by the worst of them."""
     parameters = prepared.calibration.parameters
     own = [max(p.ordinary_std for p in parameters if is_of(p, fault.feature)) for fault in faults]
-    order = np.argsort([-abs(fault.value) / std for fault, std in zip(faults, own, strict=True)])
+    # By how unlikely what the recording shows is of an ordinary arm.
+    order = np.argsort([-abs(fault.value) / np.hypot(fault.std, std) for fault, std in zip(faults, own, strict=True)])
     worst = [faults[k] for k in order[:1]]
     found = final_estimates(prepared, selected, worst)
     further = [found.measured(faults[k]) for k in order[1:]]

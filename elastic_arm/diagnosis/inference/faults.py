@@ -86,13 +86,16 @@ def faults_beside(prepared: PreparedData, selected: Sequence[Candidate]) -> tupl
     values, stds = posterior(library, selected, prepared.settings)
     settings, found = prepared.settings.refit, []
     for k, (p, value, std) in enumerate(zip(parameters, prepared.found.values + values, stds, strict=True)):
-        if p.cause is None or abs(value) < 2.0 * settings.certain * std:
+        if p.cause is None:
+            continue
+        alone, uncertain = p.without_prior(float(value * p.prior_std), float(std * p.prior_std))
+        if abs(alone) < 2.0 * settings.certain * uncertain:
             continue
         # In the torques as they were recorded, before they were divided by the gains found.
         parts = zip(library.nuisance.validation, prepared.validation.parts, strict=True)
-        columns = [N[:, :, k] * (value * part.gain(p.cause)) for N, part in parts]
-        fault = LargeImperfection(p.cause, float(value * p.prior_std), float(std * p.prior_std), columns)
-        extraordinary = not p.is_ordinary(fault.value, fault.std, settings) and not _is_usual(prepared, fault)
+        columns = [N[:, :, k] * (alone / p.prior_std * part.gain(p.cause)) for N, part in parts]
+        fault = LargeImperfection(p.cause, alone, uncertain, columns)
+        extraordinary = p.is_beyond(alone, uncertain, settings) and not _is_usual(prepared, fault)
         # A channel ahead of the others is no effect: it remains an imperfection.
         if fault.is_possible and (extraordinary or _matters(prepared, fault)):
             found.append(fault)
