@@ -321,7 +321,8 @@ def _recorded(folder: Path, request: SamplingRequest, level: ChallengeLevel, cat
 def _diagnose(job: tuple[str, str, str, str, str]) -> tuple[str, str]:
     folder, name, model, without, kind = Path(job[0]), *job[1:]
     catalogue = catalogue_of(folder)
-    effects = tuple(e for e in catalogue.without(without).values() if e.searched)
+    # What is stated is looked for everywhere: an arm with nothing withheld is diagnosed as users diagnose theirs.
+    effects = tuple(e for e in catalogue.without(without).values() if e.searched) if without else None
     wall, cpu = time.perf_counter(), time.process_time()
     try:
         channels = channels_path(folder, name)
