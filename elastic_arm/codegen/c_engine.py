@@ -5,7 +5,6 @@ from __future__ import annotations
 import ctypes
 import functools
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 
@@ -69,7 +68,7 @@ class CEngine:
         in_chunks(len(outputs[0]), chunk)
 
     def row_products(
-        self, arrays: Sequence[np.ndarray], y: np.ndarray, entries: int
+        self, arrays: Sequence[np.ndarray], y: np.ndarray, entries: int, *, rounded: bool
     ) -> list[tuple[np.ndarray, np.ndarray]]:
         """Return hi, lo (entries, lanes) of each part of the samples, in their order; see :meth:`Kernel.row_products`.
 
@@ -83,9 +82,11 @@ class CEngine:
             (N, rows) a further entry of each row, the last.
         entries
             Products in all: the lower triangle of each row's matrix, row after row.
+        rounded
+            Whether values may be rounded to 51 bits below the largest of their column, which is faster.
         """
         prepared = self.prepare(arrays)
-        accumulate = ctypes.cast(_add_rows(), _ARRAY)
+        accumulate = _accumulator(rounded=rounded)
         sums: dict[int, tuple[np.ndarray, np.ndarray]] = {}
 
         def chunk(start: int, stop: int) -> None:
@@ -122,8 +123,11 @@ class CEngine:
 
 
 @functools.cache
-def _add_rows() -> Any:
-    return build(gram_source()).add_rows
+def _accumulator(*, rounded: bool) -> ctypes.Array[ctypes.c_void_p]:
+    """Functions that sum tiles of samples, in the order of ``accumulator`` in ``c/sums.c``."""
+    library = build(gram_source(rounded=rounded))
+    names = ("blocks", "column_step", "state_size", "add_tile", "finish")
+    return (_ARRAY * len(names))(*(ctypes.cast(getattr(library, name), _ARRAY) for name in names))
 
 
 def _way(outputs: Sequence[np.ndarray], fresh: bool) -> int:

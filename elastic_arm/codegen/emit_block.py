@@ -24,7 +24,13 @@ def emit_block(program: Program, shared: Sequence[str]) -> str:
     """
     uniform = program.uniform(shared)
     parts = [_source("lanes"), *_lane_functions(program, uniform), *_tables(program, shared)]
-    parts += [*_prepare(program, uniform), *_compute(program, uniform), *_spread(program), _source("block")]
+    parts += [
+        *_prepare(program, uniform),
+        *_compute(program, uniform),
+        *_spread(program),
+        _source("sums"),
+        _source("block"),
+    ]
     return "\n".join(parts)
 
 
@@ -33,9 +39,20 @@ def block_identity(program: Program, shared: Sequence[str]) -> str:
     return f"{program.digest()}:{','.join(sorted(shared))}:{_printer_digest()}"
 
 
-def gram_source() -> str:
-    """C source of the accumulation of information matrices in more than the working precision."""
-    return _source("lanes") + "\n" + _source("gram")
+def gram_source(*, rounded: bool) -> str:
+    """C source of the accumulation of information matrices in more than the working precision.
+
+    Where values may be `rounded` to fixed point, and the processor multiplies integers of 52 bits, that is faster.
+    """
+    exact = _source("gram")
+    wanted = [
+        "#if defined(__AVX512IFMA__) && defined(__AVX512DQ__)",
+        _source("fixed_point"),
+        "#else",
+        exact,
+        "#endif\n",
+    ]
+    return "\n".join([_source("lanes"), _source("sums"), *(wanted if rounded else [exact])])
 
 
 @functools.cache
@@ -165,7 +182,6 @@ def _tables(program: Program, shared: Sequence[str]) -> list[str]:
         "N_SHARED": len(_handed_over(program, program.uniform(shared))),
         "MAX_SIZE": max(sizes, default=1),
         "ROWS": head.shape[0],
-        "LONGEST_ROW": int(np.diff(row_first).max(initial=0)),
     }
     tables = {
         "input_size": sizes,

@@ -92,7 +92,7 @@ class Kernel:
         return shaped if len(shaped) > 1 else shaped[0]
 
     def row_products(
-        self, arrays: Sequence[np.ndarray], y: np.ndarray, entries: int
+        self, arrays: Sequence[np.ndarray], y: np.ndarray, entries: int, *, rounded: bool = False
     ) -> list[tuple[np.ndarray, np.ndarray]] | None:
         """Sum the products of each row's structurally non-zero entries, and y, beyond the working precision.
 
@@ -106,6 +106,9 @@ class Kernel:
             A further entry of each row, the last.
         entries
             Products in all: those of the lower triangle of each row's matrix, row after row.
+        rounded
+            Whether values may be rounded to 51 bits below the largest of their column, which is nearly twice as fast
+            where the processor multiplies integers. The products of what is rounded are exact.
 
         Returns
         -------
@@ -113,7 +116,9 @@ class Kernel:
             Each (entries, lanes), of parts of the samples; the sum over parts and lanes is hi + lo. None where the
             engine has no such sum.
         """
-        return self.engine.row_products(arrays, y, entries) if isinstance(self.engine, CEngine) else None
+        if not isinstance(self.engine, CEngine):
+            return None
+        return self.engine.row_products(arrays, y, entries, rounded=rounded)
 
     def _shapes(self, samples: int) -> list[tuple[int, ...]]:
         return [(samples, out.size) if out.shape[1] == 1 else (samples, *out.shape) for out in self.program.outputs]

@@ -190,9 +190,12 @@ class Model:
         kinetic, potential = self._run("energy", x, dx, self._psi(Psi))
         return kinetic[:, 0], potential[:, 0]
 
-    def accumulator(self, columns: Columns | None = None) -> Information:
-        """Empty sum of information matrices of Phi (or of its `columns`); feed it by ``add(x, dx, ddx, y=y)``."""
-        return Information(self.kernel("regressor", columns))
+    def accumulator(self, columns: Columns | None = None, *, rounded: bool = False) -> Information:
+        """Empty sum of information matrices of Phi (or of its `columns`); feed it by ``add(x, dx, ddx, y=y)``.
+
+        `rounded` allows fixed point, which is faster; see :class:`~elastic_arm.dynamics.gram.Information`.
+        """
+        return Information(self.kernel("regressor", columns), rounded=rounded)
 
     def information(
         self, x: np.ndarray, dx: np.ndarray, ddx: np.ndarray, y: np.ndarray, columns: Columns | None = None

@@ -198,20 +198,21 @@ def find_period(position: Array, rate: float) -> float:
         If the motion does not repeat within the recording.
     """
     n_samples = len(position)
-    x = (position - position.mean(axis=0)) / np.maximum(position.std(axis=0), 1e-12)
-    spectrum = np.abs(np.fft.rfft(x, 2 * n_samples, axis=0)) ** 2
+    columns = np.ascontiguousarray(position.T)  # NumPy is slow along the first axis of a narrow array
+    x = (columns - columns.mean(axis=1)[:, None]) / np.maximum(columns.std(axis=1), 1e-12)[:, None]
+    spectrum = np.abs(np.fft.rfft(x, 2 * n_samples, axis=1)) ** 2
     # Over the powers of what overlaps: where the motion repeats, this is one, whatever part of a period the ends cut.
-    power = np.concatenate([[0.0], np.cumsum(np.sum(x**2, axis=1))])
+    power = np.concatenate([[0.0], np.cumsum(np.sum(x**2, axis=0))])
     overlap = power[-1] - power[:n_samples] + power[n_samples:0:-1]
-    together = 2.0 * np.fft.irfft(spectrum.sum(axis=1))[:n_samples] / np.maximum(overlap, 1e-300)
+    together = 2.0 * np.fft.irfft(spectrum.sum(axis=0))[:n_samples] / np.maximum(overlap, 1e-300)
     late = together[: int(LONGEST_PERIOD * n_samples)]
     below = np.flatnonzero(late < 0.5)
     if len(below):
         after = int(below[0])
         best = after + int(np.argmax(late[after:]))
-        first = [k for k in range(after, len(late) - 1) if late[k] > 0.98 * late[best] and late[k] >= late[k + 1]]
-        if late[best] > 0.8 and first:
-            return first[0] / rate
+        peaks = np.flatnonzero((late[after:-1] > 0.98 * late[best]) & (late[after:-1] >= late[after + 1 :]))
+        if late[best] > 0.8 and len(peaks):
+            return float(after + peaks[0]) / rate
     raise IdentificationError("the motion does not repeat", "Use the smoother, or record two periods.")
 
 

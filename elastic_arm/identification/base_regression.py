@@ -165,7 +165,7 @@ class BaseRegression:
     @cached_property
     def _sums(self) -> Information:
         """Sums of the base columns, used again and again: to set them up takes as long as a thousand samples."""
-        return self.model.accumulator(self.base.columns)
+        return self.model.accumulator(self.base.columns, rounded=True)
 
     def _drive_information(self, x: Array, dx: Array, tau_J: Array) -> Pair:
         """Return the sums of the drive rows: their only columns are deflections and their rates."""

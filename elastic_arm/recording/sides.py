@@ -70,6 +70,8 @@ class Side:
 
 def joints_with(values: Array) -> NDArray[np.bool_]:
     """Return which joints (n,) have a channel (N, n) that some have: the others hold NaN throughout."""
+    if len(values) and not np.isnan(values[0]).any():
+        return np.ones(values.shape[1], np.bool_)
     return np.asarray(~np.isnan(values).all(axis=0))
 
 

@@ -290,6 +290,68 @@ def test_information_adds_up_over_parts(engine: str, states: tuple[np.ndarray, .
     assert (np.abs(difference) <= 2.0**-75 * scale).all()
 
 
+def test_rounded_information_is_the_exact_sum_of_a_matrix_that_close(states: tuple[np.ndarray, ...]) -> None:
+    """Where entries may be rounded, they are to 51 bits below the largest of their column and part of the samples."""
+    model = build_model(load_robot(), engine="c")
+    columns = np.arange(0, 72, 3)
+    x, dx, ddx = (v[:192] for v in states)  # no more than a tile, whose columns have one unit
+    y = np.random.default_rng(3).normal(size=(192, 6))
+    total = model.accumulator(columns, rounded=True)
+    total.add(x, dx, ddx, y=y)
+    hi, lo = total.grams()
+    Phi = model.regressor(x, dx, ddx, columns)
+    exact = model.information(x, dx, ddx, y, columns)
+    if np.array_equal(hi, exact[0]) and np.array_equal(lo, exact[1]):
+        pytest.skip("this processor has no multiplication of 52-bit integers: nothing is rounded")
+    for row in range(6):
+        whole = np.column_stack([Phi[:, row], y[:, row]])
+        unit = 2.0 ** (np.frexp(np.abs(whole).max(axis=0))[1] - 51)
+        rounded = np.rint(whole / unit) * unit
+        filled = np.flatnonzero(np.linalg.norm(whole, axis=0))
+        for i, j in itertools.combinations_with_replacement(filled.tolist(), 2):
+            norm = np.linalg.norm(whole[:, i]) * np.linalg.norm(whole[:, j])
+            error = Fraction(hi[row, i, j]) + Fraction(lo[row, i, j]) - exact_entry(rounded[:, i], rounded[:, j])
+            assert abs(float(error)) <= 2.0**-95 * norm
+
+
+@pytest.mark.parametrize("rounded", [False, True])
+def test_a_sum_over_samples_of_all_sizes_is_that_of_its_parts(rounded: bool, states: tuple[np.ndarray, ...]) -> None:
+    """Columns that grow beyond their range on the way, and more samples than integers hold at a time, are no matter."""
+    model = build_model(load_robot(), engine="c")
+    rng = np.random.default_rng(6)
+    x, dx, ddx = (np.tile(v, (20, 1)) for v in states)
+    dx = dx * np.geomspace(1e-6, 1e3, len(dx))[:, None]
+    y = rng.normal(size=x.shape)
+    whole, parts = (model.accumulator(rounded=rounded) for _ in range(2))
+    whole.add(x, dx, ddx, y=y)
+    for start in range(0, len(x), 777):
+        part = slice(start, start + 777)
+        parts.add(x[part], dx[part], ddx[part], y=y[part])
+    hi, lo = whole.grams()
+    diagonal = np.sqrt(np.abs(np.einsum("rii->ri", hi)))
+    difference = (hi - parts.grams()[0]) + (lo - parts.grams()[1])
+    assert (np.abs(difference) <= 2.0 ** (-51 if rounded else -75) * diagonal[:, :, None] * diagonal[:, None, :]).all()
+
+
+@pytest.mark.parametrize("rounded", [False, True])
+@pytest.mark.parametrize("value", [np.nan, np.inf])
+def test_what_is_not_finite_makes_sums_that_are_not(
+    rounded: bool, value: float, states: tuple[np.ndarray, ...]
+) -> None:
+    """A sample without a number is not taken for one, and rows that it does not touch stay as they are."""
+    model = build_model(load_robot(), engine="c")
+    sums = []
+    for given in (0.0, value):
+        y = np.ones((5001, 6))
+        y[1234, 2] = given
+        total = model.accumulator(rounded=rounded)
+        total.add(*states, y=y)
+        sums.append(total.grams()[0])
+    assert not np.isfinite(sums[1][2, -1, -1])
+    others = np.arange(6) != 2
+    np.testing.assert_array_equal(sums[1][others], sums[0][others])
+
+
 def test_squaring_a_condition_of_1e7_loses_no_digit() -> None:
     """The solution from the doubled Gram matrix of a badly conditioned problem is as good as a QR's."""
     rng = np.random.default_rng(5)

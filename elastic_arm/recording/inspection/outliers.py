@@ -131,7 +131,9 @@ def _of_channel(side: str, channel: str, values: Array, joints: Sequence[str]) -
     width = high - low
     # Most channels end here: nothing is far enough from the range to be looked at.
     least = _LEAST_INNER * _LEAST[channel]
-    far = (values.max(axis=0) > high + 0.5 * _BEYOND * width) | (values.min(axis=0) < low - 0.5 * _BEYOND * width)
+    # Column by column: NumPy takes ten times as long along the first axis of a narrow array.
+    top, bottom = (np.array([extreme(column) for column in values.T]) for extreme in (np.max, np.min))
+    far = (top > high + 0.5 * _BEYOND * width) | (bottom < low - 0.5 * _BEYOND * width)
     for j in map(int, np.flatnonzero(far)):
         column = values[:, j]
         suspects = np.flatnonzero((column > high[j] + 0.5 * width[j]) | (column < low[j] - 0.5 * width[j]))
