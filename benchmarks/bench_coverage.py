@@ -20,12 +20,12 @@ from scipy.stats import binom
 
 from elastic_arm.dynamics import build_model
 from elastic_arm.excitation import MotionLimits, Shape, random_trajectories
-from elastic_arm.identification import compare, identify
+from elastic_arm.identification import IdentificationSettings, compare, identify
 from elastic_arm.recording import Recording
 from elastic_arm.robot import Robot, load_robot
 from elastic_arm.robot.variation import varied
 from elastic_arm.sensors import Encoder, Sensors
-from elastic_arm.simulation import simulate
+from elastic_arm.simulation import SimulationSettings, simulate
 
 SECONDS = (5.0, 9.0, 20.0, 60.0)
 NOISES = (0.0, 1e-6, 1e-5, 1e-4)
@@ -67,7 +67,9 @@ def record(robot: Robot, seconds: float, noise: float, seed: int) -> tuple[Recor
     motion = random_trajectories(build_model(robot), MotionLimits.of(robot), 1, rng=rng, shape=shape)[0]
     encoder = Encoder(noise=noise, velocity_noise=VELOCITY_NOISE * noise)
     sensors = Sensors(link_encoder=encoder, motor_encoder=encoder)
-    recorded = simulate(true, motion, nominal=robot, sensors=sensors, duration=seconds, rng=rng, substeps=4)
+    recorded = simulate(
+        true, motion, SimulationSettings(nominal=robot, sensors=sensors, substeps=4), duration=seconds, rng=rng
+    )
     return recorded, true
 
 
@@ -75,7 +77,7 @@ def outcome(seconds: float, noise: float, seed: int) -> Outcome:
     """Identify one recording and compare it with the truth."""
     robot = load_robot(None)
     recorded, true = record(robot, seconds, noise, seed)
-    result = identify(recorded, robot, consistent=False)
+    result = identify(recorded, robot, IdentificationSettings(consistent=False))
     compared = compare(result, true)
     well = np.array([estimate.verdict == "well" for estimate in result.estimates])
     return Outcome(tuple(e.name for e in result.estimates), np.array([each.z for each in compared]), well)

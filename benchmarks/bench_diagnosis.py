@@ -29,7 +29,7 @@ from elastic_arm.recording import Recording
 from elastic_arm.robot import Robot, load_robot
 from elastic_arm.robot.synthetic import random_arm
 from elastic_arm.sensors import Sensors
-from elastic_arm.simulation import simulate
+from elastic_arm.simulation import SimulationSettings, simulate
 
 ONE_CORE = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
 FRICTION = ("coulomb_friction", "stribeck_friction", "load_dependent_friction", "viscous_friction")
@@ -69,7 +69,11 @@ def recordings(robot: Robot, seconds: float) -> list[Recording]:
     for duration in (seconds, max(0.5 * seconds, SHORTEST)):
         shape = Shape(period=min(10.0, duration), periods=math.ceil(duration / 10.0))
         motion = random_trajectories(build_model(robot), MotionLimits.of(robot), 1, rng=rng, shape=shape)[0]
-        made.append(simulate(robot, motion, effects=effects, sensors=Sensors.real(), duration=duration, rng=rng))
+        made.append(
+            simulate(
+                robot, motion, SimulationSettings(effects=effects, sensors=Sensors.real()), duration=duration, rng=rng
+            )
+        )
     return made
 
 
@@ -83,7 +87,10 @@ def ten_causes(nominal: Robot) -> list[Recording]:
     shape = Shape(period=10.0, periods=2)
     motions = random_trajectories(build_model(robot), MotionLimits.of(robot), 2, rng=rng, shape=shape)
     sensors = Sensors.real()
-    return [simulate(robot, m, effects=effects, sensors=sensors, duration=20.0, rng=rng) for m in motions]
+    return [
+        simulate(robot, m, SimulationSettings(effects=effects, sensors=sensors), duration=20.0, rng=rng)
+        for m in motions
+    ]
 
 
 def report_ten(n: int) -> None:

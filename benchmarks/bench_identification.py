@@ -26,7 +26,7 @@ from elastic_arm.codegen.kernels import build
 from elastic_arm.dynamics import Model, build_model
 from elastic_arm.errors import KernelError
 from elastic_arm.estimation.motion import Motion
-from elastic_arm.identification import identify
+from elastic_arm.identification import IdentificationSettings, identify
 from elastic_arm.identification.base_regression import BaseRegression
 from elastic_arm.identification.least_squares import Blocks, fit
 from elastic_arm.recording import Recording, Side, read_recording, write_recording
@@ -107,7 +107,7 @@ def recording(model: Model, count: int) -> Recording:
 
 def from_bag(model: Model, bag: Path) -> None:
     """Read a bag and identify, standard deviations included."""
-    identify(read_recording(bag), model.robot, derivatives="smoother", consistent=False)
+    identify(read_recording(bag), model.robot, IdentificationSettings(derivatives="smoother", consistent=False))
 
 
 def read_by_rosbags(bag: Path) -> None:

@@ -21,7 +21,7 @@ from elastic_arm.effects import EffectInstance, parse
 from elastic_arm.robot import Robot, load_robot
 from elastic_arm.robot.synthetic import random_arm
 from elastic_arm.sensors import Sensors
-from elastic_arm.simulation import Simulator
+from elastic_arm.simulation import SimulationSettings, Simulator
 from elastic_arm.studies.paper.virtual_prototype.mechanism import BUSHING, Bushing, build_spec
 
 REPEATS = 7
@@ -51,7 +51,9 @@ def ours(
     effects: tuple[EffectInstance, ...] = (),
 ) -> Callable[[], int]:
     """Job: samples of ten steps under held torques."""
-    simulator = Simulator(robot, bearings=bearings, sensors=Sensors.exact(), engine=engine, effects=effects)
+    simulator = Simulator(
+        robot, SimulationSettings(bearings=bearings, sensors=Sensors.exact(), engine=engine, effects=effects)
+    )
     reference = np.zeros((samples, 3 * robot.n))
     reference[:, 2 * robot.n :] = simulator.state.command
     loop = simulator._loop
@@ -108,7 +110,10 @@ def fallen(robot: Robot, step: float, bearings: bool) -> np.ndarray:
     """Link angles after free fall of our arm, springs unloaded at first."""
     rate = 100.0
     simulator = Simulator(
-        robot, bearings=bearings, sensors=Sensors.exact(), rate=rate, substeps=2 * round(0.5 / (rate * step))
+        robot,
+        SimulationSettings(
+            bearings=bearings, sensors=Sensors.exact(), rate=rate, substeps=2 * round(0.5 / (rate * step))
+        ),
     )
     simulator.state.y[:] = 0.0
     simulator.drive(np.zeros((round(FALL * rate), robot.n)))

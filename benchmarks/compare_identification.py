@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from scipy.signal import butter, sosfiltfilt
 
 from elastic_arm.estimation.resampling import Clock, Grid
-from elastic_arm.identification import DerivativeStage, identify_with, parse_laws
+from elastic_arm.identification import DerivativeStage, IdentificationSettings, identify_with, parse_laws
 from elastic_arm.recording import Recording, read_recording
 from elastic_arm.robot import Robot, load_robot, to_urdf
 
@@ -151,7 +151,9 @@ def ours(
     suffix = ":side=link" if side == "link" else ""
     offset = "joint_torque_offset" if side == "link" else None
     laws = [f"viscous_friction{suffix}", f"coulomb_friction{suffix}", *([offset] if offset else [])]
-    result, identifier, _ = identify_with(fits, robot, effects=parse_laws(laws, robot), validate=[held_out])
+    result, identifier, _ = identify_with(
+        fits, robot, IdentificationSettings(effects=parse_laws(laws, robot)), validate=[held_out]
+    )
     equations = identifier.equations
     samples = held_out.select(robot.joint_names).samples()
     arms = {"description": equations.base.T @ equations.nominal, "identify": result.Psi_base}

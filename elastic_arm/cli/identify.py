@@ -30,7 +30,7 @@ from elastic_arm.cli.outputs import Force, claim_folder
 from elastic_arm.effects import Catalogue
 from elastic_arm.estimation.motion import Motion
 from elastic_arm.formatting import rounded
-from elastic_arm.identification import Estimate, Identification, identify_with, parse_laws
+from elastic_arm.identification import Estimate, Identification, IdentificationSettings, identify_with, parse_laws
 from elastic_arm.identification.base_regression import BaseRegression
 from elastic_arm.mujoco import Exported
 from elastic_arm.recording import Recording, load_channels
@@ -100,6 +100,8 @@ def identify(
     catalogue = Catalogue.default().with_files(effects_files or ())
     robot = load_arm(robot_file, chain, at, catalogue)
     laws = parse_laws(with_ or (), robot, catalogue)
+    weighted = weights is Weights.noise
+    settings = IdentificationSettings(model, laws, derivatives.value, period, weighted, consistent, catalogue)
     mapping = None if channels is None else load_channels(channels)
     with progress_bar(TextColumn("{task.description}", markup=False), BarColumn()) as bar:
         task = bar.add_task("reading", total=1.0)
@@ -112,19 +114,7 @@ def identify(
             return read_by_clock(path, mapping, robot.joint_names, clock, namespace)
 
         recordings, held_out = ([read(path) for path in paths] for paths in (bags, validate or []))
-        result, identifier, motion = identify_with(
-            recordings,
-            robot,
-            model,
-            effects=laws,
-            derivatives=derivatives.value,
-            period=period,
-            weighted=weights is Weights.noise,
-            consistent=consistent,
-            validate=held_out,
-            progress=says,
-            catalogue=catalogue,
-        )
+        result, identifier, motion = identify_with(recordings, robot, settings, validate=held_out, progress=says)
         says("report", 1.0)
         _write(result, sections_of=(identifier.equations, motion), out_dir=out_dir)
         corrected = Correction(robot_file, chain, at, catalogue).write(result.identified, out_dir)

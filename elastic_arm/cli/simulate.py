@@ -24,7 +24,7 @@ from elastic_arm.excitation import FourierTrajectory, MotionLimits, load_traject
 from elastic_arm.recording import Recording, write_recording
 from elastic_arm.robot import Robot
 from elastic_arm.sensors import Encoder, Sensors, TorqueSensor
-from elastic_arm.simulation import check_same_joints
+from elastic_arm.simulation import SimulationSettings, check_same_joints
 from elastic_arm.simulation import simulate as run_simulation
 
 DEFAULT_TRAJECTORY = "default"
@@ -101,11 +101,12 @@ def simulate(
     effects = [parse(text, robot, catalogue) for text in effect or ()]
     motion = _motion(trajectory, nominal, model, seed)
     read = _sensors(sensors, robot, noise, encoder_noise)
-    settings: dict[str, Any] = {"model": model, "bearings": bearings, "duration": duration, "substeps": substeps}
-    settings["rate"] = robot.sample_rate if rate is None else rate
-    settings |= {"nominal": nominal, "effects": effects, "sensors": read, "catalogue": catalogue}
+    sampled = robot.sample_rate if rate is None else rate
+    settings = SimulationSettings(
+        model, bearings, effects, read, nominal=nominal, rate=sampled, substeps=substeps, catalogue=catalogue
+    )
     begin = time.perf_counter()
-    recording = _simulated(robot, motion, rng=np.random.default_rng(seed), **settings)
+    recording = _simulated(robot, motion, settings, duration=duration, rng=np.random.default_rng(seed))
     seconds = time.perf_counter() - begin
     write_recording(out_bag, recording)
     summary = _summary(recording, effects, seconds)
@@ -115,13 +116,28 @@ def simulate(
         _print_summary(recording, effects, summary, out_bag)
 
 
-def _simulated(robot: Robot, motion: FourierTrajectory, **settings: Any) -> Recording:
-    """Simulate, with a bar of what is done."""
+def _simulated(
+    robot: Robot,
+    motion: FourierTrajectory,
+    settings: SimulationSettings,
+    *,
+    duration: float | None,
+    rng: np.random.Generator,
+) -> Recording:
+    """Simulate, with a bar of what is done.
+
+    Parameters
+    ----------
+    robot, motion, settings, duration, rng
+        See :func:`elastic_arm.simulation.simulate`.
+    """
     with progress_bar(TextColumn("simulating"), BarColumn(), TimeRemainingColumn()) as bar:
         task = bar.add_task("", total=None)
-        return run_simulation(
-            robot, motion, progress=lambda done, total: bar.update(task, completed=done, total=total), **settings
-        )
+
+        def report(done: int, total: int) -> None:
+            bar.update(task, completed=done, total=total)
+
+        return run_simulation(robot, motion, settings, duration=duration, rng=rng, progress=report)
 
 
 def _motion(trajectory: str, robot: Robot, model: str, seed: int) -> FourierTrajectory:

@@ -16,7 +16,7 @@ from elastic_arm.effects import EFFECTS, EffectInstance
 from elastic_arm.excitation import FourierTrajectory, MotionLimits, random_trajectories
 from elastic_arm.recording import read_recording, write_recording
 from elastic_arm.robot import Robot
-from elastic_arm.simulation import simulate
+from elastic_arm.simulation import SimulationSettings, simulate
 
 
 def diagnose_withheld(folder: Path, nominal: Robot, motion: FourierTrajectory, rng: np.random.Generator) -> None:
@@ -35,7 +35,7 @@ def diagnose_withheld(folder: Path, nominal: Robot, motion: FourierTrajectory, r
     other = random_trajectories(build_model(nominal), MotionLimits.of(nominal), 1, rng=rng)[0]
     with err.status("recording the arm on two motions"):
         for name, trajectory in (("identify", motion), ("validate", other)):
-            write_recording(folder / name, simulate(nominal, trajectory, effects=[drawn], rng=rng))
+            write_recording(folder / name, simulate(nominal, trajectory, SimulationSettings(effects=[drawn]), rng=rng))
     with err.status("diagnosing"):
         fitted, judged = (read_recording(folder / name) for name in ("identify", "validate"))
         found = follow_up(diagnose([fitted], Question(nominal), [judged]), rng=rng)

@@ -13,6 +13,7 @@ if TYPE_CHECKING:
     from elastic_arm.effects.text import parse_laws
     from elastic_arm.identification.batch.derivatives import DerivativeStage
     from elastic_arm.identification.batch.identify import identifier_of, identify, identify_with
+    from elastic_arm.identification.batch.settings import IdentificationSettings
     from elastic_arm.identification.result import (
         Comparison,
         Estimate,
@@ -29,6 +30,7 @@ __all__ = [
     "DerivativeStage",
     "Estimate",
     "Identification",
+    "IdentificationSettings",
     "Identifier",
     "StdRatio",
     "chi_square",
@@ -45,6 +47,7 @@ _MODULES = {
     "DerivativeStage": "elastic_arm.identification.batch.derivatives",
     "Estimate": "elastic_arm.identification.result",
     "Identification": "elastic_arm.identification.result",
+    "IdentificationSettings": "elastic_arm.identification.batch.settings",
     "Identifier": "elastic_arm.identification.stream",
     "StdRatio": "elastic_arm.identification.result",
     "chi_square": "elastic_arm.identification.result",

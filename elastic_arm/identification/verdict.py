@@ -278,7 +278,8 @@ def _encoders(fit: Fit, equations: BaseRegression) -> list[str]:
     wound = [equations.joints[j] for j in equations.wound]
     for joint, (K, _) in zip(wound, equations.drive_columns(), strict=True):
         parts = []
-        for what, factor, unit in (("delay", 1e3, "ms"), ("offset", 1e3, "mrad")):
+        offset = equations.model.robot.units.at(joint, "mrad")
+        for what, factor, unit in (("delay", 1e3, "ms"), ("offset", 1e3, offset)):
             k = place.get(f"link_encoder:{joint}.K_{what}")
             if k is not None and abs(fit.Psi[k]) > 5.0 * fit.std[k]:
                 value, std = rounded(factor * fit.Psi[k] / fit.Psi[K], factor * fit.std[k] / fit.Psi[K])

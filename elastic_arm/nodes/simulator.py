@@ -35,7 +35,7 @@ from elastic_arm.nodes.support.wire import NANOSECONDS, Form
 from elastic_arm.recording import topics
 from elastic_arm.robot import load_robot
 from elastic_arm.sensors import Encoder, Sensors, TorqueSensor
-from elastic_arm.simulation import Simulator
+from elastic_arm.simulation import SimulationSettings, Simulator
 
 # Simulated seconds between two messages on /clock.
 CLOCK_PERIOD = 0.01
@@ -131,11 +131,13 @@ class SimulatorNode(ArmNode):
         )
         return Simulator(
             robot,
-            model=self._model,
-            bearings=self._bearings,
-            effects=[parse(text, robot) for text in self._effects],
-            sensors=Sensors(encoder, encoder, torque, torque),
-            rate=self._rate,
+            SimulationSettings(
+                model=self._model,
+                bearings=self._bearings,
+                effects=[parse(text, robot) for text in self._effects],
+                sensors=Sensors(encoder, encoder, torque, torque),
+                rate=self._rate,
+            ),
             rng=np.random.default_rng(self._seed),
             q0=self._start,
         )

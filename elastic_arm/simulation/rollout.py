@@ -2,18 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from typing import Any, Protocol
+from collections.abc import Callable
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from elastic_arm.effects import Catalogue, EffectInstance
 from elastic_arm.errors import SimulationError
 from elastic_arm.recording import Recording, Side
 from elastic_arm.robot import Robot, to_urdf
-from elastic_arm.sensors import Sensors
-from elastic_arm.simulation.controller import Controller
+from elastic_arm.simulation.settings import USUAL, SimulationSettings
 from elastic_arm.simulation.simulator import Simulator
 
 Array = NDArray[np.float64]
@@ -33,19 +31,10 @@ class Trajectory(Protocol):
 def simulate(
     robot: Robot,
     trajectory: Trajectory,
+    settings: SimulationSettings = USUAL,
     *,
-    model: str = "mod3",
-    bearings: bool = False,
-    effects: Sequence[EffectInstance] = (),
-    sensors: Sensors | None = None,
-    controller: Controller | None = None,
-    nominal: Robot | None = None,
     duration: float | None = None,
-    rate: float = 1000.0,
-    substeps: int = 10,
     rng: np.random.Generator | None = None,
-    engine: str | None = None,
-    catalogue: Catalogue | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> Recording:
     """Let an arm follow a trajectory, and record it.
@@ -56,15 +45,17 @@ def simulate(
     Parameters
     ----------
     robot
-        The true arm; `nominal`, if given, is what the controller and the recording know instead.
+        The true arm; the settings' `nominal`, if given, is what the controller and the recording know instead.
     trajectory
         Reference of the motor side.
+    settings
+        Model, effects, sensors, controller, sample rate.
     duration
         s; that of the trajectory when None.
+    rng
+        Source of all noise.
     progress
         Called with the samples done and their total, about every second of motion.
-
-    Other parameters are those of :class:`~elastic_arm.simulation.simulator.Simulator`.
 
     Raises
     ------
@@ -76,14 +67,12 @@ def simulate(
     seconds = trajectory.duration if duration is None else duration
     if not (np.isfinite(seconds) and seconds > 0):
         raise SimulationError(f"the duration is {seconds!r} s", "Give a positive number of seconds.")
+    rate = settings.rate
     if not (np.isfinite(rate) and rate > 0):
         raise SimulationError(f"the sample rate is {rate!r} Hz", "Give a positive number.")
     t = np.arange(round(seconds * rate) + 1) / rate
     q, dq, ddq = trajectory.evaluate(t)
-    settings: dict[str, Any] = {"model": model, "bearings": bearings, "effects": effects, "sensors": sensors}
-    settings |= {"controller": controller, "nominal": nominal, "rate": rate, "substeps": substeps, "rng": rng}
-    settings |= {"engine": engine, "catalogue": catalogue, "duration": seconds}
-    simulator = Simulator(robot, **settings, q0=q[0], dq0=dq[0])
+    simulator = Simulator(robot, settings, rng=rng, q0=q[0], dq0=dq[0], duration=seconds)
     block = max(1, round(rate))
     parts = []
     for first in range(0, len(t), block):

@@ -8,16 +8,17 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from elastic_arm.effects import Catalogue, EffectInstance, robot_effects
+from elastic_arm.effects import EffectInstance, robot_effects
 from elastic_arm.effects.equations import ArmEquations
 from elastic_arm.effects.model import Plant
 from elastic_arm.errors import ElasticArmError, SimulationError
 from elastic_arm.robot import Robot
 from elastic_arm.sensors import SensorBank, Sensors
 from elastic_arm.simulation.assembly import System, assemble
-from elastic_arm.simulation.controller import Controller, tuned
+from elastic_arm.simulation.controller import tuned
 from elastic_arm.simulation.equilibrium import equilibrium
 from elastic_arm.simulation.integrator import ClosedLoop, IntegratorState, Solution, make_integrator
+from elastic_arm.simulation.settings import USUAL, SimulationSettings
 
 Array = NDArray[np.float64]
 
@@ -81,28 +82,12 @@ class Simulator:
     ----------
     robot
         The arm. What its description lists under `effects` acts too.
-    model
-        mod1, mod2 or mod3.
-    bearings
-        Let the bearings tilt (12 coordinates for three joints).
-    effects
-        Effects beyond the model.
-    sensors
-        What the measured channels add to the truth.
-    controller
-        Default: tuned to `nominal`.
-    nominal
-        What the controller believes; `robot` when None.
-    rate, substeps
-        Samples a second, and integration steps a sample (an even number).
+    settings
+        Model, effects, sensors, controller, sample rate.
     rng
         Source of all noise.
     q0, dq0
         Where the motors start, and how fast (n,); zero when None.
-    engine
-        "c", "casadi", or None for the faster one that this machine has.
-    catalogue
-        Where the ids of the description's effects are looked up; the default catalogue when None.
     duration
         s that the run lasts, for effects that change over it; None where it has no end.
 
@@ -115,46 +100,36 @@ class Simulator:
     def __init__(
         self,
         robot: Robot,
+        settings: SimulationSettings = USUAL,
         *,
-        model: str = "mod3",
-        bearings: bool = False,
-        effects: Sequence[EffectInstance] = (),
-        sensors: Sensors | None = None,
-        controller: Controller | None = None,
-        nominal: Robot | None = None,
-        rate: float = 1000.0,
-        substeps: int = 10,
         rng: np.random.Generator | None = None,
         q0: Array | None = None,
         dq0: Array | None = None,
-        engine: str | None = None,
-        catalogue: Catalogue | None = None,
         duration: float | None = None,
     ) -> None:
-        _check_steps(rate, substeps)
-        self.nominal = robot if nominal is None else nominal
+        _check_steps(settings.rate, settings.substeps)
+        self.nominal = robot if settings.nominal is None else settings.nominal
         check_same_joints(robot, self.nominal)
-        self.robot, self.rate, self._substeps = robot, float(rate), substeps
-        self._model, self._bearings, self._engine_name = model, bearings, engine
-        self._catalogue, self._duration = catalogue, duration
-        self._given_sensors = Sensors() if sensors is None else sensors
-        self.controller = tuned(self.nominal, model=model, rate=self.rate) if controller is None else controller
+        self.robot, self.rate, self._settings, self._duration = robot, float(settings.rate), settings, duration
+        given = settings.controller
+        self.controller = tuned(self.nominal, model=settings.model, rate=self.rate) if given is None else given
         self._rng = np.random.default_rng() if rng is None else rng
         self._samples = 0
-        self._build(effects)
+        self._build(settings.effects)
         start = np.zeros(robot.n) if q0 is None else np.asarray(q0, dtype=float)
         self.reset(start, None if dq0 is None else np.asarray(dq0, dtype=float))
 
     def _build(self, effects: Sequence[EffectInstance]) -> None:
         """Put arm, effects and sensors together."""
-        self.effects = (*robot_effects(self.robot, self._catalogue), *effects)
-        plant = Plant(self.robot, self._given_sensors, self._bearings)
+        settings = self._settings
+        self.effects = (*robot_effects(self.robot, settings.catalogue), *effects)
+        plant = Plant(self.robot, Sensors() if settings.sensors is None else settings.sensors, settings.bearings)
         for instance in self.effects:
             instance.joint_indices(self.robot)
             plant = instance.effect.added_to(plant, instance)
-        equations = ArmEquations(plant.robot, self._model, bearings=plant.bearings)
+        equations = ArmEquations(plant.robot, settings.model, bearings=plant.bearings)
         self.system: System = assemble(equations, plant.laws, self._duration)
-        self.integrator = make_integrator(self.system, self._engine_name)
+        self.integrator = make_integrator(self.system, settings.engine)
         self.sensors = SensorBank(plant.sensors, self.robot.n, self.rate, self._rng)
 
     def reset(self, q0: Array, dq0: Array | None = None) -> None:
@@ -168,12 +143,12 @@ class Simulator:
                 )
         x, hold = equilibrium(self.system, q0, np.full(2 * n, SIGN_SPEED))
         z = np.zeros(self.system.states)
-        step = 1.0 / (self.rate * self._substeps)
+        step = 1.0 / (self.rate * self._settings.substeps)
         self.sign_speed = sign_speed(self.system, self.system.equations.nominal, x, z, hold, step)
         constants = self.system.evaluate_constants(self.sign_speed)
         limits = [np.inf if j.limits.torque is None else j.limits.torque for j in self.robot.joints]
         gains = np.array([self.controller.kp, self.controller.kd, limits])
-        self._loop = ClosedLoop(constants, gains, 1.0 / self.rate, self._substeps // 2)
+        self._loop = ClosedLoop(constants, gains, 1.0 / self.rate, self._settings.substeps // 2)
         self.place(x[:n], x[n : 2 * n], dq0, dq0, command=hold, z=z)
         self.state.y[2 * n : len(x)] = x[2 * n :]
 

@@ -14,7 +14,7 @@ from elastic_arm.excitation import MotionLimits, random_trajectories
 from elastic_arm.identification import identify
 from elastic_arm.recording import Recording
 from elastic_arm.robot import Robot, load_robot, parse_urdf, to_urdf
-from elastic_arm.simulation import simulate
+from elastic_arm.simulation import SimulationSettings, simulate
 
 ARMATURES = (0.5, 1.5, 2.5)
 HEAVIER = 1.4
@@ -32,7 +32,7 @@ def recordings() -> list[Recording]:
     """Two motions of an arm whose armatures are larger than described."""
     rng = np.random.default_rng(0)
     motions = random_trajectories(build_model(rigid()), MotionLimits.of(rigid()), 2, rng=rng)
-    return [simulate(rigid(HEAVIER), motion, rng=rng, nominal=rigid()) for motion in motions]
+    return [simulate(rigid(HEAVIER), motion, SimulationSettings(nominal=rigid()), rng=rng) for motion in motions]
 
 
 def test_an_armature_is_felt_by_its_own_joint_alone() -> None:

@@ -13,6 +13,7 @@ from elastic_arm.effects.equations import ArmEquations
 from elastic_arm.excitation import FourierTrajectory
 from elastic_arm.recording import Recording
 from elastic_arm.robot import load_robot
+from elastic_arm.simulation import SimulationSettings
 from elastic_arm.simulation.rollout import simulate
 
 ROBOT = load_robot(None)
@@ -23,7 +24,9 @@ def recording(seconds: float = 12.0, skipped: float = 0.0) -> Recording:
     """An arm with hysteresis, from some time after its start on."""
     a, b = np.random.default_rng(3).uniform(-0.25, 0.25, (2, 3, 3))
     motion = FourierTrajectory(2 * np.pi / 7.0, a, b, np.array([0.0, 0.4, 0.5]), seconds, 1.0)
-    whole = simulate(ROBOT, motion, effects=[parse(HYSTERESIS, ROBOT)], rng=np.random.default_rng(0), rate=500.0)
+    whole = simulate(
+        ROBOT, motion, SimulationSettings(effects=[parse(HYSTERESIS, ROBOT)], rate=500.0), rng=np.random.default_rng(0)
+    )
     return whole.between(skipped, seconds + 1.0)
 
 

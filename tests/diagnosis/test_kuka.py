@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from elastic_arm.identification import Identification, identify, parse_laws
+from elastic_arm.identification import Identification, IdentificationSettings, identify, parse_laws
 from elastic_arm.recording import Recording, Side
 from elastic_arm.robot import Robot, load_robot
 
@@ -44,7 +44,9 @@ def load(robot: Robot, k: int) -> Recording:
 
 def found(robot: Robot, fit: list[Recording], held_out: Recording) -> Identification:
     laws = parse_laws(LAWS, robot)
-    return identify(fit, robot, effects=laws, derivatives="smoother", weighted=False, validate=[held_out])
+    return identify(
+        fit, robot, IdentificationSettings(effects=laws, derivatives="smoother", weighted=False), validate=[held_out]
+    )
 
 
 @pytest.fixture(scope="module")

@@ -11,7 +11,7 @@ from elastic_arm.effects import parse
 from elastic_arm.excitation import FourierTrajectory
 from elastic_arm.robot import load_robot
 from elastic_arm.sensors import Sensors
-from elastic_arm.simulation import Simulator
+from elastic_arm.simulation import SimulationSettings, Simulator
 from elastic_arm.studies.blind_challenge.hidden_arms.effect_laws import KNOWN, Fault
 from elastic_arm.studies.blind_challenge.hidden_arms.further_laws import needs_further_laws
 from elastic_arm.studies.blind_challenge.hidden_arms.hidden_arm import HiddenArm
@@ -47,8 +47,9 @@ def reference(seconds, rate=1.0, size=0.4, offset=(0.0, 0.4, 0.5)):
 
 def run(robot, effects=(), seconds=1.0, **settings):
     q, dq, ddq = reference(seconds)
-    settings = {"sensors": Sensors.exact(), "q0": q[0], "nominal": robot} | settings
-    return Simulator(robot, effects=effects, **settings).follow(q, dq, ddq)
+    start = {"q0": q[0]} | {name: settings.pop(name) for name in ("q0", "dq0", "duration") if name in settings}
+    settings = {"sensors": Sensors.exact(), "nominal": robot, "effects": effects} | settings
+    return Simulator(robot, SimulationSettings(**settings), **start).follow(q, dq, ddq)
 
 
 def fault(instance, robot):
@@ -68,7 +69,7 @@ def test_accelerations_agree_with_the_hidden_arm(arm, effect):
     faults = [fault(instance, arm)]
     hidden = HiddenArm(arm, faults, standstill=1e-4)
     clock = np.zeros(arm.n + 1 if needs_further_laws(faults) else 0)  # and the states of further laws before it
-    simulator = Simulator(arm, effects=[instance], sensors=Sensors.exact())
+    simulator = Simulator(arm, SimulationSettings(effects=[instance], sensors=Sensors.exact()))
     constants = simulator.system.evaluate_constants(np.full(6, 1e-4))
     dof, rng = simulator.system.dof, np.random.default_rng(0)
     for _ in range(5):
@@ -88,7 +89,7 @@ def test_residuals_of_a_simulated_arm_are_the_law(arm, effect):
     """The nominal model misses a simulated arm by exactly what the law says, in all three equations of every joint."""
     text, name = INSTANCES[effect]
     instance, model = parse(text, arm), build_model(arm, name, engine="numpy")
-    simulator = Simulator(arm, model=name, effects=[instance], sensors=Sensors.exact())
+    simulator = Simulator(arm, SimulationSettings(model=name, effects=[instance], sensors=Sensors.exact()))
     system, constants = simulator.system, simulator._loop.constants
     K, D = (np.array([getattr(j.transmission, k) for j in arm.joints]) for k in ("stiffness", "damping"))
     rng, largest = np.random.default_rng(0), 0.0
@@ -115,7 +116,9 @@ def test_friction_of_a_simulated_arm_changes_over_the_run(arm):
     warm = parse("thermal_friction:joint_1:change=-0.4", arm)
     torques = []
     for effects in (friction, [*friction, warm]):
-        simulator = Simulator(arm, effects=effects, sensors=Sensors.exact(), dq0=speed[0], nominal=arm, duration=4.0)
+        simulator = Simulator(
+            arm, SimulationSettings(effects=effects, sensors=Sensors.exact(), nominal=arm), dq0=speed[0], duration=4.0
+        )
         truth, _ = simulator.follow(q, speed, still)
         torques.append(truth.tau_m[:, 0] - truth.tau_J[:, 0])
     for k in (700, 1700, 2700, 3700):
@@ -213,7 +216,9 @@ def test_conservative_effects_keep_energy(arm, effect):
     robot = free(arm)
     name, _, values = INSTANCES[effect][0].split(":")
     instance = parse(f"{name}:joint_2:{values}")
-    simulator = Simulator(robot, effects=[instance], sensors=Sensors.exact(), q0=np.full(3, 0.5), substeps=40)
+    simulator = Simulator(
+        robot, SimulationSettings(effects=[instance], sensors=Sensors.exact(), substeps=40), q0=np.full(3, 0.5)
+    )
     truth, _ = simulator.drive(np.zeros((1000, 3)))
     kinetic, potential = build_model(robot, engine="numpy").energy(truth.x, truth.dx)
     gear, theta, q = robot.joints[1].transmission, truth.theta[:, 1], truth.q[:, 1]
@@ -231,7 +236,9 @@ def test_conservative_effects_keep_energy(arm, effect):
 def test_friction_takes_energy_at_every_moment(arm, effect):
     """An undamped falling arm loses energy steadily, just as much as the law's torque times the speed."""
     robot, instance = free(arm), parse(INSTANCES[effect][0].replace("joint_3", "joint_2"))
-    simulator = Simulator(robot, effects=[instance], sensors=Sensors.exact(), q0=np.full(3, 0.5), substeps=20)
+    simulator = Simulator(
+        robot, SimulationSettings(effects=[instance], sensors=Sensors.exact(), substeps=20), q0=np.full(3, 0.5)
+    )
     truth, _ = simulator.drive(np.zeros((1000, 3)))
     kinetic, potential = build_model(robot, engine="numpy").energy(truth.x, truth.dx)
     energy = kinetic + potential
@@ -271,7 +278,9 @@ def test_hysteresis_follows_its_closed_form(arm):
 
 def test_dry_friction_holds_a_joint_nearly_still(arm):
     """A torque below Coulomb's leaves the vertical axis creeping below the regularisation speed; one above moves it."""
-    simulator = Simulator(arm, effects=[parse("coulomb_friction:joint_1:torque=20")], sensors=Sensors.exact())
+    simulator = Simulator(
+        arm, SimulationSettings(effects=[parse("coulomb_friction:joint_1:torque=20")], sensors=Sensors.exact())
+    )
     push = np.array([10.0, 0.0, 0.0])
     held, _ = simulator.drive(np.tile(simulator.state.command + push, (500, 1)))
     assert np.abs(held.dtheta[:, 0]).max() < simulator.sign_speed[3]
@@ -282,7 +291,9 @@ def test_dry_friction_holds_a_joint_nearly_still(arm):
 def test_friction_that_outruns_the_integrator_is_widened(arm):
     """At a low ratio the motor is light: the regularisation widens until friction is stable, and stays stable."""
     light = arm.with_ratio(5)
-    simulator = Simulator(light, effects=[parse("coulomb_friction:joint_1:torque=20")], sensors=Sensors.exact())
+    simulator = Simulator(
+        light, SimulationSettings(effects=[parse("coulomb_friction:joint_1:torque=20")], sensors=Sensors.exact())
+    )
     assert simulator.sign_speed[3] > 1e-3 and simulator.sign_speed[4] == 1e-4
     push = np.array([10.0, 0.0, 0.0])
     truth, _ = simulator.drive(np.tile(simulator.state.command + push, (300, 1)))
@@ -304,7 +315,7 @@ def test_ripple_has_the_frequency_of_its_wheel(arm, text, per_turn):
     speed, t = 0.2, np.arange(4001)[:, None] / RATE
     q = np.hstack([speed * t, 0 * t, 0 * t])
     dq = np.tile([speed, 0.0, 0.0], (len(t), 1))
-    simulator = Simulator(arm, effects=[parse(text)], sensors=Sensors.exact(), dq0=dq[0])
+    simulator = Simulator(arm, SimulationSettings(effects=[parse(text)], sensors=Sensors.exact()), dq0=dq[0])
     truth, _ = simulator.follow(q, dq, np.zeros_like(q))
     assert peak_frequency(truth.tau_J[1000:, 0]) == pytest.approx(per_turn * speed / (2 * np.pi), rel=0.02)
 
@@ -346,8 +357,10 @@ def test_bearing_compliance_frees_the_tilts(arm):
 def test_a_tilted_base_loads_the_vertical_axis(arm):
     """At rest a tilt shows on the first joint, which gravity otherwise cannot reach."""
     q0 = np.array([0.5, 0.5, 0.5])
-    level = Simulator(arm, sensors=Sensors.exact(), q0=q0).state.command
-    tilted = Simulator(arm, effects=[parse("base_tilt:x=0.02")], sensors=Sensors.exact(), q0=q0).state.command
+    level = Simulator(arm, SimulationSettings(sensors=Sensors.exact()), q0=q0).state.command
+    tilted = Simulator(
+        arm, SimulationSettings(effects=[parse("base_tilt:x=0.02")], sensors=Sensors.exact()), q0=q0
+    ).state.command
     assert abs(level[0]) < 1e-9 and abs(tilted[0]) > 1.0
 
 
@@ -362,7 +375,7 @@ def test_the_law_of_bearings_explains_a_simulated_arm(arm):
     a, b = np.random.default_rng(0).uniform(-0.5, 0.5, (2, 3, 3))
     smooth = FourierTrajectory(2 * np.pi / 4.0, a, b, np.array([0.0, 0.4, 0.5]), 6.0, 1.0)
     q, dq, ddq = smooth.evaluate(np.arange(6001) / RATE)
-    simulator = Simulator(arm, effects=[instance], sensors=Sensors.exact(), q0=q[0])
+    simulator = Simulator(arm, SimulationSettings(effects=[instance], sensors=Sensors.exact()), q0=q[0])
     truth, _ = simulator.follow(q, dq, ddq)
     system, constants = simulator.system, simulator._loop.constants
     rows = zip(truth.x, truth.dx, truth.command, strict=True)

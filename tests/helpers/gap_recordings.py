@@ -12,7 +12,7 @@ from elastic_arm.excitation import FourierTrajectory, MotionLimits, Shape, rando
 from elastic_arm.recording import Recording
 from elastic_arm.robot import load_robot
 from elastic_arm.sensors import Sensors
-from elastic_arm.simulation import simulate
+from elastic_arm.simulation import SimulationSettings, simulate
 
 ROBOT = load_robot(None)
 MODEL = build_model(ROBOT, "mod3")
@@ -37,4 +37,6 @@ def gentle(seed: int) -> FourierTrajectory:
 def record(motion: FourierTrajectory, *effects: str, seed: int = 0, sensors: Sensors | None = None) -> Recording:
     """Let the arm with effects follow a motion."""
     instances = [parse(text, ROBOT) for text in effects]
-    return simulate(ROBOT, motion, effects=instances, sensors=sensors, rng=np.random.default_rng(seed))
+    return simulate(
+        ROBOT, motion, SimulationSettings(effects=instances, sensors=sensors), rng=np.random.default_rng(seed)
+    )

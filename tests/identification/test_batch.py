@@ -15,6 +15,7 @@ from elastic_arm.estimation.resampling import Clock, part
 from elastic_arm.estimation.smoother import design_smoother
 from elastic_arm.identification import (
     Identification,
+    IdentificationSettings,
     Identifier,
     compare,
     identifier_of,
@@ -72,7 +73,7 @@ def test_stream_and_batch_agree_to_rounding_however_samples_are_cut(model: Model
 def test_both_torques_identify_an_arm_described_as_rigid(samples: Samples) -> None:
     """A description without transmissions has one equation a joint, measured by both torque sensors: both are used."""
     rigid = parse_urdf(to_urdf(load_robot(None)))
-    found = identify(recorded(samples), rigid, consistent=False)
+    found = identify(recorded(samples), rigid, IdentificationSettings(consistent=False))
     assert set(found.noise) == {"joint", "whole"}
     equations = BaseRegression(build_model(rigid), ("q", "theta", "tau_J", "tau_m"), joints=rigid.joint_names)
     q, dq, ddq, tau_J, tau_m = np.random.default_rng(3).standard_normal((5, 50, rigid.n))
@@ -103,7 +104,7 @@ def test_intervals_from_fourier_series_cover_the_truth_too(model: Model) -> None
     for seed in range(4):
         rng = np.random.default_rng(200 + seed)
         recording = recorded(record(model, rng, encoder_noise=1e-5, velocity_noise=1e-3, harmonics=6))
-        result = identify(recording, model.robot, derivatives="fourier", consistent=False)
+        result = identify(recording, model.robot, IdentificationSettings(derivatives="fourier", consistent=False))
         hits.append([abs(c.z) < 1.96 for c in compare(result, model.robot)])
     assert 0.88 <= np.mean(hits) <= 0.99
 
@@ -112,7 +113,7 @@ def test_all_pieces_in_which_a_motion_repeats_are_used(model: Model) -> None:
     """Series are fitted to every piece between gaps that is long enough, and the result says to how many of them."""
     whole = record(model, np.random.default_rng(0), period=4.0, periods=6, harmonics=6, **REAL)
     kept = part(whole, np.setdiff1d(np.arange(len(whole)), np.r_[3000:3100, 12000:12500]))
-    result = identify(recorded(kept), model.robot, consistent=False)
+    result = identify(recorded(kept), model.robot, IdentificationSettings(consistent=False))
     assert result.derivatives == ("Fourier series of 2 of 3 pieces",)
     assert result.samples == pytest.approx(len(kept) - 3000, rel=0.02)
     errors = np.array([c.z for c in compare(result, model.robot)])
@@ -194,7 +195,7 @@ def test_recordings_with_different_channels_are_refused(model: Model, samples: S
     first = recorded(samples)
     second = recorded(samples, motor=None)
     with pytest.raises(IdentificationError, match="another q, tau_J"):
-        identify([first, second], model.robot, derivatives="smoother", consistent=False)
+        identify([first, second], model.robot, IdentificationSettings(derivatives="smoother", consistent=False))
 
 
 def test_a_law_beside_the_model_is_identified(model: Model, samples: Samples) -> None:
@@ -203,7 +204,9 @@ def test_a_law_beside_the_model_is_identified(model: Model, samples: Samples) ->
     rubbed[:, 1] += 12.0 * samples.dtheta[:, 1]
     laws = parse_laws(["viscous_friction"], model.robot)
     recording = recorded(replace(samples, tau_m=rubbed))
-    result = identify(recording, model.robot, effects=laws, derivatives="smoother", consistent=False)
+    result = identify(
+        recording, model.robot, IdentificationSettings(effects=laws, derivatives="smoother", consistent=False)
+    )
     found = {e.name: e for e in result.estimates if e.name.startswith("viscous")}
     assert found["viscous_friction:joint_2.coefficient"].value == pytest.approx(12.0, abs=0.05)
     for joint in ("joint_1", "joint_3"):
@@ -245,7 +248,7 @@ def test_a_second_of_motion_is_called_too_short(model: Model) -> None:
 def test_what_offline_gains_over_a_stream_is_said(model: Model, samples: Samples) -> None:
     """The same recording's standard deviations are compared, parameter by parameter, and the greatest gain is named."""
     online = fed(model, samples, []).fit()
-    offline = identify(recorded(samples), model.robot, derivatives="fourier", consistent=False)
+    offline = identify(recorded(samples), model.robot, IdentificationSettings(derivatives="fourier", consistent=False))
     found = std_ratio(online.std, offline)
     assert found.ratios == pytest.approx(online.std / offline.std)
     assert found.median <= found.largest == found.ratios.max()
@@ -254,7 +257,7 @@ def test_what_offline_gains_over_a_stream_is_said(model: Model, samples: Samples
 
 def test_result_survives_its_json_file(model: Model, samples: Samples, tmp_path: Path) -> None:
     """A saved result loads with equal numbers, and its table can be used."""
-    result = identify(recorded(samples), model.robot, derivatives="smoother")
+    result = identify(recorded(samples), model.robot, IdentificationSettings(derivatives="smoother"))
     result.to_json(tmp_path / "identification.json")
     loaded = Identification.load(tmp_path / "identification.json")
     assert loaded.Psi_base == pytest.approx(result.Psi_base, rel=0, abs=0)

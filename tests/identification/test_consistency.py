@@ -9,7 +9,14 @@ import numpy as np
 import pytest
 
 from elastic_arm.dynamics import build_model
-from elastic_arm.identification import Identification, identifier_of, identify, identify_with, parse_laws
+from elastic_arm.identification import (
+    Identification,
+    IdentificationSettings,
+    identifier_of,
+    identify,
+    identify_with,
+    parse_laws,
+)
 from elastic_arm.identification.consistency.chart import pseudo_inertia
 from elastic_arm.identification.consistency.estimation import consistent, correlation_of_errors
 from elastic_arm.identification.consistency.identified_robot import identified_robot
@@ -48,7 +55,7 @@ def result(true_robot: Robot) -> Identification:
     return identify(
         recorded(samples, true_robot),
         mistaken(true_robot),
-        derivatives="smoother",
+        IdentificationSettings(derivatives="smoother"),
         validate=[recorded(other, true_robot, "other")],
     )
 
@@ -91,7 +98,9 @@ def test_errors_count_as_alike_over_half_a_period_only_where_the_motion_repeats(
     """Blocks show how far sensors' noise is correlated; where the motion repeats, so may what the model misses."""
     samples = record(build_model(true_robot, "mod3"), np.random.default_rng(1), encoder_noise=1e-6, velocity_noise=1e-4)
     recording = recorded(samples, true_robot)
-    _, identifier, _ = identify_with(recording, true_robot, derivatives="smoother", consistent=False)
+    _, identifier, _ = identify_with(
+        recording, true_robot, IdentificationSettings(derivatives="smoother", consistent=False)
+    )
     half_period = identifier.fit().samples / identifier.statistics.effective_samples
     assert correlation_of_errors(identifier, repeats=True) == half_period
     assert correlation_of_errors(identifier, repeats=False) < 0.4 * half_period

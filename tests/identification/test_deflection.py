@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from elastic_arm.dynamics import build_model
-from elastic_arm.identification import Identification, compare, identify
+from elastic_arm.identification import Identification, IdentificationSettings, compare, identify
 from elastic_arm.recording import Recording, Samples, Side
 from elastic_arm.robot import Robot, load_robot
 from tests.helpers.periodic_arm import record
@@ -52,7 +52,9 @@ def test_torque_sets_the_scale_whatever_the_encoders_noise(arm: Robot, noise: fl
     """From a description that is 30 % wrong, stiffnesses come out to 3 % and all parameters within their deviations."""
     samples = measured(arm, noise)
     result = identify(
-        without_sensors(arm, samples, samples.q), described(arm), consistent=False, derivatives="smoother"
+        without_sensors(arm, samples, samples.q),
+        described(arm),
+        IdentificationSettings(consistent=False, derivatives="smoother"),
     )
     for joint in arm.joints:
         assert value_of(result, f"{joint.name}.K") == pytest.approx(joint.transmission.stiffness, rel=0.03)
@@ -64,7 +66,11 @@ def test_a_damping_that_the_recording_does_not_hold_stays_with_the_description(a
     """With 1e-4 rad of encoder noise no damping of joint 1 is known: it is the description's, "not", and listed."""
     samples = measured(arm, 1e-4)
     nominal = described(arm)
-    result = identify(without_sensors(arm, samples, samples.q), nominal, consistent=False, derivatives="smoother")
+    result = identify(
+        without_sensors(arm, samples, samples.q),
+        nominal,
+        IdentificationSettings(consistent=False, derivatives="smoother"),
+    )
     damping = next(e for e in result.estimates if e.name == "joint_1.D")
     assert (damping.value, damping.verdict) == (nominal.joints[0].transmission.damping, "not")
     assert any("joint_1.D" in note and "as in the description" in note for note in result.notes)
@@ -74,7 +80,9 @@ def test_lag_and_offset_of_a_link_encoder_are_not_read_as_compliance(arm: Robot)
     """A link encoder 2 ms late and 0.5 mrad off is said to be, and stiffnesses stay right to 3 %."""
     samples = measured(arm, 1e-6)
     late = samples.q - LAG * samples.dq + OFFSET
-    result = identify(without_sensors(arm, samples, late), arm, consistent=False, derivatives="smoother")
+    result = identify(
+        without_sensors(arm, samples, late), arm, IdentificationSettings(consistent=False, derivatives="smoother")
+    )
     for joint in arm.joints:
         K = value_of(result, f"{joint.name}.K")
         assert pytest.approx(joint.transmission.stiffness, rel=0.03) == K
@@ -87,6 +95,6 @@ def test_zeros_that_differ_between_recordings_are_aligned_and_said(arm: Robot) -
     """Two recordings whose link encoders count from 3 mrad apart give the stiffness that each alone gives."""
     first, second = measured(arm, 1e-6), measured(arm, 1e-6, seed=1)
     both = [without_sensors(arm, first, first.q, "first"), without_sensors(arm, second, second.q + 3e-3, "second")]
-    result = identify(both, arm, consistent=False, derivatives="smoother")
+    result = identify(both, arm, IdentificationSettings(consistent=False, derivatives="smoother"))
     assert value_of(result, "joint_1.K") == pytest.approx(arm.joints[0].transmission.stiffness, rel=0.01)
     assert any(note.startswith("second: zeros of the link encoders") for note in result.notes)

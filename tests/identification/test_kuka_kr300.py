@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from scipy.io import loadmat
 
-from elastic_arm.identification import Identification, identify, parse_laws
+from elastic_arm.identification import Identification, IdentificationSettings, identify, parse_laws
 from elastic_arm.identification.batch.selection import BatchChoice, Trials
 from elastic_arm.recording import Recording, Side
 from elastic_arm.robot import load_robot
@@ -39,7 +39,7 @@ def load(run: str) -> Recording:
 def result() -> Identification:
     robot = load_robot(DATA / "kr300_3_elastic.yaml")
     laws = parse_laws(LAWS, robot)
-    return identify([load("A"), load("C")], robot, effects=laws, validate=[load("B")])
+    return identify([load("A"), load("C")], robot, IdentificationSettings(effects=laws), validate=[load("B")])
 
 
 def value_of(result: Identification, name: str) -> float:
@@ -59,7 +59,7 @@ def test_undetermined_springs_stay_described_whatever_the_speeds_of_friction(law
     robot = load_robot(DATA / "kr300_3_elastic.yaml")
     recorded = [(recording, recording.samples()) for recording in (load("A"), load("C"))]
     effects = parse_laws(laws, robot)
-    trials = Trials(recorded, robot, "mod3", effects, "auto", None, weighted=True, report=lambda what, share: None)
+    trials = Trials(recorded, robot, IdentificationSettings(effects=effects), lambda what, share: None)
     trial = trials(BatchChoice(sign_speed=(1e-3, 1e-4, 1e-4)))
     place = trial.identifier.equations.base.names.index
     for joint in robot.joints:

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from elastic_arm.errors import IdentificationError
-from elastic_arm.identification import Identification, identifier_of, identify
+from elastic_arm.identification import Identification, IdentificationSettings, identifier_of, identify
 from elastic_arm.recording import Recording
 from elastic_arm.robot import Robot
 from tests.helpers.partial_arm import ENCODERS, recordings, robot
@@ -19,7 +19,7 @@ pytestmark = pytest.mark.slow(30)
 @pytest.fixture(scope="module")
 def found() -> Identification:
     (recording,) = recordings(seconds=(10.0,))
-    return identify(recording, _softer(robot()), consistent=False)
+    return identify(recording, _softer(robot()), IdentificationSettings(consistent=False))
 
 
 def _softer(described: Robot) -> Robot:

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from elastic_arm.dynamics import build_model
-from elastic_arm.identification import Identification, identifier_of, identify, parse_laws
+from elastic_arm.identification import Identification, IdentificationSettings, identifier_of, identify, parse_laws
 from elastic_arm.identification.base_regression import BaseRegression
 from elastic_arm.identification.law_columns import law_columns
 from elastic_arm.identification.least_squares import Blocks, Fit
@@ -45,7 +45,7 @@ def misled(arm: Robot, samples: Samples) -> Identification:
     """The description is right; three seconds of fitted motion hold a torque of 80 Nm that the model lacks."""
     fitted = recorded(arm, samples, slice(0, 3000), "fitted", torque=80.0)
     held_out = recorded(arm, samples, slice(6000, 12000), "held out")
-    return identify(fitted, arm, validate=[held_out], derivatives="smoother")
+    return identify(fitted, arm, IdentificationSettings(derivatives="smoother"), validate=[held_out])
 
 
 def test_a_fit_worse_than_the_description_is_said_to_be(misled: Identification) -> None:
@@ -79,7 +79,7 @@ def test_no_joint_of_the_arm_file_is_predicted_worse_than_by_the_description(arm
     rubs = np.tanh(plain.motor.velocity / 1e-3) * np.array([0.0, 0.0, 60.0])
     fitted = replace(plain, motor=replace(plain.motor, effort=plain.motor.effort + rubs))
     laws = parse_laws(("coulomb_friction:joint_3",), arm)
-    found = identify(fitted, heavy, validate=[held_out], derivatives="smoother", effects=laws)
+    found = identify(fitted, heavy, IdentificationSettings(derivatives="smoother", effects=laws), validate=[held_out])
     assert found.identified is not None and found.validation is not None
     (by_arm,) = found.validation.values()
     ratios = {joint: by_arm["consistent"]["motor"][joint] / rms for joint, rms in by_arm["nominal"]["motor"].items()}
@@ -180,6 +180,8 @@ def test_no_joint_of_a_poorly_excited_arm_is_missed_absurdly() -> None:
     mapping = Path(__file__).resolve().parents[2] / "examples" / "kinova_gen3" / "import.yaml"
     first, second = (import_arrays(GEN3 / f"opti_traj_testing{k}.csv", mapping) for k in (1, 2))
     laws = parse_laws(("coulomb_friction:side=link", "viscous_friction:side=link", "joint_torque_offset"), robot)
-    (by_arm,) = identify(second, robot, effects=laws, validate=[first], consistent=False).validation.values()
+    (by_arm,) = identify(
+        second, robot, IdentificationSettings(effects=laws, consistent=False), validate=[first]
+    ).validation.values()
     found, nominal = (np.array(list(by_arm[name]["joint"].values())) for name in ("identified", "nominal"))
     assert np.exp(np.mean(np.log(found / nominal))) < 1.0 and np.all(found < 2.0 * nominal)

@@ -8,11 +8,11 @@ from scipy.stats import chi2
 
 from elastic_arm.dynamics import build_model
 from elastic_arm.excitation import MotionLimits, Shape, random_trajectories
-from elastic_arm.identification import chi_square, compare, identify
+from elastic_arm.identification import IdentificationSettings, chi_square, compare, identify
 from elastic_arm.robot import load_robot
 from elastic_arm.robot.variation import varied
 from elastic_arm.sensors import Encoder, Sensors
-from elastic_arm.simulation import simulate
+from elastic_arm.simulation import SimulationSettings, simulate
 
 RECORDINGS = 8
 
@@ -25,8 +25,10 @@ def errors_together(encoder_noise: float, seed: int) -> tuple[float, int]:
     motion = random_trajectories(build_model(robot), MotionLimits.of(robot), 1, rng=rng, shape=shape)[0]
     encoder = Encoder(noise=encoder_noise, velocity_noise=100 * encoder_noise)
     sensors = Sensors(link_encoder=encoder, motor_encoder=encoder)
-    recording = simulate(true, motion, nominal=robot, sensors=sensors, duration=20.0, rng=rng, substeps=4)
-    result = identify(recording, robot, derivatives="smoother", consistent=False)
+    recording = simulate(
+        true, motion, SimulationSettings(nominal=robot, sensors=sensors, substeps=4), duration=20.0, rng=rng
+    )
+    result = identify(recording, robot, IdentificationSettings(derivatives="smoother", consistent=False))
     truth = np.array([each.true for each in compare(result, true)])
     return chi_square(result, truth), len(truth)
 

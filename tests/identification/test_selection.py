@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 from elastic_arm.dynamics import build_model
-from elastic_arm.identification import Identification, identify, parse_laws
+from elastic_arm.identification import Identification, IdentificationSettings, identify, parse_laws
 from elastic_arm.identification.batch import selection
+from elastic_arm.identification.batch.identify import zero_notes
 from elastic_arm.identification.law_columns import SIGN_SPEEDS, USUAL_SIGN_SPEED
 from elastic_arm.recording import Recording, Samples, Side
 from elastic_arm.robot import Robot, load_robot, parse_urdf, to_urdf
@@ -42,19 +43,45 @@ def test_the_zero_of_a_torque_is_found_without_being_asked_for(arm: Robot, sampl
     """4 Nm of one motor come out within 3 %, friction beside them, and a note names them."""
     torque = np.array([0.0, 0.0, 4.0]) + np.tanh(samples.dtheta / 1e-3) * np.array([0.0, 0.0, 10.0])
     laws = parse_laws(FRICTION, arm)
-    found = identify(with_torque(arm, samples, torque), arm, effects=laws, derivatives="smoother")
+    found = identify(
+        with_torque(arm, samples, torque), arm, IdentificationSettings(effects=laws, derivatives="smoother")
+    )
     assert zeros_of(found)["motor_torque_offset:joint_3.offset"] == pytest.approx(4.0, rel=0.03)
     assert any("without being asked for" in note and "joint_3" in note for note in found.notes)
     assert found.identified is not None
     assert ("motor_torque_offset", "joint_3") in {(e["effect"], e.get("joint")) for e in found.identified.effects}
 
 
+def test_each_zero_has_its_own_reason(arm: Robot) -> None:
+    """A zero that the recordings show and one that the arm needs are named in notes of their own."""
+    first, second = parse_laws(["motor_torque_offset"], arm)[:2]
+    shown, needed = zero_notes([first], [second])
+    assert "differ from none" in shown and shown.endswith("motor_torque_offset:joint_1")
+    assert "consistent arm" in needed and needed.endswith("motor_torque_offset:joint_2")
+    assert zero_notes([], []) == []
+
+
+def test_speeds_of_joints_that_slide_are_in_metres(arm: Robot) -> None:
+    """Speeds within which friction turns over have each joint's unit, and are one span where joints are alike."""
+    assert selection.standstill(1e-3, arm) == "0.001 rad/s"
+    sliding = arm.with_joint("joint_2", prismatic=True)
+    assert selection.standstill((1e-3, 2e-3, 5e-2), sliding) == "0.001 to 0.05 rad/s and 0.002 m/s"
+
+
 def test_torques_with_right_zeros_get_none(arm: Robot, samples: Samples) -> None:
     """Without an offset there is none among the estimates, nor without laws where there is one."""
     torque = np.tanh(samples.dtheta / 1e-3) * np.array([0.0, 0.0, 10.0])
     laws = parse_laws(FRICTION, arm)
-    right = identify(with_torque(arm, samples, torque), arm, effects=laws, derivatives="smoother", consistent=False)
-    unasked = identify(with_torque(arm, samples, np.array([0, 0, 4.0])), arm, derivatives="smoother", consistent=False)
+    right = identify(
+        with_torque(arm, samples, torque),
+        arm,
+        IdentificationSettings(effects=laws, derivatives="smoother", consistent=False),
+    )
+    unasked = identify(
+        with_torque(arm, samples, np.array([0, 0, 4.0])),
+        arm,
+        IdentificationSettings(derivatives="smoother", consistent=False),
+    )
     assert not zeros_of(right) and not zeros_of(unasked)
 
 
@@ -62,7 +89,11 @@ def test_dry_friction_turns_over_at_each_joint_where_it_does(arm: Robot, samples
     """Sharp friction at one joint and gradual at another are both found within 5 %."""
     turning, dry = np.array([1e-4, 1e-4, 5e-2]), np.array([0.0, 20.0, 20.0])
     recording = with_torque(arm, samples, dry * np.tanh(samples.dtheta / turning))
-    found = identify(recording, arm, effects=parse_laws(FRICTION, arm), derivatives="smoother", consistent=False)
+    found = identify(
+        recording,
+        arm,
+        IdentificationSettings(effects=parse_laws(FRICTION, arm), derivatives="smoother", consistent=False),
+    )
     sizes = {e.name: e.value for e in found.estimates}
     found_dry = [sizes[f"coulomb_friction:joint_{k}.torque"] for k in (2, 3)]
     np.testing.assert_allclose(found_dry, dry[1:], rtol=0.05)
@@ -108,9 +139,9 @@ def test_motion_that_a_rigid_description_lacks_is_left_out_of_the_band(
         own = [e for e in found.estimates if ":" not in e.name and "armature" not in e.name]
         return np.abs([e.value - e.nominal for e in own])
 
-    narrow = identify(fitted, rigid, effects=laws, derivatives="smoother", consistent=False)
+    narrow = identify(fitted, rigid, IdentificationSettings(effects=laws, derivatives="smoother", consistent=False))
     monkeypatch.setattr(selection, "MOST_LOST", 0.0)
-    whole = identify(fitted, rigid, effects=laws, derivatives="smoother", consistent=False)
+    whole = identify(fitted, rigid, IdentificationSettings(effects=laws, derivatives="smoother", consistent=False))
     assert any(note.startswith("band of") for note in narrow.notes)
     assert not any(note.startswith("band of") for note in whole.notes)
     assert np.median(errors(narrow) / errors(whole)) < 0.5

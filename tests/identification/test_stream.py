@@ -22,7 +22,7 @@ from elastic_arm.identification.least_squares import Fit
 from elastic_arm.recording import Samples
 from elastic_arm.robot import load_robot
 from elastic_arm.sensors import Encoder, Sensors, TorqueSensor
-from elastic_arm.simulation import Simulator
+from elastic_arm.simulation import SimulationSettings, Simulator
 from tests.helpers.periodic_arm import RATE, record
 
 SECONDS = 8
@@ -127,7 +127,9 @@ def test_an_arm_that_stands_first_is_identified_within_the_deviations(standing: 
     reference = trajectory.evaluate(np.arange(-standing, 10.0, 1 / RATE).clip(0.0))
     torque, encoder = TorqueSensor(noise=0.26), Encoder(noise=0.0, velocity_noise=0.0)
     sensors = Sensors(encoder, encoder, torque, torque)
-    simulator = Simulator(robot, sensors=sensors, rate=RATE, rng=np.random.default_rng(3), q0=reference[0][0])
+    simulator = Simulator(
+        robot, SimulationSettings(sensors=sensors, rate=RATE), rng=np.random.default_rng(3), q0=reference[0][0]
+    )
     _, measured = simulator.follow(*reference)
     stream = identifier_of(robot)
     stamps = np.arange(len(reference[0])) * round(1e9 / RATE)

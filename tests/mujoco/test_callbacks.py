@@ -11,7 +11,7 @@ from elastic_arm.mujoco import attach, to_mjcf
 from elastic_arm.mujoco.new_model import DEFLECTION
 from elastic_arm.robot import Robot, load_robot
 from elastic_arm.robot.mjcf import open_mjcf
-from elastic_arm.simulation import Simulator
+from elastic_arm.simulation import SimulationSettings, Simulator
 from tests.helpers.motions import trajectory
 from tests.helpers.mujoco_arms import MODELS
 
@@ -32,7 +32,9 @@ def apart(robot: Robot, seconds: float, *, attached: bool) -> float:
     """Return by how much the elastic arm in MuJoCo and in the simulator part under the same torque, rad."""
     rate, substeps = 1000, 10
     reference = trajectory(n=3, period=2.0, ramp=0.5, periods=2).evaluate(np.arange(int(seconds * rate)) / rate)
-    ours = Simulator(robot, model="mod2", rate=rate, substeps=substeps, q0=reference[0][0], dq0=reference[1][0])
+    ours = Simulator(
+        robot, SimulationSettings(model="mod2", rate=rate, substeps=substeps), q0=reference[0][0], dq0=reference[1][0]
+    )
     start = ours.state.y.copy()
     truth, _ = ours.follow(*reference)
     text = to_mjcf(robot, timestep=1.0 / rate / substeps)[0].replace('"implicitfast"', '"RK4"')

@@ -13,7 +13,7 @@ from elastic_arm.robot import load_robot
 from elastic_arm.robot.synthetic import random_arm
 from elastic_arm.robot.urdf import parse_urdf
 from elastic_arm.robot.urdf_export import to_urdf
-from elastic_arm.simulation import Simulator
+from elastic_arm.simulation import SimulationSettings, Simulator
 from tests.helpers.mujoco_arms import MODELS, random_motion
 
 mujoco = pytest.importorskip("mujoco")
@@ -45,7 +45,9 @@ def test_the_elastic_arm_moves_in_mujoco_as_in_the_simulator() -> None:
     robot, rate, substeps = load_robot(), 1000, 10
     motion = random_trajectories(build_model(robot, "mod2"), MotionLimits.of(robot), 1, rng=np.random.default_rng(0))[0]
     reference = motion.evaluate(np.arange(10 * rate + 1) / rate)
-    ours = Simulator(robot, model="mod2", rate=rate, substeps=substeps, q0=reference[0][0], dq0=reference[1][0])
+    ours = Simulator(
+        robot, SimulationSettings(model="mod2", rate=rate, substeps=substeps), q0=reference[0][0], dq0=reference[1][0]
+    )
     start = ours.state.y.copy()
     truth, _ = ours.follow(*reference)
     text, left = to_mjcf(robot, timestep=1.0 / rate / substeps)

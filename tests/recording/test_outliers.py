@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from elastic_arm.diagnosis import Question, diagnose
-from elastic_arm.identification import identify
+from elastic_arm.identification import IdentificationSettings, identify
 from elastic_arm.recording import Recording, read_recording, write_recording
 from elastic_arm.recording.inspection.check import check_bag
 from elastic_arm.recording.inspection.outliers import find_outliers, without_outliers
@@ -81,8 +81,8 @@ def test_the_check_names_them(tmp_path: Path, recording: Recording) -> None:
 @pytest.mark.parametrize(("side", "channel", "value"), ABSURD)
 def test_identification_goes_on_without_them(recording: Recording, side: str, channel: str, value: float) -> None:
     """The same parameters as without the sample, within a small part of their deviations, and a note."""
-    sound = identify(recording, load_robot(), consistent=False)
-    found = identify(spoiled(recording, side, channel, value), load_robot(), consistent=False)
+    sound = identify(recording, load_robot(), IdentificationSettings(consistent=False))
+    found = identify(spoiled(recording, side, channel, value), load_robot(), IdentificationSettings(consistent=False))
     assert any("outliers" in note for note in found.notes)
     np.testing.assert_array_less(np.abs(found.Psi_base - sound.Psi_base), 0.5 * sound.std)
 

@@ -14,7 +14,7 @@ from elastic_arm.effects.equations import ArmEquations
 from elastic_arm.estimation.motion import completed, drive_constants
 from elastic_arm.robot import load_robot
 from elastic_arm.sensors import Sensors
-from elastic_arm.simulation import Simulator
+from elastic_arm.simulation import SimulationSettings, Simulator
 from elastic_arm.simulation.batch_prediction import BatchPrediction
 from elastic_arm.simulation.integrator import runge_kutta_step
 from tests.helpers.smooth_motion import smooth_motion
@@ -41,7 +41,9 @@ def test_every_start_follows_the_simulator(effects: tuple[str, ...]) -> None:
     begins, steps = np.array([3, 17, 30]), [5, 20]
     q, theta = batch.angles(motion, begins, steps)
     torque = 0.5 * (motion.tau_m[:-1] + motion.tau_m[1:])
-    simulator = Simulator(ROBOT, effects=laws, sensors=Sensors.exact(), rate=1000.0, rng=np.random.default_rng(0))
+    simulator = Simulator(
+        ROBOT, SimulationSettings(effects=laws, sensors=Sensors.exact(), rate=1000.0), rng=np.random.default_rng(0)
+    )
     for k, begin in enumerate(begins):
         simulator.place(motion.q[begin], motion.theta[begin], motion.dq[begin], motion.dtheta[begin])
         truth = simulator.drive(torque[begin : begin + 21])[0]

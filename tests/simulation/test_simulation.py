@@ -14,7 +14,7 @@ from elastic_arm.errors import EffectError, SimulationError
 from elastic_arm.excitation import FourierTrajectory
 from elastic_arm.robot import Robot, load_robot, to_urdf
 from elastic_arm.sensors import Encoder, Sensors, TorqueSensor
-from elastic_arm.simulation import Controller, Simulator, simulate
+from elastic_arm.simulation import Controller, SimulationSettings, Simulator, simulate
 from elastic_arm.studies.blind_challenge.hidden_arms.kinematic_tree import KinematicTree
 
 RATE = 1000.0
@@ -74,7 +74,7 @@ def integrate(rate, y, command):
 
 def test_error_over_ten_seconds_is_below_1e_minus_8_rad(arm):
     """Over 10 s under the same held torques the motion stays within 1e-8 rad of DOP853 at a tolerance of 1e-12."""
-    truth, _ = Simulator(arm, sensors=Sensors.exact(), q0=swing().q0).follow(*reference(10.0))
+    truth, _ = Simulator(arm, SimulationSettings(sensors=Sensors.exact()), q0=swing().q0).follow(*reference(10.0))
     function = build_model(arm).function("forward_dynamics")
     buffer, run = function.buffer()
     x, dx, f, ddx = np.zeros(6), np.zeros(6), np.zeros(6), np.zeros(6)
@@ -97,7 +97,9 @@ def test_error_over_ten_seconds_is_below_1e_minus_8_rad(arm):
 def test_motion_agrees_with_pinocchio(arm, bearings):
     """An arm of separate bodies in Pinocchio, reduced by its gears, moves alike under the same torques."""
     tree = KinematicTree(arm, bearings=bearings)
-    simulator = Simulator(arm, bearings=bearings, sensors=Sensors.exact(), q0=swing().q0, substeps=20)
+    simulator = Simulator(
+        arm, SimulationSettings(bearings=bearings, sensors=Sensors.exact(), substeps=20), q0=swing().q0
+    )
     command = np.random.default_rng(0).normal(0, 60.0, (60, 3)) + simulator.state.command
     truth, _ = simulator.drive(command)
     dof = truth.x.shape[1]
@@ -123,7 +125,9 @@ def test_energy_is_conserved_without_damping_and_input(arm, bearings):
             gear = joint.transmission
             gear = replace(gear, bearing=replace(gear.bearing, damping=0.0))
             free = free.with_joint(joint.name, transmission=gear)
-    simulator = Simulator(free, bearings=bearings, sensors=Sensors.exact(), q0=np.full(3, 0.5), substeps=40)
+    simulator = Simulator(
+        free, SimulationSettings(bearings=bearings, sensors=Sensors.exact(), substeps=40), q0=np.full(3, 0.5)
+    )
     truth, _ = simulator.drive(np.zeros((1500, 3)))
     kinetic, potential = build_model(free, bearings=bearings).energy(truth.x, truth.dx)
     energy = kinetic + potential
@@ -134,7 +138,7 @@ def test_energy_is_conserved_without_damping_and_input(arm, bearings):
 def test_the_integrator_is_of_fourth_order(arm):
     """Half the step, a sixteenth of the error."""
     stiff_free = [
-        Simulator(arm, sensors=Sensors.exact(), q0=np.zeros(3), rate=100.0, substeps=s)
+        Simulator(arm, SimulationSettings(sensors=Sensors.exact(), rate=100.0, substeps=s), q0=np.zeros(3))
         .drive(np.full((60, 3), 80.0))[0]
         .x
         for s in (4, 8, 64)
@@ -152,7 +156,9 @@ def test_stepping_gives_the_bits_of_the_rollout(arm, engine):
 
     def make():
         rng = np.random.default_rng(3)
-        return Simulator(arm, effects=effects, sensors=sensors, rng=rng, q0=swing().q0, engine=engine)
+        return Simulator(
+            arm, SimulationSettings(effects=effects, sensors=sensors, engine=engine), rng=rng, q0=swing().q0
+        )
 
     q, dq, ddq = reference(0.1)
     whole, measured = make().follow(q, dq, ddq)
@@ -168,8 +174,8 @@ def test_stepping_gives_the_bits_of_the_rollout(arm, engine):
 def test_stepping_by_torque_gives_the_bits_of_the_rollout(arm):
     """The same with given motor torques."""
     command = np.random.default_rng(0).normal(0, 60.0, (50, 3))
-    whole, _ = Simulator(arm, sensors=Sensors.exact()).drive(command)
-    stepped = Simulator(arm, sensors=Sensors.exact())
+    whole, _ = Simulator(arm, SimulationSettings(sensors=Sensors.exact())).drive(command)
+    stepped = Simulator(arm, SimulationSettings(sensors=Sensors.exact()))
     rows = [stepped.step(torque=u)[0].x[0] for u in command]
     assert np.array_equal(np.array(rows), whole.x)
 
@@ -178,9 +184,9 @@ def test_engines_agree(arm):
     """The engine that needs no compiler gives the compiled one's motion."""
     effects = [parse("backlash:joint_2:half_gap=1e-4"), parse("transmission_error:joint_3:amplitude=2e-5")]
     c, machine = (
-        Simulator(arm, effects=effects, sensors=Sensors.exact(), q0=swing().q0, engine=engine).follow(*reference(0.5))[
-            0
-        ]
+        Simulator(
+            arm, SimulationSettings(effects=effects, sensors=Sensors.exact(), engine=engine), q0=swing().q0
+        ).follow(*reference(0.5))[0]
         for engine in ("c", "casadi")
     )
     assert np.abs(c.x - machine.x).max() < 1e-10
@@ -205,11 +211,11 @@ def test_kernels_are_compiled_once_per_structure(arm, monkeypatch, tmp_path):
         return [parse(f"coulomb_friction:joint_{k}:torque={torque},side=link") for k in (1, 3)]
 
     monkeypatch.setenv("ELASTIC_ARM_CACHE", str(tmp_path))
-    Simulator(arm, effects=rare(3), engine="c")
+    Simulator(arm, SimulationSettings(effects=rare(3), engine="c"))
     made = sorted(tmp_path.glob("*.so"))
     assert made
     heavier = arm.with_joint("joint_2", link=replace(arm.joints[1].link, mass=arm.joints[1].link.mass * 1.3))
-    Simulator(heavier, effects=rare(30), engine="c")
+    Simulator(heavier, SimulationSettings(effects=rare(30), engine="c"))
     assert sorted(tmp_path.glob("*.so")) == made
 
 
@@ -217,7 +223,7 @@ def test_kernels_are_compiled_once_per_structure(arm, monkeypatch, tmp_path):
 def test_the_arm_starts_in_equilibrium(arm, bearings):
     """Held by the torque of its start, the arm hangs in its drives and does not move."""
     q0 = np.array([0.3, -0.4, 0.5])
-    simulator = Simulator(arm, bearings=bearings, sensors=Sensors.exact(), q0=q0)
+    simulator = Simulator(arm, SimulationSettings(bearings=bearings, sensors=Sensors.exact()), q0=q0)
     truth, _ = simulator.drive(np.tile(simulator.state.command, (200, 1)))
     assert np.abs(truth.x - truth.x[0]).max() < 1e-10
     assert np.abs(truth.q[0] - q0).max() > 1e-4
@@ -227,9 +233,9 @@ def test_the_arm_starts_in_equilibrium(arm, bearings):
 
 def test_a_torque_sample_is_the_mean_over_its_interval(arm):
     """tau_m is the mean of the two commands it bounds, tau_J the mean of the torque over the interval around it."""
-    truth, _ = Simulator(arm, sensors=Sensors.exact(), q0=swing().q0).follow(*reference(0.6))
+    truth, _ = Simulator(arm, SimulationSettings(sensors=Sensors.exact()), q0=swing().q0).follow(*reference(0.6))
     assert np.array_equal(truth.tau_m[1:], 0.5 * (truth.command[1:] + truth.command[:-1]))
-    fine = Simulator(arm, sensors=Sensors.exact(), q0=swing().q0, rate=100 * RATE, substeps=2)
+    fine = Simulator(arm, SimulationSettings(sensors=Sensors.exact(), rate=100 * RATE, substeps=2), q0=swing().q0)
     dense, _ = fine.drive(np.repeat(truth.command, 100, axis=0))
     gears = [j.transmission for j in arm.joints]
     K, D = (np.array([getattr(g, name) for g in gears]) for name in ("stiffness", "damping"))
@@ -260,7 +266,7 @@ def test_commands_stay_within_the_torque_limits(arm):
 def test_tracking_is_close(arm):
     """The tuned controller keeps the motors within a milliradian of a smooth reference."""
     q, dq, ddq = reference(2.0)
-    truth, _ = Simulator(arm, sensors=Sensors.exact(), q0=swing().q0).follow(q, dq, ddq)
+    truth, _ = Simulator(arm, SimulationSettings(sensors=Sensors.exact()), q0=swing().q0).follow(q, dq, ddq)
     assert np.abs(truth.theta - q).max() < 1e-3
 
 
@@ -270,7 +276,9 @@ def test_the_tuned_controller_is_stable_at_every_ratio_and_rate(arm, ratio, rate
     """Light motors and slow loops bound the gains: the arm follows, and a push dies out."""
     robot = arm.with_ratio(ratio)
     still = np.tile(swing().q0, (round(4 * rate), 1))
-    simulator = Simulator(robot, sensors=Sensors.exact(), rate=rate, substeps=int(10000 / rate), q0=still[0])
+    simulator = Simulator(
+        robot, SimulationSettings(sensors=Sensors.exact(), rate=rate, substeps=int(10000 / rate)), q0=still[0]
+    )
     simulator.state.y[6:12] += 0.05
     truth, _ = simulator.follow(still, 0 * still, 0 * still)
     excursion = np.abs(truth.theta - truth.theta[-1])
@@ -282,7 +290,7 @@ def test_a_recording_knows_only_the_nominal_arm(arm):
     """Whatever the true arm is, the recording's description is the nominal one, and no effect is named in it."""
     heavier = arm.with_joint("joint_3", link=replace(arm.joints[2].link, mass=30.0)).with_(name="the_truth")
     effects = [parse("coulomb_friction:joint_2:torque=13.9")]
-    recording = simulate(heavier, swing(), nominal=arm, effects=effects, duration=0.05)
+    recording = simulate(heavier, swing(), SimulationSettings(nominal=arm, effects=effects), duration=0.05)
     assert recording.robot_description == to_urdf(arm)
     assert "coulomb" not in repr(recording) and "the_truth" not in repr(recording)
     assert len(recording.link) == len(recording.motor) == len(recording.reference) == 51
@@ -293,15 +301,15 @@ def test_effects_of_the_arm_file_act(arm):
     """An arm whose description lists an effect has it."""
     listed = arm.with_(effects=(parse("viscous_friction:joint_1:coefficient=30").to_dict(),))
     given = [parse("viscous_friction:joint_1:coefficient=30")]
-    one = Simulator(listed, q0=swing().q0, nominal=arm).follow(*reference(0.3))[0]
-    two = Simulator(arm, q0=swing().q0, effects=given).follow(*reference(0.3))[0]
+    one = Simulator(listed, SimulationSettings(nominal=arm), q0=swing().q0).follow(*reference(0.3))[0]
+    two = Simulator(arm, SimulationSettings(effects=given), q0=swing().q0).follow(*reference(0.3))[0]
     assert np.array_equal(one.x, two.x)
 
 
 def test_effects_change_while_the_arm_moves(arm):
     """Effects switched on in mid-motion act from the state the arm is in."""
     q, dq, ddq = reference(0.6)
-    simulator = Simulator(arm, sensors=Sensors.exact(), q0=swing().q0)
+    simulator = Simulator(arm, SimulationSettings(sensors=Sensors.exact()), q0=swing().q0)
     simulator.follow(q[:300], dq[:300], ddq[:300])
     before = simulator.state.y.copy()
     simulator.change_effects([parse("hysteresis:joint_2:torque=5,width=1e-4"), parse("bearing_compliance")])
@@ -316,7 +324,7 @@ def test_effects_that_cannot_be_taken_leave_the_arm_as_it_was(arm):
     still = (np.zeros((50, 3)),) * 3
 
     def run(ask: bool):
-        simulator = Simulator(arm, effects=[parse("viscous_friction:joint_1:coefficient=30")])
+        simulator = Simulator(arm, SimulationSettings(effects=[parse("viscous_friction:joint_1:coefficient=30")]))
         simulator.follow(*still)
         if ask:
             with pytest.raises(SimulationError, match="no static equilibrium"):
@@ -331,9 +339,11 @@ def test_effects_that_cannot_be_taken_leave_the_arm_as_it_was(arm):
 def test_a_prediction_starts_from_any_motion(arm):
     """Placed into a motion of another run and given its torques, the arm goes on as that run did."""
     effects = [parse("hysteresis:joint_2:torque=5,width=1e-4")]
-    truth, _ = Simulator(arm, effects=effects, sensors=Sensors.exact(), q0=swing().q0).follow(*reference(0.8))
+    truth, _ = Simulator(arm, SimulationSettings(effects=effects, sensors=Sensors.exact()), q0=swing().q0).follow(
+        *reference(0.8)
+    )
     k = 500
-    other = Simulator(arm, effects=effects, sensors=Sensors.exact())
+    other = Simulator(arm, SimulationSettings(effects=effects, sensors=Sensors.exact()))
     other.place(truth.q[k], truth.theta[k], truth.dq[k], truth.dtheta[k], command=truth.command[k - 1], z=truth.z[k])
     ahead, _ = other.drive(truth.command[k : k + 200])
     assert np.array_equal(ahead.x, truth.x[k : k + 200])
@@ -344,17 +354,22 @@ def test_a_motion_that_explodes_is_named(arm):
     """An unstable loop ends in an error with time, joint and remedy."""
     wild = Controller(np.full(3, 1e12), np.zeros(3))
     with pytest.raises(SimulationError, match=r"[0-9.]+ s .*joint_[123].*gains"):
-        Simulator(arm, controller=wild, q0=swing().q0).follow(*reference(1.0))
+        Simulator(arm, SimulationSettings(controller=wild), q0=swing().q0).follow(*reference(1.0))
 
 
 @pytest.mark.parametrize(
-    ("settings", "word"),
-    [({"substeps": 3}, "even"), ({"rate": 0.0}, "rate"), ({"q0": np.zeros(2)}, "start"), ({"model": "mod4"}, "mod4")],
+    ("settings", "start", "word"),
+    [
+        ({"substeps": 3}, {}, "even"),
+        ({"rate": 0.0}, {}, "rate"),
+        ({}, {"q0": np.zeros(2)}, "start"),
+        ({"model": "mod4"}, {}, "mod4"),
+    ],
 )
-def test_settings_without_sense_are_refused(arm, settings, word):
+def test_settings_without_sense_are_refused(arm, settings, start, word):
     """The error names what is wrong."""
     with pytest.raises(ValueError if "model" in settings else SimulationError, match=word):
-        Simulator(arm, **settings)
+        Simulator(arm, SimulationSettings(**settings), **start)
 
 
 def test_any_number_of_joints_moves():
@@ -376,7 +391,7 @@ def test_any_number_of_joints_moves():
         placement = after
     data = model.createData()
     command = np.random.default_rng(0).normal(0, 30.0, (40, 7))
-    truth, _ = Simulator(robot, sensors=Sensors.exact(), substeps=20).drive(command)
+    truth, _ = Simulator(robot, SimulationSettings(sensors=Sensors.exact(), substeps=20)).drive(command)
 
     def rate(y, held):
         return np.concatenate([y[7:], pin.aba(model, data, y[:7], y[7:], held)])
@@ -384,7 +399,7 @@ def test_any_number_of_joints_moves():
     exact = integrate(rate, np.zeros(14), command[:-1])
     assert np.abs(exact[:, :7] - truth.q).max() < 1e-9
     with pytest.raises(EffectError, match="transmission"):
-        Simulator(robot, effects=[parse("backlash:joint_2:half_gap=1e-4")])
+        Simulator(robot, SimulationSettings(effects=[parse("backlash:joint_2:half_gap=1e-4")]))
 
 
 def test_derived_functions_are_found_again(tmp_path, monkeypatch):
@@ -408,6 +423,6 @@ def test_derived_functions_are_found_again(tmp_path, monkeypatch):
 
 def test_straight_line_code_holds_no_number_of_the_arm(arm):
     """Inertias and effects' parameters are inputs of the compiled code."""
-    system = Simulator(arm, effects=[parse("payload:mass=5,position=0/0/0.1")]).system
+    system = Simulator(arm, SimulationSettings(effects=[parse("payload:mass=5,position=0/0/0.1")])).system
     free = ca.symvar(system.accelerations.sx_in("constants"))
     assert len(free) == system.constants.numel_out(0) > 30

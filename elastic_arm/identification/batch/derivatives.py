@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import functools
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Literal
@@ -17,6 +17,7 @@ from elastic_arm.estimation.motion import Motion
 from elastic_arm.estimation.resampling import Clock
 from elastic_arm.estimation.series import FourierFit, fourier_motion, period_of, repeats
 from elastic_arm.estimation.smoother import Smoother, design_smoother, left_out, runs, with_ends
+from elastic_arm.formatting import JointUnits
 from elastic_arm.identification.base_regression import BaseRegression
 from elastic_arm.identification.deflection import shifted, shifts, zeros
 from elastic_arm.identification.stream import smoothed
@@ -60,13 +61,14 @@ class Derived:
         """Make the runs one after another; runs of one piece of the recording follow each other without a hole."""
         return (piece() if self.shift is None else shifted(piece(), self.shift) for piece in self.pieces)
 
-    def notes(self, source: str, joints: Sequence[str]) -> list[str]:
-        """Return what was done to the recording `source` beside smoothing it."""
+    def notes(self, source: str, units: JointUnits) -> list[str]:
+        """Return what was done to the recording `source` beside smoothing it; `units` are those of the arm's joints."""
         said = [f"{source}: {note}" for note in self.said]
         if self.shift is None or not self.shift.any():
             return said
-        moved = ", ".join(f"{name} {1e3 * by:+.3g}" for name, by in zip(joints, self.shift, strict=True) if by)
-        return [*said, f"{source}: zeros of the link encoders moved to those of the first recording, mrad: {moved}"]
+        moved = ", ".join(f"{name} {1e3 * by:+.3g}" for name, by in zip(units.joints, self.shift, strict=True) if by)
+        moved = f"{units.over('mrad')}: {moved}"
+        return [*said, f"{source}: zeros of the link encoders moved to those of the first recording, {moved}"]
 
     def aligned(self, equations: BaseRegression, first: Derived | None) -> Derived:
         """Return it with the zeros of the link encoders as in the first recording, where deflections are measured."""

@@ -4,17 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
 
 from elastic_arm.dynamics import build_model
-from elastic_arm.effects import Catalogue, EffectInstance
+from elastic_arm.effects import EffectInstance
 from elastic_arm.errors import IdentificationError
 from elastic_arm.estimation.motion import Motion
-from elastic_arm.identification.batch.derivatives import DerivativeStage, Method
+from elastic_arm.identification.batch.derivatives import DerivativeStage
 from elastic_arm.identification.batch.selection import BatchChoice, BatchTrial, ProgressCallback, Trials
+from elastic_arm.identification.batch.settings import USUAL, IdentificationSettings
 from elastic_arm.identification.consistency.estimation import correlation_of_errors, with_consistency
 from elastic_arm.identification.deviations import residual_std, series_covariance
 from elastic_arm.identification.law_columns import law_columns, with_stated
@@ -49,16 +49,10 @@ MOTOR_INERTIA = (
 def identify(
     recordings: Recording | Sequence[Recording],
     robot: Robot,
-    model: str = "mod3",
+    settings: IdentificationSettings = USUAL,
     *,
-    effects: Sequence[EffectInstance] = (),
-    derivatives: Method = "auto",
-    period: float | None = None,
-    weighted: bool = True,
-    consistent: bool = True,
     validate: Sequence[Recording] = (),
     progress: ProgressCallback | None = None,
-    catalogue: Catalogue | None = None,
 ) -> Identification:
     """Identify an arm from recordings.
 
@@ -68,63 +62,34 @@ def identify(
         One or several, with equal channels.
     robot
         The nominal arm.
-    model
-        mod1, mod2 or mod3.
-    effects
-        Laws identified beside the model's own parameters (:func:`elastic_arm.effects.text.parse_laws`), and beside
-        those that the description states.
-    derivatives, period
-        See :class:`DerivativeStage`.
-    weighted
-        Weigh each equation by its noise; else ordinary least squares.
-    consistent
-        Also find all parameters, physically consistent and close to the nominal where the data determine nothing.
+    settings
+        How.
     validate
         Recordings that no fit may see; the residuals on them are part of the result.
     progress
         Called with what is being done and the share that is done.
-    catalogue
-        Where the ids of the description's effects are looked up; the default one when None.
 
     Raises
     ------
     IdentificationError
         If the recordings allow no equation, or too few samples.
     """
-    return identify_with(
-        recordings,
-        robot,
-        model,
-        effects=effects,
-        derivatives=derivatives,
-        period=period,
-        weighted=weighted,
-        consistent=consistent,
-        validate=validate,
-        progress=progress,
-        catalogue=catalogue,
-    )[0]
+    return identify_with(recordings, robot, settings, validate=validate, progress=progress)[0]
 
 
 def identify_with(
     recordings: Recording | Sequence[Recording],
     robot: Robot,
-    model: str = "mod3",
+    settings: IdentificationSettings = USUAL,
     *,
-    effects: Sequence[EffectInstance] = (),
-    derivatives: Method = "auto",
-    period: float | None = None,
-    weighted: bool = True,
-    consistent: bool = True,
     validate: Sequence[Recording] = (),
     progress: ProgressCallback | None = None,
-    catalogue: Catalogue | None = None,
 ) -> tuple[Identification, Identifier, Motion]:
     """Identify as :func:`identify` does, and hand out the estimator and a run of motion too.
 
     Parameters
     ----------
-    recordings, robot, model, effects, derivatives, period, weighted, consistent, validate, progress, catalogue
+    recordings, robot, settings, validate, progress
         See :func:`identify`.
 
     Returns
@@ -140,15 +105,14 @@ def identify_with(
     prepared = [recording.samples() for recording in chosen]
     motored = any(samples.tau_m is not None for samples in prepared)
     described, robot = robot, robot.with_armatures() if motored else robot
-    effects = with_stated(effects, robot, motored=motored, catalogue=catalogue)
-    recorded = list(zip(chosen, prepared, strict=True))
-    trials = Trials(recorded, robot, model, effects, derivatives, period, weighted, report)
-    choice = trials.selected(catalogue)
-    estimated = partial(_estimated, trials, consistent=consistent)
-    result, trial = estimated(choice, SHOWN)
-    while (zero := _lacking(result, trial, trials, choice, catalogue)) is not None:
+    effects = with_stated(settings.effects, robot, motored=motored, catalogue=settings.catalogue)
+    trials = Trials(list(zip(chosen, prepared, strict=True)), robot, replace(settings, effects=effects), report)
+    choice = trials.selected()
+    shown = len(choice.zeros)
+    result, trial = _estimated(trials, choice, shown)
+    while (zero := _lacking(result, trial, trials, choice)) is not None:
         more = replace(choice, zeros=(*choice.zeros, zero))
-        again, retrial = estimated(more, NEEDED)
+        again, retrial = _estimated(trials, more, shown)
         if _misfit(again) > LOWERED * _misfit(result):
             break
         result, trial, choice = again, retrial, more
@@ -160,17 +124,15 @@ def identify_with(
     return result, trial.identifier, next(trial.derived[0].motions)
 
 
-def _estimated(trials: Trials, choice: BatchChoice, why: str, *, consistent: bool) -> tuple[Identification, BatchTrial]:
+def _estimated(trials: Trials, choice: BatchChoice, shown: int) -> tuple[Identification, BatchTrial]:
     """Return the identification by one choice, and its estimator.
 
     Parameters
     ----------
     trials, choice
         Estimators by choice, and the choice.
-    why
-        Why zeros of torques are identified that nobody asked for.
-    consistent
-        See :func:`identify`.
+    shown
+        How many of the choice's zeros of torques the recordings show; the consistent arm needs those after them.
     """
     trial = trials.final(choice)
     trials.report("estimate", 1.0)
@@ -179,26 +141,32 @@ def _estimated(trials: Trials, choice: BatchChoice, why: str, *, consistent: boo
     covariance = _covariance(trial)
     width, prior = (None, None) if covariance is not None else _regularised(trial)
     result = identifier.estimate(sources, tuple(d.method for d in derived), covariance, prior)
-    joints = trials.robot.joint_names
+    units = trials.robot.units
     notes = [note for recording, _ in trials.recordings for note in recording.notes]
-    notes += [note for d, source in zip(derived, sources, strict=True) for note in d.notes(source, joints)]
+    notes += [note for d, source in zip(derived, sources, strict=True) for note in d.notes(source, units)]
     notes += [] if width is None else [described_width(width, "parts of the recordings left out in turn")]
     notes += trials.notes(choice)
-    if choice.zeros:
-        zeros = ", ".join(f"{zero.effect.id}:{zero.joint}" for zero in choice.zeros)
-        notes.append(f"zeros of torques were identified without being asked for, as {why}: {zeros}")
+    notes += zero_notes(choice.zeros[:shown], choice.zeros[shown:])
     result = result.with_(notes=tuple(dict.fromkeys([*result.notes, *notes])))
-    if consistent:
+    if trials.settings.consistent:
         trials.report("physical consistency", 1.0)
         weight = correlation_of_errors(identifier, repeats=any(d.repeats for d in derived))
-        laws = (*trials.effects, *choice.zeros)
+        laws = (*trials.settings.effects, *choice.zeros)
         result = with_consistency(result, identifier, trials.robot, laws, correlated=weight)
     return result, trial
 
 
-def _lacking(
-    result: Identification, trial: BatchTrial, trials: Trials, choice: BatchChoice, catalogue: Catalogue | None
-) -> EffectInstance | None:
+def zero_notes(shown: Sequence[EffectInstance], needed: Sequence[EffectInstance]) -> list[str]:
+    """Return why zeros of torques were identified that nobody asked for: the data show them, or the arm needs them."""
+    return [
+        f"zeros of torques were identified without being asked for, as {why}: "
+        + ", ".join(f"{zero.effect.id}:{zero.joint}" for zero in zeros)
+        for zeros, why in ((shown, SHOWN), (needed, NEEDED))
+        if zeros
+    ]
+
+
+def _lacking(result: Identification, trial: BatchTrial, trials: Trials, choice: BatchChoice) -> EffectInstance | None:
     """Return the zero of a torque at the joint where the consistent arm misses the torques most; None if it does not.
 
     Parameters
@@ -207,17 +175,15 @@ def _lacking(
         The identification, and its estimator.
     trials, choice
         Where it came from.
-    catalogue
-        See :func:`identify`.
     """
     # An arm with elastic joints takes long to try again.
-    if result.Psi is None or not trials.effects or trials.robot.elastic or _misfit(result) <= MISFIT:
+    if result.Psi is None or not trials.settings.effects or trials.robot.elastic or _misfit(result) <= MISFIT:
         return None
     blocks, fit, equations = trial.linear_blocks, trial.fit, trial.identifier.equations
     missed = residual_std(blocks.total(), equations.base.T @ result.Psi, blocks.samples)
     excess = dict(zip(equations.groups, missed * fit.weights, strict=True))
     taken = {(zero.effect.id, zero.joint) for zero in choice.zeros}
-    open_ones = [zero for zero in trials.possible_zeros(catalogue) if (zero.effect.id, zero.joint) not in taken]
+    open_ones = [zero for zero in trials.possible_zeros if (zero.effect.id, zero.joint) not in taken]
     worst = {joint: max(value for (_, at), value in excess.items() if at == joint) for _, joint in equations.groups}
     return max(open_ones, key=lambda zero: worst[str(zero.joint)], default=None)
 

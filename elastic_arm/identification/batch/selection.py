@@ -23,13 +23,14 @@ from numpy.typing import NDArray
 
 from elastic_arm.dynamics import build_model
 from elastic_arm.dynamics.double_double import add
-from elastic_arm.effects import EFFECTS, Catalogue, EffectInstance
+from elastic_arm.effects import EFFECTS, EffectInstance
 from elastic_arm.effects.text import parse_laws
 from elastic_arm.errors import IdentificationError
 from elastic_arm.estimation.effect_columns import torque_zeros
 from elastic_arm.identification.accumulator import closes
 from elastic_arm.identification.base_regression import BaseRegression
-from elastic_arm.identification.batch.derivatives import DerivativeStage, Derived, Method
+from elastic_arm.identification.batch.derivatives import DerivativeStage, Derived
+from elastic_arm.identification.batch.settings import IdentificationSettings
 from elastic_arm.identification.law_columns import (
     DEFAULT_SIGN_SPEED,
     SIGN_SPEEDS,
@@ -105,25 +106,17 @@ class Trials:
     ----------
     recordings
         With their samples.
-    robot, model
-        The nominal arm, and mod1, mod2 or mod3.
-    effects
-        Laws that are asked for or stated by the description.
-    derivatives, period
-        See :class:`.derivatives.DerivativeStage`.
-    weighted
-        See :func:`.identify.identify`.
+    robot
+        The nominal arm.
+    settings
+        How it is identified; laws that the description states are among the effects.
     report
         Called with what is being done, and the share that is done.
     """
 
     recordings: Sequence[tuple[Recording, Samples]]
     robot: Robot
-    model: str
-    effects: Sequence[EffectInstance]
-    derivatives: Method
-    period: float | None
-    weighted: bool
+    settings: IdentificationSettings
     report: ProgressCallback
     _known: dict[tuple[object, ...], BatchTrial] = field(default_factory=dict)
 
@@ -133,18 +126,19 @@ class Trials:
         found = []
         for recording, samples in self.recordings:
             self.report(f"motion of {recording.source}", 0.0)
-            found.append(DerivativeStage(samples, self.derivatives, period=self.period))
+            found.append(DerivativeStage(samples, self.settings.derivatives, period=self.settings.period))
         return found
 
     def __call__(self, choice: BatchChoice, *, ends: bool = False) -> BatchTrial:
         """Return the estimator of one choice; with `ends`, those of the recordings' pieces are used too."""
         if not ends and choice.key in self._known:
             return self._known[choice.key]
-        columns = law_columns([*self.effects, *choice.zeros], self.robot, self.model, choice.sign_speed)
-        arm, joints = build_model(self.robot, self.model), self.robot.joint_names
-        identifier = Identifier(arm, columns, joints=joints, weighted=self.weighted, encoder_columns=True)
+        asked_for, model = self.settings.effects, self.settings.model
+        columns = law_columns([*asked_for, *choice.zeros], self.robot, model, choice.sign_speed)
+        arm, joints = build_model(self.robot, model), self.robot.joint_names
+        identifier = Identifier(arm, columns, joints=joints, weighted=self.settings.weighted, encoder_columns=True)
         derived: list[Derived] = []
-        asked = len(law_columns(self.effects, self.robot, self.model))
+        asked = len(law_columns(asked_for, self.robot, model))
         for j, (recording, samples) in enumerate(self.recordings):
             self.report(f"equations of {recording.source}", len(self._known) / (len(self._known) + 1))
             equations = _traced(identifier, samples, asked)
@@ -157,9 +151,9 @@ class Trials:
             self._known[choice.key] = trial
         return trial
 
-    def selected(self, catalogue: Catalogue | None = None) -> BatchChoice:
+    def selected(self) -> BatchChoice:
         """Return what the recordings decide."""
-        possible = self.possible_zeros(catalogue) if self.effects else ()
+        possible = self.possible_zeros if self.settings.effects else ()
         choice = self._speed(self._band(BatchChoice(zeros=possible)))
         return replace(choice, zeros=certain_zeros(self(choice), possible)) if possible else choice
 
@@ -177,15 +171,15 @@ class Trials:
                 f"band of {choice.share * band:.3g} Hz, not the {band:.3g} Hz that the encoders allow: the rigid arm "
                 "that is found so predicts parts of the recordings left out in turn better"
             )
-        if any(is_dry(instance) for instance in self.effects):
-            speeds = sorted(set(np.atleast_1d(choice.sign_speed).tolist()))
-            span = " to ".join(f"{speed:g}" for speed in dict.fromkeys((speeds[0], speeds[-1])))
-            found.append(f"dry friction turns over within {span} rad/s of standstill")
+        if any(is_dry(instance) for instance in self.settings.effects):
+            found.append(f"dry friction turns over within {standstill(choice.sign_speed, self.robot)} of standstill")
         return found
 
-    def possible_zeros(self, catalogue: Catalogue | None = None) -> tuple[EffectInstance, ...]:
-        """Return the zeros of all recorded torques that nobody has asked for."""
-        asked = {(instance.effect.id, instance.joint) for instance in self.effects}
+    @functools.cached_property
+    def possible_zeros(self) -> tuple[EffectInstance, ...]:
+        """The zeros of all recorded torques that nobody has asked for."""
+        catalogue = self.settings.catalogue
+        asked = {(instance.effect.id, instance.joint) for instance in self.settings.effects}
         found: list[EffectInstance] = []
         for channel, law in torque_zeros(catalogue or EFFECTS, self.robot).items():
             have = [samples for _, samples in self.recordings if getattr(samples, channel) is not None]
@@ -196,7 +190,7 @@ class Trials:
 
     def _band(self, choice: BatchChoice) -> BatchChoice:
         """Return the choice with the band that predicts left-out parts best, where the description is rigid."""
-        laws = bool(self.effects)
+        laws = bool(self.settings.effects)
         if self.robot.elastic or not laws or any(stage.by_series for stage in self.stages):
             return choice
         shares = [1.0]
@@ -213,13 +207,22 @@ class Trials:
 
     def _speed(self, choice: BatchChoice) -> BatchChoice:
         """Return the choice with the speed at which each joint's dry friction turns over."""
-        if not any(is_dry(instance) for instance in self.effects):
+        if not any(is_dry(instance) for instance in self.settings.effects):
             return choice
         errors = np.array([_errors_by_block(self(replace(choice, sign_speed=speed))) for speed in SIGN_SPEEDS])
         scale = np.maximum(errors.min(axis=0).sum(axis=0), 1e-300)
         by_joint = (errors / scale).reshape(*errors.shape[:2], -1, self.robot.n).sum(axis=2)
         best = [turning_speed(by_joint[:, :, j]) for j in range(self.robot.n)]
         return replace(choice, sign_speed=best[0] if len(set(best)) == 1 else tuple(best))
+
+
+def standstill(sign_speed: float | Sequence[float], robot: Robot) -> str:
+    """Return in words the speeds, of all joints or (n,), within which dry friction turns over."""
+    by_unit: dict[str, list[float]] = {}
+    for name, speed in zip(robot.joint_names, np.broadcast_to(sign_speed, robot.n).tolist(), strict=True):
+        by_unit.setdefault(robot.units.at(name, "rad/s"), []).append(speed)
+    spans = [(" to ".join(f"{v:g}" for v in dict.fromkeys((min(s), max(s)))), unit) for unit, s in by_unit.items()]
+    return " and ".join(f"{span} {unit}" for span, unit in spans)
 
 
 def turning_speed(errors: Array) -> float:

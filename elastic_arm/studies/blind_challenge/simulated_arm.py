@@ -14,6 +14,7 @@ from elastic_arm.effects import Catalogue
 from elastic_arm.recording import Recording
 from elastic_arm.robot import Robot
 from elastic_arm.sensors import Sensors
+from elastic_arm.simulation import SimulationSettings
 from elastic_arm.simulation.simulator import Simulator
 from elastic_arm.studies.blind_challenge.effect_sampling import instance_of
 from elastic_arm.studies.blind_challenge.hidden_arms.effect_laws import KNOWN, SENSOR_EFFECTS, Fault
@@ -66,10 +67,9 @@ class SimulatedArm:
         """Follow a motion from rest; a user's effects of sensors act on what is returned."""
         t = np.arange(round(motion.duration * RATE) + 1) / RATE
         reference = motion.evaluate(t)
-        simulator = Simulator(
-            self._robot, effects=self._effects, sensors=Sensors.exact(), rate=RATE, q0=reference[0][0],
-            rng=np.random.default_rng(0), duration=motion.duration,
-        )  # fmt: skip
+        settings = SimulationSettings(effects=self._effects, sensors=Sensors.exact(), rate=RATE)
+        rng = np.random.default_rng(0)
+        simulator = Simulator(self._robot, settings, q0=reference[0][0], rng=rng, duration=motion.duration)
         _, read = simulator.follow(*reference)
         channels = {name: values[1:-1] for name, values in read.items()}
         return TrueChannels(t[1:-1], **channels)

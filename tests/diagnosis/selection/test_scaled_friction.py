@@ -10,6 +10,7 @@ from elastic_arm.effects import EFFECTS, parse
 from elastic_arm.excitation import FourierTrajectory
 from elastic_arm.recording import Recording
 from elastic_arm.robot import load_robot
+from elastic_arm.simulation import SimulationSettings
 from elastic_arm.simulation.rollout import simulate
 
 ROBOT = load_robot(None)
@@ -22,7 +23,7 @@ def recording(seed: int, *effects: str) -> Recording:
     a, b = rng.uniform(-0.25, 0.25, (2, 3, 3))
     motion = FourierTrajectory(2 * np.pi / 4.0, a, b, np.array([0.0, 0.4, 0.5]), 12.0, 1.0)
     instances = [parse(text, ROBOT) for text in effects]
-    return simulate(ROBOT, motion, effects=instances, rng=np.random.default_rng(seed), rate=500.0)
+    return simulate(ROBOT, motion, SimulationSettings(effects=instances, rate=500.0), rng=np.random.default_rng(seed))
 
 
 @pytest.mark.parametrize("change", [-0.6, 0.0])
