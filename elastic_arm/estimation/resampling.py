@@ -139,7 +139,11 @@ class Clock:
         k, rate, missing = _numbered(samples.t)
         if samples.clock is not None:
             return Clock(rate, samples.clock, f"clock as demanded: {_MEANING[samples.clock]}", missing)
-        return Clock(rate, *_mode(samples, k, rate), missing)
+        mode, note = _mode(samples, k, rate)
+        if mode == "stamps" and wanders(jitter_of(samples.t, k), rate):
+            # Whatever is missing: points as dense as the samples, and alike in recordings of one source.
+            rate = 1.0 / _bunched(samples.t)
+        return Clock(rate, mode, note, missing)
 
     def place(self, samples: Samples) -> list[Grid]:
         """Return the regular pieces of the samples."""
@@ -303,8 +307,7 @@ def _numbered(t: Array) -> tuple[NDArray[np.int64], float, float]:
     to a regular clock, or if no other way of counting makes them do so; else in the way that keeps to it most closely.
     """
     usual = float(np.median(np.diff(t)))
-    span = min(BUNCH, len(t) - 1)
-    bunched = float(np.median((t[span:] - t[:-span]) / span))
+    bunched = _bunched(t)
     found = []
     for missing, interval in ((MISSING, usual), *((missing, bunched) for missing in MISSING_LATE)):
         k = np.concatenate([[0], np.cumsum(_increments(np.diff(t) / interval, missing))])
@@ -315,6 +318,12 @@ def _numbered(t: Array) -> tuple[NDArray[np.int64], float, float]:
         found.append((wanders(jitter, rate), float(np.std(jitter)), k, rate, missing))
     late = [each for each in found if not each[0]]
     return min(late or found[:1], key=lambda each: each[1])[2:]
+
+
+def _bunched(t: Array) -> float:
+    """Return the mean interval, s, in most stretches of :data:`BUNCH` samples."""
+    span = min(BUNCH, len(t) - 1)
+    return float(np.median((t[span:] - t[:-span]) / span))
 
 
 _MEANING: dict[Mode, str] = {
