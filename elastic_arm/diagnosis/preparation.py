@@ -41,6 +41,7 @@ from elastic_arm.estimation.motion import Motion
 from elastic_arm.estimation.noise_colour import Colour
 from elastic_arm.estimation.observation import Observation, continued, observe
 from elastic_arm.estimation.whitening import WhitenedData
+from elastic_arm.identification.batch.turning import turning_speeds
 from elastic_arm.recording import Recording
 from elastic_arm.recording.inspection.plausibility import smoothed_torques
 
@@ -155,12 +156,9 @@ def prepare(recordings: Sequence[Recording], validate: Sequence[Recording], ques
     selected = [[usable(r.select(names), settings.preprocessing) for r in part] for part in (recordings, validate)]
     alike = with_common_zeros([*selected[0], *selected[1]], question.robot)
     parts = split(alike[: len(recordings)], alike[len(recordings) :], settings.split)
-    observed = [[observe(r) for r in part] for part in parts]
-    if not validate:
-        cuts = [(rest.start_ns - first.start_ns) * 1e-9 for first, rest in zip(*parts, strict=True)]
-        joined = [continued(*each) for each in zip(*observed, cuts, strict=True)]
-        observed = [[first for first, _ in joined], [rest for _, rest in joined]]
+    observed = _observed(parts, held_back=not validate)
     question = _with_motor_inertia(question, observed[0])
+    observed = _turning_over(question, parts[0], observed)
     nominal = build_model(question.robot, question.model)
     layout, band = common_equations([*observed[0], *observed[1]], nominal, settings.preprocessing)
     still = [joint for joint in names if all(joint in standing(r) for r in parts[0])]
@@ -204,11 +202,36 @@ def prepare(recordings: Sequence[Recording], validate: Sequence[Recording], ques
     )
 
 
+def _observed(parts: Sequence[Sequence[Recording]], *, held_back: bool) -> list[list[Observation]]:
+    """Return the motion of both parts; where the second was held back from the first, it continues it."""
+    observed = [[observe(r) for r in part] for part in parts]
+    if not held_back:
+        return observed
+    cuts = [(rest.start_ns - first.start_ns) * 1e-9 for first, rest in zip(*parts, strict=True)]
+    joined = [continued(*each) for each in zip(*observed, cuts, strict=True)]
+    return [[first for first, _ in joined], [rest for _, rest in joined]]
+
+
 def _with_motor_inertia(question: Question, observed: Sequence[Observation]) -> Question:
     """Return the question with motor inertia to be refitted where motor torques were recorded and none is described."""
     motored = all(piece.tau_m is not None for one in observed for piece in one.pieces)
     uncertain = question.refit and not question.commissioned
     return replace(question, robot=question.robot.with_armatures()) if uncertain and motored else question
+
+
+def _turning_over(
+    question: Question, recordings: Sequence[Recording], observed: Sequence[Sequence[Observation]]
+) -> list[list[Observation]]:
+    """Return the observations with the speeds at which dry friction turns over, where the arm is refitted.
+
+    Friction that turns over more gradually than its law is taken for another law, or for a lag of the torque. Arms with
+    elastic joints show it beside their motors' own motion, and torques that were low-passed show their filter: there
+    the velocity's noise decides.
+    """
+    uncertain = question.refit and not question.commissioned and not question.robot.elastic
+    whole = all(o.torque_band == np.inf for part in observed for o in part)
+    speeds = turning_speeds(recordings, question.robot) if uncertain and whole else None
+    return [[replace(o, turning=speeds) for o in part] for part in observed]
 
 
 def _certainty_notes(question: Question) -> list[str]:

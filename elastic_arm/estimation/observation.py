@@ -91,6 +91,8 @@ class Observation:
         Hz, from which on torques were low-passed before they were recorded; infinite where none was.
     gains
         "tau_J", "tau_m" -> (n,), by which torques were divided.
+    turning
+        (n,) rad/s within which dry friction turns over; as sharply as the velocity's noise lets it be seen when None.
     """
 
     pieces: tuple[Motion, ...]
@@ -105,6 +107,7 @@ class Observation:
     colour: Colour | None = None
     torque_band: float = np.inf
     gains: Mapping[str, Array] = field(default_factory=dict)
+    turning: Array | None = None
     _splines: dict[tuple[int, str], list[CubicSpline]] = field(
         default_factory=dict, init=False, repr=False, compare=False
     )

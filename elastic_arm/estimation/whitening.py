@@ -378,7 +378,8 @@ def _standstill(observation: Observation, f: Array, n: int) -> tuple[Array, Arra
     for side in ("link", "motor"):
         density = (2 * np.pi * f[:, None]) ** 2 * observation.position_spectrum(side, f)
         std = np.sqrt(density.sum(axis=0) * (f[1] - f[0]) * 2 / observation.rate)
-        speeds.append(np.maximum(STANDING * std, SLOWEST) * np.ones(n))
+        turning = SLOWEST if observation.turning is None else observation.turning
+        speeds.append(np.maximum(np.maximum(STANDING * std, SLOWEST), turning) * np.ones(n))
     return speeds[0], speeds[1]
 
 
