@@ -61,8 +61,8 @@ def cholesky(gram: Pair) -> Array:
         R[..., i, i:] = hi[..., i, i:] * (real[..., None] / np.sqrt(pivot[0]))
         row = hi[..., i, i + 1 :] * real[..., None], lo[..., i, i + 1 :] * real[..., None]
         share = divide(row, pivot)
-        products = multiply((share[0][..., None], share[1][..., None]), (row[0][..., None, :], row[1][..., None, :]))
-        rest = add((hi[..., i + 1 :, i + 1 :], lo[..., i + 1 :, i + 1 :]), (-products[0], -products[1]))
+        products = multiply((-share[0][..., None], -share[1][..., None]), (row[0][..., None, :], row[1][..., None, :]))
+        rest = add((hi[..., i + 1 :, i + 1 :], lo[..., i + 1 :, i + 1 :]), products)
         hi[..., i + 1 :, i + 1 :], lo[..., i + 1 :, i + 1 :] = rest
     return R
 
