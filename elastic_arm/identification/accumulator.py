@@ -103,6 +103,7 @@ def closes(fit: Fit, blocks: Blocks) -> bool:
     blocks
         Their sums.
     """
-    torque = np.sqrt(np.sum([hi[:, -1, -1] for hi, _ in blocks.grams], axis=0) / max(blocks.samples, 1))
+    square = np.sum([hi[:, -1, -1] for hi, _ in blocks.grams], axis=0) / max(blocks.samples, 1)
+    torque = np.sqrt(np.maximum(square, 0.0))  # next to none, rounding may leave less than nothing
     carries = torque > 0.0
     return not carries.any() or float(np.median(fit.noise[carries] / torque[carries])) < CLOSED

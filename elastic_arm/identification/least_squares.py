@@ -282,10 +282,10 @@ def fit(blocks: Blocks, weighted: bool = True, rounds: int = 4, prior: Prior | N
         )
     r = blocks.total()
     weights = np.ones(blocks.groups)
-    plain = prior is not None and not weighted  # the prior's unit is that of the residuals
     for _ in range(rounds if weighted else 1):
         whole = blocks.corrected(weights, r)
-        Psi, number, undetermined = _solve(_joined(whole, prior, _size(r, whole, blocks) if plain else 1.0))
+        size = 1.0 if weighted or prior is None else _size(r, whole, blocks)
+        Psi, number, undetermined = _solve(_joined(whole, prior, size))
         noise = deviations.residual_std(r, Psi, blocks.samples)
         if weighted:
             weights = 1.0 / noise
@@ -293,7 +293,6 @@ def fit(blocks: Blocks, weighted: bool = True, rounds: int = 4, prior: Prior | N
         whole = blocks.corrected(weights, r)
         Psi, number, undetermined = _solve(_joined(whole, prior, 1.0))
         noise = deviations.residual_std(r, Psi, blocks.samples)
-    size = _size(r, whole, blocks) if plain else 1.0
     known = _joined(whole, prior, size)
     robust, white = _covariances(blocks, (Psi, weights, noise), known, r, prior, size)
     if prior is not None:

@@ -62,6 +62,17 @@ def test_each_zero_has_its_own_reason(arm: Robot) -> None:
     assert zero_notes([], []) == []
 
 
+def test_equations_that_close_to_rounding_decide_nothing(arm: Robot) -> None:
+    """Where the link side is exact, a joint's friction turns over as its motor side has it, without overflow."""
+    exact = record(build_model(arm, "mod3"), np.random.default_rng(5))
+    torque = np.tanh(exact.dtheta / 5e-3) * np.array([10.0, 10.0, 10.0])
+    torque = torque + np.random.default_rng(6).normal(0.0, 0.1, torque.shape)
+    laws = parse_laws(["coulomb_friction"], arm)
+    with np.errstate(over="raise"):
+        found = identify(with_torque(arm, exact, torque), arm, IdentificationSettings(effects=laws, consistent=False))
+    assert any("turns over within 0.005 rad/s" in note for note in found.notes), found.notes
+
+
 def test_speeds_of_joints_that_slide_are_in_metres(arm: Robot) -> None:
     """Speeds within which friction turns over have each joint's unit, and are one span where joints are alike."""
     assert selection.standstill(1e-3, arm) == "0.001 rad/s"

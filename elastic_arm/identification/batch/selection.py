@@ -52,6 +52,8 @@ MOST_LOST = 0.2
 # A zero counts from so many standard deviations: one in 15,000 would be called one by chance. Where a channel has one,
 # its other zeros count from one standard deviation: from there on a parameter lowers the expected error of predictions.
 CERTAIN, LIKELY = 4.0, 1.0
+# Squared errors below this share of their terms' squares are nothing but rounding: exact sensors close an equation so.
+ROUNDING = 1e-12
 # Standard deviation, as a factor, of the speeds within which friction turns over.
 SPREAD = 10.0
 
@@ -279,9 +281,11 @@ def _traced(identifier: Identifier, samples: Samples, asked: int) -> BaseRegress
 
 
 def _errors_by_block(trial: BatchTrial) -> Array:
-    """Return the squared errors (blocks, groups) of the fit."""
+    """Return the squared errors (blocks, groups) of the fit, none below the rounding of its terms."""
     blocks, solution = trial.linear_blocks, np.append(-trial.fit.Psi, 1.0)
-    return np.einsum("i,bgij,j->bg", solution, np.array([hi + lo for hi, lo in blocks.grams]), solution)
+    grams = np.array([hi + lo for hi, lo in blocks.grams])
+    rounding = ROUNDING * np.einsum("i,bgii->bg", solution**2, grams)
+    return np.maximum(np.einsum("i,bgij,j->bg", solution, grams, solution), rounding)
 
 
 def _errors_left_out(trials: Sequence[BatchTrial]) -> Array:
