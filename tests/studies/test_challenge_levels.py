@@ -32,6 +32,7 @@ from elastic_arm.studies.blind_challenge.levels.answers import expected_unknown,
 from elastic_arm.studies.blind_challenge.levels.foreign_sampling import sample_foreign, sized_foreign
 from elastic_arm.studies.blind_challenge.levels.information import MarginalInformation
 from elastic_arm.studies.blind_challenge.levels.level import (
+    FIELD,
     FLOORS,
     FOREIGN_FLOORS,
     LABORATORY_EFFECTS,
@@ -48,6 +49,13 @@ def test_the_laboratory_draws_the_same_effects_whatever_the_catalogue_holds() ->
     assert drawn_effects(tuple(EFFECTS), "laboratory") == LABORATORY_EFFECTS
     assert drawn_effects((*EFFECTS, "of_a_user"), "laboratory") == (*LABORATORY_EFFECTS, "of_a_user")
     assert set(FLOORS) <= KNOWN and not set(FOREIGN) & set(EFFECTS)
+
+
+def test_two_effects_at_once_show_with_the_sensors_of_one_arm() -> None:
+    """Of field arms with one side recorded, both effects of a pair act on that side."""
+    requests = campaign.ChallengeSettings(seed=5, level="field", per_effect=0, clean=0, pairs=100).requests()
+    assert all(FIELD.common_sides(request.effects) for request in requests)
+    assert len({request.effects for request in requests}) > 50
 
 
 @pytest.mark.parametrize("effect", sorted(FOREIGN))

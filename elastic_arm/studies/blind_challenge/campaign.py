@@ -6,7 +6,7 @@ import hashlib
 import json
 import shutil
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import lru_cache
 from pathlib import Path
@@ -46,6 +46,7 @@ MANIFEST = "challenge.json"
 # Folders of answers: of the diagnosis, of the diagnosis without the arm's effect, and of plain least squares with BIC.
 ANSWERS, WITHHELD, BASELINE = "answers", "withheld", "baseline"
 FILES = "effects"  # folder of a challenge that holds copies of the files with effects of the user
+SET_DRAWS = 1000  # of a set of effects, until one kind of sensors shows all of them
 DRAWS = 4  # of an arm that the simulation leaves the finite numbers with
 STATE_OF = ("codegen", "dynamics", "effects", "estimation", "diagnosis")  # packages whose code gives the answers
 REFUSED: dict[str, Any] = {
@@ -101,13 +102,25 @@ class ChallengeSettings:
         for count, times in ((2, self.pairs), (3, self.triples)):
             if times and len(together) < count:
                 raise DiagnosisError(f"{len(together)} effects make no set of {count}", "Name more with --effect")
-            kinds += [tuple(str(e) for e in rng.choice(together, count, replace=False)) for _ in range(times)]
+            kinds += [self._drawn_set(together, count, rng) for _ in range(times)]
         kinds += [(e,) for e in foreign_effects(self.level) for _ in range(self.foreign)]
         durations = (self.seconds, self.validate_seconds)
         return [
             SamplingRequest(f"arm_{k:04d}", kinds[i], (self.seed, int(i)), durations, self.ratio)
             for k, i in enumerate(rng.permutation(len(kinds)))
         ]
+
+    def _drawn_set(self, together: Sequence[str], count: int, rng: np.random.Generator) -> tuple[str, ...]:
+        """Draw effects that the sensors of one arm can show together."""
+        level = level_of(self.level)
+        for _ in range(SET_DRAWS):
+            drawn = tuple(str(e) for e in rng.choice(together, count, replace=False))
+            if level is None or level.common_sides(drawn):
+                return drawn
+        raise DiagnosisError(
+            f"no {count} of these effects show with the same sensors",
+            "Name others with --effect, or take another --level.",
+        )
 
 
 def create(

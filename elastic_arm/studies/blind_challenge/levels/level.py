@@ -125,6 +125,10 @@ class ChallengeLevel:
         floor = FLOORS.get(effect) or FOREIGN_FLOORS[effect]
         return tuple(side for side in self.sides if side in floor.sides)
 
+    def common_sides(self, effects: Sequence[str]) -> tuple[str, ...]:
+        """Return the recorded sides of this level on which all of some effects can show."""
+        return tuple(side for side in self.sides if all(side in self.sides_of(effect) for effect in effects))
+
 
 LABORATORY = "laboratory"
 # Drawn in the laboratory, in this order, so that the same seed draws the same arms whatever the catalogue holds since.

@@ -235,11 +235,8 @@ def _fitting(fault: Fault, sensors: RealisticSensors) -> Fault:
 
 
 def _sides(level: ChallengeLevel, effects: Sequence[str], rng: np.random.Generator) -> str:
-    """Draw what is recorded, of what shows the effects; of two that share no side, the first decides."""
-    shared = set(level.sides)
-    for effect in effects:
-        shared = (shared & set(level.sides_of(effect))) or shared
-    return str(rng.choice(sorted(shared)))
+    """Draw what is recorded, of what shows all the effects; of all there is where nothing does."""
+    return str(rng.choice(sorted(level.common_sides(effects) or level.sides)))
 
 
 def _sensors(level: ChallengeLevel, sides: str, sizes: Array, rng: np.random.Generator) -> RealisticSensors:
