@@ -62,6 +62,8 @@ class RefitSettings:
     approach: float = 0.7  # ratio of what is left of the step from which it leads on; convention
     # Standard deviations up to which a step is none: what is left of the linearisation's error goes with its square.
     settled: float = 0.3
+    # Standard deviations of ordinary priors up to which derivatives are kept: they change by about 2 %; convention.
+    same_derivatives: float = 0.25
     most_discount: float = 50.0  # largest factor by which coloured residuals of the widest band are; convention
     beyond_ordinary: float = 3.0  # standard deviations of a prior; 0.3 % of ordinary arms have more
     few: float = (

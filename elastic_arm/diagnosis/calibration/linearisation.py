@@ -118,6 +118,8 @@ class Expansion:
         By how much each channel was moved back, (n,) s.
     acting
         Known effects as they were fitted: what sensors' gains and temperature scale.
+    derived_at
+        (k,) values of the nuisance parameters at which the derivatives were evaluated.
     """
 
     model: Model
@@ -128,6 +130,7 @@ class Expansion:
     inertial: tuple[list[Array], list[Array]] | None = None
     late: Mapping[str, Array] = field(default_factory=dict)
     acting: tuple[ActingEffect, ...] = ()
+    derived_at: Array | None = None
 
 
 @dataclass(frozen=True)
@@ -205,7 +208,12 @@ def problem_of(
 
 
 def expand(
-    problem: CalibrationProblem, values: Array, near: Expansion | None = None, acting: Sequence[ActingEffect] = ()
+    problem: CalibrationProblem,
+    values: Array,
+    near: Expansion | None = None,
+    acting: Sequence[ActingEffect] = (),
+    *,
+    same_problem: bool = False,
 ) -> Expansion:
     """Evaluate residuals and their derivatives at values of the nuisance parameters.
 
@@ -219,6 +227,9 @@ def expand(
         Another expansion: what depends on the motion alone is taken from it where channels moved by less than a sample.
     acting
         Known effects as they were fitted there: a sensor's gain scales their torques, too, and temperature friction.
+    same_problem
+        Whether the other expansion is of the same problem: its derivatives, too, are then taken from where the values
+        are nearly the same. Residuals are exact in any case.
 
     Raises
     ------
@@ -253,9 +264,23 @@ def expand(
     inertial = None if near is None else near.inertial
     if near is None or inertial is None or not _alike(data, late, near):
         first, second = (inertial_columns(model, one, parameters, problem.directions) for one in data)
-        inertial = (first, second)
-    nuisance = _nuisance(problem, model, data, values, inertial, acting)
-    return Expansion(model, values, seen, data, nuisance, inertial, late, tuple(acting))
+        inertial, near = (first, second), None
+    if near is not None and same_problem and _derivatives_hold(problem, values, acting, near):
+        assert near.nuisance is not None
+        nuisance, derived_at = replace(near.nuisance, centre=-values), near.derived_at
+    else:
+        nuisance, derived_at = _nuisance(problem, model, data, values, inertial, acting), values
+    return Expansion(model, values, seen, data, nuisance, inertial, late, tuple(acting), derived_at)
+
+
+def _derivatives_hold(
+    problem: CalibrationProblem, values: Array, acting: Sequence[ActingEffect], near: Expansion
+) -> bool:
+    """Whether values are so near to those of other derivatives that these hold, with the same effects acting."""
+    if near.derived_at is None or [a.feature.key for a in acting] != [a.feature.key for a in near.acting]:
+        return False
+    moved = [abs(v - w) * p.widened for v, w, p in zip(values, near.derived_at, problem.parameters, strict=True)]
+    return max(moved, default=0.0) < problem.settings.refit.same_derivatives
 
 
 def _alike(data: tuple[WhitenedData, WhitenedData], late: Mapping[str, Array], near: Expansion) -> bool:
