@@ -18,7 +18,7 @@ from elastic_arm.diagnosis.calibration.linearisation import (
     linearise,
 )
 from elastic_arm.diagnosis.calibration.linearisation import problem_of as calibration_problem
-from elastic_arm.diagnosis.calibration.nuisance import NuisanceParameter
+from elastic_arm.diagnosis.calibration.nuisance import NuisanceParameter, drift_curves
 from elastic_arm.diagnosis.calibration.torque_filters import filters_for_lags
 from elastic_arm.diagnosis.data.common_equations import common_equations, has_one_encoder
 from elastic_arm.diagnosis.data.encoder_zeros import with_common_zeros
@@ -329,9 +329,24 @@ def final_fit(prepared: PreparedData, selected: Sequence[Candidate], faulty: Seq
         near = start if not any(w and p.feature is None for w, p in zip(wide, parameters, strict=True)) else None
         start = expand(problem, np.where(wide, start.values / width, start.values), near, start.acting)
     causes = list(selected[len(prepared.given) :])
+    curves = _curves(prepared, selected)
+    if curves:
+        problem = problem.extended(curves)
+        start = expand(problem, np.append(start.values, np.zeros(len(curves))), None, start.acting)
     expansion, noise, causes = calibrate(problem, start, causes, scaled=True)
     found, again = linearise(problem, expansion, (), causes, noise=noise)
     return FinalFit(problem, found, (*found.given, *again))
+
+
+def _curves(prepared: PreparedData, selected: Sequence[Candidate]) -> list[NuisanceParameter]:
+    """Return how the zeros that drift wander beside their mean rates."""
+    rates = zip(selected, prepared.library.coefficients(selected), strict=True)
+    found = [
+        drift_curves(c.feature, float(beta[0]), prepared.settings.refit)
+        for c, beta in rates
+        if isinstance(c.feature.effect, SensorEffect) and c.feature.effect.in_time
+    ]
+    return [curve for curves in found for curve in curves]
 
 
 def is_of(parameter: NuisanceParameter, fault: Feature) -> bool:

@@ -78,6 +78,8 @@ class RefitSettings:
     # rad/s: pairs of widths of the sign function between which dry friction turns over, and a width within which it
     # does so early or late; convention.
     presliding_speeds: tuple[tuple[float, ...], ...] = ((5e-4, 2e-3), (2e-3, 8e-3), (2e-3,))
+    # Half waves over the recording of how a zero that drifts wanders beside its mean rate; convention.
+    drift_curves: tuple[int, ...] = (1, 2, 3)
 
     @property
     def turned_over(self) -> float:

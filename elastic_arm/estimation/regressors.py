@@ -147,6 +147,12 @@ class Signals:
         """
         return replace(self, model_torques={"tau_J": load, "tau_m": drive}, torque_noise=noise)
 
+    def curved(self, k: int) -> Signals:
+        """Return the signals with L sin(k pi t / L), L the length of the recording, in the place of the time t."""
+        share = self.values["progress"] + 0.5
+        # t / share is L, and sin(k pi share) / share finite where both vanish.
+        return replace(self, values={**self.values, "elapsed": self.values["elapsed"] * k * np.pi * np.sinc(k * share)})
+
     def with_friction(self, link: Array, motor: Array) -> Signals:
         """Return the signals with what friction effects of both sides resist with, (N, n) Nm."""
         return replace(self, values={**self.values, "friction_link": link, "friction_motor": motor})

@@ -8,13 +8,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from elastic_arm.diagnosis.calibration.channels import gains
 from elastic_arm.diagnosis.calibration.linearisation import (
     CalibrationProblem,
     Expansion,
     expand,
     linearise,
 )
-from elastic_arm.diagnosis.calibration.nuisance import PRESLIDING, gains
 from elastic_arm.diagnosis.result import Imperfection
 from elastic_arm.diagnosis.selection.regressor_library import Candidate, RegressorLibrary
 from elastic_arm.diagnosis.selection.stepwise import misfit
@@ -253,5 +253,5 @@ def imperfections(problem: CalibrationProblem, deviations: Array, stds: Array) -
             p.is_ordinary(float(deviation), float(std), problem.settings.refit),
         )
         for p, deviation, std in zip(problem.parameters, deviations, stds, strict=True)
-        if not p.what.startswith(PRESLIDING)
+        if p.is_number
     )

@@ -17,7 +17,7 @@ from elastic_arm.diagnosis.calibration.nuisance import NuisanceParameter, calibr
 from elastic_arm.diagnosis.selection.library_building import scaling
 from elastic_arm.dynamics import Model, build_model
 from elastic_arm.effects.equations import ArmEquations
-from elastic_arm.estimation.effect_columns import ActingEffect
+from elastic_arm.estimation.effect_columns import ActingEffect, Feature
 from elastic_arm.estimation.motion import CompletedMotion, drive_constants
 from elastic_arm.estimation.noise import wiener_filtered
 from elastic_arm.estimation.residuals import predicted_torques
@@ -62,13 +62,19 @@ def nuisance_columns(
         if parameter.feature is not None:
             # A wrong zero of an encoder is wound by the stiffness where it is now.
             feature = scaling(parameter.feature.at(equations), acting)
-            for out, columns in zip(result, data.plain(feature), strict=True):
+            shown = data.plain(feature) if not parameter.curve else _curved(data, feature, parameter.curve)
+            for out, columns in zip(result, shown, strict=True):
                 out[:, :, k] = columns[:, :, 0] * parameter.prior_std
     others = [k for k, p in enumerate(parameters) if p.feature is None and not p.is_inertial]
     for out, part in zip(result, data.parts, strict=True):
         full = _drive_columns(model, nominal, part, [parameters[k] for k in others])
         out[:, :, others] = data.in_band(part, full)
     return data.weighted(result)
+
+
+def _curved(data: WhitenedData, feature: Feature, k: int) -> list[Array]:
+    """Return the columns (N', R, 1) of each stretch of k half waves in the place of the time since the begin."""
+    return [data.in_band(part, feature.columns(part.signals.curved(k)) / part.gain(feature)) for part in data.parts]
 
 
 def inertial_columns(

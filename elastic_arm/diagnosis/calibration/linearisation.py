@@ -14,6 +14,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from elastic_arm.diagnosis.calibration.channels import gains, lags
 from elastic_arm.diagnosis.calibration.columns import (
     calibrated_parameters,
     directions_of,
@@ -22,8 +23,6 @@ from elastic_arm.diagnosis.calibration.columns import (
 )
 from elastic_arm.diagnosis.calibration.nuisance import (
     NuisanceParameter,
-    gains,
-    lags,
     motor_inertia_scales,
     nearest_robot,
     nuisance_parameters,
@@ -89,6 +88,11 @@ class CalibrationProblem:
         """The features of the known effects, on the arm as it is described."""
         equations = ArmEquations(self.robot, self.model)
         return tuple(feature_of(instance, equations) for instance in self.known)
+
+    def extended(self, parameters: Sequence[NuisanceParameter]) -> CalibrationProblem:
+        """Return the problem with further nuisance parameters, none of which is a number of the arm."""
+        directions = np.pad(self.directions, ((0, 0), (0, len(parameters))))
+        return replace(self, parameters=(*self.parameters, *parameters), directions=directions)
 
     @property
     def scales_friction(self) -> bool:

@@ -53,6 +53,9 @@ class NuisanceParameter:
     speeds
         Of presliding alone: widths, rad/s, of the two sign functions between which friction turns over, or the width
         within which it does so early or late.
+    curve
+        Half waves k of what a sensor's error in proportion to time does beside, L sin(k pi t / L) instead of t; 0 for
+        the error itself.
     widened
         How much wider than of an ordinary sensor the prior is: of one that was found to be faulty.
     """
@@ -66,12 +69,18 @@ class NuisanceParameter:
     error: Feature | None = None
     limit: float = np.inf
     speeds: tuple[float, ...] | None = None
+    curve: int = 0
     widened: float = 1.0
 
     @property
     def cause(self) -> Feature | None:
-        """The effect under which it is reported where it is beyond ordinary."""
-        return self.feature or self.error
+        """The effect under which it is reported where it is beyond ordinary; None of what is no number by itself."""
+        return None if self.curve else self.feature or self.error
+
+    @property
+    def is_number(self) -> bool:
+        """Whether it is a number of the arm or of a sensor, and not a detail of how a law is met."""
+        return not (self.curve or self.what.startswith(PRESLIDING))
 
     @property
     def ordinary_std(self) -> float:
@@ -225,6 +234,25 @@ def nuisance_parameters(
     return tuple(found)
 
 
+def drift_curves(feature: Feature, mean_rate: float, settings: RefitSettings) -> list[NuisanceParameter]:
+    """Return how a zero that drifts wanders beside its mean rate: as a random walk that ends where it does.
+
+    Parameters
+    ----------
+    feature
+        The drift.
+    mean_rate
+        Nm/s.
+    settings
+        How many half waves.
+    """
+    unit, size = feature.unit(feature.linear[0]), abs(mean_rate) * np.sqrt(2.0) / np.pi
+    return [
+        NuisanceParameter("drift_curve", str(feature.joint), unit, float(size / k), 0.0, feature, curve=k)
+        for k in settings.drift_curves
+    ]
+
+
 def motor_inertia_scales(pieces: Sequence[Motion]) -> Array | None:
     """Return the motor inertias (n,) kg m^2 that alone would need all the motor torque; None where none was recorded.
 
@@ -338,45 +366,3 @@ def _changed_link(link: Inertia, deviation: dict[str, float]) -> Inertia:
 
 def _scaled(part: Component, ratio: float) -> Component:
     return replace(part, ixx=part.ixx * ratio, izz=part.izz * ratio)
-
-
-def lags(parameters: Sequence[NuisanceParameter], values: Array, joints: Sequence[str]) -> dict[str, Array]:
-    """Return by how much each channel is late, (n,) s by channel, at these values of the nuisance parameters.
-
-    Parameters
-    ----------
-    parameters
-        The nuisance parameters.
-    values
-        (k,) in units of the priors' standard deviations.
-    joints
-        Names, in order.
-    """
-    return _by_channel([p.is_lag for p in parameters], parameters, values, joints)
-
-
-def gains(parameters: Sequence[NuisanceParameter], values: Array, joints: Sequence[str]) -> dict[str, Array]:
-    """Return the gains of torque channels, (n,) by channel, at these values of the nuisance parameters.
-
-    Parameters
-    ----------
-    parameters
-        The nuisance parameters.
-    values
-        (k,) in units of the priors' standard deviations.
-    joints
-        Names, in order.
-    """
-    return _by_channel([p.is_gain for p in parameters], parameters, values, joints)
-
-
-def _by_channel(
-    chosen: Sequence[bool], parameters: Sequence[NuisanceParameter], values: Array, joints: Sequence[str]
-) -> dict[str, Array]:
-    """Return values of the chosen parameters, (n,) by channel in their units; as described where a joint has none."""
-    found: dict[str, Array] = {}
-    for one, parameter, value in zip(chosen, parameters, values, strict=True):
-        if one and (channel := parameter.channel) is not None:
-            of_joints = found.setdefault(channel, np.full(len(joints), parameter.neutral))
-            of_joints[joints.index(parameter.joint)] = parameter.neutral + value * parameter.prior_std
-    return found
