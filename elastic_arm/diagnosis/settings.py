@@ -64,6 +64,7 @@ class RefitSettings:
     settled: float = 0.3
     # Standard deviations of ordinary priors up to which derivatives are kept: they change by about 2 %; convention.
     same_derivatives: float = 0.25
+    same_torques: float = 0.02  # relative change of a known effect up to which they are kept, too; the same 2 %
     most_discount: float = 50.0  # largest factor by which coloured residuals of the widest band are; convention
     beyond_ordinary: float = 3.0  # standard deviations of a prior; 0.3 % of ordinary arms have more
     few: float = (

@@ -169,7 +169,9 @@ def _nearer(problem: CalibrationProblem, best: _FittedExpansion, *, scaled: bool
         values = np.clip(np.where(moves, start + share * best.step, 0.0), -limits, limits)
         step = (values - start) / _changes_of_gain(problem, start, values)
         values = np.clip(start + step, -limits, limits)
-        expansion = expand(problem, values, best.expansion, best.acting, same_problem=True)
+        # Where much is unexplained, many combinations of numbers are next to null directions: there each step counts.
+        fits = best.misfit <= problem.settings.search.bent
+        expansion = expand(problem, values, best.expansion, best.acting, same_problem=fits)
         found = _fitted(problem, expansion, best.moved(share), scaled=scaled)
         if found.misfit < settings.worse * best.misfit or found.is_on_the_way_from(best, settings):
             return found

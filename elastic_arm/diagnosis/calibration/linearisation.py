@@ -123,7 +123,7 @@ class Expansion:
     acting
         Known effects as they were fitted: what sensors' gains and temperature scale.
     derived_at
-        (k,) values of the nuisance parameters at which the derivatives were evaluated.
+        Values of the nuisance parameters (k,) and known effects with which the derivatives were evaluated.
     """
 
     model: Model
@@ -134,7 +134,7 @@ class Expansion:
     inertial: tuple[list[Array], list[Array]] | None = None
     late: Mapping[str, Array] = field(default_factory=dict)
     acting: tuple[ActingEffect, ...] = ()
-    derived_at: Array | None = None
+    derived_at: tuple[Array, tuple[ActingEffect, ...]] | None = None
 
 
 @dataclass(frozen=True)
@@ -273,18 +273,25 @@ def expand(
         assert near.nuisance is not None
         nuisance, derived_at = replace(near.nuisance, centre=-values), near.derived_at
     else:
-        nuisance, derived_at = _nuisance(problem, model, data, values, inertial, acting), values
+        nuisance, derived_at = _nuisance(problem, model, data, values, inertial, acting), (values, tuple(acting))
     return Expansion(model, values, seen, data, nuisance, inertial, late, tuple(acting), derived_at)
 
 
 def _derivatives_hold(
     problem: CalibrationProblem, values: Array, acting: Sequence[ActingEffect], near: Expansion
 ) -> bool:
-    """Whether values are so near to those of other derivatives that these hold, with the same effects acting."""
-    if near.derived_at is None or [a.feature.key for a in acting] != [a.feature.key for a in near.acting]:
+    """Whether values and known effects are so near to those of other derivatives that these hold."""
+    settings = problem.settings.refit
+    if near.derived_at is None or len(acting) != len(near.derived_at[1]):
         return False
-    moved = [abs(v - w) * p.widened for v, w, p in zip(values, near.derived_at, problem.parameters, strict=True)]
-    return max(moved, default=0.0) < problem.settings.refit.same_derivatives
+    before, others = near.derived_at
+    moved = [abs(v - w) * p.widened for v, w, p in zip(values, before, problem.parameters, strict=True)]
+    return max(moved, default=0.0) < settings.same_derivatives and all(
+        one.feature.key == other.feature.key
+        and np.linalg.norm(one.coefficients - other.coefficients)
+        <= settings.same_torques * np.linalg.norm(other.coefficients)
+        for one, other in zip(acting, others, strict=True)
+    )
 
 
 def _alike(data: tuple[WhitenedData, WhitenedData], late: Mapping[str, Array], near: Expansion) -> bool:

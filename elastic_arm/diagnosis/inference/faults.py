@@ -17,6 +17,7 @@ from elastic_arm.diagnosis.preparation import PreparedData
 from elastic_arm.diagnosis.selection.candidates import feature_of
 from elastic_arm.diagnosis.selection.plausible_size import typical_torques
 from elastic_arm.diagnosis.selection.regressor_library import Candidate
+from elastic_arm.diagnosis.selection.stepwise import misfit
 from elastic_arm.effects.model import EffectInstance, Scope
 from elastic_arm.estimation.effect_columns import Feature
 
@@ -85,17 +86,21 @@ def faults_beside(prepared: PreparedData, selected: Sequence[Candidate]) -> tupl
         return ()
     values, stds = posterior(library, selected, prepared.settings)
     settings, found = prepared.settings.refit, []
+    # What is unexplained bends nuisance parameters: then their priors hold them, and nothing else.
+    fits = misfit(library, selected) <= prepared.settings.search.bent
     for k, (p, value, std) in enumerate(zip(parameters, prepared.found.values + values, stds, strict=True)):
         if p.cause is None:
             continue
-        alone, uncertain = p.without_prior(float(value * p.prior_std), float(std * p.prior_std))
+        own, own_std = float(value * p.prior_std), float(std * p.prior_std)
+        alone, uncertain = p.without_prior(own, own_std) if fits else (own, own_std)
         if abs(alone) < 2.0 * settings.certain * uncertain:
             continue
         # In the torques as they were recorded, before they were divided by the gains found.
         parts = zip(library.nuisance.validation, prepared.validation.parts, strict=True)
         columns = [N[:, :, k] * (alone / p.prior_std * part.gain(p.cause)) for N, part in parts]
         fault = LargeImperfection(p.cause, alone, uncertain, columns)
-        extraordinary = p.is_beyond(alone, uncertain, settings) and not _is_usual(prepared, fault)
+        beyond = p.is_beyond(alone, uncertain, settings) if fits else not p.is_ordinary(own, own_std, settings)
+        extraordinary = beyond and not _is_usual(prepared, fault)
         # A channel ahead of the others is no effect: it remains an imperfection.
         if fault.is_possible and (extraordinary or _matters(prepared, fault)):
             found.append(fault)
