@@ -58,7 +58,7 @@ class RankedCause:
 def listed_causes(
     prepared: PreparedData, judgement: Judgement, estimated: EstimatedHypothesis, laws: BetterLaws
 ) -> list[RankedCause]:
-    """Return all causes, main ones first, without those that a law of no catalogue makes hardly likely.
+    """Return all causes, main ones first, without those that are nothing like the law in their place.
 
     Parameters
     ----------
@@ -73,7 +73,8 @@ def listed_causes(
     """
     ranked = ranked_causes(prepared, estimated, judgement)
     ranked = [r.against(laws) for r in (*ranked, *fault_causes(prepared, judgement, estimated, laws))]
-    ranked = [r for r in ranked if r.cause.confidence >= prepared.settings.judgement.least_listed]
+    least = prepared.settings.judgement.least_listed
+    ranked = [r for r in ranked if r.cause.confidence >= least or r.candidate.feature.key in laws.approximated]
     return sorted(ranked, key=lambda r: -r.cause.shrink)
 
 

@@ -29,12 +29,15 @@ class BetterLaws:
         The one that explains most beside all causes; None where none is there beyond doubt.
     instead
         By key of the cause in whose place it explains more.
+    approximated
+        Keys of those causes that take at least half of what the law in their place takes.
     filters
         Low passes that could stand in the place of delays, by key of the delay.
     """
 
     beside: LawFit | None = None
     instead: Mapping[Key, LawFit] = field(default_factory=dict)
+    approximated: frozenset[Key] = frozenset()
     filters: Mapping[Key, Rival] = field(default_factory=dict)
 
     @property
@@ -59,15 +62,18 @@ def better_laws(prepared: PreparedData, estimated: EstimatedHypothesis) -> Bette
     filters = filters_for_delays(prepared, comparison, library.sets, estimated.faults)
     beside = comparison.beside(range(prepared.model.n))
     instead: dict[Key, LawFit] = {}
+    approximated: set[Key] = set()
     if beside.gain <= detected:
         return BetterLaws(filters=filters)
     for feature in (estimated.hypothesis.selected[k].feature for k in estimated.hypothesis.causes):
-        found = comparison.instead_of(feature.key, _joints(prepared, feature))
-        if found.gain > max(detected, share * comparison.worth(feature.key)):
+        found, worth = comparison.instead_of(feature.key, _joints(prepared, feature)), comparison.worth(feature.key)
+        if found.gain > max(detected, share * worth):
             instead[feature.key] = found
+            if worth > found.gain:
+                approximated.add(feature.key)
     if final is not None:
         instead.update(_instead_of_faults(prepared, comparison, estimated.faults, final))
-    return BetterLaws(beside, instead, filters)
+    return BetterLaws(beside, instead, frozenset(approximated), filters)
 
 
 def _instead_of_faults(
