@@ -352,15 +352,9 @@ def _curves(prepared: PreparedData, selected: Sequence[Candidate]) -> list[Nuisa
 def is_of(parameter: NuisanceParameter, fault: Feature) -> bool:
     """Whether a nuisance parameter is a fault, on its joint or on all of them."""
     own = parameter.cause
-    return (
-        own is not None
-        and fault.joint in (None, own.joint)
-        and (own.key[0], own.key[2])
-        == (
-            fault.key[0],
-            fault.key[2],
-        )
-    )
+    if own is None or fault.joint not in (None, own.joint):
+        return False
+    return (own.key[0], own.key[2]) == (fault.key[0], fault.key[2])
 
 
 def _calibrated_effects(question: Question) -> tuple[Effect, ...]:
