@@ -162,6 +162,8 @@ def _values(
     motion: CompletedMotion, standstill: tuple[Array, Array], rates: Sequence[Array], *, elastic: bool
 ) -> dict[str, Array]:
     begin, end = motion.span or (motion.t[0], motion.t[-1])
+    # A single sample is the begin of its recording.
+    length = end - begin if end > begin else 1.0
     values = {
         "x": motion.coordinates("", elastic=elastic),
         "dx": motion.coordinates("d", elastic=elastic),
@@ -172,7 +174,7 @@ def _values(
         "dtau_m": rates[1],
         "sign_link": np.tanh(motion.dq / standstill[0]),
         "sign_motor": np.tanh(motion.dtheta / standstill[1]),
-        "progress": ((motion.t - begin) / (end - begin) - 0.5)[:, None],
+        "progress": ((motion.t - begin) / length - 0.5)[:, None],
         "elapsed": (motion.t - begin)[:, None],
     }
     return {name: np.ascontiguousarray(v) for name, v in values.items()}

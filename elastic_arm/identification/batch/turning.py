@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from elastic_arm.effects.library.friction import PLAIN
 from elastic_arm.effects.text import parse_laws
 from elastic_arm.errors import IdentificationError
 from elastic_arm.identification.batch.selection import Trials
@@ -33,7 +34,7 @@ def turning_speeds(recordings: Sequence[Recording], robot: Robot) -> Array | Non
     chosen = [without_outliers(recording.select(robot.joint_names)) for recording in recordings]
     recorded = [(recording, recording.samples()) for recording in chosen]
     side = "" if all(samples.tau_m is not None for _, samples in recorded) else ":side=link"
-    laws = parse_laws([f"viscous_friction{side}", f"coulomb_friction{side}"], robot)
+    laws = parse_laws([f"{law}{side}" for law in PLAIN], robot)
     settings = IdentificationSettings(model="mod1", effects=laws, derivatives="smoother")
     trials = Trials(recorded, robot, settings, report=lambda what, share: None)
     try:
