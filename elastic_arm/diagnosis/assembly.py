@@ -54,7 +54,7 @@ def assemble(
     shrink, interval = measure.share(hypothesis.selected)
     stands_out = measure.stands_out(hypothesis.selected)
     # Known effects alone are linear: what they leave is what they left before they were polished.
-    judged = hypothesis.selected if hypothesis.causes else judgement.hypothesis.selected
+    judged = hypothesis.selected if estimated.hypothesis.causes else judgement.hypothesis.selected
     traces = [] if stands_out else judgement.test(judged)
     residuals = library.validation_residuals(hypothesis.selected)
     by_place = _by_place(prepared, judgement, hypothesis.baseline, residuals)

@@ -70,6 +70,9 @@ class RefitSettings:
     few: float = (
         0.2  # share of an arm's numbers at that limit from which its description was not commissioned; convention
     )
+    # Share of a nuisance parameter's information that has to come from the recording for it to be judged without its
+    # prior: of less, the linearisation's own error is the larger part; convention.
+    least_known: float = 0.01
     certain: float = 3.0  # standard deviations by which a sensor is beyond ordinary, and differs from nothing
     fault_width: float = 30.0  # of a faulty sensor's prior over an ordinary one's: hardly any prior; convention
     alike: float = 0.1  # relative difference of joints up to which a sensor's fault is common to all; convention

@@ -314,6 +314,23 @@ def test_rounded_information_is_the_exact_sum_of_a_matrix_that_close(states: tup
             assert abs(float(error)) <= 2.0**-95 * norm
 
 
+@pytest.mark.parametrize("largest", [1.0 - 2.0**-53, 1.0 - 2.0**-52, 1.0, -1.0 + 2.0**-53])
+def test_a_column_whose_largest_is_next_to_a_power_of_two_is_summed(
+    largest: float, states: tuple[np.ndarray, ...]
+) -> None:
+    """It is rounded up to that power, as a torque that saturates may be, and keeps its sign."""
+    model = build_model(load_robot(), engine="c")
+    x, dx, ddx = (v[:192] for v in states)
+    y = np.random.default_rng(3).uniform(-0.9, 0.9, size=(192, 6))
+    y[7, 2] = largest
+    total = model.accumulator(rounded=True)
+    total.add(x, dx, ddx, y=y)
+    assert total.grams()[0][2, -1, -1] == pytest.approx(y[:, 2] @ y[:, 2], rel=1e-14)
+    entries = model.accumulator(rounded=False)
+    entries.add(x, dx, ddx, y=y)
+    assert np.allclose(total.grams()[0][2, -1], entries.grams()[0][2, -1], rtol=1e-12, atol=1e-12)
+
+
 @pytest.mark.parametrize("rounded", [False, True])
 def test_a_sum_over_samples_of_all_sizes_is_that_of_its_parts(rounded: bool, states: tuple[np.ndarray, ...]) -> None:
     """Columns that grow beyond their range on the way, and more samples than integers hold at a time, are no matter."""

@@ -60,6 +60,7 @@ static inline double power_of_two(long exponent) {
   return x;
 }
 
+/* Of the largest once it is rounded: the last two numbers below a power of two are rounded up to it. */
 static inline long largest_exponent(const v8 *x) {
   const __m512i magnitude = _mm512_set1_epi64(0x7fffffffffffffffLL);
   __m512i even = _mm512_setzero_si512(), odd = even;
@@ -67,7 +68,8 @@ static inline long largest_exponent(const v8 *x) {
     even = _mm512_max_epi64(even, _mm512_and_si512((__m512i)x[t], magnitude));
     odd = _mm512_max_epi64(odd, _mm512_and_si512((__m512i)x[t + 1], magnitude));
   }
-  const long most = _mm512_reduce_max_epi64(_mm512_max_epi64(even, odd)) >> BITS;
+  const long largest = _mm512_reduce_max_epi64(_mm512_max_epi64(even, odd));
+  const long most = largest >> BITS < NOT_FINITE ? (largest + 2) >> BITS : NOT_FINITE;
   return most > LEAST_EXPONENT ? most : LEAST_EXPONENT;
 }
 

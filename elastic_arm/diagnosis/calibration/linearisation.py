@@ -288,6 +288,7 @@ def _derivatives_hold(
     moved = [abs(v - w) * p.widened for v, w, p in zip(values, before, problem.parameters, strict=True)]
     return max(moved, default=0.0) < settings.same_derivatives and all(
         one.feature.key == other.feature.key
+        and np.allclose(one.searched, other.searched, rtol=settings.same_torques, atol=0.0)
         and np.linalg.norm(one.coefficients - other.coefficients)
         <= settings.same_torques * np.linalg.norm(other.coefficients)
         for one, other in zip(acting, others, strict=True)

@@ -92,14 +92,15 @@ def faults_beside(prepared: PreparedData, selected: Sequence[Candidate]) -> tupl
         if p.cause is None:
             continue
         own, own_std = float(value * p.prior_std), float(std * p.prior_std)
-        alone, uncertain = p.without_prior(own, own_std) if fits else (own, own_std)
+        known = fits and 1.0 - std**2 >= settings.least_known
+        alone, uncertain = p.without_prior(own, own_std) if known else (own, own_std)
         if abs(alone) < 2.0 * settings.certain * uncertain:
             continue
         # In the torques as they were recorded, before they were divided by the gains found.
         parts = zip(library.nuisance.validation, prepared.validation.parts, strict=True)
         columns = [N[:, :, k] * (alone / p.prior_std * part.gain(p.cause)) for N, part in parts]
         fault = LargeImperfection(p.cause, alone, uncertain, columns)
-        beyond = p.is_beyond(alone, uncertain, settings) if fits else not p.is_ordinary(own, own_std, settings)
+        beyond = p.is_beyond(alone, uncertain, settings) if known else not p.is_ordinary(own, own_std, settings)
         extraordinary = beyond and not _is_usual(prepared, fault)
         # A channel ahead of the others is no effect: it remains an imperfection.
         if fault.is_possible and (extraordinary or _matters(prepared, fault)):
