@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from elastic_arm.effects import EFFECTS
+from elastic_arm.effects import EFFECTS, Catalogue
 from elastic_arm.errors import SimulationError
 from elastic_arm.recording import read_recording
 from elastic_arm.robot import load_robot
 from elastic_arm.studies.blind_challenge import campaign
-from elastic_arm.studies.blind_challenge.arm_sampling import SamplingRequest
+from elastic_arm.studies.blind_challenge.arm_sampling import SamplingRequest, shares
 from elastic_arm.studies.blind_challenge.command import challenge_app
 from elastic_arm.studies.blind_challenge.hidden_arms.base_arms import as_urdf, imprecise, industrial_arm
 from elastic_arm.studies.blind_challenge.hidden_arms.effect_laws import KNOWN, Fault
@@ -49,6 +49,18 @@ def test_the_laboratory_draws_the_same_effects_whatever_the_catalogue_holds() ->
     assert drawn_effects(tuple(EFFECTS), "laboratory") == LABORATORY_EFFECTS
     assert drawn_effects((*EFFECTS, "of_a_user"), "laboratory") == (*LABORATORY_EFFECTS, "of_a_user")
     assert set(FLOORS) <= KNOWN and not set(FOREIGN) & set(EFFECTS)
+
+
+def test_effects_that_are_stated_alone_are_not_drawn() -> None:
+    """What no diagnosis looks for is no hidden effect: the whole catalogue draws what that of the library draws."""
+    settings = campaign.ChallengeSettings(seed=23, per_effect=1, clean=4, pairs=4)
+    assert settings.requests(Catalogue.default()) == settings.requests(EFFECTS)
+
+
+@pytest.mark.parametrize("amounts", [[0.0], [0.0, 0.0]])
+def test_what_does_not_show_has_equal_shares(amounts: list[float]) -> None:
+    """Effects of no catalogue have no bound, and a share that is not a number would be in the truth."""
+    assert shares(amounts) == pytest.approx(np.full(len(amounts), 1.0 / len(amounts)))
 
 
 def test_two_effects_at_once_show_with_the_sensors_of_one_arm() -> None:

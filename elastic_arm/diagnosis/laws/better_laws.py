@@ -79,16 +79,18 @@ def better_laws(prepared: PreparedData, estimated: EstimatedHypothesis) -> Bette
 def _instead_of_faults(
     prepared: PreparedData, comparison: LawComparison, faults: Sequence[LargeImperfection], final: FinalEstimates
 ) -> dict[Key, LawFit]:
-    """Return the general laws that refute faults, by key of the fault."""
-    found = {}
+    """Return the general laws that refute faults, by key of the fault: beside which it is ordinary."""
+    found, detected = {}, prepared.settings.significance.detected
     for fault in faults:
         joints = _joints(prepared, fault.feature)
         together = [other.feature for other in faults if set(_joints(prepared, other.feature)) & set(joints)]
         wider = final.wider(together)
-        law = comparison.instead_of_numbers(wider, joints)
-        there = law.gain > prepared.settings.significance.detected
-        if there and final.is_within_prior(fault, *comparison.numbers_beside(law, wider)):
-            found[fault.feature.key] = law
+        for law in comparison.instead_of_numbers(wider, joints):
+            if law.gain <= detected:
+                break
+            if final.is_within_prior(fault, *comparison.numbers_beside(law, wider)):
+                found[fault.feature.key] = law
+                break
     return found
 
 

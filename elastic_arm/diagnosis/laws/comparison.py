@@ -115,8 +115,8 @@ class LawComparison:
         """Return by how many nats a cause raises the likelihood of all data beside the others."""
         return self._whole.log_likelihood - self._beside(key).log_likelihood
 
-    def instead_of_numbers(self, wider: Mapping[int, float], joints: Sequence[int]) -> LawFit:
-        """Return the general law that explains most where nuisance parameters have the priors of ordinary ones.
+    def instead_of_numbers(self, wider: Mapping[int, float], joints: Sequence[int]) -> list[LawFit]:
+        """Return the general laws where nuisance parameters have the priors of ordinary ones, the best one first.
 
         Parameters
         ----------
@@ -125,7 +125,7 @@ class LawComparison:
         joints
             To which they belong.
         """
-        return self._best(self._base(self._selected, wider), joints)
+        return self._ranked(self._base(self._selected, wider), joints)
 
     def numbers_beside(self, fit: LawFit, wider: Mapping[int, float]) -> tuple[Array, Array]:
         """Return posterior means and standard deviations (k,) of the nuisance parameters beside a general law.
@@ -218,13 +218,17 @@ class LawComparison:
         return np.vstack([columns, np.zeros((len(self._nuisance), columns.shape[1]))])
 
     def _best(self, base: _Base, joints: Sequence[int]) -> LawFit:
-        tried = [(joint, k) for joint in joints for k in range(len(self._laws(joint)))]
-        fits = [self._fit(base, *which) for which in tried]
-        best = int(np.argmax([gain for gain, *_ in fits]))
-        (joint, k), (gain, size, coefficients) = tried[best], fits[best]
-        law = self._laws(joint)[k]
-        over = gain + base.log_likelihood - self._whole.log_likelihood - float(np.log(len(tried)))
-        return LawFit(law, over, size, [part @ coefficients for part in law.plain(self._library.sets[1])])
+        return self._ranked(base, joints)[0]
+
+    def _ranked(self, base: _Base, joints: Sequence[int]) -> list[LawFit]:
+        """Return the general laws of some joints beside a base, the one that explains most first."""
+        tried = [(law, self._fit(base, joint, k)) for joint in joints for k, law in enumerate(self._laws(joint))]
+        price = float(np.log(len(tried)))
+        found = []
+        for law, (gain, size, coefficients) in tried:
+            over = gain + base.log_likelihood - self._whole.log_likelihood - price
+            found.append(LawFit(law, over, size, [part @ coefficients for part in law.plain(self._library.sets[1])]))
+        return sorted(found, key=lambda fit: -fit.gain)
 
     def _laws(self, joint: int) -> list[GeneralLaw]:
         if joint not in self._all_laws:

@@ -130,7 +130,6 @@ def sample_arm(
     amounts, signals = _balanced(drafts, [max(w, request.ratio[0]) for w in wanted], detectability)
     sizes = [*(f.parameters["torque"] for f in friction), *amounts]
     signals = [*found, *signals]
-    excess = np.array([s.excess for s in signals])
     item = ArmSpecification(
         request.name,
         model,
@@ -138,7 +137,7 @@ def sample_arm(
         instruments,
         tuple(s.distance for s in signals),
         tuple(a / s.distance for a, s in zip(sizes, signals, strict=True)),
-        tuple((excess / excess.sum()).tolist()),
+        shares([s.excess for s in signals]),
     )
     return item, (fitted, judging)
 
@@ -161,14 +160,18 @@ def _balanced(
 ) -> tuple[list[float], list[EffectSignal]]:
     """Size effects; of several, enlarge those that would be lost in the gap that the others make."""
     found = [sized(draft, w, detectability) for draft, w in zip(drafts, wanted, strict=True)]
-    total = sum(signal.excess for _, signal in found)
-    for k, (_, signal) in enumerate(found):
-        share = signal.excess / total
+    for k, share in enumerate(shares([signal.excess for _, signal in found])):
         if share < LEAST_SHARE:
-            found[k] = sized(
-                drafts[k], signal.distance * float(np.sqrt(LEAST_SHARE / max(share, 1e-12))), detectability
-            )
+            _, signal = found[k]
+            larger = signal.distance * float(np.sqrt(LEAST_SHARE / max(share, 1e-12)))
+            found[k] = sized(drafts[k], larger, detectability)
     return [amount for amount, _ in found], [signal for _, signal in found]
+
+
+def shares(amounts: Sequence[float]) -> tuple[float, ...]:
+    """Return the share of each of a sum; equal ones where nothing shows of any."""
+    total = sum(amounts)
+    return tuple(amount / total if total else 1.0 / len(amounts) for amount in amounts)
 
 
 def sample_sensors(rng: np.random.Generator) -> SensorModel:

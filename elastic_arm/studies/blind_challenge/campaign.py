@@ -95,7 +95,8 @@ class ChallengeSettings:
 
     def requests(self, catalogue: Catalogue = EFFECTS) -> list[SamplingRequest]:
         """Return what is to be drawn of a catalogue, in a random order."""
-        alone = self.effects or drawn_effects(tuple(catalogue), self.level)
+        searched = tuple(effect for effect in catalogue if catalogue[effect].searched)
+        alone = self.effects or drawn_effects(searched, self.level)
         together = [e for e in alone if combines(catalogue[e])]
         rng = np.random.default_rng(self.seed)
         kinds: list[tuple[str, ...]] = [()] * self.clean + [(e,) for e in alone for _ in range(self.per_effect)]

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from elastic_arm.effects import Catalogue
 from elastic_arm.robot import Robot, load_robot
-from elastic_arm.studies.blind_challenge.arm_sampling import SamplingRequest
+from elastic_arm.studies.blind_challenge.arm_sampling import SamplingRequest, shares
 from elastic_arm.studies.blind_challenge.effect_sampling import model_of, sample_effect
 from elastic_arm.studies.blind_challenge.hidden_arms.base_arms import (
     as_urdf,
@@ -157,7 +157,6 @@ def sample_realistic_arm(
         conditions += [o for o in ordinary if o.effect == "motor_torque_gain"]
         ordinary = [o for o in ordinary if o.effect != "motor_torque_gain"]
     multiples = tuple(distance for _, distance, _ in chosen)
-    squares = np.square(multiples)
     arm = RealisticArm(
         name=request.name,
         model=model_of([e for e in effects if e not in FOREIGN], catalogue),
@@ -171,7 +170,7 @@ def sample_realistic_arm(
         instruments={"encoder_noise": sensors.link_step / np.sqrt(12)},
         multiple=multiples,
         bound=tuple(bound for _, _, bound in chosen),
-        share=tuple((squares / squares.sum()).tolist()) if multiples else (),
+        share=shares([multiple**2 for multiple in multiples]),
         visible=min(multiples, default=np.inf) >= request.ratio[0],
     )
     return DrawnArm(arm, description, real, (motions[0], motions[1]))
