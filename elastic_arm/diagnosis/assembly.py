@@ -14,7 +14,7 @@ from elastic_arm.diagnosis.inference.estimated_hypothesis import EstimatedHypoth
 from elastic_arm.diagnosis.inference.excess import ResidualStatistics, residual_statistics
 from elastic_arm.diagnosis.inference.faults import with_faults
 from elastic_arm.diagnosis.inference.gap_metric import GapMeasure
-from elastic_arm.diagnosis.inference.judgement import Judgement, verdict
+from elastic_arm.diagnosis.inference.judgement import Judgement
 from elastic_arm.diagnosis.inference.lack_of_fit import LackOfFit, strongest
 from elastic_arm.diagnosis.inference.place_gaps import PlaceGap, place_gaps
 from elastic_arm.diagnosis.inference.regimes import regime, shares
@@ -28,6 +28,7 @@ from elastic_arm.diagnosis.result import (
     plain_parameters,
 )
 from elastic_arm.diagnosis.selection.regressor_library import Candidate
+from elastic_arm.diagnosis.settings import JudgementSettings
 
 Array = NDArray[np.float64]
 
@@ -46,7 +47,7 @@ def assemble(
     estimated
         Their parameters.
     laws
-        General laws that explain more than they do.
+        What the catalogue lacks.
     """
     settings, measure, library = prepared.settings, judgement.measure, prepared.library
     ranked = listed_causes(prepared, judgement, estimated, laws)
@@ -56,13 +57,13 @@ def assemble(
     # Known effects alone are linear: what they leave is what they left before they were polished.
     judged = hypothesis.selected if estimated.hypothesis.causes else judgement.hypothesis.selected
     traces = [] if stands_out else judgement.test(judged)
-    residuals = library.validation_residuals(hypothesis.selected)
+    residuals = with_faults(library.validation_residuals(hypothesis.selected), laws.refuted(estimated.faults))
     by_place = _by_place(prepared, judgement, hypothesis.baseline, residuals)
     answer = verdict(
         shrink,
         caused=bool(ranked),
-        unexplained=stands_out or bool(traces) or laws.beside is not None,
-        open_places=any(place.is_open(settings.judgement.place_explained) for place in by_place),
+        unexplained=stands_out or bool(traces) or laws.beside is not None or bool(laws.unlike_noise),
+        open_places=bool(_open(prepared, by_place)),
         refuted=bool(laws.instead),
         settings=settings.judgement,
     )
@@ -71,7 +72,8 @@ def assemble(
     before = measure.before
     rng = settings.resampling.significance_rng()
     after = residual_statistics(prepared.validation, residuals, before.band, settings, rng)
-    unexplained = _unexplained(prepared, before, after, residuals, traces, by_place) if answer == "unknown" else []
+    kept = [*_open(prepared, by_place), *laws.unlike_noise]
+    unexplained = _unexplained(prepared, before, after, residuals, traces, kept) if answer == "unknown" else []
     return Diagnosis(
         model=prepared.model.name,
         robot=prepared.model.robot.name,
@@ -98,6 +100,43 @@ def assemble(
         cumulative_shrink=cumulative_shrink(measure, hypothesis.baseline, [r.candidate for r in ranked]),
         context=_context(prepared, judgement, estimated, ranked, residuals),
     )
+
+
+def verdict(
+    shrink: float,
+    *,
+    caused: bool,
+    unexplained: bool,
+    settings: JudgementSettings,
+    open_places: bool = False,
+    refuted: bool = False,
+) -> str:
+    """Return whether the causes explain the gap: "none", "explained" or "unknown".
+
+    Where the gap is faint, the excess that is left is known to a part of it only: then it must look like noise.
+
+    Parameters
+    ----------
+    shrink
+        Share of the gap that the causes take away.
+    caused
+        Whether there are causes.
+    unexplained
+        Whether what is left is more than noise.
+    settings
+        How much of the gap may be left.
+    open_places
+        Whether some joint and side keeps too much of its own gap.
+    refuted
+        Whether some cause stands in for a law that no catalogue has.
+    """
+    if open_places or refuted:
+        return "unknown"
+    if caused and shrink >= 1.0 - settings.explained:
+        return "explained"
+    if unexplained:
+        return "unknown"
+    return "explained" if caused else "none"
 
 
 def with_laws(
@@ -131,7 +170,7 @@ def _notes(
 
 
 def _law_notes(prepared: PreparedData, laws: BetterLaws) -> list[str]:
-    """Return a note on each general law that explains more than the causes."""
+    """Return a note on each general law that explains more than the causes, and on where more is left than noise."""
     names = prepared.model.robot.joint_names
     notes = [
         texts.refuted_note(effect, joint, names[fit.law.joint], fit.law, fit.gain)
@@ -139,7 +178,7 @@ def _law_notes(prepared: PreparedData, laws: BetterLaws) -> list[str]:
     ]
     if laws.beside is not None and not notes:
         notes = [texts.general_law_note(names[laws.beside.law.joint], laws.beside.law, laws.beside.gain)]
-    return notes
+    return notes + [texts.unlike_noise_note(*prepared.places[row], power) for row, power in laws.unlike_noise.items()]
 
 
 def _known(estimated: EstimatedHypothesis) -> tuple[dict[str, Any], ...]:
@@ -183,24 +222,29 @@ def _by_place(
     return place_gaps(prepared.validation, before, left, prepared.settings)
 
 
+def _open(prepared: PreparedData, by_place: Sequence[PlaceGap]) -> list[int]:
+    """Return the rows of the residuals that keep too much of their own gap."""
+    return [place.row for place in by_place if place.is_open(prepared.settings.judgement.place_explained)]
+
+
 def _unexplained(
     prepared: PreparedData,
     before: ResidualStatistics,
     after: ResidualStatistics,
     residuals: Sequence[Array],
     traces: Sequence[LackOfFit],
-    by_place: Sequence[PlaceGap],
+    kept: Sequence[int],
 ) -> list[UnexplainedResidual]:
     """Return where something is left: what follows a regime, else the residuals that keep much of a gap.
 
-    That is too much of their own gap, or what is much of the whole one.
+    That is much of the whole gap; `kept` are the rows where something is left all the same.
     """
     places, settings = prepared.places, prepared.settings
     if traces:
         return [UnexplainedResidual(*places[trace.row], trace.regime, trace.rmse) for trace in traces]
     least = settings.judgement.least_shrink * before.excess[before.significant].sum()
     much = before.significant & (after.excess > least)
-    much[[place.row for place in by_place if place.is_open(settings.judgement.place_explained)]] = True
+    much[list(kept)] = True
     rows = [int(r) for r in np.argsort(-after.excess) if much[r]]
     followed = [
         shares(prepared.validation, residuals, row, prepared.gear_ratios(row), settings.regimes) for row in rows

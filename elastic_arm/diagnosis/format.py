@@ -120,6 +120,23 @@ def refuted_note(effect: str, joint: str | None, place: str, law: GeneralLaw, ga
     )
 
 
+def unlike_noise_note(joint: str, side: str, power: float) -> str:
+    """Return the note on a residual that neither an effect nor the sensors' noise explains.
+
+    Parameters
+    ----------
+    joint, side
+        Where.
+    power
+        How many times that of the noise.
+    """
+    return (
+        f"What is left at {joint} ({side}) beside all effects has up to {power:.2g} times the power of its sensor's "
+        "noise, as the other joints' sensors have it: something acts there that the catalogue lacks, or that sensor "
+        "is worse than the others."
+    )
+
+
 def general_law_note(place: str, law: GeneralLaw, gain: float) -> str:
     """Return the note on what is left beside the causes and follows a law that the catalogue lacks.
 

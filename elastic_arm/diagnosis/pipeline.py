@@ -106,17 +106,17 @@ def _diagnosed(prepared: PreparedData) -> Diagnosis:
     if prepared.calibration.parameters and hypothesis.causes:
         # Where the model and its sensors lie beside these causes, the search has less to mistake for another one.
         colours = noise_colours(prepared, hypothesis)
-        prepared = recalibrated(prepared, hypothesis, colours)
+        prepared = recalibrated(prepared, hypothesis, colours.of_sets if colours else None)
         stepwise, hypothesis = best_hypothesis(prepared)
     if colours is None and (colours := noise_colours(prepared, hypothesis)) is not None:
         # Where what no motion explains is not white, that is the noise.
-        prepared = recalibrated(prepared, hypothesis, colours)
+        prepared = recalibrated(prepared, hypothesis, colours.of_sets)
         stepwise, hypothesis = best_hypothesis(prepared)
     hypothesis = stepwise.with_rivals(hypothesis)
     prepared, judgement, estimated = estimated_beyond_ordinary(prepared, hypothesis)
-    judgement = measured_beside(prepared, judgement, estimated.faults)
     # Laws that no catalogue states, in the place of the causes and beside them.
-    laws = better_laws(prepared, estimated)
+    laws = better_laws(prepared, estimated, colours.unlike if colours else {})
+    judgement = measured_beside(prepared, judgement, estimated.faults, laws.refuted(estimated.faults))
     # The gap before and after, the verdict, the causes in order, and what is left.
     return assemble(prepared, judgement, estimated, laws)
 

@@ -248,7 +248,7 @@ def _low_passed(parts: Sequence[Sequence[Recording]]) -> list[str]:
 
 
 def recalibrated(
-    prepared: PreparedData, hypothesis: Hypothesis, colours: tuple[Colour, Colour] | None = None
+    prepared: PreparedData, hypothesis: Hypothesis, colours: Sequence[Colour] | None = None
 ) -> PreparedData:
     """Return the data where the model and its sensors lie most probably beside the causes of a hypothesis.
 

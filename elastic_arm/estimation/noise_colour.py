@@ -233,8 +233,8 @@ def fit_colour(stretches: list[Periodogram]) -> ColourFit:
     coefficients = {name: c[k * n : (k + 1) * n] for k, name in enumerate(channels)}
     # With a quarter of it, the mean of a random walk over the recording has the variance that it should.
     colour = Colour(coefficients, float(min(one.f[0] for one in stretches)) / 4)
-    lack, peakedness = _goodness(stretches, colour)
-    return ColourFit(colour, reached - white, lack, peakedness)
+    lack = float(lacks(stretches, colour).max())
+    return ColourFit(colour, reached - white, lack, _peakedness(stretches, colour))
 
 
 def _grouped(one: Periodogram) -> tuple[Array, Array, Array, dict[str, Complex]]:
@@ -254,23 +254,38 @@ def _grouped(one: Periodogram) -> tuple[Array, Array, Array, dict[str, Complex]]
     return covariance, weight, mean(one.f), {name: mean(way) for name, way in one.ways.items()}
 
 
-def _goodness(stretches: list[Periodogram], colour: Colour) -> tuple[float, float]:
-    """Return the largest misfit of any octave and row, and the peakedness."""
+def lacks(stretches: Sequence[Periodogram], colour: Colour) -> Array:
+    """Return by row (R,) the largest ratio of power to that expected, over all octaves that are well known.
+
+    Parameters
+    ----------
+    stretches
+        Of all recordings, made by one arm and its sensors.
+    colour
+        Of the noise beyond its white level.
+    """
     octaves: dict[int, list[Array]] = {}
-    peaks: list[Array] = []
-    for one in stretches:
-        whitener = np.linalg.inv(np.linalg.cholesky(covariances(one.f, one.ways, colour)))
-        power = np.abs(np.einsum("fij,fj->fi", whitener, one.values)) ** 2
+    for one, power in zip(stretches, _powers(stretches, colour), strict=True):
         octave = np.floor(np.log2(one.f)).astype(int)
         for k in map(int, np.unique(octave)):
             octaves.setdefault(k, []).append(power[octave == k])
-        peaks.append(power)
-    lack = 1.0
-    for parts in octaves.values():
-        together = np.concatenate(parts)
-        if len(together) >= FEWEST:
-            lack = max(lack, float(together.mean(axis=0).max()))
-    together = np.concatenate(peaks)
+    known = [np.concatenate(parts) for parts in octaves.values() if sum(map(len, parts)) >= FEWEST]
+    rows = stretches[0].values.shape[1]
+    return np.max([np.ones(rows), *(power.mean(axis=0) for power in known)], axis=0)
+
+
+def _powers(stretches: Sequence[Periodogram], colour: Colour) -> list[Array]:
+    """Return the power (F, R) of each stretch over that expected."""
+    found = []
+    for one in stretches:
+        whitener = np.linalg.inv(np.linalg.cholesky(covariances(one.f, one.ways, colour)))
+        found.append(np.abs(np.einsum("fij,fj->fi", whitener, one.values)) ** 2)
+    return found
+
+
+def _peakedness(stretches: Sequence[Periodogram], colour: Colour) -> float:
+    """Return of the worst row the mean of half the squared ratio of power to its mean over all frequencies."""
+    together = np.concatenate(_powers(stretches, colour))
     mean = together.mean(axis=0)
     used = mean > UNKNOWN_SHARE
-    return lack, float(np.max(np.mean(together**2, axis=0)[used] / (2 * mean[used] ** 2), initial=1.0))
+    return float(np.max(np.mean(together**2, axis=0)[used] / (2 * mean[used] ** 2), initial=1.0))

@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 
 from elastic_arm.diagnosis import Question, diagnose
+from elastic_arm.diagnosis.assembly import verdict as verdict_of
 from elastic_arm.diagnosis.inference import judgement
 from elastic_arm.diagnosis.inference.estimates import ParameterEstimate
 from elastic_arm.diagnosis.inference.excess import ResidualStatistics
 from elastic_arm.diagnosis.inference.gap_metric import ExcessMeasure, LikelihoodMeasure
-from elastic_arm.diagnosis.inference.judgement import verdict as verdict_of
 from elastic_arm.diagnosis.inference.judgement import without_ordinary
 from elastic_arm.diagnosis.result import Diagnosis
 from elastic_arm.diagnosis.selection.hypothesis import Hypothesis, Rival

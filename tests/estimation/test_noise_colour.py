@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from elastic_arm.estimation.noise_colour import CORNERS, Colour, Periodogram, fit_colour, pooled, shapes
+from elastic_arm.estimation.noise_colour import CORNERS, Colour, Periodogram, fit_colour, lacks, pooled, shapes
 
 RATE = 100.0  # Hz
 F = np.arange(1, 800) * 0.05
@@ -47,6 +47,14 @@ def test_lines_are_no_noise():
     """What stands in some lines alone, as the ripple of a motor does, is peaked far beyond noise."""
     lines = np.where(np.arange(len(F)) % 50 == 0, 40.0, 0.0)[:, None] * [0.0, 1.0]
     assert fit_colour([noise({}, 0, lines)]).peakedness > 3.0
+
+
+def test_more_than_noise_is_found_at_its_row_in_any_octave():
+    """Five times the power of the noise in one octave of one row is lack there; the other row has none."""
+    colour = Colour({"tau_J": np.eye(3 + len(CORNERS))[:1], "tau_m": np.eye(3 + len(CORNERS))[:1]}, 0.05)
+    more = noise({"tau_J": np.ones(len(F)), "tau_m": np.where((F > 1.0) & (F < 2.0), 13.0, 1.0)}, 0)
+    first, second = lacks([more], colour)
+    assert first < 2.0 and second > 3.0
 
 
 def test_below_the_lowest_frequency_the_density_stays():

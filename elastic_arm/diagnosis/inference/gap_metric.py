@@ -23,7 +23,11 @@ Share = tuple[float, tuple[float, float]]
 
 
 def gap_measure(
-    prepared: PreparedData, hypothesis: Hypothesis, test: LackOfFitTest, faults: Sequence[LargeImperfection] = ()
+    prepared: PreparedData,
+    hypothesis: Hypothesis,
+    test: LackOfFitTest,
+    faults: Sequence[LargeImperfection] = (),
+    refuted: Sequence[LargeImperfection] = (),
 ) -> GapMeasure:
     """Return what the gap is measured by: residuals where any stands out by its size, else likelihood.
 
@@ -37,6 +41,8 @@ def gap_measure(
         Finds what the hypothesis leaves.
     faults
         Of sensors: part of the gap.
+    refuted
+        Those of them that are no causes: what they take stays.
     """
     settings, library = prepared.settings, prepared.library
     residuals = with_faults(library.validation_residuals(hypothesis.baseline), faults)
@@ -46,11 +52,14 @@ def gap_measure(
         marked = _marked(prepared, hypothesis, tried, shown)
         before = excess.select_band(marked, settings.significance, shown)
         assert before is not None  # marking takes nothing away
-        return ExcessMeasure(library, before, marked, settings)
+        return ExcessMeasure(library, before, marked, settings, refuted)
     unexplained = test(hypothesis.baseline)
     before = excess.band_of_largest_excess(tried, unexplained[0].row) if unexplained else tried[0]
     left = max((found.gain for found in test(hypothesis.selected)), default=0.0)
-    return LikelihoodMeasure(library, before, hypothesis.baseline, hypothesis.selected, left, settings, faults)
+    left += sum(fault.gain for fault in refuted)
+    kept = {fault.feature.key for fault in faults} - {fault.feature.key for fault in refuted}
+    explaining = [fault for fault in faults if fault.feature.key in kept]
+    return LikelihoodMeasure(library, before, hypothesis.baseline, hypothesis.selected, left, settings, explaining)
 
 
 def _residuals_of_causes(prepared: PreparedData, hypothesis: Hypothesis) -> list[NDArray[np.bool_]]:
@@ -121,6 +130,8 @@ class ExcessMeasure:
         The same in all bands.
     settings
         Thresholds and seeds.
+    refuted
+        Faults that are no causes: what they take stays.
     """
 
     name = "excess"
@@ -131,8 +142,9 @@ class ExcessMeasure:
         before: ResidualStatistics,
         tried: Sequence[ResidualStatistics],
         settings: DiagnosisSettings,
+        refuted: Sequence[LargeImperfection] = (),
     ) -> None:
-        self.library, self.before, self._settings = library, before, settings
+        self.library, self.before, self._settings, self._refuted = library, before, settings, refuted
         self._after: dict[tuple[tuple[Candidate, ...], float], ResidualStatistics] = {}
         guard, clear = settings.significance.noise_guard, settings.significance.clear
         self._clear = [before, *(s for s in tried if s is not before and s.clarity(guard) > clear)]
@@ -141,7 +153,8 @@ class ExcessMeasure:
         """Return what candidates leave, in the same band if none is named."""
         key = (tuple(selected), band or self.before.band)
         if key not in self._after:
-            left, rng = self.library.validation_residuals(selected), self._settings.resampling.significance_rng()
+            left = with_faults(self.library.validation_residuals(selected), self._refuted)
+            rng = self._settings.resampling.significance_rng()
             statistics = excess.residual_statistics(self.library.sets[1], left, key[1], self._settings, rng)
             self._after[key] = statistics
         return self._after[key]

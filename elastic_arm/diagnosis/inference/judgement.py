@@ -17,7 +17,6 @@ from elastic_arm.diagnosis.preparation import PreparedData
 from elastic_arm.diagnosis.selection.hypothesis import Hypothesis, Key
 from elastic_arm.diagnosis.selection.regressor_library import Candidate
 from elastic_arm.diagnosis.selection.stepwise import StepwiseSearch, misfit
-from elastic_arm.diagnosis.settings import JudgementSettings
 from elastic_arm.effects.parameters import Role
 
 
@@ -100,7 +99,12 @@ def _measured(
     return shown, measure if len(shown) == len(faults) else gap_measure(prepared, hypothesis, test, shown)
 
 
-def measured_beside(prepared: PreparedData, judgement: Judgement, faults: Sequence[LargeImperfection]) -> Judgement:
+def measured_beside(
+    prepared: PreparedData,
+    judgement: Judgement,
+    faults: Sequence[LargeImperfection],
+    refuted: Sequence[LargeImperfection],
+) -> Judgement:
     """Return the judgement with the gap that these faults make, those that were left at last.
 
     Parameters
@@ -111,48 +115,13 @@ def measured_beside(prepared: PreparedData, judgement: Judgement, faults: Sequen
         Of the causes.
     faults
         Nuisance parameters beyond ordinary, as they came out beside the causes.
+    refuted
+        Those of them that a general law refutes.
     """
     if not (faults or judgement.faults):
         return judgement
-    measure = gap_measure(prepared, judgement.hypothesis, judgement.test, faults)
+    measure = gap_measure(prepared, judgement.hypothesis, judgement.test, faults, refuted)
     return replace(judgement, measure=measure, faults=tuple(faults))
-
-
-def verdict(
-    shrink: float,
-    *,
-    caused: bool,
-    unexplained: bool,
-    settings: JudgementSettings,
-    open_places: bool = False,
-    refuted: bool = False,
-) -> str:
-    """Return whether the causes explain the gap: "none", "explained" or "unknown".
-
-    Where the gap is faint, the excess that is left is known to a part of it only: then it must look like noise.
-
-    Parameters
-    ----------
-    shrink
-        Share of the gap that the causes take away.
-    caused
-        Whether there are causes.
-    unexplained
-        Whether what is left is more than noise.
-    settings
-        How much of the gap may be left.
-    open_places
-        Whether some joint and side keeps too much of its own gap.
-    refuted
-        Whether some cause stands in for a law that no catalogue has.
-    """
-    if open_places or refuted:
-        return "unknown"
-    if caused and shrink >= 1.0 - settings.explained:
-        return "explained"
-    if unexplained:
-        return "unknown"
-    return "explained" if caused else "none"
 
 
 def gain(prepared: PreparedData, selected: Sequence[Candidate], without: Sequence[Candidate]) -> float:

@@ -16,11 +16,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elastic_arm.diagnosis.inference.lack_of_fit import placed, shapes_of
+from elastic_arm.diagnosis.laws.general_laws import changing_friction
 from elastic_arm.diagnosis.preparation import PreparedData
 from elastic_arm.diagnosis.selection.hypothesis import Hypothesis
 from elastic_arm.diagnosis.selection.plausible_size import typical_torques
 from elastic_arm.diagnosis.settings import ColourSettings
-from elastic_arm.estimation.noise_colour import Colour, ColourFit, Periodogram, covariances, fit_colour, pooled
+from elastic_arm.estimation.noise_colour import Colour, ColourFit, Periodogram, covariances, fit_colour, lacks, pooled
 from elastic_arm.estimation.whitening import EDGE
 
 Array = NDArray[np.float64]
@@ -36,7 +37,23 @@ LEAST_SHARE = 0.05  # of the noise at a frequency that is left beside all column
 NO_MOTION = ("always", "drift")
 
 
-def noise_colours(prepared: PreparedData, hypothesis: Hypothesis) -> tuple[Colour, Colour] | None:
+@dataclass(frozen=True)
+class NoiseColours:
+    """The colour of the torque sensors' noise, and where it does not describe what no motion explains.
+
+    Parameters
+    ----------
+    of_sets
+        On identification and validation data.
+    unlike
+        By row of the residuals how many times the power of this noise is there, where that is too much for noise.
+    """
+
+    of_sets: tuple[Colour, Colour]
+    unlike: Mapping[int, float]
+
+
+def noise_colours(prepared: PreparedData, hypothesis: Hypothesis) -> NoiseColours | None:
     """Return the colour of the torque sensors' noise on identification and validation data.
 
     It may differ between them: the error of a coarse sensor depends on how fast the torque changes. None where the
@@ -54,17 +71,18 @@ def noise_colours(prepared: PreparedData, hypothesis: Hypothesis) -> tuple[Colou
     spectra = [
         _spectra(prepared, which, [library.remainder(which, hypothesis.selected, beta)[:, None]]) for which in (0, 1)
     ]
-    fits = [
-        fit_colour([Periodogram(s.f, s.values[:, :, 0], np.ones(s.values.shape[:2]), s.ways) for s in own])
-        for own in spectra
-    ]
+    left = [[Periodogram(s.f, s.values[:, :, 0], np.ones(s.values.shape[:2]), s.ways) for s in own] for own in spectra]
+    fits = [fit_colour(own) for own in left]
+    projected = []
     # The worst first: where no smooth spectrum describes that, the other one changes nothing.
     for which in sorted((0, 1), key=lambda k: -fits[k].lack):
         if fits[which].gain < settings.least_gain / 2:
             continue
         # A second time, with all that a motion can do projected out by weighted least squares.
         columns = _spectra(prepared, which, _motion_columns(prepared, which))
-        fits[which] = fit_colour(_beside(spectra[which], columns, fits[which].colour))
+        left[which] = _beside(spectra[which], columns, fits[which].colour)
+        fits[which] = fit_colour(left[which])
+        projected.append(which)
         if not _smooth(fits[which], settings):
             return None
     if not _credible(fits, settings):
@@ -72,7 +90,13 @@ def noise_colours(prepared: PreparedData, hypothesis: Hypothesis) -> tuple[Colou
     colours = [one.colour for one in fits]
     white = _white_levels(prepared, list(colours[0].coefficients))
     first, second = pooled(colours, white, prepared.validation.band.cutoff)
-    return (first, second) if _is_of_sensors(prepared, (first, second)) else None
+    if not _is_of_sensors(prepared, (first, second)):
+        return None
+    # One sensor may have far more than those of its kind: then something of the arm is in it.
+    power = np.max([lacks(left[which], (first, second)[which]) for which in projected], axis=0)
+    return NoiseColours(
+        (first, second), {int(row): power[row] for row in np.flatnonzero(power > settings.largest_lack)}
+    )
 
 
 def _white_levels(prepared: PreparedData, channels: Sequence[str]) -> dict[str, Array]:
@@ -199,7 +223,10 @@ def _factor(one: _Spectra, colour: Colour) -> Complex:
 
 
 def _motion_columns(prepared: PreparedData, which: int) -> list[Array]:
-    """Return blocks of whitened columns (rows, k) of what candidates and general shapes can do to the residuals."""
+    """Return blocks of whitened columns (rows, k) of what candidates and general shapes can do to the residuals.
+
+    With them goes friction that changes over time: a brake that drags for a while is no noise.
+    """
     library = prepared.library
     data = library.sets[which]
     blocks: list[Array] = [library.matrix(which, slice(1, library.count)), library.nuisance.white[which]]
@@ -212,4 +239,6 @@ def _motion_columns(prepared: PreparedData, which: int) -> list[Array]:
             shapes = [part for regime, part in found.items() if regime not in NO_MOTION]
             plain += [placed(data, side, joint, part) for side in sides for part in shapes]
         blocks.append(data.whiten([np.concatenate(parts, axis=2) for parts in zip(*plain, strict=True)]))
+        changing = changing_friction(library.sets, joint, prepared.settings.general_laws)
+        blocks += [data.whiten(law.plain(data)) for law in changing]
     return blocks

@@ -1,4 +1,4 @@
-"""Causes whose form is wrong, and what no cause explains: general laws beside a hypothesis and in the place of it."""
+"""What the catalogue lacks: general laws beside a hypothesis and in the place of its causes, and more than noise."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from elastic_arm.estimation.effect_columns import Feature
 
 @dataclass(frozen=True)
 class BetterLaws:
-    """General laws that explain more than the hypothesis does.
+    """General laws that explain more than the hypothesis does, and where more is left than noise.
 
     Parameters
     ----------
@@ -33,27 +33,45 @@ class BetterLaws:
         Keys of those causes that take at least half of what the law in their place takes.
     filters
         Low passes that could stand in the place of delays, by key of the delay.
+    unlike_noise
+        How many times the power of the sensors' noise is left, by row of the residuals, where that is too much.
     """
 
     beside: LawFit | None = None
     instead: Mapping[Key, LawFit] = field(default_factory=dict)
     approximated: frozenset[Key] = frozenset()
     filters: Mapping[Key, Rival] = field(default_factory=dict)
+    unlike_noise: Mapping[int, float] = field(default_factory=dict)
 
     @property
     def all(self) -> list[LawFit]:
         """Each of them."""
         return [*self.instead.values(), *([self.beside] if self.beside else [])]
 
+    def refuted(self, faults: Sequence[LargeImperfection]) -> list[LargeImperfection]:
+        """Return those faults in whose place one of them explains more."""
+        return [fault for fault in faults if fault.feature.key in self.instead]
+
 
 NO_LAWS = BetterLaws()
 
 
-def better_laws(prepared: PreparedData, estimated: EstimatedHypothesis) -> BetterLaws:
+def better_laws(
+    prepared: PreparedData, estimated: EstimatedHypothesis, unlike_noise: Mapping[int, float]
+) -> BetterLaws:
     """Return the general laws that are there beyond doubt, and those that refute a cause.
 
     A cause is refuted where a general law in its place explains clearly more. So is a fault, with all others of its
     joint, if it is ordinary beside that law.
+
+    Parameters
+    ----------
+    prepared
+        Data and regressors.
+    estimated
+        The causes with their parameters.
+    unlike_noise
+        As in the result.
     """
     detected, share = prepared.settings.significance.detected, prepared.settings.search.simpler_share
     final = estimated.final
@@ -64,7 +82,7 @@ def better_laws(prepared: PreparedData, estimated: EstimatedHypothesis) -> Bette
     instead: dict[Key, LawFit] = {}
     approximated: set[Key] = set()
     if beside.gain <= detected:
-        return BetterLaws(filters=filters)
+        return BetterLaws(filters=filters, unlike_noise=unlike_noise)
     for feature in (estimated.hypothesis.selected[k].feature for k in estimated.hypothesis.causes):
         found, worth = comparison.instead_of(feature.key, _joints(prepared, feature)), comparison.worth(feature.key)
         if found.gain > max(detected, share * worth):
@@ -73,7 +91,7 @@ def better_laws(prepared: PreparedData, estimated: EstimatedHypothesis) -> Bette
                 approximated.add(feature.key)
     if final is not None:
         instead.update(_instead_of_faults(prepared, comparison, estimated.faults, final))
-    return BetterLaws(beside, instead, frozenset(approximated), filters)
+    return BetterLaws(beside, instead, frozenset(approximated), filters, unlike_noise)
 
 
 def _instead_of_faults(

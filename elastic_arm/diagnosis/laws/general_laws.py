@@ -69,16 +69,15 @@ def general_laws(sets: Sequence[WhitenedData], joint: int, settings: GeneralLawS
     found = []
     for side in (side for side in ("link", "motor") if side in sides):
         first = n if side == "motor" and sets[0].parts[0].signals.values["x"].shape[1] > n else 0
-        angle, speed = _signal("x", first + joint), _signal("dx", first + joint)
-        sign, time = _signal(f"sign_{side}", joint), _signal("progress", 0)
+        angle, speed, sign = _signal("x", first + joint), _signal("dx", first + joint), _signal(f"sign_{side}", joint)
         over_speed = _splines(sets, _root(speed), settings.speeds)
         resisting = {
             "its speed": _and(_times(sign, over_speed), over_speed),
-            "its direction, changing over time": _times(sign, _splines(sets, time, settings.times)),
             "its direction, changing with its angle": _times(sign, _splines(sets, angle, settings.places)),
             "its angle": _splines(sets, angle, settings.angles),
         }
         found += [GeneralLaw(joint, side, argument, shapes) for argument, shapes in resisting.items()]
+    found += changing_friction(sets, joint, settings)
     if "drive" in sides:
         load = _load(joint)
         found.append(GeneralLaw(joint, "drive", "its load", _splines(sets, load, settings.loads)))
@@ -87,6 +86,21 @@ def general_laws(sets: Sequence[WhitenedData], joint: int, settings: GeneralLawS
         )
     if n > 1:
         found.append(GeneralLaw(joint, "sensor", "the loads of other joints", _scaled(sets, _loads_but(joint))))
+    return found
+
+
+def changing_friction(sets: Sequence[WhitenedData], joint: int, settings: GeneralLawSettings) -> list[GeneralLaw]:
+    """Return the general laws in which friction changes over time, one of each side.
+
+    Parameters
+    ----------
+    sets, joint, settings
+        As of :func:`general_laws`.
+    """
+    over_time, found = _splines(sets, _signal("progress", 0), settings.times), []
+    for side in (side for side in ("link", "motor") if side in sets[0].layout.sides):
+        shapes = _times(_signal(f"sign_{side}", joint), over_time)
+        found.append(GeneralLaw(joint, side, "its direction, changing over time", shapes))
     return found
 
 
