@@ -71,25 +71,15 @@ def listed_causes(
     laws
         General laws that explain more than they do.
     """
-    ranked = ranked_causes(prepared, estimated, judgement)
-    ranked = [r.against(laws) for r in (*ranked, *fault_causes(prepared, judgement, estimated, laws))]
+    causes = [*_found_causes(prepared, estimated, judgement), *_fault_causes(prepared, judgement, estimated, laws)]
+    ranked = [cause.against(laws) for cause in causes]
     least = prepared.settings.judgement.least_listed
     ranked = [r for r in ranked if r.cause.confidence >= least or r.candidate.feature.key in laws.approximated]
     return sorted(ranked, key=lambda r: -r.cause.shrink)
 
 
-def ranked_causes(prepared: PreparedData, estimated: EstimatedHypothesis, judgement: Judgement) -> list[RankedCause]:
-    """Return the causes, those first that shrink the gap most alone.
-
-    Parameters
-    ----------
-    prepared
-        Data and regressors.
-    estimated
-        The causes with their parameters.
-    judgement
-        The measure of the gap, and which causes are minor.
-    """
+def _found_causes(prepared: PreparedData, estimated: EstimatedHypothesis, judgement: Judgement) -> list[RankedCause]:
+    """Return the causes of the hypothesis."""
     hypothesis, measure, found = estimated.hypothesis, judgement.measure, []
     for k in hypothesis.causes:
         candidate, rivals = hypothesis.selected[k], hypothesis.rivals.get(k, ())
@@ -98,10 +88,10 @@ def ranked_causes(prepared: PreparedData, estimated: EstimatedHypothesis, judgem
         cause = replace(cause, minor=candidate.feature.key in judgement.minor)
         residuals = prepared.library.validation_residuals(alone)
         found.append(RankedCause(cause, candidate, tuple(r.candidate for r in rivals), residuals))
-    return sorted(found, key=lambda one: -one.cause.shrink)
+    return found
 
 
-def fault_causes(
+def _fault_causes(
     prepared: PreparedData, judgement: Judgement, estimated: EstimatedHypothesis, laws: BetterLaws
 ) -> list[RankedCause]:
     """Return the causes that are faults: sensors and numbers of the arm beyond ordinary.

@@ -15,7 +15,7 @@ from elastic_arm.diagnosis.inference.regimes import regime, shares
 from elastic_arm.diagnosis.laws.comparison import LawComparison, LawFit
 from elastic_arm.diagnosis.laws.lags import filters_for_delays
 from elastic_arm.diagnosis.preparation import PreparedData
-from elastic_arm.diagnosis.selection.hypothesis import Key, Rival
+from elastic_arm.diagnosis.selection.hypothesis import Hypothesis, Key, Rival
 from elastic_arm.estimation.effect_columns import Feature
 
 
@@ -61,8 +61,8 @@ def better_laws(
 ) -> BetterLaws:
     """Return the general laws that are there beyond doubt, and those that refute a cause.
 
-    A cause is refuted where a general law in its place explains clearly more. So is a fault, with all others of its
-    joint, if it is ordinary beside that law.
+    A cause is refuted where a general law in its place is likelier, though that pays for many more coefficients. A
+    fault is refuted, with all others of its joint, where a law clearly explains more and the fault is ordinary beside.
 
     Parameters
     ----------
@@ -73,25 +73,36 @@ def better_laws(
     unlike_noise
         As in the result.
     """
-    detected, share = prepared.settings.significance.detected, prepared.settings.search.simpler_share
-    final = estimated.final
+    detected, final = prepared.settings.significance.detected, estimated.final
     library = prepared.library if final is None else final.fit.found.library
     comparison = LawComparison(library, estimated.optimum, prepared.settings)
     filters = filters_for_delays(prepared, comparison, library.sets, estimated.faults)
     beside = comparison.beside(range(prepared.model.n))
-    instead: dict[Key, LawFit] = {}
-    approximated: set[Key] = set()
-    if beside.gain <= detected:
+    if beside.gain <= 0.0:
         return BetterLaws(filters=filters, unlike_noise=unlike_noise)
-    for feature in (estimated.hypothesis.selected[k].feature for k in estimated.hypothesis.causes):
-        found, worth = comparison.instead_of(feature.key, _joints(prepared, feature)), comparison.worth(feature.key)
-        if found.gain > max(detected, share * worth):
-            instead[feature.key] = found
-            if worth > found.gain:
-                approximated.add(feature.key)
+    instead, approximated = _instead_of_causes(prepared, comparison, estimated.hypothesis)
+    if beside.gain <= detected:
+        return BetterLaws(None, instead, approximated, filters, unlike_noise)
     if final is not None:
         instead.update(_instead_of_faults(prepared, comparison, estimated.faults, final))
-    return BetterLaws(beside, instead, frozenset(approximated), filters, unlike_noise)
+    return BetterLaws(beside, instead, approximated, filters, unlike_noise)
+
+
+def _instead_of_causes(
+    prepared: PreparedData, comparison: LawComparison, hypothesis: Hypothesis
+) -> tuple[dict[Key, LawFit], frozenset[Key]]:
+    """Return the general laws that refute causes, by key of the cause, and which causes take at least half of that."""
+    detected, share = prepared.settings.significance.detected, prepared.settings.search.simpler_share
+    found: dict[Key, LawFit] = {}
+    approximated: set[Key] = set()
+    for feature in (hypothesis.selected[k].feature for k in hypothesis.causes):
+        law, worth = comparison.instead_of(feature.key, _joints(prepared, feature)), comparison.worth(feature.key)
+        # The columns of a large cause are a little off, which a law without a form makes up for.
+        if law.gain > max(share * worth - detected, 0.0):
+            found[feature.key] = law
+            if worth > law.gain:
+                approximated.add(feature.key)
+    return found, frozenset(approximated)
 
 
 def _instead_of_faults(
