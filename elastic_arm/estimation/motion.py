@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
 from typing import Any, Self
 
@@ -10,7 +11,7 @@ from numpy.typing import NDArray
 
 from elastic_arm.dynamics import Model
 from elastic_arm.errors import DiagnosisError
-from elastic_arm.estimation.noise import StateNoise
+from elastic_arm.estimation.noise import StateNoise, noise_filter
 from elastic_arm.recording.sides import Lacking
 
 Array = NDArray[np.float64]
@@ -146,6 +147,41 @@ def completed(motion: Motion, model: Model) -> CompletedMotion:
     tau_m = motion.tau_m if motion.tau_m is not None else np.zeros_like(tau_J)
     before = None if motion.before is None else completed(motion.before, model)
     return CompletedMotion(motion.t, q, dq, ddq, theta, dtheta, ddtheta, tau_J, tau_m, span=motion.span, before=before)
+
+
+def with_filtered_deflection(motion: Motion, rate: float, f: Array, noise: Mapping[str, Array]) -> Motion:
+    """Return motion with the coarser encoder of each joint made of the finer one and the deflection, filtered.
+
+    A deflection is little more than the steps of the encoders that it is the difference of. What a drive's laws are
+    made of, first of all laws with a state, then follows the noise: loops of hysteresis come out too large.
+
+    Parameters
+    ----------
+    motion
+        With both encoders; returned as it is where it lacks one.
+    rate
+        Samples per second.
+    f
+        (F,) Hz, as far as the motion reaches.
+    noise
+        "q", "theta" -> (F, n) in it, rad²; 1 is white noise of one rad a sample. Null where there is no such encoder.
+    """
+    names = (("q", "theta"), ("dq", "dtheta"), ("ddq", "ddtheta"))
+    if any(getattr(motion, name) is None for pair in names for name in pair):
+        return motion
+    changed: dict[str, Any] = {name: np.array(getattr(motion, name)) for pair in names for name in pair}
+    for joint in range(noise["q"].shape[1]):
+        link, motor = (noise[name][:, joint] for name in names[0])
+        if not (link.any() and motor.any()):
+            continue
+        filtered = noise_filter(changed["theta"][:, joint] - changed["q"][:, joint], rate, f, link + motor)
+        for q, theta in names:
+            deflection = filtered(changed[theta][:, joint] - changed[q][:, joint])
+            if link.mean() > motor.mean():
+                changed[q][:, joint] = changed[theta][:, joint] - deflection
+            else:
+                changed[theta][:, joint] = changed[q][:, joint] + deflection
+    return replace(motion, **changed)
 
 
 def wound_by_load(model: Model, motion: CompletedMotion) -> CompletedMotion:

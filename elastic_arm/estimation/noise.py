@@ -9,6 +9,7 @@ innovations of the steady-state Kalman filter; the smoother that belongs to the 
 from __future__ import annotations
 
 import functools
+from collections.abc import Callable
 from dataclasses import dataclass
 from math import factorial
 
@@ -35,6 +36,9 @@ QUIET = 1e-5
 # Spectra are taken over windows of this many seconds; their side lobes lie 1e-15 below the motion.
 SPECTRUM_SECONDS = 4.0
 KAISER_BETA = 26.0
+LEAST_STEP = 1e-3  # of an encoder's noise: two samples that differ by less hold one code
+NEIGHBOURS = 2.0  # Hz over which the spectrum of a signal is averaged beside that of its noise
+LEAST_SHARE = 0.3  # of signal in the power at a frequency: what chance makes of noise alone is less
 WIENER_SECONDS = 2.0  # of the windows for the spectrum of a signal to be filtered, and of its filter
 # Where no motion is, as shares of the sample rate.
 WHITE = (0.35, 0.49)
@@ -269,6 +273,59 @@ def _innovations(y: Array, transition: Array, gain: Array, c: Array) -> Array:
         modal[1:, :, k] = scipy.signal.lfilter([1.0], [1.0, -value], drive[:-1, :, k], axis=0, zi=start)[0]
     predicted = (modal @ (c @ vectors).T).real
     return y - predicted
+
+
+def encoder_steps(position: Array | None, noise: Array | None) -> Array:
+    """Return the steps (n,) rad of one side's encoders; zero where they are finer than their noise.
+
+    Parameters
+    ----------
+    position
+        (N, n) rad, as recorded; None where the side was not.
+    noise
+        (n,) rad, standard deviation of a sample.
+    """
+    if position is None or noise is None:
+        return np.zeros(1)
+    different = np.abs(np.diff(position, axis=0))
+    # Codes apart by rounding are the same one.
+    step = np.where(different > LEAST_STEP * noise, different, np.inf).min(axis=0)
+    same = (different <= LEAST_STEP * noise).any(axis=0)
+    return np.where(same & (step > noise) & np.isfinite(step), step, 0.0)
+
+
+def noise_filter(values: Array, rate: float, f: Array, noise: Array) -> Callable[[Array], Array]:
+    """Return the filter without lag, (N,) -> (N,), that takes off a signal what is noise above its own frequencies.
+
+    Each frequency is reduced to its share of signal, or to the largest share above it: what moves slowly, in a few
+    lines, is not thinned out between them.
+
+    Parameters
+    ----------
+    values
+        (N,) of any unit.
+    rate
+        Samples per second.
+    f
+        (F,) Hz, ascending, as far as the signal reaches; what lies above is as it is.
+    noise
+        (F,) in it, in units squared; 1 is white noise of one unit a sample.
+    """
+    window = min(len(values), round(WIENER_SECONDS * rate))
+    at, power = scipy.signal.welch(values, rate, nperseg=window)
+    known = at <= f[-1]
+    mean = scipy.ndimage.uniform_filter1d(power, max(1, round(NEIGHBOURS / at[1])))[known]
+    share = 1.0 - np.interp(at[known], f, noise) * 2.0 / rate / np.maximum(mean, 1e-300)
+    gain = np.maximum.accumulate(np.where(share > LEAST_SHARE, share, 0.0)[::-1])[::-1]
+    if gain[-1] > 0.0:
+        return lambda one: one
+
+    def filtered(one: Array) -> Array:
+        padded = np.pad(one, window, mode="reflect", reflect_type="odd")
+        response = np.interp(np.fft.rfftfreq(len(padded), 1.0 / rate), at[known], gain, right=0.0)
+        return np.asarray(np.fft.irfft(np.fft.rfft(padded) * response, len(padded))[window:-window])
+
+    return filtered
 
 
 def wiener_filtered(values: Array, rate: float, f: Array, noise: Array) -> Array:

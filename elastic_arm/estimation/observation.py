@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
 from elastic_arm.errors import DiagnosisError
-from elastic_arm.estimation.motion import Motion
-from elastic_arm.estimation.noise import HIGHEST_CUTOFF, ORDER, estimate_noise
+from elastic_arm.estimation.motion import Motion, with_filtered_deflection
+from elastic_arm.estimation.noise import HIGHEST_CUTOFF, ORDER, encoder_steps, estimate_noise
 from elastic_arm.estimation.noise_colour import Colour
 from elastic_arm.estimation.resampling import Clock, Grid, extended
 from elastic_arm.estimation.smoother import Smoother
@@ -37,7 +37,7 @@ SHORTEST = 2.0  # s
 NARROWEST_BAND = 1.0  # Hz; the motion of an arm is slower than that nowhere
 # Of a torque's rms, within its band: noise of a torque that was low-passed, where nothing shows it; convention.
 ORDINARY_NOISE = 0.005
-LEAST_STEP = 1e-3  # of an encoder's noise: two samples that differ by less hold one code
+FREQUENCIES = 400  # at which the noise of the encoders is known
 UNBROKEN = 5.0  # sample intervals between two parts of a recording up to which its motion counts as going on
 
 
@@ -202,6 +202,19 @@ class Observation:
         """Response of the smoother at f (F,) Hz."""
         return 1.0 / (1.0 + (2 * np.pi * f / self.smoother.cutoff) ** (2 * ORDER))
 
+    def with_filtered_deflection(self, quiet: Motion) -> Motion:
+        """Return quiet motion without the noise of the encoders in the deflections."""
+        f = np.linspace(0.0, min(self.cutoff, self.smoother.cutoff / (2 * np.pi)), FREQUENCIES)
+        gain = self.quiet_gain(f)[:, None] ** 2
+        noise = {name: self.position_spectrum(side, f) * gain for name, side in (("q", "link"), ("theta", "motor"))}
+        return with_filtered_deflection(quiet, self.rate, f, noise)
+
+    def quiet_link_spectrum(self, f: Array) -> Array:
+        """Noise of the quiet motion's link angles at f (F,) Hz: (F, n), that of the finer encoder of a joint's two."""
+        link, motor = self.position_spectrum("link", f), self.position_spectrum("motor", f)
+        finer = motor.any(axis=0) & (motor.mean(axis=0) < link.mean(axis=0))
+        return np.where(finer, motor, link) * self.quiet_gain(f)[:, None] ** 2
+
     def quiet_gain(self, f: Array) -> Array:
         """Response of the further smoothing of the quiet motion at f (F,) Hz."""
         return 1.0 / (1.0 + (f / min(self.cutoff, self.smoother.cutoff / (2 * np.pi))) ** (2 * ORDER)) / self.gain(f)
@@ -262,7 +275,7 @@ def observe(recording: Recording, band: float | None = None) -> Observation:
     span = (0.0, float(samples.t[-1]))
     pieces, quiet = (tuple(replace(piece, span=span) for piece in some) for some in (pieces, quiet))
     steps = {"link": encoder_steps(samples.q, noise.q), "motor": encoder_steps(samples.theta, noise.theta)}
-    return Observation(
+    found = Observation(
         pieces,
         quiet,
         clock.rate,
@@ -272,8 +285,9 @@ def observe(recording: Recording, band: float | None = None) -> Observation:
         recording.source,
         notes,
         steps,
-        torque_band=max(NARROWEST_BAND, min((found.band for found in spectra.values()), default=np.inf)),
+        torque_band=max(NARROWEST_BAND, min((one.band for one in spectra.values()), default=np.inf)),
     )
+    return replace(found, quiet=tuple(found.with_filtered_deflection(piece) for piece in quiet))
 
 
 def _with_low_pass(
@@ -297,25 +311,6 @@ def _with_low_pass(
     knee = np.minimum(np.maximum(spectrum.knee, NARROWEST_BAND), rate / 2)
     ordinary = ORDINARY_NOISE * np.sqrt(np.mean(torque**2, axis=0)) * np.sqrt(0.5 * rate / knee)
     return np.where(spectrum.low_passed, np.maximum(level, ordinary), level)
-
-
-def encoder_steps(position: Array | None, noise: Array | None) -> Array:
-    """Return the steps (n,) rad of one side's encoders; zero where they are finer than their noise.
-
-    Parameters
-    ----------
-    position
-        (N, n) rad, as recorded; None where the side was not.
-    noise
-        (n,) rad, standard deviation of a sample.
-    """
-    if position is None or noise is None:
-        return np.zeros(1)
-    different = np.abs(np.diff(position, axis=0))
-    # Codes apart by rounding are the same one.
-    step = np.where(different > LEAST_STEP * noise, different, np.inf).min(axis=0)
-    same = (different <= LEAST_STEP * noise).any(axis=0)
-    return np.where(same & (step > noise) & np.isfinite(step), step, 0.0)
 
 
 def _of_recorded(level: Array | None, name: str, lacking: Lacking) -> Array | None:

@@ -178,7 +178,7 @@ def noise_models(
     largest = max(float(noise.max()), 1e-12)
     # Joint by joint, as wrists have finer sensors; by octaves, as sensors of a kind count as equal.
     level = largest * 2.0 ** np.ceil(np.log2(np.maximum(noise / largest, 1e-9)))
-    accelerations = (2 * np.pi * f[:, None]) ** 4 * position[:, :n] * observation.quiet_gain(f)[:, None] ** 2
+    accelerations = (2 * np.pi * f[:, None]) ** 4 * observation.quiet_link_spectrum(f)
     load = accelerations @ np.mean([M**2 for M, _, _ in poses], axis=0)
     found = []
     for floor in floors:

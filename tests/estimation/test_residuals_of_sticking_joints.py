@@ -10,7 +10,8 @@ import numpy as np
 from elastic_arm.dynamics import build_model
 from elastic_arm.estimation.band import Band
 from elastic_arm.estimation.equations import EquationSet
-from elastic_arm.estimation.observation import encoder_steps, observe
+from elastic_arm.estimation.noise import encoder_steps
+from elastic_arm.estimation.observation import observe
 from elastic_arm.estimation.residuals import FreeTorques, Stretch, residuals, stuck_rows
 from elastic_arm.sensors import Sensors
 from tests.helpers.gap_recordings import ROBOT, motions, record
