@@ -11,7 +11,7 @@ grid. A named law has few numbers, for which nothing is counted: a general law h
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -115,8 +115,8 @@ class LawComparison:
         """Return by how many nats a cause raises the likelihood of all data beside the others."""
         return self._whole.log_likelihood - self._beside(key).log_likelihood
 
-    def instead_of_numbers(self, wider: Mapping[int, float], joints: Sequence[int]) -> list[LawFit]:
-        """Return the general laws where nuisance parameters have the priors of ordinary ones, the best one first.
+    def instead_of_numbers(self, wider: Mapping[int, float], joints: Sequence[int]) -> Iterator[LawFit]:
+        """Yield the general laws where nuisance parameters have the priors of ordinary ones, the best one first.
 
         Parameters
         ----------
@@ -218,17 +218,15 @@ class LawComparison:
         return np.vstack([columns, np.zeros((len(self._nuisance), columns.shape[1]))])
 
     def _best(self, base: _Base, joints: Sequence[int]) -> LawFit:
-        return self._ranked(base, joints)[0]
+        return next(self._ranked(base, joints))
 
-    def _ranked(self, base: _Base, joints: Sequence[int]) -> list[LawFit]:
-        """Return the general laws of some joints beside a base, the one that explains most first."""
-        tried = [(law, self._fit(base, joint, k)) for joint in joints for k, law in enumerate(self._laws(joint))]
-        price = float(np.log(len(tried)))
-        found = []
-        for law, (gain, size, coefficients) in tried:
-            over = gain + base.log_likelihood - self._whole.log_likelihood - price
-            found.append(LawFit(law, over, size, [part @ coefficients for part in law.plain(self._library.sets[1])]))
-        return sorted(found, key=lambda fit: -fit.gain)
+    def _ranked(self, base: _Base, joints: Sequence[int]) -> Iterator[LawFit]:
+        """Yield the general laws of some joints beside a base, the one that explains most first."""
+        tried = [(law, *self._fit(base, joint, k)) for joint in joints for k, law in enumerate(self._laws(joint))]
+        chosen = base.log_likelihood - self._whole.log_likelihood - float(np.log(len(tried)))
+        for law, gain, size, coefficients in sorted(tried, key=lambda one: -one[1]):
+            torque = [part @ coefficients for part in law.plain(self._library.sets[1])]
+            yield LawFit(law, gain + chosen, size, torque)
 
     def _laws(self, joint: int) -> list[GeneralLaw]:
         if joint not in self._all_laws:
