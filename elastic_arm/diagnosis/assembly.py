@@ -59,11 +59,13 @@ def assemble(
     traces = [] if stands_out else judgement.test(judged)
     residuals = with_faults(library.validation_residuals(hypothesis.selected), laws.refuted(estimated.faults))
     by_place = _by_place(prepared, judgement, hypothesis.baseline, residuals)
+    still_open = [p.row for p in by_place if p.is_open(settings.judgement.place_explained)]
+    kept = [*still_open, *laws.unlike_noise, *_rows_beyond_ordinary(prepared, estimated, ranked)]
     answer = verdict(
         shrink,
         caused=bool(ranked),
-        unexplained=stands_out or bool(traces) or laws.beside is not None or bool(laws.unlike_noise),
-        open_places=bool(_open(prepared, by_place)),
+        unexplained=stands_out or bool(traces) or laws.beside is not None or bool(kept),
+        open_places=bool(still_open),
         refuted=bool(laws.instead),
         settings=settings.judgement,
     )
@@ -72,7 +74,6 @@ def assemble(
     before = measure.before
     rng = settings.resampling.significance_rng()
     after = residual_statistics(prepared.validation, residuals, before.band, settings, rng)
-    kept = [*_open(prepared, by_place), *laws.unlike_noise]
     unexplained = _unexplained(prepared, before, after, residuals, traces, kept) if answer == "unknown" else []
     return Diagnosis(
         model=prepared.model.name,
@@ -222,9 +223,16 @@ def _by_place(
     return place_gaps(prepared.validation, before, left, prepared.settings)
 
 
-def _open(prepared: PreparedData, by_place: Sequence[PlaceGap]) -> list[int]:
-    """Return the rows of the residuals that keep too much of their own gap."""
-    return [place.row for place in by_place if place.is_open(prepared.settings.judgement.place_explained)]
+def _rows_beyond_ordinary(
+    prepared: PreparedData, estimated: EstimatedHypothesis, ranked: Sequence[RankedCause]
+) -> list[int]:
+    """Return the rows of the residuals of joints with a number beyond ordinary, for which no cause is named."""
+    named, names = {r.cause.joint for r in ranked}, list(prepared.model.robot.joint_names)
+    if None in named:  # of the whole arm, these joints among them
+        return []
+    beyond = {one.joint for one in estimated.imperfections if not one.ordinary} - named
+    live, n = prepared.validation.layout.live, prepared.model.n
+    return [next(row for row in range(joint, len(live), n) if live[row]) for joint in map(names.index, sorted(beyond))]
 
 
 def _unexplained(
