@@ -65,10 +65,16 @@ def test_a_description_that_is_far_off_is_not_explained_as_a_calibrated_one() ->
     assert found.verdict == "unknown" or len({cause.joint for cause in found.causes}) > 1
 
 
-@pytest.mark.slow(30)
+@pytest.mark.slow(60)
 def test_one_thing_more_is_named_alone() -> None:
-    """Hysteresis of 5 Nm in an arm that is a little off everywhere is the one cause, at its size."""
-    (cause,) = commissioned(3, [replace(Fault("hysteresis", 1, {"torque": 5.0, "width": 2e-4}), side="motor")]).causes
-    torque = cause.parameters["torque"]
-    assert (cause.effect, cause.joint) == ("hysteresis", "joint_2")
-    assert abs(torque.value - 5.0) < 3.0 * torque.std and torque.std < 0.1
+    """Hysteresis of 5 Nm in arms that are a little off everywhere is the one cause, at its size by its deviations."""
+    deviations = []
+    for seed in (3, 11, 12, 13, 14):
+        hysteresis = replace(Fault("hysteresis", 1, {"torque": 5.0, "width": 2e-4}), side="motor")
+        (cause,) = commissioned(seed, [hysteresis]).causes
+        assert (cause.effect, cause.joint) == ("hysteresis", "joint_2")
+        for name, true in (("torque", 5.0), ("width", 2e-4)):
+            estimate = cause.parameters[name]
+            assert estimate.std is not None and estimate.std < 0.02 * true
+            deviations.append((estimate.value - true) / estimate.std)
+    assert np.sqrt(np.mean(np.square(deviations))) < 2.0
