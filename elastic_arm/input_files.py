@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import stat
 from pathlib import Path
 from typing import Any
@@ -20,6 +21,8 @@ DEEPEST = 50  # collections in each other
 MOST_NODES = 500_000  # entries of a YAML file, aliases written out
 # Written in C where the library has it: in Python, metadata.yaml takes as long as a hundred thousand messages.
 _LOADER: Any = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
+# What pydantic adds to the path of a value that may be of several types.
+_TYPE = re.compile(r"(literal|list|dict|tuple)\[|(float|int|str|bool)$")
 # pydantic's kinds of faults by what was wanted there.
 _WANTED = {
     "tuple_type": "a list",
@@ -169,7 +172,8 @@ def explain(error: ValidationError, reference: str) -> tuple[str, str]:
     reference
         Clause that names the description of the fields.
     """
-    faults = error.errors(include_url=False)
+    # Of a value that may be of several types, what each of them misses comes as a fault of its own.
+    faults = list({_field_path(fault["loc"]): fault for fault in error.errors(include_url=False)[::-1]}.values())[::-1]
     words = []
     for fault in faults[:SHOWN_FAULTS]:
         where = _field_path(fault["loc"])
@@ -182,6 +186,8 @@ def explain(error: ValidationError, reference: str) -> tuple[str, str]:
 def _field_path(location: tuple[int | str, ...]) -> str:
     path = ""
     for step in location:
+        if isinstance(step, str) and _TYPE.match(step):
+            continue
         path += f"[{step}]" if isinstance(step, int) else f".{step}"
     return path.lstrip(".")
 

@@ -299,6 +299,7 @@ def _context(
         held_back=prepared.held_back,
         given=tuple(hypothesis.baseline),
         known=estimated.instances[: hypothesis.given],
+        unseen=prepared.unseen,
         rivals=tuple(r.rivals for r in ranked),
         settings=prepared.settings,
     )

@@ -45,6 +45,8 @@ class DiagnosisContext:
         Whether the last third of each recording judged.
     given, known
         What counted as part of the model, as candidates and as the simulator takes it.
+    unseen
+        Known effects that act in no recorded equation.
     rivals
         What competes with each cause, by position in the causes, most probable first.
     settings
@@ -64,5 +66,6 @@ class DiagnosisContext:
     held_back: bool
     given: tuple[Candidate, ...]
     known: tuple[EffectInstance, ...]
+    unseen: tuple[EffectInstance, ...]
     rivals: tuple[tuple[Candidate, ...], ...]
     settings: DiagnosisSettings

@@ -41,8 +41,8 @@ COMMISSIONED = (
 )
 PRIORS_UNUSED = "The stated priors were not used, as the description was taken as exact: add --refit to use them."
 STICKING = (
-    "While a joint sticks its dry friction takes any value: as much more was left there than elsewhere, its motor's "
-    "torque was not used at these instants."
+    "While a joint sticks, its dry friction takes any value up to that of motion. As much more was left there than "
+    "elsewhere, the torque of its motor was not used at these instants."
 )
 LOW_PASSED = (
     "residuals are compared below that, as the motion's torques are missing above, with noise of 0.5 % of the torque, "
@@ -58,8 +58,11 @@ def standing_note(joint: str) -> str:
 
 def unseen_note(instances: Sequence[EffectInstance]) -> str:
     """Return the note on known effects that act on the motor side where that was not recorded."""
-    names = [effect_at(instance.effect.id, instance.joint) for instance in instances]
-    return f"Known, but not seen: {', '.join(names)} on the motor side, as no motor torque was recorded; left out."
+    joints: dict[str, list[str]] = {}
+    for instance in instances:
+        joints.setdefault(instance.effect.id, []).append(str(instance.joint))
+    names = [effect_at(effect, ", ".join(places)) for effect, places in joints.items()]
+    return f"Known, but not seen, as no motor torque was recorded: {'; '.join(names)}. They stay as stated."
 
 
 def known_effect_note(feature: Feature, parameters: Mapping[str, ParameterEstimate]) -> str:
@@ -319,7 +322,7 @@ def share_at(found: Diagnosis, joint: str, side: str) -> str:
     """
     share = found.shrink_by_place.get((joint, side))
     if share is None:
-        return "no gap"
+        return "no clear gap"
     if not found.causes:
         return "gap"
     return "larger" if percent(share).startswith("-") else f"{percent(share)} gone"

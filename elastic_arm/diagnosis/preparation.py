@@ -60,6 +60,8 @@ class PreparedData:
         Every effect at every place where the motion can show it.
     carried
         Effects of the links' numbers: what they may lack, and what is fixed to them.
+    unseen
+        Known effects that act in no recorded equation: they stay what they are stated to be.
     sources
         Where the recordings of either part come from.
     held_back
@@ -76,6 +78,7 @@ class PreparedData:
     found: Linearised
     candidates: tuple[Feature, ...]
     carried: tuple[Feature, ...]
+    unseen: tuple[EffectInstance, ...]
     sources: tuple[tuple[str, ...], tuple[str, ...]]
     held_back: bool
     independent_motion: bool
@@ -167,7 +170,7 @@ def prepare(recordings: Sequence[Recording], validate: Sequence[Recording], ques
     known = (*(i for i in stated if (i.effect.id, i.joint) not in own), *question.given)
     equations = ArmEquations(question.robot, question.model)
     known = tuple(instance for instance in known if feature_of(instance, equations).acts)
-    unseen = [instance for instance in known if not _is_seen(instance, layout)]
+    unseen = tuple(instance for instance in known if not _is_seen(instance, layout))
     known = tuple(instance for instance in known if instance not in unseen)
     problem = calibration_problem(
         question.robot,
@@ -194,6 +197,7 @@ def prepare(recordings: Sequence[Recording], validate: Sequence[Recording], ques
         found=found,
         candidates=tuple(candidates),
         carried=tuple(_carried(question, equations)) if question.refit else (),
+        unseen=unseen,
         sources=(tuple(r.source for r in parts[0]), tuple(r.source for r in parts[1])),
         held_back=not validate,
         independent_motion=independent(*parts, settings.split),

@@ -344,8 +344,7 @@ def _mode(samples: Samples, k: NDArray[np.int64], rate: float) -> tuple[Mode, st
     size = f"stamps jitter by {1e3 * np.std(np.diff(jitter)) / np.sqrt(2):.2g} ms"
     if found is not None:
         mode: Mode = "stamps" if found.stamps else "regular"
-        numbers = f" with {found.share:.2f} ± {found.std:.2g} of it" if found.std > 0 else ""
-        return mode, f"{size}; {_MEANING[mode]}: {found.words}{numbers} (--clock overrules it)"
+        return mode, f"{size}; {_MEANING[mode]}: {found.words} (--clock overrules it)"
     piece = slice(0, min(len(k), 20000))
     regular = _roughness(position[piece])
     t = samples.t[piece]

@@ -32,6 +32,8 @@ SHORTEST_PERIODS = 2.0
 HOPELESS = 1e12
 # Numbers that no arm has below zero: springs, friction, inertias about axes.
 NEVER_NEGATIVE = re.compile(r"(^[^:]*\.(K|D|m|Izz)|(viscous|coulomb)_friction:\S+\.(coefficient|torque))$")
+# Deviations below zero from which on a number that no arm has below zero shows that the model lacks something.
+SURE = 3.0
 # A parameter takes part in an undetermined direction from this share on.
 TAKES_PART = 0.3
 
@@ -261,7 +263,9 @@ def remarks(fit: Fit, equations: BaseRegression) -> tuple[str, ...]:
     if fit.fixed:
         kept = ", ".join(names[k] for k in fit.fixed)
         found.append(f"this recording gives no value of {kept}: kept as in the description")
-    below = [names[k] for k in np.flatnonzero(impossible(equations, fit.Psi)).tolist()]
+    # Not what is zero but for its uncertainty, as a law tried at a joint that does not have it.
+    beyond = impossible(equations, fit.Psi) & (np.abs(fit.Psi) > SURE * np.sqrt(np.diag(fit.covariance)))
+    below = [names[k] for k in np.flatnonzero(beyond).tolist()]
     if below:
         found.append(f"{', '.join(below)}: below zero, which no arm can have; the model lacks something there")
     if fit.condition > HOPELESS:

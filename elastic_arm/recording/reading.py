@@ -239,7 +239,7 @@ def _joints(states: Sequence[Series], wanted: Sequence[str] | None, urdf: str | 
         if missing:
             raise RecordingError(
                 f"joint {', '.join(missing)} was not recorded; there are {', '.join(names)}",
-                "Use a robot description with these names, or map them in a channel map (--channels).",
+                "Give the description of the recorded arm (--robot), or map its names in a channel map (--channels).",
             )
         return tuple(wanted)
     known = urdf_joints(urdf)

@@ -187,8 +187,8 @@ def _cause(found: Diagnosis, cause: Cause, k: int, context: DiagnosisContext) ->
     row = _loudest(context, k)
     side, joint = context.validate.layout.sides[row // len(found.joints)], found.joints[row % len(found.joints)]
     caption = (
-        f"{joint}, {side} side, on validation data. Grey: residual of the model as it is. Red: what this cause adds. "
-        "Blue: what is left with this cause alone added."
+        f"{joint}, {side} side, on validation data. Grey: residual of the model as it is. Orange: what this cause "
+        "adds. Blue: what is left with this cause alone added."
     )
     return [
         Text(f"{effect.description} Law: {effect.formula}."),

@@ -124,3 +124,19 @@ def test_known_friction_of_motors_that_were_not_recorded_is_left_out_with_a_note
     prepared = prepare([alone[0]], [alone[1]], question(given=known))
     assert [candidate.feature.joint for candidate in prepared.given] == ["joint_2"]
     assert any("coulomb_friction on joint_1" in note and "no motor torque" in note for note in prepared.notes)
+
+
+def test_velocities_that_are_differences_of_positions_are_left_out_with_one_note() -> None:
+    """A driver's differences of its angles measure nothing; the note names both sides of such a recording."""
+    recordings = []
+    for recording in pair():
+        sides = {}
+        for name, side in (("link", recording.link), ("motor", recording.motor)):
+            seconds = np.diff(side.stamp_ns)[:, None] * 1e-9
+            difference = np.diff(side.position, axis=0) / seconds
+            sides[name] = replace(side, velocity=np.concatenate([difference[:1], difference]))
+        recordings.append(replace(recording, **sides))
+    prepared = prepare([recordings[0]], [recordings[1]], question())
+    notes = [note for note in prepared.notes if "velocities" in note]
+    assert len(notes) == len({recording.source for recording in recordings})
+    assert all("link and motor velocities are differences of the positions: left out" in note for note in notes)

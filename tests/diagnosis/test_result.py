@@ -75,12 +75,14 @@ def test_a_file_that_cannot_be_written_is_an_error_with_a_remedy(tmp_path: Path)
 
 
 def test_the_corrected_arm_has_what_was_known_and_what_was_found() -> None:
-    """Causes join the known effects at their fitted sizes; what a richer model variant has is left to that variant."""
-    known = parse("viscous_friction:joint_1:coefficient=3", ROBOT)
-    context: Any = SimpleNamespace(known=(known,), fitted=SimpleNamespace(robot=ROBOT))
+    """Causes join the known effects, at their fitted sizes or, where nothing shows them, as they are stated; what a
+    richer model variant has is left to that variant."""
+    known, unseen = (parse(f"viscous_friction:joint_{k}:coefficient=3", ROBOT) for k in (1, 3))
+    context: Any = SimpleNamespace(known=(known,), unseen=(unseen,), fitted=SimpleNamespace(robot=ROBOT))
     found: Any = SimpleNamespace(context=context, causes=(cause(), cause("inertia_coupling")))
     effects = repaired_robot(ROBOT, found).effects
     assert [(e["effect"], e["joint"]) for e in effects] == [
         ("viscous_friction", "joint_1"),
+        ("viscous_friction", "joint_3"),
         ("coulomb_friction", "joint_2"),
     ]

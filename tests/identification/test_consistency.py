@@ -20,6 +20,7 @@ from elastic_arm.identification import (
 from elastic_arm.identification.consistency.chart import pseudo_inertia
 from elastic_arm.identification.consistency.estimation import consistent, correlation_of_errors
 from elastic_arm.identification.consistency.identified_robot import identified_robot
+from elastic_arm.identification.verdict import remarks
 from elastic_arm.recording import Recording, Samples, Side
 from elastic_arm.robot import Robot, load_robot
 from tests.helpers.periodic_arm import record
@@ -138,6 +139,19 @@ def test_no_identified_friction_drives(true_robot: Robot) -> None:
     factor[:-1, -1] = factor[:-1, :-1] @ below
     found = consistent(replace(fit, Psi=below, factor=factor), identifier.equations, trust=0.1)
     assert found.Psi[-1] == pytest.approx(0.0, abs=1e-3)
+
+
+def test_only_what_is_surely_below_zero_speaks_against_the_model(true_robot: Robot) -> None:
+    """Friction of zero but for its uncertainty, tried where there is none, is no sign of a wrong model."""
+    laws = parse_laws(["viscous_friction:joint_2"], true_robot)
+    identifier = identifier_of(true_robot, "mod3", laws)
+    identifier.add(record(identifier.model, np.random.default_rng(4), encoder_noise=1e-6, velocity_noise=1e-4))
+    fit, equations = identifier.fit(), identifier.equations
+    column = equations.base.names.index("viscous_friction:joint_2.coefficient")
+    for deviations, named in ((1.0, False), (10.0, True)):
+        below = np.where(np.arange(len(fit.Psi)) == column, -deviations * fit.std[column], fit.Psi)
+        words = " ".join(remarks(replace(fit, Psi=below), equations))
+        assert ("viscous_friction:joint_2.coefficient: below zero" in words) == named
 
 
 def test_what_the_data_do_not_say_stays_with_the_nominal(true_robot: Robot) -> None:

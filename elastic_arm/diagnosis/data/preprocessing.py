@@ -78,7 +78,7 @@ def _without_differences(recording: Recording, settings: PreprocessingSettings) 
     """Leave out velocities that are differences of the positions: they hold nothing new, half a sample late."""
     where = recording.source or "the recording"
     sides: dict[str, Side | None] = {"link": recording.link, "motor": recording.motor}
-    notes = []
+    found = []
     for name, side in sides.items():
         if side is None or side.position is None or side.velocity is None or len(side) < 3:
             continue
@@ -91,8 +91,11 @@ def _without_differences(recording: Recording, settings: PreprocessingSettings) 
         ]
         if min(errors) < settings.difference * np.std(side.velocity):
             sides[name] = replace(side, velocity=None)
-            notes.append(f"{where}: velocities of the {name} side are differences of its positions: left out.")
-    return replace(recording, link=sides["link"], motor=sides["motor"], notes=(*recording.notes, *notes))
+            found.append(name)
+    if not found:
+        return recording
+    words = f"{where}: {' and '.join(found)} velocities are differences of the positions: left out."
+    return replace(recording, link=sides["link"], motor=sides["motor"], notes=(*recording.notes, words))
 
 
 def _one_clock(recording: Recording, settings: PreprocessingSettings) -> Recording:
