@@ -78,7 +78,8 @@ def filtered_circularly(values: Array, gains: NDArray[np.complexfloating]) -> Ar
     length = _circular_length(len(values))
     # Most columns show in few of the rows.
     for acting, columns in _alike(np.asarray(values.any(axis=0))):
-        spectrum = rfft(values[:, acting[:, None], columns], length, axis=0)
+        rows = acting if isinstance(columns, slice) else acting[:, None]
+        spectrum = rfft(values[:, rows, columns], length, axis=0)
         filtered = irfft(gains[:, acting[0] :, acting] @ spectrum, length, axis=0)
         out[:, acting[0] :, columns] = filtered[: len(values)]
     return out
@@ -113,7 +114,7 @@ def _circular_length(samples: int) -> int:
     return samples if fast == samples else int(next_fast_len(2 * samples - 1, True))
 
 
-def _alike(acting: NDArray[np.bool_]) -> Iterator[tuple[NDArray[np.intp], NDArray[np.intp]]]:
+def _alike(acting: NDArray[np.bool_]) -> Iterator[tuple[NDArray[np.intp], NDArray[np.intp] | slice]]:
     """Yield rows and some of the columns that act in just these rows (R, k)."""
     groups: dict[bytes, list[int]] = {}
     for column, rows in enumerate(np.ascontiguousarray(acting.T)):
@@ -122,7 +123,9 @@ def _alike(acting: NDArray[np.bool_]) -> Iterator[tuple[NDArray[np.intp], NDArra
     for columns in groups.values():
         rows = np.flatnonzero(acting[:, columns[0]])
         for first in range(0, len(columns), COLUMNS):
-            yield rows, np.array(columns[first : first + COLUMNS])
+            some = columns[first : first + COLUMNS]
+            # A slice is written to several times as fast as listed columns are.
+            yield rows, slice(some[0], some[-1] + 1) if some[-1] - some[0] < len(some) else np.array(some)
 
 
 def _folded(spectrum: Array, size: int, every: int) -> Array:

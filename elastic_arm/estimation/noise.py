@@ -101,6 +101,7 @@ def estimate_noise(position: Array, velocity: Array | None, rate: float) -> Side
     piece = _liveliest(position, LONGEST_PIECE)
     y = position[piece] - position[piece].mean(axis=0)
     v = None if velocity is None else velocity[piece] / rate
+    observed = np.stack([y.T] if v is None else [y.T, v.T])
     lowest = np.log(2 * np.pi * LOWEST_CUTOFF_HZ / rate)
     highest = max(np.log(HIGHEST_CUTOFF), lowest)
 
@@ -109,8 +110,7 @@ def estimate_noise(position: Array, velocity: Array | None, rate: float) -> Side
     def cost(z: Array, part: slice = slice(None)) -> float:
         cutoff = float(np.exp(np.clip(z[0], lowest, highest)))
         outside = float(np.clip(z[0], lowest, highest) - z[0]) ** 2
-        observed = y[part], None if v is None else v[part]
-        return float(_concentrated(*observed, cutoff, _ratio(z, v))[0].sum()) + len(y) * outside
+        return float(_concentrated(observed[..., part], cutoff, _ratio(z, v))[0].sum()) + len(y) * outside
 
     grid = [
         (c, r)
@@ -124,7 +124,7 @@ def estimate_noise(position: Array, velocity: Array | None, rate: float) -> Side
     )
     z = best.x
     cutoff, ratio = float(np.exp(np.clip(z[0], lowest, highest))), _ratio(z, v)
-    variance = _concentrated(y, v, cutoff, ratio)[1]
+    variance = _concentrated(observed, cutoff, ratio)[1]
     std = np.sqrt(variance)
     wide = _liveliest(position, LONGEST_SPECTRUM)
     position, velocity = position[wide], None if velocity is None else velocity[wide]
@@ -209,15 +209,22 @@ def _liveliest(position: Array, longest: int) -> slice:
     return slice(s, s + longest)
 
 
-def _concentrated(y: Array, v: Array | None, cutoff: float, ratio: float | None) -> tuple[Array, Array]:
-    """Return -2 log likelihood, with the noise level concentrated out, and that level's square, per joint (n,)."""
+def _concentrated(observed: Array, cutoff: float, ratio: float | None) -> tuple[Array, Array]:
+    """Return -2 log likelihood, with the noise level concentrated out, and that level's square, per joint (n,).
+
+    Parameters
+    ----------
+    observed
+        (channels, n, N) position and, if recorded, velocity over the rate.
+    cutoff, ratio
+        Of the filter, rad per sample; noise of the velocity over that of the position.
+    """
     gain, predict, s = _steady_state(cutoff, ratio)
-    observed = np.stack([y] if v is None else [y, v], axis=-1)
-    innovations = _innovations(observed, predict, gain, _observation(cutoff, ratio))[ORDER * 8 :]
-    whitened = innovations @ np.linalg.inv(np.linalg.cholesky(s)).T
-    channels = observed.shape[-1]
-    variance = np.mean(whitened**2, axis=(0, 2)) + np.finfo(float).tiny
-    return len(innovations) * (np.linalg.slogdet(s)[1] + channels * np.log(variance)), variance
+    innovations = _innovations(observed, predict, gain, _observation(cutoff, ratio))[..., ORDER * 8 :]
+    channels, _, samples = innovations.shape
+    whitened = np.linalg.inv(np.linalg.cholesky(s)) @ innovations.reshape(channels, -1)
+    variance = np.mean(whitened.reshape(innovations.shape) ** 2, axis=(0, 2)) + np.finfo(float).tiny
+    return samples * (np.linalg.slogdet(s)[1] + channels * np.log(variance)), variance
 
 
 def _observation(cutoff: float, ratio: float | None) -> Array:
@@ -257,22 +264,25 @@ def _innovations(y: Array, transition: Array, gain: Array, c: Array) -> Array:
     Parameters
     ----------
     y
-        (N, n, channels).
+        (channels, n, N).
     """
     values, vectors = np.linalg.eig(transition - transition @ gain @ c)
-    first = np.zeros((y.shape[1], len(transition)))
-    first[:, 0] = y[0, :, 0]
-    if y.shape[2] == 2:
-        first[:, 1] = y[0, :, 1] / c[1, 1]
     inverse = np.linalg.inv(vectors)
-    drive = y @ (inverse @ transition @ gain).T
-    modal = np.empty_like(drive)
-    modal[0] = first @ inverse.T
-    for k, value in enumerate(values):
-        start = value * modal[:1, :, k]
-        modal[1:, :, k] = scipy.signal.lfilter([1.0], [1.0, -value], drive[:-1, :, k], axis=0, zi=start)[0]
-    predicted = (modal @ (c @ vectors).T).real
-    return y - predicted
+    channels, joints, samples = y.shape
+    first = np.zeros((len(transition), joints))
+    first[0] = y[0, :, 0]
+    if channels == 2:
+        first[1] = y[1, :, 0] / c[1, 1]
+    # Modes come as conjugate pairs: one of a pair is run, and the real part of its share counts twice.
+    run = np.flatnonzero(values.imag >= 0.0)
+    shares = (c @ vectors)[:, run] * np.where(values[run].imag > 0.0, 2.0, 1.0)
+    modal = ((inverse @ transition @ gain)[run] @ y.reshape(channels, -1)).reshape(len(run), joints, samples)
+    starts = inverse[run] @ first
+    for mode, value, start in zip(modal, values[run], starts, strict=True):
+        driven = scipy.signal.lfilter([1.0], [1.0, -value], mode[:, :-1], axis=1, zi=value * start[:, None])[0]
+        mode[:, 0], mode[:, 1:] = start, driven
+    predicted = (shares @ modal.reshape(len(run), -1)).real
+    return y - predicted.reshape(y.shape)
 
 
 def encoder_steps(position: Array | None, noise: Array | None) -> Array:
