@@ -127,7 +127,7 @@ def _by_velocity(
         if count < 50:
             return
         sums = [x[: count * span].reshape(count, span, -1).sum(axis=1) for x in (left, expected)]
-        yield _share(sums[0], sums[1], "only so are velocities the derivatives of positions")
+        yield _share(sums[0], sums[1], "velocities are the derivatives of positions")
 
 
 def _by_smoothness(position: Array, k: NDArray[np.int64], jitter: Array, rate: float) -> Evidence:
@@ -141,7 +141,7 @@ def _by_smoothness(position: Array, k: NDArray[np.int64], jitter: Array, rate: f
         return Evidence(0.0, np.inf, "")
     rough, expected = (np.diff(x, ROUGHNESS, axis=0) for x in (position, smooth * jitter[:, None]))
     # Differences of neighbours are correlated: one of so many is independent.
-    return _share(rough[:: ROUGHNESS + 1], expected[:: ROUGHNESS + 1], "only so is the motion smooth")
+    return _share(rough[:: ROUGHNESS + 1], expected[:: ROUGHNESS + 1], "the motion is smooth")
 
 
 def _share(left: Array, expected: Array, words: str) -> Evidence:

@@ -344,7 +344,9 @@ def _mode(samples: Samples, k: NDArray[np.int64], rate: float) -> tuple[Mode, st
     size = f"stamps jitter by {1e3 * np.std(np.diff(jitter)) / np.sqrt(2):.2g} ms"
     if found is not None:
         mode: Mode = "stamps" if found.stamps else "regular"
-        return mode, f"{size}; {_MEANING[mode]}: {found.words} (--clock overrules it)"
+        share = f"{round(found.share, 2) + 0.0:.2g} ± {max(found.std, 0.01):.1g} of the jitter"
+        numbers = f" where {share} counts as time" if found.std > 0 else ""
+        return mode, f"{size}; {_MEANING[mode]}: {found.words}{numbers} (--clock overrules it)"
     piece = slice(0, min(len(k), 20000))
     regular = _roughness(position[piece])
     t = samples.t[piece]
