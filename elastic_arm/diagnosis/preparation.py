@@ -61,7 +61,7 @@ class PreparedData:
     carried
         Effects of the links' numbers: what they may lack, and what is fixed to them.
     unseen
-        Known effects that act in no recorded equation: they stay what they are stated to be.
+        Known effects that act in no recorded equation.
     sources
         Where the recordings of either part come from.
     held_back
@@ -166,11 +166,10 @@ def prepare(recordings: Sequence[Recording], validate: Sequence[Recording], ques
     layout, band = common_equations([*observed[0], *observed[1]], nominal, settings.preprocessing)
     still = [joint for joint in names if all(joint in standing(r) for r in parts[0])]
     own = {(instance.effect.id, instance.joint) for instance in question.given}
-    stated = robot_effects(question.robot, question.catalogue)
-    known = (*(i for i in stated if (i.effect.id, i.joint) not in own), *question.given)
+    stated = [i for i in robot_effects(question.robot, question.catalogue) if (i.effect.id, i.joint) not in own]
     equations = ArmEquations(question.robot, question.model)
-    known = tuple(instance for instance in known if feature_of(instance, equations).acts)
-    unseen = tuple(instance for instance in known if not _is_seen(instance, layout))
+    known = tuple(i for i in (*stated, *question.given) if feature_of(i, equations).acts)
+    unseen = tuple(i for i in known if not _is_seen(i, layout))
     known = tuple(instance for instance in known if instance not in unseen)
     problem = calibration_problem(
         question.robot,
@@ -189,8 +188,7 @@ def prepare(recordings: Sequence[Recording], validate: Sequence[Recording], ques
         expansion, noise, _ = calibrate(problem, expansion)
     found, _ = linearise(problem, expansion, candidates, noise=noise)
     notes = list(dict.fromkeys(note for part in observed for o in part for note in o.notes))
-    notes += [*_low_passed(parts), *_certainty_notes(question)]
-    notes += [texts.standing_note(joint) for joint in still]
+    notes += [*_low_passed(parts), *_certainty_notes(question), *(texts.standing_note(joint) for joint in still)]
     notes += [texts.unseen_note(unseen)] if unseen else []
     return PreparedData(
         calibration=problem,
