@@ -33,7 +33,7 @@ class RankedCause:
     cause
         As in the result.
     candidate, rivals
-        As it was fitted, and what competes with it.
+        As it was fitted, and its alternatives in their order.
     alone
         Residuals (N', R) of each validation stretch with this cause alone added, Nm.
     """
@@ -84,10 +84,11 @@ def _found_causes(prepared: PreparedData, estimated: EstimatedHypothesis, judgem
     for k in hypothesis.causes:
         candidate, rivals = hypothesis.selected[k], hypothesis.rivals.get(k, ())
         alone = [*hypothesis.baseline, candidate]
-        cause = _cause(prepared, estimated, k, measure.share(alone)[0], rivals)
+        others = _others(prepared, rivals, candidate.feature)
+        cause = _cause(prepared, estimated, k, measure.share(alone)[0], rivals, others)
         cause = replace(cause, minor=candidate.feature.key in judgement.minor)
         residuals = prepared.library.validation_residuals(alone)
-        found.append(RankedCause(cause, candidate, tuple(r.candidate for r in rivals), residuals))
+        found.append(RankedCause(cause, candidate, tuple(other.candidate for other in others), residuals))
     return found
 
 
@@ -133,14 +134,18 @@ def _fault_causes(
 
 
 def _cause(
-    prepared: PreparedData, estimated: EstimatedHypothesis, k: int, share: float, rivals: Sequence[Rival]
+    prepared: PreparedData,
+    estimated: EstimatedHypothesis,
+    k: int,
+    share: float,
+    rivals: Sequence[Rival],
+    others: Sequence[Rival],
 ) -> Cause:
     feature = estimated.hypothesis.selected[k].feature
     share_of_all = 1.0 / (1.0 + sum(r.odds for r in rivals))
     # The same effect on the other side of the drive, or in other channels too, is no other cause.
     same = [r for r in rivals if _is_same(r, feature)]
     doubtful = [r.candidate.feature for r in same if r.odds > prepared.settings.judgement.same_odds]
-    listed = [r for r in rivals if r.odds * share_of_all >= prepared.settings.judgement.least_listed and r not in same]
     return Cause(
         effect=feature.effect.id,
         joint=feature.joint,
@@ -149,9 +154,19 @@ def _cause(
         parameters=estimated.parameters[k],
         shrink=share,
         confidence=share_of_all * (1.0 + sum(r.odds for r in same)),
-        alternatives=tuple(_alternative(r, share_of_all, estimated.hypothesis.selected[k]) for r in listed),
+        alternatives=tuple(_alternative(r, share_of_all, estimated.hypothesis.selected[k]) for r in others),
         instance=estimated.instances[k],
     )
+
+
+def _others(prepared: PreparedData, rivals: Sequence[Rival], feature: Feature) -> list[Rival]:
+    """Return the other effects worth listing in the place of a cause, each on its likeliest side, with all its odds."""
+    found: dict[tuple[str, str | None], Rival] = {}
+    for rival in sorted((r for r in rivals if not _is_same(r, feature)), key=lambda r: -r.odds):
+        key = (rival.candidate.feature.effect.id, rival.candidate.feature.joint)
+        found[key] = replace(found[key], odds=found[key].odds + rival.odds) if key in found else rival
+    least = prepared.settings.judgement.least_listed * (1.0 + sum(r.odds for r in rivals))
+    return [other for other in found.values() if other.odds >= least]
 
 
 def _is_same(rival: Rival, feature: Feature) -> bool:

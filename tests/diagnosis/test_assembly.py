@@ -16,7 +16,9 @@ from elastic_arm.diagnosis.pipeline import search
 from elastic_arm.diagnosis.preparation import PreparedData, prepare
 from elastic_arm.diagnosis.result import Diagnosis
 from elastic_arm.diagnosis.selection.hypothesis import Rival
+from elastic_arm.diagnosis.selection.regressor_library import Candidate
 from elastic_arm.effects import EFFECTS
+from elastic_arm.estimation.effect_columns import Feature
 from tests.helpers.gap_recordings import ROBOT, motions, record
 
 EFFECTS_OF_THE_ARM = ("viscous_friction:joint_1:coefficient=20", "coulomb_friction:joint_2:torque=12")
@@ -30,6 +32,11 @@ def judged() -> tuple[PreparedData, Judgement, EstimatedHypothesis]:
     prepared = prepare([pair[0]], [pair[1]], Question(ROBOT, effects=SEARCHED))
     judgement = judge(prepared, search(prepared))
     return prepared, judgement, estimate(prepared, judgement.hypothesis)
+
+
+def is_at(candidate: Candidate, feature: Feature) -> bool:
+    """Whether a candidate is the effect of a feature at its joint, on whatever side."""
+    return (candidate.feature.effect.id, candidate.feature.joint) == (feature.effect.id, feature.joint)
 
 
 def assembled(rivals: Mapping[int, list[Rival]] | None = None) -> Diagnosis:
@@ -62,6 +69,21 @@ def test_confidence_is_shared_with_rivals_by_their_odds() -> None:
     (cause,) = (c for c in found.causes if (c.effect, c.joint) == place)
     assert cause.confidence == pytest.approx(0.75, rel=1e-3)
     assert [a.confidence for a in cause.alternatives] == pytest.approx([0.25], rel=1e-3)
+
+
+def test_an_effect_on_either_side_is_one_alternative() -> None:
+    """Odds of both sides count together, and what is told apart is the alternative, not the cause's own other side."""
+    prepared, _, estimated = judged()
+    own, other = (estimated.hypothesis.selected[k].feature for k in estimated.hypothesis.causes)
+    places = {feature: [c for c in prepared.library.candidates if is_at(c, feature)] for feature in (own, other)}
+    same = next(c for c in places[own] if c.feature.key != own.key)
+    rivals = [Rival(same, 1.0), *(Rival(c, 0.5) for c in places[other][:2])]
+    found = assembled({estimated.hypothesis.causes[0]: rivals})
+    index = [(c.effect, c.joint) for c in found.causes].index((own.effect.id, own.joint))
+    (alternative,) = found.causes[index].alternatives
+    assert (alternative.effect, alternative.joint) == (other.effect.id, other.joint)
+    assert alternative.confidence == pytest.approx(1.0 / 3.0)
+    assert found.context is not None and found.context.rivals[index] == (places[other][0],)
 
 
 def test_a_cause_without_rivals_is_certain() -> None:

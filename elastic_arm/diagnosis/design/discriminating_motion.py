@@ -211,6 +211,7 @@ def _ambiguous_pairs(context: DiagnosisContext, causes: Sequence[Cause]) -> list
     for k, cause in enumerate(causes):
         beside = (*own[:k], *own[k + 1 :])
         others = [*context.given, *context.selected[:k], *context.selected[k + 1 :]]
+        # A low pass in the place of a delay, which comes last, was no candidate of the search.
         for alternative, candidate in zip(cause.alternatives, context.rivals[k], strict=False):
             rival = _of_rival(context, candidate, others)
             found.append((alternative.confidence, (own[k], rival, beside)))
