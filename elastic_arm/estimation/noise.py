@@ -312,14 +312,8 @@ def noise_filter(values: Array, rate: float, f: Array, noise: Array) -> Callable
 
     Parameters
     ----------
-    values
-        (N,) of any unit.
-    rate
-        Samples per second.
-    f
-        (F,) Hz, ascending, as far as the signal reaches; what lies above is as it is.
-    noise
-        (F,) in it, in units squared; 1 is white noise of one unit a sample.
+    values, rate, f, noise
+        As of :func:`wiener_filtered`. Nothing is taken off a signal that outweighs its noise up to the highest `f`.
     """
     window = min(len(values), round(WIENER_SECONDS * rate))
     at, power = scipy.signal.welch(values, rate, nperseg=window)

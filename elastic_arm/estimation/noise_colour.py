@@ -233,8 +233,8 @@ def fit_colour(stretches: list[Periodogram]) -> ColourFit:
     coefficients = {name: c[k * n : (k + 1) * n] for k, name in enumerate(channels)}
     # With a quarter of it, the mean of a random walk over the recording has the variance that it should.
     colour = Colour(coefficients, float(min(one.f[0] for one in stretches)) / 4)
-    lack = float(lacks(stretches, colour).max())
-    return ColourFit(colour, reached - white, lack, _peakedness(stretches, colour))
+    powers = _powers(stretches, colour)
+    return ColourFit(colour, reached - white, float(_lacks(stretches, powers).max()), _peakedness(powers))
 
 
 def _grouped(one: Periodogram) -> tuple[Array, Array, Array, dict[str, Complex]]:
@@ -264,8 +264,12 @@ def lacks(stretches: Sequence[Periodogram], colour: Colour) -> Array:
     colour
         Of the noise beyond its white level.
     """
+    return _lacks(stretches, _powers(stretches, colour))
+
+
+def _lacks(stretches: Sequence[Periodogram], powers: Sequence[Array]) -> Array:
     octaves: dict[int, list[Array]] = {}
-    for one, power in zip(stretches, _powers(stretches, colour), strict=True):
+    for one, power in zip(stretches, powers, strict=True):
         octave = np.floor(np.log2(one.f)).astype(int)
         for k in map(int, np.unique(octave)):
             octaves.setdefault(k, []).append(power[octave == k])
@@ -283,9 +287,9 @@ def _powers(stretches: Sequence[Periodogram], colour: Colour) -> list[Array]:
     return found
 
 
-def _peakedness(stretches: Sequence[Periodogram], colour: Colour) -> float:
+def _peakedness(powers: Sequence[Array]) -> float:
     """Return of the worst row the mean of half the squared ratio of power to its mean over all frequencies."""
-    together = np.concatenate(_powers(stretches, colour))
+    together = np.concatenate(powers)
     mean = together.mean(axis=0)
     used = mean > UNKNOWN_SHARE
     return float(np.max(np.mean(together**2, axis=0)[used] / (2 * mean[used] ** 2), initial=1.0))

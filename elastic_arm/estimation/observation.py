@@ -204,7 +204,7 @@ class Observation:
 
     def with_filtered_deflection(self, quiet: Motion) -> Motion:
         """Return quiet motion without the noise of the encoders in the deflections."""
-        f = np.linspace(0.0, min(self.cutoff, self.smoother.cutoff / (2 * np.pi)), FREQUENCIES)
+        f = np.linspace(0.0, self._quiet_cutoff, FREQUENCIES)
         gain = self.quiet_gain(f)[:, None] ** 2
         noise = {name: self.position_spectrum(side, f) * gain for name, side in (("q", "link"), ("theta", "motor"))}
         return with_filtered_deflection(quiet, self.rate, f, noise)
@@ -217,7 +217,12 @@ class Observation:
 
     def quiet_gain(self, f: Array) -> Array:
         """Response of the further smoothing of the quiet motion at f (F,) Hz."""
-        return 1.0 / (1.0 + (f / min(self.cutoff, self.smoother.cutoff / (2 * np.pi))) ** (2 * ORDER)) / self.gain(f)
+        return 1.0 / (1.0 + (f / self._quiet_cutoff) ** (2 * ORDER)) / self.gain(f)
+
+    @property
+    def _quiet_cutoff(self) -> float:
+        """Hz up to which the quiet motion reaches."""
+        return min(self.cutoff, self.smoother.cutoff / (2 * np.pi))
 
 
 def observe(recording: Recording, band: float | None = None) -> Observation:
