@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
 from typing import Any, Self
 
@@ -149,7 +148,9 @@ def completed(motion: Motion, model: Model) -> CompletedMotion:
     return CompletedMotion(motion.t, q, dq, ddq, theta, dtheta, ddtheta, tau_J, tau_m, span=motion.span, before=before)
 
 
-def with_filtered_deflection(motion: Motion, rate: float, f: Array, noise: Mapping[str, Array]) -> Motion:
+def with_filtered_deflection(
+    motion: Motion, rate: float, f: Array, noise: Array, finer_motors: NDArray[np.bool_]
+) -> Motion:
     """Return motion with the coarser encoder of each joint made of the finer one and the deflection, filtered.
 
     A deflection is little more than the steps of the encoders that it is the difference of. What a drive's laws are
@@ -164,20 +165,19 @@ def with_filtered_deflection(motion: Motion, rate: float, f: Array, noise: Mappi
     f
         (F,) Hz, as far as the motion reaches.
     noise
-        "q", "theta" -> (F, n) in it, rad²; 1 is white noise of one rad a sample. Null where there is no such encoder.
+        (F, n) in the deflection, rad²; 1 is white noise of one rad a sample. Null where a joint lacks an encoder.
+    finer_motors
+        (n,) whether the motor's encoder is the finer one.
     """
     names = (("q", "theta"), ("dq", "dtheta"), ("ddq", "ddtheta"))
     if any(getattr(motion, name) is None for pair in names for name in pair):
         return motion
     changed: dict[str, Any] = {name: np.array(getattr(motion, name)) for pair in names for name in pair}
-    for joint in range(noise["q"].shape[1]):
-        link, motor = (noise[name][:, joint] for name in names[0])
-        if not (link.any() and motor.any()):
-            continue
-        filtered = noise_filter(changed["theta"][:, joint] - changed["q"][:, joint], rate, f, link + motor)
+    for joint in np.flatnonzero(noise.any(axis=0)):
+        filtered = noise_filter(changed["theta"][:, joint] - changed["q"][:, joint], rate, f, noise[:, joint])
         for q, theta in names:
             deflection = filtered(changed[theta][:, joint] - changed[q][:, joint])
-            if link.mean() > motor.mean():
+            if finer_motors[joint]:
                 changed[q][:, joint] = changed[theta][:, joint] - deflection
             else:
                 changed[theta][:, joint] = changed[q][:, joint] + deflection

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -204,16 +205,27 @@ class Observation:
 
     def with_filtered_deflection(self, quiet: Motion) -> Motion:
         """Return quiet motion without the noise of the encoders in the deflections."""
-        f = np.linspace(0.0, self._quiet_cutoff, FREQUENCIES)
-        gain = self.quiet_gain(f)[:, None] ** 2
-        noise = {name: self.position_spectrum(side, f) * gain for name, side in (("q", "link"), ("theta", "motor"))}
-        return with_filtered_deflection(quiet, self.rate, f, noise)
+        f = self._quiet_frequencies
+        link, motor = self.position_spectrum("link", f), self.position_spectrum("motor", f)
+        both = link.any(axis=0) & motor.any(axis=0)
+        noise = np.where(both, link + motor, 0.0) * self.quiet_gain(f)[:, None] ** 2
+        return with_filtered_deflection(quiet, self.rate, f, noise, self._finer_motors)
 
     def quiet_link_spectrum(self, f: Array) -> Array:
         """Noise of the quiet motion's link angles at f (F,) Hz: (F, n), that of the finer encoder of a joint's two."""
         link, motor = self.position_spectrum("link", f), self.position_spectrum("motor", f)
-        finer = motor.any(axis=0) & (motor.mean(axis=0) < link.mean(axis=0))
-        return np.where(finer, motor, link) * self.quiet_gain(f)[:, None] ** 2
+        return np.where(self._finer_motors, motor, link) * self.quiet_gain(f)[:, None] ** 2
+
+    @cached_property
+    def _finer_motors(self) -> NDArray[np.bool_]:
+        """Whether the motor's encoder is finer than the link's, where a joint (n,) has both."""
+        link, motor = (self.position_spectrum(side, self._quiet_frequencies) for side in ("link", "motor"))
+        return motor.any(axis=0) & (motor.mean(axis=0) < link.mean(axis=0))
+
+    @property
+    def _quiet_frequencies(self) -> Array:
+        """Hz (F,), as far as the quiet motion reaches."""
+        return np.linspace(0.0, self._quiet_cutoff, FREQUENCIES)
 
     def quiet_gain(self, f: Array) -> Array:
         """Response of the further smoothing of the quiet motion at f (F,) Hz."""

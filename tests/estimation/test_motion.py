@@ -85,8 +85,8 @@ def test_a_deflection_is_filtered_of_both_encoders_noise() -> None:
     link, motor = noisy(q, 2e-5), noisy([a + d for a, d in zip(q, wound, strict=True)], 5e-6)
     motion = Motion(t, *link, *motor)
     f = np.linspace(0.0, 40.0, 100)
-    flat = np.ones((len(f), 1))
-    found = with_filtered_deflection(motion, rate, f, {"q": 2e-5**2 * flat, "theta": 5e-6**2 * flat})
+    noise = (2e-5**2 + 5e-6**2) * np.ones((len(f), 1))
+    found = with_filtered_deflection(motion, rate, f, noise, np.array([True]))
     np.testing.assert_array_equal(found.theta, motor[0])
     inside = slice(1000, -1000)
     for name, other, true in (("theta", "q", wound[0]), ("dtheta", "dq", wound[1])):

@@ -24,7 +24,7 @@ from elastic_arm.estimation.effect_columns import Feature
 Array = NDArray[np.float64]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class LargeImperfection:
     """An effect of a sensor, or a number of the arm, beyond what is ordinary.
 
@@ -145,7 +145,7 @@ def _common(prepared: PreparedData, faults: Sequence[LargeImperfection]) -> list
         common = replace(group[0], value=mean).instance
         whole = feature_of(EffectInstance(first.effect, None, common.parameters), first.equations)
         contribution = [np.sum(parts, axis=0) for parts in zip(*(f.contribution for f in group), strict=True)]
-        kept = [f for f in kept if not any(f is one for one in group)]
+        kept = [fault for fault in kept if fault not in group]
         kept.append(LargeImperfection(whole, mean, float(np.sum(stds**-2.0) ** -0.5), contribution))
     return kept
 

@@ -57,8 +57,7 @@ def gap_measure(
     before = excess.band_of_largest_excess(tried, unexplained[0].row) if unexplained else tried[0]
     left = max((found.gain for found in test(hypothesis.selected)), default=0.0)
     left += sum(fault.gain for fault in refuted)
-    kept = {fault.feature.key for fault in faults} - {fault.feature.key for fault in refuted}
-    explaining = [fault for fault in faults if fault.feature.key in kept]
+    explaining = [fault for fault in faults if fault not in refuted]
     return LikelihoodMeasure(library, before, hypothesis.baseline, hypothesis.selected, left, settings, explaining)
 
 

@@ -238,7 +238,6 @@ def _motion_columns(prepared: PreparedData, which: int) -> list[Array]:
             found = shapes_of(data, of, joint, ratios, prepared.settings.regimes) if sides else {}
             shapes = [part for regime, part in found.items() if regime not in NO_MOTION]
             plain += [placed(data, side, joint, part) for side in sides for part in shapes]
+        plain += [law.plain(data) for law in changing_friction(library.sets, joint, prepared.settings.general_laws)]
         blocks.append(data.whiten([np.concatenate(parts, axis=2) for parts in zip(*plain, strict=True)]))
-        changing = changing_friction(library.sets, joint, prepared.settings.general_laws)
-        blocks += [data.whiten(law.plain(data)) for law in changing]
     return blocks
