@@ -375,8 +375,8 @@ def _carried(question: Question, equations: ArmEquations) -> list[Feature]:
 
     Those of drives are nuisance parameters by predicted torques: regressed on measured ones, they would gain by noise.
     """
-    effects = tuple(question.catalogue.values()) if question.effects is None else question.effects
-    return features(equations, [effect for effect in effects if effect.model_parameter and effect.sides == ("link",)])
+    effects = question.catalogue.values() if question.effects is None else question.effects
+    return features(equations, [e for e in effects if e.searched and e.model_parameter and e.sides == ("link",)])
 
 
 def _candidates(

@@ -17,6 +17,7 @@ from elastic_arm.diagnosis.inference.judgement import Judgement
 from elastic_arm.diagnosis.laws.better_laws import BetterLaws
 from elastic_arm.diagnosis.preparation import PreparedData
 from elastic_arm.diagnosis.result import Alternative, Cause
+from elastic_arm.diagnosis.selection.beyond_ordinary import rivals_of_number
 from elastic_arm.diagnosis.selection.hypothesis import Rival
 from elastic_arm.diagnosis.selection.regressor_library import Candidate
 from elastic_arm.estimation.effect_columns import Feature
@@ -115,6 +116,11 @@ def _fault_causes(
         alone = with_faults(left, [other for other in estimated.faults if other is not fault])
         share = judgement.measure.share_of_fault(fault, alone)
         name, unit = feature.linear[0].name, feature.unit(feature.linear[0])
+        candidate = library.add(feature, ())
+        library.close()
+        rivals = _of_links(prepared, estimated, feature)
+        others = _others(prepared, rivals, feature)
+        share_of_all = 1.0 / (1.0 + sum(r.odds for r in rivals))
         cause = Cause(
             effect=feature.effect.id,
             joint=feature.joint,
@@ -122,15 +128,21 @@ def _fault_causes(
             regime=feature.effect.regime,
             parameters={name: ParameterEstimate(fault.size, fault.std, unit)},
             shrink=share,
-            confidence=1.0 - prepared.settings.judgement.least_listed,
-            alternatives=(),
+            confidence=min(share_of_all, 1.0 - prepared.settings.judgement.least_listed),
+            alternatives=tuple(_alternative(r, share_of_all, candidate) for r in others),
             instance=fault.instance,
             refitted=bool(feature.effect.number),
         )
-        candidate = library.add(feature, ())
-        library.close()
-        found.append(RankedCause(cause, candidate, (), alone))
+        found.append(RankedCause(cause, candidate, tuple(other.candidate for other in others), alone))
     return found
+
+
+def _of_links(prepared: PreparedData, estimated: EstimatedHypothesis, fault: Feature) -> list[Rival]:
+    """Return the payloads and errors of other links that could stand in the place of that of a link."""
+    if fault.key not in {feature.key for feature in prepared.carried}:
+        return []
+    selected = estimated.hypothesis.selected
+    return rivals_of_number(prepared.library, selected, fault, prepared.carried, prepared.settings)
 
 
 def _cause(

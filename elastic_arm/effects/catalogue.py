@@ -8,6 +8,7 @@ import importlib.util
 import pkgutil
 import traceback
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 from functools import lru_cache
 from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
@@ -90,9 +91,9 @@ class Catalogue(Mapping[str, Effect]):
                 ) from error.__cause__
         return found
 
-    def without(self, effect_id: str) -> Catalogue:
-        """Return the catalogue without an effect, if it has it."""
-        return Catalogue([effect for effect in self.values() if effect.id != effect_id])
+    def withholding(self, effect_id: str) -> Catalogue:
+        """Return the catalogue with an effect that no diagnosis names; what every arm has of it stays ordinary."""
+        return Catalogue([replace(e, searched=False) if e.id == effect_id else e for e in self.values()])
 
     def find(self, effect_id: str) -> Effect:
         """Return an effect by id; EffectError, with the ids that come close, where there is none."""

@@ -80,7 +80,7 @@ def test_noise_alone_has_no_structure(seed: int) -> None:
     library = RegressorLibrary(*data, SETTINGS.candidates)
     library.add(cause_of(nothing), ())
     library.close()
-    assert lack_of_fit(library, [], RATIOS, SETTINGS.regimes)[0].gain < 0.6 * DETECTED
+    assert lack_of_fit(library, [], RATIOS, SETTINGS)[0].gain < 0.6 * DETECTED
 
 
 @pytest.mark.parametrize(
@@ -95,7 +95,7 @@ def test_what_is_too_faint_to_stand_out_is_found_by_what_it_follows(regime: str,
     library = library_with(lambda s: 0.09 * shape(s), {"motor": 1.0})
     added = float(np.mean(library.sets[1].added ** 2))  # type: ignore[attr-defined]
     assert added < 0.06 * (SENSOR**2 + MOTOR**2)
-    found = lack_of_fit(library, [], RATIOS, SETTINGS.regimes)[0]
+    found = lack_of_fit(library, [], RATIOS, SETTINGS)[0]
     assert (found.row, found.regime) == (2 * 2 + JOINT, regime)
     assert found.gain > DETECTED
     assert found.rmse == pytest.approx(np.sqrt(added), rel=0.35)
@@ -105,9 +105,7 @@ def test_an_error_of_a_torque_sensor_is_sought_in_its_three_equations_together()
     """What hides in the noise that three equations share shows by their common pattern, in no equation alone."""
     size = 0.06
     shared = {"link": 1.0, "drive": 1.0, "motor": -1.0}
-    found = lack_of_fit(
-        library_with(lambda s: size * s.values["sign_link"][:, JOINT], shared), [], RATIOS, SETTINGS.regimes
-    )[0]
+    found = lack_of_fit(library_with(lambda s: size * s.values["sign_link"][:, JOINT], shared), [], RATIOS, SETTINGS)[0]
     assert found.gain > DETECTED
     assert (found.row, found.regime) == (JOINT, "velocity_reversal")  # said of the link's equation
     assert found.rmse == pytest.approx(size, rel=0.35)
@@ -116,16 +114,16 @@ def test_an_error_of_a_torque_sensor_is_sought_in_its_three_equations_together()
 def test_what_the_causes_explain_is_no_structure() -> None:
     """Viscous friction stands out where nothing explains it, and leaves nothing once it is a cause."""
     library = library_with(lambda s: 0.3 * velocity(s), {"motor": 1.0})
-    assert lack_of_fit(library, [], RATIOS, SETTINGS.regimes)[0].gain > 5 * DETECTED
+    assert lack_of_fit(library, [], RATIOS, SETTINGS)[0].gain > 5 * DETECTED
     candidate = viscous(library)
     assert float(library.fit(0, [candidate])[0]) == pytest.approx(0.3, rel=0.1)
-    assert lack_of_fit(library, [candidate], RATIOS, SETTINGS.regimes)[0].gain < DETECTED
+    assert lack_of_fit(library, [candidate], RATIOS, SETTINGS)[0].gain < DETECTED
 
 
 def test_beside_a_cause_the_rest_is_still_found() -> None:
     """Drag with the square of the speed is left over, and placed, where a fit has taken its linear part."""
     library = library_with(drag, {"motor": 1.0})
-    found = lack_of_fit(library, [viscous(library)], RATIOS, SETTINGS.regimes)[0]
+    found = lack_of_fit(library, [viscous(library)], RATIOS, SETTINGS)[0]
     assert found.row == 2 * 2 + JOINT
     assert found.gain > DETECTED
 
@@ -133,7 +131,7 @@ def test_beside_a_cause_the_rest_is_still_found() -> None:
 def test_what_is_left_beside_a_cause_is_no_larger_than_what_was_there() -> None:
     """The size stated for what a cause leaves is of the order of the torque that was added."""
     library = library_with(drag, {"motor": 1.0})
-    found = lack_of_fit(library, [viscous(library)], RATIOS, SETTINGS.regimes)[0]
+    found = lack_of_fit(library, [viscous(library)], RATIOS, SETTINGS)[0]
     assert found.rmse < 2.0 * float(np.sqrt(np.mean(library.sets[1].added ** 2)))  # type: ignore[attr-defined]
 
 

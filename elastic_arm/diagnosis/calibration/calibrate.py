@@ -159,7 +159,8 @@ def _nearer(problem: CalibrationProblem, best: _FittedExpansion, *, scaled: bool
     settings = problem.settings.refit
     # Offsets act linearly: they stay in the columns.
     limits = np.array([parameter.limit for parameter in problem.parameters])
-    if not (best.extra or scaled):
+    fits = best.misfit <= problem.settings.search.bent
+    if not (best.extra or scaled or fits):
         # What no number of the arm explains bends them all, and with them the gains: causes are not yet known.
         near = np.minimum(limits, settings.beyond_ordinary)
         limits = np.where([p.is_inertial for p in problem.parameters], near, limits)
@@ -170,7 +171,6 @@ def _nearer(problem: CalibrationProblem, best: _FittedExpansion, *, scaled: bool
         step = (values - start) / _changes_of_gain(problem, start, values)
         values = np.clip(start + step, -limits, limits)
         # Where much is unexplained, many combinations of numbers are next to null directions: there each step counts.
-        fits = best.misfit <= problem.settings.search.bent
         expansion = expand(problem, values, best.expansion, best.acting, same_problem=fits)
         found = _fitted(problem, expansion, best.moved(share), scaled=scaled)
         if found.misfit < settings.worse * best.misfit or found.is_on_the_way_from(best, settings):

@@ -89,7 +89,7 @@ def faults_beside(prepared: PreparedData, selected: Sequence[Candidate]) -> tupl
     # What is unexplained bends nuisance parameters: then their priors hold them, and nothing else.
     fits = misfit(library, selected) <= prepared.settings.search.bent
     for k, (p, value, std) in enumerate(zip(parameters, prepared.found.values + values, stds, strict=True)):
-        if p.cause is None:
+        if p.cause is None or not p.cause.effect.searched:
             continue
         own, own_std = float(value * p.prior_std), float(std * p.prior_std)
         known = fits and 1.0 - std**2 >= settings.least_known

@@ -76,7 +76,7 @@ class LackOfFitTest:
         """Return what candidates leave, strongest first; each set of candidates is worked out once."""
         key = tuple(selected)
         if key not in self._found:
-            self._found[key] = lack_of_fit(self._library, selected, self._ratios, self._settings.regimes)
+            self._found[key] = lack_of_fit(self._library, selected, self._ratios, self._settings)
         found, detected = self._found[key], self._settings.significance.detected
         share = self._settings.judgement.trace_share
         shown = [one for one in found if one.gain > max(detected, share * found[0].gain)]
@@ -92,7 +92,7 @@ def lack_of_fit(
     library: RegressorLibrary,
     selected: Sequence[Candidate],
     ratios: Sequence[tuple[float, float]],
-    settings: RegimeSettings,
+    settings: DiagnosisSettings,
 ) -> list[LackOfFit]:
     """Return what stands out of what the candidates leave, the strongest of each residual, strongest first.
 
@@ -105,18 +105,15 @@ def lack_of_fit(
     ratios
         r_hd and r_tot of every joint.
     settings
-        The shapes that residuals are compared with.
+        The shapes that residuals are compared with, and how much of them nuisance parameters may hold.
     """
     n = library.sets[0].layout.n
     left = [library.remainder(which, selected, library.fit(which, selected)) for which in (0, 1)]
-    explained = [
-        orthonormal_basis(np.hstack([library.nuisance.white[which], library.matrix(which, _numbers(selected))]), RANK)
-        for which in (0, 1)
-    ]
+    explained = [_Explained.by(library, selected, which, settings.search.held) for which in (0, 1)]
     found: list[LackOfFit] = []
     for joint in range(n):
         shapes = {
-            of: [shapes_of(data, of, joint, ratios[joint], settings) for data in library.sets]
+            of: [shapes_of(data, of, joint, ratios[joint], settings.regimes) for data in library.sets]
             for of in ("link", "motor")
         }
         for side in (*library.sets[0].layout.sides, "sensor"):
@@ -203,18 +200,48 @@ def _numbers(selected: Sequence[Candidate]) -> NDArray[np.intp]:
     return np.concatenate([candidate.index for candidate in selected]) if selected else np.empty(0, dtype=int)
 
 
-def _whitened(data: WhitenedData, shapes: Mapping[str, Sequence[Array]], known: Array) -> dict[str, Array]:
-    """Return whitened columns (rows, k) of each regime's shapes less what is known, all at one go."""
+@dataclass(frozen=True, eq=False)
+class _Explained:
+    """What is explained already of the residuals of a data set.
+
+    Parameters
+    ----------
+    basis
+        (rows, m) orthonormal: of the nuisance parameters' columns, then of those of the candidates.
+    nuisance
+        How many are of the nuisance parameters.
+    held
+        Share of a shape's squares from which it is the nuisance parameters': what is left of it is the error of their
+        linearisation.
+    """
+
+    basis: Array
+    nuisance: int
+    held: float
+
+    @staticmethod
+    def by(library: RegressorLibrary, selected: Sequence[Candidate], which: int, held: float) -> _Explained:
+        """Return what nuisance parameters and candidates explain of one of the two data sets."""
+        first = orthonormal_basis(library.nuisance.white[which], RANK)
+        further = library.matrix(which, _numbers(selected))
+        second = orthonormal_basis(further - first @ (first.T @ further), RANK)
+        return _Explained(np.hstack([first, second]), first.shape[1], held)
+
+    def off(self, columns: Array) -> Array:
+        """Return columns (rows, k) less what is explained of them; nothing where only errors would be left."""
+        inner = self.basis.T @ columns
+        left = columns - self.basis @ inner
+        squares = np.sum(columns**2, axis=0)
+        held = np.sum(inner[: self.nuisance] ** 2, axis=0) > self.held * squares
+        left[:, held | (np.sum(left**2, axis=0) < RANK**2 * squares)] = 0.0
+        return left
+
+
+def _whitened(data: WhitenedData, shapes: Mapping[str, Sequence[Array]], explained: _Explained) -> dict[str, Array]:
+    """Return whitened columns (rows, k) of each regime's shapes less what is explained, all at one go."""
     together = [np.concatenate(parts, axis=2) for parts in zip(*shapes.values(), strict=True)]
     ends = np.cumsum([parts[0].shape[2] for parts in shapes.values()])
-    return dict(zip(shapes, np.split(_without(data.whiten(together), known), ends[:-1], axis=1), strict=True))
-
-
-def _without(columns: Array, known: Array) -> Array:
-    """Return columns less what the selected candidates hold of them; nothing where only rounding would be left."""
-    left = columns - known @ (known.T @ columns)
-    left[:, np.linalg.norm(left, axis=0) < RANK * np.linalg.norm(columns, axis=0)] = 0.0
-    return left
+    return dict(zip(shapes, np.split(explained.off(data.whiten(together)), ends[:-1], axis=1), strict=True))
 
 
 def _least_squares(columns: Array, y: Array) -> Array:

@@ -60,7 +60,7 @@ def with_effects_beyond_ordinary(
     faults = {feature.key for feature in sensors}
     faulty: list[Candidate] = []
     while free:
-        ranked = _ranked(library, [*hypothesis.selected, *faulty], free, settings)
+        ranked = _ranked(library, [*hypothesis.selected, *faulty], free, settings, settings.significance.detected)
         if not ranked:
             break
         first = next((pair for pair in ranked if pair[1].feature.key not in faults), None)
@@ -98,12 +98,45 @@ def _found_beyond(library: RegressorLibrary, hypothesis: Hypothesis, settings: D
     return frozenset(found)
 
 
+def rivals_of_number(
+    library: RegressorLibrary,
+    selected: Sequence[Candidate],
+    number: Feature,
+    features: Sequence[Feature],
+    settings: DiagnosisSettings,
+) -> list[Rival]:
+    """Return what could stand in the place of a number of a link that is beyond ordinary.
+
+    Parameters
+    ----------
+    library
+        Of all columns, with ordinary priors of the nuisance parameters.
+    selected
+        The known effects and the causes.
+    number
+        The effect of the number.
+    features
+        Of the links' inertial parameters, the number's own among them.
+    settings
+        How much a value that was tried costs.
+    """
+    starts = [library.add(f, point) for f in features for point in starting_points(f, settings.candidates)]
+    library.close()
+    ranked = _ranked(library, selected, starts, settings, least=0.0)
+    own = next((gain for gain, candidate in ranked if candidate.feature.key == number.key), 0.0)
+    return [Rival(c, float(np.exp(gain - own))) for gain, c in ranked if c.feature.key != number.key]
+
+
 def _ranked(
-    library: RegressorLibrary, selected: Sequence[Candidate], further: Sequence[Candidate], settings: DiagnosisSettings
+    library: RegressorLibrary,
+    selected: Sequence[Candidate],
+    further: Sequence[Candidate],
+    settings: DiagnosisSettings,
+    least: float,
 ) -> list[tuple[float, Candidate]]:
     """Return by how much each feature raises the likelihood of all data, nats over the misfit, the best first.
 
-    Those that raise it by less than what is detected are left out; of values tried each is worth that much less.
+    Those that raise it by less than the least are left out; of values tried each is worth that much less.
     """
     scale, without = misfit(library, selected), library.both(selected)
     tried = Counter(candidate.feature.key for candidate in further)
@@ -112,12 +145,11 @@ def _ranked(
     for gain, candidate in rough:
         key = candidate.feature.key
         # Columns that span a neighbourhood to first order lack what goes with the square, as a payload's inertia.
-        weak = gain < settings.significance.detected * scale and candidate.searched is not None
+        weak = gain < least * scale and candidate.searched is not None
         if weak or key in found:
             continue
         best = refine(library, [*selected, candidate], candidate, settings.refinement)
         trial = [*selected, best]
         if plausible(library, trial, settings.search.ratio_factor):
             found[key] = ((library.both(trial) - without) / scale - float(np.log(tried[key])), best)
-    clear = [pair for pair in found.values() if pair[0] > settings.significance.detected]
-    return sorted(clear, key=lambda pair: -pair[0])
+    return sorted((pair for pair in found.values() if pair[0] > least), key=lambda pair: -pair[0])

@@ -59,6 +59,7 @@ EFFECT = Effect(
     sides=("link",),
     regime="load",
     model_parameter=True,
+    number="link_mass",
     confusions=(
         Confusion(
             "payload",

@@ -334,14 +334,12 @@ def _recorded(folder: Path, request: SamplingRequest, level: ChallengeLevel, cat
 
 def _diagnose(job: tuple[str, str, str, str, str]) -> tuple[str, str]:
     folder, name, model, without, kind = Path(job[0]), *job[1:]
-    catalogue = catalogue_of(folder)
-    # What is stated is looked for everywhere: an arm with nothing withheld is diagnosed as users diagnose theirs.
-    effects = tuple(e for e in catalogue.without(without).values() if e.searched) if without else None
+    catalogue = catalogue_of(folder).withholding(without)
     wall, cpu = time.perf_counter(), time.process_time()
     try:
         channels = channels_path(folder, name)
         identify, validate = (read_recording(bag, channels) for bag in _bags(folder, name))
-        question = replace(_question(folder, name, model, catalogue), effects=effects)
+        question = _question(folder, name, model, catalogue)
         if kind == BASELINE:
             answer, problem = baseline_answer(identify, validate, question), ""
         else:
