@@ -21,6 +21,7 @@ from elastic_arm.diagnosis.inference.judgement import is_small_effect
 from elastic_arm.diagnosis.inference.lack_of_fit import lack_of_fit
 from elastic_arm.diagnosis.result import Alternative, Cause
 from elastic_arm.diagnosis.selection.hypothesis import Hypothesis
+from elastic_arm.diagnosis.selection.marginalisation import NuisanceColumns
 from elastic_arm.diagnosis.selection.regressor_library import Candidate, RegressorLibrary
 from elastic_arm.diagnosis.settings import DiagnosisSettings
 from elastic_arm.effects import parse
@@ -133,6 +134,24 @@ def test_what_is_left_beside_a_cause_is_no_larger_than_what_was_there() -> None:
     library = library_with(drag, {"motor": 1.0})
     found = lack_of_fit(library, [viscous(library)], RATIOS, SETTINGS)[0]
     assert found.rmse < 2.0 * float(np.sqrt(np.mean(library.sets[1].added ** 2)))  # type: ignore[attr-defined]
+
+
+def test_the_error_of_a_nuisance_parameters_column_is_no_structure() -> None:
+    """Where a nuisance parameter holds a shape but for 0.1 % of its squares, that rest is what linearisation leaves."""
+    data: Any = [Moved(seed, nothing, {}) for seed in (1, 2)]
+    columns = []
+    for k, one in enumerate(data):
+        shape = one.whiten(one.plain(cause_of(velocity), ()))[:, 0]
+        error = np.random.default_rng(k).standard_normal(len(shape))
+        error /= np.linalg.norm(error)
+        columns.append((shape + 0.03 * np.linalg.norm(shape) * error)[:, None])
+        one.white -= 10.0 * error
+    white = (columns[0], columns[1])
+    nuisance = NuisanceColumns(white, (), np.zeros(1), np.full(1, np.inf), ("joint_2",))
+    library = RegressorLibrary(*data, SETTINGS.candidates, nuisance)
+    library.add(cause_of(nothing), ())
+    library.close()
+    assert lack_of_fit(library, [], RATIOS, SETTINGS)[0].gain < 0.6 * DETECTED
 
 
 # --- internal states of laws, with and without a compiler

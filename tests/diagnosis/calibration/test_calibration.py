@@ -175,3 +175,23 @@ def test_numbers_beyond_ordinary_are_causes_and_stand_in_the_corrected_arm() -> 
     gear = corrected.joints[0].transmission
     assert gear is not None and gear.rotor.izz == pytest.approx(rotor.izz, rel=0.03)
     assert not {effect["effect"] for effect in corrected.effects} & {"rotor_inertia_mismatch", "damping_mismatch"}
+
+
+@pytest.mark.slow
+def test_a_link_far_lighter_than_described_is_a_cause_though_other_links_could_hold_some_of_it() -> None:
+    """A mass of about half, which gains less than a cause of the search has to, is named, and refitted in robot.yaml."""
+    rng = np.random.default_rng(39)
+    true, ordinary = imprecise(ROBOT, rng), ordinary_faults(ROBOT.n, rng)
+    last, nominal = true.joints[2], ROBOT.joints[2].link
+    light = replace(last.link, mass=0.55 * nominal.mass, inertia=0.55 * np.asarray(nominal.inertia))
+    robot = true.with_(joints=(*true.joints[:2], replace(last, link=light)))
+    first, judge = record(robot, ordinary, (16.0, 8.0), rng)
+    found = diagnose([first], Question(ROBOT, refit=True, given=FRICTION), [judge])
+    assert found.verdict == "explained"
+    (cause,) = found.causes
+    assert (cause.effect, cause.joint) == ("link_inertia_mismatch", "joint_3")
+    mass = cause.parameters["mass"]
+    assert abs(mass.value - 0.55) < 3.0 * mass.std and mass.std < 0.05
+    corrected = repaired_robot(ROBOT, found)
+    assert corrected.joints[2].link.mass == pytest.approx(mass.value * nominal.mass, rel=0.02)
+    assert "link_inertia_mismatch" not in {effect["effect"] for effect in corrected.effects}
