@@ -10,10 +10,17 @@ import numpy as np
 
 from elastic_arm.effects import EFFECTS, Effect, Role, Scope
 from elastic_arm.effects.model import MODELS
+from elastic_arm.studies.blind_challenge.arm_sampling import LOWEST
 from elastic_arm.studies.blind_challenge.effect_sampling import true_parameters
 from elastic_arm.studies.blind_challenge.hidden_arms.effect_laws import Fault
 
 DECLARED = 0.05  # an alternative with this confidence counts as declared
+CAUSE = 0.01  # of the gap: less is no cause
+
+
+def is_faint(line: Mapping[str, Any]) -> bool:
+    """Whether one of several effects of an arm is less than a cause, or less than ten bounds."""
+    return bool(line["share"] < CAUSE or line["multiple"] < LOWEST)
 
 
 def score_answer(

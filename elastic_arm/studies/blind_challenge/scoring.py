@@ -12,7 +12,7 @@ import numpy as np
 
 from elastic_arm.effects import EFFECTS, Effect
 from elastic_arm.robot import load_robot
-from elastic_arm.studies.blind_challenge.answer_scoring import score_answer
+from elastic_arm.studies.blind_challenge.answer_scoring import is_faint, score_answer
 from elastic_arm.studies.blind_challenge.arm_sampling import LOWEST
 from elastic_arm.studies.blind_challenge.campaign import (
     ANSWERS,
@@ -29,7 +29,6 @@ from elastic_arm.studies.blind_challenge.sealed_truth import open_sealed
 
 Line = dict[str, Any]
 
-CAUSE = 0.01  # of the gap: less is no cause
 NEIGHBOURS = 0.9  # a withheld effect whose gap the rest explains to this share is tabled apart
 # What is to be reached; the others are reported without a target.
 TARGETS = {
@@ -114,8 +113,8 @@ _SINGLE = {
 
 def _shares(lines: Sequence[Line], large: Sequence[Line], withheld: Sequence[Line]) -> dict[str, Proportion]:
     several = {n: [x for x in lines if len(x["truth"]) == n] for n in (2, 3)}
-    clear = {n: [x["effect_right"] for x in several[n] if not _faint(x)] for n in several}
-    faint = [x["effect_right"] for n in several for x in several[n] if _faint(x)]
+    clear = {n: [x["effect_right"] for x in several[n] if not is_faint(x)] for n in several}
+    faint = [x["effect_right"] for n in several for x in several[n] if is_faint(x)]
     due = [x["unknown"] for x in withheld if _due(x)]
     return {
         **{question: Proportion.of([x[key] for x in large]) for question, key in _SINGLE.items()},
@@ -156,11 +155,6 @@ def _levels(lines: Sequence[Line], withheld: Sequence[Line], baseline: Sequence[
 
 def _of(lines: Sequence[Line], effect: str) -> bool:
     return any(x["truth"] == [effect] for x in lines)
-
-
-def _faint(line: Line) -> bool:
-    """Whether one of several effects is less than a cause, or less than ten bounds."""
-    return line["share"] < CAUSE or line["multiple"] < LOWEST
 
 
 def _beside(withheld: Sequence[Line], lines: Sequence[Line]) -> list[Line]:

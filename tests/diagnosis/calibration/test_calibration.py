@@ -179,7 +179,7 @@ def test_numbers_beyond_ordinary_are_causes_and_stand_in_the_corrected_arm() -> 
 
 @pytest.mark.slow
 def test_a_link_far_lighter_than_described_is_a_cause_though_other_links_could_hold_some_of_it() -> None:
-    """A mass of about half, which gains less than a cause of the search has to, is named, and refitted in robot.yaml."""
+    """About half the mass, which gains less than a cause of the search has to, is named, and refitted in robot.yaml."""
     rng = np.random.default_rng(39)
     true, ordinary = imprecise(ROBOT, rng), ordinary_faults(ROBOT.n, rng)
     last, nominal = true.joints[2], ROBOT.joints[2].link

@@ -148,7 +148,7 @@ def sample_realistic_arm(
         assert sizing is not None
         draft = _draft(effect, sizes, min(seconds), sensors, catalogue, sizing.peak, rng)
         chosen.append(sizing.sized(draft, float(np.exp(rng.uniform(*np.log(request.ratio))))))
-    faults = [fault for fault, _, _ in chosen]
+    faults = [one.fault for one in chosen]
     for fault in faults:
         ordinary = [o for o in ordinary if (o.effect, o.joint) != (fault.effect, fault.joint)]
         conditions = [c for c in conditions if (c.effect, c.joint) != (fault.effect, fault.joint)]
@@ -156,7 +156,7 @@ def sample_realistic_arm(
     if level.torque_constant:
         conditions += [o for o in ordinary if o.effect == "motor_torque_gain"]
         ordinary = [o for o in ordinary if o.effect != "motor_torque_gain"]
-    multiples = tuple(distance for _, distance, _ in chosen)
+    multiples = tuple(one.distance for one in chosen)
     arm = RealisticArm(
         name=request.name,
         model=model_of([e for e in effects if e not in FOREIGN], catalogue),
@@ -169,8 +169,8 @@ def sample_realistic_arm(
         sensors=sensors,
         instruments={"encoder_noise": sensors.link_step / np.sqrt(12)},
         multiple=multiples,
-        bound=tuple(bound for _, _, bound in chosen),
-        share=shares([multiple**2 for multiple in multiples]),
+        bound=tuple(one.bound for one in chosen),
+        share=shares([one.excess for one in chosen]),
         visible=min(multiples, default=np.inf) >= request.ratio[0],
     )
     return DrawnArm(arm, description, real, (motions[0], motions[1]))

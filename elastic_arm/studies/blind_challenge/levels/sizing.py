@@ -53,6 +53,26 @@ class EffectDraft:
     high: float
 
 
+@dataclass(frozen=True)
+class SizedEffect:
+    """An effect of a size.
+
+    Parameters
+    ----------
+    fault
+        The effect.
+    distance, bound
+        Multiple of its bound that it is, and that bound.
+    excess
+        Mean square of what it does to the residuals, Nm^2.
+    """
+
+    fault: Fault
+    distance: float
+    bound: float
+    excess: float
+
+
 class Sizing:
     """Sizes of effects on one arm.
 
@@ -92,8 +112,8 @@ class Sizing:
         """Return the largest motor torques (n,) of the plain motion, Nm."""
         return np.asarray(np.abs(self._plain.tau_m).max(axis=0))
 
-    def sized(self, draft: EffectDraft, wanted: float) -> tuple[Fault, float, float]:
-        """Return an effect of the wanted distance, within its limits, with the distance reached and its bound.
+    def sized(self, draft: EffectDraft, wanted: float) -> SizedEffect:
+        """Return an effect of the wanted distance, within its limits.
 
         Parameters
         ----------
@@ -104,10 +124,10 @@ class Sizing:
         """
         high = draft.high
         tried = reached = draft.low
-        distance = 0.0
+        distance = excess = 0.0
         for _ in range(ROUNDS):
             try:
-                distance, reached = self._distance(draft.make(tried)), tried
+                (distance, excess), reached = self._change(draft.make(tried)), tried
             except SimulationError:
                 high = tried = 0.5 * tried
                 continue
@@ -115,9 +135,10 @@ class Sizing:
             if abs(better / tried - 1.0) < NEAR:
                 break
             tried = better
-        return draft.make(reached), distance, reached / max(distance, 1e-9)
+        return SizedEffect(draft.make(reached), distance, reached / max(distance, 1e-9), excess)
 
-    def _distance(self, fault: Fault) -> float:
+    def _change(self, fault: Fault) -> tuple[float, float]:
+        """Return how far the residuals change by a fault, whitened and marginalised, and their mean square in Nm^2."""
         # Without the arm's ordinary friction, which would stand in the residuals beside the effect.
         true = HiddenArm(self._robot, [fault], geometry=self._description).run(self._motion)
         if fault.effect == "thermal_friction":
@@ -127,7 +148,7 @@ class Sizing:
             # What sampling leaves of the plain motion is no effect.
             change = self._information.residuals(read) - self._left
         without = {(name, fault.joint or 0) for name in ITSELF.get(fault.effect, ())}
-        return self._information.distance(change, without=without)
+        return self._information.distance(change, without=without), float(np.mean(change**2))
 
     def _warmed(self, fault: Fault) -> Array:
         """Change of the residuals by friction that changes, from its law: without friction nothing would change."""

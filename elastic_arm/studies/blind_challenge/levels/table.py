@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from elastic_arm.studies.blind_challenge.answer_scoring import is_faint
 from elastic_arm.studies.blind_challenge.levels.answers import KINDS, Line, expected_unknown
 from elastic_arm.studies.blind_challenge.levels.level import FIELD, WORKSHOP
 from elastic_arm.studies.blind_challenge.proportions import Proportion, calibration
@@ -40,6 +41,7 @@ def level_table(lines: Sequence[Line], withheld: Sequence[Line]) -> dict[str, An
     foreign = [x for x in lines if x["foreign"]]
     own = [x for x in lines if not x["foreign"]]
     single = [x for x in own if len(x["truth"]) == 1 and x["visible"]]
+    pairs = [x for x in own if len(x["truth"]) == 2]
     due = [x["unknown"] for x in withheld if x["due"]]
     shares = {
         "effect right": Proportion.of([x["effect_right"] for x in single]),
@@ -47,7 +49,8 @@ def level_table(lines: Sequence[Line], withheld: Sequence[Line]) -> dict[str, An
         "nothing more than ordinary: no cause": Proportion.of([x["no_cause"] for x in own if not x["truth"]]),
         "arms with a false cause at confidence 0.9": Proportion.of([x["accused"] for x in lines]),
         "withheld or foreign: unknown": Proportion.of([*due, *(expected_unknown(x) for x in foreign)]),
-        "two at once, both right": Proportion.of([x["effect_right"] for x in own if len(x["truth"]) == 2]),
+        "two at once, both right": Proportion.of([x["effect_right"] for x in pairs if not is_faint(x)]),
+        "two at once, one of them faint": Proportion.of([x["effect_right"] for x in pairs if is_faint(x)]),
         "effect right, below ten bounds": Proportion.of(
             [x["effect_right"] for x in own if len(x["truth"]) == 1 and not x["visible"]]
         ),
