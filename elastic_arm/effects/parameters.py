@@ -154,6 +154,22 @@ class Parameter:
                 return math.inf
         return (self.neutral or 0.0) + coefficient
 
+    def believable(self, value: float, ratio_factor: float) -> bool:
+        """Return whether an arm may have a value: a ratio near its range, a size of the right sign.
+
+        Parameters
+        ----------
+        value
+            Of a linear parameter.
+        ratio_factor
+            How far outside its range a ratio may be.
+        """
+        if self.neutral == 0.0 and self.low > 0.0:
+            return value > 0.0
+        if self.neutral:
+            return self.low / ratio_factor < value < self.high * ratio_factor
+        return value > self.above
+
     def checked(self, value: Any, of: str) -> float | tuple[float, ...]:
         """Return `value` as a number, or a tuple of them for a vector; EffectError where it makes no sense."""
         numbers = tuple(value) if isinstance(value, list | tuple) else (value,)

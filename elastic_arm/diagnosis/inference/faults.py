@@ -54,10 +54,15 @@ class LargeImperfection:
         """Log-likelihood that it gains over none, nats: of a Gaussian estimate."""
         return 0.5 * (self.value / self.std) ** 2
 
-    @property
-    def is_possible(self) -> bool:
-        """Whether an arm may have it: no inertia is negative."""
-        return self.size > self.feature.linear[0].above
+    def is_believable(self, ratio_factor: float) -> bool:
+        """Whether an arm may have it; what none has points to a wrong model or mapping.
+
+        Parameters
+        ----------
+        ratio_factor
+            How far outside its range in the catalogue a ratio may be.
+        """
+        return self.feature.linear[0].believable(self.size, ratio_factor)
 
     def of_size(self, value: float, std: float) -> LargeImperfection:
         """Return it with another deviation and standard deviation; what it does is linear in the deviation."""
@@ -103,7 +108,7 @@ def faults_beside(prepared: PreparedData, selected: Sequence[Candidate]) -> tupl
         beyond = p.is_beyond(alone, uncertain, settings) if known else not p.is_ordinary(own, own_std, settings)
         extraordinary = beyond and not _is_usual(prepared, fault)
         # A channel ahead of the others is no effect: it remains an imperfection.
-        if fault.is_possible and (extraordinary or _matters(prepared, fault)):
+        if fault.is_believable(prepared.settings.search.ratio_factor) and (extraordinary or _matters(prepared, fault)):
             found.append(fault)
     return tuple(_common(prepared, found))
 

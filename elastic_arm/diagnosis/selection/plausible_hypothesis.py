@@ -66,9 +66,4 @@ def _possible(candidate: Candidate, beta: Array, ratio_factor: float, sizes: Pla
         return False
     if feature.phase is not None:
         return True
-    value = first.value_of(float(beta[0]))
-    if first.neutral == 0.0 and first.low > 0.0:
-        return value > 0.0
-    if first.neutral:
-        return first.low / ratio_factor < value < first.high * ratio_factor
-    return value > first.above
+    return first.believable(first.value_of(float(beta[0])), ratio_factor)
