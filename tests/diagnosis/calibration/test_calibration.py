@@ -10,6 +10,7 @@ import pytest
 
 from elastic_arm.diagnosis import Diagnosis, Question, diagnose
 from elastic_arm.diagnosis.corrected_robot import repaired_robot
+from elastic_arm.effects import Catalogue
 from elastic_arm.effects.text import known_effects
 from elastic_arm.robot import Robot, load_robot
 from elastic_arm.studies.blind_challenge.hidden_arms.effect_laws import Fault
@@ -125,7 +126,7 @@ def test_stribeck_friction_is_not_taken_for_gains() -> None:
 
 @pytest.mark.slow
 def test_a_faulty_gain_is_its_whole_size_and_leaves_the_others_ordinary() -> None:
-    """A motor's torque read at 62 % is that, though its prior is 1.5 %: no other sensor is drawn along."""
+    """A motor's torque read at 62 % is that, though its prior is 1.5 %; where it has no name, the answer is unknown."""
     rng = np.random.default_rng(37)
     true, ordinary = imprecise(ROBOT, rng), ordinary_faults(ROBOT.n, rng)
     faulty = [f for f in ordinary if (f.effect, f.joint) != ("motor_torque_gain", 2)]
@@ -138,6 +139,9 @@ def test_a_faulty_gain_is_its_whole_size_and_leaves_the_others_ordinary() -> Non
     gains = {(one.what, one.joint): one.value for one in found.imperfections if one.what.endswith("_gain")}
     assert gains.pop(("motor_torque_gain", "joint_3")) == pytest.approx(gain.value)
     assert len(gains) == 5 and all(abs(value - 1.0) < 0.03 for value in gains.values())
+    without = Question(ROBOT, refit=True, given=FRICTION, catalogue=Catalogue.default().withholding(cause.effect))
+    unnamed = diagnose([first], without, [judge])
+    assert unnamed.verdict == "unknown" and cause.effect not in {other.effect for other in unnamed.causes}
 
 
 @pytest.mark.slow
