@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from elastic_arm.diagnosis import format as texts
 from elastic_arm.diagnosis.context import DiagnosisContext
 from elastic_arm.diagnosis.inference.estimated_hypothesis import EstimatedHypothesis
+from elastic_arm.diagnosis.inference.estimates import ParameterEstimate
 from elastic_arm.diagnosis.inference.excess import ResidualStatistics, residual_statistics
 from elastic_arm.diagnosis.inference.faults import with_faults
 from elastic_arm.diagnosis.inference.gap_metric import GapMeasure
@@ -164,10 +165,20 @@ def _notes(
     prepared: PreparedData, judgement: Judgement, estimated: EstimatedHypothesis, laws: BetterLaws
 ) -> tuple[str, ...]:
     """Return what the reader should know, in the order of the steps."""
-    imperfect = texts.imperfection_notes(estimated.imperfections)
+    imperfect = [*texts.imperfection_notes(estimated.imperfections), *_impossible_numbers(prepared, estimated)]
     repeated = () if prepared.independent_motion else (texts.REPEATED_MOTION,)
     found = (*imperfect, *judgement.notes, *estimated.notes, *_law_notes(prepared, laws))
     return (*prepared.notes, *found, *repeated)
+
+
+def _impossible_numbers(prepared: PreparedData, estimated: EstimatedHypothesis) -> list[str]:
+    """Return a note on each number beyond ordinary that is no cause, as no arm has it."""
+    numbers, factor = [p for p in prepared.calibration.parameters if p.is_number], prepared.settings.search.ratio_factor
+    return [
+        texts.impossible_size_note(p.cause, p.cause.linear[0].name, ParameterEstimate(one.value, one.std, one.unit))
+        for p, one in zip(numbers, estimated.imperfections, strict=False)
+        if p.cause is not None and not one.ordinary and not p.cause.linear[0].believable(one.value, factor)
+    ]
 
 
 def _law_notes(prepared: PreparedData, laws: BetterLaws) -> list[str]:

@@ -12,12 +12,12 @@ from scipy.special import expit
 from elastic_arm.diagnosis import format as texts
 from elastic_arm.diagnosis.inference.estimated_hypothesis import EstimatedHypothesis
 from elastic_arm.diagnosis.inference.estimates import ParameterEstimate
-from elastic_arm.diagnosis.inference.faults import with_faults
+from elastic_arm.diagnosis.inference.faults import LargeImperfection, with_faults
 from elastic_arm.diagnosis.inference.judgement import Judgement
 from elastic_arm.diagnosis.laws.better_laws import BetterLaws
 from elastic_arm.diagnosis.preparation import PreparedData
 from elastic_arm.diagnosis.result import Alternative, Cause
-from elastic_arm.diagnosis.selection.beyond_ordinary import rivals_of_number
+from elastic_arm.diagnosis.selection.beyond_ordinary import freed, rivals_of_number
 from elastic_arm.diagnosis.selection.hypothesis import Rival
 from elastic_arm.diagnosis.selection.regressor_library import Candidate
 from elastic_arm.estimation.effect_columns import Feature
@@ -110,6 +110,7 @@ def _fault_causes(
         General laws; what is ordinary beside one of them is no fault.
     """
     found, library, sides = [], prepared.library, prepared.validation.layout.sides
+    least = prepared.settings.judgement.least_listed
     left = library.validation_residuals(estimated.hypothesis.baseline)
     for fault in (each for each in estimated.faults if each.feature.key not in laws.instead):
         feature = fault.feature
@@ -118,7 +119,7 @@ def _fault_causes(
         name, unit = feature.linear[0].name, feature.unit(feature.linear[0])
         candidate = library.add(feature, ())
         library.close()
-        rivals = _of_links(prepared, estimated, feature)
+        rivals = _of_links(prepared, estimated, fault)
         others = _others(prepared, rivals, feature)
         share_of_all = 1.0 / (1.0 + sum(r.odds for r in rivals))
         cause = Cause(
@@ -128,7 +129,7 @@ def _fault_causes(
             regime=feature.effect.regime,
             parameters={name: ParameterEstimate(fault.size, fault.std, unit)},
             shrink=share,
-            confidence=min(share_of_all, 1.0 - prepared.settings.judgement.least_listed),
+            confidence=float(np.clip(share_of_all, least, 1.0 - least)),
             alternatives=tuple(_alternative(r, share_of_all, candidate) for r in others),
             instance=fault.instance,
             refitted=bool(feature.effect.number),
@@ -137,12 +138,20 @@ def _fault_causes(
     return found
 
 
-def _of_links(prepared: PreparedData, estimated: EstimatedHypothesis, fault: Feature) -> list[Rival]:
-    """Return the payloads and errors of other links that could stand in the place of that of a link."""
-    if fault.key not in {feature.key for feature in prepared.carried}:
+def _of_links(prepared: PreparedData, estimated: EstimatedHypothesis, fault: LargeImperfection) -> list[Rival]:
+    """Return the payloads, masses of other links and the like that could stand in the place of a link's mass."""
+    if fault.feature.effect.sides != ("link",) or not fault.feature.effect.number:
         return []
-    selected = estimated.hypothesis.selected
-    return rivals_of_number(prepared.library, selected, fault, prepared.carried, prepared.settings)
+    library, keys = prepared.library, {other.feature.key for other in estimated.faults}
+    numbers = [
+        freed(library, k, p.ordinary_std, p.cause)
+        for k, p in enumerate(prepared.calibration.parameters)
+        if p.cause is not None and (p.cause.key in keys or p.cause.effect.id == fault.feature.effect.id)
+    ]
+    own = next(number for number in numbers if number.feature.key == fault.feature.key)
+    faults = [number for number in numbers if number.feature.key in keys and number is not own]
+    others = [number for number in numbers if number.feature.key not in keys]
+    return rivals_of_number(library, [*estimated.hypothesis.selected, *faults], own, others, prepared.settings)
 
 
 def _cause(

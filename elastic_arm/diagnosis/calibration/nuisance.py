@@ -334,7 +334,7 @@ def nearest_robot(robot: Robot, parameters: Sequence[NuisanceParameter], values:
 def _changed(joint: Joint, deviation: dict[str, float]) -> Joint:
     gear = joint.transmission
     if gear is not None:
-        rotor, spline = 1.0 + deviation["rotor_inertia"], 1.0 + deviation["spline_inertia_ratio"]
+        rotor, spline = (max(0.05, 1.0 + deviation[what]) for what in ("rotor_inertia", "spline_inertia_ratio"))
         gear = replace(
             gear,
             rotor=_scaled(gear.rotor, rotor),

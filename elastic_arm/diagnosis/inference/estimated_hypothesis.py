@@ -102,7 +102,7 @@ def _that_last(
     prepared: PreparedData, hypothesis: Hypothesis, faults: Sequence[LargeImperfection]
 ) -> tuple[Hypothesis, FinalEstimates, list[LargeImperfection]]:
     """Return the causes and faults that are still there beside one another at last, with the final estimates."""
-    slowest, factor = prepared.settings.refit.turned_over, prepared.settings.search.ratio_factor
+    slowest, ratio_factor = prepared.settings.refit.turned_over, prepared.settings.search.ratio_factor
     # A cause is one of many that were tried: what that costs in the search, it costs here.
     level = float(chi2.cdf(2.0 * prepared.settings.search.least_gain, 1))
     while True:
@@ -110,7 +110,7 @@ def _that_last(
         selected, last = found.fit.selected, found.estimates
         gone = last.insignificant(selected, level)
         lost = [k for k in hypothesis.causes if k in gone or turns_over(last.polished(selected)[k], slowest)]
-        there = [fault for fault in kept if fault.is_believable(factor) and not found.is_nothing(fault)]
+        there = [fault for fault in kept if fault.is_believable(ratio_factor) and not found.is_nothing(fault)]
         if not lost and len(there) == len(kept):
             return hypothesis, found, kept
         faults = there

@@ -207,32 +207,31 @@ class _Explained:
     Parameters
     ----------
     basis
-        (rows, m) orthonormal: of the nuisance parameters' columns, then of those of the candidates.
+        (rows, m) orthonormal: of the columns of nuisance parameters and candidates.
     nuisance
-        How many are of the nuisance parameters.
+        (rows, k) orthonormal: of those of nuisance parameters alone.
     held
         Share of a shape's squares from which it is the nuisance parameters': what is left of it is the error of their
         linearisation.
     """
 
     basis: Array
-    nuisance: int
+    nuisance: Array
     held: float
 
     @staticmethod
     def by(library: RegressorLibrary, selected: Sequence[Candidate], which: int, held: float) -> _Explained:
         """Return what nuisance parameters and candidates explain of one of the two data sets."""
-        first = orthonormal_basis(library.nuisance.white[which], RANK)
-        further = library.matrix(which, _numbers(selected))
-        second = orthonormal_basis(further - first @ (first.T @ further), RANK)
-        return _Explained(np.hstack([first, second]), first.shape[1], held)
+        nuisance, further = library.nuisance.white[which], library.matrix(which, _numbers(selected))
+        alone = orthonormal_basis(nuisance, RANK)
+        basis = orthonormal_basis(np.hstack([nuisance, further]), RANK) if further.shape[1] else alone
+        return _Explained(basis, alone, held)
 
     def off(self, columns: Array) -> Array:
         """Return columns (rows, k) less what is explained of them; nothing where only errors would be left."""
-        inner = self.basis.T @ columns
-        left = columns - self.basis @ inner
+        left = columns - self.basis @ (self.basis.T @ columns)
         squares = np.sum(columns**2, axis=0)
-        held = np.sum(inner[: self.nuisance] ** 2, axis=0) > self.held * squares
+        held = np.sum((self.nuisance.T @ columns) ** 2, axis=0) > self.held * squares
         left[:, held | (np.sum(left**2, axis=0) < RANK**2 * squares)] = 0.0
         return left
 

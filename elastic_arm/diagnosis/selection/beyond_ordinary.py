@@ -71,7 +71,8 @@ def with_effects_beyond_ordinary(
             free = [candidate for candidate in free if candidate.feature.key != faulty[-1].feature.key]
             continue
         gain, best = first
-        rivals = [Rival(c, float(np.exp(min(g - gain, 0.0)))) for g, c in ranked if c.feature.key != best.feature.key]
+        others = [(g, c) for g, c in ranked if c.feature.key != best.feature.key and c.feature.effect.searched]
+        rivals = [Rival(c, float(np.exp(min(g - gain, 0.0)))) for g, c in others]
         hypothesis = replace(
             hypothesis,
             selected=(*hypothesis.selected, best),
@@ -98,33 +99,63 @@ def _found_beyond(library: RegressorLibrary, hypothesis: Hypothesis, settings: D
     return frozenset(found)
 
 
+def freed(library: RegressorLibrary, number: int, prior_std: float, feature: Feature) -> Candidate:
+    """Return a candidate for a number of the arm without its prior: the column of its nuisance parameter.
+
+    Parameters
+    ----------
+    library
+        Of all columns.
+    number
+        Of the nuisance parameter.
+    prior_std
+        Of it, to which its column is scaled.
+    feature
+        The effect as which it is named.
+    """
+    columns = [white[:, number : number + 1] / prior_std for white in library.nuisance.white]
+    candidate = Candidate(feature, (), library.add_columns(columns))
+    library.close()
+    return candidate
+
+
 def rivals_of_number(
     library: RegressorLibrary,
     selected: Sequence[Candidate],
-    number: Feature,
-    features: Sequence[Feature],
+    own: Candidate,
+    numbers: Sequence[Candidate],
     settings: DiagnosisSettings,
 ) -> list[Rival]:
-    """Return what could stand in the place of a number of a link that is beyond ordinary.
+    """Return what could stand in the place of a number of a link that is beyond ordinary: what its effect resembles.
 
     Parameters
     ----------
     library
         Of all columns, with ordinary priors of the nuisance parameters.
     selected
-        The known effects and the causes.
-    number
-        The effect of the number.
-    features
-        Of the links' inertial parameters, the number's own among them.
+        The known effects, the causes and the other faults.
+    own
+        The number, :func:`freed`.
+    numbers
+        The same number of other links.
     settings
-        How much a value that was tried costs.
+        What nuisance parameters could hold, and the least odds.
     """
-    starts = [library.add(f, point) for f in features for point in starting_points(f, settings.candidates)]
-    library.close()
-    ranked = _ranked(library, selected, starts, settings, least=0.0)
-    own = next((gain for gain, candidate in ranked if candidate.feature.key == number.key), 0.0)
-    return [Rival(c, float(np.exp(gain - own))) for gain, c in ranked if c.feature.key != number.key]
+    taken = {candidate.feature.key for candidate in (*selected, own, *numbers)}
+    alike = {confusion.effect for confusion in own.feature.effect.confusions}
+    others = [c for c in library.candidates if c.feature.key not in taken and c.feature.effect.searched]
+    held = [c for c in others if c.feature.effect.id in alike and library.held_by_nuisance(c) > settings.search.held]
+    gain = (library.both([*selected, own]) - library.both(selected)) / misfit(library, selected)
+    most = -float(np.log(settings.search.least_odds))
+    ranked = _ranked(library, selected, [*numbers, *held], settings, max(gain - most, 0.0))
+    # Every further number gains by chance: a nat each (Akaike 1974).
+    gains = [(other - gain - (_numbers(candidate) - 1), candidate) for other, candidate in ranked]
+    return [Rival(candidate, float(np.exp(min(more, most)))) for more, candidate in gains]
+
+
+def _numbers(candidate: Candidate) -> int:
+    """Return how many numbers of a candidate are fitted."""
+    return len(candidate.searched or ()) + (0 if candidate.fixed else len(candidate.index))
 
 
 def _ranked(

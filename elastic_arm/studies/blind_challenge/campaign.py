@@ -334,7 +334,7 @@ def _recorded(folder: Path, request: SamplingRequest, level: ChallengeLevel, cat
 
 def _diagnose(job: tuple[str, str, str, str, str]) -> tuple[str, str]:
     folder, name, model, without, kind = Path(job[0]), *job[1:]
-    catalogue = catalogue_of(folder).withholding(without)
+    catalogue = catalogue_of(folder).withholding(without) if without else catalogue_of(folder)
     wall, cpu = time.perf_counter(), time.process_time()
     try:
         channels = channels_path(folder, name)

@@ -16,7 +16,7 @@ from elastic_arm.studies.blind_challenge.hidden_arms.motion import MultiSine
 from elastic_arm.studies.blind_challenge.hidden_arms.realistic_sensors import RealisticSensors
 from elastic_arm.studies.blind_challenge.hidden_arms.sensor_models import SensorModel, measure
 from elastic_arm.studies.blind_challenge.hidden_arms.true_channels import TrueChannels
-from elastic_arm.studies.blind_challenge.levels.information import EVERY, MarginalInformation
+from elastic_arm.studies.blind_challenge.levels.information import ENDS, EVERY, MarginalInformation
 from elastic_arm.studies.blind_challenge.levels.level import ChallengeLevel
 
 Array = NDArray[np.float64]
@@ -148,7 +148,7 @@ class Sizing:
             # What sampling leaves of the plain motion is no effect.
             change = self._information.residuals(read) - self._left
         without = {(name, fault.joint or 0) for name in ITSELF.get(fault.effect, ())}
-        return self._information.distance(change, without=without), float(np.mean(change**2))
+        return self._information.distance(change, without=without), float(np.mean(change[ENDS:-ENDS] ** 2))
 
     def _warmed(self, fault: Fault) -> Array:
         """Change of the residuals by friction that changes, from its law: without friction nothing would change."""
