@@ -59,7 +59,7 @@ class PreparedData:
     candidates
         Every effect at every place where the motion can show it.
     carried
-        Effects of the links' numbers: what they may lack, and what is fixed to them.
+        Errors of the links' own numbers.
     unseen
         Known effects that act in no recorded equation.
     sources
