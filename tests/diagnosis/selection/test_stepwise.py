@@ -50,7 +50,13 @@ def feature(name: str, **changed: Any) -> Any:
     own = {"key": (name, None, ()), "linear": (COEFFICIENT,), "searched": (), "fixed": False, "phase": None}
     own |= {"choices": {}, "quadratic": False}
     effect = SimpleNamespace(
-        id=name, parameters=(COEFFICIENT,), confusions=(), friction=False, scales_friction=False, regressor=None
+        id=name,
+        parameters=(COEFFICIENT,),
+        confusions=(),
+        friction=False,
+        scales_friction=False,
+        beside="",
+        regressor=None,
     )
     column = lambda data, searched: data.columns[name]  # noqa: E731
     return SimpleNamespace(**{**own, "effect": effect, "joint": None, "column": column, **changed})
