@@ -155,7 +155,8 @@ def chosen_width(blocks: Blocks, fit: Fit, equations: BaseRegression) -> float |
     """
     if len(blocks.grams) < 2 * FOLDS:
         return None
-    parts = [_gram(blocks, part, fit.weights) for part in np.array_split(np.arange(len(blocks.grams)), FOLDS)]
+    size = np.sqrt(np.mean((fit.weights * fit.noise) ** 2))
+    parts = [_gram(blocks, part, fit.weights / size) for part in np.array_split(np.arange(len(blocks.grams)), FOLDS)]
     plain, whole = _left_out_errors(parts, None), np.sum(parts, axis=0)
     solution = np.append(-solved(whole, None), 1.0)
     if (1.0 - GAIN) * plain.sum() <= solution @ whole @ solution:
