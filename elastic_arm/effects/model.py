@@ -144,9 +144,6 @@ class Effect:
     scales_friction, in_time
         Whether the law takes the friction of the side (`motion.friction`), and how much of the recording has passed
         (`motion.progress`, or `motion.elapsed` in s).
-    beside
-        Id of the effect without which, on the same joint, a diagnosis does not name it: that of what it is a correction
-        to.
     searched
         Whether a diagnosis looks for it; False for what acts only where a description or a user states it.
 
@@ -181,7 +178,6 @@ class Effect:
     friction: bool = False
     scales_friction: bool = False
     in_time: bool = False
-    beside: str = ""
     searched: bool = True
 
     def __post_init__(self) -> None:

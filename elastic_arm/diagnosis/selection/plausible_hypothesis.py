@@ -19,7 +19,7 @@ def plausible(
     ratio_factor: float,
     sizes: PlausibleSizes | None = None,
 ) -> bool:
-    """Whether every parameter has a sign and a size that its effect can have, and no correction is without its effect.
+    """Whether every parameter has a sign and a size that its effect can have (no friction that drives).
 
     Parameters
     ----------
@@ -38,10 +38,6 @@ def plausible(
         return False
     scaling = [c.feature for c in selected if c.feature.effect.scales_friction]
     if not all(any(feature.scales(other.feature) for other in selected) for feature in scaling):
-        return False
-    held = {(c.feature.effect.id, c.feature.joint) for c in selected}
-    corrections = [c.feature for c in selected if c.feature.effect.beside]
-    if not all((feature.effect.beside, feature.joint) in held for feature in corrections):
         return False
     coefficients = library.coefficients(selected)
     if len(library.nuisance):

@@ -47,7 +47,6 @@ EFFECT = Effect(
     ),
     sides=("link",),
     regime="position",
-    beside="joint_spring",  # four powers alone would imitate a spring by large terms that cancel
     confusions=(
         Confusion(
             "joint_spring",

@@ -55,7 +55,6 @@ def feature(name: str, **changed: Any) -> Any:
         confusions=(),
         friction=False,
         scales_friction=False,
-        beside="",
         regressor=None,
     )
     column = lambda data, searched: data.columns[name]  # noqa: E731

@@ -1,4 +1,4 @@
-"""Effects that act on other effects: friction that changes, and corrections, are named beside those alone."""
+"""Friction that changes over the recording is found beside the friction that it scales, and nowhere else."""
 
 from __future__ import annotations
 
@@ -53,14 +53,3 @@ def test_a_small_stribeck_curve_beside_coulomb_friction_is_a_minor_cause() -> No
         ("viscous_friction", "joint_2", False),
         ("stribeck_friction", "joint_2", True),
     }
-
-
-def test_a_correction_is_not_named_without_what_it_corrects() -> None:
-    """Powers of the angle could imitate a spring by terms that cancel: they are named beside one alone."""
-    spring = "joint_spring:joint_2:stiffness=80,rest=0.3"
-    recordings = recording(1, spring), recording(2, spring)
-    for names, expected in ((("counterbalance",), set()), (("counterbalance", "joint_spring"), {"joint_spring"})):
-        question = Question(ROBOT, effects=tuple(EFFECTS[name] for name in names))
-        found = diagnose(recordings[:1], question, recordings[1:])
-        assert {cause.effect for cause in found.causes} == expected
-        assert found.verdict == ("explained" if expected else "unknown")
