@@ -134,7 +134,10 @@ def _fault_causes(
             instance=fault.instance,
             refitted=bool(feature.effect.number),
         )
-        found.append(RankedCause(cause, candidate, tuple(other.candidate for other in others), alone))
+        # The next experiment takes all columns of an effect, not that of one number.
+        wholes = tuple(c if c.searched else library.add(c.feature, ()) for c in (other.candidate for other in others))
+        library.close()
+        found.append(RankedCause(cause, candidate, wholes, alone))
     return found
 
 
