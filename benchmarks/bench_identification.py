@@ -84,7 +84,7 @@ class FromArrays:
         total.add(*self.states, y=self.y)
         blocks = Blocks(self.model.dof, len(self.columns) + 1)
         blocks.add(total.grams(), len(self.y))
-        return fit(blocks, weighted=False).Psi
+        return fit(blocks, power=0.0).Psi
 
     def stored(self) -> np.ndarray:
         """Build Phi and call lstsq."""

@@ -179,6 +179,11 @@ class BaseRegression:
         return hi, lo
 
     @property
+    def rigid(self) -> bool:
+        """Whether every row is the torque of a joint of an arm that is taken for rigid."""
+        return set(self.sides) <= {"joint", "whole"}
+
+    @property
     def wound(self) -> tuple[int, ...]:
         """Joints whose deflection both encoders show."""
         rows = [self.equations.of_joint("link", j) for j in range(self.n)] if "link" in self.sides else []

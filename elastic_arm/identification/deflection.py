@@ -119,7 +119,7 @@ class Deflections:
         return [k for k in places if not (Psi[k] > 0 and std[k] < UNKNOWN * max(Psi[k], self.nominal[k]))]
 
 
-def fit_deflections(blocks: Blocks, rows: Deflections, weighted: bool = True, prior: Prior | None = None) -> Fit:
+def fit_deflections(blocks: Blocks, rows: Deflections, power: float = 1.0, prior: Prior | None = None) -> Fit:
     """Solve the accumulated problem with deflections as measured quantities.
 
     A damping or stiffness that the recording leaves open, or that comes out below zero, is that of the description:
@@ -131,24 +131,24 @@ def fit_deflections(blocks: Blocks, rows: Deflections, weighted: bool = True, pr
         The data, in the regression's own rows.
     rows
         Which of them are meant.
-    weighted, prior
+    power, prior
         See :func:`.least_squares.fit`.
     """
     fixed: dict[int, float] = {}
-    found = _settled(blocks, rows, fixed, weighted, prior)
+    found = _settled(blocks, rows, fixed, power, prior)
     # What is least known goes first: without it the others may be known, or lose what seemed to determine them.
     while unknown := [k for k in rows.unknown(found) if k not in fixed]:
         first = [k for k in unknown if k in rows.damping] or unknown
         fixed |= {k: float(rows.nominal[k]) for k in first}
-        found = _settled(blocks, rows, fixed, weighted, prior)
+        found = _settled(blocks, rows, fixed, power, prior)
     return found
 
 
-def _settled(blocks: Blocks, rows: Deflections, fixed: Mapping[int, float], weighted: bool, prior: Prior | None) -> Fit:
+def _settled(blocks: Blocks, rows: Deflections, fixed: Mapping[int, float], power: float, prior: Prior | None) -> Fit:
     """Return the fit at which Gauss-Newton stands still."""
     Psi = rows.nominal.copy()
     for _ in range(MOST_STEPS):
-        linear = fit(blocks.transformed(rows.transform(Psi, fixed, blocks.groups)), weighted, prior=prior)
+        linear = fit(blocks.transformed(rows.transform(Psi, fixed, blocks.groups)), power, prior=prior)
         new = rows.stepped(Psi, _with(linear.Psi, fixed))
         size = np.minimum(np.sqrt(np.diag(linear.covariance)), np.abs(new))
         done = np.all(np.abs(new - Psi) <= SETTLED * size + 1e-12 * np.abs(new))

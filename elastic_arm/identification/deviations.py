@@ -71,15 +71,20 @@ def scattered(
     back
         (P, k) from whitened coordinates to parameters: `back @ back.T` is the covariance at unit noise.
     prior
-        (any, P) rows of the prior's information, which `back` holds as well; none when None.
+        (any, P + 1) the prior's rows [F, F mean], whose information `back` holds as well; none when None.
     """
     solution = np.append(-Psi, 1.0)
-    to_unit, from_unit = _unit_errors(back, prior)
+    known = None if prior is None else prior[:, :-1] @ back
+    # The scores add up to what the prior pulls the other way. That is no error of the data, and a block that alone
+    # shows a parameter would answer for all of it: scores are those at the estimate before it was pulled.
+    pull = np.zeros(back.shape[1]) if prior is None or known is None else known.T @ (prior @ solution)
+    to_unit, from_unit = _unit_errors(back.shape[1], known)
     scores, squares = [], np.zeros((len(to_unit),) * 2)
     for (hi, lo), noise_in_phi in blocks:
         gram = np.tensordot(weights**2, hi - noise_in_phi, 1)
         score = back.T @ (gram @ solution + np.tensordot(weights**2, lo, 1) @ solution)[:-1]
         values, vectors = np.linalg.eigh(back.T @ gram[:-1, :-1] @ back)
+        score += vectors @ (values * (vectors.T @ pull))
         scores.append(to_unit @ vectors @ ((vectors.T @ score) / np.maximum(1.0 - values, LEAST_OWN)))
         own = (to_unit @ vectors * np.maximum(values, 0.0)) @ vectors.T @ to_unit.T
         squares += own @ own
@@ -88,17 +93,16 @@ def scattered(
     return np.asarray(wide @ ((1.0 - share) * meat + share * target * np.eye(len(meat))) @ wide.T)
 
 
-def _unit_errors(back: Array, prior: Array | None) -> tuple[Array, Array]:
+def _unit_errors(k: int, known: Array | None) -> tuple[Array, Array]:
     """Return matrices from k whitened coordinates to the m in which white errors make scores of unit size, and back.
 
     They differ under a prior: there the scores of white errors are as large as the data's share in the information. To
     shrink them towards a multiple of the unit matrix would take what the prior determines for a lack of errors.
     Directions of which the data show nothing are left out.
     """
-    if prior is None:
-        return np.eye(back.shape[1]), np.eye(back.shape[1])
-    known = prior @ back
-    shares, axes = np.linalg.eigh(np.eye(back.shape[1]) - known.T @ known)
+    if known is None:
+        return np.eye(k), np.eye(k)
+    shares, axes = np.linalg.eigh(np.eye(k) - known.T @ known)
     shown = shares > LEAST_SHARE
     size, axes = np.sqrt(shares[shown]), axes[:, shown]
     return (axes / size).T, axes * size
@@ -111,7 +115,7 @@ def shrunk(scores: Array) -> tuple[Array, float, float]:
     """
     blocks, k = scores.shape
     meat = scores.T @ scores
-    target = float(np.trace(meat)) / k
+    target = float(np.trace(meat)) / max(k, 1)  # a prior may leave the data no direction
     apart = np.sum((meat - target * np.eye(k)) ** 2)
     scatter = np.sum(np.sum(scores**2, axis=1) ** 2) - np.sum(meat**2) / blocks
     return meat, target, float(min(scatter / max(apart, 1e-300), 1.0))

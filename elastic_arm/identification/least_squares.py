@@ -28,6 +28,10 @@ MOST_BLOCKS = 64
 FEWEST_LONG_BLOCKS = 8
 # Below this share of the largest singular value of the equilibrated columns a direction is not determined.
 RANK_FLOOR = 1e-9
+# What a rigid arm's model misses is no noise: joints with the smallest residuals would decide on masses that others
+# show better. Weights of 1/sqrt(rms) make the sum of the joints' rms residuals least (those of 1/rms their product,
+# equal ones the sum of squares), whose slope in each joint's sum of squares is 1/(2 rms).
+MISFIT_POWER = 0.5
 # What has no more than this share in such a direction is determined: the direction itself is only known so well.
 OPEN_SHARE = 1e-3
 # An equation is not believed to close better than this share of its largest term, in a way that no number of samples
@@ -224,7 +228,7 @@ class Fit:
     noise
         (groups,) std of the residuals.
     weights
-        (groups,) 1/noise, or ones.
+        (groups,) a power of 1/noise; weighted residuals have a mean square of one.
     factor
         (P + 1, P + 1) weighted triangular factor of all rows: R Psi = z is the whole problem.
     condition
@@ -256,15 +260,16 @@ class Fit:
         return np.where(left_open, np.inf, np.sqrt(np.diag(self.covariance)))
 
 
-def fit(blocks: Blocks, weighted: bool = True, rounds: int = 4, prior: Prior | None = None) -> Fit:
+def fit(blocks: Blocks, power: float = 1.0, rounds: int = 4, prior: Prior | None = None) -> Fit:
     """Solve the accumulated problem.
 
     Parameters
     ----------
     blocks
         The data.
-    weighted
-        Weigh every group by its noise, estimated from the residuals in `rounds` rounds; else ordinary least squares.
+    power
+        Each group is weighed by 1/noise to this power, estimated from the residuals in `rounds` rounds: 1 where they
+        are noise, 0 for ordinary least squares, see :data:`MISFIT_POWER` for what lies between.
     rounds
         Of weights.
     prior
@@ -281,22 +286,20 @@ def fit(blocks: Blocks, weighted: bool = True, rounds: int = 4, prior: Prior | N
             f"{blocks.samples} samples do not determine {P} parameters", "Record some seconds of motion."
         )
     r = blocks.total()
+    live = np.any(r[..., -1] != 0.0, axis=-1)
     weights = np.ones(blocks.groups)
-    for _ in range(rounds if weighted else 1):
-        whole = blocks.corrected(weights, r)
-        size = 1.0 if weighted or prior is None else _size(r, whole, blocks)
-        Psi, number, undetermined = _solve(_joined(whole, prior, size))
+    for _ in range(rounds if power else 1):
+        Psi, _, _ = _solve(blocks.corrected(weights, r))
         noise = deviations.residual_std(r, Psi, blocks.samples)
-        if weighted:
-            weights = 1.0 / noise
-    if weighted:
-        whole = blocks.corrected(weights, r)
-        Psi, number, undetermined = _solve(_joined(whole, prior, 1.0))
-        noise = deviations.residual_std(r, Psi, blocks.samples)
-    known = _joined(whole, prior, size)
-    robust, white = _covariances(blocks, (Psi, weights, noise), known, r, prior, size)
+        weights = noise**-power
+        weights /= np.sqrt(np.mean((weights * noise)[live] ** 2)) if live.any() else 1.0
+    whole = blocks.corrected(weights, r)
+    known = _joined(whole, prior)
+    Psi, number, undetermined = _solve(known)
+    noise = deviations.residual_std(r, Psi, blocks.samples)
+    robust, white = _covariances(blocks, (Psi, weights, noise), known, r, prior)
     if prior is not None:
-        own = _prior_covariance(known, prior, size)
+        own = _prior_covariance(known, prior)
         robust, white = robust + own, white + own
     return Fit(Psi, robust, white, noise, weights, whole, number, undetermined, blocks.samples)
 
@@ -322,23 +325,17 @@ def correlation(blocks: Blocks, found: Fit, samples: float) -> float:
     return float(np.median(np.diag(robust) / np.diag(white)))
 
 
-def _joined(whole: Array, prior: Prior | None, size: float) -> Array:
-    """Return the triangular factor of the data's rows and the prior's, whose unit is `size`."""
-    return whole if prior is None else triangular(np.vstack([whole, size * prior.rows()]))
+def _joined(whole: Array, prior: Prior | None) -> Array:
+    """Return the triangular factor of the data's rows and the prior's."""
+    return whole if prior is None else triangular(np.vstack([whole, prior.rows()]))
 
 
-def _prior_covariance(known: Array, prior: Prior, size: float) -> Array:
+def _prior_covariance(known: Array, prior: Prior) -> Array:
     """Return what the prior's own errors add to the covariance (P, P), as far as the data leave parameters to it."""
     columns, scale = _equilibrated(known)
     inverse = np.linalg.pinv(columns.T @ columns, rcond=RANK_FLOOR**2, hermitian=True) / np.outer(scale, scale)
-    passed = prior.excess * size**2 * inverse @ prior.factor.T
+    passed = prior.excess * inverse @ prior.factor.T
     return np.asarray(passed @ passed.T)
-
-
-def _size(r: Array, whole: Array, blocks: Blocks) -> float:
-    """Return the rms of the residuals of ordinary least squares, Nm."""
-    Psi = _solve(whole)[0]
-    return float(np.sqrt(np.mean(deviations.residual_std(r, Psi, blocks.samples) ** 2)))
 
 
 def condition(columns: Array) -> float:
@@ -374,7 +371,6 @@ def _covariances(
     whole: Array,
     r: Array,
     prior: Prior | None = None,
-    size: float = 1.0,
 ) -> tuple[Array, Array]:
     """Return the covariance from the blocks' scores, and that of white errors, for `solved`: Psi, weights and noise.
 
@@ -396,5 +392,5 @@ def _covariances(
     if len(blocks.grams) < deviations.FEWEST_BLOCKS:
         return white, white
     scores = zip(blocks.grams, blocks.known_noise, strict=True)
-    information = None if prior is None else size * prior.factor
-    return deviations.scattered(scores, Psi, weights, back, information) + systematic, white
+    held = None if prior is None else prior.rows()
+    return deviations.scattered(scores, Psi, weights, back, held) + systematic, white

@@ -17,7 +17,7 @@ from elastic_arm.estimation.smoother import Smoother, design_smoother
 from elastic_arm.identification.accumulator import BLOCK, Accumulator
 from elastic_arm.identification.base_regression import BaseRegression, Column
 from elastic_arm.identification.deflection import Deflections, fit_deflections
-from elastic_arm.identification.least_squares import Blocks, Fit, Prior, fit
+from elastic_arm.identification.least_squares import MISFIT_POWER, Blocks, Fit, Prior, fit
 from elastic_arm.identification.result import Identification, result_of
 from elastic_arm.identification.saved import Recorded, Sums, read_sums, recorded_in, write_sums
 from elastic_arm.identification.verdict import Excitation, MotionStatistics, excitation
@@ -115,7 +115,7 @@ class Identifier:
     clock
         Sample rate and meaning of the stamps; chosen from the first seconds when None.
     weighted
-        Weigh each equation by its noise.
+        Weigh each equation by its noise, less so where the arm is taken for rigid (:data:`.MISFIT_POWER`).
     joints
         Names.
     encoder_columns
@@ -252,10 +252,10 @@ class Identifier:
             raise IdentificationError(
                 f"{waiting} samples are not yet enough for an estimate", "Wait some seconds, or record longer."
             )
-        rows = Deflections.of(self.equations)
+        rows, power = Deflections.of(self.equations), float(self.weighted)
         if rows is not None:
-            return fit_deflections(blocks, rows, self.weighted, prior)
-        return fit(blocks, self.weighted, prior=prior)
+            return fit_deflections(blocks, rows, power, prior)
+        return fit(blocks, MISFIT_POWER * power if self.equations.rigid else power, prior=prior)
 
     def linear_blocks(self, found: Fit | None = None) -> Blocks:
         """Return the sums of rows that are linear in the base parameters, at the estimate where they are not."""

@@ -84,3 +84,20 @@ def test_a_prior_on_weak_parameters_leaves_the_deviations_of_the_others() -> Non
         prior = Prior(np.zeros(24), np.diag([*[0.0] * 8, *[1e3] * 16]))
         ratios.append(fit(beside, prior=prior).std[:8] / fit(alone).std)
     assert np.median(ratios) == pytest.approx(1.0, abs=0.03)
+
+
+def test_a_prior_that_the_data_outweigh_changes_nothing() -> None:
+    """Two blocks, each with parameters of its own, and noise of 1e-6: estimate and deviations are those without prior.
+
+    The prior is of unit size about zero; the parameters are three of its deviations off.
+    """
+    rng, blocks = np.random.default_rng(5), Blocks(2, 7)
+    truth = np.array([3.0, -3.0, 3.0, -3.0, 3.0, -3.0])
+    for shown in ([1.0, 1.0, 1.0, 1.0, 0.0, 0.0], [1.0, 1.0, 0.0, 0.0, 1.0, 1.0]):
+        phi = rng.standard_normal((2, 60, 6)) * shown
+        y = phi @ truth + 1e-6 * rng.standard_normal((2, 60))
+        parts = [gram(np.column_stack([group, torque])) for group, torque in zip(phi, y, strict=True)]
+        blocks.add((np.stack([hi for hi, _ in parts]), np.stack([lo for _, lo in parts])), 60)
+    plain, held = fit(blocks), fit(blocks, prior=Prior(np.zeros(6), np.eye(6)))
+    assert np.all(np.abs(held.Psi - plain.Psi) < 0.01 * plain.std)
+    assert held.std == pytest.approx(plain.std, rel=0.01)

@@ -9,7 +9,7 @@ from scipy.signal import lfilter
 from elastic_arm.dynamics.double_double import cholesky
 from elastic_arm.dynamics.gram import gram
 from elastic_arm.errors import IdentificationError
-from elastic_arm.identification.least_squares import Blocks, Fit, fit
+from elastic_arm.identification.least_squares import MISFIT_POWER, Blocks, Fit, fit
 
 GROUPS, P = 3, 12
 NOISE = np.array([0.1, 1.0, 3.0])
@@ -62,7 +62,7 @@ def test_error_is_no_larger_than_ten_times_that_of_lstsq_at_condition_1e7() -> N
     phi = ill_conditioned(rng, 16384, 20, 1e7)
     Psi = rng.standard_normal(20)
     y = phi @ Psi
-    ours = fit(accumulate(np.column_stack([phi, y])[None]), weighted=False).Psi
+    ours = fit(accumulate(np.column_stack([phi, y])[None]), power=0.0).Psi
     theirs = np.linalg.lstsq(phi, y, rcond=None)[0]
     assert np.linalg.norm(ours - Psi) <= 10 * np.linalg.norm(theirs - Psi) + 1e-15
 
@@ -111,7 +111,7 @@ def test_noise_of_each_group_is_found_and_weighs_it() -> None:
         blocks = accumulate(rows)
         weighted = fit(blocks)
         assert weighted.noise == pytest.approx(NOISE, rel=0.03)
-        errors.append([np.linalg.norm(found.Psi - Psi) for found in (weighted, fit(blocks, weighted=False))])
+        errors.append([np.linalg.norm(found.Psi - Psi) for found in (weighted, fit(blocks, power=0.0))])
     ours, ordinary = np.mean(errors, axis=0)
     assert ours < 0.7 * ordinary
 
@@ -157,3 +157,21 @@ def test_too_few_samples_are_refused() -> None:
     blocks.add(grams(np.ones((1, 3, P + 1))), 3)
     with pytest.raises(IdentificationError, match="3 samples"):
         fit(blocks)
+
+
+def test_weights_for_misfit_make_the_sum_of_residuals_least() -> None:
+    """Where no parameters explain all groups, half the power of the noise gives the least sum of rms residuals."""
+    rng = np.random.default_rng(4)
+    rows = rng.standard_normal((GROUPS, 4096, P + 1)) * np.geomspace(1.0, 30.0, GROUPS)[:, None, None]
+    rows[..., -1] += (
+        rows[..., :-1] @ rng.standard_normal(P) + (rows[..., :-1] @ rng.standard_normal((GROUPS, P, 1)))[..., 0]
+    )
+    blocks = accumulate(rows)
+
+    def summed(Psi: np.ndarray) -> float:
+        return float(np.sum(np.sqrt(np.mean((rows[..., -1] - rows[..., :-1] @ Psi) ** 2, axis=1))))
+
+    found = fit(blocks, power=MISFIT_POWER, rounds=30).Psi
+    assert summed(found) < min(summed(fit(blocks, power=power).Psi) for power in (0.0, 1.0))
+    steps = 1e-3 * rng.standard_normal((50, P))
+    assert all(summed(found) <= summed(found + step) for step in steps)

@@ -122,7 +122,10 @@ def test_turning_speeds_are_found_before_the_friction_is_known(arm: Robot, sampl
 
 
 def test_friction_turns_over_as_usual_where_recordings_do_not_tell() -> None:
-    """A speed that fits better in some blocks and worse in others is not taken; one that fits better in all is."""
+    """A speed that fits better in some blocks and worse in others is not taken, nor one that is hardly better in all.
+
+    One that misses a fifth less in all is.
+    """
     rng = np.random.default_rng(3)
     block, scatter = rng.uniform(1.0, 2.0, 40), rng.standard_normal((len(SIGN_SPEEDS), 40))
     scatter -= scatter.mean(axis=1, keepdims=True)
@@ -132,6 +135,8 @@ def test_friction_turns_over_as_usual_where_recordings_do_not_tell() -> None:
     assert selection.turning_speed(errors[:, :1]) == USUAL_SIGN_SPEED
     errors = block + 0.002 * scatter
     errors[0] -= 0.01
+    assert selection.turning_speed(errors) == USUAL_SIGN_SPEED
+    errors[0] *= 0.8
     assert selection.turning_speed(errors) == SIGN_SPEEDS[0]
 
 

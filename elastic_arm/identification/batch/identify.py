@@ -21,16 +21,15 @@ from elastic_arm.identification.law_columns import law_columns, with_stated
 from elastic_arm.identification.least_squares import Prior
 from elastic_arm.identification.regularisation import (
     DOUBT,
-    HeldOut,
     chosen_width,
     described_width,
     description_error,
     law_sizes,
     prior_of,
-    validated,
 )
 from elastic_arm.identification.result import Identification
 from elastic_arm.identification.stream import Identifier
+from elastic_arm.identification.validation import HeldOut, validated
 from elastic_arm.recording import Recording
 from elastic_arm.recording.inspection.outliers import without_outliers
 from elastic_arm.robot import Robot
@@ -39,6 +38,9 @@ Array = NDArray[np.float64]
 # The consistent arm misses the torques by so much of the noise more than the base parameters do: it lacks something.
 # A zero that mends it lowers that to such a share.
 MISFIT, LOWERED = 0.3, 0.7
+# Relative error of the description: where an arm is taken for rigid it is never believed to be off by more. What
+# repeats in all parts of a recording shows no need of a prior, and still predicts another motion badly.
+LOOSE = 3.0
 SHOWN = "they differ from none in the recordings"
 NEEDED = "no physically consistent arm explains the torques without them"
 MOTOR_INERTIA = (
@@ -181,7 +183,7 @@ def _lacking(result: Identification, trial: BatchTrial, trials: Trials, choice: 
         return None
     blocks, fit, equations = trial.linear_blocks, trial.fit, trial.identifier.equations
     missed = residual_std(blocks.total(), equations.base.T @ result.Psi, blocks.samples)
-    excess = dict(zip(equations.groups, missed * fit.weights, strict=True))
+    excess = dict(zip(equations.groups, missed / fit.noise, strict=True))
     taken = {(zero.effect.id, zero.joint) for zero in choice.zeros}
     open_ones = [zero for zero in trials.possible_zeros if (zero.effect.id, zero.joint) not in taken]
     worst = {joint: max(value for (_, at), value in excess.items() if at == joint) for _, joint in equations.groups}
@@ -194,11 +196,14 @@ def _misfit(result: Identification) -> float:
 
 
 def _regularised(trial: BatchTrial) -> tuple[float | None, Prior | None]:
-    """Return the width of the prior that predicts left-out parts best, and the prior; None where it takes none."""
+    """Return the width of the prior that predicts left-out parts best, None where it takes none, and the prior."""
     equations, plain, blocks = trial.identifier.equations, trial.fit, trial.linear_blocks
-    if (width := chosen_width(blocks, plain, equations)) is None:
+    chosen = chosen_width(blocks, plain, equations)
+    width = min(chosen or LOOSE, LOOSE) if equations.rigid else chosen
+    if width is None:
         return None, None
-    return width, prior_of(equations, width, description_error(plain, equations, DOUBT), law_sizes(blocks, equations))
+    prior = prior_of(equations, width, description_error(plain, equations, DOUBT), law_sizes(blocks, equations))
+    return width if chosen else None, prior
 
 
 def _covariance(trial: BatchTrial) -> Array | None:

@@ -56,6 +56,8 @@ CERTAIN, LIKELY = 4.0, 1.0
 ROUNDING = 1e-12
 # Standard deviation, as a factor, of the speeds within which friction turns over.
 SPREAD = 10.0
+# Laws whose squared errors differ by this share may be ranked either way by another motion.
+ALIKE = 0.02
 
 
 @dataclass(frozen=True)
@@ -231,8 +233,9 @@ def turning_speed(errors: Array) -> float:
     """Return the most probable speed, rad/s, of those at which a joint's dry friction may turn over.
 
     Each speed makes another law with as many parameters. Where one misses by d more than the best law, with a standard
-    deviation s by the scatter from block to block, it is as good with a relative likelihood of exp(-(d/s)²/2). Before
-    the recordings, speeds are spread by a factor of :data:`SPREAD` about the usual one.
+    deviation s by the scatter from block to block, it is as good with a relative likelihood of exp(-(d/s)²/2). No law
+    is exact: a share of :data:`ALIKE` of the errors counts in s, as blocks of one motion resemble each other more than
+    another motion does. Before the recordings, speeds are spread by a factor of :data:`SPREAD` about the usual one.
 
     Parameters
     ----------
@@ -241,7 +244,8 @@ def turning_speed(errors: Array) -> float:
     """
     more = errors - errors[np.argmin(errors.sum(axis=1))]
     doubt = np.std(more, axis=1, ddof=1) * np.sqrt(more.shape[1]) if more.shape[1] > 1 else np.full(len(more), np.inf)
-    unlikely = 0.5 * (more.sum(axis=1) / np.maximum(doubt, 1e-300)) ** 2
+    doubt = np.maximum(np.hypot(doubt, ALIKE * errors.sum(axis=1).min()), 1e-300)
+    unlikely = 0.5 * (more.sum(axis=1) / doubt) ** 2
     unusual = 0.5 * (np.log(np.array(SIGN_SPEEDS) / USUAL_SIGN_SPEED) / np.log(SPREAD)) ** 2
     return SIGN_SPEEDS[int(np.argmin(unlikely + unusual))]
 

@@ -64,7 +64,7 @@ class CoefficientFit:
         """Fit the base parameters; `weighted` by the noise of each equation."""
         data = Accumulator(self.equations)
         data.add(motion)
-        return fit(data.snapshot(), weighted)
+        return fit(data.snapshot(), float(weighted))
 
     def with_noise(self, motion: Motion, std: float, seeds: int, rng: np.random.Generator) -> list[Fit]:
         """Return fits with independent Gaussian noise of `std` Nm on every measured torque.

@@ -1,0 +1,261 @@
+"""The judgement on recordings that no fit has seen: the description holds what they refute until it is no worse."""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property, partial
+
+import numpy as np
+from numpy.typing import NDArray
+
+from elastic_arm.dynamics.double_double import Pair, add, cholesky
+from elastic_arm.dynamics.gram import gram
+from elastic_arm.effects import EffectInstance
+from elastic_arm.estimation.motion import Motion
+from elastic_arm.identification.base_regression import BaseRegression
+from elastic_arm.identification.consistency.estimation import with_consistency
+from elastic_arm.identification.deviations import residual_norms
+from elastic_arm.identification.regularisation import (
+    DOUBT,
+    WIDTHS,
+    described_width,
+    description_error,
+    law_sizes,
+    prior_of,
+)
+from elastic_arm.identification.result import Identification
+from elastic_arm.identification.stream import Identifier
+from elastic_arm.robot import Robot
+
+Array = NDArray[np.float64]
+ByJoint = Mapping[str, Mapping[str, float]]
+
+# Relative errors of the description that are tried where held-out motion refutes a fit: errors of a model that does not
+# hold may be many times the noise.
+PULLED = (*WIDTHS, 1e-2, 1e-3, 1e-4, 1e-5)
+# Relative errors of the description that the consistent arm may still take it for, where it predicts badly.
+TRUSTS = (0.3, 0.1, 0.03, 0.01)
+# Ratio of rms errors from which a joint is predicted worse than by the description.
+WORSE = 1.1
+# Held-out torques are judged by their averages over so many seconds. Noise in accelerations is weighed by the inertias
+# that predict, so that of two arms the one with less inertia would seem to be better.
+AVERAGED = 1 / 16
+# Mean log ratio of rms errors up to which a fit predicts as well as the description: one that is right already cannot
+# be improved.
+EQUAL = 0.01
+
+
+@dataclass(frozen=True)
+class HeldOut:
+    """Motion that no fit has seen.
+
+    Parameters
+    ----------
+    equations
+        In base parameters.
+    motions
+        Runs of smoothed motion by recording.
+    """
+
+    equations: BaseRegression
+    motions: Mapping[str, Sequence[Motion]]
+
+    @cached_property
+    def _factors(self) -> dict[str, tuple[Array, int]]:
+        """Triangular factors (groups, B + 1, B + 1) of the rows of each recording, and its number of samples."""
+        return self._summed(self.equations.information)
+
+    @cached_property
+    def _averaged(self) -> dict[str, tuple[Array, int]]:
+        """The same of averages over :data:`AVERAGED`."""
+        return self._summed(self._information_of_averages)
+
+    def _summed(self, information: Callable[[Motion], Pair]) -> dict[str, tuple[Array, int]]:
+        return {
+            source: (cholesky(functools.reduce(add, map(information, motions))), sum(map(len, motions)))
+            for source, motions in self.motions.items()
+        }
+
+    def _information_of_averages(self, motion: Motion) -> Pair:
+        """Return the sums of a run's averages, each as often as it has samples."""
+        parts = max(round((motion.t[-1] - motion.t[0]) / AVERAGED), 1)
+        starts = np.linspace(0, len(motion), parts, endpoint=False).astype(int)
+        counts = np.diff(starts, append=len(motion))
+        rows = np.add.reduceat(self.equations.rows(motion), starts, axis=1) / np.sqrt(counts)[:, None]
+        sums = [gram(group) for group in rows]
+        return np.stack([hi for hi, _ in sums]), np.stack([lo for _, lo in sums])
+
+    def errors(self, Psi_base: Array) -> dict[str, dict[str, dict[str, float]]]:
+        """Return recording -> equation -> joint -> rms, Nm, of base parameters."""
+        return self._rms(Psi_base, self._factors)
+
+    def judged(self, Psi_base: Array) -> dict[str, dict[str, dict[str, float]]]:
+        """Return the rms of averages over :data:`AVERAGED`, by which one arm is called better than another."""
+        return self._rms(Psi_base, self._averaged)
+
+    def _rms(self, Psi_base: Array, sums: Mapping[str, tuple[Array, int]]) -> dict[str, dict[str, dict[str, float]]]:
+        scale = np.concatenate(list(self.equations.comparable(Psi_base).values()))
+        return {
+            source: self.equations.by_joint(scale * residual_norms(factors, Psi_base) / np.sqrt(max(samples, 1)))
+            for source, (factors, samples) in sums.items()
+        }
+
+    @cached_property
+    def nominal(self) -> dict[str, dict[str, dict[str, float]]]:
+        """Judged errors of the description."""
+        return self.judged(self.equations.base.T @ self.equations.nominal)
+
+    def ratio(self, Psi_base: Array) -> float:
+        """Return the mean log ratio of rms errors to those of the description; above 0 is worse."""
+        return log_ratio(list(self.judged(Psi_base).values()), list(self.nominal.values()), self.equations)
+
+    def worse(self, Psi_base: Array) -> list[str]:
+        """Return the joints that some recording shows to be predicted clearly worse than by the description."""
+        pairs = _pairs(list(self.judged(Psi_base).values()), list(self.nominal.values()), self.equations)
+        return list(dict.fromkeys(joint for _, joint, a, b in pairs if a > WORSE * b))
+
+
+def validated(
+    result: Identification,
+    identifier: Identifier,
+    robot: Robot,
+    effects: Sequence[EffectInstance],
+    held_out: HeldOut,
+) -> Identification:
+    """Add the errors on held-out recordings; what they refute is pulled to the description until it is no worse.
+
+    Parameters
+    ----------
+    result, identifier
+        The identification so far, and the estimator that it came from.
+    robot
+        The nominal arm.
+    effects
+        Laws beyond the model.
+    held_out
+        What no fit has seen.
+    """
+    linear = not held_out.equations.summed  # Else each prior takes a search of its own: too long for a single joint.
+    if held_out.ratio(result.Psi_base) > EQUAL or (linear and held_out.worse(result.Psi_base)):
+        result = _pulled(result, identifier, held_out)
+    if result.Psi is not None:
+        result = _consistent_or_none(result, identifier, robot, effects, held_out)
+    equations = held_out.equations
+    arms = {"nominal": equations.base.T @ equations.nominal, "identified": result.Psi_base}
+    if result.Psi is not None:
+        arms["consistent"] = equations.base.T @ result.Psi
+    tables = {arm: held_out.errors(Psi) for arm, Psi in arms.items()}
+    found = {source: {arm: table[source] for arm, table in tables.items()} for source in held_out.motions}
+    notes = list(result.notes)
+    for source, judged in held_out.judged(result.Psi_base).items():
+        worse = worse_joints(judged, held_out.nominal[source], equations)
+        notes += [f"{source} is predicted worse than by the description: {', '.join(worse)}"] if worse else []
+    return result.with_(validation=found, notes=tuple(notes))
+
+
+def _pulled(result: Identification, identifier: Identifier, held_out: HeldOut) -> Identification:
+    """Return the result with the description as the prior that predicts held-out motion best, joint by joint first.
+
+    A fit that is better than the description on the whole stays as it is, unless fewer joints are worse with the prior.
+    """
+    tries, error = [], description_error(identifier.fit(), held_out.equations, DOUBT)
+    laws = law_sizes(identifier.linear_blocks(), held_out.equations)
+    for width in PULLED:
+        prior = prior_of(held_out.equations, width, error, laws)
+        own = identifier.estimate(result.recordings, result.derivatives, None, prior)
+        tries.append((len(held_out.worse(own.Psi_base)), held_out.ratio(own.Psi_base), width, own))
+    now, worse = held_out.ratio(result.Psi_base), held_out.worse(result.Psi_base)
+    refuted = now > EQUAL
+    if refuted:
+        _, ratio, width, best = min(tries, key=lambda each: each[1])
+        better, said = ratio < now, ["the fit predicts the held-out recordings worse than the description does"]
+    else:
+        count, ratio, width, best = min(tries, key=lambda each: each[:2])
+        better, said = count < len(worse) and ratio <= now + EQUAL, list[str]()
+    if better:
+        said += [] if refuted else [f"the fit predicts {', '.join(worse)} worse than the description does"]
+        said.append(described_width(width, "the held-out recordings"))
+        result = result.with_(estimates=best.estimates, covariance=best.covariance, noise=best.noise)
+    if refuted and ratio > EQUAL:
+        said.append("no fit near the description is better than it: do not use the identified numbers")
+    return result.with_(notes=(*result.notes, *said))
+
+
+def _consistent_or_none(
+    result: Identification, identifier: Identifier, robot: Robot, effects: Sequence[EffectInstance], held_out: HeldOut
+) -> Identification:
+    """Return the result with a consistent arm that predicts no joint worse on held-out motion, or none.
+
+    Where it does, the description is trusted more, and the laws of the joints in question stay as described.
+    """
+    T, worst = held_out.equations.base.T, list[str]()
+    kept: list[str] = []
+    correlated = (result.consistency or {}).get("correlation", 1.0)
+    consistent = partial(with_consistency, result, identifier, robot, effects, correlated=correlated)
+    for trust in (None, *TRUSTS):
+        tried = result if trust is None else consistent(trust)
+        for last in (False, True):
+            if tried.Psi is None:
+                break
+            worse = held_out.worse(T @ tried.Psi)
+            if not worse and held_out.ratio(T @ tried.Psi) <= 0.0:
+                return tried.with_(notes=(*tried.notes, _described(kept))) if last else tried
+            worst = worst or worse
+            if last or not worse:
+                break
+            kept = worse
+            tried = consistent(trust, described=kept)
+    where = f" at {', '.join(worst)}" if worst else ""
+    note = f"the consistent arm predicts the held-out recordings worse than the description{where}: "
+    return result.with_(identified=None, notes=(*result.notes, note + "no robot.yaml is written"))
+
+
+def log_ratio(found: Sequence[ByJoint], nominal: Sequence[ByJoint], equations: BaseRegression) -> float:
+    """Return the mean log ratio of rms errors, over joints and the equations that hold a torque; above 0 is worse.
+
+    Parameters
+    ----------
+    found, nominal
+        What :meth:`HeldOut.judged` returned for two arms, recording by recording.
+    equations
+        Whose residuals they are.
+    """
+    return float(np.mean([np.log(a / b) for _, _, a, b in _pairs(found, nominal, equations)]))
+
+
+def worse_joints(found: ByJoint, nominal: ByJoint, equations: BaseRegression) -> list[str]:
+    """Return the joints that are predicted clearly worse than by the description, in words.
+
+    Parameters
+    ----------
+    found, nominal, equations
+        See :func:`log_ratio`, of one recording.
+    """
+    pairs = _pairs([found], [nominal], equations)
+    unit = equations.model.robot.units.at
+    return [
+        f"{joint} ({side}: {a:.3g} against {b:.3g} {unit(joint, 'Nm')})" for side, joint, a, b in pairs if a > WORSE * b
+    ]
+
+
+def _described(joints: Sequence[str]) -> str:
+    return (
+        f"robot.yaml has the laws of {', '.join(joints)} as the description has them: with those identified, "
+        "the held-out recordings are predicted worse"
+    )
+
+
+def _pairs(
+    found: Sequence[ByJoint], nominal: Sequence[ByJoint], equations: BaseRegression
+) -> list[tuple[str, str, float, float]]:
+    sides = [
+        side for side in equations.sides if equations.equations.equation(side).torque is not None
+    ] or equations.sides
+    return [
+        (side, joint, max(one[side][joint], 1e-300), max(other[side][joint], 1e-300))
+        for one, other in zip(found, nominal, strict=True)
+        for side in sides
+        for joint in one[side]
+    ]
