@@ -177,7 +177,7 @@ def _impossible_numbers(prepared: PreparedData, estimated: EstimatedHypothesis) 
     return [
         texts.impossible_size_note(p.cause, p.cause.linear[0].name, ParameterEstimate(one.value, one.std, one.unit))
         for p, one in zip(numbers, estimated.imperfections, strict=False)
-        if p.cause is not None and not one.ordinary and not p.cause.linear[0].believable(one.value, factor)
+        if p.cause is not None and not one.ordinary and not p.cause.linear[0].believable(one.value, factor, one.std)
     ]
 
 

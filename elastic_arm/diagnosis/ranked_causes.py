@@ -121,7 +121,7 @@ def _fault_causes(
         library.close()
         rivals = _of_links(prepared, estimated, fault)
         others = _others(prepared, rivals, feature)
-        share_of_all = 1.0 / (1.0 + sum(r.odds for r in rivals))
+        share_of_all = fault.confidence / (1.0 + sum(r.odds for r in rivals))
         cause = Cause(
             effect=feature.effect.id,
             joint=feature.joint,

@@ -154,7 +154,7 @@ class Parameter:
                 return math.inf
         return (self.neutral or 0.0) + coefficient
 
-    def believable(self, value: float, ratio_factor: float) -> bool:
+    def believable(self, value: float, ratio_factor: float, std: float = 0.0) -> bool:
         """Return whether an arm may have a value: a ratio near its range, a size of the right sign.
 
         Parameters
@@ -163,11 +163,13 @@ class Parameter:
             Of a linear parameter.
         ratio_factor
             How far outside its range a ratio may be.
+        std
+            Standard deviation of the value: of its 95 % interval an arm has to have some.
         """
         if self.neutral == 0.0 and self.low > 0.0:
             return value > 0.0
         if self.neutral:
-            return self.low / ratio_factor < value < self.high * ratio_factor
+            return self.low / ratio_factor < value + 2.0 * std and value - 2.0 * std < self.high * ratio_factor
         return value > self.above
 
     def checked(self, value: Any, of: str) -> float | tuple[float, ...]:

@@ -103,11 +103,10 @@ class NuisanceParameter:
         deviation, std
             From the description, and its standard deviation, with the prior.
         settings
-            How far beyond the prior, and how certainly.
+            How far beyond the prior.
         """
-        largest = settings.beyond_ordinary * self.ordinary_std
-        alone, uncertain = self.without_prior(deviation, std)
-        return bool(abs(deviation) <= largest or abs(alone) <= largest + settings.certain * uncertain)
+        held = self._distance(deviation, std)[0] <= settings.beyond_ordinary * self.ordinary_std
+        return bool(held or self.distance(*self.without_prior(deviation, std)) <= settings.beyond_ordinary)
 
     def is_beyond(self, alone: float, uncertain: float, settings: RefitSettings) -> bool:
         """Whether the recording alone shows it beyond ordinary, though a narrow prior may hold the estimate back.
@@ -117,10 +116,30 @@ class NuisanceParameter:
         alone, uncertain
             Deviation and standard deviation :meth:`without_prior`.
         settings
-            How far beyond the prior, and how certainly.
+            How far beyond the prior, and how certainly off at all.
         """
-        largest = settings.beyond_ordinary * self.ordinary_std
-        return bool(abs(alone) > max(largest + settings.certain * uncertain, 2.0 * settings.certain * uncertain))
+        clear = abs(alone) > 2.0 * settings.certain * uncertain
+        return bool(clear and self.distance(alone, uncertain) > settings.beyond_ordinary)
+
+    def distance(self, alone: float, uncertain: float) -> float:
+        """Return how far from what is described a recording finds it, in deviations of what is expected of that.
+
+        Of an ordinary arm an estimate scatters by the prior and by its own standard deviation.
+
+        Parameters
+        ----------
+        alone, uncertain
+            Deviation and standard deviation :meth:`without_prior`.
+        """
+        off, std = self._distance(alone, uncertain)
+        return off / float(np.hypot(self.ordinary_std, std))
+
+    def _distance(self, deviation: float, std: float) -> tuple[float, float]:
+        """Return how far off it is, and how uncertain that is; of ratios below one by logarithms: they are positive."""
+        if self.neutral != 1.0 or deviation > 0.0:
+            return abs(deviation), std
+        ratio = max(1.0 + deviation, std)
+        return abs(float(np.log(ratio))), std / ratio
 
     def without_prior(self, deviation: float, std: float) -> tuple[float, float]:
         """Return the deviation and standard deviation that the recording alone determines.

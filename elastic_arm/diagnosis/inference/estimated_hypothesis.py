@@ -12,7 +12,7 @@ from scipy.stats import chi2
 from elastic_arm.diagnosis import format as texts
 from elastic_arm.diagnosis.calibration.calibrate import imperfections
 from elastic_arm.diagnosis.inference.estimates import ParameterEstimate
-from elastic_arm.diagnosis.inference.faults import LargeImperfection
+from elastic_arm.diagnosis.inference.faults import LargeImperfection, faults_beside
 from elastic_arm.diagnosis.inference.final_estimates import FinalEstimates, final_estimates
 from elastic_arm.diagnosis.preparation import PreparedData, is_of
 from elastic_arm.diagnosis.result import Imperfection
@@ -105,8 +105,10 @@ def _that_last(
     slowest, ratio_factor = prepared.settings.refit.turned_over, prepared.settings.search.ratio_factor
     # A cause is one of many that were tried: what that costs in the search, it costs here.
     level = float(chi2.cdf(2.0 * prepared.settings.search.least_gain, 1))
+    # What has no name is beyond ordinary all the same: held by its prior it would bend what has one.
+    unnamed = faults_beside(prepared, hypothesis.selected, named=False)
     while True:
-        found, kept = _beside_faults(prepared, hypothesis.selected, faults)
+        found, kept = _beside_faults(prepared, hypothesis.selected, [*faults, *unnamed])
         selected, last = found.fit.selected, found.estimates
         gone = last.insignificant(selected, level)
         lost = [k for k in hypothesis.causes if k in gone or turns_over(last.polished(selected)[k], slowest)]
@@ -121,7 +123,7 @@ def _that_last(
 def _beside_faults(
     prepared: PreparedData, selected: Sequence[Candidate], faults: Sequence[LargeImperfection]
 ) -> tuple[FinalEstimates, list[LargeImperfection]]:
-    """Return the final estimates, and the faults: not those that were drawn along by the worst of them."""
+    """Return the final estimates, and the faults that may be causes: not those that the worst of all drew along."""
     parameters = prepared.calibration.parameters
     own = [max(p.ordinary_std for p in parameters if is_of(p, fault.feature)) for fault in faults]
     # By how unlikely what the recording shows is of an ordinary arm.
@@ -132,4 +134,5 @@ def _beside_faults(
     kept = [fault for fault in further if not found.is_no_fault(fault)]
     if kept:
         found = final_estimates(prepared, selected, [*worst, *kept])
-    return found, [found.measured(fault) for fault in (*worst, *kept)]
+    last = [found.measured(fault) for fault in (*worst, *kept)]
+    return found, [fault for fault in last if fault.feature.effect.searched]

@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import expit
 
 from elastic_arm.diagnosis.calibration.calibrate import posterior
 from elastic_arm.diagnosis.preparation import PreparedData
@@ -37,12 +38,15 @@ class LargeImperfection:
         column, as that is made of predicted torques.
     contribution
         What it does to the residuals (N', R) of each validation stretch, Nm.
+    confidence
+        Probability that it is beyond ordinary; of what matters though it is ordinary, that it is there.
     """
 
     feature: Feature
     value: float
     std: float
     contribution: list[Array]
+    confidence: float = 1.0
 
     @property
     def size(self) -> float:
@@ -62,7 +66,7 @@ class LargeImperfection:
         ratio_factor
             How far outside its range in the catalogue a ratio may be.
         """
-        return self.feature.linear[0].believable(self.size, ratio_factor)
+        return self.feature.linear[0].believable(self.size, ratio_factor, self.std)
 
     def of_size(self, value: float, std: float) -> LargeImperfection:
         """Return it with another deviation and standard deviation; what it does is linear in the deviation."""
@@ -76,7 +80,9 @@ class LargeImperfection:
         return EffectInstance(feature.effect, feature.joint, {**feature.choices, feature.linear[0].name: self.size})
 
 
-def faults_beside(prepared: PreparedData, selected: Sequence[Candidate]) -> tuple[LargeImperfection, ...]:
+def faults_beside(
+    prepared: PreparedData, selected: Sequence[Candidate], *, named: bool = True
+) -> tuple[LargeImperfection, ...]:
     """Return the sensors and the numbers of the arm that are further off than ordinary ones.
 
     Parameters
@@ -85,6 +91,8 @@ def faults_beside(prepared: PreparedData, selected: Sequence[Candidate]) -> tupl
         Data, regressors and nuisance parameters.
     selected
         The known effects and the causes.
+    named
+        Whether those that may be causes are returned, or those of which the effect is withheld.
     """
     parameters, library = prepared.calibration.parameters, prepared.library
     if not parameters:
@@ -94,7 +102,7 @@ def faults_beside(prepared: PreparedData, selected: Sequence[Candidate]) -> tupl
     # What is unexplained bends nuisance parameters: then their priors hold them, and nothing else.
     fits = misfit(library, selected) <= prepared.settings.search.bent
     for k, (p, value, std) in enumerate(zip(parameters, prepared.found.values + values, stds, strict=True)):
-        if p.cause is None or not p.cause.effect.searched:
+        if p.cause is None or p.cause.effect.searched != named:
             continue
         own, own_std = float(value * p.prior_std), float(std * p.prior_std)
         known = fits and 1.0 - std**2 >= settings.least_known
@@ -104,12 +112,18 @@ def faults_beside(prepared: PreparedData, selected: Sequence[Candidate]) -> tupl
         # In the torques as they were recorded, before they were divided by the gains found.
         parts = zip(library.nuisance.validation, prepared.validation.parts, strict=True)
         columns = [N[:, :, k] * (alone / p.prior_std * part.gain(p.cause)) for N, part in parts]
-        fault = LargeImperfection(p.cause, alone, uncertain, columns)
         beyond = p.is_beyond(alone, uncertain, settings) if known else not p.is_ordinary(own, own_std, settings)
+        # Of an ordinary arm the distance is Gaussian; where it begins to count, either is as likely.
+        more = 0.5 * (p.distance(alone, uncertain) ** 2 - settings.beyond_ordinary**2)
+        fault = LargeImperfection(p.cause, alone, uncertain, columns, float(expit(more)))
         extraordinary = beyond and not _is_usual(prepared, fault)
         # A channel ahead of the others is no effect: it remains an imperfection.
-        if fault.is_believable(prepared.settings.search.ratio_factor) and (extraordinary or _matters(prepared, fault)):
+        if not fault.is_believable(prepared.settings.search.ratio_factor):
+            continue
+        if extraordinary:
             found.append(fault)
+        elif _matters(prepared, fault):
+            found.append(replace(fault, confidence=1.0))
     return tuple(_common(prepared, found))
 
 
@@ -151,7 +165,8 @@ def _common(prepared: PreparedData, faults: Sequence[LargeImperfection]) -> list
         whole = feature_of(EffectInstance(first.effect, None, common.parameters), first.equations)
         contribution = [np.sum(parts, axis=0) for parts in zip(*(f.contribution for f in group), strict=True)]
         kept = [fault for fault in kept if fault not in group]
-        kept.append(LargeImperfection(whole, mean, float(np.sum(stds**-2.0) ** -0.5), contribution))
+        surest = max(fault.confidence for fault in group)
+        kept.append(LargeImperfection(whole, mean, float(np.sum(stds**-2.0) ** -0.5), contribution, surest))
     return kept
 
 
