@@ -10,6 +10,7 @@ import numpy as np
 from elastic_arm.diagnosis import format as texts
 from elastic_arm.diagnosis.assembly import assemble
 from elastic_arm.diagnosis.calibration.calibrate import is_commissioned
+from elastic_arm.diagnosis.calibration.recalibration import recalibrated
 from elastic_arm.diagnosis.design.discriminating_motion import propose
 from elastic_arm.diagnosis.inference.across_recordings import agreements
 from elastic_arm.diagnosis.inference.estimated_hypothesis import EstimatedHypothesis, estimate
@@ -19,10 +20,10 @@ from elastic_arm.diagnosis.inference.noise_colour import noise_colours
 from elastic_arm.diagnosis.inference.prediction import predict
 from elastic_arm.diagnosis.inference.sticking import sticking_misfits
 from elastic_arm.diagnosis.laws.better_laws import better_laws
-from elastic_arm.diagnosis.preparation import PreparedData, prepare, recalibrated, without_sticking_friction
+from elastic_arm.diagnosis.preparation import PreparedData, prepare, without_sticking_friction
 from elastic_arm.diagnosis.question import Question
 from elastic_arm.diagnosis.result import Diagnosis
-from elastic_arm.diagnosis.selection.beyond_ordinary import with_effects_beyond_ordinary
+from elastic_arm.diagnosis.selection.beyond_ordinary import freed, with_effects_beyond_ordinary
 from elastic_arm.diagnosis.selection.hypothesis import Hypothesis, Key
 from elastic_arm.diagnosis.selection.library_building import scaling
 from elastic_arm.diagnosis.selection.stepwise import StepwiseSearch
@@ -107,11 +108,11 @@ def _diagnosed(prepared: PreparedData) -> Diagnosis:
         # Where the model and its sensors lie beside these causes, the search has less to mistake for another one.
         colours = noise_colours(prepared, hypothesis)
         prepared = recalibrated(prepared, hypothesis, colours.of_sets if colours else None)
-        stepwise, hypothesis = best_hypothesis(prepared)
+        prepared, stepwise, hypothesis = _beside_faulty_sensors(prepared)
     if colours is None and (colours := noise_colours(prepared, hypothesis)) is not None:
         # Where what no motion explains is not white, that is the noise.
         prepared = recalibrated(prepared, hypothesis, colours.of_sets)
-        stepwise, hypothesis = best_hypothesis(prepared)
+        prepared, stepwise, hypothesis = _beside_faulty_sensors(prepared)
     hypothesis = stepwise.with_rivals(hypothesis)
     prepared, judgement, estimated = estimated_beyond_ordinary(prepared, hypothesis)
     # Laws that no catalogue states, in the place of the causes and beside them.
@@ -119,6 +120,28 @@ def _diagnosed(prepared: PreparedData) -> Diagnosis:
     judgement = measured_beside(prepared, judgement, estimated.faults, laws.refuted(estimated.faults))
     # The gap before and after, the verdict, the causes in order, and what is left.
     return assemble(prepared, judgement, estimated, laws)
+
+
+def _beside_faulty_sensors(prepared: PreparedData) -> tuple[PreparedData, StepwiseSearch, Hypothesis]:
+    """Return the search and its best hypothesis, sensors among what competes: their priors hold those of faulty ones.
+
+    A sensor that is far off would bend the model, or another effect would stand in for it, as a spring with a distant
+    rest angle for an offset. Where it explains more without its prior, it hardly has one from there on.
+    """
+    library, parameters = prepared.library, enumerate(prepared.calibration.parameters)
+    sensors = [
+        (k, p, p.cause) for k, p in parameters if p.is_sensor and p.cause is not None and p.cause.effect.searched
+    ]
+    library.candidates.extend(freed(library, k, p.prior_std, cause) for k, p, cause in sensors)
+    stepwise, hypothesis = best_hypothesis(prepared)
+    keys = {cause.key for _, _, cause in sensors}
+    found = [hypothesis.selected[k].feature for k in hypothesis.causes]
+    faulty = [feature for feature in found if feature.key in keys]
+    if not faulty:
+        return prepared, stepwise, hypothesis
+    rest = hypothesis.only(feature.key for feature in found if feature.key not in keys)
+    prepared = recalibrated(prepared, rest, faulty=faulty)
+    return prepared, *best_hypothesis(prepared)
 
 
 def search(prepared: PreparedData) -> Hypothesis:

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from elastic_arm.diagnosis.priors import Priors
 from elastic_arm.diagnosis.settings import RefitSettings
+from elastic_arm.effects.model import SensorEffect
 from elastic_arm.errors import RobotError
 from elastic_arm.estimation.effect_columns import Feature
 from elastic_arm.estimation.motion import Motion
@@ -158,6 +159,11 @@ class NuisanceParameter:
     def is_inertial(self) -> bool:
         """Whether the residuals are linear in it whatever its size: a mass, a centre of mass, an inertia."""
         return self.feature is None and self.what.startswith(("link_", "rotor_", "spline_"))
+
+    @property
+    def is_sensor(self) -> bool:
+        """Whether it is the error of a sensor's reading: a gain, an offset, a zero."""
+        return self.feature is not None and isinstance(self.feature.effect, SensorEffect) and not self.is_lag
 
     @property
     def is_lag(self) -> bool:

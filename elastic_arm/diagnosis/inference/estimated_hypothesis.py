@@ -11,10 +11,11 @@ from scipy.stats import chi2
 
 from elastic_arm.diagnosis import format as texts
 from elastic_arm.diagnosis.calibration.calibrate import imperfections
+from elastic_arm.diagnosis.calibration.recalibration import is_of
 from elastic_arm.diagnosis.inference.estimates import ParameterEstimate
 from elastic_arm.diagnosis.inference.faults import LargeImperfection, faults_beside
 from elastic_arm.diagnosis.inference.final_estimates import FinalEstimates, final_estimates
-from elastic_arm.diagnosis.preparation import PreparedData, is_of
+from elastic_arm.diagnosis.preparation import PreparedData
 from elastic_arm.diagnosis.result import Imperfection
 from elastic_arm.diagnosis.selection.hypothesis import Hypothesis
 from elastic_arm.diagnosis.selection.plausible_hypothesis import turns_over

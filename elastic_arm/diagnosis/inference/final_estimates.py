@@ -10,9 +10,10 @@ from numpy.typing import NDArray
 
 from elastic_arm.diagnosis.calibration.calibrate import posterior
 from elastic_arm.diagnosis.calibration.nuisance import NuisanceParameter
+from elastic_arm.diagnosis.calibration.recalibration import FinalFit, final_fit, is_of
 from elastic_arm.diagnosis.inference.faults import LargeImperfection
 from elastic_arm.diagnosis.inference.joint_estimates import JointEstimates
-from elastic_arm.diagnosis.preparation import FinalFit, PreparedData, final_fit, is_of
+from elastic_arm.diagnosis.preparation import PreparedData
 from elastic_arm.diagnosis.selection.regressor_library import Candidate
 from elastic_arm.diagnosis.selection.tangents import tangents
 from elastic_arm.estimation.effect_columns import Feature

@@ -1,0 +1,135 @@
+"""The calibration once more: beside the causes that were found, and of sensors that are beyond ordinary."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from elastic_arm.diagnosis.calibration.calibrate import calibrate
+from elastic_arm.diagnosis.calibration.linearisation import CalibrationProblem, Expansion, Linearised, expand, linearise
+from elastic_arm.diagnosis.calibration.nuisance import NuisanceParameter, drift_curves
+from elastic_arm.diagnosis.calibration.torque_filters import filters_for_lags
+from elastic_arm.diagnosis.preparation import PreparedData
+from elastic_arm.diagnosis.selection.hypothesis import Hypothesis
+from elastic_arm.diagnosis.selection.regressor_library import Candidate
+from elastic_arm.effects.model import SensorEffect
+from elastic_arm.estimation.effect_columns import Feature
+from elastic_arm.estimation.noise_colour import Colour
+
+
+def recalibrated(
+    prepared: PreparedData,
+    hypothesis: Hypothesis,
+    colours: Sequence[Colour] | None = None,
+    faulty: Sequence[Feature] = (),
+) -> PreparedData:
+    """Return the data where the model and its sensors lie most probably beside the causes of a hypothesis.
+
+    Parameters
+    ----------
+    prepared
+        Data and regressors.
+    hypothesis
+        Its causes are among the candidates as they were found.
+    colours
+        Of the torque sensors' noise on identification and validation data; as it was where None.
+    faulty
+        Nuisance parameters beyond ordinary.
+    """
+    causes, noise = [hypothesis.selected[k] for k in hypothesis.causes], 1.0
+    problem, expansion = _with_wide_priors(prepared.calibration, prepared.found.expansion, faulty)
+    values, causes = filters_for_lags(problem.parameters, expansion.values, causes)
+    if np.any(values != expansion.values):
+        expansion = expand(problem, values, expansion, expansion.acting)
+    if colours is not None:
+        # Found in torques without gain; the recorded ones have the gain again.
+        recorded = [
+            colour.divided({name: 1.0 / gain for name, gain in part[0].gains.items()})
+            for part, colour in zip(prepared.observed, colours, strict=True)
+        ]
+        observed = [[replace(o, colour=c) for o in part] for part, c in zip(problem.observed, recorded, strict=True)]
+        problem = replace(problem, observed=observed)
+        expansion = expand(problem, expansion.values, expansion, expansion.acting)
+    if problem.parameters:
+        expansion, noise, causes = calibrate(problem, expansion, causes)
+    found, _ = linearise(problem, expansion, prepared.candidates, causes, noise=noise)
+    return replace(prepared, calibration=problem, found=found)
+
+
+@dataclass(frozen=True)
+class FinalFit:
+    """Residuals and columns beside the causes that passed, and nothing else.
+
+    Parameters
+    ----------
+    problem
+        What was calibrated; what is beyond ordinary has hardly any prior.
+    found
+        Residuals and columns where the nuisance parameters lie beside the causes.
+    selected
+        Known effects and causes, in their order.
+    """
+
+    problem: CalibrationProblem
+    found: Linearised
+    selected: tuple[Candidate, ...]
+
+
+def final_fit(prepared: PreparedData, selected: Sequence[Candidate], faulty: Sequence[Feature]) -> FinalFit:
+    """Return the data on which causes are estimated: what sensors' gains scale, they scale of the causes, too.
+
+    Parameters
+    ----------
+    prepared
+        Data and regressors.
+    selected
+        Known effects and the causes that passed.
+    faulty
+        Nuisance parameters beyond ordinary.
+    """
+    problem, start = _with_wide_priors(prepared.calibration, prepared.found.expansion, faulty)
+    causes = list(selected[len(prepared.given) :])
+    curves = _curves(prepared, selected)
+    if curves:
+        problem = problem.extended(curves)
+        start = expand(problem, np.append(start.values, np.zeros(len(curves))), None, start.acting)
+    expansion, noise, causes = calibrate(problem, start, causes, scaled=True)
+    found, again = linearise(problem, expansion, (), causes, noise=noise)
+    return FinalFit(problem, found, (*found.given, *again))
+
+
+def _with_wide_priors(
+    problem: CalibrationProblem, start: Expansion, faulty: Sequence[Feature]
+) -> tuple[CalibrationProblem, Expansion]:
+    """Return a calibration in which what is beyond ordinary has hardly any prior, and where it begins."""
+    # What was found to be faulty before is so already.
+    wide = np.array([p.widened == 1.0 and any(is_of(p, fault) for fault in faulty) for p in problem.parameters])
+    if not wide.any():
+        return problem, start
+    width = problem.settings.refit.fault_width
+    parameters = tuple(p.of_fault(width) if w else p for p, w in zip(problem.parameters, wide, strict=True))
+    problem = replace(problem, parameters=parameters, directions=problem.directions * np.where(wide, width, 1.0))
+    # Columns of the arm's numbers are those of one standard deviation: wider ones are made anew.
+    near = start if not any(w and p.feature is None for w, p in zip(wide, parameters, strict=True)) else None
+    return problem, expand(problem, np.where(wide, start.values / width, start.values), near, start.acting)
+
+
+def _curves(prepared: PreparedData, selected: Sequence[Candidate]) -> list[NuisanceParameter]:
+    """Return how the zeros that drift wander beside their mean rates."""
+    rates = zip(selected, prepared.library.coefficients(selected), strict=True)
+    found = [
+        drift_curves(c.feature, float(beta[0]), prepared.settings.refit)
+        for c, beta in rates
+        if isinstance(c.feature.effect, SensorEffect) and c.feature.effect.in_time
+    ]
+    return [curve for curves in found for curve in curves]
+
+
+def is_of(parameter: NuisanceParameter, fault: Feature) -> bool:
+    """Whether a nuisance parameter is a fault, on its joint or on all of them."""
+    own = parameter.cause
+    if own is None or fault.joint not in (None, own.joint):
+        return False
+    return (own.key[0], own.key[2]) == (fault.key[0], fault.key[2])
