@@ -10,6 +10,8 @@ from elastic_arm.diagnosis.settings import RefitSettings
 
 SETTINGS = RefitSettings()
 GAIN = NuisanceParameter("joint_torque_gain", "joint_4", "1", 0.01, 1.0)
+MASS = NuisanceParameter("link_mass", "joint_2", "1", 0.1, 1.0)
+DAMPING = NuisanceParameter("damping", "joint_3", "1", 0.4, 1.0)
 
 
 def posterior(alone: float, uncertain: float) -> tuple[float, float]:
@@ -35,3 +37,28 @@ def test_a_narrow_prior_hides_no_sensor_that_reads_half() -> None:
 def test_what_is_within_the_prior_or_uncertain_is_not_beyond(alone: float, uncertain: float) -> None:
     """Two and a half deviations of the prior, and four of the recording, are no fault."""
     assert not GAIN.is_beyond(*GAIN.without_prior(*posterior(alone, uncertain)), SETTINGS)
+
+
+@pytest.mark.parametrize(
+    ("number", "ratio", "uncertain", "beyond"),
+    [
+        (DAMPING, 0.1, 0.02, True),  # 2.25 deviations of the prior, but a tenth
+        (DAMPING, 1.9, 0.02, False),
+        (DAMPING, 2.5, 0.02, True),
+        (MASS, 0.6, 0.04, True),
+        (MASS, 0.75, 0.02, False),
+        (MASS, 1.45, 0.04, True),
+        (MASS, 1.33, 0.05, False),  # an ordinary arm's estimate is as far off in 0.3 % of all cases
+    ],
+)
+def test_a_positive_number_is_beyond_ordinary_by_its_factor(
+    number: NuisanceParameter, ratio: float, uncertain: float, beyond: bool
+) -> None:
+    """A tenth of a damping and half a mass are far, whatever share of the whole is missing."""
+    assert number.is_beyond(ratio - 1.0, uncertain, SETTINGS) is beyond
+
+
+def test_an_ordinary_number_scatters_by_its_prior_and_by_its_own_deviation() -> None:
+    """Three deviations of the prior, known exactly, are as far as 4.2 of them known to one."""
+    assert MASS.distance(0.3, 1e-6) == pytest.approx(3.0)
+    assert MASS.distance(0.3 * np.sqrt(2.0), 0.1) == pytest.approx(3.0)
