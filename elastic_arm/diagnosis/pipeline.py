@@ -133,6 +133,7 @@ def _beside_faulty_sensors(prepared: PreparedData) -> tuple[PreparedData, Stepwi
         (k, p, p.cause) for k, p in parameters if p.is_sensor and p.cause is not None and p.cause.effect.searched
     ]
     library.candidates.extend(freed(library, k, p.prior_std, cause) for k, p, cause in sensors)
+    library.close()
     stepwise, hypothesis = best_hypothesis(prepared)
     keys = {cause.key for _, _, cause in sensors}
     found = [hypothesis.selected[k].feature for k in hypothesis.causes]

@@ -151,6 +151,7 @@ def _of_links(prepared: PreparedData, estimated: EstimatedHypothesis, fault: Lar
         for k, p in enumerate(prepared.calibration.parameters)
         if p.cause is not None and (p.cause.key in keys or p.cause.effect.id == fault.feature.effect.id)
     ]
+    library.close()
     own = next(number for number in numbers if number.feature.key == fault.feature.key)
     faults = [number for number in numbers if number.feature.key in keys and number is not own]
     others = [number for number in numbers if number.feature.key not in keys]

@@ -118,12 +118,8 @@ def faults_beside(
         fault = LargeImperfection(p.cause, alone, uncertain, columns, float(expit(more)))
         extraordinary = beyond and not _is_usual(prepared, fault)
         # A channel ahead of the others is no effect: it remains an imperfection.
-        if not fault.is_believable(prepared.settings.search.ratio_factor):
-            continue
-        if extraordinary:
-            found.append(fault)
-        elif _matters(prepared, fault):
-            found.append(replace(fault, confidence=1.0))
+        if fault.is_believable(prepared.settings.search.ratio_factor) and (extraordinary or _matters(prepared, fault)):
+            found.append(fault if extraordinary else replace(fault, confidence=1.0))
     return tuple(_common(prepared, found))
 
 

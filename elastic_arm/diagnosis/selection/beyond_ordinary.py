@@ -100,7 +100,7 @@ def _found_beyond(library: RegressorLibrary, hypothesis: Hypothesis, settings: D
 
 
 def freed(library: RegressorLibrary, number: int, prior_std: float, feature: Feature) -> Candidate:
-    """Return a candidate for a number of the arm without its prior: the column of its nuisance parameter.
+    """Return a candidate for a number without its prior, the column of its nuisance parameter; `close` makes it usable.
 
     Parameters
     ----------
@@ -114,9 +114,7 @@ def freed(library: RegressorLibrary, number: int, prior_std: float, feature: Fea
         The effect as which it is named.
     """
     columns = [white[:, number : number + 1] / prior_std for white in library.nuisance.white]
-    candidate = Candidate(feature, (), library.add_columns(columns))
-    library.close()
-    return candidate
+    return Candidate(feature, (), library.add_columns(columns))
 
 
 def rivals_of_number(
