@@ -29,6 +29,15 @@ class Accumulator:
         self.statistics_of_blocks = MotionStatistics()
         self._waiting: list[Motion] = []
 
+    def expect(self, samples: int) -> None:
+        """Begin with blocks half as long as those that so many samples end with, or as long: fewer steps to these.
+
+        Blocks that were begun stay as they are.
+        """
+        if not self.blocks.grams:
+            longer = max(samples // BLOCK // self.blocks.most, 1).bit_length() - 1
+            self.blocks.span = 2**longer
+
     def add(self, motion: Motion) -> None:
         """Add a run of motion; runs need not meet."""
         if self._waiting and self._waiting[-1].noise is not motion.noise:

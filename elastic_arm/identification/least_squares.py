@@ -133,9 +133,8 @@ class Blocks:
 
     def total(self) -> Array:
         """Return the triangular factors (groups, width, width) of all samples."""
-        if not self.grams:
-            return np.zeros((self.groups, self.width, self.width))
-        return cholesky(functools.reduce(add, self.grams))
+        shape = (self.groups, self.width, self.width)
+        return cholesky(functools.reduce(add, self.grams)) if self.grams else np.zeros(shape)
 
     def corrected(self, weights: Array, factors: Array) -> Array:
         """Return the triangular factor (width, width) of all weighted rows, known noise in Phi taken off.
@@ -150,8 +149,7 @@ class Blocks:
         whole = triangular((weights[:, None, None] * factors).reshape(-1, self.width))
         if not self.noisy:
             return whole
-        hi, lo = functools.reduce(add, self.grams)
-        noise = functools.reduce(np.add, self.known_noise)
+        (hi, lo), noise = functools.reduce(add, self.grams), functools.reduce(np.add, self.known_noise)
         noise = correction_share(whole, np.tensordot(weights**2, noise, 1)) * noise
         rest = add((hi, lo), (-noise, np.zeros_like(noise)))
         square = np.broadcast_to((weights**2)[:, None, None], hi.shape)
@@ -168,6 +166,11 @@ class Blocks:
     def copy(self) -> Blocks:
         """Return blocks that go their own way from here."""
         return replace(self, grams=list(self.grams), counts=list(self.counts), known_noise=list(self.known_noise))
+
+    def together(self) -> Blocks:
+        """Return all samples, of which there must be some, as one block."""
+        whole, noise = functools.reduce(add, self.grams), functools.reduce(np.add, self.known_noise)
+        return replace(self, grams=[whole], counts=[self.samples], known_noise=[noise])
 
     def merged(self, other: Blocks) -> Blocks:
         """Return the blocks of both, as of two recordings."""
@@ -285,15 +288,16 @@ def fit(blocks: Blocks, power: float = 1.0, rounds: int = 4, prior: Prior | None
         raise IdentificationError(
             f"{blocks.samples} samples do not determine {P} parameters", "Record some seconds of motion."
         )
-    r = blocks.total()
+    together = blocks.together()
+    r = together.total()
     live = np.any(r[..., -1] != 0.0, axis=-1)
     weights = np.ones(blocks.groups)
     for _ in range(rounds if power else 1):
-        Psi, _, _ = _solve(blocks.corrected(weights, r))
+        Psi, _, _ = _solve(together.corrected(weights, r))
         noise = deviations.residual_std(r, Psi, blocks.samples)
         weights = noise**-power
         weights /= np.sqrt(np.mean((weights * noise)[live] ** 2)) if live.any() else 1.0
-    whole = blocks.corrected(weights, r)
+    whole = together.corrected(weights, r)
     known = _joined(whole, prior)
     Psi, number, undetermined = _solve(known)
     noise = deviations.residual_std(r, Psi, blocks.samples)

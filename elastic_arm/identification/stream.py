@@ -270,8 +270,7 @@ class Identifier:
         self,
         recordings: tuple[str, ...] = (),
         methods: tuple[str, ...] = (),
-        covariance: Array | None = None,
-        prior: Prior | None = None,
+        found: Fit | None = None,
     ) -> Identification:
         """Return the estimate with its standard deviations and verdicts; see :meth:`fit` for errors.
 
@@ -279,13 +278,10 @@ class Identifier:
         ----------
         recordings, methods
             Where the samples came from, and how derivatives were made.
-        covariance
-            (B, B), where it is known better than from the blocks.
-        prior
-            What is known beforehand.
+        found
+            The estimate, where it is known already.
         """
-        fit = self.fit(prior) if covariance is None else replace(self.fit(prior), covariance=covariance)
-        return result_of(fit, self.equations, self.excitation(), recordings=recordings, methods=methods)
+        return result_of(found or self.fit(), self.equations, self.excitation(), recordings=recordings, methods=methods)
 
     def excitation(self) -> Excitation:
         """Return what the motion so far can determine; the torques are not looked at."""

@@ -164,7 +164,7 @@ def _pulled(result: Identification, identifier: Identifier, held_out: HeldOut) -
     laws = law_sizes(identifier.linear_blocks(), held_out.equations)
     for width in PULLED:
         prior = prior_of(held_out.equations, width, error, laws)
-        own = identifier.estimate(result.recordings, result.derivatives, None, prior)
+        own = identifier.estimate(result.recordings, result.derivatives, identifier.fit(prior))
         tries.append((len(held_out.worse(own.Psi_base)), held_out.ratio(own.Psi_base), width, own))
     now, worse = held_out.ratio(result.Psi_base), held_out.worse(result.Psi_base)
     refuted = now > EQUAL

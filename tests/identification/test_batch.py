@@ -24,6 +24,7 @@ from elastic_arm.identification import (
     std_ratio,
 )
 from elastic_arm.identification.base_regression import BaseRegression
+from elastic_arm.identification.batch.derivatives import DerivativeStage
 from elastic_arm.identification.stream import smoothed
 from elastic_arm.identification.verdict import relative_std
 from elastic_arm.recording import Recording, Samples, Side
@@ -280,3 +281,33 @@ def test_an_arm_at_rest_is_refused(samples: Samples) -> None:
     still = replace(samples, q=0.0 * samples.q, theta=0.0 * samples.theta)
     with pytest.raises(IdentificationError, match="holds no motion"):
         identify(recorded(still), load_robot(None))
+
+
+def test_blocks_begun_long_are_those_that_a_stream_ends_with(model: Model) -> None:
+    """The same blocks but for rounding; what noise adds to the first of them is taken from fewer samples."""
+    samples = record(model, np.random.default_rng(5), periods=10, **REAL)
+    found = []
+    for expected in (0, len(samples)):
+        identifier = Identifier(model, encoder_columns=True)
+        equations = identifier.choose_equations(samples)
+        assert identifier.accumulator is not None
+        identifier.accumulator.expect(expected)
+        for motion in DerivativeStage(samples, "smoother")(equations).motions:
+            identifier.add_motion(motion)
+        found.append((identifier.fit(), identifier.linear_blocks()))
+    (grown, short), (begun, long) = found
+    assert short.counts == long.counts and short.span == long.span > 4
+    for (one, _), (other, _) in zip(long.grams, short.grams, strict=True):
+        size = np.sqrt(np.einsum("gii->gi", one))
+        np.testing.assert_array_less(np.abs(one - other), 1e-14 * size[:, :, None] * size[:, None] + 1e-300)
+    np.testing.assert_array_less(np.abs(begun.Psi - grown.Psi), 0.02 * grown.std)
+    np.testing.assert_allclose(begun.std, grown.std, rtol=0.01)
+
+
+def test_a_motion_repeats_whether_its_period_is_stated_or_found(model: Model, samples: Samples) -> None:
+    """A cut of less than a period and a half shows no repetition, and neither does a ramp."""
+    assert DerivativeStage(samples, "smoother").repeats
+    assert DerivativeStage(samples, "smoother", period=5.0).repeats
+    assert not DerivativeStage(samples, "smoother", period=0.9 * float(samples.t[-1] - samples.t[0])).repeats
+    ramp = np.outer(np.linspace(0.0, 1.0, len(samples)) ** 2, np.ones(3))
+    assert not DerivativeStage(replace(samples, q=ramp, theta=ramp), "smoother").repeats

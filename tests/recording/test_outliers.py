@@ -10,9 +10,9 @@ import pytest
 
 from elastic_arm.diagnosis import Question, diagnose
 from elastic_arm.identification import IdentificationSettings, identify
-from elastic_arm.recording import Recording, read_recording, write_recording
+from elastic_arm.recording import Recording, Side, read_recording, write_recording
 from elastic_arm.recording.inspection.check import check_bag
-from elastic_arm.recording.inspection.outliers import find_outliers, without_outliers
+from elastic_arm.recording.inspection.outliers import _BLOCK, find_outliers, without_outliers
 from elastic_arm.robot import load_robot
 from tests.helpers.bags import two_sided
 
@@ -75,6 +75,19 @@ def test_the_check_names_them(tmp_path: Path, recording: Recording) -> None:
     (finding,) = [f for f in check_bag(bag).findings if f.code == "outliers"]
     assert finding.severity == "warning"
     assert "motor effort of joint_2 up to 1e+06" in finding.message
+
+
+@pytest.mark.parametrize("row", [3, *range(_BLOCK - 3, _BLOCK + 6), 39_996])
+def test_single_samples_are_found_wherever_they_lie(row: int) -> None:
+    """Those at the ends of the samples that are looked at together, too."""
+    stamp_ns = 10**6 * np.arange(40_000)
+    position = np.sin(np.outer(6e-9 * stamp_ns, [1.0, 1.3, 0.7]))
+    position += 1e-6 * np.random.default_rng(1).standard_normal(position.shape)
+    names = ("joint_1", "joint_2", "joint_3")
+    assert not find_outliers(Recording(names, Side(stamp_ns, position)))
+    position[row, 1] += 1e-3
+    (found,) = find_outliers(Recording(names, Side(stamp_ns, position)))
+    assert (found.channel, found.joint, found.rows.tolist()) == ("position", "joint_2", [row])
 
 
 @pytest.mark.slow(10)

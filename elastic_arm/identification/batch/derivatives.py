@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 import functools
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
@@ -41,8 +40,6 @@ class Derived:
         Of link and motor side for each of `pieces`, where the derivatives come from them.
     said
         What is to be known of clock and pieces.
-    repeats
-        Whether the motion is periodic.
     zeros, shift
         Where deflections are measured: at no load, with standard deviations, and what is added to the link angles so
         that they count from where those of the first recording do, (n,) rad each.
@@ -52,7 +49,6 @@ class Derived:
     method: str
     series: tuple[tuple[FourierFit | None, FourierFit | None], ...] = ()
     said: tuple[str, ...] = ()
-    repeats: bool = False
     zeros: tuple[Array, Array] | None = None
     shift: Array | None = None
 
@@ -110,10 +106,7 @@ class DerivativeStage:
             raise IdentificationError("the recording holds no motion", "Record one that `elastic-arm excite` makes.")
         self._said: tuple[str, ...] = (clock.note,) if clock.note else ()
         self._width = next(iter(self._grids[0].channels().values())).shape[1]
-        self._longest, self._period = max(self._grids, key=len), period
-        if period is None:
-            with contextlib.suppress(IdentificationError):
-                self._period = period_of(self._longest)
+        self._longest, self._stated_period = max(self._grids, key=len), period
         self._series: Derived | None = None
         if method != "smoother":
             try:
@@ -138,9 +131,18 @@ class DerivativeStage:
         """Band that the encoders' noise allows, Hz."""
         return self._smoother.cutoff / (2 * np.pi)
 
-    @property
-    def _repeats(self) -> bool:
-        return self._period is not None and repeats(self._longest, self._period)
+    @functools.cached_property
+    def repeats(self) -> bool:
+        """Whether the motion is periodic."""
+        try:
+            return repeats(self._longest, self._period)
+        except IdentificationError:
+            return False
+
+    @functools.cached_property
+    def _period(self) -> float:
+        # Only when it is asked for: in a long recording the search costs a good part of all.
+        return self._stated_period or period_of(self._longest)
 
     @functools.cached_property
     def _smoother(self) -> Smoother:
@@ -148,14 +150,14 @@ class DerivativeStage:
 
     def _by_series(self) -> Derived:
         """Fit series to every piece in which the motion repeats, each its own: it may begin anew after a gap."""
-        grids, period = self._grids, self._period or period_of(self._longest)
+        grids, period = self._grids, self._period
         noises = (self._smoother.link_noise, self._smoother.motor_noise)
         link_std, motor_std = (None if noise is None else noise.position_std for noise in noises)
         used = [grid for grid in grids if grid is self._longest or repeats(grid, period)]
         fitted = [fourier_motion(grid, link_std, motor_std, period) for grid in used]
         what = "Fourier series" if len(used) == len(grids) else f"Fourier series of {len(used)} of {len(grids)} pieces"
         pieces = tuple((lambda motion=motion: motion) for motion, _, _ in fitted)
-        return Derived(pieces, what, tuple((link, motor) for _, link, motor in fitted), self._said, self._repeats)
+        return Derived(pieces, what, tuple((link, motor) for _, link, motor in fitted), self._said)
 
     def __call__(self, equations: BaseRegression | None = None, *, ends: bool = False, share: float = 1.0) -> Derived:
         """Return the motion, the laws of `equations` through the same filter.
@@ -179,4 +181,4 @@ class DerivativeStage:
         pieces = [partial(stage, run) for grid in long_enough for run in runs(grid, lost)]
         method = f"smoother to {smoother.cutoff / (2 * np.pi):.1f} Hz"
         said = (*self._said, *left_out(grids, long_enough))
-        return Derived(tuple(pieces), method, said=said, repeats=self._repeats)
+        return Derived(tuple(pieces), method, said=said)

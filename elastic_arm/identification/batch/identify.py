@@ -142,7 +142,9 @@ def _estimated(trials: Trials, choice: BatchChoice, shown: int) -> tuple[Identif
     sources = tuple(recording.source for recording, _ in trials.recordings)
     covariance = _covariance(trial)
     width, prior = (None, None) if covariance is not None else _regularised(trial)
-    result = identifier.estimate(sources, tuple(d.method for d in derived), covariance, prior)
+    found = trial.fit if prior is None else identifier.fit(prior)
+    found = found if covariance is None else replace(found, covariance=covariance)
+    result = identifier.estimate(sources, tuple(d.method for d in derived), found)
     units = trials.robot.units
     notes = [note for recording, _ in trials.recordings for note in recording.notes]
     notes += [note for d, source in zip(derived, sources, strict=True) for note in d.notes(source, units)]
@@ -152,7 +154,7 @@ def _estimated(trials: Trials, choice: BatchChoice, shown: int) -> tuple[Identif
     result = result.with_(notes=tuple(dict.fromkeys([*result.notes, *notes])))
     if trials.settings.consistent:
         trials.report("physical consistency", 1.0)
-        weight = correlation_of_errors(identifier, repeats=any(d.repeats for d in derived))
+        weight = correlation_of_errors(identifier, repeats=any(stage.repeats for stage in trials.stages))
         laws = (*trials.settings.effects, *choice.zeros)
         result = with_consistency(result, identifier, trials.robot, laws, correlated=weight)
     return result, trial

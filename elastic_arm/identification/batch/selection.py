@@ -143,9 +143,12 @@ class Trials:
         identifier = Identifier(arm, columns, joints=joints, weighted=self.settings.weighted, encoder_columns=True)
         derived: list[Derived] = []
         asked = len(law_columns(asked_for, self.robot, model))
+        expected = sum(len(samples) for _, samples in self.recordings)
         for j, (recording, samples) in enumerate(self.recordings):
             self.report(f"equations of {recording.source}", len(self._known) / (len(self._known) + 1))
             equations = _traced(identifier, samples, asked)
+            if identifier.accumulator is not None:
+                identifier.accumulator.expect(expected)
             made = self.stages[j](equations, ends=ends, share=choice.share)
             derived.append(made.aligned(equations, derived[0] if derived else None))
             for motion in derived[-1].motions:

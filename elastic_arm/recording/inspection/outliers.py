@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -36,6 +36,7 @@ _ACCELERATION = 30.0  # rad/s^2, to which an arm changes within a sample
 _TORQUE_STEP = 0.003  # of the range
 _OPPOSITE = 0.45  # of a spike's distance, by which its neighbours are off the other way
 _CUBIC = np.array([1.0, -4.0, 6.0, -4.0, 1.0]) / 6.0
+_BLOCK = 16384  # samples looked at together: what a core's cache holds
 _LEAST = {"position": 1e-3, "velocity": 1e-3, "effort": 0.1, "acceleration": 1e-2}  # rad, rad/s, Nm, rad/s^2
 
 
@@ -79,8 +80,9 @@ def find_outliers(recording: Recording) -> list[Outliers]:
         found
         for name, side in sides.items()
         if side is not None and len(side) >= _FEWEST
+        for step in [float(np.median(np.diff(side.stamp_ns))) * 1e-9]
         for channel, values in side.channels().items()
-        for found in _all_of_channel(name, channel, side.stamp_ns, *_recorded(values, recording.joints))
+        for found in _all_of_channel(_Channel(name, channel, side.stamp_ns, step, *_recorded(values, recording.joints)))
     ]
 
 
@@ -115,27 +117,60 @@ def sane_limits(values: Array, channel: str) -> tuple[Array, Array]:
     return middle - _ABSURD * spread, middle + _ABSURD * spread
 
 
-def _all_of_channel(
-    side: str, channel: str, stamp_ns: NDArray[np.int64], values: Array, joints: Sequence[str]
-) -> Iterator[Outliers]:
+@dataclass(frozen=True)
+class _Channel:
+    """A channel of a side: its samples `values` (N, n) of the `joints` that have it, and the usual `step` in s."""
+
+    side: str
+    channel: str
+    stamp_ns: NDArray[np.int64]
+    step: float
+    values: Array
+    joints: Sequence[str]
+
+    def found(self, joint: int, rows: NDArray[np.intp], low: float, high: float) -> Outliers:
+        """Return the outliers of a joint, by its index, where nearly all samples lie between two numbers."""
+        among = self.values[rows, joint]
+        largest = float(among[np.argmax(np.abs(among))])
+        return Outliers(self.side, self.channel, self.joints[joint], rows, largest, np.array([low, high]))
+
+
+class _Extremes(NamedTuple):
+    """Smallest and largest samples (n,) of a channel, and the largest distance from the cubic."""
+
+    bottom: Array
+    top: Array
+    off: Array
+
+
+def _all_of_channel(of: _Channel) -> Iterator[Outliers]:
     """Yield what is far off the range, and of the other joints what is off its neighbours."""
-    far = list(_of_channel(side, channel, values, joints))
+    # Nearly all channels end with one look at their extremes.
+    extremes = _extremes(of.values)
+    far = list(_of_channel(of, extremes))
     yield from far
     named = {outliers.joint for outliers in far}
-    spikes = _spikes(side, channel, stamp_ns, values, joints)
-    yield from (outliers for outliers in spikes if outliers.joint not in named)
+    yield from (outliers for outliers in _spikes(of, extremes) if outliers.joint not in named)
 
 
-def _of_channel(side: str, channel: str, values: Array, joints: Sequence[str]) -> Iterator[Outliers]:
-    low, high = _central(values, channel)
+def _extremes(values: Array) -> _Extremes:
+    found = []
+    for start in range(0, max(len(values) - 4, 1), _BLOCK):
+        # NumPy is slow along the first axis of a narrow array.
+        block = np.ascontiguousarray(values[start : start + _BLOCK + 4].T)
+        off = np.array([np.abs(np.convolve(row, _CUBIC, mode="valid")).max() for row in block])
+        found.append((block.min(axis=1), block.max(axis=1), off))
+    bottoms, tops, distances = (np.array(each) for each in zip(*found, strict=True))
+    return _Extremes(bottoms.min(axis=0), tops.max(axis=0), distances.max(axis=0))
+
+
+def _of_channel(of: _Channel, extremes: _Extremes) -> Iterator[Outliers]:
+    low, high = _central(of.values, of.channel)
     width = high - low
-    # Most channels end here: nothing is far enough from the range to be looked at.
-    least = _LEAST_INNER * _LEAST[channel]
-    # Column by column: NumPy takes ten times as long along the first axis of a narrow array.
-    top, bottom = (np.array([extreme(column) for column in values.T]) for extreme in (np.max, np.min))
-    far = (top > high + 0.5 * _BEYOND * width) | (bottom < low - 0.5 * _BEYOND * width)
+    least = _LEAST_INNER * _LEAST[of.channel]
+    far = (extremes.top > high + 0.5 * _BEYOND * width) | (extremes.bottom < low - 0.5 * _BEYOND * width)
     for j in map(int, np.flatnonzero(far)):
-        column = values[:, j]
+        column = of.values[:, j]
         suspects = np.flatnonzero((column > high[j] + 0.5 * width[j]) | (column < low[j] - 0.5 * width[j]))
         begin = np.clip(suspects - _NEIGHBOURS, 0, len(column) - 2 * _NEIGHBOURS - 1)
         window = begin[:, None] + np.arange(2 * _NEIGHBOURS + 1)
@@ -144,38 +179,41 @@ def _of_channel(side: str, channel: str, values: Array, joints: Sequence[str]) -
         absurd = np.abs(0.5 * column[suspects] - 0.25 * (low[j] + high[j])) > 0.5 * _ABSURD * max(width[j], least)
         rows = suspects[(apart > 0.5 * _BEYOND * width[j]) | absurd]
         if len(rows):
-            largest = float(column[rows][np.argmax(np.abs(column[rows]))])
-            yield Outliers(side, channel, joints[j], rows, largest, np.array([low[j], high[j]]))
+            yield of.found(j, rows, low[j], high[j])
 
 
-def _spikes(
-    side: str, channel: str, stamp_ns: NDArray[np.int64], values: Array, joints: Sequence[str]
-) -> Iterator[Outliers]:
+def _spikes(of: _Channel, extremes: _Extremes) -> Iterator[Outliers]:
     """Yield single samples far off the cubic through their neighbours, where samples follow one another regularly."""
-    steps = np.diff(stamp_ns) * 1e-9
-    step = float(np.median(steps))
-    floor = {"position": _ACCELERATION * step**2, "velocity": _ACCELERATION * step}.get(channel, 0.0)
-    regular = steps < 1.5 * step
-    regular = regular[:-3] & regular[1:-2] & regular[2:-1] & regular[3:]
-    for j, column in enumerate(values.T):
+    floor = {"position": _ACCELERATION * of.step**2, "velocity": _ACCELERATION * of.step}.get(of.channel, 0.0)
+    for j, column in enumerate(of.values.T):
         # Numbers near the largest that there are have been found by the range.
         low, high = np.percentile(column[:: max(len(column) // _LOOKED_AT, 1)], _INNER)
-        column = np.clip(column, low - _ABSURD * (high - low), high + _ABSURD * (high - low))
-        off = np.convolve(column, _CUBIC, mode="valid")
-        apart = np.abs(off)
-        typical = apart[:: max(len(apart) // _LOOKED_AT, 1)]
+        least, most = low - _ABSURD * (high - low), high + _ABSURD * (high - low)
+        centres = 2 + np.arange(0, len(column) - 4, max((len(column) - 4) // _LOOKED_AT, 1))
+        around = np.clip(column[centres[:, None] + np.arange(-2, 3)], least, most)
+        typical = np.abs(around @ _CUBIC)
         std, tail = float(np.median(typical)) / 0.6745, float(np.percentile(typical, _NEARLY_ALL))
         limit = max(_SPIKE * std, _SPIKE_TAIL * tail)
-        limit += max(floor, _TORQUE_STEP * float(high - low) if channel == "effort" else 0.0)
-        rows = 1 + np.flatnonzero((apart > limit)[1:-1] & regular[1:-1])
+        limit += max(floor, _TORQUE_STEP * float(high - low) if of.channel == "effort" else 0.0)
+        if extremes.off[j] <= limit and extremes.bottom[j] >= least and extremes.top[j] <= most:
+            continue
+        column = np.clip(column, least, most)
+        off = np.convolve(column, _CUBIC, mode="valid")
+        apart = np.abs(off)
+        rows = 1 + np.flatnonzero((apart > limit)[1:-1] & _regular(of)[1:-1])
         if not 0 < len(rows) <= _SPIKE_SHARE * len(column):
             continue
         # Both neighbours of a spike are off by two thirds of it the other way; one of those of a step by a third.
         opposite = np.maximum(off[rows - 1] / off[rows], off[rows + 1] / off[rows])
         rows = 2 + rows[(opposite < -_OPPOSITE) & (apart[rows] > limit + _STEPS * _resolution(column))]
         if len(rows):
-            largest = float(values[rows, j][np.argmax(np.abs(values[rows, j]))])
-            yield Outliers(side, channel, joints[j], rows, largest, np.array([low, high]))
+            yield of.found(j, rows, low, high)
+
+
+def _regular(of: _Channel) -> NDArray[np.bool_]:
+    """Return whether five samples (N - 4,) in a row follow one another regularly."""
+    regular = np.diff(of.stamp_ns) * 1e-9 < 1.5 * of.step
+    return regular[:-3] & regular[1:-2] & regular[2:-1] & regular[3:]
 
 
 def _resolution(column: Array) -> float:
