@@ -25,10 +25,14 @@ THREADS_FROM = 30_000
 def convolve(signals: Sequence[Array], responses: Array, every: int = 1) -> Array:
     """Convolve signals with responses and add up, keeping what needs no sample from outside (overlap-save).
 
+    Where one of `every` samples is kept, a signal is taken for so many, of every so-manieth sample each, and so is a
+    response: transforms are shorter, and what is not kept is never made (polyphase decomposition; P. P. Vaidyanathan,
+    Multirate Systems and Filter Banks, 1993).
+
     Parameters
     ----------
     signals
-        I arrays (N,).
+        I arrays (N, m): columns with the same responses.
     responses
         (O, I, K): the response of output o to signal i, its centre in the middle.
     every
@@ -36,27 +40,28 @@ def convolve(signals: Sequence[Array], responses: Array, every: int = 1) -> Arra
 
     Returns
     -------
-    (O, M): M = N - K + 1 samples, or one of `every` of them.
+    (O, M, m): M = N - K + 1 samples, or one of `every` of them.
     """
     outputs, _, taps = responses.shape
-    samples = len(signals[0])
+    samples, columns = signals[0].shape
     kept = -(-(samples - taps + 1) // every)
-    # What is kept of a block comes first in it, after the samples that the response spoils: a multiple of `every`.
+    # What is kept of a block comes last in it, after the samples that the response spoils.
     spoilt = -(-(taps - 1) // every)
-    size = every * next_fast_len(
-        -(-min(max(BLOCK_OVER_RESPONSE * taps, SHORTEST_BLOCK), samples + taps) // every), True
-    )
-    step = size // every - spoilt
-    blocks = -(-kept // step)
+    longest = -(-min(max(BLOCK_OVER_RESPONSE * taps, SHORTEST_BLOCK), samples + taps) // every)
+    blocks = -(-kept // (longest - spoilt))
+    size = next_fast_len(spoilt + -(-kept // blocks), True)
     workers = _workers() if samples >= THREADS_FROM else 1
     early = spoilt * every - (taps - 1)
-    spectra = [rfft(_windows(signal, early, blocks, step * every, size), workers=workers) for signal in signals]
-    gains = rfft(responses, size)
-    result = np.empty((outputs, kept))
+    spectra = [rfft(_phases(signal, early, (blocks, spoilt, size), every), workers=workers) for signal in signals]
+    gains = rfft(_phases_of(responses, every), size)
+    result = np.empty((outputs, kept, columns))
     for o in range(outputs):
-        total = sum(spectrum * gain for spectrum, gain in zip(spectra, gains[o], strict=True))
-        thinned = irfft(_folded(total, size, every), size // every, workers=workers, overwrite_x=True)
-        result[o] = thinned[:, spoilt:].reshape(-1)[:kept]
+        parts = ((spectrum[p], gain[p]) for spectrum, gain in zip(spectra, gains[o], strict=True) for p in range(every))
+        total = np.multiply(*next(parts))
+        for spectrum, gain in parts:
+            total += spectrum * gain
+        filtered = irfft(total, size, workers=workers, overwrite_x=True)[..., spoilt:]
+        result[o] = filtered.reshape(columns, -1)[:, :kept].T
     return result
 
 
@@ -128,33 +133,37 @@ def _alike(acting: NDArray[np.bool_]) -> Iterator[tuple[NDArray[np.intp], NDArra
             yield rows, slice(some[0], some[-1] + 1) if some[-1] - some[0] < len(some) else np.array(some)
 
 
-def _folded(spectrum: Array, size: int, every: int) -> Array:
-    """Return the spectra of one of `every` samples: every other part of the whole spectrum falls onto the first."""
-    if every == 1:
-        return spectrum
-    short = size // every
-    width, half = short // 2 + 1, size // 2
-    folded = spectrum[:, :width].copy()
-    for alias in range(1, every):
-        first = alias * short
-        # Beyond the middle a spectrum of real numbers is the mirror image of its first half.
-        below = min(max(half + 1 - first, 0), width)
-        folded[:, :below] += spectrum[:, first : first + below]
-        mirrored = spectrum[:, size - first - width + 1 : size - first - below + 1]
-        folded[:, below:] += mirrored[:, ::-1].conj()
-    folded /= every
-    return folded
-
-
 def _workers() -> int:
     """Return how many threads transforms may take."""
     wanted = os.environ.get("OMP_NUM_THREADS", "")
     return min(int(wanted) if wanted.isdigit() and int(wanted) else 2, 2, os.cpu_count() or 1)
 
 
-def _windows(signal: Array, early: int, blocks: int, step: int, size: int) -> Array:
-    """Return windows (blocks, size), the first of which begins with `early` zeros."""
-    padded = np.zeros((blocks - 1) * step + size)
-    inside = signal[: len(padded) - early]
-    padded[early : early + len(inside)] = inside
-    return np.lib.stride_tricks.sliding_window_view(padded, size)[::step]
+def _phases(signal: Array, early: int, windows: tuple[int, int, int], every: int) -> Array:
+    """Return windows (every, m, blocks, size) of what each phase of a signal (N, m) has.
+
+    Phase p has the samples p before each of the `every`-th ones, the first of which is `early` before the signal's.
+
+    Parameters
+    ----------
+    signal, early, every
+        See above.
+    windows
+        Their number, by how much each overlaps the one before, and their size.
+    """
+    blocks, overlap, size = windows
+    length = (blocks - 1) * (size - overlap) + size
+    padded = np.zeros((signal.shape[1], length * every))
+    first = early + every - 1
+    inside = signal[: length * every - first].T
+    padded[:, first : first + inside.shape[1]] = inside
+    phases = np.ascontiguousarray(padded.reshape(-1, length, every).transpose(2, 0, 1)[::-1])
+    return np.lib.stride_tricks.sliding_window_view(phases, size, axis=2)[:, :, :: size - overlap]
+
+
+def _phases_of(responses: Array, every: int) -> Array:
+    """Return the phases (O, I, every, R) of responses (O, I, K)."""
+    outputs, inputs, taps = responses.shape
+    padded = np.zeros((outputs, inputs, -(-taps // every) * every))
+    padded[..., :taps] = responses
+    return padded.reshape(outputs, inputs, -1, every).swapaxes(2, 3)

@@ -34,6 +34,7 @@ SAMPLES_A_PERIOD = 6.0
 MOST_THINNING = 64
 # Long recordings are smoothed in runs of this many samples, which stay in the cache.
 RUN = 32768
+TOGETHER = 4  # columns filtered at once: what the caches hold
 # A smoother loses what lies within its lag of the ends of a piece, and laws that pass it twice lose twice that. Where
 # this is more than a share `LOST` of the piece, and the joints move there as fast as `MOVING` of their rms speed (at
 # rest they carry any torque up to their dry friction), the piece is continued by its mirror image, of which samples may
@@ -133,8 +134,10 @@ class Smoother:
         self._require(len(values))
         response = _even_taps(self.cutoff / self.rate, self.lag)[None, None]
         out = np.zeros((-(-(len(values) - 2 * self.lag) // every), values.shape[1]))
-        for k in np.flatnonzero(values.any(axis=0)):
-            out[:, k] = convolve([values[:, k]], response, every)[0]
+        used = np.flatnonzero(values.any(axis=0))
+        for k in range(0, len(used), TOGETHER):
+            columns = used[k : k + TOGETHER]
+            out[:, columns] = convolve([values[:, columns]], response, every)[0]
         return out
 
     def thinned(self, values: Array, finer: int) -> Array:
@@ -155,14 +158,15 @@ class Smoother:
         if position is None:
             return [None, None, None]
         out = np.empty((3, -(-(len(position) - 2 * self.lag) // every), position.shape[1]))
-        for i, w in enumerate(crossover if velocity is not None else np.full_like(crossover, np.inf)):
-            middle = position[:, i].mean()
-            signals = [position[:, i] - middle]
-            taps = self._taps(w)
+        middle = position.mean(axis=0)
+        crossover = crossover if velocity is not None else np.full_like(crossover, np.inf)
+        for w in np.unique(crossover):
+            alike = np.flatnonzero(crossover == w)
+            signals = [position[:, alike] - middle[alike]]
             if velocity is not None and np.isfinite(w):
-                signals.append(velocity[:, i] / self.rate)
-            out[:, :, i] = convolve(signals, np.stack(taps[: len(signals)], axis=1), every)
-            out[0, :, i] += middle
+                signals.append(velocity[:, alike] / self.rate)
+            out[:, :, alike] = convolve(signals, np.stack(self._taps(w)[: len(signals)], axis=1), every)
+        out[0] += middle
         return [out[0], out[1] * self.rate, out[2] * self.rate**2]
 
     def _covariances(self, noise: SideNoise | None, crossover: Array) -> Array | None:

@@ -8,16 +8,19 @@ import pytest
 from elastic_arm.estimation.convolution import circular_gains, convolve, filtered_circularly
 
 
-@pytest.mark.parametrize("samples, taps", [(60, 11), (5000, 101), (40_000, 301)])
+@pytest.mark.parametrize("samples, taps", [(60, 11), (60, 60), (5000, 101), (5003, 96), (40_000, 301)])
 @pytest.mark.parametrize("every", [1, 2, 8])
 def test_it_is_the_sum_of_plain_convolutions(samples: int, taps: int, every: int) -> None:
-    """Two signals through two outputs' responses, added up, without the ends, one of `every` samples."""
+    """Two signals of three columns through two outputs' responses, added up, without the ends, one of `every`."""
     rng = np.random.default_rng(0)
-    signals = list(rng.standard_normal((2, samples)))
+    signals = list(rng.standard_normal((2, samples, 3)))
     responses = rng.standard_normal((2, 2, taps))
-    expected = [sum(np.convolve(s, r, "valid") for s, r in zip(signals, own, strict=True)) for own in responses]
+    expected = [
+        [sum(np.convolve(s, r, "valid") for s, r in zip(column, own, strict=True))[::every] for own in responses]
+        for column in np.transpose(signals, (2, 0, 1))
+    ]
     found = convolve(signals, responses, every)
-    np.testing.assert_allclose(found, np.array(expected)[:, ::every], atol=1e-9 * np.sqrt(taps))
+    np.testing.assert_allclose(found.transpose(2, 0, 1), expected, atol=1e-13 * np.sqrt(taps))
 
 
 @pytest.mark.parametrize("samples", [439, 600, 1084])

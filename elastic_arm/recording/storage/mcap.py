@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
+import functools
 import os
 import struct
-import zlib
 from collections import deque
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 from io import BytesIO
@@ -24,6 +24,7 @@ from mcap.opcode import Opcode
 from elastic_arm.errors import RecordingError
 from elastic_arm.recording import limits
 from elastic_arm.recording.spans import Bytes, Offsets, Spans, column, progression, shifted
+from elastic_arm.recording.storage.checksum import crc32_for
 from elastic_arm.recording.storage.interface import LATEST_NS
 from elastic_arm.recording.storage.mcap_records import MESSAGE_HEAD, RECORD_HEAD
 from elastic_arm.recording.storage.mcap_scan import Record, Scan, scan
@@ -254,9 +255,13 @@ class McapFile:
             plain = unpack_chunk(self.buffer[chunk.begin : chunk.end], chunk.compression, chunk.size)
         except (RuntimeError, ValueError, MemoryError, zstandard.ZstdError) as error:
             return self._chunk_error(chunk, str(error))
-        if len(plain) != chunk.size or (chunk.crc and zlib.crc32(plain.data) != chunk.crc):
+        if len(plain) != chunk.size or (chunk.crc and self._crc32(plain) != chunk.crc):
             return self._chunk_error(chunk, "its checksum does not match")
         return plain
+
+    @functools.cached_property
+    def _crc32(self) -> Callable[[Bytes], int]:
+        return crc32_for(sum(chunk.size for chunk in self.chunks))
 
     def _chunk_block(self, chunk: Chunk, plain: Bytes, horizon_ns: int) -> McapBlock | RecordingError:
         try:
