@@ -95,7 +95,7 @@ class Grid:
     def moves(self) -> bool:
         """Return whether any joint does, by the motor's angles where there are some."""
         position = self.theta if self.theta is not None else self.q
-        return position is not None and bool(np.any(np.ptp(position, axis=0) >= STILL))
+        return position is not None and any(np.ptp(column) >= STILL for column in position.T)
 
 
 @dataclass(frozen=True)

@@ -134,7 +134,8 @@ class Smoother:
         self._require(len(values))
         response = _even_taps(self.cutoff / self.rate, self.lag)[None, None]
         out = np.zeros((-(-(len(values) - 2 * self.lag) // every), values.shape[1]))
-        used = np.flatnonzero(values.any(axis=0))
+        # Column by column: NumPy is slow along the first axis of a narrow array.
+        used = [k for k, column in enumerate(values.T) if column.any()]
         for k in range(0, len(used), TOGETHER):
             columns = used[k : k + TOGETHER]
             out[:, columns] = convolve([values[:, columns]], response, every)[0]
@@ -158,7 +159,7 @@ class Smoother:
         if position is None:
             return [None, None, None]
         out = np.empty((3, -(-(len(position) - 2 * self.lag) // every), position.shape[1]))
-        middle = position.mean(axis=0)
+        middle = np.array([column.mean() for column in position.T])
         crossover = crossover if velocity is not None else np.full_like(crossover, np.inf)
         for w in np.unique(crossover):
             alike = np.flatnonzero(crossover == w)

@@ -82,7 +82,9 @@ def find_outliers(recording: Recording) -> list[Outliers]:
         if side is not None and len(side) >= _FEWEST
         for step in [float(np.median(np.diff(side.stamp_ns))) * 1e-9]
         for channel, values in side.channels().items()
-        for found in _all_of_channel(_Channel(name, channel, side.stamp_ns, step, *_recorded(values, recording.joints)))
+        for found in _all_of_channel(
+            _ChannelSamples(name, channel, side.stamp_ns, step, *_recorded(values, recording.joints))
+        )
     ]
 
 
@@ -118,7 +120,7 @@ def sane_limits(values: Array, channel: str) -> tuple[Array, Array]:
 
 
 @dataclass(frozen=True)
-class _Channel:
+class _ChannelSamples:
     """A channel of a side: its samples `values` (N, n) of the `joints` that have it, and the usual `step` in s."""
 
     side: str
@@ -143,7 +145,7 @@ class _Extremes(NamedTuple):
     off: Array
 
 
-def _all_of_channel(of: _Channel) -> Iterator[Outliers]:
+def _all_of_channel(of: _ChannelSamples) -> Iterator[Outliers]:
     """Yield what is far off the range, and of the other joints what is off its neighbours."""
     # Nearly all channels end with one look at their extremes.
     extremes = _extremes(of.values)
@@ -164,7 +166,7 @@ def _extremes(values: Array) -> _Extremes:
     return _Extremes(bottoms.min(axis=0), tops.max(axis=0), distances.max(axis=0))
 
 
-def _of_channel(of: _Channel, extremes: _Extremes) -> Iterator[Outliers]:
+def _of_channel(of: _ChannelSamples, extremes: _Extremes) -> Iterator[Outliers]:
     low, high = _central(of.values, of.channel)
     width = high - low
     least = _LEAST_INNER * _LEAST[of.channel]
@@ -182,7 +184,7 @@ def _of_channel(of: _Channel, extremes: _Extremes) -> Iterator[Outliers]:
             yield of.found(j, rows, low[j], high[j])
 
 
-def _spikes(of: _Channel, extremes: _Extremes) -> Iterator[Outliers]:
+def _spikes(of: _ChannelSamples, extremes: _Extremes) -> Iterator[Outliers]:
     """Yield single samples far off the cubic through their neighbours, where samples follow one another regularly."""
     floor = {"position": _ACCELERATION * of.step**2, "velocity": _ACCELERATION * of.step}.get(of.channel, 0.0)
     for j, column in enumerate(of.values.T):
@@ -210,7 +212,7 @@ def _spikes(of: _Channel, extremes: _Extremes) -> Iterator[Outliers]:
             yield of.found(j, rows, low, high)
 
 
-def _regular(of: _Channel) -> NDArray[np.bool_]:
+def _regular(of: _ChannelSamples) -> NDArray[np.bool_]:
     """Return whether five samples (N - 4,) in a row follow one another regularly."""
     regular = np.diff(of.stamp_ns) * 1e-9 < 1.5 * of.step
     return regular[:-3] & regular[1:-2] & regular[2:-1] & regular[3:]
