@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -84,10 +84,6 @@ class Smoother:
         cutoff = max(side.cutoff for side in sides)
         of_link, of_motor = (_crossover(side, cutoff, rate, n) for side in (link, motor))
         return Smoother(rate, cutoff, of_link, of_motor, link, motor)
-
-    def narrowed(self, share: float) -> Smoother:
-        """Return the smoother with a share of the band."""
-        return self if share == 1.0 else replace(self, cutoff=share * self.cutoff)
 
     @functools.cached_property
     def noise(self) -> StateNoise | None:

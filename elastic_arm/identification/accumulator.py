@@ -1,17 +1,29 @@
-"""From motion to sums: rows of the equations, block by block."""
+"""From motion to sums: rows of the equations, block by block.
+
+An arm that is taken for rigid is so below its first resonance alone; beyond, rotors move against links, and torques
+grow as accelerations fall. Its rows can therefore be averaged over :data:`AVERAGED`, which takes off what is faster and
+loses no end of a recording, as a narrower smoother would.
+"""
 
 from __future__ import annotations
 
 from dataclasses import replace
 
 import numpy as np
+from numpy.typing import NDArray
 
+from elastic_arm.dynamics.double_double import Pair
+from elastic_arm.dynamics.gram import gram
 from elastic_arm.estimation.motion import Motion
 from elastic_arm.identification.base_regression import BaseRegression
 from elastic_arm.identification.errors_in_variables import noise_sums
 from elastic_arm.identification.least_squares import Blocks, Fit
 from elastic_arm.identification.verdict import MotionStatistics
 
+Array = NDArray[np.float64]
+
+# Seconds over which rows are averaged: the first resonances of arms are at 5 to 20 Hz.
+AVERAGED = 1 / 16
 # Samples of a unit: the shortest block.
 BLOCK = 256
 # In long recordings one sample stands for so many units in the sums of noise.
@@ -21,10 +33,19 @@ CLOSED = 1e-3
 
 
 class Accumulator:
-    """Rows of the equations, block by block; the last samples wait until their block is full."""
+    """Rows of the equations, block by block; the last samples wait until their block is full.
 
-    def __init__(self, equations: BaseRegression) -> None:
+    Parameters
+    ----------
+    equations
+        In base parameters.
+    averaged
+        Whether the rows of an arm that is taken for rigid are averaged.
+    """
+
+    def __init__(self, equations: BaseRegression, *, averaged: bool = False) -> None:
         self.equations = equations
+        self._averaged = averaged and equations.rigid
         self.blocks = Blocks(len(equations.groups), len(equations.base) + 1)
         self.statistics_of_blocks = MotionStatistics()
         self._waiting: list[Motion] = []
@@ -82,10 +103,40 @@ class Accumulator:
 
     def _add_to(self, blocks: Blocks, motion: Motion, units: int) -> None:
         """Add samples, each as often as it stands for others."""
+        if self._averaged:
+            sums, count = averaged(self.equations, motion, _unit(motion))
+            blocks.add(sums, count, units)
+            return
         hi, lo = self.equations.information(motion)
         noise = noise_sums(self.equations, motion, *_thinning(blocks, _unit(motion)))
-        gram = motion.every * hi, motion.every * lo
-        blocks.add(gram, motion.every * len(motion), units, None if noise is None else motion.every * noise)
+        sums = motion.every * hi, motion.every * lo
+        blocks.add(sums, motion.every * len(motion), units, None if noise is None else motion.every * noise)
+
+
+def averaged(equations: BaseRegression, motion: Motion, unit: int | None = None) -> tuple[Pair, int]:
+    """Return [Phi y]'[Phi y] of rows averaged over :data:`AVERAGED`, and the number of averages.
+
+    Parameters
+    ----------
+    equations
+        Whose rows are meant.
+    motion
+        A run of samples.
+    unit
+        Samples after which an average ends in any case; all of them when None.
+    """
+    unit = unit or len(motion)
+    step = float(np.median(np.diff(motion.t))) if len(motion) > 1 else AVERAGED
+    parts = min(max(round(unit * step / AVERAGED), 1), unit)
+    inner = np.linspace(0, unit, parts, endpoint=False).astype(int)
+    starts = (np.arange(0, len(motion), unit)[:, None] + inner).ravel()
+    starts = starts[starts < len(motion)]
+    counts = np.diff(starts, append=len(motion))
+    # What is shorter, at the end, counts less.
+    rows = np.add.reduceat(equations.rows(motion), starts, axis=1) / np.sqrt(counts * unit / parts)[:, None]
+    sums = [gram(group) for group in rows]
+    count = max(round(len(motion) * parts / unit), 1)
+    return (np.stack([hi for hi, _ in sums]), np.stack([lo for _, lo in sums])), count
 
 
 def _thinning(blocks: Blocks, unit: int) -> tuple[int, int]:

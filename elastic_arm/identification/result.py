@@ -275,7 +275,12 @@ def std_ratio(std: Array, other: Identification) -> StdRatio:
 
 
 def result_of(
-    fit: Fit, equations: BaseRegression, judged: Excitation, *, recordings: tuple[str, ...], methods: tuple[str, ...]
+    fit: Fit,
+    equations: BaseRegression,
+    judged: Excitation,
+    samples: int,
+    recordings: tuple[str, ...],
+    methods: tuple[str, ...],
 ) -> Identification:
     """Return the result of a fit.
 
@@ -285,8 +290,8 @@ def result_of(
         The estimate, and what it is an estimate of.
     judged
         The judgement of the motion before the fit.
-    recordings, methods
-        Where the samples came from, and how derivatives were made.
+    samples, recordings, methods
+        How many samples were used, where they came from, and how derivatives were made.
     """
     base = equations.base
     relative = relative_std(equations, fit.Psi, fit.std)
@@ -314,7 +319,7 @@ def result_of(
         noise=equations.by_joint(fit.noise),
         condition=fit.condition,
         undetermined=directions(fit.undetermined, base.names),
-        samples=fit.samples,
+        samples=samples,
         derivatives=methods,
         excitation={
             "condition": judged.condition,

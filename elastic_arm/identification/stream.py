@@ -110,10 +110,8 @@ class Identifier:
         Bearings locked.
     columns
         Laws beyond the model.
-    smoother
-        The derivative stage; chosen from the first seconds when None.
-    clock
-        Sample rate and meaning of the stamps; chosen from the first seconds when None.
+    smoother, clock
+        Derivative stage, and rate and meaning of the stamps; chosen from the first seconds when None.
     weighted
         Weigh each equation by its noise, less so where the arm is taken for rigid (:data:`.MISFIT_POWER`).
     joints
@@ -121,6 +119,8 @@ class Identifier:
     encoder_columns
         Whether lags and offsets of link encoders are estimated where deflections are measured without a joint torque
         sensor (:mod:`elastic_arm.identification.base_regression`).
+    averaged
+        Whether the rows of an arm that is taken for rigid are averaged (:mod:`.accumulator`).
 
     Notes
     -----
@@ -138,12 +138,12 @@ class Identifier:
         weighted: bool = True,
         joints: Sequence[str] = (),
         encoder_columns: bool = False,
+        averaged: bool = True,
     ) -> None:
         self.model = model
-        self.columns = tuple(columns)
+        self.columns, self.joints = tuple(columns), tuple(joints)
         self.weighted = weighted
-        self.joints = tuple(joints)
-        self.encoder_columns = encoder_columns
+        self.encoder_columns, self.averaged = encoder_columns, averaged
         self._given = (smoother, clock)
         self.paused = False
         self.reset()
@@ -192,7 +192,7 @@ class Identifier:
         there = {name for name in SENSED if getattr(channels, name) is not None}
         recorded = tuple(frozenset(there - {c for c, j in channels.lacking if j == i}) for i in range(self.model.n))
         if self.accumulator is None:
-            self.accumulator = Accumulator(self._regression(recorded))
+            self.accumulator = self._empty(recorded)
             self._recorded = recorded
         if recorded != self._recorded:
             one, other = (", ".join(sorted(frozenset().union(*sets))) for sets in (self._recorded, recorded))
@@ -200,10 +200,10 @@ class Identifier:
             raise IdentificationError(what, "Identify recordings with equal channels.")
         return self.accumulator.equations
 
-    def _regression(self, recorded: Recorded) -> BaseRegression:
-        return BaseRegression(
-            self.model, recorded, self.columns, self.joints, summed=True, encoder_columns=self.encoder_columns
-        )
+    def _empty(self, recorded: Recorded) -> Accumulator:
+        own = self.model, recorded, self.columns, self.joints
+        equations = BaseRegression(*own, summed=True, encoder_columns=self.encoder_columns)
+        return Accumulator(equations, averaged=self.averaged)
 
     def add(self, samples: Samples) -> None:
         """Take samples, later than those before; a jump back in time starts a new piece.
@@ -281,7 +281,8 @@ class Identifier:
         found
             The estimate, where it is known already.
         """
-        return result_of(found or self.fit(), self.equations, self.excitation(), recordings=recordings, methods=methods)
+        found = found or self.fit()
+        return result_of(found, self.equations, self.excitation(), self.progress.samples, recordings, methods)
 
     def excitation(self) -> Excitation:
         """Return what the motion so far can determine; the torques are not looked at."""
@@ -311,7 +312,7 @@ class Identifier:
             If the file holds no sums, or those of another arm or model.
         """
         recorded = recorded_in(path)
-        accumulator = Accumulator(self._regression(recorded))
+        accumulator = self._empty(recorded)
         known = read_sums(path, accumulator.equations)
         self.reset()
         accumulator.blocks, accumulator.statistics_of_blocks = known.blocks, known.statistics

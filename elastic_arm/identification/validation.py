@@ -11,9 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elastic_arm.dynamics.double_double import Pair, add, cholesky
-from elastic_arm.dynamics.gram import gram
 from elastic_arm.effects import EffectInstance
 from elastic_arm.estimation.motion import Motion
+from elastic_arm.identification.accumulator import averaged
 from elastic_arm.identification.base_regression import BaseRegression
 from elastic_arm.identification.consistency.estimation import with_consistency
 from elastic_arm.identification.deviations import residual_norms
@@ -39,9 +39,6 @@ PULLED = (*WIDTHS, 1e-2, 1e-3, 1e-4, 1e-5)
 TRUSTS = (0.3, 0.1, 0.03, 0.01)
 # Ratio of rms errors from which a joint is predicted worse than by the description.
 WORSE = 1.1
-# Held-out torques are judged by their averages over so many seconds. Noise in accelerations is weighed by the inertias
-# that predict, so that of two arms the one with less inertia would seem to be better.
-AVERAGED = 1 / 16
 # Mean log ratio of rms errors up to which a fit predicts as well as the description: one that is right already cannot
 # be improved.
 EQUAL = 0.01
@@ -65,34 +62,30 @@ class HeldOut:
     @cached_property
     def _factors(self) -> dict[str, tuple[Array, int]]:
         """Triangular factors (groups, B + 1, B + 1) of the rows of each recording, and its number of samples."""
-        return self._summed(self.equations.information)
+        return self._summed(lambda motion: (self.equations.information(motion), len(motion)))
 
     @cached_property
     def _averaged(self) -> dict[str, tuple[Array, int]]:
-        """The same of averages over :data:`AVERAGED`."""
-        return self._summed(self._information_of_averages)
+        """The same of rows averaged over :data:`.accumulator.AVERAGED`.
 
-    def _summed(self, information: Callable[[Motion], Pair]) -> dict[str, tuple[Array, int]]:
-        return {
-            source: (cholesky(functools.reduce(add, map(information, motions))), sum(map(len, motions)))
-            for source, motions in self.motions.items()
-        }
+        Noise in accelerations is weighed by the inertias that predict, so that of two arms the one with less inertia
+        would seem to be better.
+        """
+        return self._summed(lambda motion: averaged(self.equations, motion))
 
-    def _information_of_averages(self, motion: Motion) -> Pair:
-        """Return the sums of a run's averages, each as often as it has samples."""
-        parts = max(round((motion.t[-1] - motion.t[0]) / AVERAGED), 1)
-        starts = np.linspace(0, len(motion), parts, endpoint=False).astype(int)
-        counts = np.diff(starts, append=len(motion))
-        rows = np.add.reduceat(self.equations.rows(motion), starts, axis=1) / np.sqrt(counts)[:, None]
-        sums = [gram(group) for group in rows]
-        return np.stack([hi for hi, _ in sums]), np.stack([lo for _, lo in sums])
+    def _summed(self, information: Callable[[Motion], tuple[Pair, int]]) -> dict[str, tuple[Array, int]]:
+        found = {}
+        for source, motions in self.motions.items():
+            sums, counts = zip(*map(information, motions), strict=True)
+            found[source] = cholesky(functools.reduce(add, sums)), sum(counts)
+        return found
 
     def errors(self, Psi_base: Array) -> dict[str, dict[str, dict[str, float]]]:
         """Return recording -> equation -> joint -> rms, Nm, of base parameters."""
         return self._rms(Psi_base, self._factors)
 
     def judged(self, Psi_base: Array) -> dict[str, dict[str, dict[str, float]]]:
-        """Return the rms of averages over :data:`AVERAGED`, by which one arm is called better than another."""
+        """Return the rms of averages, by which one arm is called better than another."""
         return self._rms(Psi_base, self._averaged)
 
     def _rms(self, Psi_base: Array, sums: Mapping[str, tuple[Array, int]]) -> dict[str, dict[str, dict[str, float]]]:
@@ -188,7 +181,7 @@ def _consistent_or_none(
 ) -> Identification:
     """Return the result with a consistent arm that predicts no joint worse on held-out motion, or none.
 
-    Where it does, the description is trusted more, and the laws of the joints in question stay as described.
+    Where it does, the description is trusted more; laws and motor inertia of the joints in question stay as described.
     """
     T, worst = held_out.equations.base.T, list[str]()
     kept: list[str] = []
@@ -242,8 +235,8 @@ def worse_joints(found: ByJoint, nominal: ByJoint, equations: BaseRegression) ->
 
 def _described(joints: Sequence[str]) -> str:
     return (
-        f"robot.yaml has the laws of {', '.join(joints)} as the description has them: with those identified, "
-        "the held-out recordings are predicted worse"
+        f"robot.yaml has the laws and the motor inertia of {', '.join(joints)} as the description has them: with those "
+        "identified, the held-out recordings are predicted worse"
     )
 
 

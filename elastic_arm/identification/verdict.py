@@ -143,7 +143,7 @@ def excitation(
         Standard deviation of the torques, Nm.
     """
     r = blocks.total()[..., :-1]
-    crowding = np.sqrt(max(statistics.samples / statistics.effective_samples, 1.0))
+    crowding = np.sqrt(max(blocks.samples / statistics.effective_samples, 1.0))
     whole = triangular(r.reshape(-1, r.shape[-1]) / (torque_noise * crowding))
     size = np.linalg.norm(whole, axis=0)
     _, s, vt = np.linalg.svd(whole / np.where(size > 0, size, 1.0), full_matrices=False)

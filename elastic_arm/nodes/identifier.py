@@ -147,7 +147,7 @@ class IdentifierNode(ManagedNode):
             unit=list(base.units),
             residual_rms=rms(self._fit.noise),
             condition_number=self._fit.condition,
-            samples=self._fit.samples,
+            samples=self._identifier.progress.samples,
         )
         message.header.stamp.sec, message.header.stamp.nanosec = divmod(self._collector.last_ns, NANOSECONDS)
         self._output.publish(message)

@@ -115,22 +115,6 @@ class DerivativeStage:
                 if method == "fourier":
                     raise
 
-    def share_lost(self, share: float, *, laws: bool) -> float:
-        """Return the share of the recording that a smoother with a share of the designed band loses at the ends."""
-        smoother = self._smoother.narrowed(share)
-        lost = len(self._grids) * 2 * smoother.lag * (2 if laws else 1)
-        return lost / max(sum(map(len, self._grids)), 1)
-
-    @property
-    def by_series(self) -> bool:
-        """Whether derivatives come from a fitted series, which needs no band."""
-        return self._series is not None
-
-    @property
-    def band(self) -> float:
-        """Band that the encoders' noise allows, Hz."""
-        return self._smoother.cutoff / (2 * np.pi)
-
     @functools.cached_property
     def repeats(self) -> bool:
         """Whether the motion is periodic."""
@@ -159,7 +143,7 @@ class DerivativeStage:
         pieces = tuple((lambda motion=motion: motion) for motion, _, _ in fitted)
         return Derived(pieces, what, tuple((link, motor) for _, link, motor in fitted), self._said)
 
-    def __call__(self, equations: BaseRegression | None = None, *, ends: bool = False, share: float = 1.0) -> Derived:
+    def __call__(self, equations: BaseRegression | None = None, *, ends: bool = False) -> Derived:
         """Return the motion, the laws of `equations` through the same filter.
 
         Parameters
@@ -168,12 +152,10 @@ class DerivativeStage:
             With laws beyond the model, or None.
         ends
             Whether the ends of the pieces are used too.
-        share
-            Of the band that the encoders' noise allows; a series has none.
         """
         if self._series is not None:
             return self._series
-        smoother, grids = self._smoother.narrowed(share), self._grids
+        smoother, grids = self._smoother, self._grids
         lost = 2 * smoother.lag * (2 if equations is not None and equations.columns else 1)
         grids = [with_ends(grid, lost) for grid in grids] if ends else grids
         long_enough = [grid for grid in grids if len(grid) > lost] or [max(grids, key=len)]

@@ -1,9 +1,4 @@
-"""What a batch lets the recordings decide: its band, where dry friction turns over, zeros of torque channels.
-
-**Band.** The encoders' noise allows a band far beyond the first resonance of an arm whose description is rigid, and
-there the equations do not hold: motion of the rotors alone is taken for motion of the links. Half, a quarter, ... of
-that band are tried where the description is rigid; one replaces the whole band if it predicts left-out parts of the
-recordings better within the narrowest band.
+"""What a batch lets the recordings decide: where dry friction turns over, zeros of torque channels.
 
 **Dry friction** turns over gradually about standstill: at each joint within the most probable of some speeds, by the
 difference of their errors block by block (Q. Vuong, Econometrica 57 (1989) 307) and what is usual.
@@ -22,7 +17,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elastic_arm.dynamics import build_model
-from elastic_arm.dynamics.double_double import add
 from elastic_arm.effects import EFFECTS, EffectInstance
 from elastic_arm.effects.text import parse_laws
 from elastic_arm.errors import IdentificationError
@@ -39,7 +33,6 @@ from elastic_arm.identification.law_columns import (
     law_columns,
 )
 from elastic_arm.identification.least_squares import Blocks, Fit
-from elastic_arm.identification.regularisation import FOLDS, GAIN, solved
 from elastic_arm.identification.stream import Identifier
 from elastic_arm.recording import Recording, Samples
 from elastic_arm.robot import Robot
@@ -47,8 +40,6 @@ from elastic_arm.robot import Robot
 Array = NDArray[np.float64]
 ProgressCallback = Callable[[str, float], None]
 
-# A narrower band loses more at the ends of a recording: up to this share of it.
-MOST_LOST = 0.2
 # A zero counts from so many standard deviations: one in 15,000 would be called one by chance. Where a channel has one,
 # its other zeros count from one standard deviation: from there on a parameter lowers the expected error of predictions.
 CERTAIN, LIKELY = 4.0, 1.0
@@ -68,20 +59,20 @@ class BatchChoice:
     ----------
     sign_speed
         rad/s, of all joints or (n,), see :func:`.law_columns.law_columns`.
-    share
-        Of the band that the encoders' noise allows.
     zeros
         Zeros of torque channels that are identified.
+    averaged
+        Whether the rows of an arm that is taken for rigid are averaged.
     """
 
     sign_speed: float | tuple[float, ...] = DEFAULT_SIGN_SPEED
-    share: float = 1.0
     zeros: tuple[EffectInstance, ...] = ()
+    averaged: bool = True
 
     @property
     def key(self) -> tuple[object, ...]:
         """What distinguishes it from other choices."""
-        return self.sign_speed, self.share, tuple((zero.effect.id, zero.joint) for zero in self.zeros)
+        return self.sign_speed, self.averaged, tuple((zero.effect.id, zero.joint) for zero in self.zeros)
 
 
 @dataclass(frozen=True)
@@ -140,7 +131,8 @@ class Trials:
         asked_for, model = self.settings.effects, self.settings.model
         columns = law_columns([*asked_for, *choice.zeros], self.robot, model, choice.sign_speed)
         arm, joints = build_model(self.robot, model), self.robot.joint_names
-        identifier = Identifier(arm, columns, joints=joints, weighted=self.settings.weighted, encoder_columns=True)
+        weighted, averaged = self.settings.weighted, choice.averaged
+        identifier = Identifier(arm, columns, joints=joints, weighted=weighted, encoder_columns=True, averaged=averaged)
         derived: list[Derived] = []
         asked = len(law_columns(asked_for, self.robot, model))
         expected = sum(len(samples) for _, samples in self.recordings)
@@ -149,7 +141,7 @@ class Trials:
             equations = _traced(identifier, samples, asked)
             if identifier.accumulator is not None:
                 identifier.accumulator.expect(expected)
-            made = self.stages[j](equations, ends=ends, share=choice.share)
+            made = self.stages[j](equations, ends=ends)
             derived.append(made.aligned(equations, derived[0] if derived else None))
             for motion in derived[-1].motions:
                 identifier.add_motion(motion)
@@ -161,7 +153,7 @@ class Trials:
     def selected(self) -> BatchChoice:
         """Return what the recordings decide."""
         possible = self.possible_zeros if self.settings.effects else ()
-        choice = self._speed(self._band(BatchChoice(zeros=possible)))
+        choice = self._speed(self._averaged(BatchChoice(zeros=possible)))
         return replace(choice, zeros=certain_zeros(self(choice), possible)) if possible else choice
 
     def final(self, choice: BatchChoice) -> BatchTrial:
@@ -172,12 +164,6 @@ class Trials:
     def notes(self, choice: BatchChoice) -> list[str]:
         """Return in words what was chosen."""
         found = []
-        if choice.share < 1.0:
-            band = max(stage.band for stage in self.stages)
-            found.append(
-                f"band of {choice.share * band:.3g} Hz, not the {band:.3g} Hz that the encoders allow: the rigid arm "
-                "that is found so predicts parts of the recordings left out in turn better"
-            )
         if any(is_dry(instance) for instance in self.settings.effects):
             found.append(f"dry friction turns over within {standstill(choice.sign_speed, self.robot)} of standstill")
         return found
@@ -195,22 +181,12 @@ class Trials:
             found += [at for at in laws if (law, at.joint) not in asked and at.joint not in lacking]
         return tuple(found)
 
-    def _band(self, choice: BatchChoice) -> BatchChoice:
-        """Return the choice with the band that predicts left-out parts best, where the description is rigid."""
-        laws = bool(self.settings.effects)
-        if self.robot.elastic or not laws or any(stage.by_series for stage in self.stages):
-            return choice
-        shares = [1.0]
-        while max(stage.share_lost(0.5 * shares[-1], laws=laws) for stage in self.stages) < MOST_LOST:
-            shares.append(0.5 * shares[-1])
-        if len(shares) == 1:
-            return choice
-        errors = _errors_left_out([self(replace(choice, share=share)) for share in shares])
-        gains = np.mean(np.log(errors[:1] / errors), axis=2)
-        best = int(np.argmax(gains.mean(axis=1)))
-        doubt = float(np.std(gains[best], ddof=1)) / np.sqrt(FOLDS)
-        better = gains[best].mean() > max(doubt, -np.log(1.0 - GAIN))
-        return replace(choice, share=shares[best]) if better else choice
+    def _averaged(self, choice: BatchChoice) -> BatchChoice:
+        """Return the choice without averages where the equations close as they stand: such an arm is rigid indeed."""
+        whole = replace(choice, averaged=False)
+        trial = self(whole)
+        rigid = trial.identifier.equations.rigid
+        return choice if rigid and not closes(trial.fit, trial.linear_blocks) else whole
 
     def _speed(self, choice: BatchChoice) -> BatchChoice:
         """Return the choice with the speed at which each joint's dry friction turns over."""
@@ -293,50 +269,3 @@ def _errors_by_block(trial: BatchTrial) -> Array:
     grams = np.array([hi + lo for hi, lo in blocks.grams])
     rounding = ROUNDING * np.einsum("i,bgii->bg", solution**2, grams)
     return np.maximum(np.einsum("i,bgij,j->bg", solution, grams, solution), rounding)
-
-
-def _errors_left_out(trials: Sequence[BatchTrial]) -> Array:
-    """Return squared errors (trials, folds, groups) of left-out parts in the band of the last trial.
-
-    Parameters
-    ----------
-    trials
-        With equal equations, each of its own band.
-    """
-    judged = _folds(trials[-1].linear_blocks)
-    live = np.einsum("fgii->g", judged[..., -1:, -1:]) > 0.0
-    found = [_left_out_errors(_folds(each.linear_blocks), judged, each.fit.weights) for each in trials]
-    return np.maximum(np.array(found)[:, :, live], 1e-300)
-
-
-def _left_out_errors(parts: Array, judged: Array, weights: Array) -> Array:
-    """Return squared errors (folds, groups) of each part, predicted from the other parts of another set of sums.
-
-    Parameters
-    ----------
-    parts
-        (folds, groups, B + 1, B + 1) sums that are fitted.
-    judged
-        The same parts in the sums that are predicted.
-    weights
-        (groups,) of the fit.
-    """
-    weighted = np.einsum("g,fgij->fij", weights**2, parts)
-    whole = weighted.sum(axis=0)
-    found = []
-    for left_out, part in zip(weighted, judged, strict=True):
-        solution = np.append(-solved(whole - left_out, None), 1.0)
-        found.append(np.einsum("i,gij,j->g", solution, part, solution))
-    return np.array(found)
-
-
-def _folds(blocks: Blocks) -> Array:
-    """Return the sums (folds, groups, B + 1, B + 1) of consecutive parts of the recordings, of one length each."""
-    counts = np.cumsum(blocks.counts)
-    ends = np.searchsorted(counts, counts[-1] * np.arange(1, FOLDS) / FOLDS)
-    parts = np.split(np.arange(len(counts)), np.unique(ends))
-    sums = []
-    for part in parts:
-        hi, lo = functools.reduce(add, [blocks.grams[k] for k in part.tolist()])
-        sums.append(hi + lo - np.sum([blocks.known_noise[k] for k in part.tolist()], axis=0))
-    return np.array(sums)

@@ -19,6 +19,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from elastic_arm.dynamics.composition import ARMATURE
 from elastic_arm.effects import EffectInstance
 from elastic_arm.errors import IdentificationError
 from elastic_arm.identification.base_regression import BaseRegression
@@ -127,14 +128,16 @@ def with_consistency(
     trust, correlated
         See :func:`consistent`.
     described
-        Joints whose laws beyond the model are put back to what the description has.
+        Joints whose laws beyond the model and motor inertia are put back to what the description has.
     """
     equations = identifier.equations
     try:
         found = consistent(identifier.fit(), equations, correlated, trust)
     except IdentificationError as error:
         return result.with_(notes=(*result.notes, f"no physically consistent arm: {error.problem}"))
-    Psi = np.where([joint_of_law(name) in described for name in equations.names], equations.nominal, found.Psi)
+    motors = {f"{joint}.{ARMATURE}" for joint in described}
+    back = [joint_of_law(name) in described or name in motors for name in equations.names]
+    Psi = np.where(back, equations.nominal, found.Psi)
     return result.with_(
         Psi=Psi,
         consistency={"trust": found.trust, "misfit": found.misfit, "correlation": correlated},
