@@ -241,7 +241,8 @@ def _rows_beyond_ordinary(
     named, names = {r.cause.joint for r in ranked}, list(prepared.model.robot.joint_names)
     if None in named:  # of the whole arm, these joints among them
         return []
-    beyond = {one.joint for one in estimated.imperfections if not one.ordinary} - named
+    numbers = [one for one in estimated.imperfections if one.recording is None]
+    beyond = {one.joint for one in numbers if not one.ordinary} - named
     live, n = prepared.validation.layout.live, prepared.model.n
     return [next(row for row in range(joint, len(live), n) if live[row]) for joint in map(names.index, sorted(beyond))]
 
@@ -307,7 +308,7 @@ def _context(
         regimes=tuple(shares(prepared.validation, before, row, ratios[row], regimes) for row in rows),
         library=library,
         seen=prepared.observed,
-        held_back=prepared.held_back,
+        held_back=prepared.calibration.held_back,
         given=tuple(hypothesis.baseline),
         known=estimated.instances[: hypothesis.given],
         unseen=prepared.unseen,

@@ -388,8 +388,12 @@ def log_likelihood_text(value: float) -> str:
 def imperfection_notes(imperfections: Sequence[Imperfection]) -> list[str]:
     """Return a note on each number that is further off than ordinary arms are."""
     return [
-        f"{one.what} of {one.joint} is {_size(one.value, one.std)}{_unit(one.unit)}, beyond what is ordinary "
-        f"(standard deviation {one.prior_std:.2g})."
+        f"{one.what} of {one.joint} is {_in_recording(one)}{_size(one.value, one.std)}{_unit(one.unit)}, "
+        f"beyond what is ordinary (standard deviation {one.prior_std:.2g})."
         for one in imperfections
         if not one.ordinary
     ]
+
+
+def _in_recording(one: Imperfection) -> str:
+    return "" if one.recording is None else f"in {one.recording}, less the first recording's, "

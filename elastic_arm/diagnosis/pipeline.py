@@ -198,7 +198,7 @@ def beyond_ordinary(
         Keys of effects that turned out to be no causes.
     """
     library, acting = prepared.library, prepared.found.expansion.acting
-    own = [p.feature for p in prepared.calibration.parameters if p.feature is not None]
+    own = [p.feature for p in prepared.calibration.parameters if p.feature is not None and p.recording is None]
     equations = ArmEquations(prepared.model.robot, prepared.model.name)
     sensors = [scaling(feature.at(equations), acting) for feature in own]
     carried = [feature for feature in prepared.carried if feature.key not in refused]

@@ -60,8 +60,6 @@ class PreparedData:
         Known effects that act in no recorded equation.
     sources
         Where the recordings of either part come from.
-    held_back
-        Whether the last third of each recording judges.
     independent_motion
         Whether the validation motion is another one.
     notes
@@ -76,7 +74,6 @@ class PreparedData:
     carried: tuple[Feature, ...]
     unseen: tuple[EffectInstance, ...]
     sources: tuple[tuple[str, ...], tuple[str, ...]]
-    held_back: bool
     independent_motion: bool
     notes: tuple[str, ...]
     settings: DiagnosisSettings
@@ -177,6 +174,7 @@ def prepare(recordings: Sequence[Recording], validate: Sequence[Recording], ques
         known,
         settings,
         refit=question.refit,
+        held_back=not validate,
     )
     candidates = _candidates(question, equations, still, problem, observed[0][0].pieces[0])
     expansion, noise = expand(problem, np.zeros(len(problem.parameters))), 1.0
@@ -193,7 +191,6 @@ def prepare(recordings: Sequence[Recording], validate: Sequence[Recording], ques
         carried=tuple(_carried(question, equations)) if question.refit else (),
         unseen=unseen,
         sources=(tuple(r.source for r in parts[0]), tuple(r.source for r in parts[1])),
-        held_back=not validate,
         independent_motion=independent(*parts, settings.split),
         notes=tuple(notes),
         settings=settings,

@@ -34,6 +34,8 @@ class Priors(BaseModel):
     rotor: Deviation = 0.10
     stiffness: Deviation = 0.15
     damping: Deviation = 0.40
+    # Of a zero between recordings, over that of the zero itself: what it was set wrong by, each start repeats nearly.
+    between_recordings: Deviation = 0.3
     presliding: Deviation = 2.0  # Nm; dry friction turns over gradually, below a speed that nobody states
     sensors: Mapping[str, Deviation] = Field(default_factory=dict)
 

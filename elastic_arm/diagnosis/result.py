@@ -151,6 +151,8 @@ class Imperfection:
         Over ordinary arms.
     ordinary
         Whether it is within what is ordinary.
+    recording
+        Of a zero that is another one in this recording than in the first, by how much; None of any other number.
     """
 
     what: str
@@ -160,9 +162,11 @@ class Imperfection:
     std: float
     prior_std: float
     ordinary: bool
+    recording: str | None = None
 
     def to_dict(self) -> dict[str, Any]:
         """Return it as in `diagnosis.json`."""
+        of_one = {} if self.recording is None else {"recording": self.recording}
         return {
             "what": self.what,
             "joint": self.joint,
@@ -171,6 +175,7 @@ class Imperfection:
             "unit": self.unit,
             "prior_std": _plain(self.prior_std),
             "ordinary": self.ordinary,
+            **of_one,
         }
 
 

@@ -139,6 +139,8 @@ class Effect:
     prior
         (sample rate in Hz) -> standard deviation of its first parameter over ordinary arms of a refit; None where an
         ordinary arm has none of it.
+    set_at_start
+        Whether it may be another one in each recording: a zero that is set anew at each start.
     friction
         Whether it is friction: what laws find as the friction of its side.
     scales_friction, in_time
@@ -175,6 +177,7 @@ class Effect:
     ordinary: Ordinary | None = None
     regressor: RegressorOf | None = None
     prior: Callable[[float], float] | None = None
+    set_at_start: bool = False
     friction: bool = False
     scales_friction: bool = False
     in_time: bool = False

@@ -203,12 +203,13 @@ def _inertias(model: Model, observation: Observation) -> list[tuple[Array, Array
 
 @dataclass(frozen=True)
 class Part:
-    """One stretch with what is needed to make columns for it."""
+    """One stretch with what is needed to make columns for it, and the number of its recording among the data's."""
 
     stretch: Stretch
     signals: Signals
     noise: NoiseModel
     gains: Mapping[str, Array]
+    recording: int = 0
 
     def gain(self, feature: Feature) -> float:
         """Return by what the torque was divided to whose reading an effect adds; 1 for any other effect."""
@@ -257,7 +258,7 @@ class WhitenedData:
         self.pure: list[NoiseModel] = []
         self._free: list[FreeTorques] = []
         others = iter(near._free if near is not None else ())
-        for observation in observations:
+        for number, observation in enumerate(observations):
             noise, pure = noise_models(model, observation, layout, band, (FLOOR, 0.0))
             standstill = _standstill(observation, noise.f, model.n)
             limits = observation.smoother if observation.gain(np.array([band.cutoff]))[0] < WHOLE else None
@@ -279,7 +280,7 @@ class WhitenedData:
                         motion, standstill, elastic=elastic, cutoff=cutoff, predicted=predicted, smoother=limits
                     )
                 signals = signals.with_model_torques(load, drive, observation.torque_variances(model.n))
-                self.parts.append(Part(stretch, signals, noise, observation.gains))
+                self.parts.append(Part(stretch, signals, noise, observation.gains, number))
                 self.pure.append(pure)
                 alike = next(others, None)
                 free = FreeTorques.of(stretch, band, layout, observation.steps, friction=sticking_removed, near=alike)

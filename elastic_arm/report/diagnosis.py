@@ -26,7 +26,7 @@ from elastic_arm.diagnosis.format import (
     verdict_sentence,
 )
 from elastic_arm.diagnosis.inference.across_recordings import Agreement
-from elastic_arm.diagnosis.result import SEPARATING, Cause, Diagnosis
+from elastic_arm.diagnosis.result import SEPARATING, Cause, Diagnosis, Imperfection
 from elastic_arm.diagnosis.settings import DiagnosisSettings
 from elastic_arm.estimation.equations import SIDES
 from elastic_arm.formatting import rounded
@@ -217,13 +217,18 @@ def _calibration(found: Diagnosis) -> list[Block]:
         "One that the recording leaves as uncertain as its prior is not listed."
     )
     rows = [
-        [one.joint, one.what.replace("_", " "), *rounded(one.value, one.std), one.unit.replace("1", ""),
+        [one.joint, _number(one), *rounded(one.value, one.std), one.unit.replace("1", ""),
          f"{one.prior_std:.2g}", "yes" if one.ordinary else "no"]
         for one in found.imperfections
         if one.std < DETERMINED * one.prior_std
     ]  # fmt: skip
     header = ["joint", "number", "value", "± std", "unit", "prior std", "ordinary"]
     return [Text(text), Table(header, rows, "A value without unit is the ratio to the description, or its change")]
+
+
+def _number(one: Imperfection) -> str:
+    what = one.what.replace("_", " ")
+    return what if one.recording is None else f"{what}, {one.recording} less the first recording"
 
 
 def _sizes(found: Diagnosis, context: DiagnosisContext | None) -> list[Block]:

@@ -56,8 +56,8 @@ def test_validation_recordings_judge_and_without_them_a_part_of_each() -> None:
     other = prepare([pair()[0]], [pair()[1]], question())
     settings = DiagnosisSettings(split=SplitSettings(shortest=1.0))
     same = prepare([pair()[0]], [], question(settings=settings))
-    assert (other.held_back, other.independent_motion) == (False, True)
-    assert same.held_back
+    assert (other.calibration.held_back, other.independent_motion) == (False, True)
+    assert same.calibration.held_back
     assert same.observed[1][0].duration < other.observed[1][0].duration
 
 

@@ -38,6 +38,7 @@ def nuisance_columns(
     parameters: Sequence[NuisanceParameter],
     inertial: Sequence[Array],
     acting: Sequence[ActingEffect] = (),
+    recordings: Sequence[int] = (),
 ) -> list[Array]:
     """Return columns (N', R, k) of each stretch, Nm for one standard deviation of each prior.
 
@@ -55,11 +56,13 @@ def nuisance_columns(
         Of :func:`inertial_columns`, of each stretch.
     acting
         Known effects: the friction that changes with temperature is among them.
+    recordings
+        Number of each of the data's recordings; those of zeros that are others in each act on its own alone.
     """
     result = [columns.copy() for columns in inertial]
     equations = ArmEquations(model.robot, model.name)
     for k, parameter in enumerate(parameters):
-        if parameter.feature is not None:
+        if parameter.feature is not None and parameter.recording is None:
             # A wrong zero of an encoder is wound by the stiffness where it is now.
             feature = scaling(parameter.feature.at(equations), acting)
             shown = data.plain(feature) if not parameter.curve else _curved(data, feature, parameter.curve)
@@ -69,6 +72,15 @@ def nuisance_columns(
     for out, part in zip(result, data.parts, strict=True):
         full = _drive_columns(model, nominal, part, [parameters[k] for k in others])
         out[:, :, others] = data.in_band(part, full)
+    # The same column in one recording alone.
+    common = {p.feature.key: k for k, p in enumerate(parameters) if p.feature is not None and p.recording is None}
+    for k, parameter in enumerate(parameters):
+        if parameter.feature is not None and parameter.recording is not None:
+            same = common[parameter.feature.key]
+            wider = parameters[same].prior_std / parameter.prior_std
+            for out, part in zip(result, data.parts, strict=True):
+                if recordings[part.recording] == parameter.recording:
+                    out[:, :, k] = out[:, :, same] / wider
     return data.weighted(result)
 
 

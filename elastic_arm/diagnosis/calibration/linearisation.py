@@ -26,6 +26,7 @@ from elastic_arm.diagnosis.calibration.nuisance import (
     motor_inertia_scales,
     nearest_robot,
     nuisance_parameters,
+    of_each_recording,
     unreferenced,
 )
 from elastic_arm.diagnosis.selection.candidates import feature_of, features, recorded_features
@@ -70,6 +71,8 @@ class CalibrationProblem:
         All thresholds.
     sticking_removed
         Whether what friction may be while a joint sticks is removed.
+    held_back
+        Whether the recordings of validation are the last parts of those of identification.
     """
 
     robot: Robot
@@ -82,6 +85,19 @@ class CalibrationProblem:
     known: Sequence[EffectInstance]
     settings: DiagnosisSettings
     sticking_removed: bool = False
+    held_back: bool = False
+
+    @property
+    def numbers(self) -> tuple[range, range]:
+        """Numbers of the recordings of identification and validation."""
+        first, second = (len(part) for part in self.observed)
+        return range(first), range(second) if self.held_back else range(first, first + second)
+
+    def source(self, parameter: NuisanceParameter) -> str | None:
+        """Return the recording in which alone a nuisance parameter acts; None where it acts in all."""
+        parts = zip(self.numbers, self.observed, strict=True)
+        sources = {k: one.source for numbers, part in parts for k, one in zip(numbers, part, strict=True)}
+        return None if parameter.recording is None else sources[parameter.recording]
 
     @cached_property
     def features(self) -> tuple[Feature, ...]:
@@ -172,6 +188,7 @@ def problem_of(
     settings: DiagnosisSettings,
     *,
     refit: bool,
+    held_back: bool,
 ) -> CalibrationProblem:
     """Return the problem with the nuisance parameters of an arm and its recorded channels.
 
@@ -191,9 +208,14 @@ def problem_of(
         All thresholds.
     refit
         Whether the description is uncertain; otherwise there are no nuisance parameters.
+    held_back
+        Whether the recordings of validation are the last parts of those of identification.
     """
+    exact = CalibrationProblem(
+        robot, model, observed, layout, band, (), np.zeros((0, 0)), known, settings, held_back=held_back
+    )
     if not refit:
-        return CalibrationProblem(robot, model, observed, layout, band, (), np.zeros((0, 0)), known, settings)
+        return exact
     equations = ArmEquations(robot, model)
     friction = [feature_of(instance, equations) for instance in known]
     shown = [
@@ -205,10 +227,9 @@ def problem_of(
     parameters = nuisance_parameters(robot, shown, observed[0][0].rate, settings.priors, settings.refit, inertias)
     if layout.reads_torque_by_deflection:
         parameters = tuple(unreferenced(parameter) for parameter in parameters)
+    parameters += of_each_recording(parameters, exact.numbers[1].stop, settings.priors.between_recordings)
     directions = directions_of(robot, model, parameters)
-    return CalibrationProblem(
-        robot, model, observed, layout, band, parameters, directions, known, settings, sticking_removed=True
-    )
+    return replace(exact, parameters=parameters, directions=directions, sticking_removed=True)
 
 
 def expand(
@@ -312,8 +333,8 @@ def _nuisance(
     acting: Sequence[ActingEffect],
 ) -> NuisanceColumns:
     columns = [
-        nuisance_columns(model, problem.robot, one, problem.parameters, own, acting)
-        for one, own in zip(data, inertial, strict=True)
+        nuisance_columns(model, problem.robot, one, problem.parameters, own, acting, numbers)
+        for one, own, numbers in zip(data, inertial, problem.numbers, strict=True)
     ]
     white = (data[0].whiten(columns[0]), data[1].whiten(columns[1]))
     limits = np.array([parameter.limit for parameter in problem.parameters])

@@ -59,6 +59,9 @@ class NuisanceParameter:
         the error itself.
     widened
         How much wider than of an ordinary sensor the prior is: of one that was found to be faulty.
+    recording
+        Number of the recording in which alone it acts: by how much a zero is another one there than in the first; None
+        of what is the same in all.
     """
 
     what: str
@@ -72,11 +75,15 @@ class NuisanceParameter:
     speeds: tuple[float, ...] | None = None
     curve: int = 0
     widened: float = 1.0
+    recording: int | None = None
 
     @property
     def cause(self) -> Feature | None:
-        """The effect under which it is reported where it is beyond ordinary; None of what is no number by itself."""
-        return None if self.curve else self.feature or self.error
+        """The effect under which it is reported where it is beyond ordinary.
+
+        None of what is no number by itself, or is another one in each recording.
+        """
+        return None if self.curve or self.recording is not None else self.feature or self.error
 
     @property
     def is_number(self) -> bool:
@@ -303,6 +310,25 @@ def unreferenced(parameter: NuisanceParameter) -> NuisanceParameter:
     if own is None or "q" not in own.sensed or not zero:
         return parameter
     return replace(parameter, prior_std=max(parameter.prior_std, ZERO_AS_MOUNTED))
+
+
+def of_each_recording(
+    parameters: Sequence[NuisanceParameter], count: int, share: float
+) -> tuple[NuisanceParameter, ...]:
+    """Return by how much the zeros of sensors are others in each recording than in the first.
+
+    Parameters
+    ----------
+    parameters
+        Those that all recordings have in common.
+    count
+        How many recordings there are.
+    share
+        Standard deviation over that of the zero itself.
+    """
+    zeros = [p for p in parameters if p.feature is not None and p.feature.effect.set_at_start]
+    apart = [replace(p, what=f"{p.what}_difference", prior_std=share * p.prior_std) for p in zeros]
+    return tuple(replace(p, recording=k) for k in range(1, count) for p in apart)
 
 
 def _single_choices(feature: Feature) -> list[str] | None:

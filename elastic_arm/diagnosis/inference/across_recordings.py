@@ -122,6 +122,8 @@ def agreements(context: DiagnosisContext) -> tuple[Agreement, ...]:
     return tuple(
         compared(candidate, [of_one[first + k] for of_one in found], context.settings.agreement)
         for k, candidate in enumerate(context.selected)
+        # Calibrated, each recording has zeros of its own.
+        if not (context.validate.predicted and candidate.feature.effect.set_at_start)
     )
 
 

@@ -63,8 +63,8 @@ class FinalEstimates:
         parameters = enumerate(self.fit.problem.parameters)
         return {k: p.widened for k, p in parameters if any(is_of(p, fault) for fault in faults)}
 
-    def is_within_prior(self, fault: LargeImperfection, values: Array, stds: Array) -> bool:
-        """Whether a fault may be ordinary with other values of the nuisance parameters.
+    def is_gone(self, fault: LargeImperfection, values: Array, stds: Array) -> bool:
+        """Whether a fault may be ordinary with other values of the nuisance parameters; if it is so here, whether none.
 
         Parameters
         ----------
@@ -75,9 +75,12 @@ class FinalEstimates:
         """
         scale = np.array([p.prior_std for p in self.fit.problem.parameters])
         other = replace(self, deviations=(self.fit.found.values + values) * scale, stds=stds * scale).measured(fault)
-        own = self._parameter(fault)
+        own, settings = self._parameter(fault), self.fit.problem.settings.refit
+        # An encoder's error or a lag that matters is a cause though it is ordinary.
+        if own.is_ordinary(fault.value, fault.std, settings):
+            return self.is_nothing(other)
         ordinary = replace(own, prior_std=own.ordinary_std, widened=1.0)
-        return ordinary.is_ordinary(other.value, other.std, self.fit.problem.settings.refit)
+        return ordinary.is_ordinary(other.value, other.std, settings)
 
     def _parameter(self, fault: LargeImperfection) -> NuisanceParameter:
         """Return the nuisance parameter that a fault is; of one that all joints have, that with the widest prior."""

@@ -117,7 +117,7 @@ def _instead_of_faults(
         for law in comparison.instead_of_numbers(wider, joints):
             if law.gain <= detected:
                 break
-            if final.is_within_prior(fault, *comparison.numbers_beside(law, wider)):
+            if final.is_gone(fault, *comparison.numbers_beside(law, wider)):
                 found[fault.feature.key] = law
                 break
     return found

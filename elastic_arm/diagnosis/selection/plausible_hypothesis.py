@@ -18,6 +18,7 @@ def plausible(
     selected: Sequence[Candidate],
     ratio_factor: float,
     sizes: PlausibleSizes | None = None,
+    given: Sequence[Candidate] = (),
 ) -> bool:
     """Whether every parameter has a sign and a size that its effect can have (no friction that drives).
 
@@ -31,8 +32,10 @@ def plausible(
         How far outside its plausible range a ratio may be.
     sizes
         The largest plausible sizes; signs and ratios alone are judged where they are not known.
+    given
+        Those among them that every hypothesis holds: what nuisance parameters do at their joints tells none apart.
     """
-    joints = {candidate.feature.joint for candidate in selected}
+    joints = {candidate.feature.joint for candidate in selected if candidate not in given}
     slowest = library.nuisance.turned_over
     if slowest and any(turns_over(candidate, slowest) for candidate in selected):
         return False

@@ -33,6 +33,7 @@ EFFECT: Effect = SensorEffect(
     regime="always",
     change=changing("link_encoder", offset="offset"),
     prior=lambda rate: 1e-5,
+    set_at_start=True,
     confusions=(
         Confusion(
             "backlash",

@@ -14,6 +14,7 @@ EFFECT: Effect = SensorEffect(
     regime="always",
     change=changing("joint_torque", offset="offset"),
     prior=lambda rate: 0.5,
+    set_at_start=True,
     confusions=(
         Confusion(
             "encoder_offset",

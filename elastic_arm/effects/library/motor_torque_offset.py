@@ -14,6 +14,7 @@ EFFECT: Effect = SensorEffect(
     regime="always",
     change=changing("motor_torque", offset="offset"),
     prior=lambda rate: 0.5,
+    set_at_start=True,
     confusions=(
         Confusion(
             "coulomb_friction",

@@ -12,6 +12,7 @@ import pytest
 from numpy.typing import NDArray
 
 from elastic_arm.diagnosis.selection.hypothesis import Hypothesis, Rival
+from elastic_arm.diagnosis.selection.marginalisation import NuisanceColumns
 from elastic_arm.diagnosis.selection.plausible_hypothesis import plausible
 from elastic_arm.diagnosis.selection.refine import refine
 from elastic_arm.diagnosis.selection.regressor_library import Candidate, RegressorLibrary
@@ -153,6 +154,21 @@ def test_a_friction_that_drives_is_not_plausible() -> None:
         candidate = library.add(feature("one", linear=(size,)), ())
         library.close()
         assert plausible(library, [candidate], SETTINGS.search.ratio_factor) == expected
+
+
+def test_what_nuisance_parameters_do_at_joints_of_known_effects_refuses_no_cause() -> None:
+    """A number of joint a beyond what is believable refuses causes of a, not of b, though friction of a is known."""
+    data: Any = [Whitened(seed, {"one": 4.0, "two": 1.0}) for seed in (1, 2)]
+    white = (data[0].columns["one"][:, None], data[1].columns["one"][:, None])
+    nuisance = NuisanceColumns(white, (), np.zeros(1), np.array([2.0]), ("a",))
+    library = RegressorLibrary(*data, SETTINGS.candidates, nuisance)
+    known, at_a, at_b = (
+        library.add(feature(name, joint=joint), ()) for name, joint in (("three", "a"), ("two", "a"), ("two", "b"))
+    )
+    library.close()
+    given, factor = [known], SETTINGS.search.ratio_factor
+    assert plausible(library, [known, at_b], factor, given=given)
+    assert not plausible(library, [known, at_a], factor, given=given)
 
 
 def test_refinement_finds_a_nonlinear_parameter() -> None:
