@@ -26,7 +26,7 @@ from elastic_arm.diagnosis.result import Diagnosis
 from elastic_arm.diagnosis.selection.beyond_ordinary import freed, with_effects_beyond_ordinary
 from elastic_arm.diagnosis.selection.hypothesis import Hypothesis, Key
 from elastic_arm.diagnosis.selection.library_building import scaling
-from elastic_arm.diagnosis.selection.stepwise import StepwiseSearch
+from elastic_arm.diagnosis.selection.stepwise import StepwiseSearch, misfit
 from elastic_arm.diagnosis.settings import SearchSettings
 from elastic_arm.effects.equations import ArmEquations
 from elastic_arm.effects.model import SensorEffect
@@ -98,7 +98,7 @@ def _is_simple(found: Diagnosis, settings: SearchSettings) -> bool:
 def _diagnosed(prepared: PreparedData) -> Diagnosis:
     """Search, judge and estimate the causes of prepared data."""
     # The set of effects with the highest log-likelihood on motion that its fit has not seen.
-    stepwise, hypothesis = best_hypothesis(prepared)
+    prepared, stepwise, hypothesis = _beside_largest_cause(prepared)
     if sticking_misfits(prepared, hypothesis):
         # While a joint sticks, its dry friction takes any value, which no law states.
         prepared = without_sticking_friction(prepared)
@@ -120,6 +120,26 @@ def _diagnosed(prepared: PreparedData) -> Diagnosis:
     judgement = measured_beside(prepared, judgement, estimated.faults, laws.refuted(estimated.faults))
     # The gap before and after, the verdict, the causes in order, and what is left.
     return assemble(prepared, judgement, estimated, laws)
+
+
+def _beside_largest_cause(prepared: PreparedData) -> tuple[PreparedData, StepwiseSearch, Hypothesis]:
+    """Return the search and its best hypothesis, from a calibration beside one cause where that explains far more.
+
+    Calibrated without its causes, an arm with a payload as heavy as itself comes out with gains of two, about which the
+    payload's columns are no good: with them friction drives, and the search refuses it.
+    """
+    stepwise, hypothesis = best_hypothesis(prepared)
+    left, settings = misfit(prepared.library, hypothesis.selected), prepared.settings.search
+    if left <= settings.bent or not prepared.calibration.parameters:
+        return prepared, stepwise, hypothesis
+    start = stepwise.largest_cause()
+    if misfit(prepared.library, start.selected) > settings.far_better * left:
+        return prepared, stepwise, hypothesis
+    beside = recalibrated(prepared, start)
+    again, better = best_hypothesis(beside)
+    if misfit(beside.library, better.selected) > settings.far_better * left:
+        return prepared, stepwise, hypothesis
+    return beside, again, better
 
 
 def _beside_faulty_sensors(prepared: PreparedData) -> tuple[PreparedData, StepwiseSearch, Hypothesis]:

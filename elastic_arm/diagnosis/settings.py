@@ -131,6 +131,7 @@ class SearchSettings:
     refinements: int = 30  # optimisations that one search may spend; bounds the time
     complete: float = 1.3  # misfit up to which next to nothing is left; whitened noise alone gives 1; convention
     bent: float = 3.0  # misfit from which what is unexplained bends nuisance parameters; convention
+    far_better: float = 0.5  # share of the misfit that a calibration beside one cause may leave; convention
     held: float = 0.99  # share of an effect's squares from which nuisance parameters could stand for it; convention
     ratio_factor: float = 1.2  # how far outside its plausible range a linear ratio may be found; convention
     rivals_compared: float = 40.0  # nats over the misfit within which a rival's refined score can still matter

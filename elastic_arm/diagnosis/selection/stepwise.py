@@ -121,6 +121,16 @@ class StepwiseSearch:
             chosen = max(chosen, self._grown(start), key=self._merit)
         return Hypothesis(tuple(chosen), len(self.given))
 
+    def largest_cause(self) -> Hypothesis:
+        """Return the known effects and the single cause that explains most, be it plausible or not.
+
+        Columns hold for small changes: beside a payload as heavy as the arm, friction and gains go astray in them.
+        """
+        selected = next((trial for _, trial in self._tried(tuple(self.given))), self.given)
+        if len(selected) > len(self.given):
+            selected = [*selected[:-1], refine(self.library, selected, selected[-1], self._settings.refinement)]
+        return Hypothesis(tuple(selected), len(self.given))
+
     def with_rivals(self, hypothesis: Hypothesis) -> Hypothesis:
         """Return a hypothesis with what could stand in the place of each of its causes."""
         return replace(hypothesis, rivals={k: self._rivals(hypothesis.selected, k) for k in hypothesis.causes})
