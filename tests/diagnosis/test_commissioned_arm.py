@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 from elastic_arm.diagnosis import Diagnosis, Question, diagnose
-from elastic_arm.diagnosis.calibration.nuisance import calibrated_robot, nuisance_parameters
+from elastic_arm.diagnosis.calibration.calibrated_robot import calibrated_robot
+from elastic_arm.diagnosis.calibration.nuisance import nuisance_parameters
 from elastic_arm.diagnosis.priors import Priors
 from elastic_arm.diagnosis.settings import RefitSettings
 from elastic_arm.effects.text import known_effects

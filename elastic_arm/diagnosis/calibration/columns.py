@@ -13,7 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
-from elastic_arm.diagnosis.calibration.nuisance import NuisanceParameter, calibrated_robot
+from elastic_arm.diagnosis.calibration.calibrated_robot import calibrated_robot
+from elastic_arm.diagnosis.calibration.nuisance import NuisanceParameter
 from elastic_arm.diagnosis.selection.library_building import scaling
 from elastic_arm.dynamics import Model, build_model
 from elastic_arm.effects.equations import ArmEquations

@@ -14,6 +14,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from elastic_arm.diagnosis.calibration.calibrated_robot import nearest_robot
 from elastic_arm.diagnosis.calibration.channels import gains, lags
 from elastic_arm.diagnosis.calibration.columns import (
     calibrated_parameters,
@@ -24,7 +25,6 @@ from elastic_arm.diagnosis.calibration.columns import (
 from elastic_arm.diagnosis.calibration.nuisance import (
     NuisanceParameter,
     motor_inertia_scales,
-    nearest_robot,
     nuisance_parameters,
     of_each_recording,
     unreferenced,

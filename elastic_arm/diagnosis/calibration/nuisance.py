@@ -15,17 +15,15 @@ from numpy.typing import NDArray
 from elastic_arm.diagnosis.priors import Priors
 from elastic_arm.diagnosis.settings import RefitSettings
 from elastic_arm.effects.model import SensorEffect
-from elastic_arm.errors import RobotError
 from elastic_arm.estimation.effect_columns import Feature
 from elastic_arm.estimation.motion import Motion
-from elastic_arm.robot import Component, Inertia, Joint, Robot
+from elastic_arm.robot import Robot
 
 Array = NDArray[np.float64]
 
 LEAST_SCALE = 1e-9  # numerical; of roots of sums of squares of torques and accelerations
 ZERO_AS_MOUNTED = 1e-3  # rad; of a link encoder that was never compared with the motor's under a known torque
 PRESLIDING = "presliding"  # how gradually dry friction changes its sign: no number of the arm or of a sensor
-LINK_SHARES = (1.0, 0.75, 0.5, 0.25)  # of the links' deviations, tried until the bodies are physical
 TENSOR = ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))
 
 
@@ -335,85 +333,3 @@ def _single_choices(feature: Feature) -> list[str] | None:
     """Return what was chosen of an effect's choices; None where several were made at once."""
     chosen = [(value,) if isinstance(value, str) else tuple(value) for value in feature.choices.values()]
     return None if any(len(values) > 1 for values in chosen) else [values[0] for values in chosen]
-
-
-def calibrated_robot(robot: Robot, parameters: Sequence[NuisanceParameter], values: Array) -> Robot:
-    """Return the arm with its numbers at these values.
-
-    Parameters
-    ----------
-    robot
-        The description.
-    parameters
-        The nuisance parameters.
-    values
-        (k,) deviations from the description, in units of the priors' standard deviations.
-
-    Raises
-    ------
-    RobotError
-        If no physical body has such inertia.
-    """
-    deviations: dict[str, dict[str, float]] = {}
-    for parameter, value in zip(parameters, values, strict=True):
-        if parameter.feature is None:
-            deviations.setdefault(parameter.joint, {})[parameter.what] = float(value) * parameter.prior_std
-    return robot.with_(joints=tuple(_changed(joint, deviations[joint.name]) for joint in robot.joints))
-
-
-def nearest_robot(robot: Robot, parameters: Sequence[NuisanceParameter], values: Array) -> Robot:
-    """Return the arm with its numbers at these values, its links only as far as they are physical bodies.
-
-    Parameters
-    ----------
-    robot
-        The description.
-    parameters
-        The nuisance parameters.
-    values
-        (k,) deviations from the description, in units of the priors' standard deviations.
-    """
-    of_links = np.array([parameter.what.startswith("link_") for parameter in parameters])
-    for share in LINK_SHARES:
-        try:
-            return calibrated_robot(robot, parameters, np.where(of_links, share * values, values))
-        except RobotError:
-            continue
-    return calibrated_robot(robot, parameters, np.where(of_links, 0.0, values))
-
-
-def _changed(joint: Joint, deviation: dict[str, float]) -> Joint:
-    gear = joint.transmission
-    if gear is not None:
-        rotor, spline = (max(0.05, 1.0 + deviation[what]) for what in ("rotor_inertia", "spline_inertia_ratio"))
-        gear = replace(
-            gear,
-            rotor=_scaled(gear.rotor, rotor),
-            wave_generator=_scaled(gear.wave_generator, rotor),
-            spline=_scaled(gear.spline, spline),
-            stiffness=gear.stiffness * max(0.05, 1.0 + deviation["stiffness"]),
-            damping=gear.damping * max(0.01, 1.0 + deviation["damping"]),
-        )
-    armature = joint.armature
-    if armature:
-        armature *= max(0.05, 1.0 + deviation["rotor_inertia"])
-    elif armature is not None:
-        armature = max(0.0, deviation.get("rotor_inertia", 0.0))
-    return replace(joint, link=_changed_link(joint.link, deviation), transmission=gear, armature=armature)
-
-
-def _changed_link(link: Inertia, deviation: dict[str, float]) -> Inertia:
-    ratio = 1.0 + deviation["link_mass"]
-    inertia = np.array(link.inertia, dtype=float) * ratio
-    size = np.trace(np.asarray(link.inertia)) / 3.0
-    for a, b in TENSOR:
-        change = size * deviation[f"link_inertia_{'xyz'[a]}{'xyz'[b]}"]
-        inertia[a, b] += change
-        if a != b:
-            inertia[b, a] += change
-    com = np.asarray(link.com, dtype=float) + [deviation[f"link_com_{axis}"] for axis in "xyz"]
-    return replace(link, mass=link.mass * ratio, com=com, inertia=inertia)
-
-
-def _scaled(part: Component, ratio: float) -> Component:
-    return replace(part, ixx=part.ixx * ratio, izz=part.izz * ratio)

@@ -33,7 +33,7 @@ def plausible(
     sizes
         The largest plausible sizes; signs and ratios alone are judged where they are not known.
     given
-        Those among them that every hypothesis holds: what nuisance parameters do at their joints tells none apart.
+        Those among them that every hypothesis holds: nuisance parameters of their joints are the same in all.
     """
     joints = {candidate.feature.joint for candidate in selected if candidate not in given}
     slowest = library.nuisance.turned_over
