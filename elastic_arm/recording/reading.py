@@ -275,7 +275,7 @@ def _side(series: Series | None, joints: tuple[str, ...], paths: dict[str, str],
     channels = {}
     for name, path in paths.items():
         values = series.columns(path, joints)
-        if values is not None and np.isnan(values).all():
+        if values is not None and not joints_with(values).any():
             notes.append(f"{series.topic}.{name} is NaN throughout and counts as not recorded")
         elif values is not None:
             channels[name] = values

@@ -87,6 +87,7 @@ class McapBlock:
     messages: dict[int, Offsets]
     horizon_ns: int = LATEST_NS
     _where: dict[int, Offsets | slice] = field(default_factory=dict)
+    _sizes: dict[int, Offsets] = field(default_factory=dict)
 
     def counts(self) -> dict[int, int]:
         """Return how many messages of each channel there are."""
@@ -98,6 +99,12 @@ class McapBlock:
             self._where[channel] = progression(self.messages[channel])
         return self._where[channel]
 
+    def sizes(self, channel: int) -> Offsets:
+        """(N,) lengths of the records of a channel, without their heads."""
+        if channel not in self._sizes:
+            self._sizes[channel] = column(self.buffer, "<u8", self.where(channel), 1).astype(np.int64)
+        return self._sizes[channel]
+
     def log_ns(self, channel: int) -> Offsets:
         """(N,) log times of the messages of a channel."""
         return column(self.buffer, "<u8", self.where(channel), 15).astype(np.int64)
@@ -108,9 +115,8 @@ class McapBlock:
 
     def spans(self, channel: int) -> Spans:
         """Return where the messages of a channel lie, behind the heads of their records."""
-        where = self.where(channel)
-        size = column(self.buffer, "<u8", where, 1).astype(np.int64) - (MESSAGE_HEAD - RECORD_HEAD)
-        return Spans(self.buffer, shifted(where, MESSAGE_HEAD), size)
+        sizes = self.sizes(channel) - (MESSAGE_HEAD - RECORD_HEAD)
+        return Spans(self.buffer, shifted(self.where(channel), MESSAGE_HEAD), sizes)
 
 
 @dataclass
@@ -382,7 +388,7 @@ def _indexed(file: Bytes, indexes: list[Record], plain: Bytes, horizon_ns: int) 
         heads = (column(plain, "u1", where) == Opcode.MESSAGE) & (column(plain, "<u2", where, 9) == channel)
         if not heads.all():
             return None
-        size = column(plain, "<u8", where, 1).astype(np.int64)
+        size = block.sizes(channel)
         if size.min() < MESSAGE_HEAD - RECORD_HEAD or (offsets + size).max() + RECORD_HEAD > len(plain):
             return None
         covered += int(size.sum()) + RECORD_HEAD * len(offsets)
