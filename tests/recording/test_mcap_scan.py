@@ -6,7 +6,8 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from elastic_arm.recording.spans import progression
+from elastic_arm.recording.spans import column, progression
+from elastic_arm.recording.storage.mcap_blocks import McapBlock, repeated
 from elastic_arm.recording.storage.mcap_scan import scan
 
 RECORDS = st.lists(st.tuples(st.sampled_from([3, 4, 5, 5, 5, 5]), st.integers(1, 3), st.integers(0, 40)), max_size=300)
@@ -41,3 +42,49 @@ def test_progressions_are_told_from_other_offsets(offsets: list[int]) -> None:
         np.testing.assert_array_equal(np.arange(51)[result], given_offsets)
     else:
         np.testing.assert_array_equal(result, given_offsets)
+
+
+def message(channel: int, size: int) -> bytes:
+    return b"\x05" + (22 + size).to_bytes(8, "little") + channel.to_bytes(2, "little") + bytes(20 + size)
+
+
+def by_channel(content: bytes) -> McapBlock:
+    plain = np.frombuffer(content, np.uint8)
+    found = scan(plain, 0, len(plain)).messages
+    channels = column(plain, "<u2", found, 9)
+    return McapBlock(plain, {int(c): found[channels == c] for c in dict.fromkeys(channels.tolist())})
+
+
+@given(
+    st.lists(st.integers(0, 40), min_size=1, max_size=4),
+    st.integers(2, 20),
+    st.integers(0, 60),
+    st.sampled_from(["none", "other", "head"]),
+    st.integers(0, 10**6),
+)
+def test_a_chunk_like_the_one_before_has_the_messages_that_a_walk_finds(
+    sizes: list[int], rounds: int, count: int, change: str, where: int
+) -> None:
+    """Any part of any number of rounds; another record among them, or a head that differs, is never taken for one."""
+    turn = [message(channel, size) for channel, size in enumerate(sizes)]
+    before = by_channel(b"".join(turn * rounds))
+    records = (turn * 60)[:count]
+    heads = np.concatenate([[0], np.cumsum([len(record) for record in records])]).astype(int)
+    if change == "other":
+        records.insert(where % (count + 1), b"\x03" + (7).to_bytes(8, "little") + bytes(7))
+    content = bytearray(b"".join(records))
+    if change == "head" and count:
+        content[int(heads[where % count]) + where % 11] ^= 1 << where % 8
+    found = repeated(before, np.frombuffer(bytes(content), np.uint8), 0)
+    if change == "none" and count >= len(turn):
+        assert found is not None
+    if change == "other" or (change == "head" and count):
+        assert found is None
+    if found is not None:
+        expected = by_channel(bytes(content))
+        assert {c: m.tolist() for c, m in found.messages.items()} == {
+            c: m.tolist() for c, m in expected.messages.items()
+        }
+        for channel in found.messages:
+            np.testing.assert_array_equal(found.spans(channel).size, expected.spans(channel).size)
+            assert found.where(channel) == expected.where(channel) or len(expected.messages[channel]) < 2

@@ -23,10 +23,10 @@ from mcap.opcode import Opcode
 
 from elastic_arm.errors import RecordingError
 from elastic_arm.recording import limits
-from elastic_arm.recording.spans import Bytes, Offsets, Spans, column, progression, shifted
+from elastic_arm.recording.spans import Bytes, Offsets, column
 from elastic_arm.recording.storage.checksum import crc32_for
 from elastic_arm.recording.storage.interface import LATEST_NS
-from elastic_arm.recording.storage.mcap_records import MESSAGE_HEAD, RECORD_HEAD
+from elastic_arm.recording.storage.mcap_blocks import McapBlock, indexed, repeated
 from elastic_arm.recording.storage.mcap_scan import Record, Scan, scan
 from elastic_arm.recording.storage.metadata import Topic
 from elastic_arm.recording.storage.unpacking import PACKED_FILES, unpack_chunk, unpack_file
@@ -69,56 +69,6 @@ class Chunk(NamedTuple):
     indexes: list[Record]
 
 
-@dataclass(frozen=True)
-class McapBlock:
-    """The messages of one chunk, or of an unchunked file.
-
-    Parameters
-    ----------
-    buffer
-        Plain bytes.
-    messages
-        Where the message records begin, by channel.
-    horizon_ns
-        No message of a later block was logged before this.
-    """
-
-    buffer: Bytes
-    messages: dict[int, Offsets]
-    horizon_ns: int = LATEST_NS
-    _where: dict[int, Offsets | slice] = field(default_factory=dict)
-    _sizes: dict[int, Offsets] = field(default_factory=dict)
-
-    def counts(self) -> dict[int, int]:
-        """Return how many messages of each channel there are."""
-        return {channel: len(offsets) for channel, offsets in self.messages.items()}
-
-    def where(self, channel: int) -> Offsets | slice:
-        """The records of a channel; a slice where they are equally spaced."""
-        if channel not in self._where:
-            self._where[channel] = progression(self.messages[channel])
-        return self._where[channel]
-
-    def sizes(self, channel: int) -> Offsets:
-        """(N,) lengths of the records of a channel, without their heads."""
-        if channel not in self._sizes:
-            self._sizes[channel] = column(self.buffer, "<u8", self.where(channel), 1).astype(np.int64)
-        return self._sizes[channel]
-
-    def log_ns(self, channel: int) -> Offsets:
-        """(N,) log times of the messages of a channel."""
-        return column(self.buffer, "<u8", self.where(channel), 15).astype(np.int64)
-
-    def publish_ns(self, channel: int) -> Offsets:
-        """(N,) times at which the messages of a channel were sent."""
-        return column(self.buffer, "<u8", self.where(channel), 23).astype(np.int64)
-
-    def spans(self, channel: int) -> Spans:
-        """Return where the messages of a channel lie, behind the heads of their records."""
-        sizes = self.sizes(channel) - (MESSAGE_HEAD - RECORD_HEAD)
-        return Spans(self.buffer, shifted(self.where(channel), MESSAGE_HEAD), sizes)
-
-
 @dataclass
 class McapFile:
     """An MCAP file: what is in it, and its messages block by block.
@@ -149,6 +99,7 @@ class McapFile:
     statistics: records.Statistics | None = None
     damage: list[str] = field(default_factory=list)
     loose: Offsets = field(default_factory=lambda: np.empty(0, np.int64))
+    _before: McapBlock | None = None  # the chunk before, if all its bytes are messages
 
     @property
     def size(self) -> int:
@@ -271,9 +222,11 @@ class McapFile:
 
     def _chunk_block(self, chunk: Chunk, plain: Bytes, horizon_ns: int) -> McapBlock | RecordingError:
         try:
-            indexed = _indexed(self.buffer, chunk.indexes, plain, horizon_ns)
-            if indexed is not None:
-                return indexed
+            self._before = repeated(self._before, plain, horizon_ns) or indexed(
+                self.buffer, chunk.indexes, plain, horizon_ns
+            )
+            if self._before is not None:
+                return self._before
             found = scan(plain, 0, len(plain))
             self._parse([record for record in found.others if record.opcode in _IN_CHUNKS], plain)
         except _BAD_RECORD as error:
@@ -366,30 +319,3 @@ def _chunk(buffer: Bytes, begin: int, end: int) -> Chunk:
     if max(start_ns, end_ns) > LATEST_NS:
         raise ValueError(f"a chunk at byte {begin} with times after the year 2262")
     return Chunk(at + 8, at + 8 + packed, size, crc, compression, start_ns, end_ns, [])
-
-
-def _indexed(file: Bytes, indexes: list[Record], plain: Bytes, horizon_ns: int) -> McapBlock | None:
-    """Return the messages of a chunk by its indexes; None unless these account for every byte of it.
-
-    Where topics come in no regular turn this spares the walk from record to record.
-    """
-    block = McapBlock(plain, {}, horizon_ns)
-    covered = 0
-    for _, begin, end in indexes:
-        channel = int.from_bytes(file[begin : begin + 2], "little")
-        offsets = np.frombuffer(file[begin + 6 : end].tobytes(), "<u8")[1::2].astype(np.int64)
-        if not len(offsets):
-            continue
-        offsets = offsets if (offsets[1:] > offsets[:-1]).all() else np.unique(offsets)
-        if channel in block.messages or offsets[0] < 0 or offsets[-1] + MESSAGE_HEAD > len(plain):
-            return None
-        block.messages[channel] = offsets
-        where = block.where(channel)
-        heads = (column(plain, "u1", where) == Opcode.MESSAGE) & (column(plain, "<u2", where, 9) == channel)
-        if not heads.all():
-            return None
-        size = block.sizes(channel)
-        if size.min() < MESSAGE_HEAD - RECORD_HEAD or (offsets + size).max() + RECORD_HEAD > len(plain):
-            return None
-        covered += int(size.sum()) + RECORD_HEAD * len(offsets)
-    return block if covered == len(plain) else None

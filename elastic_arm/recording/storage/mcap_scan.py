@@ -19,7 +19,7 @@ from elastic_arm.recording.storage.mcap_records import MESSAGE_HEAD, RECORD_HEAD
 
 _HEAD = struct.Struct("<BQ")
 # Kind, length and channel, which are the same in each round: eleven bytes as two overlapping words.
-_KEY = (("<u4", 0), ("<u8", 3))
+HEAD_WORDS = (("<u4", 0), ("<u8", 3))
 _SHORTEST = MESSAGE_HEAD - RECORD_HEAD  # of a message's record
 _WALK = 24  # messages walked before a round is looked for
 _LONGEST_ROUND = 8
@@ -97,7 +97,7 @@ def scan(buffer: Bytes, begin: int, end: int) -> Scan:
 def _leap(buffer: Bytes, walked: list[int], at: int, end: int) -> Offsets:
     """Return the messages that follow at `at` as long as they repeat the round of the `walked` ones."""
     starts = np.array([*walked, at], np.int64)
-    keys = [column(buffer, dtype, starts[:-1], at) for dtype, at in _KEY]
+    keys = [column(buffer, dtype, starts[:-1], at) for dtype, at in HEAD_WORDS]
     steps = np.diff(starts)
     for length in range(1, _LONGEST_ROUND + 1):
         if all(np.array_equal(part[length:], part[:-length]) for part in (*keys, steps)):
@@ -113,7 +113,7 @@ def _leap(buffer: Bytes, walked: list[int], at: int, end: int) -> Offsets:
         held = count
         for index, slot in enumerate(slots[:-1], start=_WALK - length):
             spot = slice(first + int(slot), first + int(slot) + (count - 1) * stride + 1, stride)
-            for part, (dtype, offset) in zip(keys, _KEY, strict=True):
+            for part, (dtype, offset) in zip(keys, HEAD_WORDS, strict=True):
                 equal = column(buffer, dtype, spot, offset) == part[index]
                 held = min(held, count if equal.all() else int(np.argmin(equal)))
         rounds += held
