@@ -204,8 +204,9 @@ def _liveliest(position: Array, longest: int) -> slice:
     if n_samples <= longest:
         return slice(0, n_samples)
     starts = np.arange(0, n_samples - longest + 1, max(longest // 4, n_samples // 256))
-    pieces = position[starts[:, None] + np.arange(0, longest, 16)]
-    s = int(starts[int(np.argmax(np.var(pieces, axis=1).sum(axis=1)))])
+    pieces = starts[:, None] + np.arange(0, longest, 16)
+    travel = sum(np.var(column[pieces], axis=1) for column in position.T)
+    s = int(starts[int(np.argmax(travel))])
     return slice(s, s + longest)
 
 

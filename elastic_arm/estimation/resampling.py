@@ -136,11 +136,11 @@ class Clock:
             raise IdentificationError(
                 f"time stands still or runs back at {samples.t[at]:.4f} s", "Repair it with `elastic-arm bag check`."
             )
-        k, rate, missing = _numbered(samples.t)
+        k, rate, missing, jitter = _numbered(samples.t)
         if samples.clock is not None:
             return Clock(rate, samples.clock, f"clock as demanded: {_MEANING[samples.clock]}", missing)
-        mode, note = _mode(samples, k, rate)
-        if mode == "stamps" and wanders(jitter_of(samples.t, k), rate):
+        mode, note = _mode(samples, k, rate, jitter)
+        if mode == "stamps" and wanders(jitter, rate):
             # Whatever is missing: points as dense as the samples, and alike in recordings of one source.
             rate = 1.0 / _bunched(samples.t)
         return Clock(rate, mode, note, missing)
@@ -300,22 +300,24 @@ def _increments(steps: Array, missing: float = MISSING) -> NDArray[np.int64]:
     return np.where(steps < missing, 1, np.rint(steps)).astype(np.int64)
 
 
-def _numbered(t: Array) -> tuple[NDArray[np.int64], float, float]:
-    """Return the numbers (N,) of samples on a regular clock, its rate, and from where a sample counts as missing.
+def _numbered(t: Array) -> tuple[NDArray[np.int64], float, float, Array]:
+    """Return samples' numbers (N,) on a regular clock, its rate, from where one counts as missing, jitter (N,) in s.
 
     Stamps that are late by more than an interval look like missing samples. They are counted as such if they then keep
     to a regular clock, or if no other way of counting makes them do so; else in the way that keeps to it most closely.
     """
-    usual = float(np.median(np.diff(t)))
-    bunched = _bunched(t)
+    steps = np.diff(t)
+    interval = float(np.median(steps))
     found = []
-    for missing, interval in ((MISSING, usual), *((missing, bunched) for missing in MISSING_LATE)):
-        k = np.concatenate([[0], np.cumsum(_increments(np.diff(t) / interval, missing))])
+    for missing in (MISSING, *MISSING_LATE):
+        k = np.concatenate([[0], np.cumsum(_increments(steps / interval, missing))])
         rate = float((k[-1] - k[0]) / (t[-1] - t[0]))
         jitter = jitter_of(t, k)
-        if missing == MISSING and not wanders(jitter, rate):
-            return k, rate, missing
-        found.append((wanders(jitter, rate), float(np.std(jitter)), k, rate, missing))
+        if missing == MISSING:
+            if not wanders(jitter, rate):
+                return k, rate, missing, jitter
+            interval = _bunched(t)
+        found.append((wanders(jitter, rate), float(np.std(jitter)), k, rate, missing, jitter))
     late = [each for each in found if not each[0]]
     return min(late or found[:1], key=lambda each: each[1])[2:]
 
@@ -332,12 +334,11 @@ _MEANING: dict[Mode, str] = {
 }
 
 
-def _mode(samples: Samples, k: NDArray[np.int64], rate: float) -> tuple[Mode, str]:
+def _mode(samples: Samples, k: NDArray[np.int64], rate: float, jitter: Array) -> tuple[Mode, str]:
     """Return what the stamps mean, and why."""
     position = samples.q if samples.q is not None else samples.theta
     if position is None:
         raise IdentificationError("no positions were recorded", "Record /joint_states or /motor_states.")
-    jitter = jitter_of(samples.t, k)
     if np.std(np.diff(jitter)) * rate < NO_JITTER:
         return "regular", ""
     found = evidence(samples, k, rate)
