@@ -3,7 +3,7 @@
 #ifndef __PCLMUL__
 #error "the processor has no carry-less multiplication"
 #endif
-#include <immintrin.h>
+#include <wmmintrin.h>
 
 /* x moved on by the distance of the two powers in k: x^(d + 32) and x^(d - 32) modulo the polynomial, bits reversed. */
 static __m128i moved(__m128i x, __m128i k)
