@@ -17,6 +17,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from elastic_arm.diagnosis.priors import Priors
+from elastic_arm.estimation.residuals import FAILS
 
 
 @dataclass(frozen=True)
@@ -41,8 +42,7 @@ class PreprocessingSettings:
     clock_agreement: float = 0.2  # relative difference between joints up to which a drift is common to all; convention
     clock_passes: int = 3  # of estimating and removing; convention
     # Mean square of what is left where a joint sticks over that elsewhere, from which friction's law fails there.
-    # Convention: where the law holds, few rows that are noise give up to 2.4; true sticking gave 6.
-    sticking: float = 4.0
+    sticking: float = FAILS
     one_encoder_band: float = 5.0  # Hz; above it the deflection that a single encoder does not show changes the motion
     # Of a band's edge, Hz, times the length of a stretch, s: below, its filters leave too little to judge. They take
     # 4.2 and 3.6 over the edge; half of what the first leaves must be longer than the second.

@@ -37,6 +37,8 @@ class Motion:
     laws
         (N, 3 n, k) columns of laws beyond the model, for link, drive and motor residuals, passed through the same
         filter too (a law may jump where the motion does not); None where they are to be evaluated as they stand.
+    stuck
+        (N, n) where a joint sticks, so that its dry friction may take any value; None where that does not matter.
     noise
         Of positions and their derivatives; None where they are taken for exact.
     every
@@ -60,6 +62,7 @@ class Motion:
     tau_J: Array | None = None
     tau_m: Array | None = None
     laws: Array | None = None
+    stuck: NDArray[np.bool_] | None = None
     noise: StateNoise | None = None
     every: int = 1
     span: tuple[float, float] | None = None

@@ -24,6 +24,9 @@ Array = NDArray[np.float64]
 SLOWEST = 5e-4  # rad/s: slower than this a joint counts as standing, whatever the noise
 SLOW = 0.005  # of a joint's highest speed, below which it sticks if it is as slow for as long as STICKING
 STICKING = 0.01  # s; a reversal without sticking is shorter but for accelerations below 0.5 rad/s²
+# Mean square of what is left where a joint sticks over that elsewhere, from which friction's law fails there.
+# Convention: where the law holds, few rows that are noise give up to 2.4; true sticking gave 6.
+FAILS = 4.0
 AROUND = 0.03  # s before and after, in which the smoothed motion is none of either
 MOST_STICKING = 0.9  # of a stretch; a joint that sticks longer is one that stands still
 RANK = 0.02  # of the strongest: courses of a torque that show less in the band are left in
@@ -205,9 +208,9 @@ class FreeTorques:
         near
             Those of the same stretch with other numbers of the arm, in the same band: most bases are the same.
         """
-        link = _held(stretch, stretch.quiet.dq, band, steps["link"])
-        motor = _held(stretch, stretch.quiet.dtheta, band, steps["motor"])
-        times = {LINK: link, DRIVE: link | motor, MOTOR: motor | _stuck(stretch) if friction else motor}
+        t, dq, dtheta = stretch.quiet.t, stretch.quiet.dq, stretch.quiet.dtheta
+        link, motor = _held(t, dq, band, steps["link"]), _held(t, dtheta, band, steps["motor"])
+        times = {LINK: link, DRIVE: link | motor, MOTOR: motor | sticking(t, dtheta) if friction else motor}
         known = {} if near is None else near.bases
         bases: dict[FreeTimes, Array] = {}
         courses = {part: [_courses(stretch, band, one, bases, known) for one in when.T] for part, when in times.items()}
@@ -251,27 +254,39 @@ def stuck_rows(stretch: Stretch, layout: EquationSet, around: float) -> NDArray[
         Seconds before and after that belong to them.
     """
     t = stretch.quiet.t
-    count = max(1, round(around / (t[1] - t[0])))
-    own = [binary_dilation(column, iterations=count) if column.any() else column for column in _stuck(stretch).T]
+    own = sticking(t, stretch.quiet.dtheta, around)
     at = np.clip(np.searchsorted(t, stretch.t), 0, len(t) - 1)
-    return np.stack([own[joint][at] & (equation.combination[MOTOR] != 0) for equation, joint in layout.entries], axis=1)
+    return np.stack([own[at, joint] & (equation.combination[MOTOR] != 0) for equation, joint in layout.entries], axis=1)
 
 
-def _stuck(stretch: Stretch) -> NDArray[np.bool_]:
-    """Return where joints stick, (N, n) at the recording's rate."""
-    speed = np.abs(stretch.quiet.dtheta)
-    return _lasting(stretch, speed < np.maximum(SLOW * speed.max(axis=0), 2.0 * SLOWEST))
+def sticking(t: Array, velocity: Array, around: float = 0.0) -> NDArray[np.bool_]:
+    """Return where joints stick, (N, n).
+
+    Parameters
+    ----------
+    t
+        (N,) s, at one rate.
+    velocity
+        (N, n) rad/s, of the motors where there are such.
+    around
+        Seconds before and after that count as well.
+    """
+    speed = np.abs(velocity)
+    stuck = _lasting(t, speed < np.maximum(SLOW * speed.max(axis=0), 2.0 * SLOWEST))
+    count = round(around / (t[1] - t[0]))
+    if not count:
+        return stuck
+    return np.stack([binary_dilation(column, iterations=count) if column.any() else column for column in stuck.T], 1)
 
 
-def _held(stretch: Stretch, velocity: Array, band: Band, steps: Array) -> NDArray[np.bool_]:
+def _held(t: Array, velocity: Array, band: Band, steps: Array) -> NDArray[np.bool_]:
     """Return where encoders hold one code for so long that the band shows it, (N, n)."""
     # At a constant speed the error is a sawtooth of one period a step.
-    return _lasting(stretch, np.abs(velocity) < steps * band.cutoff)
+    return _lasting(t, np.abs(velocity) < steps * band.cutoff)
 
 
-def _lasting(stretch: Stretch, slow: NDArray[np.bool_]) -> NDArray[np.bool_]:
+def _lasting(t: Array, slow: NDArray[np.bool_]) -> NDArray[np.bool_]:
     """Return where joints are slow (N, n) for as long as STICKING, but for those that are nearly always."""
-    t = stretch.quiet.t
     length = np.ones(max(1, round(STICKING / (t[1] - t[0]))))
     lasting = np.stack([binary_opening(column, length) for column in slow.T], axis=1)
     return np.asarray(lasting & (lasting.mean(axis=0) < MOST_STICKING))

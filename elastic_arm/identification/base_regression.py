@@ -43,6 +43,7 @@ from elastic_arm.dynamics.gram import Information, gram
 from elastic_arm.errors import IdentificationError
 from elastic_arm.estimation.equations import SIDES, VOID, Channels, Equation, EquationSet
 from elastic_arm.estimation.motion import Motion
+from elastic_arm.estimation.residuals import MOTOR
 from elastic_arm.formatting import JointUnits
 from elastic_arm.identification.base_parameters import BaseParameters, find_base
 
@@ -132,18 +133,27 @@ class BaseRegression:
         self.base: BaseParameters = self._find_base()
 
     def rows(self, motion: Motion) -> Array:
-        """Return regressor columns of the base parameters and, last, the measured side: (groups, N, B + 1)."""
+        """Return regressor columns of the base parameters and, last, the measured side: (groups, N, B + 1).
+
+        Rows that hold the friction of a joint that sticks are zero.
+        """
         wanted = self.base.columns
         own, extra = wanted[wanted < self._own], wanted[wanted >= self._own] - self._own
         phi = self._all_rows(motion, own, extra)
         measured = [self._measured(motion, side) for side in self.sides]
-        return np.concatenate([phi, np.concatenate(measured)[..., None]], axis=-1)
+        rows = np.concatenate([phi, np.concatenate(measured)[..., None]], axis=-1)
+        if motion.stuck is not None:
+            for k, (equation, joint) in enumerate(self.equations.entries):
+                if equation.combination[MOTOR]:
+                    rows[k, motion.stuck[:, joint]] = 0.0
+        return rows
 
     def information(self, motion: Motion) -> Pair:
         """Return [Phi y]'[Phi y] of all groups, hi and lo (groups, B + 1, B + 1), in twice the working precision."""
         # Equations that no line of the model stands for alone: sums of both, one line measured twice, or a part of one.
         sums = self.summed or ("whole" in self.sides and (self.elastic or "joint" in self.sides))
-        if self.columns or sums or self.partial or ("joint" in self.sides and len(self._armatures)):
+        apart = self.partial or motion.stuck is not None or ("joint" in self.sides and len(self._armatures))
+        if self.columns or sums or apart:
             rows = self.rows(motion)
             parts = [gram(group) for group in rows]
             return np.stack([hi for hi, _ in parts]), np.stack([lo for _, lo in parts])

@@ -73,12 +73,15 @@ class MotionStatistics:
         Number of samples.
     speed, acceleration
         (n,) sums of squares.
+    stuck
+        (n,) samples at which a joint sticks, where the motion states it.
     """
 
     samples: int = 0
     seconds: float = 0.0
     speed: Array | float = 0.0
     acceleration: Array | float = 0.0
+    stuck: Array | float = 0.0
 
     def add(self, motion: Motion) -> None:
         """Add a run of motion."""
@@ -89,6 +92,8 @@ class MotionStatistics:
         self.seconds += float(motion.t[-1] - motion.t[0]) * len(motion) / max(len(motion) - 1, 1)
         self.speed = self.speed + motion.every * np.sum(dq**2, axis=0)
         self.acceleration = self.acceleration + motion.every * np.sum(ddq**2, axis=0)
+        if motion.stuck is not None:
+            self.stuck = self.stuck + motion.every * np.sum(motion.stuck, axis=0)
 
     @property
     def frequency(self) -> float:

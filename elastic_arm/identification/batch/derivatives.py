@@ -13,7 +13,8 @@ from numpy.typing import NDArray
 
 from elastic_arm.errors import IdentificationError
 from elastic_arm.estimation.motion import Motion
-from elastic_arm.estimation.resampling import Clock
+from elastic_arm.estimation.resampling import Clock, Grid
+from elastic_arm.estimation.residuals import AROUND, sticking
 from elastic_arm.estimation.series import FourierFit, fourier_motion, period_of, repeats
 from elastic_arm.estimation.smoother import Smoother, design_smoother, left_out, runs, with_ends
 from elastic_arm.formatting import JointUnits
@@ -143,7 +144,7 @@ class DerivativeStage:
         pieces = tuple((lambda motion=motion: motion) for motion, _, _ in fitted)
         return Derived(pieces, what, tuple((link, motor) for _, link, motor in fitted), self._said)
 
-    def __call__(self, equations: BaseRegression | None = None, *, ends: bool = False) -> Derived:
+    def __call__(self, equations: BaseRegression | None = None, *, ends: bool = False, stuck: bool = False) -> Derived:
         """Return the motion, the laws of `equations` through the same filter.
 
         Parameters
@@ -152,6 +153,8 @@ class DerivativeStage:
             With laws beyond the model, or None.
         ends
             Whether the ends of the pieces are used too.
+        stuck
+            Whether the motion states where joints stick.
         """
         if self._series is not None:
             return self._series
@@ -160,7 +163,16 @@ class DerivativeStage:
         grids = [with_ends(grid, lost) for grid in grids] if ends else grids
         long_enough = [grid for grid in grids if len(grid) > lost] or [max(grids, key=len)]
         stage = smoother if equations is None else partial(smoothed, smoother, equations=equations)
+        around = AROUND + 2 * np.pi / smoother.cutoff
+        stage = partial(_with_stuck, stage, around) if stuck else stage
         pieces = [partial(stage, run) for grid in long_enough for run in runs(grid, lost)]
         method = f"smoother to {smoother.cutoff / (2 * np.pi):.1f} Hz"
         said = (*self._said, *left_out(grids, long_enough))
         return Derived(tuple(pieces), method, said=said)
+
+
+def _with_stuck(stage: Callable[[Grid], Motion], around: float, run: Grid) -> Motion:
+    """Return smoothed motion that states where joints stick, `around` (s) before and after included."""
+    motion = stage(run)
+    velocity = motion.dtheta if motion.dtheta is not None else motion.dq
+    return motion if velocity is None else replace(motion, stuck=sticking(motion.t, velocity, around))

@@ -121,7 +121,7 @@ def identify_with(
     notes = [MOTOR_INERTIA] if robot is not described else []
     result = result.with_(notes=tuple(dict.fromkeys([*result.notes, *notes])))
     if validate:
-        held_out = _held_out(validate, trial, report)
+        held_out = _held_out(validate, trial, not choice.sticking, report)
         result = validated(result, trial.identifier, robot, (*effects, *choice.zeros), held_out)
     return result, trial.identifier, next(trial.derived[0].motions)
 
@@ -219,15 +219,15 @@ def _covariance(trial: BatchTrial) -> Array | None:
     return known + sum(series_covariance(equations, fit, *each) for each in series)
 
 
-def _held_out(recordings: Sequence[Recording], trial: BatchTrial, report: ProgressCallback) -> HeldOut:
-    """Return the motion of recordings that no fit has seen."""
+def _held_out(recordings: Sequence[Recording], trial: BatchTrial, stuck: bool, report: ProgressCallback) -> HeldOut:
+    """Return the motion of recordings that no fit has seen, `stuck` if it states where joints stick."""
     identifier, equations = trial.identifier, trial.identifier.equations
     motions = {}
     for recording in recordings:
         report(f"validation on {recording.source}", 1.0)
         samples = without_outliers(recording.select(identifier.model.robot.joint_names)).samples()
         identifier.choose_equations(samples)
-        derived = DerivativeStage(samples, "smoother")(equations).aligned(equations, trial.derived[0])
+        derived = DerivativeStage(samples, "smoother")(equations, stuck=stuck).aligned(equations, trial.derived[0])
         motions[recording.source] = list(derived.motions)
     return HeldOut(equations, motions)
 

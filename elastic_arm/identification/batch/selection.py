@@ -1,7 +1,8 @@
 """What a batch lets the recordings decide: where dry friction turns over, zeros of torque channels.
 
 **Dry friction** turns over gradually about standstill: at each joint within the most probable of some speeds, by the
-difference of their errors block by block (Q. Vuong, Econometrica 57 (1989) 307) and what is usual.
+difference of their errors block by block (Q. Vuong, Econometrica 57 (1989) 307) and what is usual. While a joint
+sticks, its dry friction takes any value: where the law fails there, the rows that hold it are left out.
 
 **Zeros** of torque channels are found by the scatter of the recordings' blocks (Wald test), where laws beyond the model
 are identified: without them a constant torque goes into friction, masses and motor inertia.
@@ -21,6 +22,7 @@ from elastic_arm.effects import EFFECTS, EffectInstance
 from elastic_arm.effects.text import parse_laws
 from elastic_arm.errors import IdentificationError
 from elastic_arm.estimation.effect_columns import torque_zeros
+from elastic_arm.estimation.residuals import FAILS, MOTOR
 from elastic_arm.identification.accumulator import closes
 from elastic_arm.identification.base_regression import BaseRegression
 from elastic_arm.identification.batch.derivatives import DerivativeStage, Derived
@@ -45,6 +47,7 @@ ProgressCallback = Callable[[str, float], None]
 CERTAIN, LIKELY = 4.0, 1.0
 # Squared errors below this share of their terms' squares are nothing but rounding: exact sensors close an equation so.
 ROUNDING = 1e-12
+STICKS = "instants at which a joint sticks are left out: its dry friction takes any value there"
 # Standard deviation, as a factor, of the speeds within which friction turns over.
 SPREAD = 10.0
 # Laws whose squared errors differ by this share may be ranked either way by another motion.
@@ -63,16 +66,19 @@ class BatchChoice:
         Zeros of torque channels that are identified.
     averaged
         Whether the rows of an arm that is taken for rigid are averaged.
+    sticking
+        Whether rows that hold the friction of a joint that sticks count.
     """
 
     sign_speed: float | tuple[float, ...] = DEFAULT_SIGN_SPEED
     zeros: tuple[EffectInstance, ...] = ()
     averaged: bool = True
+    sticking: bool = True
 
     @property
     def key(self) -> tuple[object, ...]:
         """What distinguishes it from other choices."""
-        return self.sign_speed, self.averaged, tuple((zero.effect.id, zero.joint) for zero in self.zeros)
+        return self.sign_speed, self.averaged, self.sticking, tuple((zero.effect.id, zero.joint) for zero in self.zeros)
 
 
 @dataclass(frozen=True)
@@ -141,7 +147,7 @@ class Trials:
             equations = _traced(identifier, samples, asked)
             if identifier.accumulator is not None:
                 identifier.accumulator.expect(expected)
-            made = self.stages[j](equations, ends=ends)
+            made = self.stages[j](equations, ends=ends, stuck=not choice.sticking)
             derived.append(made.aligned(equations, derived[0] if derived else None))
             for motion in derived[-1].motions:
                 identifier.add_motion(motion)
@@ -153,7 +159,7 @@ class Trials:
     def selected(self) -> BatchChoice:
         """Return what the recordings decide."""
         possible = self.possible_zeros if self.settings.effects else ()
-        choice = self._speed(self._averaged(BatchChoice(zeros=possible)))
+        choice = self._sticking(self._speed(self._averaged(BatchChoice(zeros=possible))))
         return replace(choice, zeros=certain_zeros(self(choice), possible)) if possible else choice
 
     def final(self, choice: BatchChoice) -> BatchTrial:
@@ -166,6 +172,8 @@ class Trials:
         found = []
         if any(is_dry(instance) for instance in self.settings.effects):
             found.append(f"dry friction turns over within {standstill(choice.sign_speed, self.robot)} of standstill")
+        if not choice.sticking:
+            found.append(STICKS)
         return found
 
     @functools.cached_property
@@ -188,11 +196,31 @@ class Trials:
         rigid = trial.identifier.equations.rigid
         return choice if rigid and not closes(trial.fit, trial.linear_blocks) else whole
 
+    def _sticking(self, choice: BatchChoice) -> BatchChoice:
+        """Return the choice without the rows of joints that stick, where the law of friction fails there.
+
+        Averages keep them: what the model misses is no noise there, and rows that do not count are predicted worse.
+        """
+        if choice.averaged or not any(is_dry(instance) for instance in self.settings.effects):
+            return choice
+        rest = self(replace(choice, sticking=False))
+        statistics, entries = rest.identifier.statistics, rest.identifier.equations.equations.entries
+        of_joints = np.broadcast_to(statistics.stuck / max(statistics.samples, 1), (self.robot.n,))
+        share = np.array([of_joints[joint] * (equation.combination[MOTOR] != 0) for equation, joint in entries])
+        held = share > 0.0
+        if not held.any():
+            return choice
+        whole, left = (_errors_by_block(each, rest.fit).sum(axis=0) for each in (self(choice), rest))
+        precision = held / rest.fit.noise**2
+        stuck, moving = precision @ (whole - left) / share.sum(), precision @ left / np.sum(1.0 - share[held])
+        return replace(choice, sticking=bool(stuck <= FAILS * moving))
+
     def _speed(self, choice: BatchChoice) -> BatchChoice:
         """Return the choice with the speed at which each joint's dry friction turns over."""
         if not any(is_dry(instance) for instance in self.settings.effects):
             return choice
-        errors = np.array([_errors_by_block(self(replace(choice, sign_speed=speed))) for speed in SIGN_SPEEDS])
+        tried = [self(replace(choice, sign_speed=speed)) for speed in SIGN_SPEEDS]
+        errors = np.array([_errors_by_block(trial, trial.fit) for trial in tried])
         scale = np.maximum(errors.min(axis=0).sum(axis=0), 1e-300)
         by_joint = (errors / scale).reshape(*errors.shape[:2], -1, self.robot.n).sum(axis=2)
         best = [turning_speed(by_joint[:, :, j]) for j in range(self.robot.n)]
@@ -263,9 +291,9 @@ def _traced(identifier: Identifier, samples: Samples, asked: int) -> BaseRegress
     return equations
 
 
-def _errors_by_block(trial: BatchTrial) -> Array:
-    """Return the squared errors (blocks, groups) of the fit, none below the rounding of its terms."""
-    blocks, solution = trial.linear_blocks, np.append(-trial.fit.Psi, 1.0)
+def _errors_by_block(trial: BatchTrial, fit: Fit) -> Array:
+    """Return the squared errors (blocks, groups) of a fit on a trial's rows, none below the rounding of its terms."""
+    blocks, solution = trial.linear_blocks, np.append(-fit.Psi, 1.0)
     grams = np.array([hi + lo for hi, lo in blocks.grams])
     rounding = ROUNDING * np.einsum("i,bgii->bg", solution**2, grams)
     return np.maximum(np.einsum("i,bgij,j->bg", solution, grams, solution), rounding)
