@@ -64,7 +64,9 @@ class FinalEstimates:
         return {k: p.widened for k, p in parameters if any(is_of(p, fault) for fault in faults)}
 
     def is_gone(self, fault: LargeImperfection, values: Array, stds: Array) -> bool:
-        """Whether a fault may be ordinary with other values of the nuisance parameters; if it is so here, whether none.
+        """Whether a fault is none with other values of the nuisance parameters.
+
+        One beyond ordinary is none if it may be ordinary with them; one of ordinary size, as a lag, if it may be zero.
 
         Parameters
         ----------

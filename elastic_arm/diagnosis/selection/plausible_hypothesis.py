@@ -33,9 +33,10 @@ def plausible(
     sizes
         The largest plausible sizes; signs and ratios alone are judged where they are not known.
     given
-        Those among them that every hypothesis holds: nuisance parameters of their joints are the same in all.
+        The effects that every hypothesis holds, at whatever values: nuisance parameters of their joints are the same in all.
     """
-    joints = {candidate.feature.joint for candidate in selected if candidate not in given}
+    known = {candidate.feature.key for candidate in given}
+    joints = {candidate.feature.joint for candidate in selected if candidate.feature.key not in known}
     slowest = library.nuisance.turned_over
     if slowest and any(turns_over(candidate, slowest) for candidate in selected):
         return False

@@ -168,6 +168,7 @@ def test_what_nuisance_parameters_do_at_joints_of_known_effects_refuses_no_cause
     library.close()
     given, factor = [known], SETTINGS.search.ratio_factor
     assert plausible(library, [known, at_b], factor, given=given)
+    assert plausible(library, [replace(known), at_b], factor, given=given)  # at other values of its parameters
     assert not plausible(library, [known, at_a], factor, given=given)
 
 
