@@ -265,12 +265,14 @@ def sticking(t: Array, velocity: Array, around: float = 0.0) -> NDArray[np.bool_
     Parameters
     ----------
     t
-        (N,) s, at one rate.
+        (N,) s, at one rate, that of the recording: of fewer instants a reversal seems to last longer.
     velocity
         (N, n) rad/s, of the motors where there are such.
     around
         Seconds before and after that count as well.
     """
+    if len(t) < 2:
+        return np.zeros(velocity.shape, dtype=bool)
     speed = np.abs(velocity)
     stuck = _lasting(t, speed < np.maximum(SLOW * speed.max(axis=0), 2.0 * SLOWEST))
     count = round(around / (t[1] - t[0]))

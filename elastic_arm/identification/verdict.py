@@ -34,6 +34,8 @@ HOPELESS = 1e12
 NEVER_NEGATIVE = re.compile(r"(^[^:]*\.(K|D|m|Izz)|(viscous|coulomb)_friction:\S+\.(coefficient|torque))$")
 # Deviations below zero from which on a number that no arm has below zero shows that the model lacks something.
 SURE = 3.0
+# Of the quickest joint's rms speed; what is below trembles, or is noise.
+STANDS = 0.01
 # A parameter takes part in an undetermined direction from this share on.
 TAKES_PART = 0.3
 
@@ -97,11 +99,12 @@ class MotionStatistics:
 
     @property
     def frequency(self) -> float:
-        """Typical frequency of the motion, Hz: of the joint that is quickest to and fro."""
+        """Typical frequency of the motion, Hz: of the joint that is quickest to and fro of those that move."""
         if not self.samples or not np.any(self.speed):
             return 0.0
-        quickest = np.max(self.acceleration / np.maximum(self.speed, 1e-12 * np.max(self.speed)))
-        return float(np.sqrt(quickest) / (2 * np.pi))
+        speed, acceleration = np.atleast_1d(self.speed), np.atleast_1d(self.acceleration)
+        moves = speed > STANDS**2 * speed.max()
+        return float(np.sqrt(np.max(acceleration[moves] / speed[moves])) / (2 * np.pi))
 
     @property
     def effective_samples(self) -> float:

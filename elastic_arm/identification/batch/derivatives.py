@@ -163,16 +163,27 @@ class DerivativeStage:
         grids = [with_ends(grid, lost) for grid in grids] if ends else grids
         long_enough = [grid for grid in grids if len(grid) > lost] or [max(grids, key=len)]
         stage = smoother if equations is None else partial(smoothed, smoother, equations=equations)
-        around = AROUND + 2 * np.pi / smoother.cutoff
-        stage = partial(_with_stuck, stage, around) if stuck else stage
-        pieces = [partial(stage, run) for grid in long_enough for run in runs(grid, lost)]
+        pieces: list[Callable[[], Motion]] = []
+        for grid in long_enough:
+            own = partial(_with_stuck, stage, grid.t, _stuck(smoother, grid)) if stuck else stage
+            pieces += [partial(own, run) for run in runs(grid, lost)]
         method = f"smoother to {smoother.cutoff / (2 * np.pi):.1f} Hz"
         said = (*self._said, *left_out(grids, long_enough))
         return Derived(tuple(pieces), method, said=said)
 
 
-def _with_stuck(stage: Callable[[Grid], Motion], around: float, run: Grid) -> Motion:
-    """Return smoothed motion that states where joints stick, `around` (s) before and after included."""
+def _stuck(smoother: Smoother, grid: Grid) -> NDArray[np.bool_]:
+    """Return where joints stick in a whole piece (N, n), with what the smoother carries over before and after."""
+    angle, lag = "theta" if grid.theta is not None else "q", smoother.lag
+    alone = Grid(grid.t, grid.rate, **{name: getattr(grid, name) for name in (angle, f"d{angle}")})
+    velocity = np.concatenate([getattr(smoother(run), f"d{angle}") for run in runs(alone, 2 * lag)])
+    stuck = np.zeros((len(grid), velocity.shape[1]), dtype=bool)
+    t = np.arange(len(velocity)) / grid.rate
+    stuck[lag:-lag] = sticking(t, velocity, AROUND + 2 * np.pi / smoother.cutoff)
+    return stuck
+
+
+def _with_stuck(stage: Callable[[Grid], Motion], t: Array, stuck: NDArray[np.bool_], run: Grid) -> Motion:
+    """Return smoothed motion of a run that states where joints stick, as `stuck` (N, n) does at times `t` (N,)."""
     motion = stage(run)
-    velocity = motion.dtheta if motion.dtheta is not None else motion.dq
-    return motion if velocity is None else replace(motion, stuck=sticking(motion.t, velocity, around))
+    return replace(motion, stuck=stuck[np.searchsorted(t, motion.t)])

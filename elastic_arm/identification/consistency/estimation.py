@@ -103,8 +103,9 @@ def correlation_of_errors(identifier: Identifier, repeats: bool) -> float:
     block, without scatter.
     """
     fit = identifier.fit()
-    most = fit.samples / identifier.statistics.effective_samples
-    return most if repeats else min(most, correlation(identifier.linear_blocks(), fit, most))
+    # Averages may be fewer than half periods of the quickest joint: none is less than one error.
+    most = max(fit.samples / identifier.statistics.effective_samples, 1.0)
+    return most if repeats else min(most, max(correlation(identifier.linear_blocks(), fit, most), 1.0))
 
 
 def with_consistency(

@@ -1,0 +1,68 @@
+"""The derivative stage of a batch states where joints stick as the whole recording shows it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from elastic_arm.estimation import smoother
+from elastic_arm.estimation.smoother import Smoother
+from elastic_arm.identification.batch.derivatives import DerivativeStage
+from elastic_arm.recording import Samples
+
+RATE = 1000.0
+SECONDS = 20
+
+
+def samples(angles: np.ndarray, rate: float = RATE, lost: slice | None = None) -> Samples:
+    """Return a recording of angles (N, n) alone, read with 1e-6 rad; samples are lost where it is said."""
+    kept = np.ones(len(angles), dtype=bool)
+    if lost is not None:
+        kept[lost] = False
+    t = np.flatnonzero(kept) / rate
+    noise = 1e-6 * np.random.default_rng(1).standard_normal(angles.shape)
+    lacking = dict.fromkeys(("q", "dq", "tau_J", "dtheta", "tau_m"))
+    return Samples(t=t, stamp_ns=np.rint(t * 1e9).astype(np.int64), theta=(angles + noise)[kept], **lacking)
+
+
+def swinging(seconds: float = SECONDS, rate: float = RATE, frequency: float = 0.5) -> np.ndarray:
+    """Return angles (N, 2) of two joints that swing, reversing at other times."""
+    t = np.arange(round(seconds * rate)) / rate
+    return np.stack([np.sin(2 * np.pi * frequency * t), np.cos(2 * np.pi * frequency * t)], axis=1)
+
+
+def stuck(recording: Samples) -> np.ndarray:
+    """Return where joints stick, of all runs one after another, (M, n)."""
+    motions = list(DerivativeStage(recording, "smoother")(stuck=True).motions)
+    assert all(len(motion.stuck) == len(motion) for motion in motions)
+    return np.concatenate([motion.stuck for motion in motions])
+
+
+def test_a_joint_that_is_parked_sticks_in_every_run(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Where runs are shorter than the 7.5 s for which it stands, their own speeds do not show it."""
+    angles, end = swinging(), round(12.5 * RATE)
+    angles[end:, 0] = angles[end, 0]
+    whole = stuck(samples(angles))
+    monkeypatch.setattr(smoother, "RUN", 2048)
+    np.testing.assert_array_equal(stuck(samples(angles)), whole)
+    assert whole[:, 0].mean() == pytest.approx(0.375, abs=0.03)
+    assert whole[:, 1].mean() < 0.1
+
+
+def test_a_run_or_piece_of_one_sample_is_no_error(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of a piece that is one sample longer than what the smoother loses, that sample is left."""
+    lost = 2 * DerivativeStage(samples(swinging()), "smoother")._smoother.lag
+    cut = samples(swinging((6001 + 500 + lost) / RATE), lost=slice(6000, 6500))
+    monkeypatch.setattr(Smoother, "lag", property(lambda self: lost // 2))
+    assert [len(motion) for motion in DerivativeStage(cut, "smoother")(stuck=True).motions][-1] == 1
+    monkeypatch.setattr(smoother, "RUN", 6000 - lost - 1)
+    assert 1 in [len(motion) for motion in DerivativeStage(cut, "smoother")(stuck=True).motions][:-1]
+
+
+def test_reversals_are_as_short_in_motion_that_is_thinned() -> None:
+    """A reversal of 2 ms is none at which a joint sticks, though one sample of those that are kept falls into it."""
+    stage = DerivativeStage(samples(swinging(frequency=2.0)), "smoother")
+    motions = list(stage(stuck=True).motions)
+    assert not any(motion.stuck.any() for motion in motions)
