@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from elastic_arm.recording.spans import column, progression
-from elastic_arm.recording.storage.mcap_blocks import McapBlock, repeated
-from elastic_arm.recording.storage.mcap_scan import scan
+from elastic_arm.recording.storage.mcap_blocks import McapBlock, indexed, repeated
+from elastic_arm.recording.storage.mcap_scan import Record, scan
 
 RECORDS = st.lists(st.tuples(st.sampled_from([3, 4, 5, 5, 5, 5]), st.integers(1, 3), st.integers(0, 40)), max_size=300)
 
@@ -44,8 +45,9 @@ def test_progressions_are_told_from_other_offsets(offsets: list[int]) -> None:
         np.testing.assert_array_equal(result, given_offsets)
 
 
-def message(channel: int, size: int) -> bytes:
-    return b"\x05" + (22 + size).to_bytes(8, "little") + channel.to_bytes(2, "little") + bytes(20 + size)
+def message(channel: int, size: int, claimed: int | None = None) -> bytes:
+    length = 22 + size if claimed is None else claimed
+    return b"\x05" + length.to_bytes(8, "little") + channel.to_bytes(2, "little") + bytes(20 + size)
 
 
 def by_channel(content: bytes) -> McapBlock:
@@ -88,3 +90,55 @@ def test_a_chunk_like_the_one_before_has_the_messages_that_a_walk_finds(
         for channel in found.messages:
             np.testing.assert_array_equal(found.spans(channel).size, expected.spans(channel).size)
             assert found.where(channel) == expected.where(channel) or len(expected.messages[channel]) < 2
+
+
+def by_indexes(plain: bytes, offsets: dict[int, list[int]]) -> McapBlock | None:
+    """What :func:`indexed` makes of a chunk whose indexes name these records."""
+    file, indexes = b"", []
+    for channel, where in offsets.items():
+        pairs = np.stack([np.zeros(len(where), "<u8"), np.array(where, "<u8")], axis=1).tobytes()
+        begin, file = len(file), file + channel.to_bytes(2, "little") + len(pairs).to_bytes(4, "little") + pairs
+        indexes.append(Record(7, begin, len(file)))
+    return indexed(np.frombuffer(file, np.uint8), indexes, np.frombuffer(plain, np.uint8), 0)
+
+
+@given(st.lists(st.tuples(st.integers(1, 3), st.integers(0, 40)), min_size=1, max_size=50), st.integers(0, 49))
+def test_indexes_are_believed_if_every_byte_is_a_records(kinds: list[tuple[int, int]], missing: int) -> None:
+    """The messages that a walk finds; none if one is missing from the indexes."""
+    content = b"".join(message(*kind) for kind in kinds)
+    offsets = {c: where.tolist() for c, where in by_channel(content).messages.items()}
+    found = by_indexes(content, offsets)
+    assert found is not None
+    assert {c: where.tolist() for c, where in found.messages.items()} == offsets
+    channel = kinds[missing % len(kinds)][0]
+    offsets[channel].pop(missing % len(offsets[channel]))
+    assert by_indexes(content, offsets) is None
+
+
+@pytest.mark.parametrize("inner", [1, 2])
+def test_a_record_within_another_does_not_make_up_for_a_gap(inner: int) -> None:
+    """A message among the bytes of another, on its channel or not, and as many bytes behind that are no record."""
+    within = message(inner, 5)
+    outer = message(1, 60)
+    plain = outer[:50] + within + outer[50 + len(within) :] + bytes(len(within))
+    offsets = {1: [0, 50]} if inner == 1 else {1: [0], 2: [50]}
+    assert by_indexes(plain, offsets) is None
+
+
+def test_lengths_that_overflow_together_are_refused() -> None:
+    """Two of 2^63 - 1 bytes add up to -2, which a third record and its neighbours can make the chunk's length."""
+    long = message(1, 0, 2**63 - 1)
+    outer = message(1, 2 * len(long))
+    plain = outer[:31] + 2 * long + bytes(2 * 9 - 2)
+    assert by_indexes(plain, {1: [0, 31, 62]}) is None
+    assert by_indexes(plain, {1: [0, 2**63 - 1]}) is None
+
+
+def test_a_regular_message_within_another_does_not_make_up_for_a_gap() -> None:
+    """Three channels, each equally spaced, that take no turns: the first would go on among the bytes of the third."""
+    a, b, c = message(1, 59), message(2, 0), message(3, 29)
+    before = by_channel(a + b + a + c + b + c)
+    hidden = bytearray(a + b + a + c + b + c + bytes(len(a)))
+    at = 2 * (len(a) + len(b))
+    hidden[at : at + 11] = a[:11]
+    assert repeated(before, np.frombuffer(bytes(hidden), np.uint8), 0) is None

@@ -77,7 +77,7 @@ def repeated(before: McapBlock | None, plain: Bytes, horizon_ns: int) -> McapBlo
     horizon_ns
         See :class:`McapBlock`.
     """
-    if before is None:
+    if before is None or not _in_turn(before):
         return None
     block = McapBlock(plain, {}, horizon_ns)
     covered = 0
@@ -94,6 +94,18 @@ def repeated(before: McapBlock | None, plain: Bytes, horizon_ns: int) -> McapBlo
         block._sizes[channel] = np.full(len(block.messages[channel]), size)
         covered += len(block.messages[channel]) * (RECORD_HEAD + size)
     return block if covered == len(plain) else None
+
+
+def _in_turn(block: McapBlock) -> bool:
+    """Whether the channels send one message each in every round, and the first ones lie end to end over a round."""
+    places = [(block.where(channel), int(block.sizes(channel)[0])) for channel in block.messages]
+    turn = sorted((where.start, size, where.step) for where, size in places if isinstance(where, slice))
+    at = 0
+    for start, size, _ in turn:
+        if start != at:
+            return False
+        at += RECORD_HEAD + size
+    return len(turn) == len(places) and all(step == at for _, _, step in turn)
 
 
 def indexed(file: Bytes, indexes: list[Record], plain: Bytes, horizon_ns: int) -> McapBlock | None:
@@ -113,22 +125,31 @@ def indexed(file: Bytes, indexes: list[Record], plain: Bytes, horizon_ns: int) -
         See :class:`McapBlock`.
     """
     block = McapBlock(plain, {}, horizon_ns)
-    covered = 0
     for _, begin, end in indexes:
         channel = int.from_bytes(file[begin : begin + 2], "little")
         offsets = np.frombuffer(file[begin + 6 : end].tobytes(), "<u8")[1::2].astype(np.int64)
         if not len(offsets):
             continue
         offsets = offsets if (offsets[1:] > offsets[:-1]).all() else np.unique(offsets)
-        if channel in block.messages or offsets[0] < 0 or offsets[-1] + MESSAGE_HEAD > len(plain):
+        if channel in block.messages or offsets[0] < 0 or offsets[-1] > len(plain) - MESSAGE_HEAD:
             return None
         block.messages[channel] = offsets
         where = block.where(channel)
         heads = (column(plain, "u1", where) == Opcode.MESSAGE) & (column(plain, "<u2", where, 9) == channel)
         if not heads.all():
             return None
+        # Lengths of up to 2^63 - 1 are claimed: none may be added to anything before it is known to be small.
         size = block.sizes(channel)
-        if size.min() < MESSAGE_HEAD - RECORD_HEAD or (offsets + size).max() + RECORD_HEAD > len(plain):
+        if size.min() < MESSAGE_HEAD - RECORD_HEAD or size.max() > len(plain):
             return None
-        covered += int(size.sum()) + RECORD_HEAD * len(offsets)
-    return block if covered == len(plain) else None
+    return block if _end_to_end(block) else None
+
+
+def _end_to_end(block: McapBlock) -> bool:
+    """Whether the records lie end to end from the first byte to the last.
+
+    They do if as many end as begin at every byte between: then exactly one lies over each.
+    """
+    begins = [*block.messages.values(), np.array([len(block.buffer)])]
+    ends = [np.array([0]), *(where + RECORD_HEAD + block.sizes(channel) for channel, where in block.messages.items())]
+    return np.array_equal(np.sort(np.concatenate(begins)), np.sort(np.concatenate(ends)))
