@@ -26,9 +26,21 @@ _LIBRARIES = {"-DVECTOR_MATH": ("-lmvec",)}
 
 
 def find_compiler() -> tuple[str, ...] | None:
-    """Command of $CC, cc, gcc or clang, the first that is there; None without one. An empty $CC means none."""
+    """Command of $CC, cc, gcc or clang, the first that is there; None without one. An empty $CC means none.
+
+    Raises
+    ------
+    KernelError
+        If $CC cannot be split into words, as a shell would.
+    """
     asked = os.environ.get("CC")
-    for name, *options in [shlex.split(asked) or [""]] if asked is not None else [["cc"], ["gcc"], ["clang"]]:
+    try:
+        commands = [["cc"], ["gcc"], ["clang"]] if asked is None else [shlex.split(asked) or [""]]
+    except ValueError as error:
+        raise KernelError(
+            f"CC={asked!r} is no command ({error})", "Set CC to a working C compiler, or to nothing to do without"
+        ) from error
+    for name, *options in commands:
         if path := shutil.which(name):
             return path, *options
     return None
@@ -47,7 +59,7 @@ def build(source: str, *, flags: tuple[str, ...] = ("-ffp-contract=fast",)) -> c
     Raises
     ------
     KernelError
-        If there is no compiler, it refuses the source, or the cache cannot be written.
+        If there is no compiler, $CC is no command, it refuses the source, or the cache cannot be written.
     """
     return build_once(source, lambda: source, flags=flags)
 
@@ -92,7 +104,7 @@ def _digest(content: bytes) -> bytes:
 
 
 def _key(identity: str, compiler: tuple[str, ...], flags: tuple[str, ...]) -> str:
-    content = "\0".join([identity, *compiler, *_compiler_stamp(compiler[0]), *_FLAGS, *flags, _processor()])
+    content = "\0".join([identity, *compiler, *_compiler_stamp(compiler[0]), *_FLAGS, *flags, processor()])
     return hashlib.sha256(content.encode()).hexdigest()[:32]
 
 
@@ -103,8 +115,8 @@ def _compiler_stamp(compiler: str) -> tuple[str, str]:
 
 
 @functools.cache
-def _processor() -> str:
-    """What ``-march=native`` depends on: a cache folder may be shared by machines."""
+def processor() -> str:
+    """Return what ``-march=native`` depends on: the machine, and on Linux the abilities of its processor."""
     try:
         lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
     except OSError:

@@ -29,7 +29,7 @@ class Recursion:
     Raises
     ------
     KernelError
-        If there is a compiler and it fails.
+        If there is a compiler and it fails, or $CC is no command.
     """
 
     def __init__(self, step: ca.Function) -> None:

@@ -115,6 +115,8 @@ def make_integrator(system: System, name: str | None = None) -> Integrator:
     ------
     SimulationError
         If there is no integrator of that name.
+    KernelError
+        If there is a compiler and it fails, or $CC is no command.
     """
     if name not in (None, "c", "casadi"):
         raise SimulationError(f"there is no engine {name!r}", "Choose c or casadi, or None for the faster one.")

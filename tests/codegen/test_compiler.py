@@ -11,6 +11,7 @@ import pytest
 
 from elastic_arm.codegen import compiler
 from elastic_arm.codegen.cache import CACHE_VARIABLE, cache_folder
+from elastic_arm.errors import KernelError
 
 SOURCE = "int answer(void) { return 42; }"
 USE = f"from elastic_arm.codegen.compiler import build; print(build({SOURCE!r}).answer())"
@@ -61,3 +62,11 @@ def test_a_folder_that_others_may_write_to_is_not_used(cache: Path, caplog: pyte
     taken = cache_folder()
     assert taken != cache and taken.stat().st_mode & 0o777 == 0o700
     assert "chmod 700" in caplog.text and str(cache) in caplog.text
+
+
+@pytest.mark.parametrize("asked", ["'", "cc \\"])
+def test_a_cc_that_no_shell_could_read_is_named(monkeypatch: pytest.MonkeyPatch, asked: str) -> None:
+    """An open quotation or a last backslash is an error of the user's, with what to do about it."""
+    monkeypatch.setenv("CC", asked)
+    with pytest.raises(KernelError, match=r"CC=.* is no command .*Set CC to a working C compiler"):
+        compiler.find_compiler()

@@ -10,7 +10,7 @@ from importlib import resources
 
 import numpy as np
 
-from elastic_arm.codegen.compiler import build
+from elastic_arm.codegen.compiler import build, processor
 from elastic_arm.errors import KernelError
 from elastic_arm.recording.spans import Bytes
 
@@ -31,6 +31,9 @@ def _crc32_by_zlib(data: Bytes) -> int:
 
 @functools.cache
 def _folding_crc32() -> Callable[[Bytes], int]:
+    # Elsewhere every compiler refuses the source, and every process would ask it again.
+    if "pclmulqdq" not in processor():
+        return _crc32_by_zlib
     source = (resources.files("elastic_arm.recording.storage") / "crc32.c").read_text(encoding="utf-8")
     try:
         library = build(source)

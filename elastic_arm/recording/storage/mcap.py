@@ -193,32 +193,31 @@ class McapFile:
 
     def _unpacked_chunks(self) -> Iterator[Bytes | RecordingError]:
         """Yield the plain bytes of each chunk, or why there are none."""
+        # Found before there are threads, each of which might compile it.
+        crc32 = crc32_for(sum(chunk.size for chunk in self.chunks if chunk.crc))
+        unpack = functools.partial(self._unpack, crc32=crc32)
         # Unpacking and the checksum are all that is handed over: they do without the interpreter, which many small
         # steps in two threads would keep taking from each other. A checksum alone is not worth it.
         workers = min((os.cpu_count() or 1) - 1, _MOST_WORKERS)
         if workers < 1 or not any(chunk.compression for chunk in self.chunks):
-            yield from map(self._unpack, self.chunks)
+            yield from map(unpack, self.chunks)
             return
         with ThreadPoolExecutor(workers) as pool:
             todo = iter(self.chunks)
-            ahead = deque(pool.submit(self._unpack, chunk) for chunk in islice(todo, 2 * workers))
+            ahead = deque(pool.submit(unpack, chunk) for chunk in islice(todo, 2 * workers))
             while ahead:
                 unpacked = ahead.popleft().result()
-                ahead.extend(pool.submit(self._unpack, chunk) for chunk in islice(todo, 1))
+                ahead.extend(pool.submit(unpack, chunk) for chunk in islice(todo, 1))
                 yield unpacked
 
-    def _unpack(self, chunk: Chunk) -> Bytes | RecordingError:
+    def _unpack(self, chunk: Chunk, crc32: Callable[[Bytes], int]) -> Bytes | RecordingError:
         try:
             plain = unpack_chunk(self.buffer[chunk.begin : chunk.end], chunk.compression, chunk.size)
         except (RuntimeError, ValueError, MemoryError, zstandard.ZstdError) as error:
             return self._chunk_error(chunk, str(error))
-        if len(plain) != chunk.size or (chunk.crc and self._crc32(plain) != chunk.crc):
+        if len(plain) != chunk.size or (chunk.crc and crc32(plain) != chunk.crc):
             return self._chunk_error(chunk, "its checksum does not match")
         return plain
-
-    @functools.cached_property
-    def _crc32(self) -> Callable[[Bytes], int]:
-        return crc32_for(sum(chunk.size for chunk in self.chunks))
 
     def _chunk_block(self, chunk: Chunk, plain: Bytes, horizon_ns: int) -> McapBlock | RecordingError:
         try:
