@@ -33,7 +33,7 @@ def plausible(
     sizes
         The largest plausible sizes; signs and ratios alone are judged where they are not known.
     given
-        The effects that every hypothesis holds, at whatever values: nuisance parameters of their joints are the same in all.
+        The effects that every hypothesis holds, at any values: nuisance parameters of their joints are alike in all.
     """
     known = {candidate.feature.key for candidate in given}
     joints = {candidate.feature.joint for candidate in selected if candidate.feature.key not in known}
