@@ -45,7 +45,7 @@ class Accumulator:
 
     def __init__(self, equations: BaseRegression, *, averaged: bool = False) -> None:
         self.equations = equations
-        self._averaged = averaged and equations.rigid
+        self.averaged = averaged and equations.rigid
         self.blocks = Blocks(len(equations.groups), len(equations.base) + 1)
         self.statistics_of_blocks = MotionStatistics()
         self._waiting: list[Motion] = []
@@ -103,7 +103,7 @@ class Accumulator:
 
     def _add_to(self, blocks: Blocks, motion: Motion, units: int) -> None:
         """Add samples, each as often as it stands for others."""
-        if self._averaged:
+        if self.averaged:
             sums, count = averaged(self.equations, motion, _unit(motion))
             blocks.add(sums, count, units)
             return

@@ -29,7 +29,7 @@ residuals of link, drive and motor side is carried over to these rows.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 
@@ -142,11 +142,23 @@ class BaseRegression:
         phi = self._all_rows(motion, own, extra)
         measured = [self._measured(motion, side) for side in self.sides]
         rows = np.concatenate([phi, np.concatenate(measured)[..., None]], axis=-1)
+        for k, stuck in self._stuck(motion):
+            rows[k, stuck] = 0.0
+        return rows
+
+    def counted(self, motion: Motion) -> Array:
+        """Return how many rows of each group, (groups,), do not hold the friction of a joint that sticks."""
+        counts = np.full(len(self.groups), float(len(motion)))
+        for k, stuck in self._stuck(motion):
+            counts[k] -= np.count_nonzero(stuck)
+        return counts
+
+    def _stuck(self, motion: Motion) -> Iterator[tuple[int, NDArray[np.bool_]]]:
+        """Yield the groups that hold friction of joints that may stick, and where these do, (N,)."""
         if motion.stuck is not None:
             for k, (equation, joint) in enumerate(self.equations.entries):
                 if equation.combination[MOTOR]:
-                    rows[k, motion.stuck[:, joint]] = 0.0
-        return rows
+                    yield k, motion.stuck[:, joint]
 
     def information(self, motion: Motion) -> Pair:
         """Return [Phi y]'[Phi y] of all groups, hi and lo (groups, B + 1, B + 1), in twice the working precision."""

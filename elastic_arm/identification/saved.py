@@ -34,6 +34,8 @@ class Sums(NamedTuple):
     ----------
     recorded
         Names of the channels of each joint.
+    averaged
+        Whether they are of averages of rows.
     blocks, statistics
         The sums.
     progress
@@ -43,6 +45,7 @@ class Sums(NamedTuple):
     """
 
     recorded: Recorded
+    averaged: bool
     blocks: Blocks
     statistics: MotionStatistics
     progress: dict[str, int]
@@ -71,6 +74,7 @@ def write_sums(path: str | Path, equations: BaseRegression, sums: Sums) -> None:
     head = {
         "schema": SCHEMA,
         **_identity(equations),
+        "averaged": sums.averaged,
         "recorded": [sorted(channels) for channels in sums.recorded],
         "span": blocks.span,
         "counts": blocks.counts,
@@ -98,13 +102,22 @@ def _recorded(head: dict[str, Any]) -> Recorded:
     return tuple(map(frozenset, saved if saved and isinstance(saved[0], list) else [saved] * len(head["joints"])))
 
 
-def read_sums(path: str | Path, equations: BaseRegression) -> Sums:
+def read_sums(path: str | Path, equations: BaseRegression, *, averaged: bool) -> Sums:
     """Read sums of the same equations.
+
+    Parameters
+    ----------
+    path
+        Of the file.
+    equations
+        That the sums must be of.
+    averaged
+        Whether they must be of averages of rows.
 
     Raises
     ------
     IdentificationError
-        If the file holds no sums, or those of other equations: another arm, model, or laws.
+        If the file holds no sums, or those of other equations: another arm, model, or laws, or averaged otherwise.
     """
     head, arrays = _read(path)
     for what, own in _identity(equations).items():
@@ -114,6 +127,13 @@ def read_sums(path: str | Path, equations: BaseRegression) -> Sums:
                 f"{path} holds sums of {what.replace('_', ' ')} {saved}, not {wanted}",
                 "Load them into an identifier of the same arm, model and laws.",
             )
+    # Files of the first releases do not say it; only those of rigid arms can hold averages.
+    if head.get("averaged", None if equations.rigid else False) != averaged:
+        known = {True: "averages of rows", False: "rows as they were sampled", None: "rows averaged or not"}
+        raise IdentificationError(
+            f"{path} holds sums of {known[head.get('averaged')]}, not of {known[averaged]}",
+            "Load them into an identifier with the same `averaged`, or identify anew where the file does not say it.",
+        )
     blocks = Blocks(len(equations.groups), len(equations.base) + 1, span=head["span"])
     blocks.grams = list(zip(arrays["hi"], arrays["lo"], strict=True))
     blocks.known_noise = list(arrays["known_noise"])
@@ -124,6 +144,7 @@ def read_sums(path: str | Path, equations: BaseRegression) -> Sums:
     statistics = head["statistics"] if "statistics" in head else head["liveliness"]
     return Sums(
         _recorded(head),
+        averaged,
         blocks,
         MotionStatistics(**{name: _array(value) for name, value in statistics.items()}),
         head["progress"],

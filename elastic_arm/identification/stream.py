@@ -300,8 +300,8 @@ class Identifier:
             Before the first samples, or if the file cannot be written.
         """
         ready = self._ready()
-        known = Sums(self._recorded, ready.snapshot(), ready.statistics, vars(self.progress), self.smoother, self.clock)
-        write_sums(path, ready.equations, known)
+        own, derivatives = (ready.averaged, ready.snapshot(), ready.statistics), (self.smoother, self.clock)
+        write_sums(path, ready.equations, Sums(self._recorded, *own, vars(self.progress), *derivatives))
 
     def load(self, path: str | Path) -> None:
         """Go on from sums that :meth:`save` wrote, in place of all samples so far; later samples start a new piece.
@@ -309,11 +309,11 @@ class Identifier:
         Raises
         ------
         IdentificationError
-            If the file holds no sums, or those of another arm or model.
+            If the file holds no sums, or those of another arm or model, or of rows averaged otherwise.
         """
         recorded = recorded_in(path)
         accumulator = self._empty(recorded)
-        known = read_sums(path, accumulator.equations)
+        known = read_sums(path, accumulator.equations, averaged=accumulator.averaged)
         self.reset()
         accumulator.blocks, accumulator.statistics_of_blocks = known.blocks, known.statistics
         self.accumulator, self._recorded = accumulator, recorded

@@ -10,6 +10,7 @@ from functools import cached_property, partial
 import numpy as np
 from numpy.typing import NDArray
 
+from elastic_arm.dynamics.composition import ARMATURE
 from elastic_arm.dynamics.double_double import Pair, add, cholesky
 from elastic_arm.effects import EffectInstance
 from elastic_arm.estimation.motion import Motion
@@ -60,12 +61,12 @@ class HeldOut:
     motions: Mapping[str, Sequence[Motion]]
 
     @cached_property
-    def _factors(self) -> dict[str, tuple[Array, int]]:
-        """Triangular factors (groups, B + 1, B + 1) of the rows of each recording, and its number of samples."""
+    def _factors(self) -> dict[str, Array]:
+        """Triangular factors (groups, B + 1, B + 1) of each recording's rows over the root of how many there are."""
         return self._summed(lambda motion: (self.equations.information(motion), len(motion)))
 
     @cached_property
-    def _averaged(self) -> dict[str, tuple[Array, int]]:
+    def _averaged(self) -> dict[str, Array]:
         """The same of rows averaged over :data:`.accumulator.AVERAGED`.
 
         Noise in accelerations is weighed by the inertias that predict, so that of two arms the one with less inertia
@@ -73,11 +74,14 @@ class HeldOut:
         """
         return self._summed(lambda motion: averaged(self.equations, motion))
 
-    def _summed(self, information: Callable[[Motion], tuple[Pair, int]]) -> dict[str, tuple[Array, int]]:
+    def _summed(self, information: Callable[[Motion], tuple[Pair, int]]) -> dict[str, Array]:
         found = {}
         for source, motions in self.motions.items():
             sums, counts = zip(*map(information, motions), strict=True)
-            found[source] = cholesky(functools.reduce(add, sums)), sum(counts)
+            # Rows that hold the friction of a joint that sticks are zero, and no errors.
+            shares = [self.equations.counted(motion) / max(len(motion), 1) for motion in motions]
+            size = np.sqrt(np.maximum(np.array(counts) @ np.array(shares), 1.0))
+            found[source] = cholesky(functools.reduce(add, sums)) / size[:, None, None]
         return found
 
     def errors(self, Psi_base: Array) -> dict[str, dict[str, dict[str, float]]]:
@@ -88,11 +92,10 @@ class HeldOut:
         """Return the rms of averages, by which one arm is called better than another."""
         return self._rms(Psi_base, self._averaged)
 
-    def _rms(self, Psi_base: Array, sums: Mapping[str, tuple[Array, int]]) -> dict[str, dict[str, dict[str, float]]]:
+    def _rms(self, Psi_base: Array, factors: Mapping[str, Array]) -> dict[str, dict[str, dict[str, float]]]:
         scale = np.concatenate(list(self.equations.comparable(Psi_base).values()))
         return {
-            source: self.equations.by_joint(scale * residual_norms(factors, Psi_base) / np.sqrt(max(samples, 1)))
-            for source, (factors, samples) in sums.items()
+            source: self.equations.by_joint(scale * residual_norms(own, Psi_base)) for source, own in factors.items()
         }
 
     @cached_property
@@ -181,7 +184,8 @@ def _consistent_or_none(
 ) -> Identification:
     """Return the result with a consistent arm that predicts no joint worse on held-out motion, or none.
 
-    Where it does, the description is trusted more; laws and motor inertia of the joints in question stay as described.
+    Where it does, the description is trusted more; laws of the joints in question, and their motor inertia where the
+    arm is taken for rigid, stay as described.
     """
     T, worst = held_out.equations.base.T, list[str]()
     kept: list[str] = []
@@ -194,7 +198,7 @@ def _consistent_or_none(
                 break
             worse = held_out.worse(T @ tried.Psi)
             if not worse and held_out.ratio(T @ tried.Psi) <= 0.0:
-                return tried.with_(notes=(*tried.notes, _described(kept))) if last else tried
+                return tried.with_(notes=(*tried.notes, _described(kept, held_out.equations))) if last else tried
             worst = worst or worse
             if last or not worse:
                 break
@@ -233,10 +237,12 @@ def worse_joints(found: ByJoint, nominal: ByJoint, equations: BaseRegression) ->
     ]
 
 
-def _described(joints: Sequence[str]) -> str:
+def _described(joints: Sequence[str], equations: BaseRegression) -> str:
+    motors = any(f"{joint}.{ARMATURE}" in equations.names for joint in joints)
+    what = "laws and the motor inertia" if motors else "laws"
     return (
-        f"robot.yaml has the laws and the motor inertia of {', '.join(joints)} as the description has them: with those "
-        "identified, the held-out recordings are predicted worse"
+        f"robot.yaml has the {what} of {', '.join(joints)} as the description has them: with those identified, the "
+        "held-out recordings are predicted worse"
     )
 
 

@@ -6,6 +6,8 @@ with spectral derivatives, the torques from the second row and from the drive's 
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 
 from elastic_arm.dynamics import Model
@@ -45,11 +47,15 @@ def record(
     velocity_noise: float = 0.0,
     rate: float = RATE,
     Psi: np.ndarray | None = None,
+    course: Callable[[np.ndarray], np.ndarray] | None = None,
 ) -> Samples:
-    """Record `periods` periods of a random motion of an elastic arm, with sensors' noise."""
+    """Record `periods` periods of a random motion of an elastic arm, with sensors' noise.
+
+    At time t (N,) the motion is where it would else be at `course` (N,).
+    """
     n = model.n
     t = np.arange(round(period * rate)) / rate
-    q = link_motion(n, t, period, harmonics, rng)
+    q = link_motion(n, t if course is None else course(t), period, harmonics, rng)
     theta, dtheta = motor_motion(model, q, rate, Psi)
     x, dx, ddx = (np.hstack([derivative(q, k, rate), derivative(theta, k, rate)]) for k in range(3))
     tau = model.inverse_dynamics(x, dx, ddx, Psi)

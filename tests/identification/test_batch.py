@@ -25,6 +25,7 @@ from elastic_arm.identification import (
 )
 from elastic_arm.identification.base_regression import BaseRegression
 from elastic_arm.identification.batch.derivatives import DerivativeStage
+from elastic_arm.identification.batch.selection import BatchChoice, Trials
 from elastic_arm.identification.stream import smoothed
 from elastic_arm.identification.verdict import relative_std
 from elastic_arm.recording import Recording, Samples, Side
@@ -302,6 +303,18 @@ def test_blocks_begun_long_are_those_that_a_stream_ends_with(model: Model) -> No
         np.testing.assert_array_less(np.abs(one - other), 1e-14 * size[:, :, None] * size[:, None] + 1e-300)
     np.testing.assert_array_less(np.abs(begun.Psi - grown.Psi), 0.02 * grown.std)
     np.testing.assert_allclose(begun.std, grown.std, rtol=0.01)
+
+
+def test_samples_in_pieces_too_short_do_not_lengthen_the_blocks(model: Model) -> None:
+    """Of 40 s, 10 are in a piece long enough: blocks are as many as of a recording that ends there."""
+    whole = record(model, np.random.default_rng(5), periods=4, **REAL)
+    k, counts = np.arange(len(whole)), []
+    for kept in (k < 10_050, (k < 10_050) | (k % 150 > 25)):
+        samples = part(whole, np.flatnonzero(kept))
+        settings = IdentificationSettings(derivatives="smoother")
+        trials = Trials([(recorded(samples), samples)], load_robot(None), settings, lambda what, share: None)
+        counts.append(trials(BatchChoice()).linear_blocks.counts)
+    assert counts[0] == counts[1] and len(counts[0]) > 30
 
 
 def test_a_motion_repeats_whether_its_period_is_stated_or_found(model: Model, samples: Samples) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
@@ -20,7 +21,7 @@ from elastic_arm.excitation import FourierTrajectory
 from elastic_arm.identification import Identifier, chi_square, identifier_of, parse_laws
 from elastic_arm.identification.least_squares import Fit
 from elastic_arm.recording import Samples
-from elastic_arm.robot import load_robot
+from elastic_arm.robot import load_robot, parse_urdf, to_urdf
 from elastic_arm.sensors import Encoder, Sensors, TorqueSensor
 from elastic_arm.simulation import SimulationSettings, Simulator
 from tests.helpers.periodic_arm import RATE, record
@@ -111,6 +112,33 @@ def test_sums_of_another_model_are_refused_by_name(tmp_path: Path) -> None:
     (tmp_path / "other.npz").write_text("no sums")
     with pytest.raises(IdentificationError, match="holds no sums"):
         identifier().load(tmp_path / "other.npz")
+
+
+def test_sums_of_averages_and_of_single_rows_are_not_mixed(tmp_path: Path) -> None:
+    """An identifier of a rigid arm that averages refuses sums of one that does not, and those that do not say it."""
+    rigid = parse_urdf(to_urdf(load_robot(None)))
+    taken = replace(samples("regular"), q=None, dq=None, tau_J=None)
+    averaging, plain = (Identifier(build_model(rigid), averaged=averaged) for averaged in (True, False))
+    plain.add(taken)
+    plain.finish()
+    plain.save(tmp_path / "plain.npz")
+    with pytest.raises(IdentificationError, match=r"sums of rows as they were sampled, not of averages"):
+        averaging.load(tmp_path / "plain.npz")
+    plain.load(tmp_path / "plain.npz")
+    with pytest.raises(IdentificationError, match="averaged or not"):
+        plain.load(unsaid(tmp_path / "plain.npz"))
+    batch("regular")[0].save(tmp_path / "elastic.npz")
+    identifier().load(unsaid(tmp_path / "elastic.npz"))
+
+
+def unsaid(path: Path) -> Path:
+    """Return a copy of saved sums that does not say whether rows were averaged, as older versions wrote them."""
+    with np.load(path) as file:
+        arrays = dict(file)
+    head = json.loads(str(arrays.pop("head")))
+    del head["averaged"]
+    np.savez(path.with_name("older.npz"), head=np.array(json.dumps(head)), **arrays)
+    return path.with_name("older.npz")
 
 
 @pytest.mark.parametrize("standing", [0.0, 1.0, 2.3, 20.0])

@@ -2,15 +2,46 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
+import pytest
 
 from elastic_arm.dynamics import build_model
 from elastic_arm.estimation.motion import Motion
 from elastic_arm.identification import identifier_of
-from elastic_arm.identification.validation import HeldOut
+from elastic_arm.identification.base_regression import BaseRegression
+from elastic_arm.identification.validation import HeldOut, _described
 from elastic_arm.recording import Recording, Side
 from elastic_arm.robot import load_robot, parse_urdf, to_urdf
 from tests.helpers.periodic_arm import derivative, link_motion
+
+
+def test_rows_of_a_joint_that_sticks_do_not_make_its_error_smaller() -> None:
+    """Held-out errors of 1 Nm are 1 Nm, also where half of a joint's rows do not count."""
+    arm, t = load_robot(None), np.arange(1000) / 500.0
+    identifier, errors = identifier_of(arm), np.random.default_rng(1).choice([-1.0, 1.0], (1000, 3))
+    q, stuck = np.full((1000, 3), 0.3), np.zeros((1000, 3), dtype=bool)
+    stuck[::2, 1] = True
+    still = Motion(t, q, 0 * q, 0 * q, q, 0 * q, 0 * q, tau_J=0 * q, tau_m=0 * q, stuck=stuck)
+    equations = identifier.choose_equations(still)
+    true = equations.base.T @ equations.nominal
+    predicted = equations.predict(replace(still, stuck=None), true)
+    motion = replace(still, tau_m=predicted["motor"] + errors, tau_J=predicted["drive"] + errors)
+    found = HeldOut(equations, {"held out": [motion, motion]}).errors(true)["held out"]
+    for side in ("motor", "drive"):
+        assert list(found[side].values()) == pytest.approx([1.0] * 3)
+
+
+def test_robot_yaml_names_motor_inertia_where_it_was_put_back() -> None:
+    """An arm with transmissions has rotors, of which nothing is put back."""
+    arm = load_robot(None)
+    rigid = parse_urdf(to_urdf(arm)).with_armatures()
+    notes = []
+    for robot, channels in ((arm, ("q", "theta", "tau_m")), (rigid, ("theta", "tau_m"))):
+        equations = BaseRegression(build_model(robot), frozenset(channels), joints=robot.joint_names)
+        notes.append(_described(["joint_1"], equations))
+    assert ["motor inertia" in note for note in notes] == [False, True]
 
 
 def test_noise_in_accelerations_does_not_speak_for_small_masses() -> None:

@@ -41,6 +41,8 @@ class Derived:
         Of link and motor side for each of `pieces`, where the derivatives come from them.
     said
         What is to be known of clock and pieces.
+    samples
+        Of the recording in all runs together.
     zeros, shift
         Where deflections are measured: at no load, with standard deviations, and what is added to the link angles so
         that they count from where those of the first recording do, (n,) rad each.
@@ -50,6 +52,7 @@ class Derived:
     method: str
     series: tuple[tuple[FourierFit | None, FourierFit | None], ...] = ()
     said: tuple[str, ...] = ()
+    samples: int = 0
     zeros: tuple[Array, Array] | None = None
     shift: Array | None = None
 
@@ -142,7 +145,8 @@ class DerivativeStage:
         fitted = [fourier_motion(grid, link_std, motor_std, period) for grid in used]
         what = "Fourier series" if len(used) == len(grids) else f"Fourier series of {len(used)} of {len(grids)} pieces"
         pieces = tuple((lambda motion=motion: motion) for motion, _, _ in fitted)
-        return Derived(pieces, what, tuple((link, motor) for _, link, motor in fitted), self._said)
+        series = tuple((link, motor) for _, link, motor in fitted)
+        return Derived(pieces, what, series, self._said, sum(map(len, used)))
 
     def __call__(self, equations: BaseRegression | None = None, *, ends: bool = False, stuck: bool = False) -> Derived:
         """Return the motion, the laws of `equations` through the same filter.
@@ -169,7 +173,7 @@ class DerivativeStage:
             pieces += [partial(own, run) for run in runs(grid, lost)]
         method = f"smoother to {smoother.cutoff / (2 * np.pi):.1f} Hz"
         said = (*self._said, *left_out(grids, long_enough))
-        return Derived(tuple(pieces), method, said=said)
+        return Derived(tuple(pieces), method, said=said, samples=sum(len(grid) - lost for grid in long_enough))
 
 
 def _stuck(smoother: Smoother, grid: Grid) -> NDArray[np.bool_]:

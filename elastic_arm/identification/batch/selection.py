@@ -141,16 +141,15 @@ class Trials:
         identifier = Identifier(arm, columns, joints=joints, weighted=weighted, encoder_columns=True, averaged=averaged)
         derived: list[Derived] = []
         asked = len(law_columns(asked_for, self.robot, model))
-        expected = sum(len(samples) for _, samples in self.recordings)
         for j, (recording, samples) in enumerate(self.recordings):
             self.report(f"equations of {recording.source}", len(self._known) / (len(self._known) + 1))
             equations = _traced(identifier, samples, asked)
-            if identifier.accumulator is not None:
-                identifier.accumulator.expect(expected)
             made = self.stages[j](equations, ends=ends, stuck=not choice.sticking)
             derived.append(made.aligned(equations, derived[0] if derived else None))
-            for motion in derived[-1].motions:
-                identifier.add_motion(motion)
+        if identifier.accumulator is not None:
+            identifier.accumulator.expect(sum(made.samples for made in derived))
+        for motion in (motion for made in derived for motion in made.motions):
+            identifier.add_motion(motion)
         trial = BatchTrial(identifier, derived)
         if not ends:
             self._known[choice.key] = trial

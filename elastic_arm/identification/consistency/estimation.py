@@ -129,7 +129,8 @@ def with_consistency(
     trust, correlated
         See :func:`consistent`.
     described
-        Joints whose laws beyond the model and motor inertia are put back to what the description has.
+        Joints whose laws beyond the model are put back to what the description has, and their motor inertia where the
+        arm has no transmissions.
     """
     equations = identifier.equations
     try:
