@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from elastic_arm.dynamics.double_double import Pair
 from elastic_arm.dynamics.gram import gram
 from elastic_arm.estimation.motion import Motion
+from elastic_arm.estimation.residuals import MOTOR
 from elastic_arm.identification.base_regression import BaseRegression
 from elastic_arm.identification.errors_in_variables import noise_sums
 from elastic_arm.identification.least_squares import Blocks, Fit
@@ -82,7 +83,15 @@ class Accumulator:
         blocks = self.blocks.copy()
         if self._waiting:
             self._add_to(blocks, Motion.joined(self._waiting), 1)
+        blocks.share = 1.0 - self.stuck_share
         return blocks
+
+    @property
+    def stuck_share(self) -> Array:
+        """Share of the rows of each group, (groups,), that hold the friction of a joint that sticks."""
+        statistics, entries = self.statistics, self.equations.equations.entries
+        of_joints = np.broadcast_to(statistics.stuck / max(statistics.samples, 1), (self.equations.n,))
+        return np.array([of_joints[joint] * (equation.combination[MOTOR] != 0) for equation, joint in entries])
 
     @property
     def statistics(self) -> MotionStatistics:

@@ -161,7 +161,7 @@ def residual_norms(r: Array, Psi: Array) -> Array:
     return np.linalg.norm(r[..., -1] - r[..., :-1] @ Psi, axis=-1)
 
 
-def residual_std(r: Array, Psi: Array, samples: int) -> Array:
+def residual_std(r: Array, Psi: Array, samples: Array | float) -> Array:
     """Return the std (groups,) of the residuals, Nm, never below rounding.
 
     Parameters
@@ -171,7 +171,7 @@ def residual_std(r: Array, Psi: Array, samples: int) -> Array:
     Psi
         (B,) parameters.
     samples
-        That the rows come from.
+        That the rows come from, of each group (groups,) or of every one.
     """
     active = np.count_nonzero(np.linalg.norm(r[..., :-1], axis=-2), axis=-1)
     freedom = np.maximum(samples - active / max(len(r) / len(Psi), 1.0), 1.0)

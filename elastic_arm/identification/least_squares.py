@@ -67,6 +67,8 @@ class Blocks:
         Samples of each block.
     known_noise
         (groups, width, width) of each block: what noise in Phi is known to add to its sums, on the average.
+    share
+        Of each group's rows, (groups,), those that count; others are zero.
     """
 
     groups: int
@@ -76,6 +78,7 @@ class Blocks:
     grams: list[Pair] = field(default_factory=list)
     counts: list[int] = field(default_factory=list)
     known_noise: list[Array] = field(default_factory=list)
+    share: Array = field(default_factory=lambda: np.ones(()))
     _units: int = 0
 
     @property
@@ -283,24 +286,22 @@ def fit(blocks: Blocks, power: float = 1.0, rounds: int = 4, prior: Prior | None
     IdentificationError
         If there are fewer samples than parameters.
     """
-    P = blocks.width - 1
-    if blocks.samples * blocks.groups <= P:
-        raise IdentificationError(
-            f"{blocks.samples} samples do not determine {P} parameters", "Record some seconds of motion."
-        )
+    P, rows = blocks.width - 1, blocks.samples * blocks.groups
+    if rows <= P:
+        raise IdentificationError(f"{rows} equations do not determine {P} parameters", "Record some seconds of motion.")
     together = blocks.together()
     r = together.total()
     live = np.any(r[..., -1] != 0.0, axis=-1)
     weights = np.ones(blocks.groups)
     for _ in range(rounds if power else 1):
         Psi, _, _ = _solve(together.corrected(weights, r))
-        noise = deviations.residual_std(r, Psi, blocks.samples)
+        noise = deviations.residual_std(r, Psi, blocks.samples * blocks.share)
         weights = noise**-power
         weights /= np.sqrt(np.mean((weights * noise)[live] ** 2)) if live.any() else 1.0
     whole = together.corrected(weights, r)
     known = _joined(whole, prior)
     Psi, number, undetermined = _solve(known)
-    noise = deviations.residual_std(r, Psi, blocks.samples)
+    noise = deviations.residual_std(r, Psi, blocks.samples * blocks.share)
     robust, white = _covariances(blocks, (Psi, weights, noise), known, r, prior)
     if prior is not None:
         own = _prior_covariance(known, prior)
@@ -370,11 +371,7 @@ def _solve(whole: Array) -> tuple[Array, float, Array]:
 
 
 def _covariances(
-    blocks: Blocks,
-    solved: tuple[Array, Array, Array],
-    whole: Array,
-    r: Array,
-    prior: Prior | None = None,
+    blocks: Blocks, solved: tuple[Array, Array, Array], whole: Array, r: Array, prior: Prior | None = None
 ) -> tuple[Array, Array]:
     """Return the covariance from the blocks' scores, and that of white errors, for `solved`: Psi, weights and noise.
 

@@ -317,6 +317,20 @@ def test_samples_in_pieces_too_short_do_not_lengthen_the_blocks(model: Model) ->
     assert counts[0] == counts[1] and len(counts[0]) > 30
 
 
+def test_noise_is_that_of_the_rows_that_count(model: Model, samples: Samples) -> None:
+    """Leaving out every other instant of a joint, as if it stuck there, makes its noise no smaller."""
+    found = []
+    for every in (1, 2):
+        identifier = Identifier(model)
+        for motion in DerivativeStage(samples, "smoother")().motions:
+            stuck = np.zeros_like(motion.theta, dtype=bool)
+            stuck[1::every, 1] = every > 1
+            identifier.add_motion(replace(motion, stuck=stuck))
+        noise = identifier.estimate().noise["motor"]
+        found.append(list(noise.values()))
+    assert found[1] == pytest.approx(found[0], rel=0.1)
+
+
 def test_a_motion_repeats_whether_its_period_is_stated_or_found(model: Model, samples: Samples) -> None:
     """A cut of less than a period and a half shows no repetition, and neither does a ramp."""
     assert DerivativeStage(samples, "smoother").repeats

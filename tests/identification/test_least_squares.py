@@ -155,7 +155,7 @@ def test_too_few_samples_are_refused() -> None:
     """An estimate of 12 parameters from no more than 3 rows is refused."""
     blocks = Blocks(1, P + 1)
     blocks.add(grams(np.ones((1, 3, P + 1))), 3)
-    with pytest.raises(IdentificationError, match="3 samples"):
+    with pytest.raises(IdentificationError, match="3 equations"):
         fit(blocks)
 
 

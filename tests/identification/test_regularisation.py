@@ -87,7 +87,7 @@ def test_no_joint_of_the_arm_file_is_predicted_worse_than_by_the_description(arm
     (by_arm,) = found.validation.values()
     ratios = {joint: by_arm["consistent"]["motor"][joint] / rms for joint, rms in by_arm["nominal"]["motor"].items()}
     assert max(ratios.values()) < 0.2
-    assert any("laws and the motor inertia of joint_3 as the description has them" in note for note in found.notes)
+    assert any("robot.yaml has the laws of joint_3 as the description has them" in note for note in found.notes)
 
 
 def test_a_recording_that_determines_its_parameters_needs_no_prior(arm: Robot, samples: Samples) -> None:

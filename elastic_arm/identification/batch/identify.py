@@ -184,7 +184,7 @@ def _lacking(result: Identification, trial: BatchTrial, trials: Trials, choice: 
     if result.Psi is None or not trials.settings.effects or trials.robot.elastic or _misfit(result) <= MISFIT:
         return None
     blocks, fit, equations = trial.linear_blocks, trial.fit, trial.identifier.equations
-    missed = residual_std(blocks.total(), equations.base.T @ result.Psi, blocks.samples)
+    missed = residual_std(blocks.total(), equations.base.T @ result.Psi, blocks.samples * blocks.share)
     excess = dict(zip(equations.groups, missed / fit.noise, strict=True))
     taken = {(zero.effect.id, zero.joint) for zero in choice.zeros}
     open_ones = [zero for zero in trials.possible_zeros if (zero.effect.id, zero.joint) not in taken]

@@ -22,7 +22,7 @@ from elastic_arm.effects import EFFECTS, EffectInstance
 from elastic_arm.effects.text import parse_laws
 from elastic_arm.errors import IdentificationError
 from elastic_arm.estimation.effect_columns import torque_zeros
-from elastic_arm.estimation.residuals import FAILS, MOTOR
+from elastic_arm.estimation.residuals import FAILS
 from elastic_arm.identification.accumulator import closes
 from elastic_arm.identification.base_regression import BaseRegression
 from elastic_arm.identification.batch.derivatives import DerivativeStage, Derived
@@ -203,9 +203,7 @@ class Trials:
         if choice.averaged or not any(is_dry(instance) for instance in self.settings.effects):
             return choice
         rest = self(replace(choice, sticking=False))
-        statistics, entries = rest.identifier.statistics, rest.identifier.equations.equations.entries
-        of_joints = np.broadcast_to(statistics.stuck / max(statistics.samples, 1), (self.robot.n,))
-        share = np.array([of_joints[joint] * (equation.combination[MOTOR] != 0) for equation, joint in entries])
+        share = 1.0 - rest.linear_blocks.share
         held = share > 0.0
         if not held.any():
             return choice
