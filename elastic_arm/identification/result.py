@@ -61,7 +61,8 @@ class Identification:
     estimates
         Base parameters.
     noise
-        Equation -> joint -> std of the residual, Nm, in the band of the derivative stage; joints that have it.
+        Equation -> joint -> std of the residual, Nm, in the band of the derivative stage, for an arm that is taken for
+        rigid that of averages (:data:`.accumulator.AVERAGED`); joints that have it.
     condition
         Condition number of the weighted, equilibrated regressor.
     undetermined
