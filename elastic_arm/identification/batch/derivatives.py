@@ -132,6 +132,11 @@ class DerivativeStage:
         # Only when it is asked for: in a long recording the search costs a good part of all.
         return self._stated_period or period_of(self._longest)
 
+    @property
+    def band(self) -> float:
+        """Frequency in Hz up to which the smoother passes motion."""
+        return float(self._smoother.cutoff / (2 * np.pi))
+
     @functools.cached_property
     def _smoother(self) -> Smoother:
         return design_smoother(self._grids, self._width)

@@ -47,6 +47,8 @@ ProgressCallback = Callable[[str, float], None]
 CERTAIN, LIKELY = 4.0, 1.0
 # Squared errors below this share of their terms' squares are nothing but rounding: exact sensors close an equation so.
 ROUNDING = 1e-12
+# Hz up to which first resonances of arms lie: rows of a band that ends there are not averaged.
+RESONANCES = 20.0
 STICKS = "instants at which a joint sticks are left out: its dry friction takes any value there"
 # Standard deviation, as a factor, of the speeds within which friction turns over.
 SPREAD = 10.0
@@ -189,8 +191,13 @@ class Trials:
         return tuple(found)
 
     def _averaged(self, choice: BatchChoice) -> BatchChoice:
-        """Return the choice without averages where the equations close as they stand: such an arm is rigid indeed."""
+        """Return the choice without averages where they take off nothing.
+
+        Where the band ends among the resonances of arms, or the equations close as they stand, the arm is rigid in it.
+        """
         whole = replace(choice, averaged=False)
+        if all(stage.band <= RESONANCES for stage in self.stages):
+            return whole
         trial = self(whole)
         rigid = trial.identifier.equations.rigid
         return choice if rigid and not closes(trial.fit, trial.linear_blocks) else whole
