@@ -38,6 +38,7 @@ Array = NDArray[np.float64]
 Channels = Collection[str]
 
 SIDES = ("link", "drive", "motor")
+LINK, DRIVE, MOTOR = 0, 1, 2  # position of these equations in a combination
 TORQUES = ("tau_J", "tau_m")
 # Coefficients of tau_J and tau_m in the rows link, drive, motor.
 _TORQUE_COEFFICIENTS = np.array([[1, 0], [1, 0], [-1, 1]])

@@ -15,7 +15,7 @@ from scipy.ndimage import binary_dilation, binary_opening, find_objects, label
 
 from elastic_arm.dynamics import Model
 from elastic_arm.estimation.band import Band
-from elastic_arm.estimation.equations import EquationSet
+from elastic_arm.estimation.equations import DRIVE, LINK, MOTOR, EquationSet
 from elastic_arm.estimation.motion import CompletedMotion, completed, drive_constants
 from elastic_arm.estimation.observation import Observation
 
@@ -30,7 +30,6 @@ FAILS = 4.0
 AROUND = 0.03  # s before and after, in which the smoothed motion is none of either
 MOST_STICKING = 0.9  # of a stretch; a joint that sticks longer is one that stands still
 RANK = 0.02  # of the strongest: courses of a torque that show less in the band are left in
-LINK, DRIVE, MOTOR = 0, 1, 2  # position of these equations in a combination
 
 
 def raw_residuals(model: Model, motion: CompletedMotion) -> Array:

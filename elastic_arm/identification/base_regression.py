@@ -41,7 +41,7 @@ from elastic_arm.dynamics.composition import ARMATURE
 from elastic_arm.dynamics.double_double import Pair
 from elastic_arm.dynamics.gram import Information, gram
 from elastic_arm.errors import IdentificationError
-from elastic_arm.estimation.equations import SIDES, VOID, Channels, Equation, EquationSet
+from elastic_arm.estimation.equations import MOTOR, SIDES, VOID, Channels, Equation, EquationSet
 from elastic_arm.estimation.motion import Motion
 from elastic_arm.formatting import JointUnits
 from elastic_arm.identification.base_parameters import BaseParameters, find_base
@@ -156,7 +156,7 @@ class BaseRegression:
         """Yield the groups that hold friction of joints that may stick, and where these do, (N,)."""
         if motion.stuck is not None:
             for k, (equation, joint) in enumerate(self.equations.entries):
-                if equation.combination[SIDES.index("motor")]:
+                if equation.combination[MOTOR]:
                     yield k, motion.stuck[:, joint]
 
     def information(self, motion: Motion) -> Pair:
