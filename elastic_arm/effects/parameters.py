@@ -166,11 +166,23 @@ class Parameter:
         std
             Standard deviation of the value: of its 95 % interval an arm has to have some.
         """
+        low, high = self.believable_range(ratio_factor)
+        uncertain = 2.0 * std if self.neutral else 0.0
+        return low < value + uncertain and value - uncertain < high
+
+    def believable_range(self, ratio_factor: float) -> tuple[float, float]:
+        """Return between which values an arm may have it: a ratio near its range, a size of the right sign.
+
+        Parameters
+        ----------
+        ratio_factor
+            How far outside its range a ratio may be.
+        """
         if self.neutral == 0.0 and self.low > 0.0:
-            return value > 0.0
+            return 0.0, math.inf
         if self.neutral:
-            return self.low / ratio_factor < value + 2.0 * std and value - 2.0 * std < self.high * ratio_factor
-        return value > self.above
+            return self.low / ratio_factor, self.high * ratio_factor
+        return self.above, math.inf
 
     def checked(self, value: Any, of: str) -> float | tuple[float, ...]:
         """Return `value` as a number, or a tuple of them for a vector; EffectError where it makes no sense."""

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import svd
@@ -13,6 +15,7 @@ Index = NDArray[np.intp]
 RANK = 1e-10  # relative eigenvalue below which a combination of columns is not determined; numerical
 # Reciprocal condition from which a Cholesky factorisation gives what the eigenvectors give, and sooner; numerical.
 DETERMINED = 1e-7
+ROUNDING = 1e-14  # of coefficients, times the condition of what they solve; numerical
 
 
 def solution(gram: Array, free: NDArray[np.bool_]) -> Array:
@@ -44,10 +47,44 @@ def first_row(columns: Array) -> int:
     return min((int(np.argmax(column != 0.0)) for column in columns.T), default=0)
 
 
-def bordered(
-    gram: Array, index: Index, free: NDArray[np.bool_], columns: Index, fixed: NDArray[np.bool_]
-) -> tuple[Array, Array]:
-    """Fit a base together with each of M further choices, by block elimination: the base is decomposed once.
+class FurtherColumns(NamedTuple):
+    """Choices of as many further columns each, one choice at a time beside a base.
+
+    Parameters
+    ----------
+    members
+        (M,) numbers of these choices among all.
+    columns
+        (M, m) their columns.
+    fixed
+        (m,) which of these have the coefficient 1.
+    """
+
+    members: Index
+    columns: Index
+    fixed: NDArray[np.bool_]
+
+
+class EachFit(NamedTuple):
+    """Fits of a base with each of M further choices.
+
+    Parameters
+    ----------
+    scores
+        (M,) log-likelihood gained on both data sets, each with the coefficients of the other.
+    coefficients
+        (p, M) of the columns of the base, fitted on the identification data.
+    errors
+        (p, M) by how much another way of solving may find others; infinite where columns depend on one another.
+    """
+
+    scores: Array
+    coefficients: Array
+    errors: Array
+
+
+class BorderedFits:
+    """Fits of a base together with further columns, by block elimination: the base is decomposed once.
 
     Parameters
     ----------
@@ -55,44 +92,68 @@ def bordered(
         Of all columns.
     index, free
         (p,) columns of the base, and which of them have a coefficient to fit; the others have 1.
-    columns
-        (M, m) of the further choices.
-    fixed
-        (m,) which of these have the coefficient 1.
-
-    Returns
-    -------
-    (p, M) coefficients of the base, (M, m) of the further columns.
     """
-    own, others = index[free], index[~free]
-    count, width = columns.shape
-    scale, vectors, values = _decomposed(block(gram, own, own))
-    half = vectors / np.sqrt(values) / scale[:, None]
-    plain = half.T @ (gram[own, 0] - block(gram, own, others).sum(axis=1))
-    along = (half.T @ block(gram, own, columns.ravel())).reshape(-1, count, width)
-    square = gram[columns[:, :, None], columns[:, None, :]]
-    # What the base leaves of the further columns, and of the residual in them.
-    left = square - along.transpose(1, 2, 0) @ along.transpose(1, 0, 2)
-    wanted = gram[columns, 0] - gram[columns[:, :, None], others].sum(axis=2) - np.tensordot(plain, along, axes=1)
-    gamma = np.ones((count, width))
-    if not fixed.all():
-        wanted = wanted[:, ~fixed] - left[:, ~fixed][:, :, fixed].sum(axis=2)
-        size = np.sqrt(np.maximum(np.diagonal(square, axis1=1, axis2=2)[:, ~fixed], 1e-300))
-        gamma[:, ~fixed] = _solve_each(left[:, ~fixed][:, :, ~fixed], wanted, size)
-    beta = np.ones((len(index), count))
-    beta[free] = half @ (plain[:, None] - (along * gamma).sum(axis=2))
-    return beta, gamma
+
+    def __init__(self, gram: Array, index: Index, free: NDArray[np.bool_]) -> None:
+        self._gram, self._free = gram, free
+        self._own, self._others = index[free], index[~free]
+        scale, vectors, values = _decomposed(block(gram, self._own, self._own))
+        self._half = vectors / np.sqrt(values) / scale[:, None]
+        self._plain = self._half.T @ (gram[self._own, 0] - block(gram, self._own, self._others).sum(axis=1))
+        self._scale = scale
+        # The least relative eigenvalue of the base.
+        self._least = min(values, default=1.0) / max(values, default=1.0) if len(values) == len(self._own) else 0.0
+
+    def with_each(self, columns: Index, fixed: NDArray[np.bool_]) -> tuple[Array, Array, Array]:
+        """Fit the base together with each of M choices.
+
+        Parameters
+        ----------
+        columns
+            (M, m) of the further choices.
+        fixed
+            (m,) which of these have the coefficient 1.
+
+        Returns
+        -------
+        (p, M) coefficients of the base, (M, m) of the further columns, and by how much another way of solving may find
+        other coefficients of the base, (p, M): infinite where columns depend on one another.
+        """
+        gram, half = self._gram, self._half
+        count, width = columns.shape
+        along = (half.T @ block(gram, self._own, columns.ravel())).reshape(-1, count, width)
+        square = gram[columns[:, :, None], columns[:, None, :]]
+        # What the base leaves of the further columns, and of the residual in them.
+        left = square - along.transpose(1, 2, 0) @ along.transpose(1, 0, 2)
+        wanted = gram[columns, 0] - gram[columns[:, :, None], self._others].sum(axis=2)
+        wanted -= np.tensordot(self._plain, along, axes=1)
+        gamma, least = np.ones((count, width)), np.full(count, self._least)
+        if not fixed.all():
+            wanted = wanted[:, ~fixed] - left[:, ~fixed][:, :, fixed].sum(axis=2)
+            size = np.sqrt(np.maximum(np.diagonal(square, axis1=1, axis2=2)[:, ~fixed], 1e-300))
+            gamma[:, ~fixed], shown = _solve_each(left[:, ~fixed][:, :, ~fixed], wanted, size)
+            least *= shown
+        beta, error = np.ones((len(self._free), count)), np.zeros((len(self._free), count))
+        beta[self._free] = fitted = half @ (self._plain[:, None] - (along * gamma).sum(axis=2))
+        largest = np.abs(fitted * self._scale[:, None]).max(axis=0, initial=0.0)
+        unsure = np.where(least > RANK, ROUNDING * largest / np.maximum(least, RANK), np.inf)
+        error[self._free] = unsure / self._scale[:, None]
+        return beta, gamma, error
 
 
-def _solve_each(left: Array, wanted: Array, size: Array) -> Array:
-    """Solve M systems (M, m, m) for (M, m), what is not determined in units of `size` (M, m) set to nothing."""
+def _solve_each(left: Array, wanted: Array, size: Array) -> tuple[Array, Array]:
+    """Solve M systems (M, m, m) for (M, m), what is not determined in units of `size` (M, m) set to nothing.
+
+    Beside it the least eigenvalue (M,) in these units.
+    """
     if left.shape[1] == 1:
-        shown = left[:, 0] > RANK * size**2
-        return np.asarray(np.where(shown, wanted / np.where(shown, left[:, 0], 1.0), 0.0))
+        share = left[:, 0, 0] / size[:, 0] ** 2
+        shown = share > RANK
+        return np.where(shown, wanted[:, 0] / np.where(shown, left[:, 0, 0], 1.0), 0.0)[:, None], share
     spectrum, basis = np.linalg.eigh(left / (size[:, :, None] * size[:, None, :]))
     inverse = np.where(spectrum > RANK, 1.0 / np.where(spectrum > RANK, spectrum, 1.0), 0.0)
     part = inverse[:, :, None] * (basis.transpose(0, 2, 1) @ (wanted / size)[:, :, None])
-    return np.asarray((basis @ part)[:, :, 0] / size)
+    return np.asarray((basis @ part)[:, :, 0] / size), spectrum[:, 0]
 
 
 def gained_each(gram: Array, index: Index, columns: Index, beta: Array, gamma: Array) -> Array:

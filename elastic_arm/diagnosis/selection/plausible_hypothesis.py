@@ -52,6 +52,33 @@ def plausible(
     return all(c.fixed or c.searched is None or _possible(c, beta, ratio_factor, sizes) for c, beta in fitted)
 
 
+def coefficient_bounds(selected: Sequence[Candidate], ratio_factor: float) -> tuple[Array, Array]:
+    """Return between which values (p,) the coefficients of all columns of candidates must lie, by sign and ratio.
+
+    Infinite where another condition decides, or none.
+
+    Parameters
+    ----------
+    selected
+        The candidates.
+    ratio_factor
+        How far outside its plausible range a ratio may be.
+    """
+    bounds = np.full((2, sum(len(candidate.index) for candidate in selected)), np.inf)
+    bounds[0] = -np.inf
+    first = 0
+    for candidate in selected:
+        feature = candidate.feature
+        if not candidate.fixed and candidate.searched is not None:
+            if feature.fixed:
+                bounds[0, first] = 0.0
+            elif feature.phase is None and feature.linear[0].from_coefficient is None:
+                believable = feature.linear[0].believable_range(ratio_factor)
+                bounds[:, first] = np.array(believable) - (feature.linear[0].neutral or 0.0)
+        first += len(candidate.index)
+    return bounds[0], bounds[1]
+
+
 def turns_over(candidate: Candidate, below: float) -> bool:
     """Whether an effect is friction that dies out below a speed (rad/s) at which dry friction only turns over."""
     feature = candidate.feature

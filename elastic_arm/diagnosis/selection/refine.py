@@ -12,7 +12,7 @@ from weakref import WeakKeyDictionary
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import brute, minimize, minimize_scalar
+from scipy.optimize import minimize, minimize_scalar
 
 from elastic_arm.diagnosis.selection.gram_fits import first_row, orthonormal_basis
 from elastic_arm.diagnosis.selection.regressor_library import Candidate, RegressorLibrary
@@ -64,10 +64,18 @@ def refine(
     if not free or any(p.integer for p in free):
         return which
     others = [candidate for candidate in selected if candidate is not which]
-    cost = _cost_of(library, feature, _projection(library, others))
+    project = _projection(library, others)
+
+    def cost(point: Sequence[float]) -> float:
+        return project.cost(library.columns(0, feature, tuple(float(v) for v in point)), fixed=feature.fixed)
+
     if len(free) > 1:
-        # Where an evaluation costs next to nothing, the best of many is the start: there may be several optima.
-        tried = _best_on_grid(cost, free) if start is None and _is_polynomial(feature) else start
+        tried = start
+        if _is_polynomial(feature):
+            costs = _polynomial_costs(library, feature, project)
+            # Where an evaluation costs next to nothing, the best of many is the start: there may be several optima.
+            tried = start or _best_on_grid(costs, free)
+            cost = lambda point: float(costs(np.asarray(point)[None])[0])  # noqa: E731
         return _added(library, feature, _together(cost, free, tried, SMALL_STEP if start is tried else WIDE_STEP))
     assert start is not None
     scaled = feature.fixed and not which.fixed and feature.scalable
@@ -80,36 +88,30 @@ def refine(
     return found[0]
 
 
-def _cost_of(library: RegressorLibrary, feature: Feature, project: _Projection) -> Cost:
-    """Return half the sum of squares that is left, as a function of the searched numbers of a feature."""
-    if _is_polynomial(feature):
-        target, gram = project.products(library.monomial_columns(feature))
-        least = feature.linear[0].least
-
-        def of_polynomial(point: Sequence[float]) -> float:
-            terms = monomials(point)
-            product, square = float(terms @ target), float(terms @ gram @ terms)
-            # No mass is negative.
-            shown = product if product > least * square else 0.0
-            return project.left(np.array([shown]), np.array([[square]]))
-
-        return of_polynomial
-
-    def cost(point: Sequence[float]) -> float:
-        return project.cost(library.columns(0, feature, tuple(float(v) for v in point)), fixed=feature.fixed)
-
-    return cost
-
-
 def _is_polynomial(feature: Feature) -> bool:
     """Whether the column of a feature is a polynomial of second degree: then an evaluation costs next to nothing."""
     return feature.quadratic and feature.count == 1 and not feature.fixed
 
 
-def _best_on_grid(cost: Cost, free: Sequence[Parameter]) -> tuple[float, ...]:
+def _polynomial_costs(library: RegressorLibrary, feature: Feature, project: _Projection) -> Callable[[Array], Array]:
+    """Return half the sums of squares (M,) that are left, as a function of M points (M, k) of such a feature."""
+    target, gram = project.products(library.monomial_columns(feature))
+    least = feature.linear[0].least
+
+    def costs(points: Array) -> Array:
+        terms = monomials(points)
+        product, square = terms @ target, np.sum((terms @ gram) * terms, axis=1)
+        # No mass is negative.
+        return project.left_each(np.where(product > least * square, product, 0.0), square)
+
+    return costs
+
+
+def _best_on_grid(costs: Callable[[Array], Array], free: Sequence[Parameter]) -> tuple[float, ...]:
     """Return the best of values that span the ranges of several numbers."""
-    found = brute(cost, tuple((p.low, p.high) for p in free), Ns=GRID, finish=None)
-    return tuple(float(value) for value in found)
+    axes = np.meshgrid(*(np.linspace(p.low, p.high, GRID) for p in free), indexing="ij")
+    points = np.stack(axes, axis=-1).reshape(-1, len(free))
+    return tuple(float(value) for value in points[np.argmin(costs(points))])
 
 
 def _whole(
@@ -259,6 +261,10 @@ class _Projection:
         acts = values > 1e-10 * max(values[-1], 1e-300)
         shown = vectors[:, acts].T @ (target / scale)
         return 0.5 * (self._square - float(np.sum(shown**2 / values[acts])))
+
+    def left_each(self, target: Array, square: Array) -> Array:
+        """Half the sums of squares (M,) that are left beside one column each with these products (M,), fitted."""
+        return 0.5 * (self._square - np.where(square > 0.0, target**2 / np.maximum(square, 1e-300), 0.0))
 
 
 _PROJECTIONS: WeakKeyDictionary[RegressorLibrary, dict[tuple[Candidate, ...], _Projection]] = WeakKeyDictionary()

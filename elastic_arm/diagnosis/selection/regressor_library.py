@@ -14,7 +14,15 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from elastic_arm.diagnosis.selection.gram_fits import block, bordered, first_row, gained_each, solution
+from elastic_arm.diagnosis.selection.gram_fits import (
+    BorderedFits,
+    EachFit,
+    FurtherColumns,
+    block,
+    first_row,
+    gained_each,
+    solution,
+)
 from elastic_arm.diagnosis.selection.growing_matrix import GrowingMatrix
 from elastic_arm.diagnosis.selection.marginalisation import Marginalisation, NuisanceColumns
 from elastic_arm.diagnosis.selection.searched_points import monomials, neighbourhood, quadratic_points
@@ -50,11 +58,6 @@ class Candidate:
     def index(self) -> NDArray[np.intp]:
         """Column numbers."""
         return np.arange(self.columns.start, self.columns.stop)
-
-    @cached_property
-    def shape(self) -> tuple[int, bool]:
-        """How many columns it has, and whether their coefficient is fixed."""
-        return len(self.index), self.fixed
 
     @property
     def numbers(self) -> int:
@@ -164,7 +167,7 @@ class RegressorLibrary:
         if feature not in self._monomials:
             points = quadratic_points(sum(p.size for p in feature.searched))
             columns = np.hstack([self.columns(0, feature, tuple(point)) for point in points])
-            self._monomials[feature] = columns @ np.linalg.inv(np.stack([monomials(point) for point in points], axis=1))
+            self._monomials[feature] = columns @ np.linalg.inv(monomials(points).T)
         return self._monomials[feature]
 
     def close(self) -> None:
@@ -321,29 +324,27 @@ class RegressorLibrary:
             return 0.0
         return self.gain(1, selected, self.fit(0, selected)) + self.gain(0, selected, self.fit(1, selected))
 
-    def held_out_each(self, base: Sequence[Candidate], further: Sequence[Sequence[Candidate]]) -> Array:
-        """Return :meth:`held_out` of `base` with each further choice, (choices,).
+    def held_out_each(self, base: Sequence[Candidate], further: Sequence[FurtherColumns]) -> EachFit:
+        """Return :meth:`held_out` of `base` with each further choice, and the coefficients of the base.
 
         Parameters
         ----------
         base
             Candidates that are always there.
         further
-            Choices of some candidates each; one choice at a time is added.
+            Columns of the choices; one choice at a time is added.
         """
-        scores = np.zeros(len(further))
-        groups: dict[tuple[tuple[int, bool], ...], list[int]] = {}
-        for k, choice in enumerate(further):
-            groups.setdefault(tuple(c.shape for c in choice), []).append(k)
         index, free = _split(base)
-        for shape, members in groups.items():
-            starts = np.array([[c.columns.start for c in further[k]] for k in members])
-            columns = np.hstack([first[:, None] + np.arange(w) for first, (w, _) in zip(starts.T, shape, strict=True)])
-            fixed = np.repeat([own for _, own in shape], [width for width, _ in shape])
-            for fitted, judged in ((0, 1), (1, 0)):
-                beta, gamma = bordered(self._gram(fitted), index, free, columns, fixed)
-                scores[members] += gained_each(self._judging(judged), index, columns, beta, gamma)
-        return scores
+        count = sum(len(one.members) for one in further)
+        found = EachFit(np.zeros(count), *np.empty((2, len(index), count)))
+        for fitted, judged in ((0, 1), (1, 0)):
+            fits = BorderedFits(self._gram(fitted), index, free)
+            for members, columns, fixed in further:
+                beta, gamma, error = fits.with_each(columns, fixed)
+                found.scores[members] += gained_each(self._judging(judged), index, columns, beta, gamma)
+                if fitted == 0:
+                    found.coefficients[:, members], found.errors[:, members] = beta, error
+        return found
 
     def both(self, selected: Sequence[Candidate]) -> float:
         """Log-likelihood gained on both data sets by one fit to both."""

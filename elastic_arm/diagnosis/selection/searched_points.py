@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -12,11 +10,10 @@ from elastic_arm.estimation.effect_columns import Feature
 Array = NDArray[np.float64]
 
 
-def monomials(values: Sequence[float] | Array) -> Array:
-    """Return all monomials up to the second degree of k numbers: one, the numbers, their products."""
-    numbers = np.asarray(values, dtype=float)
-    products = np.outer(numbers, numbers)[np.triu_indices(len(numbers))]
-    return np.concatenate([[1.0], numbers, products])
+def monomials(points: Array) -> Array:
+    """Return all monomials (M, m) up to the second degree of k numbers (M, k): one, the numbers, their products."""
+    first, second = np.triu_indices(points.shape[1])
+    return np.hstack([np.ones((len(points), 1)), points, points[:, first] * points[:, second]])
 
 
 def quadratic_points(k: int) -> Array:

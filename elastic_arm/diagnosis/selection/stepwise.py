@@ -12,25 +12,22 @@ from collections import Counter
 from collections.abc import Collection, Iterator, Sequence
 from dataclasses import replace
 from functools import cached_property
-from itertools import islice, product
+from itertools import islice
 
 import numpy as np
 from numpy.typing import NDArray
 
 from elastic_arm.diagnosis.bootstrap import block_counts
-from elastic_arm.diagnosis.selection.hypothesis import Hypothesis, Rival
+from elastic_arm.diagnosis.selection.hypothesis import Hypothesis, Key, Rival
 from elastic_arm.diagnosis.selection.plausible_hypothesis import plausible
 from elastic_arm.diagnosis.selection.plausible_size import PlausibleSizes
+from elastic_arm.diagnosis.selection.ranking import Rankings
 from elastic_arm.diagnosis.selection.refine import refine
 from elastic_arm.diagnosis.selection.regressor_library import Candidate, RegressorLibrary
 from elastic_arm.diagnosis.settings import DiagnosisSettings
 
 Array = NDArray[np.float64]
-Key = tuple[str, str | None, tuple[object, ...]]
-# Position of a cause, another value of it, and a further candidate; or the further candidate alone.
-_Choice = tuple[int, Candidate] | tuple[int, Candidate, Candidate]
 
-RANKINGS_KEPT = 50  # of sets of causes: the search comes back to the same ones; bounds the memory
 SAME_LAW = 0.9999  # cosine of two columns: from here on they are one law, 1 % apart in shape
 
 
@@ -84,7 +81,7 @@ class StepwiseSearch:
         self._refinements_left = settings.search.refinements
         self._refined: dict[tuple[Candidate, frozenset[Candidate]], Candidate] = {}
         self._possible: dict[tuple[Candidate, ...], bool] = {}
-        self._rankings: dict[tuple[Candidate, ...], list[tuple[float, _Choice]]] = {}
+        self._rankings = Rankings(library, self._candidates, self._price, len(self.given), settings.search.ratio_factor)
         self._sizes = sizes
         self._freedom = sum(e.freedom for e in library.sets)
 
@@ -126,7 +123,8 @@ class StepwiseSearch:
 
         Columns hold for small changes: beside a payload as heavy as the arm, friction and gains go astray in them.
         """
-        selected = next((trial for _, trial in self._tried(tuple(self.given))), self.given)
+        trials = self._rankings.trials(tuple(self.given), possible=False)
+        selected = next((trial for *_, trial in trials), self.given)
         if len(selected) > len(self.given):
             selected = [*selected[:-1], refine(self.library, selected, selected[-1], self._settings.refinement)]
         return Hypothesis(tuple(selected), len(self.given))
@@ -163,10 +161,6 @@ class StepwiseSearch:
         left = 0.5 * (scale - 1.0) * self._freedom
         return max(self._search.least_gain * scale, 0.0 if any_part else self._search.least_share * left)
 
-    def _open(self, selected: Sequence[Candidate]) -> list[Candidate]:
-        taken = {e.feature.key for e in selected}
-        return [e for e in self._candidates if e.feature.key not in taken]
-
     def _ranked(self, selected: Sequence[Candidate]) -> Iterator[tuple[float, list[Candidate]]]:
         """Yield `selected` with each other feature added at its best, best first.
 
@@ -174,43 +168,10 @@ class StepwiseSearch:
         Whether sizes are plausible takes a fit of each set, and few of them are looked at: one after another.
         """
         done: set[Key] = set()
-        for score, trial in self._tried(tuple(selected)):
-            if trial[-1].feature.key not in done and self._plausible(trial):
-                done.add(trial[-1].feature.key)
+        for score, further, trial in self._rankings.trials(tuple(selected), possible=True):
+            if further.feature.key not in done and self._plausible(trial):
+                done.add(further.feature.key)
                 yield score, trial
-
-    def _tried(self, selected: tuple[Candidate, ...]) -> Iterator[tuple[float, list[Candidate]]]:
-        """Yield `selected` with each further candidate, and with other values of each cause besides, best first."""
-        if selected not in self._rankings:
-            if len(self._rankings) >= RANKINGS_KEPT:
-                self._rankings.clear()
-            self._rankings[selected] = self._ranking(selected)
-        for score, (k, *choice) in self._rankings[selected]:
-            if len(choice) == 1:
-                yield score, [*selected, *choice]
-            else:
-                value, newcomer = choice
-                yield score, [*selected[:k], value, *selected[k + 1 :], newcomer]
-
-    def _ranking(self, selected: tuple[Candidate, ...]) -> list[tuple[float, _Choice]]:
-        """Return scores and choices: a further candidate, or another value of cause k and a further candidate."""
-        free = self._open(selected)
-        scores = [self._scores(selected, [(e,) for e in free])]
-        choices: list[_Choice] = [(len(selected), e) for e in free]
-        for k in range(len(self.given), len(selected)):
-            same = [e for e in self._candidates if e.feature.key == selected[k].feature.key]
-            beside = [e for e in free if e.feature.joint == selected[k].feature.joint]
-            pairs = list(product(same, beside)) if len(same) > 1 else []
-            scores.append(self._scores([*selected[:k], *selected[k + 1 :]], pairs))
-            choices += [(k, *pair) for pair in pairs]
-        flat = np.concatenate(scores)
-        return [(float(flat[i]), choices[i]) for i in np.argsort(-flat, kind="stable")]
-
-    def _scores(self, base: Sequence[Candidate], further: Sequence[tuple[Candidate, ...]]) -> Array:
-        """Return the scores of a set of candidates with each further choice."""
-        paid = sum(self._price[candidate.feature.key] for candidate in base)
-        prices = [sum(self._price[candidate.feature.key] for candidate in choice) for choice in further]
-        return self.library.held_out_each(base, further) - paid - np.array(prices)
 
     def _best_next(self, chosen: Sequence[Candidate]) -> list[Candidate] | None:
         first, scored = None, []

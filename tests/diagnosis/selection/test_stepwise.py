@@ -11,9 +11,11 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from elastic_arm.diagnosis.selection.gram_fits import FurtherColumns
 from elastic_arm.diagnosis.selection.hypothesis import Hypothesis, Rival
 from elastic_arm.diagnosis.selection.marginalisation import NuisanceColumns
 from elastic_arm.diagnosis.selection.plausible_hypothesis import plausible
+from elastic_arm.diagnosis.selection.ranking import Rankings
 from elastic_arm.diagnosis.selection.refine import refine
 from elastic_arm.diagnosis.selection.regressor_library import Candidate, RegressorLibrary
 from elastic_arm.diagnosis.selection.stepwise import StepwiseSearch, misfit
@@ -84,8 +86,34 @@ def test_further_candidates_are_judged_as_one_by_one(fixed: bool) -> None:
     for base in ([], [one], [one, three]):
         further = [c for c in (two, both, three) if c not in base]
         alone = [library.held_out([*base, c]) for c in further]
-        assert library.held_out_each(base, [(c,) for c in further]) == pytest.approx(alone, rel=1e-9, abs=1e-9)
-    assert library.held_out_each([one, two], [(both,)]) == pytest.approx([library.held_out([one, two])], rel=1e-9)
+        together = library.held_out_each(base, [alike(further[k : k + 1], k) for k in range(len(further))])
+        assert together.scores == pytest.approx(alone, rel=1e-9, abs=1e-9)
+        for k, c in enumerate(further):
+            expected = np.concatenate([*library.coefficients([*base, c])[:-1], np.zeros(0)])
+            off = np.abs(together.coefficients[:, k] - expected)
+            assert np.all(off <= together.errors[:, k] + 1e-12) and np.isfinite(together.errors[:, k]).all()
+    repeated = library.held_out_each([one, two], [alike([both], 0)])
+    assert repeated.scores == pytest.approx([library.held_out([one, two])], rel=1e-9)
+    assert np.isinf(repeated.errors).all()
+
+
+def alike(candidates: Sequence[Candidate], first: int) -> FurtherColumns:
+    """Choices of one candidate each, all of one column, numbered from `first` on."""
+    columns, fixed = np.array([c.index for c in candidates]), np.array([candidates[0].fixed])
+    return FurtherColumns(np.arange(first, first + len(candidates)), columns, fixed)
+
+
+def test_what_no_effect_can_have_is_left_out_of_the_ranking() -> None:
+    """A set whose effect of one sign comes out with the other is ruled out before anything else is asked of it."""
+    library, _ = library_of({"one": -1.0}, "two")
+    positive = Parameter("size", "1", 0.1, 10.0, neutral=0.0)
+    one = library.add(feature("one", linear=(positive,)), ())
+    library.close()
+    prices = {c.feature.key: 0.0 for c in library.candidates}
+    rankings = Rankings(library, library.candidates[:1], prices, 0, 1.2)
+    assert [trial for *_, trial in rankings.trials((one,), possible=True)] == []
+    assert [trial for *_, trial in rankings.trials((one,), possible=False)] == [[one, library.candidates[0]]]
+    assert not plausible(library, [one, library.candidates[0]], 1.2)
 
 
 def test_coefficients_are_those_of_least_squares() -> None:
