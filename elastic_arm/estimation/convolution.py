@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterator, Sequence
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,6 +19,7 @@ Array = NDArray[np.float64]
 BLOCK_OVER_RESPONSE = 6
 SHORTEST_BLOCK = 4096
 COLUMNS = 16  # filtered at once: what the caches hold
+FEW = 4  # rows in which a column acts, up to which sums of spectra are faster than products of matrices
 # Threads pay from this many samples on.
 THREADS_FROM = 30_000
 
@@ -65,7 +67,25 @@ def convolve(signals: Sequence[Array], responses: Array, every: int = 1) -> Arra
     return result
 
 
-def filtered_circularly(values: Array, gains: NDArray[np.complexfloating]) -> Array:
+class CircularGains(NamedTuple):
+    """Spectra of responses of one row to another, and over how many samples they are circular.
+
+    Parameters
+    ----------
+    samples
+        Of the signals.
+    by_frequency
+        (F, R, R), lower triangular: no row acts on those before it.
+    by_row
+        The same, (R, R, F).
+    """
+
+    samples: int
+    by_frequency: NDArray[np.complexfloating]
+    by_row: NDArray[np.complexfloating]
+
+
+def filtered_circularly(values: Array, gains: CircularGains) -> Array:
     """Convolve columns circularly with the responses of one row to another.
 
     Parameters
@@ -73,25 +93,31 @@ def filtered_circularly(values: Array, gains: NDArray[np.complexfloating]) -> Ar
     values
         (N, R, k), columns of R rows at N samples.
     gains
-        From :func:`circular_gains` of (F, R, R), lower triangular: no row acts on those before it.
+        Of :func:`circular_gains`.
 
     Returns
     -------
-    (N, R, k).
+    (k, R, N).
     """
-    out = np.zeros(values.shape)
-    length = _circular_length(len(values))
+    out = np.zeros(values.shape[::-1])
+    length = _circular_length(gains.samples)
     # Most columns show in few of the rows.
     for acting, columns in _alike(np.asarray(values.any(axis=0))):
-        rows = acting if isinstance(columns, slice) else acting[:, None]
-        spectrum = rfft(values[:, rows, columns], length, axis=0)
-        filtered = irfft(gains[:, acting[0] :, acting] @ spectrum, length, axis=0)
-        out[:, acting[0] :, columns] = filtered[: len(values)]
+        own, first = values[:, acting][:, :, columns], acting[0]
+        spectrum = rfft(np.ascontiguousarray(own.T), length)
+        if len(acting) > FEW:
+            products = gains.by_frequency[:, first:, acting] @ np.ascontiguousarray(spectrum.transpose(2, 1, 0))
+            total = np.ascontiguousarray(products.transpose(2, 1, 0))
+        else:
+            total = gains.by_row[first:, first] * spectrum[:, :1]
+            for k, row in enumerate(acting[1:], 1):
+                total += gains.by_row[first:, row] * spectrum[:, k : k + 1]
+        out[columns, first:] = irfft(total, length, overwrite_x=True)[:, :, : gains.samples]
     return out
 
 
-def circular_gains(gains: NDArray[np.complexfloating], samples: int) -> NDArray[np.complexfloating]:
-    """Return gains at the frequencies of longer transforms that make the same circular convolution.
+def circular_gains(gains: NDArray[np.complexfloating], samples: int) -> CircularGains:
+    """Return gains at the frequencies of transforms that are fast and make the same circular convolution.
 
     A transform of a length with a large prime factor takes several times as long as one of twice that length without.
     Over twice the length the response is laid out once for each lag, so that nothing wraps around.
@@ -99,18 +125,18 @@ def circular_gains(gains: NDArray[np.complexfloating], samples: int) -> NDArray[
     Parameters
     ----------
     gains
-        (F, …) at the frequencies of `numpy.fft.rfft` of these samples.
+        (F, R, R) at the frequencies of `numpy.fft.rfft` of these samples, lower triangular.
     samples
         Their number.
     """
     length = _circular_length(samples)
-    if length == samples:
-        return gains
-    response = irfft(gains, samples, axis=0)
-    lags = np.zeros((length, *gains.shape[1:]))
-    lags[:samples] = response
-    lags[length - samples + 1 :] = response[1:]
-    return np.asarray(rfft(lags, axis=0))
+    if length != samples:
+        response = irfft(gains, samples, axis=0)
+        lags = np.zeros((length, *gains.shape[1:]))
+        lags[:samples] = response
+        lags[length - samples + 1 :] = response[1:]
+        gains = np.asarray(rfft(lags, axis=0))
+    return CircularGains(samples, gains, np.ascontiguousarray(gains.transpose(1, 2, 0)))
 
 
 def _circular_length(samples: int) -> int:

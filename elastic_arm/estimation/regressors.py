@@ -121,17 +121,18 @@ class Signals:
         rates = [np.zeros_like(motion.tau_J), np.zeros_like(motion.tau_m)]
         return Signals(motion.t, _values(motion, standstill, rates, elastic=elastic))
 
+    @cached_property
     def arrays(self) -> list[Array]:
-        """Return the arguments in the order of :data:`INPUTS`; without friction where none was given."""
+        """The arguments in the order of :data:`INPUTS`; without friction where none was given."""
         none = np.zeros_like(self.values["tau_J"])
         return [self.values.get(name, none) for name in INPUTS]
 
     @cached_property
     def between(self) -> Array:
         """The arguments side by side (N', …) in the middle of each step, from where the motion is known."""
-        stacked = np.hstack(self.arrays())
+        stacked = np.hstack(self.arrays)
         if self.before is not None:
-            stacked = np.vstack([np.hstack(self.before.arrays()), stacked])
+            stacked = np.vstack([np.hstack(self.before.arrays), stacked])
         stacked[:-1] = 0.5 * (stacked[:-1] + stacked[1:])
         return stacked
 
@@ -337,7 +338,7 @@ class CompiledColumns:
             return Entries(np.zeros((N, 0)), row, column, (rows, count))
         argument = np.asarray(searched, dtype=float) if self._arguments else np.zeros(1)
         states = np.zeros((N, 1)) if self._scan is None else _states(self._scan, signals, argument, start)
-        values = self._kernel(*signals.arrays(), argument, states, self._equations.nominal)
+        values = self._kernel(*signals.arrays, argument, states, self._equations.nominal)
         return Entries(np.asarray(values), row, column, (rows, count))
 
 

@@ -17,7 +17,7 @@ from scipy.integrate import trapezoid
 from elastic_arm.dynamics import Model
 from elastic_arm.errors import DiagnosisError
 from elastic_arm.estimation.band import Band, LowPass
-from elastic_arm.estimation.convolution import circular_gains, filtered_circularly
+from elastic_arm.estimation.convolution import CircularGains, circular_gains, filtered_circularly
 from elastic_arm.estimation.effect_columns import ActingEffect, Feature, starting_state
 from elastic_arm.estimation.equations import EquationSet
 from elastic_arm.estimation.motion import drive_constants, wound_by_load
@@ -68,7 +68,7 @@ class NoiseModel:
     colour: Colour | None = None
     load: Array | None = None
     _whiteners: dict[bytes, NDArray[np.complex128]] = field(default_factory=dict, init=False, repr=False, compare=False)
-    _gains: dict[int, NDArray[np.complex128]] = field(default_factory=dict, init=False, repr=False, compare=False)
+    _gains: dict[int, CircularGains] = field(default_factory=dict, init=False, repr=False, compare=False)
 
     def std(self, low_pass: LowPass) -> Array:
         """Return the standard deviation (R,) of each residual behind a low pass."""
@@ -102,14 +102,14 @@ class NoiseModel:
             self._whiteners[key] = np.asarray(np.linalg.inv(np.linalg.cholesky(covariance)), dtype=np.complex128)
         return self._whiteners[key]
 
-    def whitening_gains(self, count: int, band: Band) -> NDArray[np.complex128]:
+    def whitening_gains(self, count: int, band: Band) -> CircularGains:
         """Return what :func:`filtered_circularly` whitens so many rows of a band with; worked out once."""
         if count not in self._gains:
             f = np.fft.rfftfreq(count, 1 / band.kept_rate)
             inside = f <= band.cutoff
             gains = np.zeros((len(f), *self.covariance.shape[1:]), dtype=complex)
             gains[inside] = self.whitener(f[inside]) * np.sqrt(band.step)
-            self._gains[count] = np.asarray(circular_gains(gains, count))
+            self._gains[count] = circular_gains(gains, count)
         return self._gains[count]
 
     def _coloured(self, f: Array) -> Array:
@@ -318,13 +318,14 @@ class WhitenedData:
 
     def plain(self, feature: Feature, searched: Sequence[float] = ()) -> list[Array]:
         """Return a feature's columns (N', R, count) in the band, one array a stretch."""
-        return self.weighted(
-            [
-                self._thin(part, feature.entries(part.signals, searched, self._start(k, feature, searched)))
-                / part.gain(feature)
-                for k, part in enumerate(self.parts)
-            ]
-        )
+        return self.weighted([self._in_band_of(k, feature, searched) for k in range(len(self.parts))])
+
+    def _in_band_of(self, k: int, feature: Feature, searched: Sequence[float]) -> Array:
+        """Return a feature's columns (N', R, count) in stretch k."""
+        part = self.parts[k]
+        columns = self.in_band(part, feature.entries(part.signals, searched, self._start(k, feature, searched)))
+        gain = part.gain(feature)
+        return columns if gain == 1.0 else columns / gain
 
     def _start(self, k: int, feature: Feature, searched: Sequence[float]) -> float:
         """Return where the internal states of an effect begin in stretch k, where the motion before is not known."""
@@ -332,14 +333,12 @@ class WhitenedData:
         if not feature.effect.states or part.signals.before is not None:
             return 0.0
         size = 1.0 if feature.fixed else None
-        return starting_state(self.y[k], lambda at: self._thin(part, feature.entries(part.signals, searched, at)), size)
+        columns = lambda at: self.in_band(part, feature.entries(part.signals, searched, at))  # noqa: E731
+        return starting_state(self.y[k], columns, size)
 
-    def in_band(self, part: Part, columns: Array) -> Array:
+    def in_band(self, part: Part, columns: Array | Entries) -> Array:
         """Carry columns (N, 3 n, k) at the recording's rate over to the usable equations in the band, (N', R, k)."""
-        return self._thin(part, Entries.of(columns))
-
-    def _thin(self, part: Part, entries: Entries) -> Array:
-        """Carry entries at the recording's rate over to the usable equations in the band, (N', R, k)."""
+        entries = columns if isinstance(columns, Entries) else Entries.of(columns)
         # Fewer samples first: filter and combination commute.
         thin = Entries(self.band.apply(entries.values)[part.stretch.kept], entries.rows, entries.columns, entries.shape)
         return self.layout.combine(thin.dense())
@@ -349,11 +348,12 @@ class WhitenedData:
 
         Equations are made independent in their order, so that a column is null before the first in which it shows.
         """
-        white = [self._whiten(values, part.noise) for values, part in zip(columns, self.parts, strict=True)]
-        return in_whitened_order(white)
-
-    def _whiten(self, values: Array, noise: NoiseModel) -> Array:
-        return filtered_circularly(values, noise.whitening_gains(len(values), self.band))
+        white = [
+            filtered_circularly(values, part.noise.whitening_gains(len(values), self.band))[:, :, EDGE:-EDGE]
+            for values, part in zip(columns, self.parts, strict=True)
+        ]
+        # Each column stands in memory as a whole.
+        return np.concatenate(white, axis=2).reshape(white[0].shape[0], -1).T
 
     def _blocks(self) -> NDArray[np.intp]:
         """Number of the block (rows,) to which each whitened row belongs."""

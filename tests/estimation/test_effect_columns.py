@@ -39,7 +39,7 @@ def contribution(instance: EffectInstance, signals: Signals) -> np.ndarray:
     total, _ = effects.contribution(motion)
     rows = ca.vertcat(total.link, total.drive, total.motor)
     function = ca.Function("law", [*symbols.values(), *signs.values(), effects.p, EQUATIONS.Psi], [rows])
-    arrays = [values.T for values in signals.arrays()]
+    arrays = [values.T for values in signals.arrays]
     N = len(signals.t)
     return np.array(function(*arrays, np.tile(effects.numbers()[:, None], N), np.tile(EQUATIONS.nominal[:, None], N))).T
 

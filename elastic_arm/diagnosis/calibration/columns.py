@@ -21,6 +21,7 @@ from elastic_arm.effects.equations import ArmEquations
 from elastic_arm.estimation.effect_columns import ActingEffect, Feature
 from elastic_arm.estimation.motion import CompletedMotion, drive_constants
 from elastic_arm.estimation.noise import wiener_filtered
+from elastic_arm.estimation.regressors import Entries
 from elastic_arm.estimation.residuals import predicted_torques
 from elastic_arm.estimation.whitening import NoiseModel, Part, WhitenedData
 from elastic_arm.robot import Robot
@@ -28,7 +29,7 @@ from elastic_arm.robot import Robot
 Array = NDArray[np.float64]
 
 STEP = 1e-4  # of a prior's standard deviation, for derivatives of Psi; numerical
-BLOCK = 8192  # samples of the regressor that are evaluated at once; bounds the memory
+BLOCK = 512  # samples of the regressor that are evaluated at once: what the caches hold
 MOST = 2.5e8  # bytes of columns at the recording's rate that are made at once
 
 
@@ -71,8 +72,8 @@ def nuisance_columns(
                 out[:, :, k] = columns[:, :, 0] * parameter.prior_std
     others = [k for k, p in enumerate(parameters) if p.feature is None and not p.is_inertial]
     for out, part in zip(result, data.parts, strict=True):
-        full = _drive_columns(model, nominal, part, [parameters[k] for k in others])
-        out[:, :, others] = data.in_band(part, full)
+        entries = _drive_entries(model, nominal, part, [parameters[k] for k in others])
+        out[:, :, others] = data.in_band(part, entries)
     # The same column in one recording alone.
     common = {p.feature.key: k for k, p in enumerate(parameters) if p.feature is not None and p.recording is None}
     for k, parameter in enumerate(parameters):
@@ -87,7 +88,7 @@ def nuisance_columns(
 
 def _curved(data: WhitenedData, feature: Feature, k: int) -> list[Array]:
     """Return the columns (N', R, 1) of each stretch of k half waves in the place of the time since the begin."""
-    return [data.in_band(part, feature.columns(part.signals.curved(k)) / part.gain(feature)) for part in data.parts]
+    return [data.in_band(part, feature.entries(part.signals.curved(k))) / part.gain(feature) for part in data.parts]
 
 
 def inertial_columns(
@@ -153,11 +154,12 @@ def _regressor(model: Model, motion: CompletedMotion, directions: Array) -> Arra
     along[_springs(model)] = 0.0
     spins = [spin.parameter for spin in model.bodies.spins]
     columns = np.zeros((N, 3 * n, along.shape[1]))
+    memory = np.empty((min(N, BLOCK), (2 if elastic else 1) * n, len(along)))
     for first in range(0, N, BLOCK):
         part = slice(first, first + BLOCK)
         x, dx, ddx = (motion.coordinates(rate, elastic=elastic)[part] for rate in ("", "d", "dd"))
-        Phi = model.regressor(x, dx, ddx)
-        rows = Phi @ along
+        Phi = model.regressor(x, dx, ddx, out=memory[: len(x)])
+        rows = (Phi.reshape(-1, len(along)) @ along).reshape(*Phi.shape[:2], -1)
         if elastic:
             columns[part, :n], columns[part, 2 * n :] = rows[:, :n], rows[:, n : 2 * n]
         else:
@@ -167,26 +169,27 @@ def _regressor(model: Model, motion: CompletedMotion, directions: Array) -> Arra
     return columns
 
 
-def _drive_columns(model: Model, nominal: Robot, part: Part, parameters: Sequence[NuisanceParameter]) -> Array:
+def _drive_entries(model: Model, nominal: Robot, part: Part, parameters: Sequence[NuisanceParameter]) -> Entries:
     """Columns (N, 3 n, k): stiffness and damping by predicted torque, presliding by speed."""
     n, elastic, motion = model.n, model.robot.elastic, part.stretch.quiet
-    columns = np.zeros((len(motion), 3 * n, len(parameters)))
     load = predicted_torques(model, motion)[0] if elastic else np.zeros((len(motion), n))
     K = drive_constants(model)[0] if elastic else np.ones(n)
+    found: list[tuple[int, int, Array]] = []
     for k, parameter in enumerate(parameters):
         j = model.robot.joint_names.index(parameter.joint)
         gear = nominal.joints[j].transmission
         if parameter.speeds is not None:
             w = (motion.dtheta if elastic else motion.dq)[:, j]
-            row = 2 * n + j if elastic else j
-            columns[:, row, k] = parameter.prior_std * _turnover(w, motion.t, parameter.speeds)
+            found.append((2 * n + j if elastic else j, k, _turnover(w, motion.t, parameter.speeds)))
         elif parameter.what == "stiffness" and gear is not None:
-            columns[:, n + j, k] = load[:, j] * (gear.stiffness / K[j]) * parameter.prior_std
+            found.append((n + j, k, load[:, j] * (gear.stiffness / K[j])))
         elif parameter.what == "damping" and gear is not None:
-            columns[:, n + j, k] = (
-                gear.damping / K[j] * _rate(motion.t, load[:, j], part.noise, j) * parameter.prior_std
-            )
-    return columns
+            found.append((n + j, k, gear.damping / K[j] * _rate(motion.t, load[:, j], part.noise, j)))
+    values = np.empty((len(motion), len(found)))
+    for column, (_, k, law) in enumerate(found):
+        values[:, column] = law * parameters[k].prior_std
+    rows, numbers = (np.array([one[i] for one in found], dtype=int) for i in (0, 1))
+    return Entries(values, rows, numbers, (3 * n, len(parameters)))
 
 
 def _rate(t: Array, load: Array, noise: NoiseModel, j: int) -> Array:

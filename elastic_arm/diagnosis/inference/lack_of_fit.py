@@ -224,7 +224,10 @@ class _Explained:
         """Return what nuisance parameters and candidates explain of one of the two data sets."""
         nuisance, further = library.nuisance.white[which], library.matrix(which, _numbers(selected))
         alone = orthonormal_basis(nuisance, RANK)
-        basis = orthonormal_basis(np.hstack([nuisance, further]), RANK) if further.shape[1] else alone
+        own = further / np.maximum(np.linalg.norm(further, axis=0), 1e-300)
+        for _ in range(2):  # once leaves rounding of what the nuisance parameters hold
+            own = own - alone @ (alone.T @ own)
+        basis = np.hstack([alone, orthonormal_basis(own[:, np.linalg.norm(own, axis=0) > RANK], RANK)])
         return _Explained(basis, alone, held)
 
     def off(self, columns: Array) -> Array:

@@ -14,6 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.fft import rfft
 
 from elastic_arm.diagnosis.inference.lack_of_fit import placed, shapes_of
 from elastic_arm.diagnosis.laws.general_laws import changing_friction
@@ -29,7 +30,7 @@ Real = NDArray[np.floating]
 Complex = NDArray[np.complexfloating]
 
 RANK = 1e-6  # relative eigenvalue below which a combination of columns is not determined; numerical
-CHUNK = 64  # columns transformed at once: bounds the memory
+CHUNK = 64  # columns transformed, and frequencies whitened, at once: bounds the memory
 SLOW = 5.0  # Hz, below which every frequency of a recording counts
 FREQUENCIES = 500  # above it: enough to know a smooth spectrum to some per cent
 LEAST_SHARE = 0.05  # of the noise at a frequency that is left beside all columns; numerical
@@ -159,17 +160,18 @@ def _spectra(prepared: PreparedData, which: int, blocks: Sequence[Array]) -> lis
         first = rows.stop
         f = np.fft.rfftfreq(count, 1.0 / data.band.kept_rate)
         kept = _kept(f, data.band.cutoff)
-        values = np.concatenate(
-            [
-                np.fft.rfft(columns[:, k : k + CHUNK].reshape(R, total, -1)[:, rows], axis=1)[:, kept].swapaxes(0, 1)
-                for columns in blocks
-                for k in range(0, columns.shape[1], CHUNK)
-            ],
-            axis=2,
-        )
+        values = np.empty((len(kept), R, sum(columns.shape[1] for columns in blocks)), dtype=complex)
+        done = 0
+        for columns in blocks:
+            for k in range(0, columns.shape[1], CHUNK):
+                some = columns[:, k : k + CHUNK].T
+                spectrum = rfft(some.reshape(-1, R, total)[:, :, rows], axis=2)[:, :, kept]
+                values[:, :, done : done + len(some)] = spectrum.T
+                done += len(some)
+        values /= np.sqrt(count)
         whitener = part.noise.whitener(f[kept])
         ways = {channel: whitener @ C for channel, C in coefficients.items() if C.any()}
-        found.append(_Spectra(f[kept], values / np.sqrt(count), ways))
+        found.append(_Spectra(f[kept], values, ways))
     return found
 
 
@@ -194,11 +196,8 @@ def _beside(spectra: Sequence[_Spectra], columns: Sequence[_Spectra], colour: Co
     """
     factors = [_factor(one, colour) for one in spectra]
     inverses = [np.linalg.inv(factor) for factor in factors]
-    y = [inverse @ one.values for inverse, one in zip(inverses, spectra, strict=True)]
-    X = [inverse @ one.values for inverse, one in zip(inverses, columns, strict=True)]
-    # Coefficients are real: the real and the imaginary part of each entry are two rows.
-    rows = [np.concatenate([x.real, x.imag], axis=1).reshape(-1, x.shape[2]) for x in X]
-    aims = [np.concatenate([v.real, v.imag], axis=1).reshape(-1) for v in y]
+    rows = [_real_rows(inverse, one.values) for inverse, one in zip(inverses, columns, strict=True)]
+    aims = [_real_rows(inverse, one.values)[:, 0] for inverse, one in zip(inverses, spectra, strict=True)]
     gram, target = sum(x.T @ x for x in rows), sum(x.T @ v for x, v in zip(rows, aims, strict=True))
     scale = np.sqrt(np.maximum(np.diag(gram), 1e-300))
     values, vectors = np.linalg.eigh(gram / np.outer(scale, scale))
@@ -215,6 +214,17 @@ def _beside(spectra: Sequence[_Spectra], columns: Sequence[_Spectra], colour: Co
         left = (parts[:, 0] + 1j * parts[:, 1]) / np.sqrt(share)
         found.append(Periodogram(one.f, (factor @ left[:, :, None])[:, :, 0], share, one.ways))
     return found
+
+
+def _real_rows(inverse: Complex, values: Complex) -> Array:
+    """Return whitened columns (2 F R, k): coefficients are real, so that both parts of each entry are a row."""
+    F, R, k = values.shape
+    rows = np.empty((F, 2, R, k))
+    for first in range(0, F, CHUNK):
+        part = slice(first, first + CHUNK)
+        white = inverse[part] @ values[part]
+        rows[part, 0], rows[part, 1] = white.real, white.imag
+    return rows.reshape(-1, k)
 
 
 def _factor(one: _Spectra, colour: Colour) -> Complex:
