@@ -16,7 +16,7 @@ from elastic_arm.robot import load_robot
 from elastic_arm.studies.blind_challenge import campaign
 from elastic_arm.studies.blind_challenge.arm_sampling import SamplingRequest, shares
 from elastic_arm.studies.blind_challenge.command import challenge_app
-from elastic_arm.studies.blind_challenge.hidden_arms.base_arms import as_urdf, imprecise, industrial_arm
+from elastic_arm.studies.blind_challenge.hidden_arms.base_arms import as_urdf, imprecise, industrial_arm, strained
 from elastic_arm.studies.blind_challenge.hidden_arms.effect_laws import KNOWN, Fault
 from elastic_arm.studies.blind_challenge.hidden_arms.further_laws import FOREIGN
 from elastic_arm.studies.blind_challenge.hidden_arms.hidden_arm import HiddenArm
@@ -26,11 +26,12 @@ from elastic_arm.studies.blind_challenge.hidden_arms.realistic_sensors import (
     LINK,
     MOTOR,
     RealisticSensors,
+    _noise,
     measure_realistically,
 )
 from elastic_arm.studies.blind_challenge.levels.answers import expected_unknown, score_realistic_answer
 from elastic_arm.studies.blind_challenge.levels.foreign_sampling import sample_foreign, sized_foreign
-from elastic_arm.studies.blind_challenge.levels.information import MarginalInformation
+from elastic_arm.studies.blind_challenge.levels.information import MarginalInformation, _alterations
 from elastic_arm.studies.blind_challenge.levels.level import (
     FIELD,
     FLOORS,
@@ -40,6 +41,7 @@ from elastic_arm.studies.blind_challenge.levels.level import (
     drawn_effects,
 )
 from elastic_arm.studies.blind_challenge.levels.recording import channels_path, description_path
+from elastic_arm.studies.blind_challenge.levels.sizing import ITSELF
 
 ROBOT = load_robot(None)
 
@@ -104,8 +106,19 @@ def test_an_arm_read_from_its_urdf_moves_as_the_arm_does() -> None:
     np.testing.assert_allclose(torques[1], torques[0], atol=1e-6)
 
 
+def test_a_strained_body_stays_one_and_gains_products_of_inertia() -> None:
+    """The moments of a rod stretched along itself grow across it by twice the strain; shear makes a product."""
+    rod = np.diag([0.0, 1.0, 1.0])
+    along, sheared = np.zeros((3, 3)), np.zeros((3, 3))
+    along[0, 0], sheared[1, 0] = 0.01, 0.01
+    assert strained(rod, along) == pytest.approx(np.diag([0.0, 1.0201, 1.0201]))
+    assert strained(rod, sheared)[0, 1] == pytest.approx(-0.01)
+    principal = np.sort(np.linalg.eigvalsh(strained(rod, along + sheared)))
+    assert principal[0] > -1e-15 and principal[2] <= principal[0] + principal[1] + 1e-12
+
+
 def test_a_bound_counts_what_is_ordinary() -> None:
-    """An offset of 0.5 Nm is 1.7 ordinary deviations of its own prior, and hundreds of bounds without it."""
+    """An offset of 0.5 Nm is 1.7 ordinary deviations of its own prior, and some ten bounds without it."""
     rng = np.random.default_rng(1)
     real = imprecise(ROBOT, rng)
     course = HiddenArm(real, geometry=ROBOT).run(random_motion(rng, 3, 10.0))
@@ -114,7 +127,25 @@ def test_a_bound_counts_what_is_ordinary() -> None:
     change[:, 2, 1] = 0.5
     key = ("motor_torque_offset", 1)
     assert information.distance(change) == pytest.approx(0.5 / 0.3, rel=0.02)
-    assert 20.0 < information.distance(change, without=[key]) < 0.5 / 0.26 * 100.0
+    # A zero of the motor differs from one of the joint torque sensor by the spring's equation alone, in which a zero of
+    # an encoder does the same.
+    assert information.distance(change, without=[key]) == pytest.approx(9.5, rel=0.1)
+    assert 20.0 < information.distance(change, without=[key, ("encoder_offset", 1)]) < 0.5 / 0.26 * 100.0
+
+
+def test_a_link_that_is_heavier_is_known_by_its_own_numbers_alone() -> None:
+    """Its inertia goes with its mass: what is ordinary of its shape does not stand against it."""
+    own = ITSELF["link_inertia_mismatch"]
+    numbers = {what for what, _, _ in _alterations(ROBOT, 1)}
+    assert set(own) < numbers and numbers - set(own) == {"com_x", "com_y", "com_z", "rotor"}
+
+
+def test_zeros_of_torques_wander_about_their_offsets() -> None:
+    """The mean of a channel's noise over a recording is that of white noise, however far its zero walks."""
+    sensors = RealisticSensors((0.26,) * 3, drift=1.0)
+    noise = _noise(sensors, 20_000, np.random.default_rng(2))
+    assert np.all(np.abs(noise.mean(axis=0)) < 4.0 * 0.26 / np.sqrt(20_000))
+    assert np.ptp(noise[:, 0].reshape(20, 1000).mean(axis=1)) > 0.1
 
 
 def test_realistic_sensors_leave_out_a_side_and_thin_out_samples() -> None:

@@ -33,6 +33,8 @@ RATED_DEFLECTION = 4e-3  # rad, of a drive under its rated torque
 FULL_SIZE = 300.0  # Nm of rated torque from which on a joint's friction and offsets are those of a large arm
 LEAST_REFLECTED = 0.03  # kg m², of a small motor (3e-6 kg m²) behind a gear of 100
 SMALLEST = 0.08  # of a large joint's friction and noise that the smallest joint has
+ENCODER_ZERO = 1.5e-5  # rad, by which the zeros of a joint's two encoders differ at most
+STRAIN = 0.02  # by which a link's shape differs from its description in each direction, shear included
 
 
 def industrial_arm(n: int, rng: np.random.Generator) -> Robot:
@@ -77,7 +79,8 @@ def imprecise(robot: Robot, rng: np.random.Generator) -> Robot:
     """Return an arm of this description as real arms are.
 
     Masses and inertias differ by up to 8 %, centres of mass by 1 cm, rotors by 5 %, stiffness by 10 %, damping by 20 %,
-    all uniformly.
+    all uniformly. A link's moments of inertia differ by up to 4 % in common; the rest is its shape, stretched and
+    sheared, so that no product of inertia is known exactly either.
 
     Parameters
     ----------
@@ -87,10 +90,12 @@ def imprecise(robot: Robot, rng: np.random.Generator) -> Robot:
         Source of the factors.
     """
     joints = []
+    shapes = rng.spawn(1)[0]  # so that all other numbers of a seed stay as they were
     for joint in robot.joints:
         mass, link, gear = 1 + rng.uniform(-0.08, 0.08), joint.link, joint.transmission
         assert gear is not None
-        inertia = np.asarray(link.inertia) * mass * (1 + rng.uniform(-0.08, 0.08))
+        inertia = np.asarray(link.inertia) * mass * (1 + rng.uniform(-0.04, 0.04))
+        inertia = strained(inertia, shapes.uniform(-STRAIN, STRAIN, (3, 3)))
         com = np.asarray(link.com) + rng.uniform(-0.01, 0.01, 3)
         rotor = 1 + rng.uniform(-0.05, 0.05)
         gear = replace(
@@ -105,6 +110,23 @@ def imprecise(robot: Robot, rng: np.random.Generator) -> Robot:
             replace(joint, link=replace(link, mass=link.mass * mass, com=com, inertia=inertia), transmission=gear)
         )
     return robot.with_(joints=tuple(joints))
+
+
+def strained(inertia: np.ndarray, strain: np.ndarray) -> np.ndarray:
+    """Return the inertia (3, 3) of a body about its centre of mass after a homogeneous deformation 1 + strain.
+
+    Parameters
+    ----------
+    inertia
+        (3, 3) kg m² before.
+    strain
+        (3, 3) displacement gradient.
+    """
+    deformation = np.eye(3) + strain
+    second = 0.5 * np.trace(inertia) * np.eye(3) - inertia  # the integral of x x' over the mass
+    second = deformation @ second @ deformation.T
+    changed = np.trace(second) * np.eye(3) - second
+    return np.asarray(0.5 * (changed + changed.T))  # symmetric to the last digit
 
 
 def ordinary_faults(sizes: Sequence[float], rng: np.random.Generator, *, torque_constant: float = 0.0) -> list[Fault]:
@@ -128,6 +150,20 @@ def ordinary_faults(sizes: Sequence[float], rng: np.random.Generator, *, torque_
             found.append(Fault(f"{sensor}_gain", i, {"gain": float(1 + rng.uniform(-gain, gain))}))
             found.append(Fault(f"{sensor}_offset", i, {"offset": float(size * rng.uniform(-0.5, 0.5))}))
     return found
+
+
+def encoder_zeros(n: int, rng: np.random.Generator) -> list[Fault]:
+    """Draw by how much each joint's deflection is read wrong, where both of its encoders are.
+
+    Parameters
+    ----------
+    n
+        Number of joints.
+    rng
+        Source of the sizes; what it draws next is not changed.
+    """
+    offsets = rng.spawn(1)[0].uniform(-ENCODER_ZERO, ENCODER_ZERO, n)
+    return [Fault("encoder_offset", i, {"offset": float(offset)}) for i, offset in enumerate(offsets)]
 
 
 def _link(dh: DH, mass: float, rng: np.random.Generator) -> Inertia:

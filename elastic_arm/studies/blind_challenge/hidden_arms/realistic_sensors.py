@@ -41,7 +41,8 @@ class RealisticSensors:
     sides
         "both", "motor" (theta and tau_m alone) or "link" (q and tau_J alone).
     drift
-        Standard deviation that a torque channel's zero reaches by a random walk over the run, relative to the noise.
+        Standard deviation that a random walk reaches over the run, relative to the noise; about its mean, it is how a
+        torque channel's zero wanders.
     """
 
     torque_noise: tuple[float, ...]
@@ -136,7 +137,7 @@ def _velocity(
 
 
 def _noise(sensors: RealisticSensors, N: int, rng: np.random.Generator) -> np.ndarray:
-    """Noise (N, n) of one side's torque channels: white or of the first order, and a wandering zero."""
+    """Noise (N, n) of one side's torque channels: white or first order, and zeros that wander about their mean."""
     std = np.asarray(sensors.torque_noise)
     white = rng.standard_normal((N, len(std)))
     if sensors.corner is not None:
@@ -144,4 +145,5 @@ def _noise(sensors: RealisticSensors, N: int, rng: np.random.Generator) -> np.nd
         coloured = lfilter([np.sqrt(1 - decay**2)], [1, -decay], rng.standard_normal((N + 500, len(std))), axis=0)[500:]
         white = WHITE_SHARE * white + np.sqrt(1 - WHITE_SHARE**2) * coloured
     walk = np.cumsum(rng.standard_normal((N, len(std))), axis=0) / np.sqrt(N)
-    return std * (white + sensors.drift * walk)
+    # An offset is the mean of a zero over a recording: what is left is how it wanders.
+    return std * (white + sensors.drift * (walk - walk.mean(axis=0)))

@@ -20,6 +20,7 @@ from scipy.interpolate import CubicSpline
 from scipy.signal import decimate
 
 from elastic_arm.robot import Joint, Robot, Transmission
+from elastic_arm.studies.blind_challenge.hidden_arms.base_arms import strained
 from elastic_arm.studies.blind_challenge.hidden_arms.hidden_arm import RATE
 from elastic_arm.studies.blind_challenge.hidden_arms.kinematic_tree import KinematicTree
 from elastic_arm.studies.blind_challenge.hidden_arms.realistic_sensors import BOTH, LINK, RealisticSensors
@@ -34,9 +35,11 @@ EDGE_ONE_ENCODER = 5.0
 FREE = 100.0  # a prior so wide that it states nothing: friction known by name
 STEP = 1e-3  # of an ordinary number, for derivatives
 ENDS = 50  # rows left out at either end, where derivatives are inexact
-# Standard deviations of what is ordinary, as :func:`.base_arms.imprecise` and :func:`.base_arms.ordinary_faults` draw.
-ORDINARY = {"mass": 0.05, "com": 0.006, "inertia": 0.06, "rotor": 0.03, "stiffness": 0.06, "damping": 0.12}
-SENSOR_GAIN, SENSOR_OFFSET, WARMING = 0.006, 0.3, 0.06
+# Standard deviations of what is ordinary, as :mod:`.base_arms` draws it.
+ORDINARY = {"mass": 0.05, "com": 0.006, "inertia": 0.03, "rotor": 0.03, "stiffness": 0.06, "damping": 0.12}
+SHAPE = 0.012  # strain of a link's shape, each entry
+SHAPES = tuple(f"shape_{a}{b}" for a in range(3) for b in range(3))
+SENSOR_GAIN, SENSOR_OFFSET, ENCODER_OFFSET, WARMING = 0.006, 0.3, 1e-5, 0.06
 
 
 @dataclass(frozen=True)
@@ -186,6 +189,7 @@ class MarginalInformation:
             found["coulomb", j], found["viscous", j] = at(motor=FREE * sign), at(motor=FREE * w)
             found["joint_torque_gain", j] = SENSOR_GAIN * at(tau_J, tau_J, -tau_J)
             found["joint_torque_offset", j] = SENSOR_OFFSET * at(1.0, 1.0, -1.0)
+            found["encoder_offset", j] = at(drive=ENCODER_OFFSET * self._K[j])
             found["motor_torque_gain", j] = self._motor_gain * at(motor=tau_m)
             found["motor_torque_offset", j] = SENSOR_OFFSET * at(motor=1.0)
             if self._warming:
@@ -266,6 +270,9 @@ def _alterations(robot: Robot, j: int) -> list[tuple[str, float, Robot]]:
         com = np.asarray(link.com) + STEP * np.eye(3)[axis]
         add(f"com_{'xyz'[axis]}", ORDINARY["com"], replace(joint, link=replace(link, com=com)))
     add("inertia", ORDINARY["inertia"], replace(joint, link=replace(link, inertia=link.inertia * up)))
+    for name, strain in zip(SHAPES, np.eye(9).reshape(9, 3, 3), strict=True):
+        shape = strained(np.asarray(link.inertia), STEP * strain)
+        add(name, SHAPE, replace(joint, link=replace(link, inertia=shape)))
     add("rotor", ORDINARY["rotor"], replace(joint, transmission=_with_rotors(gear, up)))
     return found
 

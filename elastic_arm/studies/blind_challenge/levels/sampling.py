@@ -15,6 +15,7 @@ from elastic_arm.studies.blind_challenge.arm_sampling import SamplingRequest, sh
 from elastic_arm.studies.blind_challenge.effect_sampling import model_of, sample_effect
 from elastic_arm.studies.blind_challenge.hidden_arms.base_arms import (
     as_urdf,
+    encoder_zeros,
     imprecise,
     industrial_arm,
     joint_sizes,
@@ -140,6 +141,7 @@ def sample_realistic_arm(
     real, sizes = imprecise(description, rng), joint_sizes(description)
     sensors = _sensors(level, _sides(level, effects, rng), sizes, rng)
     ordinary = ordinary_faults(sizes.tolist(), rng, torque_constant=level.torque_constant)
+    ordinary += encoder_zeros(n, rng) if sensors.sides == BOTH else []
     conditions = [_warming(j, level, rng) for j in range(n)] if level.warming else []
     motions = tuple(random_motion(rng, n, s) for s in seconds)
     sizing = Sizing(description, real, sensors, level, motions[0], ordinary) if effects else None

@@ -16,7 +16,7 @@ from elastic_arm.studies.blind_challenge.hidden_arms.motion import MultiSine
 from elastic_arm.studies.blind_challenge.hidden_arms.realistic_sensors import RealisticSensors
 from elastic_arm.studies.blind_challenge.hidden_arms.sensor_models import SensorModel, measure
 from elastic_arm.studies.blind_challenge.hidden_arms.true_channels import TrueChannels
-from elastic_arm.studies.blind_challenge.levels.information import ENDS, EVERY, MarginalInformation
+from elastic_arm.studies.blind_challenge.levels.information import ENDS, EVERY, SHAPES, MarginalInformation
 from elastic_arm.studies.blind_challenge.levels.level import ChallengeLevel
 
 Array = NDArray[np.float64]
@@ -26,12 +26,13 @@ NEAR = 0.1  # of the wanted distance
 IDEAL = SensorModel(torque_noise=0.0, velocity_noise=0.0)
 # Which ordinary numbers of its joint an effect is itself; their priors do not stand against it.
 ITSELF = {
-    "link_inertia_mismatch": ("mass", "inertia"),
+    "link_inertia_mismatch": ("mass", "inertia", *SHAPES),
     "rotor_inertia_mismatch": ("rotor",),
     "stiffness_mismatch": ("stiffness",),
     "damping_mismatch": ("damping",),
     "thermal_friction": ("thermal", "thermal_viscous"),
     "torque_drift": ("drift_1", "drift_2", "drift_3"),
+    "encoder_offset": ("encoder_offset",),
     **{e: (e,) for e in ("motor_torque_gain", "joint_torque_gain", "motor_torque_offset", "joint_torque_offset")},
 }
 
