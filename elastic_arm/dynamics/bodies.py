@@ -20,7 +20,8 @@ LINK_PARAMETERS = ("m", "mx", "my", "mz", "Ixx", "Ixy", "Ixz", "Iyy", "Iyz", "Iz
 LINK_UNITS = ("kg", *("kg m",) * 3, *("kg m^2",) * 6)
 SOLID_PARAMETERS = ("m", "mz", "Ixx", "Izz")
 SOLID_UNITS = ("kg", "kg m", "kg m^2", "kg m^2")
-_TENSOR = ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))
+# Rows and columns of a symmetric tensor's six entries, in the order of the parameters.
+TENSOR = ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))
 
 
 @dataclass(frozen=True)
@@ -171,7 +172,7 @@ def moved(parameters: np.ndarray, placement: np.ndarray) -> np.ndarray:
         tensor = rotation @ tensor_of(column[4:]) @ rotation.T
         tensor = tensor + 2.0 * (p @ moment) * np.eye(3) - np.outer(p, moment) - np.outer(moment, p)
         tensor = tensor + mass * ((p @ p) * np.eye(3) - np.outer(p, p))
-        result[:, k] = [mass, *(moment + mass * p), *(tensor[index] for index in _TENSOR)]
+        result[:, k] = [mass, *(moment + mass * p), *(tensor[index] for index in TENSOR)]
     return snap(result).reshape(parameters.shape) if parameters.ndim == 2 else result.reshape(parameters.shape)
 
 
@@ -193,7 +194,7 @@ def inertial_parameters(mass: float, com: np.ndarray, inertia: np.ndarray) -> np
     inertia
         (3, 3) about the centre of mass, kg m².
     """
-    about_com = np.array([mass, 0.0, 0.0, 0.0, *(inertia[index] for index in _TENSOR)])
+    about_com = np.array([mass, 0.0, 0.0, 0.0, *(inertia[index] for index in TENSOR)])
     placement = np.eye(4)
     placement[:3, 3] = com
     return moved(about_com, placement)

@@ -8,7 +8,8 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from elastic_arm.diagnosis.calibration.nuisance import TENSOR, NuisanceParameter
+from elastic_arm.diagnosis.calibration.nuisance import NuisanceParameter
+from elastic_arm.dynamics.bodies import TENSOR
 from elastic_arm.errors import RobotError
 from elastic_arm.robot import Component, Inertia, Joint, Robot
 

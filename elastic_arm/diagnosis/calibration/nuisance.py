@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from elastic_arm.diagnosis.priors import Priors
 from elastic_arm.diagnosis.settings import RefitSettings
+from elastic_arm.dynamics.bodies import TENSOR
 from elastic_arm.effects.model import SensorEffect
 from elastic_arm.estimation.effect_columns import Feature
 from elastic_arm.estimation.motion import Motion
@@ -24,7 +25,6 @@ Array = NDArray[np.float64]
 LEAST_SCALE = 1e-9  # numerical; of roots of sums of squares of torques and accelerations
 ZERO_AS_MOUNTED = 1e-3  # rad; of a link encoder that was never compared with the motor's under a known torque
 PRESLIDING = "presliding"  # how gradually dry friction changes its sign: no number of the arm or of a sensor
-TENSOR = ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))
 
 
 @dataclass(frozen=True)
