@@ -11,7 +11,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from elastic_arm.errors import DiagnosisError
 from elastic_arm.input_files import explain, read_fields
 
-COMMISSIONED = 0.2  # of what a description of parts is off by: masses to 2 %, centres of mass to 2 mm; convention
+COMMISSIONED = 0.2  # of what a description of parts is off by: masses to 1.2 %, centres of mass to 1.4 mm; convention
 OF_THE_ARM = ("mass", "centre_of_mass", "inertia", "product_of_inertia", "rotor", "stiffness", "damping")
 REFERENCE = "docs/diagnosis.md lists the priors"
 REMEDY = "Give a YAML file of standard deviations, such as stiffness: 0.3"
@@ -27,11 +27,11 @@ class Priors(BaseModel):
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
-    mass: Deviation = 0.10
-    centre_of_mass: Deviation = 0.01  # m
-    inertia: Deviation = 0.15  # of the mean moment of inertia about the centre of mass
+    mass: Deviation = 0.06
+    centre_of_mass: Deviation = 0.007  # m
+    inertia: Deviation = 0.08  # of the mean moment of inertia about the centre of mass
     product_of_inertia: Deviation = 0.05  # of the same
-    rotor: Deviation = 0.10
+    rotor: Deviation = 0.06
     stiffness: Deviation = 0.15
     damping: Deviation = 0.40
     # Of a zero between recordings, over that of the zero itself: what it was set wrong by, each start repeats nearly.

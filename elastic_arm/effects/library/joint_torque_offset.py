@@ -13,7 +13,7 @@ EFFECT: Effect = SensorEffect(
     sides=("link", "drive", "motor"),
     regime="always",
     change=changing("joint_torque", offset="offset"),
-    prior=lambda rate: 0.5,
+    prior=lambda rate: 0.4,
     set_at_start=True,
     confusions=(
         Confusion(

@@ -13,7 +13,7 @@ EFFECT: Effect = SensorEffect(
     sides=("motor",),
     regime="always",
     change=changing("motor_torque", offset="offset"),
-    prior=lambda rate: 0.5,
+    prior=lambda rate: 0.4,
     set_at_start=True,
     confusions=(
         Confusion(

@@ -11,8 +11,8 @@ from elastic_arm.effects.motion import Contribution, SymbolicMotion
 from elastic_arm.effects.parameters import Choice, Parameter
 from elastic_arm.sensors import Sensors
 
-# Strain gauges and drives that warm up: about 0.3 Nm a minute.
-USUAL = 0.005  # Nm/s
+# Strain gauges and drives that warm up: up to 0.3 Nm a minute, as two deviations.
+USUAL = 0.0025  # Nm/s
 
 
 def law(motion: SymbolicMotion, i: int, p: Mapping[str, Any]) -> Contribution:
