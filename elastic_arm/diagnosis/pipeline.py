@@ -20,7 +20,7 @@ from elastic_arm.diagnosis.inference.noise_colour import noise_colours
 from elastic_arm.diagnosis.inference.prediction import predict
 from elastic_arm.diagnosis.inference.sticking import sticking_misfits
 from elastic_arm.diagnosis.laws.better_laws import better_laws
-from elastic_arm.diagnosis.preparation import PreparedData, prepare, without_sticking_friction
+from elastic_arm.diagnosis.preparation import PreparedData, as_described, prepare, without_sticking_friction
 from elastic_arm.diagnosis.question import Question
 from elastic_arm.diagnosis.result import Diagnosis
 from elastic_arm.diagnosis.selection.beyond_ordinary import freed, with_effects_beyond_ordinary
@@ -126,16 +126,15 @@ def _beside_largest_cause(prepared: PreparedData) -> tuple[PreparedData, Stepwis
     """Return the search and its best hypothesis, from a calibration beside one cause where that explains far more.
 
     Calibrated without its causes, an arm with a payload as heavy as itself comes out with gains of two, about which the
-    payload's columns are no good: with them friction drives, and the search refuses it.
+    payload's columns are no good. About the description gains are one, and what a payload does is linear in its mass.
     """
     stepwise, hypothesis = best_hypothesis(prepared)
     left, settings = misfit(prepared.library, hypothesis.selected), prepared.settings.search
     if left <= settings.bent or not prepared.calibration.parameters:
         return prepared, stepwise, hypothesis
-    start = stepwise.largest_cause()
-    if misfit(prepared.library, start.selected) > settings.far_better * left:
-        return prepared, stepwise, hypothesis
-    beside = recalibrated(prepared, start)
+    described = as_described(prepared)
+    start = StepwiseSearch(described.library, described.given, prepared.settings, prepared.sizes).largest_cause()
+    beside = recalibrated(described, start, scaled=True)
     again, better = best_hypothesis(beside)
     if misfit(beside.library, better.selected) > settings.far_better * left:
         return prepared, stepwise, hypothesis
@@ -225,7 +224,14 @@ def beyond_ordinary(
     for k in reversed(hypothesis.causes):
         if hypothesis.selected[k].feature.key in refused:
             hypothesis = hypothesis.drop(k)
-    found = with_effects_beyond_ordinary(library, hypothesis, carried, sensors, prepared.settings, refused)
+    parameters = enumerate(prepared.calibration.parameters)
+    keys = {feature.key for feature in carried}
+    numbers = [
+        freed(library, k, p.prior_std, p.cause)
+        for k, p in parameters
+        if p.is_inertial and p.cause is not None and p.cause.key in keys
+    ]
+    found = with_effects_beyond_ordinary(library, hypothesis, carried, sensors, numbers, prepared.settings, refused)
     if not found.beyond:
         return prepared, hypothesis
     # Else a cause that nuisance parameters could hold would leave no residual without it.

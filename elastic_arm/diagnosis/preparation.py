@@ -242,6 +242,13 @@ def _low_passed(parts: Sequence[Sequence[Recording]]) -> list[str]:
     return [f"{words}: {texts.LOW_PASSED}." for words in found[:1]]
 
 
+def as_described(prepared: PreparedData) -> PreparedData:
+    """Return the data as the description and exact sensors have them, before any calibration."""
+    problem = prepared.calibration
+    found, _ = linearise(problem, expand(problem, np.zeros(len(problem.parameters))), prepared.candidates)
+    return replace(prepared, found=found)
+
+
 def without_sticking_friction(prepared: PreparedData) -> PreparedData:
     """Return the data without what friction may be while a joint sticks."""
     problem = replace(prepared.calibration, sticking_removed=True)

@@ -24,6 +24,8 @@ def recalibrated(
     hypothesis: Hypothesis,
     colours: Sequence[Colour] | None = None,
     faulty: Sequence[Feature] = (),
+    *,
+    scaled: bool = False,
 ) -> PreparedData:
     """Return the data where the model and its sensors lie most probably beside the causes of a hypothesis.
 
@@ -37,6 +39,8 @@ def recalibrated(
         Of the torque sensors' noise on identification and validation data; as it was where None.
     faulty
         Nuisance parameters beyond ordinary.
+    scaled
+        As of :func:`~elastic_arm.diagnosis.calibration.calibrate.calibrate`.
     """
     causes, noise = [hypothesis.selected[k] for k in hypothesis.causes], 1.0
     problem, expansion = _with_wide_priors(prepared.calibration, prepared.found.expansion, faulty)
@@ -53,7 +57,7 @@ def recalibrated(
         problem = replace(problem, observed=observed)
         expansion = expand(problem, expansion.values, expansion, expansion.acting)
     if problem.parameters:
-        expansion, noise, causes = calibrate(problem, expansion, causes)
+        expansion, noise, causes = calibrate(problem, expansion, causes, scaled=scaled)
     found, _ = linearise(problem, expansion, prepared.candidates, causes, noise=noise)
     return replace(prepared, calibration=problem, found=found)
 

@@ -28,6 +28,7 @@ def with_effects_beyond_ordinary(
     hypothesis: Hypothesis,
     features: Sequence[Feature],
     sensors: Sequence[Feature],
+    numbers: Sequence[Candidate],
     settings: DiagnosisSettings,
     refused: frozenset[Key] = frozenset(),
 ) -> Hypothesis:
@@ -43,6 +44,8 @@ def with_effects_beyond_ordinary(
         What may stand for nuisance parameters far from their priors, besides the candidates of the search.
     sensors
         Faults of sensors: the nuisance parameters themselves, with which those compete.
+    numbers
+        Of the arm, :func:`freed`, each of which stands for an effect of several where it alone explains hardly less.
     settings
         Least gain, and how complete the hypothesis has to be: what is unexplained bends nuisance parameters.
     refused
@@ -71,6 +74,11 @@ def with_effects_beyond_ordinary(
             free = [candidate for candidate in free if candidate.feature.key != faulty[-1].feature.key]
             continue
         gain, best = first
+        alone = _alone(library, [*hypothesis.selected, *faulty], first, numbers, settings)
+        if alone is not None:
+            faulty.append(alone)
+            free = [candidate for candidate in free if candidate.feature.key != alone.feature.key]
+            continue
         others = [(g, c) for g, c in ranked if c.feature.key != best.feature.key and c.feature.effect.searched]
         rivals = [Rival(c, float(np.exp(min(g - gain, 0.0)))) for g, c in others]
         hypothesis = replace(
@@ -84,6 +92,36 @@ def with_effects_beyond_ordinary(
         )
         free = [candidate for candidate in free if candidate.feature.key != best.feature.key]
     return hypothesis
+
+
+def _alone(
+    library: RegressorLibrary,
+    selected: Sequence[Candidate],
+    best: tuple[float, Candidate],
+    numbers: Sequence[Candidate],
+    settings: DiagnosisSettings,
+) -> Candidate | None:
+    """Return the one number of an effect that explains hardly less than all of them; None where it takes more.
+
+    Parameters
+    ----------
+    library
+        Of all columns.
+    selected
+        What was found before.
+    best
+        The effect with what it gains, nats over the misfit.
+    numbers
+        Single numbers, :func:`freed`.
+    settings
+        Gains from which one of two explanations counts as the better.
+    """
+    gain, whole = best
+    scale, without = misfit(library, selected), library.both(selected)
+    # Every further number gains by chance: a nat each (Akaike 1974). By itself it has to be a cause, too.
+    least = max(gain - (_numbers(whole) - 1) - settings.search.exchange_gain, settings.significance.detected)
+    own = (number for number in numbers if number.feature.key == whole.feature.key)
+    return next((n for n in own if (library.both([*selected, n]) - without) / scale > least), None)
 
 
 def _found_beyond(library: RegressorLibrary, hypothesis: Hypothesis, settings: DiagnosisSettings) -> frozenset[Key]:
