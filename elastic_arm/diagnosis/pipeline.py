@@ -133,7 +133,7 @@ def _beside_largest_cause(prepared: PreparedData) -> tuple[PreparedData, Stepwis
     if left <= settings.bent or not prepared.calibration.parameters:
         return prepared, stepwise, hypothesis
     described = as_described(prepared)
-    start = StepwiseSearch(described.library, described.given, prepared.settings, prepared.sizes).largest_cause()
+    start = StepwiseSearch(described.library, described.given, prepared.settings).largest_cause()
     beside = recalibrated(described, start, scaled=True)
     again, better = best_hypothesis(beside)
     if misfit(beside.library, better.selected) > settings.far_better * left:

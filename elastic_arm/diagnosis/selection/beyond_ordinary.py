@@ -67,18 +67,18 @@ def with_effects_beyond_ordinary(
         if not ranked:
             break
         first = next((pair for pair in ranked if pair[1].feature.key not in faults), None)
-        # What a sensor's fault explains better is reported as that, by its nuisance parameter: it stands here only so
-        # that other effects are judged beside it.
+        # What a sensor's fault explains better, or one number nearly as well, is reported as that, by its nuisance
+        # parameter: it stands here only so that other effects are judged beside it.
         if first is None or first[0] < ranked[0][0] - settings.search.exchange_gain:
-            faulty.append(ranked[0][1])
-            free = [candidate for candidate in free if candidate.feature.key != faulty[-1].feature.key]
+            aside: Candidate | None = ranked[0][1]
+        else:
+            aside = _alone(library, [*hypothesis.selected, *faulty], first, numbers, settings)
+        if aside is not None:
+            faulty.append(aside)
+            free = [candidate for candidate in free if candidate.feature.key != aside.feature.key]
             continue
+        assert first is not None
         gain, best = first
-        alone = _alone(library, [*hypothesis.selected, *faulty], first, numbers, settings)
-        if alone is not None:
-            faulty.append(alone)
-            free = [candidate for candidate in free if candidate.feature.key != alone.feature.key]
-            continue
         others = [(g, c) for g, c in ranked if c.feature.key != best.feature.key and c.feature.effect.searched]
         rivals = [Rival(c, float(np.exp(min(g - gain, 0.0)))) for g, c in others]
         hypothesis = replace(

@@ -85,10 +85,8 @@ class Rankings:
         self._kinds = 2 * self._widths + self._fixed
         self._kept: dict[tuple[Candidate, ...], Ranking] = {}
 
-    def trials(
-        self, selected: tuple[Candidate, ...], *, possible: bool
-    ) -> Iterator[tuple[float, Candidate, list[Candidate]]]:
-        """Yield score, further candidate and the set with it, best first.
+    def trials(self, selected: tuple[Candidate, ...], *, possible: bool) -> Iterator[tuple[float, list[Candidate]]]:
+        """Yield score and the set with a further candidate, which comes last, best first.
 
         Parameters
         ----------
@@ -103,10 +101,10 @@ class Rankings:
             self._kept[selected] = self._ranking(selected)
         ranking = self._kept[selected]
         for i in np.flatnonzero(~ranking.impossible) if possible else range(len(ranking.scores)):
-            trial, further = list(selected), self._candidates[ranking.further[i]]
+            trial = list(selected)
             if ranking.replaced[i] != NONE:
                 trial[ranking.replaced[i]] = self._candidates[ranking.values[i]]
-            yield float(ranking.scores[i]), further, [*trial, further]
+            yield float(ranking.scores[i]), [*trial, self._candidates[ranking.further[i]]]
 
     def _ranking(self, selected: tuple[Candidate, ...]) -> Ranking:
         own = [self._numbers.get(c.feature.key, NONE) for c in selected]

@@ -124,7 +124,7 @@ class StepwiseSearch:
         Columns hold for small changes: beside a payload as heavy as the arm, friction and gains go astray in them.
         """
         trials = self._rankings.trials(tuple(self.given), possible=False)
-        selected = next((trial for *_, trial in trials), self.given)
+        selected = next((trial for _, trial in trials), self.given)
         if len(selected) > len(self.given):
             selected = [*selected[:-1], refine(self.library, selected, selected[-1], self._settings.refinement)]
         return Hypothesis(tuple(selected), len(self.given))
@@ -168,9 +168,10 @@ class StepwiseSearch:
         Whether sizes are plausible takes a fit of each set, and few of them are looked at: one after another.
         """
         done: set[Key] = set()
-        for score, further, trial in self._rankings.trials(tuple(selected), possible=True):
-            if further.feature.key not in done and self._plausible(trial):
-                done.add(further.feature.key)
+        for score, trial in self._rankings.trials(tuple(selected), possible=True):
+            key = trial[-1].feature.key
+            if key not in done and self._plausible(trial):
+                done.add(key)
                 yield score, trial
 
     def _best_next(self, chosen: Sequence[Candidate]) -> list[Candidate] | None:
