@@ -48,12 +48,40 @@ class RankedCause:
         """Return it with the confidence that it has against a general law in its place."""
         key, cause = self.candidate.feature.key, self.cause
         if key in laws.filters:
-            sure = cause.confidence / (1.0 + laws.filters[key].odds)
-            other = _alternative(laws.filters[key], sure, self.candidate)
+            low_pass = laws.filters[key]
+            if low_pass.odds > 1.0:
+                return replace(self, cause=_as_low_pass(cause, low_pass), candidate=low_pass.candidate)
+            sure = cause.confidence / (1.0 + low_pass.odds)
+            other = _alternative(low_pass, sure, self.candidate)
             cause = replace(cause, confidence=sure, alternatives=(*cause.alternatives, other))
         if key in laws.instead:
             cause = cause.less_sure(float(expit(-laws.instead[key].gain)))
         return replace(self, cause=cause)
+
+
+def _as_low_pass(cause: Cause, low_pass: Rival) -> Cause:
+    """Return a delay as the low pass that is likelier, with the delay for an alternative.
+
+    Parameters
+    ----------
+    cause
+        The delay T; to first order, a low pass of 1 / (2 pi T) is as late.
+    low_pass
+        With its odds against the delay.
+    """
+    feature, (delay,) = low_pass.candidate.feature, cause.parameters.values()
+    (cutoff,) = low_pass.candidate.searched or (np.inf,)
+    separated = texts.separated_by(feature.effect, cause.instance.effect, feature.joint, cause.joint)
+    sure = cause.confidence * low_pass.odds / (1.0 + low_pass.odds)
+    delayed = Alternative(cause.effect, cause.joint, cause.confidence / (1.0 + low_pass.odds), separated)
+    return replace(
+        cause,
+        effect=feature.effect.id,
+        parameters={feature.effect.parameters[0].name: ParameterEstimate(cutoff, cutoff * delay.std / delay.value, "Hz")},
+        confidence=sure,
+        alternatives=(delayed,),
+        instance=feature.instance([], (cutoff,)),
+    )
 
 
 def listed_causes(
@@ -127,7 +155,7 @@ def _fault_causes(
             joint=feature.joint,
             sides=tuple(side for side in feature.sides if side in sides) or feature.sides,
             regime=feature.effect.regime,
-            parameters={name: ParameterEstimate(fault.size, fault.std, unit)},
+            parameters={feature.effect.parameters[0].name: ParameterEstimate(fault.size, fault.std, unit)},
             shrink=share,
             confidence=float(np.clip(share_of_all, least, 1.0 - least)),
             alternatives=tuple(_alternative(r, share_of_all, candidate) for r in others),

@@ -34,8 +34,9 @@ def filters_for_delays(
 ) -> dict[Key, Rival]:
     """Return the low passes that could stand in the place of delays, with their odds, by key of the delay.
 
-    Where the expected ratio of likelihoods is below what counts as detected, other imperfections of the model decide
-    which of the two fits better: the odds are even. They never favour the low pass, for the same reason.
+    What a low pass does beside a delay as late has the coefficient 0 of a delay and 1 of a low pass. Where the expected
+    ratio of likelihoods is below what counts as detected, or the coefficient is neither, other imperfections of the
+    model decide which of the two fits better: the odds are even.
 
     Parameters
     ----------
@@ -56,7 +57,10 @@ def filters_for_delays(
         (channel,) = fault.feature.choices["channels"]
         blocks = [_difference(data, channel, joints, fault.value) for data in sets]
         expected, ratio = comparison.against(blocks)
-        odds = 1.0 if expected < detected else float(np.exp(np.clip(ratio, -700.0, 0.0)))
+        # In standard deviations of the coefficient, which is 1 / sqrt(2 expected).
+        nearest = (abs(ratio) - expected) / np.sqrt(2.0 * max(expected, np.finfo(float).tiny))
+        undecided = expected < detected or abs(nearest) > prepared.settings.refit.certain
+        odds = 1.0 if undecided else float(np.exp(np.clip(ratio, -700.0, 700.0)))
         if odds > least:
             cutoff = 1.0 / (2.0 * np.pi * fault.value)
             found[fault.feature.key] = Rival(Candidate(low_pass.whole(), (cutoff,), slice(0, 0), fixed=True), odds)

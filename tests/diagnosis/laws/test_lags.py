@@ -49,9 +49,16 @@ def test_the_odds_are_even_where_the_recording_cannot_tell(ratio: float, monkeyp
 
 
 def test_a_recording_that_tells_them_apart_decides(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A low pass that loses clearly is no alternative, and one that wins is as likely at most."""
-    assert not low_passes(monkeypatch, 10 * DETECTED, -5 * DETECTED)
-    (rival,) = low_passes(monkeypatch, 10 * DETECTED, 5 * DETECTED).values()
+    """A low pass that loses clearly is no alternative, and one that wins clearly is the likelier of the two."""
+    assert not low_passes(monkeypatch, 10 * DETECTED, -10 * DETECTED)
+    (rival,) = low_passes(monkeypatch, 2 * DETECTED, 2 * DETECTED).values()
+    assert rival.odds == pytest.approx(np.exp(2 * DETECTED))
+
+
+@pytest.mark.parametrize("ratio", [0.0, 2.0, -2.0])
+def test_what_is_neither_a_delay_nor_a_low_pass_decides_nothing(ratio: float, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The difference of the two fits with a coefficient of 0.5, 1.5 or -0.5 of known error: neither 0 nor 1."""
+    (rival,) = low_passes(monkeypatch, 10 * DETECTED, ratio * 10 * DETECTED).values()
     assert rival.odds == 1.0
 
 
@@ -67,6 +74,23 @@ def test_the_alternative_takes_its_share_of_the_confidence() -> None:
     assert found.confidence == pytest.approx(0.49)
     assert [(a.effect, a.confidence) for a in found.alternatives] == [("torque_lowpass", pytest.approx(0.49))]
     assert replace(found, confidence=0.98, alternatives=()) == cause
+
+
+def test_the_likelier_low_pass_is_the_cause() -> None:
+    """It is as late as the delay, in whose place it is, and the delay is its alternative."""
+    feature = feature_of(DELAY, EQUATIONS)
+    size = {"delay": ParameterEstimate(0.0022, 1e-5, "s")}
+    cause = Cause("time_delay", "joint_1", ("motor",), "frequency", size, 1.0, 0.96, (), DELAY)
+    ranked = RankedCause(cause, Candidate(feature, (), slice(0, 0)), (), [])
+    cutoff = 1.0 / (2.0 * np.pi * 0.0022)
+    low_pass = Candidate(feature_of(LOW_PASS, EQUATIONS).whole(), (cutoff,), slice(0, 0), fixed=True)
+    rival: Any = SimpleNamespace(candidate=low_pass, odds=3.0)
+    found = ranked.against(BetterLaws(filters={feature.key: rival})).cause
+    assert (found.effect, found.joint, found.confidence) == ("torque_lowpass", "joint_1", pytest.approx(0.72))
+    assert [(a.effect, a.confidence) for a in found.alternatives] == [("time_delay", pytest.approx(0.24))]
+    assert found.parameters["cutoff"].value == pytest.approx(cutoff)
+    assert found.parameters["cutoff"].std == pytest.approx(cutoff * 1e-5 / 0.0022)
+    assert found.instance.parameters == {"cutoff": pytest.approx(cutoff), "channels": ("motor_torque",)}
 
 
 def test_a_low_pass_moved_back_differs_from_nothing_at_second_order() -> None:
