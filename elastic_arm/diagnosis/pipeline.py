@@ -114,7 +114,13 @@ def _diagnosed(prepared: PreparedData) -> Diagnosis:
         prepared = recalibrated(prepared, hypothesis, colours.of_sets)
         prepared, stepwise, hypothesis = _beside_faulty_sensors(prepared)
     hypothesis = stepwise.with_rivals(hypothesis)
-    prepared, judgement, estimated = estimated_beyond_ordinary(prepared, hypothesis)
+    beside, judgement, estimated = estimated_beyond_ordinary(prepared, hypothesis)
+    there = hypothesis.only(candidate.feature.key for candidate in estimated.hypothesis.selected)
+    if prepared.calibration.parameters and len(there.causes) < len(hypothesis.causes):
+        # Beside what turned out to be no cause, the model lies elsewhere.
+        prepared = recalibrated(prepared, there)
+        beside, judgement, estimated = estimated_beyond_ordinary(prepared, search(prepared))
+    prepared = beside
     # Laws that no catalogue states, in the place of the causes and beside them.
     laws = better_laws(prepared, estimated, colours.unlike if colours else {})
     judgement = measured_beside(prepared, judgement, estimated.faults, laws.refuted(estimated.faults))

@@ -50,7 +50,7 @@ class RankedCause:
         if key in laws.filters:
             low_pass = laws.filters[key]
             if low_pass.odds > 1.0:
-                return replace(self, cause=_as_low_pass(cause, low_pass), candidate=low_pass.candidate)
+                return replace(self, cause=_as_low_pass(cause, low_pass))
             sure = cause.confidence / (1.0 + low_pass.odds)
             other = _alternative(low_pass, sure, self.candidate)
             cause = replace(cause, confidence=sure, alternatives=(*cause.alternatives, other))
