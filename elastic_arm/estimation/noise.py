@@ -39,7 +39,7 @@ KAISER_BETA = 26.0
 LEAST_STEP = 1e-3  # of an encoder's noise: two samples that differ by less hold one code
 NEIGHBOURS = 2.0  # Hz over which the spectrum of a signal is averaged beside that of its noise
 CHANCE = 1e-3  # with which the averaged power of noise alone passes for signal at a frequency
-ROUGH = 2.0  # how much more power the steps of an encoder may have at some frequencies than white noise of their size
+ROUGH = 1.5  # how much more power an encoder's steps have at some frequencies than white noise of their size
 HANN = 1.5  # bins that the window of a spectrum correlates: its equivalent noise bandwidth (Harris 1978)
 WIENER_SECONDS = 2.0  # of the windows for the spectrum of a signal to be filtered, and of its filter
 # Where no motion is, as shares of the sample rate.
@@ -323,9 +323,10 @@ def noise_filter(values: Array, rate: float, f: Array, noise: Array) -> Callable
     known, bins = at <= f[-1], max(1, round(NEIGHBOURS / at[1]))
     mean = scipy.ndimage.uniform_filter1d(power, bins)[known]
     expected = np.interp(at[known], f, noise) * 2.0 / rate
-    # At the upper end there is hardly any signal: what is a little more than the noise expected is noise, too.
-    upper = mean[-max(1, len(mean) // 4) :] / np.maximum(expected[-max(1, len(mean) // 4) :], 1e-300)
-    expected *= np.clip(np.median(upper), 1.0, ROUGH)
+    upper = slice(-max(1, len(mean) // 4), None)
+    level = float(np.median(mean[upper] / np.maximum(expected[upper], 1e-300)))
+    # What is a little more than the noise expected, up to the highest frequency, is noise, too.
+    expected *= level if 1.0 < level < ROUGH else 1.0
     share = 1.0 - expected / np.maximum(mean, 1e-300)
     averaged = max(1.0, (2 * len(values) // window - 1) * bins / HANN)
     least = 1.0 - 1.0 / float(scipy.stats.gamma.isf(CHANCE, averaged, scale=1.0 / averaged))
