@@ -134,17 +134,17 @@ def _beside_largest_cause(prepared: PreparedData) -> tuple[PreparedData, Stepwis
     Calibrated without its causes, an arm with a payload as heavy as itself comes out with gains of two, about which the
     payload's columns are no good. About the description gains are one, and what a payload does is linear in its mass.
     """
-    stepwise, hypothesis = best_hypothesis(prepared)
-    left, settings = misfit(prepared.library, hypothesis.selected), prepared.settings.search
-    if left <= settings.bent or not prepared.calibration.parameters:
-        return prepared, stepwise, hypothesis
-    described = as_described(prepared)
-    start = StepwiseSearch(described.library, described.given, prepared.settings).largest_cause()
-    beside = recalibrated(described, start, scaled=True)
-    again, better = best_hypothesis(beside)
-    if misfit(beside.library, better.selected) > settings.far_better * left:
-        return prepared, stepwise, hypothesis
-    return beside, again, better
+    left, settings = misfit(prepared.library, prepared.given), prepared.settings.search
+    if left > settings.bent and prepared.calibration.parameters:
+        described = as_described(prepared)
+        beside = recalibrated(described, _largest_cause(described), scaled=True)
+        if misfit(beside.library, _largest_cause(beside).selected) < settings.far_better * left:
+            prepared = beside
+    return prepared, *best_hypothesis(prepared)
+
+
+def _largest_cause(prepared: PreparedData) -> Hypothesis:
+    return StepwiseSearch(prepared.library, prepared.given, prepared.settings).largest_cause()
 
 
 def _beside_faulty_sensors(prepared: PreparedData) -> tuple[PreparedData, StepwiseSearch, Hypothesis]:

@@ -71,13 +71,16 @@ def _as_low_pass(cause: Cause, low_pass: Rival) -> Cause:
     """
     feature, (delay,) = low_pass.candidate.feature, cause.parameters.values()
     (cutoff,) = low_pass.candidate.searched or (np.inf,)
+    size = ParameterEstimate(cutoff, cutoff * delay.std / delay.value, "Hz")
     separated = texts.separated_by(feature.effect, cause.instance.effect, feature.joint, cause.joint)
     sure = cause.confidence * low_pass.odds / (1.0 + low_pass.odds)
     delayed = Alternative(cause.effect, cause.joint, cause.confidence / (1.0 + low_pass.odds), separated)
     return replace(
         cause,
         effect=feature.effect.id,
-        parameters={feature.effect.parameters[0].name: ParameterEstimate(cutoff, cutoff * delay.std / delay.value, "Hz")},
+        parameters={
+            feature.effect.parameters[0].name: ParameterEstimate(cutoff, cutoff * delay.std / delay.value, "Hz")
+        },
         confidence=sure,
         alternatives=(delayed,),
         instance=feature.instance([], (cutoff,)),
@@ -155,7 +158,7 @@ def _fault_causes(
             joint=feature.joint,
             sides=tuple(side for side in feature.sides if side in sides) or feature.sides,
             regime=feature.effect.regime,
-            parameters={feature.effect.parameters[0].name: ParameterEstimate(fault.size, fault.std, unit)},
+            parameters={name: ParameterEstimate(fault.size, fault.std, unit)},
             shrink=share,
             confidence=float(np.clip(share_of_all, least, 1.0 - least)),
             alternatives=tuple(_alternative(r, share_of_all, candidate) for r in others),

@@ -38,7 +38,7 @@ SPECTRUM_SECONDS = 4.0
 KAISER_BETA = 26.0
 LEAST_STEP = 1e-3  # of an encoder's noise: two samples that differ by less hold one code
 NEIGHBOURS = 2.0  # Hz over which the spectrum of a signal is averaged beside that of its noise
-CHANCE = 1e-3  # with which the averaged power of noise alone passes for signal at a frequency
+CHANCE = 0.01  # with which the averaged power of noise alone passes for signal at any frequency
 ROUGH = 1.5  # how much more power an encoder's steps have at some frequencies than white noise of their size
 HANN = 1.5  # bins that the window of a spectrum correlates: its equivalent noise bandwidth (Harris 1978)
 WIENER_SECONDS = 2.0  # of the windows for the spectrum of a signal to be filtered, and of its filter
@@ -329,7 +329,7 @@ def noise_filter(values: Array, rate: float, f: Array, noise: Array) -> Callable
     expected *= level if 1.0 < level < ROUGH else 1.0
     share = 1.0 - expected / np.maximum(mean, 1e-300)
     averaged = max(1.0, (2 * len(values) // window - 1) * bins / HANN)
-    least = 1.0 - 1.0 / float(scipy.stats.gamma.isf(CHANCE, averaged, scale=1.0 / averaged))
+    least = 1.0 - 1.0 / float(scipy.stats.gamma.isf(CHANCE / len(mean), averaged, scale=1.0 / averaged))
     gain = np.maximum.accumulate(np.where(share > least, share, 0.0)[::-1])[::-1]
     if gain[-1] > 0.0:
         return lambda one: one

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+import scipy
 
-from elastic_arm.estimation.noise import estimate_noise, wiener_filtered
+from elastic_arm.estimation.noise import estimate_noise, noise_filter, wiener_filtered
 
 RATE = 1000.0
 T = np.arange(12_000) / RATE
@@ -56,3 +57,26 @@ def test_a_regression_on_a_filtered_signal_is_not_biased_by_its_noise() -> None:
     np.testing.assert_allclose(
         wiener_filtered(signal, RATE, f, np.zeros(len(f)))[2000:-2000], signal[2000:-2000], atol=0.02
     )
+
+
+@pytest.mark.parametrize("stated", [1.0, 0.9])
+def test_noise_above_the_signal_is_taken_off_whatever_its_chance_peaks(stated: float) -> None:
+    """Ten seconds of a slow deflection in the noise of its encoders, which is stated 10 % too small besides."""
+    rate, std = 1000.0, 3.5e-6
+    t = np.arange(0.0, 10.0, 1.0 / rate)
+    f = np.linspace(0.0, 55.0, 50)
+    slow = 1e-4 * np.sin(2 * np.pi * 0.7 * t) + 3e-5 * np.sin(2 * np.pi * 5.0 * t)
+    for seed in range(20):
+        values = slow + std * np.random.default_rng(seed).standard_normal(len(t))
+        left = noise_filter(values, rate, f, np.full(len(f), (stated * std) ** 2))(values)
+        at, power = scipy.signal.welch(left, rate, nperseg=1024)
+        above = (at > 10.0) & (at < 50.0)
+        assert power[above].mean() < 0.02 * 2.0 * std**2 / rate, seed
+
+
+def test_a_signal_up_to_the_highest_frequency_is_left_as_it_is() -> None:
+    """Where the deflection outweighs its noise up to the highest frequency, nothing is taken off."""
+    rate, std = 1000.0, 3.5e-6
+    values = 10.0 * std * np.random.default_rng(1).standard_normal(10_000)
+    f = np.linspace(0.0, 55.0, 50)
+    np.testing.assert_array_equal(noise_filter(values, rate, f, np.full(len(f), std**2))(values), values)
