@@ -78,9 +78,7 @@ def _as_low_pass(cause: Cause, low_pass: Rival) -> Cause:
     return replace(
         cause,
         effect=feature.effect.id,
-        parameters={
-            feature.effect.parameters[0].name: ParameterEstimate(cutoff, cutoff * delay.std / delay.value, "Hz")
-        },
+        parameters={feature.effect.parameters[0].name: size},
         confidence=sure,
         alternatives=(delayed,),
         instance=feature.instance([], (cutoff,)),
