@@ -137,7 +137,10 @@ def _beside_largest_cause(prepared: PreparedData) -> tuple[PreparedData, Stepwis
     left, settings = misfit(prepared.library, prepared.given), prepared.settings.search
     if left > settings.bent and prepared.calibration.parameters:
         described = as_described(prepared)
-        beside = recalibrated(described, _largest_cause(described), scaled=True)
+        sensors = _freed_sensors(described)
+        start = _largest_cause(described)
+        faulty = [start.selected[k].feature for k in start.causes if start.selected[k].feature.key in sensors]
+        beside = recalibrated(described, start.only(()) if faulty else start, faulty=faulty, scaled=True)
         if misfit(beside.library, _largest_cause(beside).selected) < settings.far_better * left:
             prepared = beside
     return prepared, *best_hypothesis(prepared)
@@ -153,14 +156,8 @@ def _beside_faulty_sensors(prepared: PreparedData) -> tuple[PreparedData, Stepwi
     A sensor that is far off would bend the model, or another effect would stand in for it, as a spring with a distant
     rest angle for an offset. Where it explains more without its prior, it hardly has one from there on.
     """
-    library, parameters = prepared.library, enumerate(prepared.calibration.parameters)
-    sensors = [
-        (k, p, p.cause) for k, p in parameters if p.is_sensor and p.cause is not None and p.cause.effect.searched
-    ]
-    library.candidates.extend(freed(library, k, p.prior_std, cause) for k, p, cause in sensors)
-    library.close()
+    keys = _freed_sensors(prepared)
     stepwise, hypothesis = best_hypothesis(prepared)
-    keys = {cause.key for _, _, cause in sensors}
     found = [hypothesis.selected[k].feature for k in hypothesis.causes]
     faulty = [feature for feature in found if feature.key in keys]
     if not faulty:
@@ -168,6 +165,17 @@ def _beside_faulty_sensors(prepared: PreparedData) -> tuple[PreparedData, Stepwi
     rest = hypothesis.only(feature.key for feature in found if feature.key not in keys)
     prepared = recalibrated(prepared, rest, faulty=faulty)
     return prepared, *best_hypothesis(prepared)
+
+
+def _freed_sensors(prepared: PreparedData) -> frozenset[Key]:
+    """Let the sensors without their priors compete in searches of these data, and return their keys."""
+    library, parameters = prepared.library, enumerate(prepared.calibration.parameters)
+    sensors = [
+        (k, p, p.cause) for k, p in parameters if p.is_sensor and p.cause is not None and p.cause.effect.searched
+    ]
+    library.candidates.extend(freed(library, k, p.prior_std, cause) for k, p, cause in sensors)
+    library.close()
+    return frozenset(cause.key for _, _, cause in sensors)
 
 
 def search(prepared: PreparedData) -> Hypothesis:
