@@ -218,18 +218,19 @@ def eliminate(prepared: PreparedData, hypothesis: Hypothesis, measure: GapMeasur
         shares = {k: measure.contribution(hypothesis.selected, k) for k in hypothesis.causes}
         failed = {k: share for k, share in shares.items() if not passes(prepared, hypothesis, k, share)}
         failed = failed or {k: 0.0 for k in insignificant(prepared, hypothesis) if k in hypothesis.causes}
-        impossible = {} if failed else impossible_sizes(prepared, hypothesis)
-        failed = failed or {k: shares[k] for k in impossible}
+        outside = [] if failed else outside_their_ranges(prepared, hypothesis)
+        impossible = {} if failed or outside else impossible_sizes(prepared, hypothesis)
+        failed = failed or {k: shares[k] for k in (*outside, *impossible)}
         if not failed:
             break
         worst = min(failed, key=lambda k: failed[k])
-        if worst in impossible:
+        if worst in outside or worst in impossible:
             refused.add(hypothesis.selected[worst].feature.key)
             other = in_its_place(prepared, hypothesis, worst, refused)
             if other is not None:
                 hypothesis = other
                 continue
-            notes.append(impossible[worst])
+            notes += [impossible[worst]] if worst in impossible else []
         if is_small_effect(prepared, hypothesis, worst, failed[worst]):
             feature, least = hypothesis.selected[worst].feature, prepared.settings.judgement.least_shrink
             notes.append(texts.small_effect_note(feature, failed[worst], least))
@@ -323,26 +324,39 @@ def is_minor(prepared: PreparedData, hypothesis: Hypothesis, k: int, share: floa
 
 
 def insignificant(prepared: PreparedData, hypothesis: Hypothesis) -> list[int]:
-    """Return the candidates whose parameters may be no effect: each, and where there are several, together."""
+    """Return the candidates whose parameters may be no effect: each, and where there are several, together.
+
+    Beside nuisance parameters also those that are smaller than any that an engineer would look for.
+    """
     failed = prepared.estimates.insignificant(hypothesis.selected)
     if len(prepared.library.nuisance):
         estimated = prepared.estimates.parameters(hypothesis.selected)
-        failed |= {k for k, c in enumerate(hypothesis.selected) if is_implausible(c, estimated[k])}
+        failed |= {k for k, c in enumerate(hypothesis.selected) if _is_tiny(c, estimated[k])}
     return sorted(failed)
 
 
-def is_implausible(candidate: Candidate, values: Mapping[str, ParameterEstimate]) -> bool:
-    """Whether an effect is smaller than any that an engineer would look for, or has a number far outside its range.
-
-    Beside nuisance parameters such an effect stands in for a detail that neither the model nor they describe.
-    """
+def _is_tiny(candidate: Candidate, values: Mapping[str, ParameterEstimate]) -> bool:
+    """Whether all sizes of an effect are below their ranges."""
     effect = candidate.feature.effect
     sizes = [effect.parameter(name) for name in effect.magnitude]
     small = [p for p in sizes if p.size == 1 and p.neutral == 0.0 and p.low > 0.0 and p.name in values]
-    if sizes and len(small) == len(sizes) and all(abs(values[p.name].value) < p.low for p in small):
-        return True
-    searched = [p for p in effect.parameters if p.role is Role.SEARCHED and p.size == 1 and p.name in values]
-    return any(not p.low <= values[p.name].value <= p.high for p in searched)
+    return bool(sizes) and len(small) == len(sizes) and all(abs(values[p.name].value) < p.low for p in small)
+
+
+def outside_their_ranges(prepared: PreparedData, hypothesis: Hypothesis) -> list[int]:
+    """Return the causes with a searched number outside its range, none where there are no nuisance parameters.
+
+    Beside those such an effect stands in for a detail that neither the model nor they describe, or for another effect.
+    """
+    if not len(prepared.library.nuisance):
+        return []
+    estimated, found = prepared.estimates.parameters(hypothesis.selected), []
+    for k in hypothesis.causes:
+        effect, values = hypothesis.selected[k].feature.effect, estimated[k]
+        searched = [p for p in effect.parameters if p.role is Role.SEARCHED and p.size == 1 and p.name in values]
+        if any(not p.low <= values[p.name].value <= p.high for p in searched):
+            found.append(k)
+    return found
 
 
 def is_small_effect(prepared: PreparedData, hypothesis: Hypothesis, k: int, share: float) -> bool:

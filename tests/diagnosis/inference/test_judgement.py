@@ -42,6 +42,7 @@ class Library:
 def prepared(monkeypatch: pytest.MonkeyPatch) -> Any:
     monkeypatch.setattr(judgement, "misfit", lambda library, selected: 1.0)
     monkeypatch.setattr(judgement, "insignificant", lambda prepared, hypothesis: [])
+    monkeypatch.setattr(judgement, "outside_their_ranges", lambda prepared, hypothesis: [])
     monkeypatch.setattr(judgement, "impossible_sizes", lambda prepared, hypothesis: {})
     return SimpleNamespace(library=Library(), settings=SETTINGS)
 
@@ -113,3 +114,24 @@ def test_a_size_that_no_arm_has_is_noted_and_no_cause(prepared: Any, monkeypatch
     measure: Any = SimpleNamespace(contribution=lambda selected, k: selected[k].share)
     left, notes = eliminate(prepared, Hypothesis([absurd, good]), measure)
     assert left.selected == [good] and notes == ["absurd"]
+
+
+@pytest.mark.parametrize("found", [True, False], ids=["something else stands for it", "nothing does"])
+def test_in_the_place_of_a_number_outside_its_range_stands_what_it_is_confused_with(
+    found: bool, prepared: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Friction that bends beyond its range is another friction, not none; without one it leaves, and no note stays."""
+    bent, viscous, good = candidate("bent", 0.5, 30.0), candidate("viscous", 0.5, 30.0), candidate("good", 0.4, 30.0)
+
+    def outside(prepared: Any, hypothesis: Hypothesis) -> list[int]:
+        return [k for k in hypothesis.causes if hypothesis.selected[k] is bent]
+
+    def replaced(prepared: Any, hypothesis: Hypothesis, k: int, refused: Any) -> Hypothesis | None:
+        assert ("bent", "joint_1") in refused
+        return replace(hypothesis, selected=[viscous, *hypothesis.without(k)]) if found else None
+
+    monkeypatch.setattr(judgement, "outside_their_ranges", outside)
+    monkeypatch.setattr(judgement, "in_its_place", replaced)
+    measure: Any = SimpleNamespace(contribution=lambda selected, k: selected[k].share)
+    left, notes = eliminate(prepared, Hypothesis([bent, good]), measure)
+    assert left.selected == ([viscous, good] if found else [good]) and notes == []
