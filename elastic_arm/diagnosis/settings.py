@@ -79,16 +79,17 @@ class RefitSettings:
     largest_scale: float = 0.6  # relative error of a stiffness; beyond, the description is of another arm; convention
     # Of a torque channel's gain, and change of a known friction in a run: a channel that reads less is of no use.
     largest_ratio: float = 0.75
-    # rad/s: pairs of widths of the sign function between which dry friction turns over, and a width within which it
-    # does so early or late; convention.
-    presliding_speeds: tuple[tuple[float, ...], ...] = ((5e-4, 2e-3), (2e-3, 8e-3), (2e-3,))
+    # rad/s: the width of the sign function about which dry friction turns over, where none was found for a joint. Of
+    # it, the pairs of widths between which it does, and a width within which it does so early or late; convention.
+    turning: float = 2e-3
+    presliding: tuple[tuple[float, ...], ...] = ((0.25, 1.0), (1.0, 4.0), (1.0,))
     # Half waves over the recording of how a zero that drifts wanders beside its mean rate; convention.
     drift_curves: tuple[int, ...] = (1, 2, 3)
 
-    @property
-    def turned_over(self) -> float:
-        """Speed, rad/s, below which an extra friction is how dry friction turns over: twice the widest width."""
-        return 2.0 * max(max(speeds) for speeds in self.presliding_speeds)
+    def presliding_speeds(self, turning: float) -> tuple[tuple[float, ...], ...]:
+        """Return the widths of :attr:`presliding`, rad/s, of a joint whose friction was found to turn over so."""
+        width = max(turning, self.turning)
+        return tuple(tuple(share * width for share in shares) for shares in self.presliding)
 
 
 @dataclass(frozen=True)

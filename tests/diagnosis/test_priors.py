@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from elastic_arm.diagnosis.calibration.nuisance import nuisance_parameters
@@ -60,3 +61,14 @@ def test_nuisance_parameters_have_the_stated_deviations() -> None:
     assert found["joint_torque_gain", "joint_2"].prior_std == 0.05
     assert found["motor_torque_gain", "joint_2"].prior_std == 0.015
     assert found["stiffness", "joint_1"].limit == pytest.approx(settings.largest_scale / 0.3)
+
+
+def test_how_gradually_friction_turns_over_is_uncertain_about_where_it_was_found_to() -> None:
+    """Speeds are tried a factor of four apart: friction may turn over from a quarter to four times the one found."""
+    robot, settings = load_robot(), RefitSettings()
+    turning = np.linspace(0.0, 0.02, robot.n)
+    found = nuisance_parameters(robot, (), 1000.0, Priors(), settings, turning=turning)
+    speeds = [p.speeds for p in found if p.joint == robot.joint_names[-1] and p.speeds]
+    assert speeds == [pytest.approx(pair) for pair in ((0.005, 0.02), (0.02, 0.08), (0.02,))]
+    usual = [p.speeds for p in found if p.joint == robot.joint_names[0] and p.speeds]
+    assert usual == [pytest.approx(pair) for pair in ((5e-4, 2e-3), (2e-3, 8e-3), (2e-3,))]

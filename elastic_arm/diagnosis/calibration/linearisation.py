@@ -224,7 +224,8 @@ def problem_of(
         if not feature.effect.scales_friction or any(feature.scales(one) for one in friction)
     ]
     inertias = motor_inertia_scales([piece for one in observed[0] for piece in one.pieces])
-    parameters = nuisance_parameters(robot, shown, observed[0][0].rate, settings.priors, settings.refit, inertias)
+    first, turning = observed[0][0], observed[0][0].turning
+    parameters = nuisance_parameters(robot, shown, first.rate, settings.priors, settings.refit, inertias, turning)
     if layout.reads_torque_by_deflection:
         parameters = tuple(unreferenced(parameter) for parameter in parameters)
     parameters += of_each_recording(parameters, exact.numbers[1].stop, settings.priors.between_recordings)
@@ -339,7 +340,12 @@ def _nuisance(
     white = (data[0].whiten(columns[0]), data[1].whiten(columns[1]))
     limits = np.array([parameter.limit for parameter in problem.parameters])
     joints = tuple(parameter.joint for parameter in problem.parameters)
-    turned_over = problem.settings.refit.turned_over
+    # Twice the widest width: below, an extra friction is how dry friction turns over.
+    turned_over: dict[str, float] = {}
+    for parameter in problem.parameters:
+        if parameter.speeds:
+            widest = 2.0 * max(parameter.speeds)
+            turned_over[parameter.joint] = max(widest, turned_over.get(parameter.joint, 0.0))
     return NuisanceColumns(white, columns[1], -values, limits, joints, turned_over=turned_over)
 
 

@@ -205,6 +205,7 @@ def nuisance_parameters(
     priors: Priors,
     settings: RefitSettings,
     motor_inertias: Array | None = None,
+    turning: Array | None = None,
 ) -> tuple[NuisanceParameter, ...]:
     """Return the numbers of an arm and of its sensors that have a prior.
 
@@ -223,6 +224,8 @@ def nuisance_parameters(
     motor_inertias
         (n,) kg m^2, standard deviations of motor inertias that the description does not state; they have no nuisance
         parameter when None.
+    turning
+        (n,) speeds within which dry friction was found to turn over, rad/s; None where they were not looked for.
     """
     found: list[NuisanceParameter] = []
     features = tuple(features)
@@ -245,9 +248,10 @@ def nuisance_parameters(
             limit = settings.largest_scale / std if what == "stiffness" else np.inf
             error = errors.get((what, joint.name))
             found.append(NuisanceParameter(what, joint.name, unit, std, neutral, error=error, limit=limit))
+        widths = settings.presliding_speeds(0.0 if turning is None else float(turning[j]))
         found += [
             NuisanceParameter(f"{PRESLIDING}_{k}", joint.name, joint.unit("Nm"), priors.presliding, 0.0, speeds=speeds)
-            for k, speeds in enumerate(settings.presliding_speeds)
+            for k, speeds in enumerate(widths)
         ]
     for feature in features:
         chosen = _single_choices(feature)

@@ -103,7 +103,7 @@ def _that_last(
     prepared: PreparedData, hypothesis: Hypothesis, faults: Sequence[LargeImperfection]
 ) -> tuple[Hypothesis, FinalEstimates, list[LargeImperfection]]:
     """Return the causes and faults that are still there beside one another at last, with the final estimates."""
-    slowest, ratio_factor = prepared.settings.refit.turned_over, prepared.settings.search.ratio_factor
+    slowest, ratio_factor = prepared.library.nuisance.turned_over, prepared.settings.search.ratio_factor
     # A cause is one of many that were tried: what that costs in the search, it costs here.
     level = float(chi2.cdf(2.0 * prepared.settings.search.least_gain, 1))
     # What has no name is beyond ordinary all the same: held by its prior it would bend what has one.
@@ -117,7 +117,9 @@ def _that_last(
         if not lost and len(there) == len(kept):
             return hypothesis, found, kept
         faults = there
-        for k in reversed(lost):
+        # Without one of them another of the same joint may be clear: the last found, which gained least, goes first.
+        last_found = {hypothesis.selected[k].feature.joint: k for k in lost}
+        for k in sorted(last_found.values(), reverse=True):
             hypothesis = hypothesis.drop(k)
 
 

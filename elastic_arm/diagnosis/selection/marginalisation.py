@@ -7,8 +7,8 @@ hypotheses are compared as if every nuisance parameter had been integrated out.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
-from dataclasses import dataclass
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
@@ -42,7 +42,7 @@ class NuisanceColumns:
         Variance of the whitened noise: what no hypothesis explains counts as noise, so that it does not bend the
         nuisance parameters.
     turned_over
-        Speed, rad/s, below which they hold how dry friction turns over.
+        Speeds, rad/s, by joint, below which they hold how dry friction turns over.
     """
 
     white: tuple[Array, Array]
@@ -51,7 +51,7 @@ class NuisanceColumns:
     limits: Array
     joints: Sequence[str]
     noise: float = 1.0
-    turned_over: float = 0.0
+    turned_over: Mapping[str, float] = field(default_factory=dict)
 
     @staticmethod
     def none(identify: WhitenedData, validate: WhitenedData) -> NuisanceColumns:

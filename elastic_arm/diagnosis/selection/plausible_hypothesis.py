@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -37,8 +37,7 @@ def plausible(
     """
     known = {candidate.feature.key for candidate in given}
     joints = {candidate.feature.joint for candidate in selected if candidate.feature.key not in known}
-    slowest = library.nuisance.turned_over
-    if slowest and any(turns_over(candidate, slowest) for candidate in selected):
+    if any(turns_over(candidate, library.nuisance.turned_over) for candidate in selected):
         return False
     scaling = [c.feature for c in selected if c.feature.effect.scales_friction]
     if not all(any(feature.scales(other.feature) for other in selected) for feature in scaling):
@@ -79,9 +78,10 @@ def coefficient_bounds(selected: Sequence[Candidate], ratio_factor: float) -> tu
     return bounds[0], bounds[1]
 
 
-def turns_over(candidate: Candidate, below: float) -> bool:
-    """Whether an effect is friction that dies out below a speed (rad/s) at which dry friction only turns over."""
+def turns_over(candidate: Candidate, slowest: Mapping[str, float]) -> bool:
+    """Whether an effect is friction that dies out below the speed (rad/s, by joint) where dry friction turns over."""
     feature = candidate.feature
+    below = slowest.get(feature.joint or "", 0.0)
     numbers = [p for p in feature.searched for _ in range(p.size)]
     speeds = [v for p, v in zip(numbers, candidate.searched or (), strict=False) if p.unit == "rad/s"]
     return feature.effect.friction and any(0.0 < speed < below for speed in speeds)
