@@ -155,6 +155,8 @@ def prepare(recordings: Sequence[Recording], validate: Sequence[Recording], ques
     observed = _observed(parts, held_back=not validate)
     question = _with_motor_inertia(question, observed[0])
     observed = _turning_over(question, parts[0], observed)
+    currents = sorted({channel for part in parts for recording in part for channel in recording.currents})
+    settings = replace(settings, priors=settings.priors.of_currents(currents))
     nominal = build_model(question.robot, question.model)
     layout, band = common_equations([*observed[0], *observed[1]], nominal, settings.preprocessing)
     still = [joint for joint in names if all(joint in standing(r) for r in parts[0])]
@@ -184,6 +186,7 @@ def prepare(recordings: Sequence[Recording], validate: Sequence[Recording], ques
     notes = list(dict.fromkeys(note for part in observed for o in part for note in o.notes))
     notes += [*_low_passed(parts), *_certainty_notes(question), *(texts.standing_note(joint) for joint in still)]
     notes += [texts.unseen_note(unseen)] if unseen else []
+    notes += _currents_notes(currents, settings) if problem.parameters else []
     return PreparedData(
         calibration=problem,
         found=found,
@@ -234,6 +237,12 @@ def _certainty_notes(question: Question) -> list[str]:
     if question.commissioned:
         return [texts.COMMISSIONED]
     return [texts.REFITTED] if question.refit else []
+
+
+def _currents_notes(channels: Sequence[str], settings: DiagnosisSettings) -> list[str]:
+    """Return a note on torque channels that are currents."""
+    gains = ", ".join(f"{100 * settings.priors.sensors[f'{channel}_gain']:.2g} % of {channel}" for channel in channels)
+    return [f"Torques are currents times a torque constant, believed to {gains}."] if channels else []
 
 
 def _low_passed(parts: Sequence[Sequence[Recording]]) -> list[str]:

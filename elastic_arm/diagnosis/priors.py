@@ -38,6 +38,18 @@ class Priors(BaseModel):
     between_recordings: Deviation = 0.3
     presliding: Deviation = 2.0  # Nm; dry friction turns over gradually, below a speed that nobody states
     sensors: Mapping[str, Deviation] = Field(default_factory=dict)
+    torque_constant: Deviation = 0.15  # of a torque channel that is a current; of magnets, by motor and temperature
+
+    def of_currents(self, channels: Iterable[str]) -> Priors:
+        """Return those of an arm of which some torque channels are currents; what was stated of their gains stays.
+
+        Parameters
+        ----------
+        channels
+            Of "joint_torque" and "motor_torque".
+        """
+        gains = {f"{channel}_gain": self.torque_constant for channel in channels}
+        return self.model_copy(update={"sensors": {**gains, **self.sensors}})
 
     def commissioned(self) -> Priors:
         """Return those of an arm that was calibrated before: a fifth, but for sensors and what was stated."""

@@ -143,6 +143,8 @@ def read_recording(
         raise RecordingError(f"{source}: {error.problem}", error.remedy) from None
     if channels is not None and joints is not None:
         recording = recording.select(joints)
+    stated = dict.fromkeys(name for bag in bags if bag.metadata is not None for name in bag.metadata.currents)
+    recording = recording if channels is not None else replace(recording, currents=tuple(stated))
     return replace(recording, source=source, notes=(*content.damage, *recording.notes))
 
 
@@ -179,7 +181,12 @@ def _mapped_recording(content: Content, channels: ChannelMap) -> Recording:
     link, of_link = mapped_side(channels, "link", content.series)
     motor, of_motor = mapped_side(channels, "motor", content.series)
     return Recording(
-        tuple(channels.joints), link, motor, robot_description=content.robot_description, notes=(*of_link, *of_motor)
+        tuple(channels.joints),
+        link,
+        motor,
+        robot_description=content.robot_description,
+        notes=(*of_link, *of_motor),
+        currents=channels.currents(),
     )
 
 

@@ -33,6 +33,8 @@ class Recording:
         What a reader had to assume or mend.
     clock
         What stamps mean where the user knows it, "regular" or "stamps"; None where the motion decides.
+    currents
+        The torque channels, of "joint_torque" and "motor_torque", that are motor currents times a torque constant.
     """
 
     joints: tuple[str, ...]
@@ -43,6 +45,7 @@ class Recording:
     source: str = ""
     notes: tuple[str, ...] = ()
     clock: ClockMode | None = None
+    currents: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "joints", tuple(self.joints))

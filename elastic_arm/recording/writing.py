@@ -137,7 +137,7 @@ def write_recording(path: str | Path, recording: Recording, compression: Compres
         channels = [sink.add_topic(standard_topic(stream.topic)) for stream in streams]
         for chunk in _chunks(streams, channels, compression):
             sink.write(chunk)
-        finish_bag(sink)
+        finish_bag(sink, currents=recording.currents)
     finally:
         sink.close()
     return folder
@@ -149,15 +149,24 @@ def standard_topic(name: str) -> Topic:
     return Topic(name, TYPES[name], definition, type_hash, offered_qos(name))
 
 
-def finish_bag(sink: McapSink, before: Sequence[FileSummary] = ()) -> None:
-    """Close the last file of a bag and write its metadata.yaml; `before` are the files that are finished.
+def finish_bag(sink: McapSink, before: Sequence[FileSummary] = (), currents: Sequence[str] = ()) -> None:
+    """Close the last file of a bag and write its metadata.yaml.
+
+    Parameters
+    ----------
+    sink
+        Of the last file.
+    before
+        The files that are finished.
+    currents
+        The torque channels that are motor currents times a torque constant.
 
     Raises
     ------
     RecordingError
         If the disk is full or the folder cannot be written.
     """
-    information = metadata(sink.topics, [*before, sink.summary()])
+    information = metadata(sink.topics, [*before, sink.summary()], currents)
     # The same inside the file, for readers that are given it without its folder.
     inside = yaml.safe_dump(information, sort_keys=False)
     sink.add_metadata("rosbag2", {"serialized_metadata": inside, "ROS_DISTRO": "jazzy"})

@@ -9,5 +9,4 @@ done
 elastic-arm bag check run_50 || true # exit status 1: something to know
 friction="--with coulomb_friction --with viscous_friction"
 elastic-arm identify run_50 run_30 --validate run_40 --robot "$robot" $friction --out identified
-elastic-arm diagnose run_50 run_30 --validate run_40 --robot "$robot" --refit --priors "$here/priors.yaml" \
-  --out diagnosis_refit
+elastic-arm diagnose run_50 run_30 --validate run_40 --robot "$robot" --refit --out diagnosis_refit

@@ -72,3 +72,14 @@ def test_how_gradually_friction_turns_over_is_uncertain_about_where_it_was_found
     assert speeds == [pytest.approx(pair) for pair in ((0.005, 0.02), (0.02, 0.08), (0.02,))]
     usual = [p.speeds for p in found if p.joint == robot.joint_names[0] and p.speeds]
     assert usual == [pytest.approx(pair) for pair in ((5e-4, 2e-3), (2e-3, 8e-3), (2e-3,))]
+
+
+def test_gains_of_currents_are_as_uncertain_as_torque_constants(tmp_path: Path) -> None:
+    """Where a file states the gain, that counts; other sensors keep their priors."""
+    default = Priors().of_currents(["motor_torque"])
+    assert dict(default.sensors) == {"motor_torque_gain": 0.15}
+    stated = read_priors(written(tmp_path, "sensors: {motor_torque_gain: 0.05}"), ["motor_torque_gain"])
+    assert dict(stated.of_currents(["motor_torque"]).sensors) == {"motor_torque_gain": 0.05}
+    wider = read_priors(written(tmp_path, "torque_constant: 0.3"), [])
+    assert dict(wider.of_currents(["motor_torque"]).sensors) == {"motor_torque_gain": 0.3}
+    assert dict(Priors().of_currents([]).sensors) == {}

@@ -58,6 +58,8 @@ def test_npz_csv_and_mat_give_the_same_recording(tmp_path: Path) -> None:
     recording = import_arrays(tmp_path / "a.npz", mapping)
     np.testing.assert_allclose(recording.link.position, np.deg2rad(arrays["q"]))
     np.testing.assert_allclose(recording.motor.effort, arrays["i"] * [10, -20])
+    assert recording.currents == ("motor_torque",)
+    assert read_recording(write_recording(tmp_path / "stated", recording)).currents == ("motor_torque",)
     np.testing.assert_array_equal(recording.link.stamp_ns[0], 1_700_000_000_000_000_000)
     assert_equal(import_arrays(tmp_path / "a.mat", mapping), recording)
     assert_equal(import_arrays(tmp_path / "a.csv", write_yaml(tmp_path / "c.yaml", by_column)), recording)

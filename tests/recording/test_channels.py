@@ -71,6 +71,7 @@ def test_names_units_signs_and_ratios_are_applied(tmp_path: Path) -> None:
     np.testing.assert_allclose(recording.motor.velocity[0], np.array([1.0, 2.0]) * np.pi / 121)
     np.testing.assert_allclose(recording.motor.effort[0], [3 * 0.5 * 121, 2 * 0.5 * 121 * 2])
     assert recording.link.effort is None
+    assert recording.currents == ("motor_torque",)
     assert check_bag(bag, load_channels(tmp_path / "map.yaml")).ok
 
 

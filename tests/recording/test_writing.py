@@ -131,3 +131,16 @@ def test_recordings_that_cannot_be_are_refused(tmp_path: Path, rng: np.random.Ge
     with pytest.raises(RecordingError, match="position has shape"):
         Side(stamps(20), position=np.zeros((19, 3)))
     assert not any(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("stated", [7, "motor_torque nothing", ["motor_torque"], {"a": 1}])
+def test_what_a_bag_states_of_currents_is_taken_as_far_as_it_makes_sense(
+    tmp_path: Path, rng: np.random.Generator, stated: object
+) -> None:
+    """A bag's own data hold anything; names of torque channels count, and nothing else."""
+    folder = write_recording(tmp_path / "bag", two_sided(rng, 50))
+    file = folder / "metadata.yaml"
+    told = yaml.safe_load(file.read_text())
+    told["rosbag2_bagfile_information"]["custom_data"] = {"torques_from_currents": stated}
+    file.write_text(yaml.safe_dump(told))
+    assert read_recording(folder).currents == (("motor_torque",) if isinstance(stated, str) else ())

@@ -185,6 +185,12 @@ class ArrayMap(Strict):
         coupling_matrix(self.coupling, self.joints)
         return self
 
+    def currents(self) -> tuple[str, ...]:
+        """Return the torque channels, by the names of a recording, that are currents of any joint."""
+        efforts = {"joint_torque": self.link.effort, "motor_torque": self.motor.effort}
+        units = {name: own.unit for name, own in efforts.items() if own is not None}
+        return tuple(name for name, unit in units.items() if "A" in (unit if isinstance(unit, list) else [unit]))
+
 
 def load_array_map(path: str | Path) -> ArrayMap:
     """Read a mapping file (YAML).
@@ -225,7 +231,9 @@ def import_arrays(path: str | Path, mapping: str | Path) -> Recording:
     if rules.robot_description is not None:
         file = Path(mapping).parent / rules.robot_description
         urdf = read_text(file, RecordingError, f"Mend robot_description in {mapping}: a path beside that file.")
-    return Recording(tuple(rules.joints), link, motor, robot_description=urdf, source=str(path))
+    return Recording(
+        tuple(rules.joints), link, motor, robot_description=urdf, source=str(path), currents=rules.currents()
+    )
 
 
 def _of_run(arrays: dict[str, np.ndarray], rows: Rows | None) -> dict[str, np.ndarray]:

@@ -188,6 +188,14 @@ class ChannelMap(Strict):
         sides = [side for joint in self.joints.values() for side in (joint.link, joint.motor)]
         return {channel.topic for side in sides for _, channel in side.present()}
 
+    def currents(self) -> tuple[str, ...]:
+        """Return the torque channels, by the names of a recording, that are currents of any joint."""
+        efforts = {
+            "joint_torque": [joint.link.effort for joint in self.joints.values()],
+            "motor_torque": [joint.motor.effort for joint in self.joints.values()],
+        }
+        return tuple(name for name, own in efforts.items() if any(one is not None and one.unit == "A" for one in own))
+
 
 def load_channels(path: str | Path) -> ChannelMap:
     """Read a channel map (YAML).

@@ -12,7 +12,7 @@ from elastic_arm.input_files import read_fields
 from elastic_arm.recording import limits
 from elastic_arm.recording.storage.interface import BagFile
 from elastic_arm.recording.storage.mcap import open_mcap
-from elastic_arm.recording.storage.metadata import METADATA_KEY
+from elastic_arm.recording.storage.metadata import CURRENTS, METADATA_KEY, TORQUE_CHANNELS
 from elastic_arm.recording.storage.sqlite import open_sqlite
 
 METADATA = "metadata.yaml"
@@ -33,11 +33,14 @@ class BagMetadata:
         "none", "file" or "message"; may be empty.
     files
         Names in the folder, in time order.
+    currents
+        The torque channels that are motor currents times a torque constant, as its writer stated.
     """
 
     message_count: int | None
     compression_mode: str
     files: tuple[str, ...]
+    currents: tuple[str, ...] = ()
 
 
 @dataclass
@@ -141,7 +144,11 @@ def _metadata(file: Path, content: dict[str, Any]) -> tuple[BagMetadata, list[st
     # A bag is its folder: names that lead out of it are not followed.
     outside = [name for name in names if "\0" in name or Path(name).is_absolute() or ".." in Path(name).parts]
     damage += [f"{file} names {name[:60]!r}, which is not in the bag's folder" for name in outside]
-    return BagMetadata(count, str(mode or "").lower(), tuple(n for n in names if n not in outside)), damage
+    custom = content.get("custom_data")
+    stated = custom.get(CURRENTS) if isinstance(custom, dict) else None
+    currents = tuple(name for name in TORQUE_CHANNELS if isinstance(stated, str) and name in stated.split())
+    files = tuple(name for name in names if name not in outside)
+    return BagMetadata(count, str(mode or "").lower(), files, currents), damage
 
 
 def _number(file: Path) -> tuple[str, int]:

@@ -13,6 +13,8 @@ from elastic_arm.recording.topics import LATCHED, STREAM_DEPTH
 
 METADATA_KEY = "rosbag2_bagfile_information"
 VERSION = 9  # of Jazzy's rosbag2
+TORQUE_CHANNELS = ("joint_torque", "motor_torque")
+CURRENTS = "torques_from_currents"  # custom data of a bag: channels, by spaces
 _FOREVER = {"sec": 9223372036, "nsec": 854775807}
 
 
@@ -72,8 +74,18 @@ def offered_qos(topic: str) -> str:
     return yaml.safe_dump([profile], sort_keys=False)
 
 
-def metadata(topics: Sequence[Topic], files: Sequence[FileSummary]) -> dict[str, Any]:
-    """Return the content of metadata.yaml under its one key."""
+def metadata(topics: Sequence[Topic], files: Sequence[FileSummary], currents: Sequence[str] = ()) -> dict[str, Any]:
+    """Return the content of metadata.yaml under its one key.
+
+    Parameters
+    ----------
+    topics
+        Of the bag.
+    files
+        Its files, in time order.
+    currents
+        The torque channels that are motor currents times a torque constant; stated as custom data of the bag.
+    """
     filled = [file for file in files if file.messages]
     start = min((file.start_ns for file in filled), default=0)
     end = max((file.end_ns for file in filled), default=0)
@@ -99,7 +111,7 @@ def metadata(topics: Sequence[Topic], files: Sequence[FileSummary]) -> dict[str,
             }
             for file in files
         ],
-        "custom_data": None,
+        "custom_data": {CURRENTS: " ".join(currents)} if currents else None,
         "ros_distro": "jazzy",
     }
 
