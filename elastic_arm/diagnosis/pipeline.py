@@ -10,7 +10,7 @@ import numpy as np
 from elastic_arm.diagnosis import format as texts
 from elastic_arm.diagnosis.assembly import assemble
 from elastic_arm.diagnosis.calibration.calibrate import is_commissioned
-from elastic_arm.diagnosis.calibration.recalibration import recalibrated
+from elastic_arm.diagnosis.calibration.recalibration import recalibrated, recalibrated_hypothesis
 from elastic_arm.diagnosis.design.discriminating_motion import propose
 from elastic_arm.diagnosis.inference.across_recordings import agreements
 from elastic_arm.diagnosis.inference.estimated_hypothesis import EstimatedHypothesis, estimate
@@ -117,9 +117,10 @@ def _diagnosed(prepared: PreparedData) -> Diagnosis:
     beside, judgement, estimated = estimated_beyond_ordinary(prepared, hypothesis)
     there = hypothesis.only(candidate.feature.key for candidate in estimated.hypothesis.selected)
     if prepared.calibration.parameters and len(there.causes) < len(hypothesis.causes):
-        # Beside what turned out to be no cause, the model lies elsewhere.
-        prepared = recalibrated(prepared, there)
-        beside, judgement, estimated = estimated_beyond_ordinary(prepared, search(prepared))
+        # Beside what turned out to be no cause, the model lies elsewhere, and with it what is beyond ordinary.
+        prepared, there = recalibrated_hypothesis(prepared, there)
+        stepwise = StepwiseSearch(prepared.library, prepared.given, prepared.settings, prepared.sizes)
+        beside, judgement, estimated = estimated_beyond_ordinary(prepared, stepwise.with_rivals(there))
     prepared = beside
     # Laws that no catalogue states, in the place of the causes and beside them.
     laws = better_laws(prepared, estimated, colours.unlike if colours else {})

@@ -42,6 +42,24 @@ def recalibrated(
     scaled
         As of :func:`~elastic_arm.diagnosis.calibration.calibrate.calibrate`.
     """
+    return recalibrated_hypothesis(prepared, hypothesis, colours, faulty, scaled=scaled)[0]
+
+
+def recalibrated_hypothesis(
+    prepared: PreparedData,
+    hypothesis: Hypothesis,
+    colours: Sequence[Colour] | None = None,
+    faulty: Sequence[Feature] = (),
+    *,
+    scaled: bool = False,
+) -> tuple[PreparedData, Hypothesis]:
+    """Return the data as :func:`recalibrated` does, and the hypothesis there, without rivals.
+
+    Parameters
+    ----------
+    prepared, hypothesis, colours, faulty, scaled
+        As of :func:`recalibrated`.
+    """
     causes, noise = [hypothesis.selected[k] for k in hypothesis.causes], 1.0
     problem, expansion = _with_wide_priors(prepared.calibration, prepared.found.expansion, faulty)
     values, causes = filters_for_lags(problem.parameters, expansion.values, causes)
@@ -58,8 +76,9 @@ def recalibrated(
         expansion = expand(problem, expansion.values, expansion, expansion.acting)
     if problem.parameters:
         expansion, noise, causes = calibrate(problem, expansion, causes, scaled=scaled)
-    found, _ = linearise(problem, expansion, prepared.candidates, causes, noise=noise)
-    return replace(prepared, calibration=problem, found=found)
+    found, again = linearise(problem, expansion, prepared.candidates, causes, noise=noise)
+    beside = Hypothesis((*found.given, *again), len(found.given), beyond=hypothesis.beyond)
+    return replace(prepared, calibration=problem, found=found), beside
 
 
 @dataclass(frozen=True)
