@@ -118,9 +118,12 @@ def _diagnosed(prepared: PreparedData) -> Diagnosis:
     there = hypothesis.only(candidate.feature.key for candidate in estimated.hypothesis.selected)
     if prepared.calibration.parameters and len(there.causes) < len(hypothesis.causes):
         # Beside what turned out to be no cause, the model lies elsewhere, and with it what is beyond ordinary.
-        prepared, there = recalibrated_hypothesis(prepared, there)
-        stepwise = StepwiseSearch(prepared.library, prepared.given, prepared.settings, prepared.sizes)
-        beside, judgement, estimated = estimated_beyond_ordinary(prepared, stepwise.with_rivals(there))
+        again, there = recalibrated_hypothesis(prepared, there)
+        stepwise = StepwiseSearch(again.library, again.given, again.settings, again.sizes)
+        better = estimated_beyond_ordinary(again, stepwise.with_rivals(there))
+        # Where others are lost then, it is no better place.
+        if len(better[2].hypothesis.causes) >= len(there.causes):
+            beside, judgement, estimated = better
     prepared = beside
     # Laws that no catalogue states, in the place of the causes and beside them.
     laws = better_laws(prepared, estimated, colours.unlike if colours else {})
