@@ -114,17 +114,17 @@ def _diagnosed(prepared: PreparedData) -> Diagnosis:
         prepared = recalibrated(prepared, hypothesis, colours.of_sets)
         prepared, stepwise, hypothesis = _beside_faulty_sensors(prepared)
     hypothesis = stepwise.with_rivals(hypothesis)
-    beside, judgement, estimated = estimated_beyond_ordinary(prepared, hypothesis)
-    there = hypothesis.only(candidate.feature.key for candidate in estimated.hypothesis.selected)
+    found = estimated_beyond_ordinary(prepared, hypothesis)
+    there = hypothesis.only(candidate.feature.key for candidate in found[2].hypothesis.selected)
     if prepared.calibration.parameters and len(there.causes) < len(hypothesis.causes):
         # Beside what turned out to be no cause, the model lies elsewhere, and with it what is beyond ordinary.
         again, there = recalibrated_hypothesis(prepared, there)
         stepwise = StepwiseSearch(again.library, again.given, again.settings, again.sizes)
         better = estimated_beyond_ordinary(again, stepwise.with_rivals(there))
-        # Where others are lost then, it is no better place.
-        if len(better[2].hypothesis.causes) >= len(there.causes):
-            beside, judgement, estimated = better
-    prepared = beside
+        left, now = (misfit(data.library, judged.hypothesis.selected) for data, judged, _ in (found, better))
+        # Where it leaves more, it is no better place.
+        found = better if now < prepared.settings.refit.worse * left else found
+    prepared, judgement, estimated = found
     # Laws that no catalogue states, in the place of the causes and beside them.
     laws = better_laws(prepared, estimated, colours.unlike if colours else {})
     judgement = measured_beside(prepared, judgement, estimated.faults, laws.refuted(estimated.faults))
