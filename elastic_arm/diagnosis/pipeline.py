@@ -250,7 +250,9 @@ def beyond_ordinary(
         if p.is_inertial and p.cause is not None and p.cause.key in keys
     ]
     found = with_effects_beyond_ordinary(library, hypothesis, carried, sensors, numbers, prepared.settings, refused)
-    # Else a cause that nuisance parameters could hold, or a part of it, would leave no residual without it.
+    if not found.beyond:
+        return prepared, hypothesis
+    # Else a cause that nuisance parameters could hold would leave no residual without it.
     beside = replace(prepared.found, library=library.calibrated_beside(found.selected))
     return replace(prepared, found=beside), found
 
