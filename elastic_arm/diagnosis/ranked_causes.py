@@ -50,10 +50,11 @@ class RankedCause:
         if key in laws.filters:
             low_pass = laws.filters[key]
             if low_pass.odds > 1.0:
-                return replace(self, cause=_as_low_pass(cause, low_pass))
-            sure = cause.confidence / (1.0 + low_pass.odds)
-            other = _alternative(low_pass, sure, self.candidate)
-            cause = replace(cause, confidence=sure, alternatives=(*cause.alternatives, other))
+                cause = _as_low_pass(cause, low_pass)
+            else:
+                sure = cause.confidence / (1.0 + low_pass.odds)
+                other = _alternative(low_pass, sure, self.candidate)
+                cause = replace(cause, confidence=sure, alternatives=(*cause.alternatives, other))
         if key in laws.instead:
             cause = cause.less_sure(float(expit(-laws.instead[key].gain)))
         return replace(self, cause=cause)
@@ -80,7 +81,7 @@ def _as_low_pass(cause: Cause, low_pass: Rival) -> Cause:
         effect=feature.effect.id,
         parameters={feature.effect.parameters[0].name: size},
         confidence=sure,
-        alternatives=(delayed,),
+        alternatives=(*cause.alternatives, delayed),
         instance=feature.instance([], (cutoff,)),
     )
 
