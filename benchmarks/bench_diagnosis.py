@@ -18,7 +18,8 @@ import time
 import numpy as np
 
 from elastic_arm.diagnosis import Question, diagnose
-from elastic_arm.diagnosis.calibration.nuisance import nearest_robot, nuisance_parameters
+from elastic_arm.diagnosis.calibration.calibrated_robot import nearest_robot
+from elastic_arm.diagnosis.calibration.nuisance import nuisance_parameters
 from elastic_arm.diagnosis.priors import Priors
 from elastic_arm.diagnosis.settings import RefitSettings
 from elastic_arm.dynamics import build_model
