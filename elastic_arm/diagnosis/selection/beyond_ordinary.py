@@ -55,10 +55,12 @@ def with_effects_beyond_ordinary(
         return hypothesis
     hypothesis = replace(hypothesis, beyond=hypothesis.beyond | _found_beyond(library, hypothesis, settings))
     taken = {candidate.feature.key for candidate in hypothesis.selected} | refused
-    starts = [candidate for candidate in library.candidates if candidate.feature.key not in taken]
-    for feature in (*features, *sensors):
-        starts += [library.add(feature, point) for point in starting_points(feature, settings.candidates)]
+    there = {candidate.feature.key for candidate in library.candidates}
+    for feature in (feature for feature in (*features, *sensors) if feature.key not in there):
+        points = starting_points(feature, settings.candidates)
+        library.candidates.extend([library.add(feature, point) for point in points])
     library.close()
+    starts = [candidate for candidate in library.candidates if candidate.feature.key not in taken]
     free = [candidate for candidate in starts if library.held_by_nuisance(candidate) > settings.search.held]
     faults = {feature.key for feature in sensors}
     faulty: list[Candidate] = []
@@ -203,20 +205,24 @@ def _ranked(
 ) -> list[tuple[float, Candidate]]:
     """Return by how much each feature raises the likelihood of all data, nats over the misfit, the best first.
 
-    Those that raise it by less than the least are left out; of values tried each is worth that much less.
+    Those that raise it by less than the least are left out, as are those that before refinement raise it by less than
+    the search's shortlist asks for; of values tried each is worth that much less.
     """
     scale, without = misfit(library, selected), library.both(selected)
     tried = Counter(candidate.feature.key for candidate in further)
     rough = sorted(((library.both([*selected, c]) - without, c) for c in further), key=lambda pair: -pair[0])
     found: dict[Key, tuple[float, Candidate]] = {}
+    asked = least * scale
     for gain, candidate in rough:
         key = candidate.feature.key
         # Columns that span a neighbourhood to first order lack what goes with the square, as a payload's inertia.
-        weak = gain < least * scale and candidate.searched is not None
+        weak = gain < asked and candidate.searched is not None
         if weak or key in found:
             continue
         best = refine(library, [*selected, candidate], candidate, settings.refinement)
         trial = [*selected, best]
         if plausible(library, trial, settings.search.ratio_factor):
-            found[key] = ((library.both(trial) - without) / scale - float(np.log(tried[key])), best)
+            gain = library.both(trial) - without
+            asked = max(asked, settings.search.shortlist_ratio * gain)
+            found[key] = (gain / scale - float(np.log(tried[key])), best)
     return sorted((pair for pair in found.values() if pair[0] > least), key=lambda pair: -pair[0])

@@ -39,11 +39,12 @@ def build_library(
     for feature in (f for f in features if not f.effect.scales_friction):
         for point in starting_points(feature, settings):
             # What has no free parameter at all has a known size; what is only searched may be scaled while searching.
-            library.add(feature, point, fixed=feature.fixed and not feature.scalable)
+            scaled = library.add(feature, point, fixed=feature.fixed and not feature.scalable)
+            library.candidates.append(scaled)
     library.close()
     for feature in features:
         if feature.effect.scales_friction:
-            library.add(beside_friction(library, feature))
+            library.candidates.append(library.add(beside_friction(library, feature)))
     library.close()
     return library
 

@@ -116,7 +116,7 @@ class RegressorLibrary:
         return self._filled
 
     def add(self, feature: Feature, searched: tuple[float, ...] | None = (), *, fixed: bool = False) -> Candidate:
-        """Take a feature in; :meth:`close` makes it usable.
+        """Take a feature in; :meth:`close` makes it usable. It competes once it is among the candidates.
 
         Parameters
         ----------
@@ -128,9 +128,7 @@ class RegressorLibrary:
             Whether its coefficient is 1 instead of fitted.
         """
         place = self.add_columns([self.columns(which, feature, searched) for which in (0, 1)])
-        candidate = Candidate(feature, searched, place, fixed)
-        self.candidates.append(candidate)
-        return candidate
+        return Candidate(feature, searched, place, fixed)
 
     def add_columns(self, blocks: Sequence[Array]) -> slice:
         """Take in whitened columns (rows, k) of both data sets, and return where they stand."""
