@@ -24,9 +24,9 @@ from elastic_arm.diagnosis.preparation import PreparedData, as_described, prepar
 from elastic_arm.diagnosis.question import Question
 from elastic_arm.diagnosis.result import Diagnosis
 from elastic_arm.diagnosis.selection.beyond_ordinary import freed, with_effects_beyond_ordinary
-from elastic_arm.diagnosis.selection.hypothesis import Hypothesis, Key
+from elastic_arm.diagnosis.selection.hypothesis import Hypothesis, Key, misfit
 from elastic_arm.diagnosis.selection.library_building import scaling
-from elastic_arm.diagnosis.selection.stepwise import StepwiseSearch, misfit
+from elastic_arm.diagnosis.selection.stepwise import StepwiseSearch
 from elastic_arm.diagnosis.settings import SearchSettings
 from elastic_arm.effects.equations import ArmEquations
 from elastic_arm.effects.model import SensorEffect

@@ -185,7 +185,8 @@ def _of_links(prepared: PreparedData, estimated: EstimatedHypothesis, fault: Lar
     own = next(number for number in numbers if number.feature.key == fault.feature.key)
     faults = [number for number in numbers if number.feature.key in keys and number is not own]
     others = [number for number in numbers if number.feature.key not in keys]
-    return rivals_of_number(library, [*estimated.hypothesis.selected, *faults], own, others, prepared.settings)
+    beside = replace(estimated.hypothesis, selected=[*estimated.hypothesis.selected, *faults])
+    return rivals_of_number(library, beside, own, others, prepared.settings)
 
 
 def _cause(

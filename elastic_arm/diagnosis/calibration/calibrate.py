@@ -16,8 +16,8 @@ from elastic_arm.diagnosis.calibration.linearisation import (
     linearise,
 )
 from elastic_arm.diagnosis.result import Imperfection
+from elastic_arm.diagnosis.selection.hypothesis import misfit
 from elastic_arm.diagnosis.selection.regressor_library import Candidate, RegressorLibrary
-from elastic_arm.diagnosis.selection.stepwise import misfit
 from elastic_arm.diagnosis.selection.tangents import steps_along, tangents
 from elastic_arm.diagnosis.settings import DiagnosisSettings, RefitSettings
 from elastic_arm.effects.model import SensorEffect

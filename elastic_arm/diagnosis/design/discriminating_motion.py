@@ -20,8 +20,8 @@ from elastic_arm.diagnosis.design.predicted_experiment import ExperimentConditio
 from elastic_arm.diagnosis.design.proposal import PairSeparation, Proposal
 from elastic_arm.diagnosis.result import Cause
 from elastic_arm.diagnosis.selection.gram_fits import orthonormal_basis
+from elastic_arm.diagnosis.selection.hypothesis import misfit
 from elastic_arm.diagnosis.selection.regressor_library import Candidate
-from elastic_arm.diagnosis.selection.stepwise import misfit
 from elastic_arm.diagnosis.settings import DiagnosisSettings, ExperimentSettings
 from elastic_arm.dynamics import Model
 from elastic_arm.effects.parameters import Parameter

@@ -16,9 +16,9 @@ from scipy.special import expit
 from elastic_arm.diagnosis.calibration.calibrate import posterior
 from elastic_arm.diagnosis.preparation import PreparedData
 from elastic_arm.diagnosis.selection.candidates import feature_of
+from elastic_arm.diagnosis.selection.hypothesis import misfit
 from elastic_arm.diagnosis.selection.plausible_size import typical_torques
 from elastic_arm.diagnosis.selection.regressor_library import Candidate
-from elastic_arm.diagnosis.selection.stepwise import misfit
 from elastic_arm.effects.model import EffectInstance, Scope
 from elastic_arm.estimation.effect_columns import Feature
 

@@ -14,9 +14,9 @@ from elastic_arm.diagnosis.inference.faults import LargeImperfection, faults_bes
 from elastic_arm.diagnosis.inference.gap_metric import GapMeasure, gap_measure
 from elastic_arm.diagnosis.inference.lack_of_fit import LackOfFitTest
 from elastic_arm.diagnosis.preparation import PreparedData
-from elastic_arm.diagnosis.selection.hypothesis import Hypothesis, Key
+from elastic_arm.diagnosis.selection.hypothesis import Hypothesis, Key, misfit
 from elastic_arm.diagnosis.selection.regressor_library import Candidate
-from elastic_arm.diagnosis.selection.stepwise import StepwiseSearch, misfit
+from elastic_arm.diagnosis.selection.stepwise import StepwiseSearch
 from elastic_arm.effects.parameters import Role
 
 

@@ -22,9 +22,8 @@ from scipy.special import logsumexp
 from elastic_arm.diagnosis.calibration.calibrate import effective_noise
 from elastic_arm.diagnosis.laws.general_laws import GeneralLaw, general_laws
 from elastic_arm.diagnosis.selection.gram_fits import orthonormal_basis
-from elastic_arm.diagnosis.selection.hypothesis import Key
+from elastic_arm.diagnosis.selection.hypothesis import Key, misfit
 from elastic_arm.diagnosis.selection.regressor_library import Candidate, RegressorLibrary
-from elastic_arm.diagnosis.selection.stepwise import misfit
 from elastic_arm.diagnosis.settings import DiagnosisSettings
 
 Array = NDArray[np.float64]

@@ -14,11 +14,10 @@ from dataclasses import replace
 import numpy as np
 
 from elastic_arm.diagnosis.selection.candidates import starting_points
-from elastic_arm.diagnosis.selection.hypothesis import Hypothesis, Key, Rival
+from elastic_arm.diagnosis.selection.hypothesis import Hypothesis, Key, Rival, misfit
 from elastic_arm.diagnosis.selection.plausible_hypothesis import plausible
 from elastic_arm.diagnosis.selection.refine import refine
 from elastic_arm.diagnosis.selection.regressor_library import Candidate, RegressorLibrary
-from elastic_arm.diagnosis.selection.stepwise import misfit
 from elastic_arm.diagnosis.settings import DiagnosisSettings
 from elastic_arm.estimation.effect_columns import Feature
 
@@ -65,7 +64,8 @@ def with_effects_beyond_ordinary(
     faults = {feature.key for feature in sensors}
     faulty: list[Candidate] = []
     while free:
-        ranked = _ranked(library, [*hypothesis.selected, *faulty], free, settings, settings.significance.detected)
+        selected = [*hypothesis.selected, *faulty]
+        ranked = _ranked(library, selected, free, settings, settings.significance.detected, hypothesis.baseline)
         if not ranked:
             break
         first = next((pair for pair in ranked if pair[1].feature.key not in faults), None)
@@ -74,7 +74,7 @@ def with_effects_beyond_ordinary(
         if first is None or first[0] < ranked[0][0] - settings.search.exchange_gain:
             aside: Candidate | None = ranked[0][1]
         else:
-            aside = _alone(library, [*hypothesis.selected, *faulty], first, numbers, settings)
+            aside = _alone(library, selected, first, numbers, settings)
         if aside is not None:
             faulty.append(aside)
             free = [candidate for candidate in free if candidate.feature.key != aside.feature.key]
@@ -159,7 +159,7 @@ def freed(library: RegressorLibrary, number: int, prior_std: float, feature: Fea
 
 def rivals_of_number(
     library: RegressorLibrary,
-    selected: Sequence[Candidate],
+    hypothesis: Hypothesis,
     own: Candidate,
     numbers: Sequence[Candidate],
     settings: DiagnosisSettings,
@@ -170,7 +170,7 @@ def rivals_of_number(
     ----------
     library
         Of all columns, with ordinary priors of the nuisance parameters.
-    selected
+    hypothesis
         The known effects, the causes and the other faults.
     own
         The number, :func:`freed`.
@@ -179,13 +179,14 @@ def rivals_of_number(
     settings
         What nuisance parameters could hold, and the least odds.
     """
+    selected = hypothesis.selected
     taken = {candidate.feature.key for candidate in (*selected, own, *numbers)}
     alike = {confusion.effect for confusion in own.feature.effect.confusions}
     others = [c for c in library.candidates if c.feature.key not in taken and c.feature.effect.searched]
     held = [c for c in others if c.feature.effect.id in alike and library.held_by_nuisance(c) > settings.search.held]
     gain = (library.both([*selected, own]) - library.both(selected)) / misfit(library, selected)
     most = -float(np.log(settings.search.least_odds))
-    ranked = _ranked(library, selected, [*numbers, *held], settings, max(gain - most, 0.0))
+    ranked = _ranked(library, selected, [*numbers, *held], settings, max(gain - most, 0.0), hypothesis.baseline)
     # Every further number gains by chance: a nat each (Akaike 1974).
     gains = [(other - gain - (_numbers(candidate) - 1), candidate) for other, candidate in ranked]
     return [Rival(candidate, float(np.exp(min(more, most)))) for more, candidate in gains]
@@ -202,6 +203,7 @@ def _ranked(
     further: Sequence[Candidate],
     settings: DiagnosisSettings,
     least: float,
+    given: Sequence[Candidate],
 ) -> list[tuple[float, Candidate]]:
     """Return by how much each feature raises the likelihood of all data, nats over the misfit, the best first.
 
@@ -221,7 +223,7 @@ def _ranked(
             continue
         best = refine(library, [*selected, candidate], candidate, settings.refinement)
         trial = [*selected, best]
-        if plausible(library, trial, settings.search.ratio_factor):
+        if plausible(library, trial, settings.search.ratio_factor, given=given):
             gain = library.both(trial) - without
             asked = max(asked, settings.search.shortlist_ratio * gain)
             found[key] = (gain / scale - float(np.log(tried[key])), best)

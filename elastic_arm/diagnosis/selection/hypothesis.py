@@ -6,10 +6,18 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
-from elastic_arm.diagnosis.selection.regressor_library import Candidate
+import numpy as np
+
+from elastic_arm.diagnosis.selection.regressor_library import Candidate, RegressorLibrary
 
 # What distinguishes a feature: effect, joint, choices.
 Key = tuple[str, str | None, tuple[Any, ...]]
+
+
+def misfit(library: RegressorLibrary, selected: Sequence[Candidate]) -> float:
+    """Mean square of what is left, whitened, over both data sets: 1 for a complete hypothesis, more for others."""
+    left = library.squares_left(selected) / sum(e.freedom for e in library.sets)
+    return max(1.0, left) if np.isfinite(left) else np.inf
 
 
 @dataclass(frozen=True)

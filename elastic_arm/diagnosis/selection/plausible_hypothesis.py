@@ -7,10 +7,13 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from elastic_arm.diagnosis.selection.hypothesis import misfit
 from elastic_arm.diagnosis.selection.plausible_size import PlausibleSizes
 from elastic_arm.diagnosis.selection.regressor_library import Candidate, RegressorLibrary
 
 Array = NDArray[np.float64]
+
+NOTHING = 4.5  # nats that an effect gains by chance at most: three standard deviations; convention
 
 
 def plausible(
@@ -48,7 +51,16 @@ def plausible(
         if not library.nuisance.possible(values, joints):
             return False
     fitted = zip(selected, coefficients, strict=True)
-    return all(c.fixed or c.searched is None or _possible(c, beta, ratio_factor, sizes) for c, beta in fitted)
+    judged = ((c, beta) for c, beta in fitted if not c.fixed and c.searched is not None)
+    wrong = (c for c, beta in judged if not _possible(c, beta, ratio_factor, sizes))
+    # What every hypothesis holds may be nothing on this arm: then it comes out with either sign.
+    return all(c.feature.key in known and _is_nothing(library, selected, c) for c in wrong)
+
+
+def _is_nothing(library: RegressorLibrary, selected: Sequence[Candidate], which: Candidate) -> bool:
+    """Whether a hypothesis explains as much without one of its effects, to within three standard deviations."""
+    gain = library.both(selected) - library.both([other for other in selected if other is not which])
+    return gain < NOTHING * misfit(library, selected)
 
 
 def coefficient_bounds(selected: Sequence[Candidate], ratio_factor: float) -> tuple[Array, Array]:

@@ -137,6 +137,9 @@ class Rankings:
             groups.append(FurtherColumns(members, np.hstack(columns), np.repeat(self._fixed[first], widths)))
         scores, beta, errors = self._library.held_out_each(base, groups)
         low, high = coefficient_bounds(base, self._ratio_factor)
+        # Known effects may be nothing on this arm: whether they are is asked of the few sets that are looked at.
+        free = sum(len(candidate.index) for candidate in base[: self._given])
+        low[:free], high[:free] = -np.inf, np.inf
         ruled_out: NDArray[np.bool_] = np.any((beta + errors < low[:, None]) | (beta - errors > high[:, None]), axis=0)
         paid = sum(self._prices[candidate.feature.key] for candidate in base)
         return scores - paid - self._paid[choices].sum(axis=1), ruled_out

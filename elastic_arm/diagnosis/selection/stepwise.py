@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elastic_arm.diagnosis.bootstrap import block_counts
-from elastic_arm.diagnosis.selection.hypothesis import Hypothesis, Key, Rival
+from elastic_arm.diagnosis.selection.hypothesis import Hypothesis, Key, Rival, misfit
 from elastic_arm.diagnosis.selection.plausible_hypothesis import plausible
 from elastic_arm.diagnosis.selection.plausible_size import PlausibleSizes
 from elastic_arm.diagnosis.selection.ranking import Rankings
@@ -29,12 +29,6 @@ from elastic_arm.diagnosis.settings import DiagnosisSettings
 Array = NDArray[np.float64]
 
 SAME_LAW = 0.9999  # cosine of two columns: from here on they are one law, 1 % apart in shape
-
-
-def misfit(library: RegressorLibrary, selected: Sequence[Candidate]) -> float:
-    """Mean square of what is left, whitened, over both data sets: 1 for a complete hypothesis, more for others."""
-    left = library.squares_left(selected) / sum(e.freedom for e in library.sets)
-    return max(1.0, left) if np.isfinite(left) else np.inf
 
 
 def _confused(one: Candidate, other: Candidate) -> bool:

@@ -12,13 +12,13 @@ import pytest
 from numpy.typing import NDArray
 
 from elastic_arm.diagnosis.selection.gram_fits import FurtherColumns
-from elastic_arm.diagnosis.selection.hypothesis import Hypothesis, Rival
+from elastic_arm.diagnosis.selection.hypothesis import Hypothesis, Rival, misfit
 from elastic_arm.diagnosis.selection.marginalisation import NuisanceColumns
 from elastic_arm.diagnosis.selection.plausible_hypothesis import plausible
 from elastic_arm.diagnosis.selection.ranking import Rankings
 from elastic_arm.diagnosis.selection.refine import refine
 from elastic_arm.diagnosis.selection.regressor_library import Candidate, RegressorLibrary
-from elastic_arm.diagnosis.selection.stepwise import StepwiseSearch, misfit
+from elastic_arm.diagnosis.selection.stepwise import StepwiseSearch
 from elastic_arm.diagnosis.settings import DiagnosisSettings
 from elastic_arm.effects.parameters import Parameter, Role
 
@@ -68,6 +68,7 @@ def library_of(added: dict[str, float], *names: str) -> tuple[RegressorLibrary, 
     data: Any = [Whitened(seed, added) for seed in (1, 2)]
     library = RegressorLibrary(*data, SETTINGS.candidates)
     candidates = [library.add(feature(name), ()) for name in names]
+    library.candidates.extend(candidates)
     library.close()
     return library, candidates
 
@@ -108,6 +109,7 @@ def test_what_no_effect_can_have_is_left_out_of_the_ranking() -> None:
     library, _ = library_of({"one": -1.0}, "two")
     positive = Parameter("size", "1", 0.1, 10.0, neutral=0.0)
     one = library.add(feature("one", linear=(positive,)), ())
+    library.candidates.append(one)
     library.close()
     prices = {c.feature.key: 0.0 for c in library.candidates}
     rankings = Rankings(library, library.candidates[:1], prices, 0, 1.2)
@@ -148,7 +150,7 @@ def test_a_law_of_more_numbers_that_is_the_causes_own_is_no_rival() -> None:
         library, _ = library_of({"one": 0.5}, "one")
         twin = feature("twin", searched=searched, column=lambda data, _: data.columns["one"])
         twin.effect.confusions = (SimpleNamespace(effect="one"),)
-        library.add(twin, (3.0,) * len(searched))
+        library.candidates.append(library.add(twin, (3.0,) * len(searched)))
         library.close()
         settings = replace(SETTINGS, search=replace(SETTINGS.search, refinements=0))
         hypothesis = StepwiseSearch(library, (), settings).run()
@@ -159,7 +161,7 @@ def test_rivals_are_what_nearly_explains_as_much() -> None:
     """An effect with nearly the same column is a rival, one with an independent column is not."""
     library, _ = library_of({"one": 0.5}, "one", "three")
     twin = feature("twin", column=lambda data, _: data.columns["one"] + 0.05 * data.columns["two"])
-    library.add(twin, ())
+    library.candidates.append(library.add(twin, ()))
     library.close()
     hypothesis = StepwiseSearch(library, (), SETTINGS).run()
     assert len(hypothesis.selected) == 1
@@ -182,6 +184,23 @@ def test_a_friction_that_drives_is_not_plausible() -> None:
         candidate = library.add(feature("one", linear=(size,)), ())
         library.close()
         assert plausible(library, [candidate], SETTINGS.search.ratio_factor) == expected
+
+
+@pytest.mark.parametrize(("size", "possible"), [(-0.05, True), (-1.0, False)])
+def test_a_known_effect_that_is_nothing_refuses_no_cause(size: float, possible: bool) -> None:
+    """Known friction of a joint without any comes out with either sign: causes are found beside it all the same.
+
+    Clearly below zero it refuses what makes it so.
+    """
+    positive = Parameter("size", "Nm", 0.1, 10.0, neutral=0.0)
+    library, (cause,) = library_of({"one": size, "two": 2.0}, "two")
+    known = library.add(feature("one", linear=(positive,)), ())
+    library.candidates[:] = [known, cause]
+    library.close()
+    assert float(library.fit(0, [known, cause])[0]) < 0.0
+    assert plausible(library, [known, cause], SETTINGS.search.ratio_factor, given=[known]) == possible
+    found = StepwiseSearch(library, [known], SETTINGS).best()
+    assert (cause in found.selected) == possible
 
 
 def test_what_nuisance_parameters_do_at_joints_of_known_effects_refuses_no_cause() -> None:
@@ -228,6 +247,7 @@ def test_what_another_joint_lacks_is_no_alternative() -> None:
     library, _ = library_of({"one": 1.0, "two": 2.0})
     apart = {"joint": "a", "key": ("one", "a", ())}, {"joint": "b", "key": ("two", "b", ())}
     cause, other = (library.add(feature(name, **own), ()) for name, own in zip(("one", "two"), apart, strict=True))
+    library.candidates.extend((cause, other))
     library.close()
     search = StepwiseSearch(library, (), SETTINGS)
     (rivals,) = search.with_rivals(Hypothesis((cause,), 0)).rivals.values()
