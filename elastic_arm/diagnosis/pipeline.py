@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -29,7 +29,7 @@ from elastic_arm.diagnosis.selection.library_building import scaling
 from elastic_arm.diagnosis.selection.stepwise import StepwiseSearch
 from elastic_arm.diagnosis.settings import SearchSettings
 from elastic_arm.effects.equations import ArmEquations
-from elastic_arm.effects.model import SensorEffect
+from elastic_arm.effects.model import Effect, SensorEffect
 from elastic_arm.recording import Recording
 
 
@@ -53,52 +53,76 @@ def diagnose(recordings: Sequence[Recording], question: Question, validate: Sequ
         If a recording lacks a joint.
     """
     # Whitened residuals of both data sets, and the columns of every effect at every place where it can show.
-    found = _diagnosed(prepare(recordings, validate, question))
+    prepared, stepwise, hypothesis = _beside_largest_cause(prepare(recordings, validate, question))
     if question.refit:
-        return found
-    again = _commissioned(recordings, question, validate, found)
-    if again is not None:
+        return _diagnosed(prepared, stepwise, hypothesis)
+    searched = [hypothesis.selected[k].feature.effect for k in hypothesis.causes]
+    off = question.effects is None and _calibrated(searched) > question.settings.search.few_calibrated
+    again = _commissioned(recordings, question, validate) if off else None
+    if again is not None and again.verdict != "unknown" and len(again.causes) < len(searched):
         return again
+    exact = _diagnosed(prepared, stepwise, hypothesis)
+    if question.effects is None and not _is_simple(exact, question.settings.search):
+        again = again if off else _commissioned(recordings, question, validate)
+        if again is not None and _is_likelier(again, exact, question.settings.search):
+            return again
     unused = question.settings.priors.model_fields_set
-    return replace(found, notes=(*found.notes, texts.PRIORS_UNUSED)) if unused else found
+    return replace(exact, notes=(*exact.notes, texts.PRIORS_UNUSED)) if unused else exact
 
 
 def _commissioned(
-    recordings: Sequence[Recording], question: Question, validate: Sequence[Recording], exact: Diagnosis
+    recordings: Sequence[Recording], question: Question, validate: Sequence[Recording]
 ) -> Diagnosis | None:
-    """Return the diagnosis with a description that is nearly right, where that is likelier than an exact one.
-
-    Parameters
-    ----------
-    recordings, question, validate
-        As in :func:`diagnose`.
-    exact
-        The diagnosis with the description as it stands.
-    """
-    if question.effects is not None or _is_simple(exact, question.settings.search):
-        return None
-    # Many causes, or none that explains it: an exact description is less likely than one that is a little off.
+    """Return the diagnosis with a description that is nearly right; None where it is too far off for that."""
     prepared = prepare(recordings, validate, question.of_commissioned_arm())
     if not is_commissioned(prepared.calibration, prepared.found.values):
         return None
-    again = _diagnosed(prepared)
-    # Of links no cause states it where a number is further off than those of a calibrated arm.
-    of_links = all(one.ordinary for one in again.imperfections if one.what.startswith("link_"))
+    return _diagnosed(*_beside_largest_cause(prepared))
+
+
+def _is_likelier(again: Diagnosis, exact: Diagnosis, settings: SearchSettings) -> bool:
+    """Whether a description that is nearly right is likelier than an exact one, by how much each explains with what.
+
+    Parameters
+    ----------
+    again
+        The diagnosis with a description that is nearly right.
+    exact
+        The diagnosis with the description as it stands.
+    settings
+        How many numbers of an exact description may be off.
+    """
+    # A link's number that is further off than those of a calibrated arm may be a cause that is not in the catalogue;
+    # where an exact description takes many numbers that are off, those of links are, too.
+    off = _calibrated(cause.instance.effect for cause in exact.causes) > settings.few_calibrated
+    of_links = off or all(one.ordinary for one in again.imperfections if one.what.startswith("link_"))
     better = exact.verdict == "unknown" or len(again.causes) < len(exact.causes)
-    return again if of_links and again.verdict != "unknown" and better else None
+    return of_links and again.verdict != "unknown" and better
 
 
 def _is_simple(found: Diagnosis, settings: SearchSettings) -> bool:
     """Whether the arm is explained, and but for few numbers and sensors its description is exact."""
-    effects = [cause.instance.effect for cause in found.causes]
-    calibrated = sum(isinstance(effect, SensorEffect) or effect.model_parameter for effect in effects)
+    calibrated = _calibrated(cause.instance.effect for cause in found.causes)
     return found.verdict != "unknown" and calibrated <= settings.few_calibrated
 
 
-def _diagnosed(prepared: PreparedData) -> Diagnosis:
-    """Search, judge and estimate the causes of prepared data."""
-    # The set of effects with the highest log-likelihood on motion that its fit has not seen.
-    prepared, stepwise, hypothesis = _beside_largest_cause(prepared)
+def _calibrated(effects: Iterable[Effect]) -> int:
+    """How many effects are a number of the arm or of a sensor that is off."""
+    return sum(isinstance(effect, SensorEffect) or effect.model_parameter for effect in effects)
+
+
+def _diagnosed(prepared: PreparedData, stepwise: StepwiseSearch, hypothesis: Hypothesis) -> Diagnosis:
+    """Judge and estimate the causes of prepared data.
+
+    Parameters
+    ----------
+    prepared
+        Data and regressors.
+    stepwise
+        The first search of these data.
+    hypothesis
+        Its best: the set of effects with the highest log-likelihood on motion that its fit has not seen.
+    """
     if sticking_misfits(prepared, hypothesis):
         # While a joint sticks, its dry friction takes any value, which no law states.
         prepared = without_sticking_friction(prepared)
