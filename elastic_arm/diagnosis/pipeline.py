@@ -81,7 +81,7 @@ def _commissioned(
 
 
 def _is_likelier(again: Diagnosis, exact: Diagnosis, settings: SearchSettings) -> bool:
-    """Whether a description that is nearly right is likelier than an exact one, by how much each explains with what.
+    """Whether a description that is nearly right is likelier than an exact one.
 
     Parameters
     ----------
