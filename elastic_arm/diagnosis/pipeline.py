@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from elastic_arm.diagnosis import format as texts
 from elastic_arm.diagnosis.assembly import assemble
 from elastic_arm.diagnosis.calibration.calibrate import is_commissioned
-from elastic_arm.diagnosis.calibration.recalibration import recalibrated, recalibrated_hypothesis
+from elastic_arm.diagnosis.calibration.recalibration import recalibrated
 from elastic_arm.diagnosis.design.discriminating_motion import propose
 from elastic_arm.diagnosis.inference.across_recordings import agreements
 from elastic_arm.diagnosis.inference.estimated_hypothesis import EstimatedHypothesis, estimate
@@ -33,6 +33,49 @@ from elastic_arm.effects.model import Effect, SensorEffect
 from elastic_arm.recording import Recording
 
 
+@dataclass(frozen=True)
+class Searched:
+    """Data with the best hypothesis of a search.
+
+    Parameters
+    ----------
+    prepared
+        Data and regressors.
+    stepwise
+        The search.
+    hypothesis
+        Its best: the set of effects with the highest log-likelihood on motion that its fit has not seen.
+    """
+
+    prepared: PreparedData
+    stepwise: StepwiseSearch
+    hypothesis: Hypothesis
+
+
+@dataclass(frozen=True)
+class Estimated:
+    """Data with the causes that passed, and their parameters.
+
+    Parameters
+    ----------
+    prepared
+        Data and regressors.
+    judgement
+        Which causes passed.
+    estimated
+        Their parameters.
+    """
+
+    prepared: PreparedData
+    judgement: Judgement
+    estimated: EstimatedHypothesis
+
+    @property
+    def misfit(self) -> float:
+        """Mean square of what the causes that passed leave, whitened."""
+        return misfit(self.prepared.library, self.judgement.hypothesis.selected)
+
+
 def diagnose(recordings: Sequence[Recording], question: Question, validate: Sequence[Recording] = ()) -> Diagnosis:
     """Find where recordings and model differ, which effects cause it, and how far the gap shrinks with them.
 
@@ -53,15 +96,15 @@ def diagnose(recordings: Sequence[Recording], question: Question, validate: Sequ
         If a recording lacks a joint.
     """
     # Whitened residuals of both data sets, and the columns of every effect at every place where it can show.
-    prepared, stepwise, hypothesis = _beside_largest_cause(prepare(recordings, validate, question))
+    found = _beside_largest_cause(prepare(recordings, validate, question))
     if question.refit:
-        return _diagnosed(prepared, stepwise, hypothesis)
-    searched = [hypothesis.selected[k].feature.effect for k in hypothesis.causes]
-    off = question.effects is None and _calibrated(searched) > question.settings.search.few_calibrated
+        return _diagnosed(found)
+    effects = [found.hypothesis.selected[k].feature.effect for k in found.hypothesis.causes]
+    off = question.effects is None and _calibrated(effects) > question.settings.search.few_calibrated
     again = _commissioned(recordings, question, validate) if off else None
-    if again is not None and again.verdict != "unknown" and len(again.causes) < len(searched):
+    if again is not None and again.verdict != "unknown" and len(again.causes) < len(effects):
         return again
-    exact = _diagnosed(prepared, stepwise, hypothesis)
+    exact = _diagnosed(found)
     if question.effects is None and not _is_simple(exact, question.settings.search):
         again = again if off else _commissioned(recordings, question, validate)
         if again is not None and _is_likelier(again, exact, question.settings.search):
@@ -77,7 +120,7 @@ def _commissioned(
     prepared = prepare(recordings, validate, question.of_commissioned_arm())
     if not is_commissioned(prepared.calibration, prepared.found.values):
         return None
-    return _diagnosed(*_beside_largest_cause(prepared))
+    return _diagnosed(_beside_largest_cause(prepared))
 
 
 def _is_likelier(again: Diagnosis, exact: Diagnosis, settings: SearchSettings) -> bool:
@@ -111,52 +154,53 @@ def _calibrated(effects: Iterable[Effect]) -> int:
     return sum(isinstance(effect, SensorEffect) or effect.model_parameter for effect in effects)
 
 
-def _diagnosed(prepared: PreparedData, stepwise: StepwiseSearch, hypothesis: Hypothesis) -> Diagnosis:
-    """Judge and estimate the causes of prepared data.
+def _diagnosed(found: Searched) -> Diagnosis:
+    """Judge and estimate the causes of a first search."""
+    if sticking_misfits(found.prepared, found.hypothesis):
+        # While a joint sticks, its dry friction takes any value, which no law states.
+        found = best_hypothesis(without_sticking_friction(found.prepared))
+    colours = None
+    if found.prepared.calibration.parameters and found.hypothesis.causes:
+        # Where the model and its sensors lie beside these causes, the search has less to mistake for another one.
+        colours = noise_colours(found.prepared, found.hypothesis)
+        beside, _ = recalibrated(found.prepared, found.hypothesis, colours.of_sets if colours else None)
+        found = _beside_faulty_sensors(beside)
+    if colours is None and (colours := noise_colours(found.prepared, found.hypothesis)) is not None:
+        # Where what no motion explains is not white, that is the noise.
+        beside, _ = recalibrated(found.prepared, found.hypothesis, colours.of_sets)
+        found = _beside_faulty_sensors(beside)
+    causes = _estimated_once_more(found.prepared, found.stepwise.with_rivals(found.hypothesis))
+    # Laws that no catalogue states, in the place of the causes and beside them.
+    laws = better_laws(causes.prepared, causes.estimated, colours.unlike if colours else {})
+    faults = causes.estimated.faults
+    judgement = measured_beside(causes.prepared, causes.judgement, faults, laws.refuted(faults))
+    # The gap before and after, the verdict, the causes in order, and what is left.
+    return assemble(causes.prepared, judgement, causes.estimated, laws)
+
+
+def _estimated_once_more(prepared: PreparedData, hypothesis: Hypothesis) -> Estimated:
+    """Judge and estimate the causes of the search, calibrated anew where one of them turns out to be none.
 
     Parameters
     ----------
     prepared
         Data and regressors.
-    stepwise
-        The first search of these data.
     hypothesis
-        Its best: the set of effects with the highest log-likelihood on motion that its fit has not seen.
+        Of the search, with rivals.
     """
-    if sticking_misfits(prepared, hypothesis):
-        # While a joint sticks, its dry friction takes any value, which no law states.
-        prepared = without_sticking_friction(prepared)
-        stepwise, hypothesis = best_hypothesis(prepared)
-    colours = None
-    if prepared.calibration.parameters and hypothesis.causes:
-        # Where the model and its sensors lie beside these causes, the search has less to mistake for another one.
-        colours = noise_colours(prepared, hypothesis)
-        prepared = recalibrated(prepared, hypothesis, colours.of_sets if colours else None)
-        prepared, stepwise, hypothesis = _beside_faulty_sensors(prepared)
-    if colours is None and (colours := noise_colours(prepared, hypothesis)) is not None:
-        # Where what no motion explains is not white, that is the noise.
-        prepared = recalibrated(prepared, hypothesis, colours.of_sets)
-        prepared, stepwise, hypothesis = _beside_faulty_sensors(prepared)
-    hypothesis = stepwise.with_rivals(hypothesis)
     found = estimated_beyond_ordinary(prepared, hypothesis)
-    there = hypothesis.only(candidate.feature.key for candidate in found[2].hypothesis.selected)
-    if prepared.calibration.parameters and len(there.causes) < len(hypothesis.causes):
-        # Beside what turned out to be no cause, the model lies elsewhere, and with it what is beyond ordinary.
-        again, there = recalibrated_hypothesis(prepared, there)
-        stepwise = StepwiseSearch(again.library, again.given, again.settings, again.sizes)
-        better = estimated_beyond_ordinary(again, stepwise.with_rivals(there))
-        left, now = (misfit(data.library, judged.hypothesis.selected) for data, judged, _ in (found, better))
-        # Where it leaves more, it is no better place.
-        found = better if now < prepared.settings.refit.worse * left else found
-    prepared, judgement, estimated = found
-    # Laws that no catalogue states, in the place of the causes and beside them.
-    laws = better_laws(prepared, estimated, colours.unlike if colours else {})
-    judgement = measured_beside(prepared, judgement, estimated.faults, laws.refuted(estimated.faults))
-    # The gap before and after, the verdict, the causes in order, and what is left.
-    return assemble(prepared, judgement, estimated, laws)
+    there = hypothesis.only(candidate.feature.key for candidate in found.estimated.hypothesis.selected)
+    if not prepared.calibration.parameters or len(there.causes) == len(hypothesis.causes):
+        return found
+    # Beside what turned out to be no cause, the model lies elsewhere, and with it what is beyond ordinary.
+    again, there = recalibrated(prepared, there)
+    stepwise = StepwiseSearch(again.library, again.given, again.settings, again.sizes)
+    better = estimated_beyond_ordinary(again, stepwise.with_rivals(there))
+    # Where it leaves more, it is no better place.
+    return better if better.misfit < prepared.settings.refit.worse * found.misfit else found
 
 
-def _beside_largest_cause(prepared: PreparedData) -> tuple[PreparedData, StepwiseSearch, Hypothesis]:
+def _beside_largest_cause(prepared: PreparedData) -> Searched:
     """Return the search and its best hypothesis, from a calibration beside one cause where that explains far more.
 
     Calibrated without its causes, an arm with a payload as heavy as itself comes out with gains of two, about which the
@@ -168,31 +212,31 @@ def _beside_largest_cause(prepared: PreparedData) -> tuple[PreparedData, Stepwis
         sensors = _freed_sensors(described)
         start = _largest_cause(described)
         faulty = [start.selected[k].feature for k in start.causes if start.selected[k].feature.key in sensors]
-        beside = recalibrated(described, start.only(()) if faulty else start, faulty=faulty, scaled=True)
+        beside, _ = recalibrated(described, start.only(()) if faulty else start, faulty=faulty, scaled=True)
         if misfit(beside.library, _largest_cause(beside).selected) < settings.far_better * left:
             prepared = beside
-    return prepared, *best_hypothesis(prepared)
+    return best_hypothesis(prepared)
 
 
 def _largest_cause(prepared: PreparedData) -> Hypothesis:
     return StepwiseSearch(prepared.library, prepared.given, prepared.settings).largest_cause()
 
 
-def _beside_faulty_sensors(prepared: PreparedData) -> tuple[PreparedData, StepwiseSearch, Hypothesis]:
+def _beside_faulty_sensors(prepared: PreparedData) -> Searched:
     """Return the search and its best hypothesis, sensors among what competes: their priors hold those of faulty ones.
 
     A sensor that is far off would bend the model, or another effect would stand in for it, as a spring with a distant
     rest angle for an offset. Where it explains more without its prior, it hardly has one from there on.
     """
     keys = _freed_sensors(prepared)
-    stepwise, hypothesis = best_hypothesis(prepared)
-    found = [hypothesis.selected[k].feature for k in hypothesis.causes]
-    faulty = [feature for feature in found if feature.key in keys]
+    found = best_hypothesis(prepared)
+    features = [found.hypothesis.selected[k].feature for k in found.hypothesis.causes]
+    faulty = [feature for feature in features if feature.key in keys]
     if not faulty:
-        return prepared, stepwise, hypothesis
-    rest = hypothesis.only(feature.key for feature in found if feature.key not in keys)
-    prepared = recalibrated(prepared, rest, faulty=faulty)
-    return prepared, *best_hypothesis(prepared)
+        return found
+    rest = found.hypothesis.only(feature.key for feature in features if feature.key not in keys)
+    beside, _ = recalibrated(prepared, rest, faulty=faulty)
+    return best_hypothesis(beside)
 
 
 def _freed_sensors(prepared: PreparedData) -> frozenset[Key]:
@@ -206,26 +250,18 @@ def _freed_sensors(prepared: PreparedData) -> frozenset[Key]:
     return frozenset(cause.key for _, _, cause in sensors)
 
 
-def search(prepared: PreparedData) -> Hypothesis:
-    """Return the best hypothesis with what could stand in the place of each of its causes."""
-    stepwise, hypothesis = best_hypothesis(prepared)
-    return stepwise.with_rivals(hypothesis)
-
-
-def best_hypothesis(prepared: PreparedData) -> tuple[StepwiseSearch, Hypothesis]:
-    """Return the search, and its best hypothesis; that of no cause where no gap shows by size or by likelihood."""
+def best_hypothesis(prepared: PreparedData) -> Searched:
+    """Search, and return the best hypothesis; that of no cause where no gap shows by size or by likelihood."""
     library, settings = prepared.library, prepared.settings
     stepwise = StepwiseSearch(library, prepared.given, settings, prepared.sizes)
     residuals = library.validation_residuals(prepared.given)
     by_size = select_band(statistics_in_bands(prepared.validation, residuals, settings), settings.significance)
     if by_size is None and stepwise.strongest() <= settings.significance.detected:
-        return stepwise, Hypothesis(prepared.given, len(prepared.given))
-    return stepwise, stepwise.best()
+        return Searched(prepared, stepwise, Hypothesis(prepared.given, len(prepared.given)))
+    return Searched(prepared, stepwise, stepwise.best())
 
 
-def estimated_beyond_ordinary(
-    prepared: PreparedData, hypothesis: Hypothesis
-) -> tuple[PreparedData, Judgement, EstimatedHypothesis]:
+def estimated_beyond_ordinary(prepared: PreparedData, hypothesis: Hypothesis) -> Estimated:
     """Judge and estimate the causes of the search, and those that keep the model's numbers ordinary."""
     refused: frozenset[Key] = frozenset()
     while True:
@@ -238,7 +274,7 @@ def estimated_beyond_ordinary(
         left = {candidate.feature.key for candidate in estimated.hypothesis.selected}
         lost = [c.feature.key for c in extended.selected if c.feature.key in extended.beyond - left]
         if not lost or len(left) >= len(extended.selected):
-            return beside, judgement, estimated
+            return Estimated(beside, judgement, estimated)
         # What is no cause is in the model's numbers. The last one found gained least.
         refused |= {lost[-1]}
         prepared = replace(beside, found=replace(beside.found, library=beside.library.calibrated_beside(())))

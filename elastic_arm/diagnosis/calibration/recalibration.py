@@ -26,39 +26,23 @@ def recalibrated(
     faulty: Sequence[Feature] = (),
     *,
     scaled: bool = False,
-) -> PreparedData:
+) -> tuple[PreparedData, Hypothesis]:
     """Return the data where the model and its sensors lie most probably beside the causes of a hypothesis.
+
+    Beside it that hypothesis there, without rivals. Its causes are among the candidates as they were found.
 
     Parameters
     ----------
     prepared
         Data and regressors.
     hypothesis
-        Its causes are among the candidates as they were found.
+        The known effects and the causes.
     colours
         Of the torque sensors' noise on identification and validation data; as it was where None.
     faulty
         Nuisance parameters beyond ordinary.
     scaled
         As of :func:`~elastic_arm.diagnosis.calibration.calibrate.calibrate`.
-    """
-    return recalibrated_hypothesis(prepared, hypothesis, colours, faulty, scaled=scaled)[0]
-
-
-def recalibrated_hypothesis(
-    prepared: PreparedData,
-    hypothesis: Hypothesis,
-    colours: Sequence[Colour] | None = None,
-    faulty: Sequence[Feature] = (),
-    *,
-    scaled: bool = False,
-) -> tuple[PreparedData, Hypothesis]:
-    """Return the data as :func:`recalibrated` does, and the hypothesis there, without rivals.
-
-    Parameters
-    ----------
-    prepared, hypothesis, colours, faulty, scaled
-        As of :func:`recalibrated`.
     """
     causes, noise = [hypothesis.selected[k] for k in hypothesis.causes], 1.0
     problem, expansion = _with_wide_priors(prepared.calibration, prepared.found.expansion, faulty)
