@@ -52,7 +52,10 @@ def calibrate(
     """
     settings = problem.settings
     best = _fitted(problem, start, extra, scaled=scaled)
-    if scaled or (problem.scales_friction and not start.acting):
+    # What acted in another calibration, beside a cause that is not there now, acts no more.
+    own = {effect.feature.key for effect in best.acting}
+    foreign = any(effect.feature.key not in own for effect in start.acting)
+    if scaled or foreign or (problem.scales_friction and not start.acting):
         best = _fitted(problem, expand(problem, start.values, start, best.acting), extra, scaled=scaled)
     least = best
     for _ in range(settings.refit.steps):

@@ -8,7 +8,7 @@ effect is a cause where the likelihood of all data, priors included, gains by it
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -54,13 +54,7 @@ def with_effects_beyond_ordinary(
         return hypothesis
     hypothesis = replace(hypothesis, beyond=hypothesis.beyond | _found_beyond(library, hypothesis, settings))
     taken = {candidate.feature.key for candidate in hypothesis.selected} | refused
-    there = {candidate.feature.key for candidate in library.candidates}
-    for feature in (feature for feature in (*features, *sensors) if feature.key not in there):
-        points = starting_points(feature, settings.candidates)
-        library.candidates.extend([library.add(feature, point) for point in points])
-    library.close()
-    starts = [candidate for candidate in library.candidates if candidate.feature.key not in taken]
-    free = [candidate for candidate in starts if library.held_by_nuisance(candidate) > settings.search.held]
+    free = _held(library, [*features, *sensors], taken, settings)
     faults = {feature.key for feature in sensors}
     faulty: list[Candidate] = []
     while free:
@@ -94,6 +88,19 @@ def with_effects_beyond_ordinary(
         )
         free = [candidate for candidate in free if candidate.feature.key != best.feature.key]
     return hypothesis
+
+
+def _held(
+    library: RegressorLibrary, features: Sequence[Feature], taken: Collection[Key], settings: DiagnosisSettings
+) -> list[Candidate]:
+    """Return what nuisance parameters could hold of the candidates and of further features, but for what is taken."""
+    there = {candidate.feature.key for candidate in library.candidates}
+    for feature in (feature for feature in features if feature.key not in there):
+        points = starting_points(feature, settings.candidates)
+        library.candidates.extend([library.add(feature, point) for point in points])
+    library.close()
+    starts = [candidate for candidate in library.candidates if candidate.feature.key not in taken]
+    return [candidate for candidate in starts if library.held_by_nuisance(candidate) > settings.search.held]
 
 
 def _alone(
