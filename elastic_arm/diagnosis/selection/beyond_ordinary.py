@@ -214,8 +214,8 @@ def _ranked(
 ) -> list[tuple[float, Candidate]]:
     """Return by how much each feature raises the likelihood of all data, nats over the misfit, the best first.
 
-    Those that raise it by less than the least are left out, as are those that before refinement raise it by less than
-    the search's shortlist asks for; of values tried each is worth that much less.
+    Those that raise it by less than the least are left out, and those that before refinement raise it by less than a
+    share of the best (`shortlist_ratio`); of values tried each is worth that much less.
     """
     scale, without = misfit(library, selected), library.both(selected)
     tried = Counter(candidate.feature.key for candidate in further)
