@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from elastic_arm.diagnosis import format as texts
 from elastic_arm.diagnosis.context import DiagnosisContext
 from elastic_arm.diagnosis.inference.estimated_hypothesis import EstimatedHypothesis
-from elastic_arm.diagnosis.inference.estimates import ParameterEstimate
+from elastic_arm.diagnosis.inference.estimates import Agreement, ParameterEstimate
 from elastic_arm.diagnosis.inference.excess import ResidualStatistics, residual_statistics
 from elastic_arm.diagnosis.inference.faults import with_faults
 from elastic_arm.diagnosis.inference.gap_metric import GapMeasure
@@ -28,6 +28,7 @@ from elastic_arm.diagnosis.result import (
     UnexplainedResidual,
     plain_parameters,
 )
+from elastic_arm.diagnosis.selection.hypothesis import Key
 from elastic_arm.diagnosis.selection.regressor_library import Candidate
 from elastic_arm.diagnosis.settings import JudgementSettings
 
@@ -308,6 +309,8 @@ def _context(
         regimes=tuple(shares(prepared.validation, before, row, ratios[row], regimes) for row in rows),
         library=library,
         seen=prepared.observed,
+        faults=_agreements_of_faults(estimated),
+        late=prepared.found.expansion.late,
         held_back=prepared.calibration.held_back,
         given=tuple(hypothesis.baseline),
         known=estimated.instances[: hypothesis.given],
@@ -315,3 +318,10 @@ def _context(
         rivals=tuple(r.rivals for r in ranked),
         settings=prepared.settings,
     )
+
+
+def _agreements_of_faults(estimated: EstimatedHypothesis) -> dict[Key, Agreement]:
+    """Return how the faults came out in each recording, by key; nothing of a single recording."""
+    final = estimated.final
+    compared = () if final is None else ((fault.feature.key, final.agreement(fault)) for fault in estimated.faults)
+    return {key: one for key, one in compared if one is not None}

@@ -14,8 +14,8 @@ import numpy as np
 
 from elastic_arm.diagnosis.context import DiagnosisContext
 from elastic_arm.diagnosis.format import estimates_text
-from elastic_arm.diagnosis.inference.across_recordings import Agreement, RecordingEstimate, compared, refitted
-from elastic_arm.diagnosis.inference.estimates import differs
+from elastic_arm.diagnosis.inference.across_recordings import compared, refitted
+from elastic_arm.diagnosis.inference.estimates import Agreement, RecordingEstimate, differs
 from elastic_arm.diagnosis.pipeline import diagnose
 from elastic_arm.diagnosis.question import Question
 from elastic_arm.diagnosis.result import Diagnosis
@@ -138,7 +138,7 @@ def compared_effects(real: Diagnosis, simulated: Diagnosis) -> tuple[ComparedEff
     everything = [*a.given, *effects]
     sizes = [refitted(context, _all(context), everything)[len(a.given) :] for context in (a, b)]
     return tuple(
-        ComparedEffect(compared(candidate, pair, a.settings.agreement), _where(candidate, pair, a))
+        ComparedEffect(compared(candidate.feature, pair, a.settings.agreement), _where(candidate, pair, a))
         for candidate, *pair in zip(effects, *sizes, strict=True)
     )
 

@@ -2,17 +2,23 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
+from elastic_arm.diagnosis.selection.hypothesis import Key
 from elastic_arm.diagnosis.selection.regressor_library import Candidate, RegressorLibrary
 from elastic_arm.diagnosis.settings import DiagnosisSettings
 from elastic_arm.dynamics import Model
 from elastic_arm.effects import EffectInstance
 from elastic_arm.estimation.observation import Observation
 from elastic_arm.estimation.whitening import WhitenedData
+
+if TYPE_CHECKING:
+    from elastic_arm.diagnosis.inference.estimates import Agreement
 
 Array = NDArray[np.float64]
 
@@ -41,6 +47,10 @@ class DiagnosisContext:
         The columns of all effects on both data sets.
     seen
         The observed recordings that causes were fitted on, and those that judged, or the last third of each.
+    faults
+        Nuisance parameters that are causes, recording by recording; nothing of a single recording.
+    late
+        By how much channels of these were moved back, (n,) s; their torques are without the gains that they state.
     held_back
         Whether the last third of each recording judged.
     given, known
@@ -63,6 +73,8 @@ class DiagnosisContext:
     regimes: tuple[dict[str, float], ...]
     library: RegressorLibrary
     seen: tuple[tuple[Observation, ...], tuple[Observation, ...]]
+    faults: Mapping[Key, Agreement]
+    late: Mapping[str, Array]
     held_back: bool
     given: tuple[Candidate, ...]
     known: tuple[EffectInstance, ...]

@@ -14,13 +14,14 @@ def repaired_robot(robot: Robot, diagnosis: Diagnosis) -> Robot:
 
     Where the model was refitted, its numbers are the refitted ones; else those of the description.
 
-    A number beyond ordinary, a cause of its own, is among the refitted ones. What a model variant has is left out: take
-    that variant. Known are those of the arm file and of the user, at the sizes that were fitted or, where no recorded
-    equation shows them, as stated, and what is ordinary, such as lags of a sample.
+    A number beyond ordinary, a cause of its own, is among the refitted ones. What only stands in for something else is
+    left out, and what a model variant has: take that variant. Known are those of the arm file and of the user, at the
+    sizes that were fitted or, where no recorded equation shows them, as stated, and what is ordinary, such as lags of a
+    sample.
     """
     context = diagnosis.context
     known = robot.effects if context is None else [i.to_dict() for i in (*context.known, *context.unseen)]
-    causes = [c.instance for c in diagnosis.causes if not c.refitted]
+    causes = [c.instance for c in diagnosis.causes if c.acts]
     found = [instance.to_dict() for instance in causes if instance.effect.lacked_by == MODELS]
     numbers = robot if context is None else context.fitted.robot
     return numbers.with_(effects=(*known, *found))

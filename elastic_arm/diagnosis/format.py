@@ -10,8 +10,7 @@ from elastic_arm.formatting import rounded
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
-    from elastic_arm.diagnosis.inference.across_recordings import Agreement
-    from elastic_arm.diagnosis.inference.estimates import ParameterEstimate
+    from elastic_arm.diagnosis.inference.estimates import Agreement, ParameterEstimate
     from elastic_arm.diagnosis.inference.prediction import Prediction
     from elastic_arm.diagnosis.laws.general_laws import GeneralLaw
     from elastic_arm.diagnosis.result import Alternative, Cause, Diagnosis, Imperfection
@@ -27,7 +26,6 @@ DOUBT = 0.001  # that stays with every confidence and every alternative
 _SAME_EFFECT = "motion in which these joints move one at a time"
 _FAINT = "all equations together show it, on motion that no fit has seen"
 _OTHERWISE = "motion that covers more of the joint's range, speeds and loads, slowly and fast"
-
 
 REFITTED = (
     "The description's numbers and the sensors' gains, offsets and lags were determined from the recording together "
@@ -123,6 +121,20 @@ def refuted_note(effect: str, joint: str | None, place: str, law: GeneralLaw, ga
     )
 
 
+def differing_note(agreement: Agreement) -> str:
+    """Return the note on what is no cause, as each recording has another size of it."""
+    sizes = ", ".join(_size(e.value, e.std) for finding in agreement.findings for e in finding.parameters.values())
+    return f"{effect_at(agreement.effect, agreement.joint)} differs between the recordings ({sizes}): it is no cause."
+
+
+def crude_note(feature: Feature) -> str:
+    """Return the note on a number beyond ordinary of a description that is likelier to be off everywhere."""
+    return (
+        f"{_of_place(feature)} is no cause: likelier, the whole description is further off than is ordinary. "
+        "Wider --priors of the arm's numbers state it."
+    )
+
+
 def unlike_noise_note(joint: str, side: str, power: float) -> str:
     """Return the note on a residual that neither an effect nor the sensors' noise explains.
 
@@ -211,8 +223,7 @@ def effect_at(effect: str, joint: str | None) -> str:
 
 
 def _listed(names: list[str], more: int) -> str:
-    if more > 0:
-        names = [*names, f"{more} more"]
+    names = [*names, f"{more} more"] if more > 0 else names
     return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}"
 
 
@@ -222,15 +233,7 @@ def estimates_text(parameters: Mapping[str, ParameterEstimate], between: str = "
 
 
 def cause_size(cause: Cause, between: str = ", ") -> str:
-    """Return a cause's parameters, and the channels it acts in, as text.
-
-    Parameters
-    ----------
-    cause
-        The cause.
-    between
-        What separates them.
-    """
+    """Return a cause's parameters, and the channels it acts in, as text, with `between` between them."""
     chosen = [cause.instance.parameters[c.name] for c in cause.instance.effect.choices if c.several]
     parts = [estimates_text(cause.parameters, between), *(_chosen(value) for value in chosen)]
     return between.join(part for part in parts if part) or "no free size"
@@ -321,10 +324,8 @@ def share_at(found: Diagnosis, joint: str, side: str) -> str:
         Which residual.
     """
     share = found.shrink_by_place.get((joint, side))
-    if share is None:
-        return "no clear gap"
-    if not found.causes:
-        return "gap"
+    if share is None or not found.causes:
+        return "no clear gap" if share is None else "gap"
     return "larger" if percent(share).startswith("-") else f"{percent(share)} gone"
 
 
@@ -380,9 +381,8 @@ def agreement_text(agreement: Agreement) -> str:
 
 def log_likelihood_text(value: float) -> str:
     """Return a log-likelihood with two digits; differences below a tenth are none."""
-    if value < 0.1:
-        return "0"
-    return f"{value:.2g}" if value < 100 else f"{float(f'{value:.2g}'):,.0f}".replace(",", "\u202f")
+    large = f"{float(f'{value:.2g}'):,.0f}".replace(",", "\u202f")
+    return "0" if value < 0.1 else f"{value:.2g}" if value < 100 else large
 
 
 def imperfection_notes(imperfections: Sequence[Imperfection]) -> list[str]:

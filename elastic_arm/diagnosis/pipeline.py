@@ -337,11 +337,11 @@ def follow_up(found: Diagnosis, *, rng: np.random.Generator | None) -> Diagnosis
     for one in compared:
         if one.comparable:
             differ[one.effect, one.joint] = max(one.odds, differ.get((one.effect, one.joint), 0.0))
-    sure = [1.0 / (1.0 + differ.get((cause.effect, cause.joint), 0.0)) for cause in found.causes]
+    causes = [cause.against(differ.get((cause.effect, cause.joint), 0.0)) for cause in found.causes]
     return replace(
         found,
-        causes=tuple(c.less_sure(s).with_separating_file(decided) for c, s in zip(found.causes, sure, strict=True)),
-        prediction=predict(found.context, [cause.instance for cause in found.causes if not cause.refitted]),
+        causes=tuple(cause.with_separating_file(decided) for cause in causes),
+        prediction=predict(found.context, [cause.instance for cause in causes if cause.acts]),
         agreements=compared,
         proposal=proposal,
     )

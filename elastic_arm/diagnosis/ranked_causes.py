@@ -7,7 +7,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import expit
 
 from elastic_arm.diagnosis import format as texts
 from elastic_arm.diagnosis.inference.estimated_hypothesis import EstimatedHypothesis
@@ -23,6 +22,8 @@ from elastic_arm.diagnosis.selection.regressor_library import Candidate
 from elastic_arm.estimation.effect_columns import Feature
 
 Array = NDArray[np.float64]
+
+MOST_NATS = 700.0  # of which the exponential is a number
 
 
 @dataclass(frozen=True)
@@ -56,7 +57,7 @@ class RankedCause:
                 other = _alternative(low_pass, sure, self.candidate)
                 cause = replace(cause, confidence=sure, alternatives=(*cause.alternatives, other))
         if key in laws.instead:
-            cause = cause.less_sure(float(expit(-laws.instead[key].gain)))
+            cause = cause.against(float(np.exp(min(laws.instead[key].gain, MOST_NATS))))
         return replace(self, cause=cause)
 
 

@@ -18,7 +18,7 @@ from elastic_arm.formatting import JointUnits
 if TYPE_CHECKING:
     from elastic_arm.diagnosis.context import DiagnosisContext
     from elastic_arm.diagnosis.design.proposal import Proposal
-    from elastic_arm.diagnosis.inference.across_recordings import Agreement
+    from elastic_arm.diagnosis.inference.estimates import Agreement
     from elastic_arm.diagnosis.inference.prediction import Prediction
     from elastic_arm.effects.model import EffectInstance
 
@@ -71,6 +71,9 @@ class Cause:
         Whether it is a term of friction that takes less off the gap than a cause by itself must.
     refitted
         Whether it is a number of the arm beyond ordinary: the refitted numbers hold it.
+    stands_in
+        Whether something else is likelier than not in its place: a law that no catalogue states, or one that has
+        another size in every recording.
     """
 
     effect: str
@@ -84,6 +87,16 @@ class Cause:
     instance: EffectInstance
     minor: bool = False
     refitted: bool = False
+    stands_in: bool = False
+
+    @property
+    def acts(self) -> bool:
+        """Whether it is added to the arm beside the numbers: in the prediction, and in `robot.yaml`."""
+        return not (self.refitted or self.stands_in)
+
+    def against(self, odds: float) -> Cause:
+        """Return it where something else has these odds to be there in its place."""
+        return replace(self.less_sure(1.0 / (1.0 + odds)), stands_in=self.stands_in or odds > 1.0)
 
     def less_sure(self, share: float) -> Cause:
         """Return it with its own and its alternatives' confidence reduced to a share.

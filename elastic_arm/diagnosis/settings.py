@@ -73,6 +73,8 @@ class RefitSettings:
     # Share of a nuisance parameter's information that has to come from the recording for it to be judged without its
     # prior: of less, the linearisation's own error is the larger part; convention.
     least_known: float = 0.01
+    # Factors by which a whole description may be further off than ordinary ones, where one number of it is; convention.
+    crude: tuple[float, ...] = (2.0, 4.0, 8.0)
     certain: float = 3.0  # standard deviations by which a sensor is beyond ordinary, and differs from nothing
     fault_width: float = 30.0  # of a faulty sensor's prior over an ordinary one's: hardly any prior; convention
     alike: float = 0.1  # relative difference of joints up to which a sensor's fault is common to all; convention
@@ -199,6 +201,9 @@ class RegimeSettings:
 class GeneralLawSettings:
     """Laws that no catalogue states, with which those of the causes are compared."""
 
+    # Share of what a cause is worth, in nats, by which a law in its place has to be likelier: those of a real arm's dry
+    # friction are by 0.1 to 1.2 %, those of effects that no catalogue has by 7 % and more.
+    better: float = 0.02
     # Numbers of cubic splines. Conventions: each has its price, so that too many cost a few nats and no truth.
     speeds: int = 10  # over the root of a speed
     times: int = 12  # over the recording

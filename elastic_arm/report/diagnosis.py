@@ -25,7 +25,7 @@ from elastic_arm.diagnosis.format import (
     sides_text,
     verdict_sentence,
 )
-from elastic_arm.diagnosis.inference.across_recordings import Agreement
+from elastic_arm.diagnosis.inference.estimates import Agreement
 from elastic_arm.diagnosis.result import SEPARATING, Cause, Diagnosis, Imperfection
 from elastic_arm.diagnosis.settings import DiagnosisSettings
 from elastic_arm.estimation.equations import SIDES

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -10,16 +11,11 @@ import pytest
 from elastic_arm.diagnosis import Question, diagnose, follow_up
 from elastic_arm.diagnosis.format import agreement_text
 from elastic_arm.diagnosis.inference import across_recordings
-from elastic_arm.diagnosis.inference.across_recordings import (
-    Agreement,
-    RecordingEstimate,
-    compared,
-    odds_of_different_sizes,
-)
-from elastic_arm.diagnosis.inference.estimates import ParameterEstimate
+from elastic_arm.diagnosis.inference.across_recordings import compared, odds_of_different_sizes
+from elastic_arm.diagnosis.inference.estimates import Agreement, ParameterEstimate, RecordingEstimate
 from elastic_arm.diagnosis.result import Diagnosis
 from elastic_arm.diagnosis.selection.candidates import feature_of
-from elastic_arm.diagnosis.settings import AgreementSettings
+from elastic_arm.diagnosis.settings import AgreementSettings, DiagnosisSettings, RefitSettings
 from elastic_arm.effects import EFFECTS, parse
 from elastic_arm.effects.equations import ArmEquations
 from elastic_arm.recording import Recording
@@ -143,8 +139,50 @@ def test_with_refit_laws_take_the_torques_that_the_model_predicts(monkeypatch: p
     assert given == {"predicted": True, "sticking_removed": True, "acting": ("drag",)}
 
 
+def softened(*stiffness: float, comparable: float = AgreementSettings.comparable) -> Diagnosis:
+    """Diagnose recordings of an arm whose description is uncertain, each with another stiffness of joint 2."""
+    kinds = [*motions(), motions()[1].scaled(0.8)]
+    runs = [
+        replace(record(motion, f"stiffness_mismatch:joint_2:stiffness={ratio}", seed=k), source=f"run_{k}")
+        for k, (motion, ratio) in enumerate(zip(kinds, stiffness, strict=True))
+    ]
+    # That the whole description is off would explain sizes that differ as well.
+    refit = RefitSettings(crude=(0.01,))
+    settings = DiagnosisSettings(agreement=AgreementSettings(comparable=comparable), refit=refit)
+    question = Question(ROBOT, refit=True, effects=(), settings=settings)
+    return follow_up(diagnose(runs[:2], question, runs[2:]), rng=None)
+
+
+def test_a_number_of_the_arm_is_compared_over_recordings_beside_all_others() -> None:
+    """Half the stiffness in every recording is a cause, of that size in each of them."""
+    found = softened(0.5, 0.5, 0.5)
+    assert [(cause.effect, cause.joint) for cause in found.causes] == [("stiffness_mismatch", "joint_2")]
+    assert found.causes[0].confidence > 0.9
+    (agreement,) = found.agreements
+    assert agreement.agrees and [finding.source for finding in agreement.findings] == ["run_0", "run_1", "run_2"]
+    sizes = [finding.parameters["stiffness"].value for finding in agreement.findings]
+    assert sizes == pytest.approx([0.5, 0.5, 0.5], rel=0.02)
+
+
+def test_a_number_that_differs_between_recordings_is_less_sure() -> None:
+    """A drive has one stiffness: what seems another one in one of three recordings is hardly its stiffness."""
+    found = softened(0.4, 0.4, 1.0)
+    (agreement,), (cause,) = found.agreements, found.causes
+    assert not agreement.agrees and cause.confidence < 0.5
+    *alike, other = (finding.parameters["stiffness"].value for finding in agreement.findings)
+    assert alike == pytest.approx([0.4, 0.4], rel=0.05) and other > 0.6
+
+
+def test_a_number_that_probably_differs_is_no_cause() -> None:
+    """Where different sizes are likelier than one, a note states them, and the number stays an imperfection."""
+    found = softened(0.4, 0.4, 1.0, comparable=0.1)
+    assert not found.causes and found.verdict == "unknown"
+    assert any("stiffness_mismatch on joint_2 differs between the recordings" in note for note in found.notes)
+    assert any((one.what, one.joint, one.ordinary) == ("stiffness", "joint_2", False) for one in found.imperfections)
+
+
 def _agreement(torques: list[float], std: float) -> Agreement:
     """Compare dry friction of these sizes, one a recording."""
     feature = feature_of(parse(friction(6), ROBOT), ArmEquations(ROBOT, "mod3"))
     found = [RecordingEstimate("run", {"torque": ParameterEstimate(value, std, "Nm")}, 50.0) for value in torques]
-    return compared(SimpleNamespace(feature=feature), found, AgreementSettings())
+    return compared(feature, found, AgreementSettings())

@@ -73,6 +73,19 @@ def test_adding_the_effect_brings_the_prediction_back(effect: str, clean: Predic
         assert worst(found.after, k) < 2.0 * worst(clean.before, k)
 
 
+def test_a_lag_that_the_calibration_took_out_is_taken_out_once() -> None:
+    """With `--refit` late channels were moved back: with the lag as a cause the arm is predicted as a clean one."""
+    late = "time_delay:joint_2:delay=0.004,channels=link_encoder"
+    runs = [record(motion, late, seed=k) for k, motion in enumerate(motions())]
+    found = diagnose([runs[0]], Question(ROBOT, refit=True), [runs[1]])
+    (lag,) = [cause for cause in found.causes if cause.effect == "time_delay"]
+    assert found.context is not None
+    prediction = predict(found.context, [lag.instance])
+    assert prediction.before is not None and prediction.after is not None
+    place = "joint_2", "link"
+    assert prediction.after[place][0] < 0.1 * prediction.before[place][0]
+
+
 def test_half_the_friction_leaves_about_half_the_error() -> None:
     """The prediction error measures what is missing: a cause found half as large mends half."""
     found = predicted("coulomb_friction:joint_2:torque=10", known=("coulomb_friction:joint_2:torque=5",))

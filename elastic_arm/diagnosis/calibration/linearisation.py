@@ -93,11 +93,15 @@ class CalibrationProblem:
         first, second = (len(part) for part in self.observed)
         return range(first), range(second) if self.held_back else range(first, first + second)
 
+    @property
+    def sources(self) -> dict[int, str]:
+        """The recordings, by number."""
+        parts = zip(self.numbers, self.observed, strict=True)
+        return {k: one.source for numbers, part in parts for k, one in zip(numbers, part, strict=True)}
+
     def source(self, parameter: NuisanceParameter) -> str | None:
         """Return the recording in which alone a nuisance parameter acts; None where it acts in all."""
-        parts = zip(self.numbers, self.observed, strict=True)
-        sources = {k: one.source for numbers, part in parts for k, one in zip(numbers, part, strict=True)}
-        return None if parameter.recording is None else sources[parameter.recording]
+        return None if parameter.recording is None else self.sources[parameter.recording]
 
     @cached_property
     def features(self) -> tuple[Feature, ...]:

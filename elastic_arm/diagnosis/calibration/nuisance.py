@@ -166,6 +166,11 @@ class NuisanceParameter:
         return self.feature is None and self.what.startswith(("link_", "rotor_", "spline_"))
 
     @property
+    def is_described(self) -> bool:
+        """Whether it is a number of the arm that the description states: not a motor inertia that it leaves out."""
+        return self.feature is None and self.is_number and not (self.what == "rotor_inertia" and self.neutral == 0.0)
+
+    @property
     def is_sensor(self) -> bool:
         """Whether it is the error of a sensor's reading: a gain, an offset, a zero."""
         return self.feature is not None and isinstance(self.feature.effect, SensorEffect) and not self.is_lag

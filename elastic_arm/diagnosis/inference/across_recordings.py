@@ -6,9 +6,7 @@ in for something else, or the arm itself has changed.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from typing import Any
+from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,11 +14,12 @@ from scipy.special import logsumexp
 from scipy.stats import chi2
 
 from elastic_arm.diagnosis.context import DiagnosisContext
-from elastic_arm.diagnosis.inference.estimates import ParameterEstimate, estimates, polish
+from elastic_arm.diagnosis.inference.estimates import Agreement, RecordingEstimate, estimates, polish
 from elastic_arm.diagnosis.selection.regressor_library import Candidate, RegressorLibrary
 from elastic_arm.diagnosis.settings import AgreementSettings
 from elastic_arm.effects.model import Effect
 from elastic_arm.effects.parameters import Parameter, Role
+from elastic_arm.estimation.effect_columns import Feature
 from elastic_arm.estimation.observation import Observation
 from elastic_arm.estimation.whitening import WhitenedData
 
@@ -29,86 +28,10 @@ Array = NDArray[np.float64]
 SCATTERS, MOST_SCATTER = 30, 3.0
 
 
-@dataclass(frozen=True)
-class RecordingEstimate:
-    """A cause in one recording.
-
-    Parameters
-    ----------
-    source
-        The recording.
-    parameters
-        Refitted there, with standard deviations.
-    gain
-        Log-likelihood that the cause gains there beside the others.
-    """
-
-    source: str
-    parameters: Mapping[str, ParameterEstimate]
-    gain: float
-
-
-@dataclass(frozen=True)
-class Agreement:
-    """A cause over several recordings.
-
-    Parameters
-    ----------
-    effect, joint
-        The cause.
-    findings
-        One a recording.
-    chi_square, freedom, probability
-        Of the parameter that agrees least: its scatter over its variances, the degrees of freedom, and the probability
-        of as much by chance (for as many parameters as were looked at). None where none can be compared.
-    spread
-        Largest distance of a value from the mean, as a share of the effect's size.
-    agrees
-        Whether the cause is there in every recording, of one size as far as they determine it.
-    comparable
-        Whether single recordings determine the size well enough for that to mean something.
-    odds
-        Of sizes that differ by a good part of themselves against nearly one size; 0 where it agrees.
-    """
-
-    effect: str
-    joint: str | None
-    findings: tuple[RecordingEstimate, ...]
-    chi_square: float | None
-    freedom: int
-    probability: float | None
-    spread: float | None
-    agrees: bool
-    comparable: bool = True
-    odds: float = 0.0
-
-    def to_dict(self) -> dict[str, Any]:
-        """Return it as plain data."""
-        return {
-            "effect": self.effect,
-            "joint": self.joint,
-            "agrees": self.agrees,
-            "comparable": self.comparable,
-            "chi_square": _rounded(self.chi_square),
-            "degrees_of_freedom": self.freedom,
-            "probability": _rounded(self.probability),
-            "spread": _rounded(self.spread),
-            "recordings": [
-                {
-                    "recording": f.source,
-                    "parameters": {
-                        name: {"value": _rounded(e.value), "std": _rounded(e.std), "unit": e.unit}
-                        for name, e in f.parameters.items()
-                    },
-                    "log_likelihood": _rounded(f.gain),
-                }
-                for f in self.findings
-            ],
-        }
-
-
 def agreements(context: DiagnosisContext) -> tuple[Agreement, ...]:
     """Refit all causes on every recording alone, and compare; empty for a single recording.
+
+    Nuisance parameters that are causes were compared beside all others.
 
     Recordings that judged count like those that were fitted. The last thirds of recordings, where these judged, are
     part of them.
@@ -120,7 +43,8 @@ def agreements(context: DiagnosisContext) -> tuple[Agreement, ...]:
     found = [refitted(context, group, everything) for group in recordings]
     first = len(context.given)
     return tuple(
-        compared(candidate, [of_one[first + k] for of_one in found], context.settings.agreement)
+        context.faults.get(candidate.feature.key)
+        or compared(candidate.feature, [of_one[first + k] for of_one in found], context.settings.agreement)
         for k, candidate in enumerate(context.selected)
         # Calibrated, each recording has zeros of its own.
         if not (context.validate.predicted and candidate.feature.effect.set_at_start)
@@ -175,19 +99,19 @@ def refitted(
     return found
 
 
-def compared(candidate: Candidate, findings: Sequence[RecordingEstimate], settings: AgreementSettings) -> Agreement:
+def compared(feature: Feature, findings: Sequence[RecordingEstimate], settings: AgreementSettings) -> Agreement:
     """Compare a cause's sizes in several recordings.
 
     Parameters
     ----------
-    candidate
+    feature
         The cause.
     findings
         One a recording.
     settings
         What counts as the same.
     """
-    effect, joint = candidate.feature.effect, candidate.feature.joint
+    effect, joint = feature.effect, feature.joint
     present = all(finding.gain > 0.0 for finding in findings)
     whole = {p.name: _whole_size(effect, findings) if p.name in effect.magnitude else 0.0 for p in effect.parameters}
     by_name = {p.name: _components(p, findings, whole[p.name], settings) for p in effect.parameters}
@@ -278,11 +202,3 @@ def odds_of_different_sizes(values: Array, stds: Array, size: float, settings: A
     apart = scatters > settings.comparable * size
     nearly_one = np.append(likelihoods[~apart], log_likelihood(0.0))
     return float(np.exp(np.clip(logsumexp(likelihoods[apart]) - logsumexp(nearly_one), -700.0, 700.0)))
-
-
-def _rounded(value: Any) -> Any:
-    if value is None:
-        return None
-    if isinstance(value, list | tuple):
-        return [_rounded(v) for v in value]
-    return float(f"{float(value):.5g}") if np.isfinite(value) else None

@@ -17,7 +17,7 @@ from elastic_arm.diagnosis.inference.faults import LargeImperfection, faults_bes
 from elastic_arm.diagnosis.inference.final_estimates import FinalEstimates, final_estimates
 from elastic_arm.diagnosis.preparation import PreparedData
 from elastic_arm.diagnosis.result import Imperfection
-from elastic_arm.diagnosis.selection.hypothesis import Hypothesis
+from elastic_arm.diagnosis.selection.hypothesis import Hypothesis, Key
 from elastic_arm.diagnosis.selection.plausible_hypothesis import turns_over
 from elastic_arm.diagnosis.selection.regressor_library import Candidate
 from elastic_arm.diagnosis.selection.tangents import tangents
@@ -39,7 +39,7 @@ class EstimatedHypothesis:
     instances
         Each candidate as the simulator takes it.
     notes
-        What known effects came out as.
+        On what is far off and yet no cause, and what known effects came out as.
     imperfections
         What the recordings determine of each nuisance parameter.
     faults
@@ -77,9 +77,10 @@ def estimate(
     joint = prepared.estimates
     imperfect: tuple[Imperfection, ...] = ()
     last: FinalEstimates | None = None
+    notes: list[str] = []
     library, selected = prepared.library, list(hypothesis.selected)
     if prepared.calibration.parameters:
-        hypothesis, last, faults = _that_last(prepared, hypothesis, faults)
+        hypothesis, last, faults, notes = _that_last(prepared, hypothesis, faults)
         joint, library, selected = last.estimates, last.fit.found.library, list(last.fit.selected)
         imperfect = imperfections(last.fit.problem, last.deviations, last.stds)
     polished = prepared.estimates.polished(hypothesis.selected)
@@ -91,7 +92,7 @@ def estimate(
         Hypothesis(polished, hypothesis.given, hypothesis.rivals, hypothesis.beyond),
         tuple(parameters),
         tuple(c.feature.instance([float(v) for v in beta], c.searched or ()) for c, beta in fitted),
-        tuple(texts.known_effect_note(c.feature, values) for c, values in known),
+        (*notes, *(texts.known_effect_note(c.feature, values) for c, values in known)),
         imperfect,
         tuple(faults),
         (*own, *tangents(library, own)),
@@ -101,26 +102,41 @@ def estimate(
 
 def _that_last(
     prepared: PreparedData, hypothesis: Hypothesis, faults: Sequence[LargeImperfection]
-) -> tuple[Hypothesis, FinalEstimates, list[LargeImperfection]]:
-    """Return the causes and faults that are still there beside one another at last, with the final estimates."""
+) -> tuple[Hypothesis, FinalEstimates, list[LargeImperfection], list[str]]:
+    """Return the causes and faults that are still there beside one another at last, with the final estimates.
+
+    The last are notes on what is far off and yet no fault.
+    """
     slowest, ratio_factor = prepared.library.nuisance.turned_over, prepared.settings.search.ratio_factor
     # A cause is one of many that were tried: what that costs in the search, it costs here.
     level = float(chi2.cdf(2.0 * prepared.settings.search.least_gain, 1))
     # What has no name is beyond ordinary all the same: held by its prior it would bend what has one.
     unnamed = faults_beside(prepared, hypothesis.selected, named=False)
+    notes: dict[Key, str] = {}
     while True:
         found, kept = _beside_faults(prepared, hypothesis.selected, [*faults, *unnamed])
         selected, last = found.fit.selected, found.estimates
         gone = last.insignificant(selected, level)
         lost = [k for k in hypothesis.causes if k in gone or turns_over(last.polished(selected)[k], slowest)]
         there = [fault for fault in kept if fault.is_believable(ratio_factor) and not found.is_nothing(fault)]
+        # Held by its prior, what is no fault of its own bends nothing that is one.
+        notes |= {fault.feature.key: why for fault in there if (why := _refused(found, fault))}
+        there = [fault for fault in there if fault.feature.key not in notes]
         if not lost and len(there) == len(kept):
-            return hypothesis, found, kept
+            return hypothesis, found, [found.weighed(fault) for fault in kept], list(notes.values())
         faults = there
         # Without one of them another of the same joint may be clear: the last found, which gained least, goes first.
         last_found = {hypothesis.selected[k].feature.joint: k for k in lost}
         for k in sorted(last_found.values(), reverse=True):
             hypothesis = hypothesis.drop(k)
+
+
+def _refused(found: FinalEstimates, fault: LargeImperfection) -> str:
+    """Return why what is beyond ordinary is no fault of its own; empty where it is one."""
+    agreement = found.agreement(fault)
+    if agreement is not None and agreement.odds > 1.0:
+        return texts.differing_note(agreement)
+    return texts.crude_note(fault.feature) if found.odds_of_crude_description(fault) > 1.0 else ""
 
 
 def _beside_faults(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -311,3 +311,89 @@ def _lowest(parameter: Parameter, clearance: float) -> float:
     if np.isfinite(parameter.above):
         return parameter.above + clearance * abs(neutral - parameter.above)
     return 0.0 if parameter.low > 0.0 and neutral == 0.0 else -np.inf
+
+
+@dataclass(frozen=True)
+class RecordingEstimate:
+    """A cause in one recording.
+
+    Parameters
+    ----------
+    source
+        The recording.
+    parameters
+        Refitted there, with standard deviations.
+    gain
+        Log-likelihood that the cause gains there beside the others.
+    """
+
+    source: str
+    parameters: Mapping[str, ParameterEstimate]
+    gain: float
+
+
+@dataclass(frozen=True)
+class Agreement:
+    """A cause over several recordings.
+
+    Parameters
+    ----------
+    effect, joint
+        The cause.
+    findings
+        One a recording.
+    chi_square, freedom, probability
+        Of the parameter that agrees least: its scatter over its variances, the degrees of freedom, and the probability
+        of as much by chance (for as many parameters as were looked at). None where none can be compared.
+    spread
+        Largest distance of a value from the mean, as a share of the effect's size.
+    agrees
+        Whether the cause is there in every recording, of one size as far as they determine it.
+    comparable
+        Whether single recordings determine the size well enough for that to mean something.
+    odds
+        Of sizes that differ by a good part of themselves against nearly one size; 0 where it agrees.
+    """
+
+    effect: str
+    joint: str | None
+    findings: tuple[RecordingEstimate, ...]
+    chi_square: float | None
+    freedom: int
+    probability: float | None
+    spread: float | None
+    agrees: bool
+    comparable: bool = True
+    odds: float = 0.0
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return it as plain data."""
+        return {
+            "effect": self.effect,
+            "joint": self.joint,
+            "agrees": self.agrees,
+            "comparable": self.comparable,
+            "chi_square": _rounded(self.chi_square),
+            "degrees_of_freedom": self.freedom,
+            "probability": _rounded(self.probability),
+            "spread": _rounded(self.spread),
+            "recordings": [
+                {
+                    "recording": f.source,
+                    "parameters": {
+                        name: {"value": _rounded(e.value), "std": _rounded(e.std), "unit": e.unit}
+                        for name, e in f.parameters.items()
+                    },
+                    "log_likelihood": _rounded(f.gain),
+                }
+                for f in self.findings
+            ],
+        }
+
+
+def _rounded(value: Any) -> Any:
+    if value is None:
+        return None
+    if isinstance(value, list | tuple):
+        return [_rounded(v) for v in value]
+    return float(f"{float(value):.5g}") if np.isfinite(value) else None

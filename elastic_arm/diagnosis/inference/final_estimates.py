@@ -4,19 +4,26 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import logsumexp
 
-from elastic_arm.diagnosis.calibration.calibrate import posterior
+from elastic_arm.diagnosis.calibration.calibrate import effective_noise, posterior
 from elastic_arm.diagnosis.calibration.nuisance import NuisanceParameter
 from elastic_arm.diagnosis.calibration.recalibration import FinalFit, final_fit, is_of
+from elastic_arm.diagnosis.inference.across_recordings import compared
+from elastic_arm.diagnosis.inference.estimates import Agreement, ParameterEstimate, RecordingEstimate
 from elastic_arm.diagnosis.inference.faults import LargeImperfection
 from elastic_arm.diagnosis.inference.joint_estimates import JointEstimates
 from elastic_arm.diagnosis.preparation import PreparedData
+from elastic_arm.diagnosis.selection.gram_fits import RANK, orthonormal_basis, regularised
+from elastic_arm.diagnosis.selection.hypothesis import misfit
 from elastic_arm.diagnosis.selection.regressor_library import Candidate
 from elastic_arm.diagnosis.selection.tangents import tangents
 from elastic_arm.estimation.effect_columns import Feature
+from elastic_arm.estimation.whitening import WhitenedData, in_whitened_order
 
 Array = NDArray[np.float64]
 
@@ -33,12 +40,15 @@ class FinalEstimates:
         Of the causes.
     deviations, stds
         (k,) of the nuisance parameters from the description, in their units.
+    optimum
+        Known effects and causes where they were determined, with the derivatives by their searched parameters.
     """
 
     fit: FinalFit
     estimates: JointEstimates
     deviations: Array
     stds: Array
+    optimum: tuple[Candidate, ...]
 
     def measured(self, fault: LargeImperfection) -> LargeImperfection:
         """Return a fault of a sensor as it comes out here."""
@@ -57,6 +67,100 @@ class FinalEstimates:
         if fault.feature.effect.ordinary is not None or "q" in fault.feature.sensed:
             return False
         return self._parameter(fault).is_ordinary(fault.value, fault.std, self.fit.problem.settings.refit)
+
+    def agreement(self, fault: LargeImperfection) -> Agreement | None:
+        """Return how a fault comes out in each recording beside everything else, which is common to all of them.
+
+        None where there is one recording alone, and where each has its own fault anyway.
+        """
+        problem, feature = self.fit.problem, fault.feature
+        recordings = sorted({*problem.numbers[0], *problem.numbers[1]})
+        if len(recordings) < 2 or feature.effect.set_at_start:
+            return None
+        values, stds = self._by_recording(feature, recordings)
+        parameter, neutral = feature.linear[0], feature.linear[0].neutral or 0.0
+        findings = [
+            RecordingEstimate(
+                problem.sources[number],
+                {parameter.name: ParameterEstimate(neutral + value, std, feature.unit(parameter))},
+                0.5 * (value / std) ** 2,
+            )
+            for number, value, std in zip(recordings, values.tolist(), stds.tolist(), strict=True)
+        ]
+        return compared(feature, findings, problem.settings.agreement)
+
+    def _by_recording(self, feature: Feature, recordings: Sequence[int]) -> tuple[Array, Array]:
+        """Return deviations and standard deviations (r,) of a fault, had it another size in each recording."""
+        problem, library = self.fit.problem, self.fit.found.library
+        noise, residual, columns = self._noise, *self._regression
+        own = np.array([is_of(p, feature) for p in problem.parameters])
+        scale = np.array([p.prior_std for p in problem.parameters])
+        of_rows = np.concatenate([_recordings(*each) for each in zip(library.sets, problem.numbers, strict=True)])
+        white = np.vstack(library.nuisance.white)
+        alone = np.sum(white[:, own] / scale[own], axis=1)[:, None] * (of_rows[:, None] == np.array(recordings))
+        together = np.hstack([alone, white[:, ~own], columns])
+        stands, count = float(np.mean((self.fit.found.values * scale)[own])), len(recordings)
+        sizes = [count, int(np.count_nonzero(~own)), columns.shape[1]]
+        precision = noise * np.repeat([scale[own].max() ** -2.0, 1.0, 0.0], sizes)
+        centre = np.concatenate([np.full(count, -stands), library.nuisance.centre[~own], np.zeros(sizes[2])])
+        gram = together.T @ together + np.diag(precision)
+        values, stds = regularised(gram, together.T @ residual + precision * centre, RANK)
+        return stands + values[:count], np.sqrt(noise) * stds[:count]
+
+    def weighed(self, fault: LargeImperfection) -> LargeImperfection:
+        """Return a fault with the confidence that it has where the whole description may be off instead."""
+        return replace(fault, confidence=fault.confidence / (1.0 + self.odds_of_crude_description(fault)))
+
+    def odds_of_crude_description(self, fault: LargeImperfection) -> float:
+        """Return the odds that the whole description is further off than ordinary ones, against one number of it alone.
+
+        Both may be: where all numbers have wider priors, this one is compared with and without a prior like theirs. The
+        number was chosen among many, for which it pays. Zero of a sensor.
+        """
+        if not fault.feature.effect.number:
+            return 0.0
+        parameters, crude = self.fit.problem.parameters, np.array(self.fit.problem.settings.refit.crude)
+        own = np.array([is_of(p, fault.feature) for p in parameters])
+        described = np.array([p.is_described for p in parameters])
+        ordinary = np.where(own, [1.0 / p.widened for p in parameters], 1.0)
+        evidence = self._evidence
+        together = [evidence(np.where(described, factor * ordinary, 1.0)) for factor in crude]
+        alone = [evidence(np.where(described & ~own, factor, 1.0)) for factor in (1.0, *crude)]
+        chosen = np.log(sum(p.is_described and p.cause is not None for p in parameters))
+        return float(np.exp(np.clip(logsumexp(together) - logsumexp(alone) + chosen, -700.0, 700.0)))
+
+    def _evidence(self, wider: Array) -> float:
+        """Return the marginal likelihood, nats, where each prior (k,) is so many times wider, up to a constant."""
+        noise, gram, target = self._without_causes
+        centre = self.fit.found.library.nuisance.centre / wider
+        precision = gram * np.outer(wider, wider) + noise * np.eye(len(wider))
+        shown = target * wider + noise * centre
+        gained = shown @ np.linalg.solve(precision, shown) - noise * centre @ centre
+        return float(0.5 * gained / noise - 0.5 * np.linalg.slogdet(precision / noise)[1])
+
+    @cached_property
+    def _without_causes(self) -> tuple[float, Array, Array]:
+        """Variance of the noise, and normal equations of the nuisance parameters beside causes of any size."""
+        noise, residual, columns = self._noise, *self._regression
+        basis = orthonormal_basis(columns, RANK)
+        white = np.vstack(self.fit.found.library.nuisance.white)
+        white = white - basis @ (basis.T @ white)
+        return noise, white.T @ white, white.T @ residual
+
+    @property
+    def _noise(self) -> float:
+        """Variance at which whitened residuals count as white noise."""
+        library = self.fit.found.library
+        return effective_noise(misfit(library, self.optimum), library.sets[0].band, self.fit.problem.settings)
+
+    @property
+    def _regression(self) -> tuple[Array, Array]:
+        """Residuals (rows,) of both data sets, and the columns (rows, m) of known effects and causes that are free."""
+        library = self.fit.found.library
+        free = np.concatenate([np.zeros(0, dtype=bool), *(c.free for c in self.optimum)])
+        index = np.concatenate([np.zeros(1, dtype=int), *(c.index for c in self.optimum)])
+        matrix = np.vstack([library.matrix(which, index) for which in (0, 1)])
+        return matrix[:, 0] - matrix[:, 1:][:, ~free].sum(axis=1), matrix[:, 1:][:, free]
 
     def wider(self, faults: Sequence[Feature]) -> dict[int, float]:
         """Return how much wider than ordinary the priors of faults are, by number of the nuisance parameter."""
@@ -90,6 +194,12 @@ class FinalEstimates:
         return max(own, key=lambda parameter: parameter.ordinary_std)
 
 
+def _recordings(data: WhitenedData, numbers: Sequence[int]) -> NDArray[np.intp]:
+    """Return the number of the recording (rows,) to which each whitened row belongs."""
+    parts = zip(data.y, data.parts, strict=True)
+    return in_whitened_order([np.full(y.shape, numbers[part.recording]) for y, part in parts])
+
+
 def final_estimates(
     prepared: PreparedData, selected: Sequence[Candidate], faults: Sequence[LargeImperfection]
 ) -> FinalEstimates:
@@ -108,6 +218,7 @@ def final_estimates(
     library = fit.found.library
     joint = JointEstimates(library, prepared.settings.judgement)
     polished = joint.polished(fit.selected)
-    values, stds = posterior(library, [*polished, *tangents(library, polished)], prepared.settings)
+    optimum = (*polished, *tangents(library, polished))
+    values, stds = posterior(library, optimum, prepared.settings)
     scale = np.array([p.prior_std for p in fit.problem.parameters])
-    return FinalEstimates(fit, joint, (fit.found.values + values) * scale, stds * scale)
+    return FinalEstimates(fit, joint, (fit.found.values + values) * scale, stds * scale, optimum)

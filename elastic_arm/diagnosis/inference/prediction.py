@@ -100,8 +100,8 @@ def predict(context: DiagnosisContext, causes: Sequence[EffectInstance], starts:
     sides = [s for s, recorded in (("link", first.q), ("motor", first.theta)) if recorded is not None]
     if not context.model.robot.elastic:
         sides = sides[:1]
-    before = _errors(context, context.known, begins, sides)
-    after = _errors(context, (*context.known, *causes), begins, sides) if causes else before
+    before = _errors(context, (), causes, begins, sides)
+    after = _errors(context, causes, (), begins, sides) if causes else before
     horizons = _horizons(1.0 / context.seen[1][0].rate)
     units = context.model.robot.units
     reason = _left(before, horizons, "the model", units) or _left(after, horizons, "the model with the causes", units)
@@ -143,14 +143,17 @@ def _steps(period: float) -> list[int]:
 
 def _errors(
     context: DiagnosisContext,
-    effects: Sequence[EffectInstance],
+    causes: Sequence[EffectInstance],
+    lacking: Sequence[EffectInstance],
     begins: Sequence[NDArray[np.intp]],
     sides: Sequence[str],
 ) -> dict[Place, tuple[float, ...]]:
-    """Return the root mean square errors with these effects in the plant, those of sensors corrected before use."""
-    plant = Plant(context.fitted.robot, Sensors.exact())
-    for instance in effects:
-        plant = instance.effect.added_to(plant, instance)
+    """Return the root mean square errors with some causes in the plant, those of sensors corrected before use.
+
+    A lag or a gain among the causes that are lacking is in the channels again, where the calibration took it out.
+    """
+    plant = _with(Plant(context.fitted.robot, Sensors.exact()), (*context.known, *causes))
+    taken = taken_out(context, _with(plant, lacking).sensors)
     period = 1.0 / max(o.rate for o in context.seen[1])
     begin, end = context.validate.parts[0].stretch.quiet.span or (0.0, 1.0)
     predictor = _predictor(context.fitted, plant, period, end - begin)
@@ -160,7 +163,7 @@ def _errors(
     for part, starts in zip(context.validate.parts, begins, strict=True):
         if not len(starts):
             continue
-        motion = corrected(part.stretch.quiet, plant.sensors)
+        motion = corrected(part.stretch.quiet, plant.sensors, taken)
         # Without transmissions a joint torque sensor reads what drives the arm as well.
         motion = motion if motored else replace(motion, tau_m=motion.tau_J)
         with np.errstate(over="ignore", invalid="ignore"):
@@ -171,6 +174,32 @@ def _errors(
     names = context.model.robot.joint_names
     rms = {side: _rms(found[side]) for side in sides}
     return {(joint, side): tuple(rms[side][:, i].tolist()) for i, joint in enumerate(names) for side in sides}
+
+
+def _with(plant: Plant, effects: Sequence[EffectInstance]) -> Plant:
+    """Return a plant with effects."""
+    for instance in effects:
+        plant = instance.effect.added_to(plant, instance)
+    return plant
+
+
+def taken_out(context: DiagnosisContext, sensors: Sensors) -> dict[str, tuple[Array, Array]]:
+    """Return the gains and lags, (n,) s, by channel, that the calibration took out of it.
+
+    Parameters
+    ----------
+    context
+        Of the diagnosis.
+    sensors
+        With all causes: of what is ordinary, nothing is a cause, and it stays taken out.
+    """
+    n, found = len(context.model.robot.joints), {}
+    for channel in ("joint_torque", "motor_torque", "link_encoder"):
+        own = getattr(sensors, channel)
+        delayed, scaled = own.row("delay", n) != 0.0, getattr(own, "gain", 1.0) != np.ones(n)
+        gain, late = context.seen[1][0].gains.get(channel, 1.0), context.late.get(channel, 0.0)
+        found[channel] = np.where(scaled, gain, 1.0), np.where(delayed, late, 0.0)
+    return found
 
 
 def _begins(context: DiagnosisContext, starts: int) -> list[NDArray[np.intp]]:
@@ -204,9 +233,21 @@ def _nominal(model: Model) -> Array:
     return np.array([p.nominal for p in model.parameters])
 
 
-def corrected(motion: CompletedMotion, sensors: Sensors) -> CompletedMotion:
-    """Return what the channels would be without the gains, offsets, eccentricities and delays of these sensors."""
-    n = motion.q.shape[1]
+def corrected(
+    motion: CompletedMotion, sensors: Sensors, taken: Mapping[str, tuple[Array, Array]] | None = None
+) -> CompletedMotion:
+    """Return what the channels would be without the gains, offsets, eccentricities and delays of these sensors.
+
+    Parameters
+    ----------
+    motion
+        The channels.
+    sensors
+        What is to be taken out of them.
+    taken
+        Gains and lags, s, by channel, that are out of them already.
+    """
+    n, taken = motion.q.shape[1], taken or {}
 
     def early(values: Array, delay: Array) -> Array:
         if not delay.any():
@@ -216,10 +257,11 @@ def corrected(motion: CompletedMotion, sensors: Sensors) -> CompletedMotion:
 
     def torque(values: Array, name: str) -> Array:
         sensor = getattr(sensors, name)
-        return early((values - sensor.row("offset", n)) / sensor.row("gain", n), sensor.row("delay", n))
+        gain, late = taken.get(name, (1.0, 0.0))
+        return early((values * gain - sensor.row("offset", n)) / sensor.row("gain", n), sensor.row("delay", n) - late)
 
     encoder = sensors.link_encoder
-    delay = encoder.row("delay", n)
+    delay = encoder.row("delay", n) - taken.get("link_encoder", (1.0, 0.0))[1]
     amplitude, phase = encoder.row("eccentricity", n), encoder.row("phase", n)
     q = motion.q - encoder.row("offset", n)
     q = q - amplitude * np.sin(q + phase)

@@ -92,13 +92,13 @@ def _instead_of_causes(
     prepared: PreparedData, comparison: LawComparison, hypothesis: Hypothesis
 ) -> tuple[dict[Key, LawFit], frozenset[Key]]:
     """Return the general laws that refute causes, by key of the cause, and which causes take at least half of that."""
-    detected, share = prepared.settings.significance.detected, prepared.settings.search.simpler_share
+    better = prepared.settings.general_laws.better
     found: dict[Key, LawFit] = {}
     approximated: set[Key] = set()
     for feature in (hypothesis.selected[k].feature for k in hypothesis.causes):
         law, worth = comparison.instead_of(feature.key, _joints(prepared, feature)), comparison.worth(feature.key)
         # The columns of a large cause are a little off, which a law without a form makes up for.
-        if law.gain > max(share * worth - detected, 0.0):
+        if law.gain > max(better * worth, 0.0):
             found[feature.key] = law
             if worth > law.gain:
                 approximated.add(feature.key)

@@ -21,7 +21,7 @@ from scipy.special import logsumexp
 
 from elastic_arm.diagnosis.calibration.calibrate import effective_noise
 from elastic_arm.diagnosis.laws.general_laws import GeneralLaw, general_laws
-from elastic_arm.diagnosis.selection.gram_fits import orthonormal_basis
+from elastic_arm.diagnosis.selection.gram_fits import orthonormal_basis, regularised
 from elastic_arm.diagnosis.selection.hypothesis import Key, misfit
 from elastic_arm.diagnosis.selection.regressor_library import Candidate, RegressorLibrary
 from elastic_arm.diagnosis.settings import DiagnosisSettings
@@ -148,11 +148,8 @@ class LawComparison:
         precision[:count], precision[-columns[-1].shape[1] :] = self._noise, self._noise / fit.size**2
         gram, target = together.T @ together + np.diag(precision), together.T @ self._residual
         target[:count] += self._noise * self._nuisance.centre * narrower
-        scale = np.sqrt(np.maximum(np.diag(gram), 1e-300))
-        inverse = np.linalg.pinv(gram / np.outer(scale, scale), rcond=RANK**2, hermitian=True)
-        values = (inverse @ (target / scale)) / scale
-        stds = np.sqrt(self._noise * np.maximum(np.diag(inverse), 0.0)) / scale
-        return values[:count] / narrower, stds[:count] / narrower
+        values, stds = regularised(gram, target, RANK**2)
+        return values[:count] / narrower, np.sqrt(self._noise) * stds[:count] / narrower
 
     def _narrower(self, wider: Mapping[int, float]) -> Array:
         found = np.ones(len(self._nuisance))

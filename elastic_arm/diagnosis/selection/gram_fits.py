@@ -213,3 +213,18 @@ def orthonormal_basis(columns: Array, tolerance: float) -> Array:
     # LAPACK's faster "gesdd" does not always converge where columns depend on one another.
     u, s, _ = svd(r, full_matrices=False, lapack_driver="gesvd")
     return np.asarray(q @ u[:, s > tolerance * s[0]])
+
+
+def regularised(gram: Array, target: Array, rank: float) -> tuple[Array, Array]:
+    """Return the solution (k,) of normal equations, and the roots of the diagonal of their inverse.
+
+    Parameters
+    ----------
+    gram, target
+        (k, k) and (k,), with priors.
+    rank
+        Relative eigenvalue below which a combination of columns is not determined.
+    """
+    scale = np.sqrt(np.maximum(np.diag(gram), 1e-300))
+    inverse = np.linalg.pinv(gram / np.outer(scale, scale), rcond=rank, hermitian=True)
+    return inverse @ (target / scale) / scale, np.sqrt(np.maximum(np.diag(inverse), 0.0)) / scale

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import cho_solve, solve_triangular
 
-from elastic_arm.diagnosis.selection.gram_fits import first_row
+from elastic_arm.diagnosis.selection.gram_fits import first_row, regularised
 from elastic_arm.estimation.whitening import WhitenedData
 
 Array = NDArray[np.float64]
@@ -203,7 +203,5 @@ class Marginalisation:
             gram[free, 0] - gram[np.ix_(free, fixed)].sum(axis=1),
         )
         whole = np.block([[precision, cross[:, free]], [cross[:, free].T, gram[np.ix_(free, free)]]])
-        scale = np.sqrt(np.maximum(np.diag(whole), 1e-300))
-        inverse = np.linalg.pinv(whole / np.outer(scale, scale), rcond=RANK, hermitian=True)
-        values = (inverse @ (target / scale)) / scale
-        return values[:k], np.sqrt(misfit * np.maximum(np.diag(inverse)[:k], 0.0)) / scale[:k]
+        values, stds = regularised(whole, target, RANK)
+        return values[:k], np.sqrt(misfit) * stds[:k]

@@ -12,7 +12,7 @@ from collections import Counter
 from collections.abc import Collection, Iterator, Sequence
 from dataclasses import replace
 from functools import cached_property
-from itertools import islice
+from itertools import combinations, islice, product
 
 import numpy as np
 from numpy.typing import NDArray
@@ -217,6 +217,7 @@ class StepwiseSearch:
     def simplified(self, hypothesis: Hypothesis) -> Hypothesis:
         """Put a simpler effect in the place of each that is known to be confused with it and explains hardly more.
 
+        Of two of a joint, as friction that bends twice for dry and viscous friction, neither need be worth it alone.
         Where next to nothing is left, any difference counts, and the likelihood has decided.
         """
         if misfit(self.library, hypothesis.selected) < self._search.complete:
@@ -235,9 +236,33 @@ class StepwiseSearch:
                 if rough[-1].numbers < selected[k].numbers and _confused(rough[-1], selected[k]):
                     selected = [*rough[:k], rough[-1], *rough[k:-1]]
                     break
+        for k, m in combinations(hypothesis.causes, 2):
+            selected = self._simpler_pair(selected, k, m)
         changed = [k for k in hypothesis.causes if selected[k] is not hypothesis.selected[k]]
         rivals = {**hypothesis.rivals, **{k: self._rivals(selected, k) for k in changed}}
         return replace(hypothesis, selected=selected, rivals=rivals)
+
+    def _simpler_pair(self, selected: list[Candidate], k: int, m: int) -> list[Candidate]:
+        """Return a set with simpler effects in the place of two of one joint, where these explain hardly more."""
+        if selected[k].feature.joint is None or selected[k].feature.joint != selected[m].feature.joint:
+            return selected
+        without = [candidate for place, candidate in enumerate(selected) if place not in (k, m)]
+        pairs = product(*(self._simpler(selected[place]) for place in (k, m)))
+        trials = [
+            [pair[0] if c is selected[k] else pair[1] if c is selected[m] else c for c in selected] for pair in pairs
+        ]
+        trials = [trial for trial in trials if len({c.feature.key for c in trial}) == len(trial)]
+        if not trials:
+            return selected
+        best, now = max(trials, key=self._score), self._score(selected)
+        worth = self._search.simpler_share * (now - self._score(without))
+        near = self._score(best) > now - max(self._search.exchange_gain * misfit(self.library, selected), worth)
+        return best if near and self._plausible(best) else selected
+
+    def _simpler(self, candidate: Candidate) -> list[Candidate]:
+        """Return the effects of fewer numbers at the joint of an effect with which it is known to be confused."""
+        own = (c for c in self._candidates if c.searched is not None and c.feature.joint == candidate.feature.joint)
+        return [other for other in own if other.numbers < candidate.numbers and _confused(other, candidate)]
 
     def replaced(self, hypothesis: Hypothesis, k: int, refused: Collection[Key]) -> Hypothesis | None:
         """Return it with an effect that is known to be confused with cause k in its place; None where none is worth it.

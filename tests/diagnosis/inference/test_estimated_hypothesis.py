@@ -40,7 +40,7 @@ def test_of_two_causes_of_a_joint_that_need_each_other_the_last_found_goes_first
     monkeypatch.setattr(estimated_hypothesis, "faults_beside", lambda *_, **__: ())
     library = SimpleNamespace(nuisance=SimpleNamespace(turned_over={}))
     prepared: Any = SimpleNamespace(library=library, settings=DiagnosisSettings())
-    left, _, _ = estimated_hypothesis._that_last(prepared, Hypothesis([dry, other, curve]), ())
+    left, *_ = estimated_hypothesis._that_last(prepared, Hypothesis([dry, other, curve]), ())
     assert list(left.selected) == [dry, other]
 
 

@@ -10,7 +10,9 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from elastic_arm.diagnosis.laws.better_laws import _instead_of_causes
 from elastic_arm.diagnosis.laws.comparison import LawComparison
+from elastic_arm.diagnosis.selection.hypothesis import Hypothesis
 from elastic_arm.diagnosis.selection.marginalisation import NuisanceColumns
 from elastic_arm.diagnosis.selection.regressor_library import Candidate, RegressorLibrary
 from elastic_arm.diagnosis.settings import DiagnosisSettings
@@ -27,6 +29,11 @@ JOINTS = range(2)
 def speed(signals: Signals) -> Array:
     """Velocity of motor 2."""
     return signals.values["dx"][:, 2 + JOINT]
+
+
+def sign(signals: Signals) -> Array:
+    """Direction of motor 2."""
+    return np.asarray(signals.values["sign_motor"][:, JOINT])
 
 
 def stribeck(signals: Signals) -> Array:
@@ -55,7 +62,7 @@ def moved(seed: int, torque: Torque, side: str = "motor") -> list[Any]:
 def compared(data: Sequence[Any], *laws: Torque) -> tuple[LawComparison, list[Candidate]]:
     """Return the comparison of a hypothesis of laws on motor 2, and its candidates."""
     library = RegressorLibrary(data[0], data[1], SETTINGS.candidates)
-    features: list[Any] = [SimpleNamespace(law=law, key=(law.__name__, None, ())) for law in laws]
+    features: list[Any] = [SimpleNamespace(law=law, joint=None, key=(law.__name__, None, ())) for law in laws]
     selected = [library.add(feature, ()) for feature in features]
     library.add(SimpleNamespace(law=nothing, key=("nothing", None, ())), ())  # type: ignore[arg-type]
     library.close()
@@ -87,6 +94,18 @@ def test_a_law_of_the_wrong_form_is_refuted_where_it_explains_nearly_all(seed: i
     assert found.gain > DETECTED
     assert (found.law.joint, found.law.side, found.law.argument) == (JOINT, "motor", "its speed")
     assert found.gain < 0.2 * comparison.worth(named.feature.key)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_friction_that_also_changes_a_little_is_not_refuted(seed: int) -> None:
+    """Dry friction of which a hundredth changes over time is dry friction, though a changing one is likelier."""
+    prepared: Any = SimpleNamespace(settings=SETTINGS, model=SimpleNamespace(robot=SimpleNamespace(joint_names="ab")))
+    share = lambda s: 1.0 + 0.05 * np.sin(20.0 * s.values["progress"][:, 0])  # noqa: E731
+    nearly, (dry,) = compared(moved(seed, lambda s: 5.0 * share(s) * sign(s)), sign)
+    drags, (viscous,) = compared(moved(seed, lambda s: 0.6 * drag(s)), speed)
+    assert nearly.instead_of(dry.feature.key, JOINTS).gain > DETECTED
+    assert not _instead_of_causes(prepared, nearly, Hypothesis([dry]))[0]
+    assert _instead_of_causes(prepared, drags, Hypothesis([viscous]))[0].keys() == {viscous.feature.key}
 
 
 def test_what_no_cause_explains_is_placed_by_what_it_depends_on() -> None:

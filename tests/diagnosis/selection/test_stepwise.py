@@ -169,6 +169,32 @@ def test_rivals_are_what_nearly_explains_as_much() -> None:
     assert hypothesis.rivals[0][0].odds > 1e-3
 
 
+def test_two_laws_that_need_each_other_give_way_to_two_simpler_ones() -> None:
+    """Curves whose bends cancel each other are two straight laws, though neither is worth an exchange alone."""
+    bent = {
+        name: feature(name, joint="joint_1", searched=(COEFFICIENT,), column=lambda data, searched, k=k: _bent(data, k))
+        for k, name in enumerate(("first", "second"))
+    }
+    for curve, straight in zip(bent.values(), ("one", "two"), strict=True):
+        curve.effect.confusions = (SimpleNamespace(effect=straight),)
+    data: Any = [Whitened(seed, {"one": 5.0, "two": 5.0}) for seed in (1, 2)]
+    for one in data:
+        one.white = one.white + 2.0 * np.sin(one.phase)
+    library = RegressorLibrary(*data, SETTINGS.candidates)
+    straight_laws = [library.add(feature(name, joint="joint_1"), ()) for name in ("one", "two")]
+    chosen = [library.add(curve, (1.0,)) for curve in bent.values()]
+    library.candidates.extend((*straight_laws, *chosen))
+    library.close()
+    search = StepwiseSearch(library, [], SETTINGS)
+    found = search.simplified(Hypothesis(chosen))
+    assert [candidate.feature.key[0] for candidate in found.selected] == ["one", "two"]
+
+
+def _bent(data: Any, k: int) -> Array:
+    """Columns one and two, with a bend of which the two have opposite ones."""
+    return np.asarray(data.columns[("one", "two")[k]] + (3.0 - 6.0 * k) * data.columns["three"])
+
+
 def test_the_misfit_of_a_complete_hypothesis_is_one() -> None:
     """Whitened noise has unit mean square; an effect left out adds its power."""
     library, candidates = library_of({"one": 2.0}, "one")
