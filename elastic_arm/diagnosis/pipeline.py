@@ -27,7 +27,7 @@ from elastic_arm.diagnosis.selection.beyond_ordinary import freed, with_effects_
 from elastic_arm.diagnosis.selection.hypothesis import Hypothesis, Key, misfit
 from elastic_arm.diagnosis.selection.library_building import scaling
 from elastic_arm.diagnosis.selection.stepwise import StepwiseSearch
-from elastic_arm.diagnosis.settings import SearchSettings
+from elastic_arm.diagnosis.settings import DiagnosisSettings, SearchSettings
 from elastic_arm.effects.equations import ArmEquations
 from elastic_arm.effects.model import Effect, SensorEffect
 from elastic_arm.recording import Recording
@@ -102,12 +102,12 @@ def diagnose(recordings: Sequence[Recording], question: Question, validate: Sequ
     effects = [found.hypothesis.selected[k].feature.effect for k in found.hypothesis.causes]
     off = question.effects is None and _calibrated(effects) > question.settings.search.few_calibrated
     again = _commissioned(recordings, question, validate) if off else None
-    if again is not None and again.verdict != "unknown" and len(again.causes) < len(effects):
+    if again is not None and _is_explained(again, question.settings) and len(again.causes) < len(effects):
         return again
     exact = _diagnosed(found)
     if question.effects is None and not _is_simple(exact, question.settings.search):
         again = again if off else _commissioned(recordings, question, validate)
-        if again is not None and _is_likelier(again, exact, question.settings.search):
+        if again is not None and _is_likelier(again, exact, question.settings):
             return again
     unused = question.settings.priors.model_fields_set
     return replace(exact, notes=(*exact.notes, texts.PRIORS_UNUSED)) if unused else exact
@@ -123,7 +123,17 @@ def _commissioned(
     return _diagnosed(_beside_largest_cause(prepared))
 
 
-def _is_likelier(again: Diagnosis, exact: Diagnosis, settings: SearchSettings) -> bool:
+def _is_explained(again: Diagnosis, settings: DiagnosisSettings) -> bool:
+    """Whether a description that is nearly right explains an arm whose numbers are off as those of real arms are.
+
+    Of an arm that is built as described few numbers are off, in the place of an effect that the catalogue lacks.
+    """
+    numbers = (one for one in again.imperfections if one.recording is None)
+    off = sum(one.differs(settings.refit.certain) for one in numbers)
+    return again.verdict != "unknown" and off > settings.search.few_calibrated
+
+
+def _is_likelier(again: Diagnosis, exact: Diagnosis, settings: DiagnosisSettings) -> bool:
     """Whether a description that is nearly right is likelier than an exact one.
 
     Parameters
@@ -137,10 +147,10 @@ def _is_likelier(again: Diagnosis, exact: Diagnosis, settings: SearchSettings) -
     """
     # A link's number that is further off than those of a calibrated arm may be a cause that is not in the catalogue;
     # where an exact description takes many numbers that are off, those of links are, too.
-    off = _calibrated(cause.instance.effect for cause in exact.causes) > settings.few_calibrated
+    off = _calibrated(cause.instance.effect for cause in exact.causes) > settings.search.few_calibrated
     of_links = off or all(one.ordinary for one in again.imperfections if one.what.startswith("link_"))
     better = exact.verdict == "unknown" or len(again.causes) < len(exact.causes)
-    return of_links and again.verdict != "unknown" and better
+    return of_links and better and _is_explained(again, settings)
 
 
 def _is_simple(found: Diagnosis, settings: SearchSettings) -> bool:

@@ -166,6 +166,8 @@ class Imperfection:
         Whether it is within what is ordinary.
     recording
         Of a zero that is another one in this recording than in the first, by how much; None of any other number.
+    neutral
+        Its value on an arm that is as described.
     """
 
     what: str
@@ -176,6 +178,11 @@ class Imperfection:
     prior_std: float
     ordinary: bool
     recording: str | None = None
+    neutral: float = 0.0
+
+    def differs(self, quantile: float) -> bool:
+        """Whether it is not as described, by so many standard deviations."""
+        return abs(self.value - self.neutral) > quantile * self.std
 
     def to_dict(self) -> dict[str, Any]:
         """Return it as in `diagnosis.json`."""

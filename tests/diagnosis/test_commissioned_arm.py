@@ -13,6 +13,7 @@ from elastic_arm.diagnosis.calibration.calibrated_robot import calibrated_robot
 from elastic_arm.diagnosis.calibration.nuisance import nuisance_parameters
 from elastic_arm.diagnosis.priors import Priors
 from elastic_arm.diagnosis.settings import RefitSettings
+from elastic_arm.effects import Catalogue
 from elastic_arm.effects.text import known_effects
 from elastic_arm.robot import load_robot
 from elastic_arm.studies.blind_challenge.hidden_arms.effect_laws import Fault
@@ -79,6 +80,15 @@ def test_one_thing_more_is_named_alone() -> None:
             assert estimate.std is not None and estimate.std < 0.02 * true
             deviations.append((estimate.value - true) / estimate.std)
     assert np.sqrt(np.mean(np.square(deviations))) < 2.0
+
+
+@pytest.mark.slow(15)
+def test_an_effect_of_an_arm_as_described_is_no_ordinary_imperfection() -> None:
+    """A torque sensor's gain of 0.975 that the catalogue lacks is `unknown` where nothing else is off."""
+    gain = Fault("joint_torque_gain", 0, {"gain": 0.975})
+    first, judge = record(ROBOT, [gain], (16.0, 8.0), np.random.default_rng(6))
+    catalogue = Catalogue.default().withholding("joint_torque_gain")
+    assert diagnose([first], Question(ROBOT, catalogue=catalogue), [judge]).verdict == "unknown"
 
 
 @pytest.mark.slow(60)

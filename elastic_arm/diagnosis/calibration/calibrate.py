@@ -257,6 +257,7 @@ def imperfections(problem: CalibrationProblem, deviations: Array, stds: Array) -
             p.ordinary_std,
             p.is_ordinary(float(deviation), float(std), problem.settings.refit),
             problem.source(p),
+            p.neutral,
         )
         for p, deviation, std in zip(problem.parameters, deviations, stds, strict=True)
         if p.is_number
