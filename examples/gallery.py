@@ -174,14 +174,16 @@ def main() -> None:
     parser.add_argument("--markdown", type=Path, help="page whose table is replaced")
     asked = parser.parse_args()
     examples = sorted(path.parent for path in HERE.glob("*/run.sh"))
+    # Every example runs in a folder of its own, from which a relative path leads elsewhere.
+    out = asked.out.resolve()
     for example in examples:
-        folder, data = asked.out / example.name, asked.data.resolve() / example.name
+        folder, data = out / example.name, asked.data.resolve() / example.name
         if (asked.only is None or example.name in asked.only) and not (folder / ENDED).exists():
             if data.is_dir():
                 run(example, data, folder)
             else:
                 print(f"{example.name}: left out, as {data} is no folder", flush=True)
-    folders = [asked.out / example.name for example in examples]
+    folders = [out / example.name for example in examples]
     if asked.markdown is None:
         print(table(folders))
         return
