@@ -86,6 +86,18 @@ def test_a_lag_that_the_calibration_took_out_is_taken_out_once() -> None:
     assert prediction.after[place][0] < 0.1 * prediction.before[place][0]
 
 
+def test_a_gain_that_the_calibration_took_out_is_taken_out_once() -> None:
+    """With `--refit` torques were divided by their gains: with the gain as a cause the arm is predicted as clean."""
+    runs = [record(motion, "motor_torque_gain:joint_2:gain=1.3", seed=k) for k, motion in enumerate(motions())]
+    found = diagnose([runs[0]], Question(ROBOT, refit=True), [runs[1]])
+    (gain,) = [cause for cause in found.causes if cause.effect == "motor_torque_gain"]
+    assert found.context is not None
+    prediction = predict(found.context, [gain.instance])
+    assert prediction.before is not None and prediction.after is not None
+    place = "joint_2", "link"
+    assert prediction.after[place][-1] < 0.1 * prediction.before[place][-1]
+
+
 def test_half_the_friction_leaves_about_half_the_error() -> None:
     """The prediction error measures what is missing: a cause found half as large mends half."""
     found = predicted("coulomb_friction:joint_2:torque=10", known=("coulomb_friction:joint_2:torque=5",))

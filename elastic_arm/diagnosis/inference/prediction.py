@@ -20,6 +20,7 @@ from elastic_arm.dynamics import Model
 from elastic_arm.effects import EffectInstance
 from elastic_arm.effects.equations import ArmEquations
 from elastic_arm.effects.model import Plant
+from elastic_arm.estimation.effect_columns import SENSED
 from elastic_arm.estimation.motion import CompletedMotion, drive_constants
 from elastic_arm.formatting import JointUnits
 from elastic_arm.sensors import Sensors
@@ -197,7 +198,7 @@ def taken_out(context: DiagnosisContext, sensors: Sensors) -> dict[str, tuple[Ar
     for channel in ("joint_torque", "motor_torque", "link_encoder"):
         own = getattr(sensors, channel)
         delayed, scaled = own.row("delay", n) != 0.0, getattr(own, "gain", 1.0) != np.ones(n)
-        gain, late = context.seen[1][0].gains.get(channel, 1.0), context.late.get(channel, 0.0)
+        gain, late = context.seen[1][0].gains.get(SENSED[channel], 1.0), context.late.get(channel, 0.0)
         found[channel] = np.where(scaled, gain, 1.0), np.where(delayed, late, 0.0)
     return found
 
