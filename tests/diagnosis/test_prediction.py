@@ -73,29 +73,20 @@ def test_adding_the_effect_brings_the_prediction_back(effect: str, clean: Predic
         assert worst(found.after, k) < 2.0 * worst(clean.before, k)
 
 
-def test_a_lag_that_the_calibration_took_out_is_taken_out_once() -> None:
-    """With `--refit` late channels were moved back: with the lag as a cause the arm is predicted as a clean one."""
-    late = "time_delay:joint_2:delay=0.004,channels=link_encoder"
-    runs = [record(motion, late, seed=k) for k, motion in enumerate(motions())]
+@pytest.mark.parametrize(
+    ("effect", "horizon"),
+    [("time_delay:joint_2:delay=0.004,channels=link_encoder", 0), ("motor_torque_gain:joint_2:gain=1.3", -1)],
+)
+def test_what_the_calibration_took_out_of_a_channel_is_taken_out_once(effect: str, horizon: int) -> None:
+    """With `--refit` channels were moved back and torques divided: with the cause the arm is predicted as clean."""
+    runs = [record(motion, effect, seed=k) for k, motion in enumerate(motions())]
     found = diagnose([runs[0]], Question(ROBOT, refit=True), [runs[1]])
-    (lag,) = [cause for cause in found.causes if cause.effect == "time_delay"]
+    (own,) = [cause for cause in found.causes if cause.effect == effect.split(":")[0]]
     assert found.context is not None
-    prediction = predict(found.context, [lag.instance])
+    prediction = predict(found.context, [own.instance])
     assert prediction.before is not None and prediction.after is not None
     place = "joint_2", "link"
-    assert prediction.after[place][0] < 0.1 * prediction.before[place][0]
-
-
-def test_a_gain_that_the_calibration_took_out_is_taken_out_once() -> None:
-    """With `--refit` torques were divided by their gains: with the gain as a cause the arm is predicted as clean."""
-    runs = [record(motion, "motor_torque_gain:joint_2:gain=1.3", seed=k) for k, motion in enumerate(motions())]
-    found = diagnose([runs[0]], Question(ROBOT, refit=True), [runs[1]])
-    (gain,) = [cause for cause in found.causes if cause.effect == "motor_torque_gain"]
-    assert found.context is not None
-    prediction = predict(found.context, [gain.instance])
-    assert prediction.before is not None and prediction.after is not None
-    place = "joint_2", "link"
-    assert prediction.after[place][-1] < 0.1 * prediction.before[place][-1]
+    assert prediction.after[place][horizon] < 0.1 * prediction.before[place][horizon]
 
 
 def test_half_the_friction_leaves_about_half_the_error() -> None:

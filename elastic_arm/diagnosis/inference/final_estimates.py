@@ -147,13 +147,13 @@ class FinalEstimates:
         white = white - basis @ (basis.T @ white)
         return noise, white.T @ white, white.T @ residual
 
-    @property
+    @cached_property
     def _noise(self) -> float:
         """Variance at which whitened residuals count as white noise."""
         library = self.fit.found.library
         return effective_noise(misfit(library, self.optimum), library.sets[0].band, self.fit.problem.settings)
 
-    @property
+    @cached_property
     def _regression(self) -> tuple[Array, Array]:
         """Residuals (rows,) of both data sets, and the columns (rows, m) of known effects and causes that are free."""
         library = self.fit.found.library

@@ -61,7 +61,7 @@ def better_laws(
 ) -> BetterLaws:
     """Return the general laws that are there beyond doubt, and those that refute a cause.
 
-    A cause is refuted where a general law in its place is likelier, though that pays for many more coefficients. A
+    A cause is refuted where a law in its place is likelier by 2 % of its worth (`better`), many coefficients paid. A
     fault is refuted, with all others of its joint, where a law clearly explains more and the fault is ordinary beside.
 
     Parameters
