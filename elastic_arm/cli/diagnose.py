@@ -35,23 +35,21 @@ from elastic_arm.diagnosis import Question, diagnose, follow_up
 from elastic_arm.diagnosis.comparison import SimulationComparison, compare
 from elastic_arm.diagnosis.corrected_robot import deviations, repaired_robot
 from elastic_arm.diagnosis.design.proposal import Proposal
-from elastic_arm.diagnosis.format import (
-    agreement_text,
-    alone_text,
-    cause_size,
-    effect_at,
-    gap_at,
-    listed_alternatives,
-    log_likelihood_text,
-    negative_shrink_note,
-    prediction_sentence,
-    probability_text,
-    sides_text,
-    verdict_sentence,
-)
 from elastic_arm.diagnosis.priors import read_priors
 from elastic_arm.diagnosis.result import SEPARATING, Cause, Diagnosis
 from elastic_arm.diagnosis.settings import DiagnosisSettings
+from elastic_arm.diagnosis.texts.findings import (
+    agreement_text,
+    alone_text,
+    cause_size,
+    gap_at,
+    listed_alternatives,
+    negative_shrink_note,
+    prediction_sentence,
+    sides_text,
+    verdict_sentence,
+)
+from elastic_arm.diagnosis.texts.values import effect_at, log_likelihood_text, probability_text
 from elastic_arm.effects import Catalogue
 from elastic_arm.effects.text import known_effects
 from elastic_arm.estimation.equations import SIDES

@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from elastic_arm.diagnosis import format as texts
 from elastic_arm.diagnosis.context import DiagnosisContext
 from elastic_arm.diagnosis.inference.estimated_hypothesis import EstimatedHypothesis
 from elastic_arm.diagnosis.inference.estimates import Agreement, ParameterEstimate
@@ -31,6 +30,14 @@ from elastic_arm.diagnosis.result import (
 from elastic_arm.diagnosis.selection.hypothesis import Key
 from elastic_arm.diagnosis.selection.regressor_library import Candidate
 from elastic_arm.diagnosis.settings import JudgementSettings
+from elastic_arm.diagnosis.texts.notes import (
+    REPEATED_MOTION,
+    general_law_note,
+    imperfection_notes,
+    impossible_size_note,
+    refuted_note,
+    unlike_noise_note,
+)
 
 Array = NDArray[np.float64]
 
@@ -166,8 +173,8 @@ def _notes(
     prepared: PreparedData, judgement: Judgement, estimated: EstimatedHypothesis, laws: BetterLaws
 ) -> tuple[str, ...]:
     """Return what the reader should know, in the order of the steps."""
-    imperfect = [*texts.imperfection_notes(estimated.imperfections), *_impossible_numbers(prepared, estimated)]
-    repeated = () if prepared.independent_motion else (texts.REPEATED_MOTION,)
+    imperfect = [*imperfection_notes(estimated.imperfections), *_impossible_numbers(prepared, estimated)]
+    repeated = () if prepared.independent_motion else (REPEATED_MOTION,)
     found = (*imperfect, *judgement.notes, *estimated.notes, *_law_notes(prepared, laws))
     return (*prepared.notes, *found, *repeated)
 
@@ -176,7 +183,7 @@ def _impossible_numbers(prepared: PreparedData, estimated: EstimatedHypothesis) 
     """Return a note on each number beyond ordinary that is no cause, as no arm has it."""
     numbers, factor = [p for p in prepared.calibration.parameters if p.is_number], prepared.settings.search.ratio_factor
     return [
-        texts.impossible_size_note(p.cause, p.cause.linear[0].name, ParameterEstimate(one.value, one.std, one.unit))
+        impossible_size_note(p.cause, p.cause.linear[0].name, ParameterEstimate(one.value, one.std, one.unit))
         for p, one in zip(numbers, estimated.imperfections, strict=False)
         if p.cause is not None and not one.ordinary and not p.cause.linear[0].believable(one.value, factor, one.std)
     ]
@@ -186,12 +193,12 @@ def _law_notes(prepared: PreparedData, laws: BetterLaws) -> list[str]:
     """Return a note on each general law that explains more than the causes, and on where more is left than noise."""
     names = prepared.model.robot.joint_names
     notes = [
-        texts.refuted_note(effect, joint, names[fit.law.joint], fit.law, fit.gain)
+        refuted_note(effect, joint, names[fit.law.joint], fit.law, fit.gain)
         for (effect, joint, _), fit in laws.instead.items()
     ]
     if laws.beside is not None and not notes:
-        notes = [texts.general_law_note(names[laws.beside.law.joint], laws.beside.law, laws.beside.gain)]
-    return notes + [texts.unlike_noise_note(*prepared.places[row], power) for row, power in laws.unlike_noise.items()]
+        notes = [general_law_note(names[laws.beside.law.joint], laws.beside.law, laws.beside.gain)]
+    return notes + [unlike_noise_note(*prepared.places[row], power) for row, power in laws.unlike_noise.items()]
 
 
 def _known(estimated: EstimatedHypothesis) -> tuple[dict[str, Any], ...]:

@@ -13,13 +13,13 @@ from typing import Any
 import numpy as np
 
 from elastic_arm.diagnosis.context import DiagnosisContext
-from elastic_arm.diagnosis.format import estimates_text
 from elastic_arm.diagnosis.inference.across_recordings import compared, refitted
 from elastic_arm.diagnosis.inference.estimates import Agreement, RecordingEstimate, differs
 from elastic_arm.diagnosis.pipeline import diagnose
 from elastic_arm.diagnosis.question import Question
 from elastic_arm.diagnosis.result import Diagnosis
 from elastic_arm.diagnosis.selection.regressor_library import Candidate
+from elastic_arm.diagnosis.texts.values import estimates_text
 from elastic_arm.errors import DiagnosisError
 from elastic_arm.recording import Recording
 from elastic_arm.recording.inspection.differences import RecordingDifference

@@ -7,7 +7,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from elastic_arm.diagnosis import format as texts
 from elastic_arm.diagnosis.assembly import assemble
 from elastic_arm.diagnosis.calibration.calibrate import is_commissioned
 from elastic_arm.diagnosis.calibration.recalibration import recalibrated
@@ -28,6 +27,7 @@ from elastic_arm.diagnosis.selection.hypothesis import Hypothesis, Key, misfit
 from elastic_arm.diagnosis.selection.library_building import scaling
 from elastic_arm.diagnosis.selection.stepwise import StepwiseSearch
 from elastic_arm.diagnosis.settings import DiagnosisSettings, SearchSettings
+from elastic_arm.diagnosis.texts.notes import PRIORS_UNUSED
 from elastic_arm.effects.equations import ArmEquations
 from elastic_arm.effects.model import Effect, SensorEffect
 from elastic_arm.recording import Recording
@@ -110,7 +110,7 @@ def diagnose(recordings: Sequence[Recording], question: Question, validate: Sequ
         if again is not None and _is_likelier(again, exact, question.settings):
             return again
     unused = question.settings.priors.model_fields_set
-    return replace(exact, notes=(*exact.notes, texts.PRIORS_UNUSED)) if unused else exact
+    return replace(exact, notes=(*exact.notes, PRIORS_UNUSED)) if unused else exact
 
 
 def _commissioned(

@@ -8,7 +8,6 @@ from functools import cached_property
 
 import numpy as np
 
-from elastic_arm.diagnosis import format as texts
 from elastic_arm.diagnosis.calibration.calibrate import calibrate
 from elastic_arm.diagnosis.calibration.linearisation import (
     CalibrationProblem,
@@ -28,6 +27,7 @@ from elastic_arm.diagnosis.selection.candidates import feature_of, features, rec
 from elastic_arm.diagnosis.selection.plausible_size import PlausibleSizes
 from elastic_arm.diagnosis.selection.regressor_library import Candidate, RegressorLibrary
 from elastic_arm.diagnosis.settings import DiagnosisSettings
+from elastic_arm.diagnosis.texts.notes import COMMISSIONED, LOW_PASSED, REFITTED, STICKING, standing_note, unseen_note
 from elastic_arm.dynamics import Model, build_model
 from elastic_arm.effects import Effect, EffectInstance, robot_effects
 from elastic_arm.effects.equations import ArmEquations
@@ -184,8 +184,8 @@ def prepare(recordings: Sequence[Recording], validate: Sequence[Recording], ques
         expansion, noise, _ = calibrate(problem, expansion)
     found, _ = linearise(problem, expansion, candidates, noise=noise)
     notes = list(dict.fromkeys(note for part in observed for o in part for note in o.notes))
-    notes += [*_low_passed(parts), *_certainty_notes(question), *(texts.standing_note(joint) for joint in still)]
-    notes += [texts.unseen_note(unseen)] if unseen else []
+    notes += [*_low_passed(parts), *_certainty_notes(question), *(standing_note(joint) for joint in still)]
+    notes += [unseen_note(unseen)] if unseen else []
     notes += _currents_notes(currents, settings) if problem.parameters else []
     return PreparedData(
         calibration=problem,
@@ -235,8 +235,8 @@ def _turning_over(
 def _certainty_notes(question: Question) -> list[str]:
     """Return a note on what was determined together with the causes."""
     if question.commissioned:
-        return [texts.COMMISSIONED]
-    return [texts.REFITTED] if question.refit else []
+        return [COMMISSIONED]
+    return [REFITTED] if question.refit else []
 
 
 def _currents_notes(channels: Sequence[str], settings: DiagnosisSettings) -> list[str]:
@@ -248,7 +248,7 @@ def _currents_notes(channels: Sequence[str], settings: DiagnosisSettings) -> lis
 def _low_passed(parts: Sequence[Sequence[Recording]]) -> list[str]:
     """Return a note where torques hold not even noise at high frequencies; that on the first recording is enough."""
     found = [words for part in parts for recording in part for words in smoothed_torques(recording)]
-    return [f"{words}: {texts.LOW_PASSED}." for words in found[:1]]
+    return [f"{words}: {LOW_PASSED}." for words in found[:1]]
 
 
 def as_described(prepared: PreparedData) -> PreparedData:
@@ -262,7 +262,7 @@ def without_sticking_friction(prepared: PreparedData) -> PreparedData:
     """Return the data without what friction may be while a joint sticks."""
     problem = replace(prepared.calibration, sticking_removed=True)
     found, _ = linearise(problem, expand(problem, prepared.found.values), prepared.candidates)
-    return replace(prepared, calibration=problem, found=found, notes=(*prepared.notes, texts.STICKING))
+    return replace(prepared, calibration=problem, found=found, notes=(*prepared.notes, STICKING))
 
 
 def _calibrated_effects(question: Question) -> tuple[Effect, ...]:

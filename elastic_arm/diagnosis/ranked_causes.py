@@ -8,7 +8,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from elastic_arm.diagnosis import format as texts
 from elastic_arm.diagnosis.inference.estimated_hypothesis import EstimatedHypothesis
 from elastic_arm.diagnosis.inference.estimates import ParameterEstimate
 from elastic_arm.diagnosis.inference.faults import LargeImperfection, with_faults
@@ -19,11 +18,14 @@ from elastic_arm.diagnosis.result import Alternative, Cause
 from elastic_arm.diagnosis.selection.beyond_ordinary import freed, rivals_of_number
 from elastic_arm.diagnosis.selection.hypothesis import Rival
 from elastic_arm.diagnosis.selection.regressor_library import Candidate
+from elastic_arm.effects import Effect
 from elastic_arm.estimation.effect_columns import Feature
 
 Array = NDArray[np.float64]
 
 MOST_NATS = 700.0  # of which the exponential is a number
+_SAME_EFFECT = "motion in which these joints move one at a time"
+_OTHERWISE = "motion that covers more of the joint's range, speeds and loads, slowly and fast"
 
 
 @dataclass(frozen=True)
@@ -74,7 +76,7 @@ def _as_low_pass(cause: Cause, low_pass: Rival) -> Cause:
     feature, (delay,) = low_pass.candidate.feature, cause.parameters.values()
     (cutoff,) = low_pass.candidate.searched or (np.inf,)
     size = ParameterEstimate(cutoff, cutoff * delay.std / delay.value, "Hz")
-    separated = texts.separated_by(feature.effect, cause.instance.effect, feature.joint, cause.joint)
+    separated = separated_by(feature.effect, cause.instance.effect, feature.joint, cause.joint)
     sure = cause.confidence * low_pass.odds / (1.0 + low_pass.odds)
     delayed = Alternative(cause.effect, cause.joint, cause.confidence / (1.0 + low_pass.odds), separated)
     return replace(
@@ -240,5 +242,22 @@ def _sides(prepared: PreparedData, features: Sequence[Feature]) -> tuple[str, ..
 
 def _alternative(rival: Rival, confidence: float, candidate: Candidate) -> Alternative:
     own, other = candidate.feature, rival.candidate.feature
-    motion = texts.separated_by(own.effect, other.effect, own.joint, other.joint)
+    motion = separated_by(own.effect, other.effect, own.joint, other.joint)
     return Alternative(other.effect.id, other.joint, rival.odds * confidence, motion)
+
+
+def separated_by(effect: Effect, other: Effect, joint: str | None, other_joint: str | None) -> str:
+    """Return the motion that would discriminate between two effects, from the catalogue where it holds one.
+
+    Parameters
+    ----------
+    effect, other
+        The two.
+    joint, other_joint
+        Where they act; None for the whole arm.
+    """
+    for one, two in ((effect, other), (other, effect)):
+        for confusion in one.confusions:
+            if confusion.effect == two.id:
+                return confusion.separated_by
+    return _SAME_EFFECT if effect.id == other.id and joint != other_joint else _OTHERWISE

@@ -9,25 +9,21 @@ import numpy as np
 
 from elastic_arm.diagnosis.comparison import SimulationComparison
 from elastic_arm.diagnosis.context import DiagnosisContext
-from elastic_arm.diagnosis.format import (
-    agreement_text,
-    alone_text,
-    cause_size,
-    effect_at,
-    estimates_text,
-    gap_at,
-    listed_alternatives,
-    log_likelihood_text,
-    negative_shrink_note,
-    percent,
-    prediction_sentence,
-    probability_text,
-    sides_text,
-    verdict_sentence,
-)
 from elastic_arm.diagnosis.inference.estimates import Agreement
 from elastic_arm.diagnosis.result import SEPARATING, Cause, Diagnosis, Imperfection
 from elastic_arm.diagnosis.settings import DiagnosisSettings
+from elastic_arm.diagnosis.texts.findings import (
+    agreement_text,
+    alone_text,
+    cause_size,
+    gap_at,
+    listed_alternatives,
+    negative_shrink_note,
+    prediction_sentence,
+    sides_text,
+    verdict_sentence,
+)
+from elastic_arm.diagnosis.texts.values import effect_at, estimates_text, log_likelihood_text, percent, probability_text
 from elastic_arm.estimation.equations import SIDES
 from elastic_arm.formatting import rounded
 from elastic_arm.mujoco.replaying import Replay

@@ -9,13 +9,13 @@ import numpy as np
 import pytest
 
 from elastic_arm.diagnosis import Question, diagnose, follow_up
-from elastic_arm.diagnosis.format import agreement_text
 from elastic_arm.diagnosis.inference import across_recordings
 from elastic_arm.diagnosis.inference.across_recordings import compared, odds_of_different_sizes
 from elastic_arm.diagnosis.inference.estimates import Agreement, ParameterEstimate, RecordingEstimate
 from elastic_arm.diagnosis.result import Diagnosis
 from elastic_arm.diagnosis.selection.candidates import feature_of
 from elastic_arm.diagnosis.settings import AgreementSettings, DiagnosisSettings, RefitSettings
+from elastic_arm.diagnosis.texts.findings import agreement_text
 from elastic_arm.effects import EFFECTS, parse
 from elastic_arm.effects.equations import ArmEquations
 from elastic_arm.recording import Recording

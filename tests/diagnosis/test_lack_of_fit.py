@@ -13,7 +13,6 @@ import pytest
 from numpy.typing import NDArray
 
 from elastic_arm.codegen import recursion
-from elastic_arm.diagnosis.format import small_effect_note
 from elastic_arm.diagnosis.inference import judgement
 from elastic_arm.diagnosis.inference.estimates import ParameterEstimate, certain, differs, estimates
 from elastic_arm.diagnosis.inference.excess import ResidualStatistics, band_of_largest_excess, select_band
@@ -24,6 +23,7 @@ from elastic_arm.diagnosis.selection.hypothesis import Hypothesis
 from elastic_arm.diagnosis.selection.marginalisation import NuisanceColumns
 from elastic_arm.diagnosis.selection.regressor_library import Candidate, RegressorLibrary
 from elastic_arm.diagnosis.settings import DiagnosisSettings
+from elastic_arm.diagnosis.texts.notes import small_effect_note
 from elastic_arm.effects import parse
 from elastic_arm.effects.parameters import Parameter, Role
 from elastic_arm.estimation.regressors import Signals

@@ -23,9 +23,10 @@ from elastic_arm.cli.several_values import SeveralValues, spelled_out
 from elastic_arm.cli.simulate import simulate
 from elastic_arm.diagnosis import Question, diagnose, follow_up
 from elastic_arm.diagnosis.corrected_robot import repaired_robot
-from elastic_arm.diagnosis.format import estimates_text, probability_text, verdict_sentence
 from elastic_arm.diagnosis.inference.estimates import ParameterEstimate
 from elastic_arm.diagnosis.result import SEPARATING, Diagnosis, ResidualSizes
+from elastic_arm.diagnosis.texts.findings import verdict_sentence
+from elastic_arm.diagnosis.texts.values import estimates_text, probability_text
 from elastic_arm.effects import EFFECTS
 from elastic_arm.recording import read_recording, write_recording
 from elastic_arm.report.diagnosis import write_gap_report

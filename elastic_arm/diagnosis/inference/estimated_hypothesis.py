@@ -9,7 +9,6 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import chi2
 
-from elastic_arm.diagnosis import format as texts
 from elastic_arm.diagnosis.calibration.calibrate import imperfections
 from elastic_arm.diagnosis.calibration.recalibration import is_of
 from elastic_arm.diagnosis.inference.estimates import ParameterEstimate
@@ -21,6 +20,7 @@ from elastic_arm.diagnosis.selection.hypothesis import Hypothesis, Key
 from elastic_arm.diagnosis.selection.plausible_hypothesis import turns_over
 from elastic_arm.diagnosis.selection.regressor_library import Candidate
 from elastic_arm.diagnosis.selection.tangents import tangents
+from elastic_arm.diagnosis.texts.notes import crude_note, differing_note, known_effect_note
 from elastic_arm.effects import EffectInstance
 
 Array = NDArray[np.float64]
@@ -92,7 +92,7 @@ def estimate(
         Hypothesis(polished, hypothesis.given, hypothesis.rivals, hypothesis.beyond),
         tuple(parameters),
         tuple(c.feature.instance([float(v) for v in beta], c.searched or ()) for c, beta in fitted),
-        (*notes, *(texts.known_effect_note(c.feature, values) for c, values in known)),
+        (*notes, *(known_effect_note(c.feature, values) for c, values in known)),
         imperfect,
         tuple(faults),
         (*own, *tangents(library, own)),
@@ -135,8 +135,8 @@ def _refused(found: FinalEstimates, fault: LargeImperfection) -> str:
     """Return why what is beyond ordinary is no fault of its own; empty where it is one."""
     agreement = found.agreement(fault)
     if agreement is not None and agreement.odds > 1.0:
-        return texts.differing_note(agreement)
-    return texts.crude_note(fault.feature) if found.odds_of_crude_description(fault) > 1.0 else ""
+        return differing_note(agreement)
+    return crude_note(fault.feature) if found.odds_of_crude_description(fault) > 1.0 else ""
 
 
 def _beside_faults(

@@ -7,7 +7,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from elastic_arm.diagnosis import format as texts
 from elastic_arm.diagnosis.bootstrap import lower_bound
 from elastic_arm.diagnosis.inference.estimates import ParameterEstimate
 from elastic_arm.diagnosis.inference.faults import LargeImperfection, faults_beside, is_large
@@ -17,6 +16,7 @@ from elastic_arm.diagnosis.preparation import PreparedData
 from elastic_arm.diagnosis.selection.hypothesis import Hypothesis, Key, misfit
 from elastic_arm.diagnosis.selection.regressor_library import Candidate
 from elastic_arm.diagnosis.selection.stepwise import StepwiseSearch
+from elastic_arm.diagnosis.texts.notes import impossible_size_note, small_effect_note
 from elastic_arm.effects.parameters import Role
 
 
@@ -233,7 +233,7 @@ def eliminate(prepared: PreparedData, hypothesis: Hypothesis, measure: GapMeasur
             notes += [impossible[worst]] if worst in impossible else []
         if is_small_effect(prepared, hypothesis, worst, failed[worst]):
             feature, least = hypothesis.selected[worst].feature, prepared.settings.judgement.least_shrink
-            notes.append(texts.small_effect_note(feature, failed[worst], least))
+            notes.append(small_effect_note(feature, failed[worst], least))
         hypothesis = hypothesis.drop(worst)
     return hypothesis, notes
 
@@ -261,7 +261,7 @@ def impossible_sizes(prepared: PreparedData, hypothesis: Hypothesis) -> dict[int
         feature = hypothesis.selected[k].feature
         name = prepared.sizes.impossible(feature, estimated[k])
         if name is not None:
-            found[k] = texts.impossible_size_note(feature, name, estimated[k][name])
+            found[k] = impossible_size_note(feature, name, estimated[k][name])
     return found
 
 

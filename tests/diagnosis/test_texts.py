@@ -6,8 +6,9 @@ from dataclasses import dataclass
 
 import pytest
 
-from elastic_arm.diagnosis.format import estimates_text, instance_text, negative_shrink_note, percent, probability_text
 from elastic_arm.diagnosis.inference.estimates import ParameterEstimate
+from elastic_arm.diagnosis.texts.findings import negative_shrink_note
+from elastic_arm.diagnosis.texts.values import estimates_text, instance_text, percent, probability_text
 from elastic_arm.effects import parse
 from elastic_arm.formatting import rounded
 from elastic_arm.robot import load_robot

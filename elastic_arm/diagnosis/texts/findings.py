@@ -1,0 +1,157 @@
+"""The result of a diagnosis in words, for the screen and the report."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from elastic_arm.diagnosis.texts.values import chosen, effect_at, estimates_text, listed, percent, probability_text
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from elastic_arm.diagnosis.inference.estimates import Agreement
+    from elastic_arm.diagnosis.inference.prediction import Prediction
+    from elastic_arm.diagnosis.result import Alternative, Cause, Diagnosis
+    from elastic_arm.formatting import JointUnits
+
+# Of the display, no decision of the diagnosis.
+DOUBTFUL = 0.9  # of a cause's and its strongest alternative's confidence: with less, both are named
+WORTH_A_LINE = 0.05  # probability of an alternative that has a line of its own
+NAMED = 4  # causes that the verdict names
+_FAINT = "all equations together show it, on motion that no fit has seen"
+
+
+def verdict_sentence(found: Diagnosis) -> str:
+    """Return the verdict as a sentence."""
+    if found.verdict == "none":
+        return "recording and model agree within the noise of the sensors."
+    if not found.causes:
+        places = ", ".join(f"{p.joint} ({p.side})" for p in found.unexplained[:3])
+        return f"there is a gap, but no effect of the catalogue explains it; it is largest at {places}."
+    named = listed([_with_rival(cause) for cause in found.causes[:NAMED]], len(found.causes) - NAMED)
+    verb = "explains" if len(found.causes) == 1 else "explain"
+    if found.verdict == "explained" and found.measured_by == "likelihood":
+        return f"{named} {verb} a gap that is fainter than the noise of every residual: {_FAINT}."
+    if found.verdict == "explained":
+        return f"{named} {verb} {percent(found.shrink)} of the gap on motion that no fit has seen."
+    return f"{named} {verb} {percent(found.shrink)} of the gap; what is left has another cause."
+
+
+def _with_rival(cause: Cause) -> str:
+    """Return a cause by name, with the strongest alternative where the recording leaves it in doubt."""
+    name = effect_at(cause.effect, cause.joint)
+    other = max(cause.alternatives, key=lambda a: a.confidence, default=None)
+    # Of an incomplete hypothesis all confidences are low: what counts is one against the other.
+    if other is None or cause.confidence >= DOUBTFUL * (cause.confidence + other.confidence):
+        return name
+    return f"{name} (or {effect_at(other.effect, other.joint)}: this recording does not separate them)"
+
+
+def cause_size(cause: Cause, between: str = ", ") -> str:
+    """Return a cause's parameters, and the channels it acts in, as text, with `between` between them."""
+    several = [choice.name for choice in cause.instance.effect.choices if choice.several]
+    parts = [estimates_text(cause.parameters, between), *(chosen(cause.instance.parameters[name]) for name in several)]
+    return between.join(part for part in parts if part) or "no free size"
+
+
+def sides_text(cause: Cause) -> str:
+    """Return the sides on which a cause shows; those of one drive that the recording does not separate by "or"."""
+    friction = any(choice.name == "side" for choice in cause.instance.effect.choices)
+    return (" or " if friction else ", ").join(cause.sides)
+
+
+def alone_text(cause: Cause) -> str:
+    """Return by how much a cause shrinks the gap alone; one that helps only beside the others has no number."""
+    if percent(cause.shrink).startswith("-"):
+        return "only beside others"
+    return f"{percent(cause.shrink)}{' (minor)' if cause.minor else ''}"
+
+
+def negative_shrink_note(causes: Sequence[Cause]) -> str:
+    """Return what a share below zero means, where one of the causes has such a share alone."""
+    if all(percent(cause.shrink)[0] != "-" for cause in causes):
+        return ""
+    return "Only beside others: alone such a cause makes the gap larger."
+
+
+def listed_alternatives(cause: Cause) -> tuple[list[Alternative], str]:
+    """Return the alternatives that are worth a line each, and the others summed up in words, empty for none."""
+    likely = [other for other in cause.alternatives if other.confidence >= WORTH_A_LINE]
+    faint = [other for other in cause.alternatives if other.confidence < WORTH_A_LINE]
+    if len(faint) < 2:
+        return [*likely, *faint], ""
+    names = listed([effect_at(other.effect, other.joint) for other in faint[:NAMED]], len(faint) - NAMED)
+    return likely, f"{names} ({probability_text(sum(other.confidence for other in faint))} together)"
+
+
+def gap_at(found: Diagnosis, joint: str, side: str) -> str:
+    """Return the size of a residual without and with the causes, and the share of its own gap that is gone.
+
+    Parameters
+    ----------
+    found
+        The diagnosis.
+    joint, side
+        Which residual; "–" where there is no such equation.
+    """
+    place = (joint, side)
+    if place not in found.before.rmse:
+        return "–"
+    sizes = f"{found.before.rmse[place]:.3g}"
+    if found.causes:
+        sizes += f" → {found.after.rmse[place]:.3g}"
+    return f"{sizes} ({share_at(found, joint, side)})"
+
+
+def share_at(found: Diagnosis, joint: str, side: str) -> str:
+    """Return the share of a residual's own gap that is gone, as text.
+
+    Parameters
+    ----------
+    found
+        The diagnosis.
+    joint, side
+        Which residual.
+    """
+    share = found.shrink_by_place.get((joint, side))
+    if share is None:
+        return "no clear gap"
+    if not found.causes:
+        return "gap"
+    return "larger" if percent(share).startswith("-") else f"{percent(share)} gone"
+
+
+def prediction_sentence(prediction: Prediction, units: JointUnits) -> str:
+    """Return in a sentence how far the prediction error of the worst angle falls, or why that is not known."""
+    before, after = prediction.before or {}, prediction.after or {}
+    if prediction.reason:
+        return f"{prediction.reason[0].upper()}{prediction.reason[1:]}."
+    joint, side = max(before, key=lambda place: before[place][-1])
+    unit = units.at(joint, "rad")
+    errors = [_travel(size[joint, side][-1], unit) for size in (before, after)]
+    horizon = f"{1e3 * prediction.horizons[-1]:g} ms"
+    return (
+        f"Driven by the measured torque, the model errs by {errors[0]} after {horizon} at the worst angle "
+        f"({joint}, {side}); with the causes added, by {errors[1]}."
+    )
+
+
+def _travel(value: float, unit: str) -> str:
+    """Return an angle, or the travel of a prismatic joint, with the prefix that suits it."""
+    prefix, factor = next(((p, f) for p, f in (("", 1.0), ("m", 1e3)) if value * f >= 1.0), ("µ", 1e6))
+    return f"{value * factor:.3g} {prefix}{unit}"
+
+
+def agreement_text(agreement: Agreement) -> str:
+    """Return in words whether a cause is of one size in all recordings."""
+    spread = agreement.spread
+    if not agreement.comparable:
+        return "cannot be compared over the recordings: each alone determines its size too poorly"
+    if agreement.agrees:
+        return "agrees over the recordings" + (f": sizes within {percent(spread)} of their mean" if spread else "")
+    absent = [f for f in agreement.findings if not f.gain > 0.0]
+    if absent:
+        return f"does not agree over the recordings: it shows in {len(agreement.findings) - len(absent)} of them alone"
+    apart = "more than their mean" if spread is None or spread >= 1.0 else f"up to {percent(spread)} of their mean"
+    doubt = ", which reduces its confidence" if agreement.odds > WORTH_A_LINE else ""
+    return f"does not agree over the recordings: sizes differ by {apart}{doubt}"
