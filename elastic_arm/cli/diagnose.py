@@ -33,7 +33,7 @@ from elastic_arm.cli.options import (
 from elastic_arm.cli.outputs import claim_folder
 from elastic_arm.diagnosis import Question, diagnose, follow_up
 from elastic_arm.diagnosis.comparison import SimulationComparison, compare
-from elastic_arm.diagnosis.corrected_robot import deviations, repaired_robot
+from elastic_arm.diagnosis.corrected_robot import deviations, holds_any, repaired_robot
 from elastic_arm.diagnosis.design.proposal import Proposal
 from elastic_arm.diagnosis.priors import read_priors
 from elastic_arm.diagnosis.result import SEPARATING, Cause, Diagnosis
@@ -43,6 +43,8 @@ from elastic_arm.diagnosis.texts.findings import (
     alone_text,
     cause_size,
     gap_at,
+    held_text,
+    left_out_note,
     listed_alternatives,
     negative_shrink_note,
     prediction_sentence,
@@ -94,13 +96,13 @@ def diagnose_command(
     """Find where a recording and a model differ, which effect the model lacks, and how far the gap shrinks with it.
 
     Writes diagnosis.json and report.html. Where causes were found, robot.yaml:
-    the arm with the causes in it, for `elastic-arm simulate --robot`, and beside it
-    the MJCF or URDF that the arm came from with its numbers changed. Where the
-    recording does not separate causes, separating_trajectory.yaml: the motion to
-    record next, for `elastic-arm simulate --trajectory` and the trajectory node.
-    Of several recordings it states which causes agree over them. With --against, how
-    far the first is from a simulated one, and which effect is in one of them alone.
-    Exit status 0 whatever the verdict, 2 for unusable input.
+    the arm with those that do not only stand in for something else, for
+    `simulate --robot`, and its MJCF or URDF with the numbers changed. Where
+    causes are not separated, separating_trajectory.yaml: what to record next,
+    for `simulate --trajectory` and the trajectory node. Of several recordings
+    it states which causes agree. With --against, how far the first is from a
+    simulated one, and which effect is in one alone. Exit status 0 whatever the
+    verdict, 2 for unusable input.
 
     Examples:
 
@@ -144,7 +146,7 @@ def diagnose_command(
 
 
 def correct(found: Diagnosis, robot: Robot, folder: Path, correction: Correction) -> Exported | str | None:
-    """Write the file that the arm came from with what was found; None where nothing was.
+    """Write the file that the arm came from with what was found; None where the corrected arm would hold none of it.
 
     Parameters
     ----------
@@ -157,7 +159,8 @@ def correct(found: Diagnosis, robot: Robot, folder: Path, correction: Correction
     correction
         Where the arm came from.
     """
-    return correction.write(repaired_robot(robot, found) if found.causes else None, folder, deviations(found))
+    corrected = repaired_robot(robot, found) if holds_any(found.causes) else None
+    return correction.write(corrected, folder, deviations(found))
 
 
 def _settings(priors_file: Path | None, catalogue: Catalogue) -> DiagnosisSettings:
@@ -176,7 +179,7 @@ def write_diagnosis(
     replays: Sequence[Replay] = (),
     comparison: SimulationComparison | None = None,
 ) -> None:
-    """Write diagnosis.json, report.html and, where there are any, the arm with its causes and the motion proposed.
+    """Write diagnosis.json, report.html and, where there are any, the corrected arm and the motion proposed.
 
     What an earlier diagnosis left in the folder is replaced.
 
@@ -210,7 +213,7 @@ def write_diagnosis(
 
 def _further(found: Diagnosis) -> list[str]:
     """Return the files besides diagnosis.json and report.html that a diagnosis leads to."""
-    robot = [ROBOT] if found.causes else []
+    robot = [ROBOT] if holds_any(found.causes) else []
     return [*robot, SEPARATING] if found.proposal is not None and found.proposal.worthwhile else robot
 
 
@@ -243,20 +246,26 @@ def print_diagnosis(found: Diagnosis, folder: Path) -> None:
 
 def _print_causes(causes: Sequence[Cause]) -> None:
     table = Table(box=None, header_style="bold", pad_edge=False)
-    # On a screen a line for a parameter, and the side below the joint; in a pipe a line for a cause.
-    for heading in ("cause", "joint", "size") if out.is_terminal else ("cause", "joint", "side", "size"):
+    # On a screen a line for a parameter, the side below the joint, and below the cause where the corrected arm has it.
+    # In a pipe a line for a cause.
+    piped = ("cause", "joint", "side", "size", "corrected arm")
+    for heading in ("cause", "joint", "size") if out.is_terminal else piped:
         table.add_column(heading, no_wrap=heading != "size")
     for heading in ("shrinks\nalone by" if out.is_terminal else "shrinks alone by", "confidence"):
         table.add_column(heading, no_wrap=True, justify="right")
     for cause in causes:
         size = cause_size(cause, "\n" if out.is_terminal else ", ")
         shares = alone_text(cause), probability_text(cause.confidence)
-        place = escape(cause.joint or "whole arm"), sides_text(cause)
-        places = ("\n".join(place).replace(", ", "\n"),) if out.is_terminal else place
-        table.add_row(escape(cause.effect), *places, escape(size), *shares)
+        name, joint, sides = escape(cause.effect), escape(cause.joint or "whole arm"), sides_text(cause)
+        if out.is_terminal:
+            below = "\n".join((joint, *sides.split(", ")))
+            table.add_row(f"{name}\n[dim]{held_text(cause)}[/]", below, escape(size), *shares)
+        else:
+            table.add_row(name, joint, sides, escape(size), held_text(cause), *shares)
     out.print(table)
-    if note := negative_shrink_note(causes):
-        out.print(note)
+    for note in (negative_shrink_note(causes), left_out_note(causes)):
+        if note:
+            out.print(escape(note))
 
 
 def _print_places(found: Diagnosis) -> None:
@@ -281,7 +290,7 @@ def _print_followed_up(found: Diagnosis) -> None:
     if found.prediction is not None and found.prediction.before is None:
         out.print(f"prediction: not measured, {escape(found.prediction.reason)}")
     elif found.prediction is not None and (found.causes or found.prediction.reason):
-        out.print(f"prediction: {escape(prediction_sentence(found.prediction, found.units))}")
+        out.print(f"prediction: {escape(prediction_sentence(found, found.prediction))}")
     if found.proposal is not None:
         _print_proposal(found.proposal)
     for agreement in found.agreements:

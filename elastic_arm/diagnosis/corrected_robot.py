@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
-from elastic_arm.diagnosis.result import Diagnosis
-from elastic_arm.effects.model import MODELS
+from elastic_arm.diagnosis.result import Cause, Diagnosis
 from elastic_arm.robot import Robot
 
 
@@ -21,10 +22,14 @@ def repaired_robot(robot: Robot, diagnosis: Diagnosis) -> Robot:
     """
     context = diagnosis.context
     known = robot.effects if context is None else [i.to_dict() for i in (*context.known, *context.unseen)]
-    causes = [c.instance for c in diagnosis.causes if c.acts]
-    found = [instance.to_dict() for instance in causes if instance.effect.lacked_by == MODELS]
+    found = [cause.instance.to_dict() for cause in diagnosis.causes if cause.held_as == "effect"]
     numbers = robot if context is None else context.fitted.robot
     return numbers.with_(effects=(*known, *found))
+
+
+def holds_any(causes: Sequence[Cause]) -> bool:
+    """Whether the corrected arm holds any of these causes, so that it is worth a file."""
+    return any(cause.held_as in ("effect", "number") for cause in causes)
 
 
 def deviations(diagnosis: Diagnosis) -> dict[tuple[str, str | None, str], float]:

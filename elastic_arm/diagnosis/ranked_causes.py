@@ -92,7 +92,7 @@ def _as_low_pass(cause: Cause, low_pass: Rival) -> Cause:
 def listed_causes(
     prepared: PreparedData, judgement: Judgement, estimated: EstimatedHypothesis, laws: BetterLaws
 ) -> list[RankedCause]:
-    """Return all causes, main ones first, without those that are nothing like the law in their place.
+    """Return all causes, main ones first.
 
     Parameters
     ----------
@@ -107,9 +107,29 @@ def listed_causes(
     """
     causes = [*_found_causes(prepared, estimated, judgement), *_fault_causes(prepared, judgement, estimated, laws)]
     ranked = [cause.against(laws) for cause in causes]
-    least = prepared.settings.judgement.least_listed
-    ranked = [r for r in ranked if r.cause.confidence >= least or r.candidate.feature.key in laws.approximated]
-    return sorted(ranked, key=lambda r: -r.cause.shrink)
+    kept = [one for one in ranked if is_listed(one, laws, prepared.settings.judgement.least_listed)]
+    return sorted(kept, key=lambda one: -one.cause.shrink)
+
+
+def is_listed(ranked: RankedCause, laws: BetterLaws, least: float) -> bool:
+    """Whether a cause is worth its line beside the general laws.
+
+    One that is nothing like the law in its place is not, nor is a small term of friction in the place of a law: such a
+    term is listed only where it is there beyond doubt.
+
+    Parameters
+    ----------
+    ranked
+        The cause, with the confidence that it has against them.
+    laws
+        General laws that explain more than causes do.
+    least
+        Confidence from which a cause is listed in any case.
+    """
+    key, cause = ranked.candidate.feature.key, ranked.cause
+    if cause.minor and key in laws.instead:
+        return False
+    return cause.confidence >= least or key in laws.approximated
 
 
 def _found_causes(prepared: PreparedData, estimated: EstimatedHypothesis, judgement: Judgement) -> list[RankedCause]:

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from elastic_arm.diagnosis.inference.estimates import ParameterEstimate
+from elastic_arm.effects.model import MODELS
 from elastic_arm.errors import DiagnosisError
 from elastic_arm.estimation.equations import SIDES
 from elastic_arm.formatting import JointUnits
@@ -68,7 +69,8 @@ class Cause:
     instance
         As the simulator takes it.
     minor
-        Whether it is a term of friction that takes less off the gap than a cause by itself must.
+        Whether it is a term of friction that takes less off the gap than a cause by itself must. It is there beyond
+        doubt, and never stands in for something else.
     refitted
         Whether it is a number of the arm beyond ordinary: the refitted numbers hold it.
     stands_in
@@ -90,13 +92,27 @@ class Cause:
     stands_in: bool = False
 
     @property
+    def held_as(self) -> str | None:
+        """What it is of the corrected arm.
+
+        An "effect", a "number", or part of a richer "variant" of the model, which no arm file holds; None where it is
+        left out, as it only stands in for something else.
+        """
+        if self.refitted:
+            return "number"
+        if self.stands_in:
+            return None
+        return "effect" if self.instance.effect.lacked_by == MODELS else "variant"
+
+    @property
     def acts(self) -> bool:
-        """Whether it is added to the arm beside the numbers: in the prediction, and in `robot.yaml`."""
-        return not (self.refitted or self.stands_in)
+        """Whether the prediction with the causes has it, and that without them has not."""
+        return self.held_as in ("effect", "variant")
 
     def against(self, odds: float) -> Cause:
         """Return it where something else has these odds to be there in its place."""
-        return replace(self.less_sure(1.0 / (1.0 + odds)), stands_in=self.stands_in or odds > 1.0)
+        stands_in = self.stands_in or (odds > 1.0 and not self.minor)
+        return replace(self.less_sure(1.0 / (1.0 + odds)), stands_in=stands_in)
 
     def less_sure(self, share: float) -> Cause:
         """Return it with its own and its alternatives' confidence reduced to a share.
@@ -137,6 +153,8 @@ class Cause:
             "parameters": parameters,
             "shrink": _plain(self.shrink),
             "minor": self.minor,
+            "stands_in": self.stands_in,
+            "held_as": self.held_as,
             "confidence": _plain(self.confidence),
             "alternatives": [
                 {
@@ -250,7 +268,8 @@ class Diagnosis:
     log_likelihood
         What the causes gain, nats: on each data set with coefficients of the other.
     causes, unexplained
-        What was found, most important first, and where something is left.
+        What was found, most important first, and where something is left. The figures of the gap after, and of its
+        shrink, are with all causes added, also those that only stand in for something else.
     imperfections
         Numbers of the description and of the sensors that the recording determines, where the model was refitted.
     known
@@ -260,7 +279,7 @@ class Diagnosis:
     cumulative_shrink
         Share of the gap that is gone with the first cause, the first two, and so on.
     prediction
-        How far ahead the model sees, without and with the causes.
+        How far ahead the model sees, without and with the causes that act.
     agreements
         The causes recording by recording, where there are several.
     proposal

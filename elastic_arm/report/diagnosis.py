@@ -17,6 +17,8 @@ from elastic_arm.diagnosis.texts.findings import (
     alone_text,
     cause_size,
     gap_at,
+    held_text,
+    left_out_note,
     listed_alternatives,
     negative_shrink_note,
     prediction_sentence,
@@ -113,22 +115,26 @@ def _verdict(found: Diagnosis) -> list[Block]:
                 cause_size(c),
                 alone_text(c),
                 probability_text(c.confidence),
+                held_text(c),
             ]
             for c in found.causes
         ]
         header = [
-            "what the arm has and the model lacks",
+            "cause",
             "where",
             "shows on",
             "size",
             "shrinks the gap alone by",
             "confidence",
+            "corrected arm",
         ]
         blocks.append(Table(header, rows))
     if note := negative_shrink_note(found.causes):
         blocks.append(Text(note))
+    if note := left_out_note(found.causes):
+        blocks.append(Text(note, "warn"))
     if found.prediction is not None and found.prediction.before and found.causes:
-        blocks.append(Text(prediction_sentence(found.prediction, found.units)))
+        blocks.append(Text(prediction_sentence(found, found.prediction)))
     blocks += [Text(line, "warn") for line in (*_leftover(found), *_disagreements(found))]
     others: list[list[object]] = [
         [f"{c.effect} on {c.joint or 'whole arm'}", f"{a.effect} on {a.joint or 'whole arm'}",
@@ -253,7 +259,8 @@ def _prediction(found: Diagnosis) -> list[Block]:
         "by the measured motor torque in simulation. The root mean square of predicted minus measured angle shows how "
         "far ahead the model can be trusted."
     )
-    shown = {", before": prediction.before, ", after": prediction.after} if found.causes else {"": prediction.before}
+    acting = any(cause.acts for cause in found.causes)
+    shown = {", before": prediction.before, ", after": prediction.after} if acting else {"": prediction.before}
     header = ["joint", "angle", *(f"{1e3 * h:g} ms{when}" for h in prediction.horizons for when in shown)]
     rows = [
         [joint, side, *(1e6 * size[joint, side][k] for k in range(len(prediction.horizons)) for size in shown.values())]
@@ -261,7 +268,7 @@ def _prediction(found: Diagnosis) -> list[Block]:
     ]
     unit = found.units.over("µrad")
     drawing = Figure(figures.horizons(prediction, found.joints, unit))
-    gone = [Text(prediction_sentence(prediction, found.units), "warn")] if prediction.reason else []
+    gone = [Text(prediction_sentence(found, prediction), "warn")] if prediction.reason else []
     return [Text(text), *gone, drawing, Table(header, rows, f"Prediction error, {unit}", 2)]
 
 

@@ -39,7 +39,8 @@ BRIGHTEST = 100.0  # residual over noise at which the map's colour ends
 
 def title(cause: Cause) -> str:
     """Return a cause's name in words."""
-    return f"{cause.effect.replace('_', ' ')}, {cause.joint or 'whole arm'}"
+    name = f"{cause.effect.replace('_', ' ')}, {cause.joint or 'whole arm'}"
+    return f"{name} (stands in for something else)" if cause.stands_in else name
 
 
 def times(ratio: float) -> str:

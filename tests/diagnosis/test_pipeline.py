@@ -171,7 +171,8 @@ def test_result_is_what_the_contract_says(tmp_path: Path) -> None:
     assert data["recordings"]["independent_motion"] is True
     assert set(data["gap"]["after"]["joint_1"]["link"]) == {"rmse", "max"}
     assert set(data["causes"][0]) == {
-        "effect", "joint", "sides", "regime", "parameters", "shrink", "minor", "confidence", "alternatives",
+        "effect", "joint", "sides", "regime", "parameters", "shrink", "minor", "stands_in", "held_as", "confidence",
+        "alternatives",
     }  # fmt: skip
     low, high = data["shrink_interval"]
     assert low <= data["shrink"] <= high

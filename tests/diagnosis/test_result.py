@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -10,7 +11,7 @@ from typing import Any
 import pytest
 
 from elastic_arm.diagnosis import Diagnosis
-from elastic_arm.diagnosis.corrected_robot import repaired_robot
+from elastic_arm.diagnosis.corrected_robot import holds_any, repaired_robot
 from elastic_arm.diagnosis.inference.estimates import ParameterEstimate
 from elastic_arm.diagnosis.result import SEPARATING, Alternative, Cause, ResidualSizes
 from elastic_arm.effects import parse
@@ -86,3 +87,32 @@ def test_the_corrected_arm_has_what_was_known_and_what_was_found() -> None:
         ("viscous_friction", "joint_3"),
         ("coulomb_friction", "joint_2"),
     ]
+
+
+def test_every_cause_states_what_it_is_of_the_corrected_arm() -> None:
+    """`held_as` is what robot.yaml does with a cause, whose effects are those that are held as one, and no others."""
+    friction = cause()
+    kinds = {
+        "effect": friction,
+        "number": replace(friction, refitted=True),
+        "variant": cause("inertia_coupling"),
+        None: friction.against(3.0),
+    }
+    assert {kind: one.to_dict()["held_as"] for kind, one in kinds.items()} == {kind: kind for kind in kinds}
+    for kind, one in kinds.items():
+        found = diagnosis(one)
+        assert len(repaired_robot(ROBOT, found).effects) == (kind == "effect")
+        assert holds_any(found.causes) == (kind in ("effect", "number"))
+
+
+def test_a_number_of_the_arm_is_held_though_it_stands_in() -> None:
+    """The refitted numbers are in robot.yaml whatever they stand for: the result has both facts."""
+    number = replace(cause(), refitted=True).against(3.0).to_dict()
+    assert (number["held_as"], number["stands_in"]) == ("number", True)
+
+
+def test_a_small_term_of_friction_stays_in_the_corrected_arm() -> None:
+    """It is there beyond doubt: where its size changes between recordings it is less certain, and held all the same."""
+    small = replace(cause(), minor=True).against(3.0)
+    assert small.confidence == pytest.approx(0.25 * cause().confidence)
+    assert small.held_as == "effect" and repaired_robot(ROBOT, diagnosis(small)).effects

@@ -104,6 +104,7 @@ FOUND: dict[str, Any] = {
                 "channels": {"value": ["joint_torque"], "std": None, "unit": ""},
             },
             "shrink": 0.9,
+            "stands_in": False,
             "confidence": 0.8,
             "alternatives": [
                 {"effect": "damping_mismatch", "joint": "joint_1", "confidence": 0.2, "separated_by": "faster motion"}
@@ -137,6 +138,12 @@ def test_a_message_says_what_the_file_says() -> None:
     (place,) = message.unexplained
     assert (place.joint, place.side, place.regime, place.rmse) == ("joint_1", "motor", "load", 0.5)
     assert in_words(FOUND) == "explained: time_delay"
+
+
+def test_one_line_names_what_only_stands_in() -> None:
+    """A line of the log is no place for a cause that is none, unless it says so."""
+    found = {**FOUND, "verdict": "unknown", "causes": [{**FOUND["causes"][0], "stands_in": True}]}
+    assert in_words(found) == "unknown: time_delay, which only stands in for something else"
 
 
 def test_no_gap_is_a_message_too() -> None:

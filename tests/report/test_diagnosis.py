@@ -31,6 +31,7 @@ from elastic_arm.effects import EFFECTS
 from elastic_arm.recording import read_recording, write_recording
 from elastic_arm.report.diagnosis import write_gap_report
 from elastic_arm.report.diagnosis_figures import angle_within_turn, shown_sides
+from elastic_arm.robot import load_robot
 from tests.helpers.browser import rendered_page
 from tests.helpers.gap_recordings import ROBOT, gentle, motions, record
 
@@ -172,7 +173,40 @@ def test_piped_causes_are_a_line_each(two_causes: Diagnosis, monkeypatch: pytest
     for cause in two_causes.causes:
         (line,) = [line for line in lines if line.startswith(f"{cause.effect}  ")]
         assert estimates_text(cause.parameters) in line
-        assert line.endswith(probability_text(cause.confidence))
+        assert "  in robot.yaml  " in line and line.endswith(probability_text(cause.confidence))
+
+
+def test_what_the_corrected_arm_leaves_out_is_marked_everywhere(
+    two_causes: Diagnosis, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Screen and report say at each cause whether robot.yaml holds it, the verdict names what only stands in, and the
+    prediction names what it is made with."""
+    first, second = two_causes.causes
+    found = replace(two_causes, causes=(first, replace(second, stands_in=True)))
+    write_diagnosis(found, ROBOT, tmp_path)
+    assert [e["effect"] for e in load_robot(tmp_path / "robot.yaml").effects] == [first.effect]
+    page = html.unescape((tmp_path / "report.html").read_text())
+    screen = shown(found, tmp_path, monkeypatch, width=UNLIMITED)
+    for cause, held in ((first, "in robot.yaml"), (second, "not in robot.yaml")):
+        (line,) = [line for line in screen if line.startswith(f"{cause.effect}  ")]
+        assert f"  {held}  " in line and f">{held}<" in page
+    for told in (page, "\n".join(screen)):
+        assert f"but {second.effect} on {second.joint} only stands in for something else" in told
+        assert f"{second.effect} on {second.joint} only stands in for something else: robot.yaml" in told
+        assert f"with {first.effect} on {first.joint} added, by" in told
+
+
+def test_no_arm_file_is_written_that_holds_no_cause(
+    two_causes: Diagnosis, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Where all causes only stand in for something else, there is no robot.yaml, and the screen says why."""
+    (tmp_path / "robot.yaml").write_text("old")
+    found = replace(two_causes, causes=tuple(replace(cause, stands_in=True) for cause in two_causes.causes))
+    write_diagnosis(found, ROBOT, tmp_path)
+    assert not (tmp_path / "robot.yaml").exists()
+    screen = "\n".join(shown(found, tmp_path, monkeypatch, width=UNLIMITED))
+    assert "there is no robot.yaml, as it would hold no cause" in screen
+    assert screen.splitlines()[-1].endswith("diagnosis.json, report.html")
 
 
 def test_numbers_that_puzzle_are_explained_beside_them(

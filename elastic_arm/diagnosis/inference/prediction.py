@@ -86,7 +86,7 @@ def predict(context: DiagnosisContext, causes: Sequence[EffectInstance], starts:
     context
         Of the diagnosis; what counted as part of the model acts in both predictions.
     causes
-        What was found.
+        Those of what was found that act.
     starts
         Instants from which is predicted, spread evenly over the validation data.
     """

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from elastic_arm.diagnosis.corrected_robot import holds_any
 from elastic_arm.diagnosis.texts.values import chosen, effect_at, estimates_text, listed, percent, probability_text
+from elastic_arm.effects.model import MODELS
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -12,7 +14,6 @@ if TYPE_CHECKING:
     from elastic_arm.diagnosis.inference.estimates import Agreement
     from elastic_arm.diagnosis.inference.prediction import Prediction
     from elastic_arm.diagnosis.result import Alternative, Cause, Diagnosis
-    from elastic_arm.formatting import JointUnits
 
 # Of the display, no decision of the diagnosis.
 DOUBTFUL = 0.9  # of a cause's and its strongest alternative's confidence: with less, both are named
@@ -29,12 +30,46 @@ def verdict_sentence(found: Diagnosis) -> str:
         places = ", ".join(f"{p.joint} ({p.side})" for p in found.unexplained[:3])
         return f"there is a gap, but no effect of the catalogue explains it; it is largest at {places}."
     named = listed([_with_rival(cause) for cause in found.causes[:NAMED]], len(found.causes) - NAMED)
-    verb = "explains" if len(found.causes) == 1 else "explain"
+    standing_in = [effect_at(cause.effect, cause.joint) for cause in found.causes if cause.stands_in]
+    # What only stands in for a cause explains nothing.
+    verb = "take away" if standing_in else "explain"
+    if len(found.causes) == 1:
+        verb = "takes away" if standing_in else "explains"
+    but = f", but {_only_stand_in(standing_in, found.causes)}" if standing_in else ""
     if found.verdict == "explained" and found.measured_by == "likelihood":
-        return f"{named} {verb} a gap that is fainter than the noise of every residual: {_FAINT}."
+        return f"{named} {verb} a gap that is fainter than the noise of every residual: {_FAINT}{but}."
     if found.verdict == "explained":
-        return f"{named} {verb} {percent(found.shrink)} of the gap on motion that no fit has seen."
-    return f"{named} {verb} {percent(found.shrink)} of the gap; what is left has another cause."
+        return f"{named} {verb} {percent(found.shrink)} of the gap on motion that no fit has seen{but}."
+    left = "" if len(standing_in) == len(found.causes) else "; what is left has another cause"
+    return f"{named} {verb} {percent(found.shrink)} of the gap{but}{left}."
+
+
+def _only_stand_in(names: Sequence[str], causes: Sequence[Cause]) -> str:
+    """Return that some causes only stand in for something else; without names where it is all of them."""
+    subject = "" if len(names) == len(causes) else f"{listed(names)} "
+    return f"{subject}only {'stands' if len(names) == 1 else 'stand'} in for something else"
+
+
+def held_text(cause: Cause) -> str:
+    """Return where the corrected arm has a cause, and where not."""
+    if cause.held_as == "variant":
+        return f"part of {next(model for model in MODELS if model not in cause.instance.effect.lacked_by)}"
+    return {"effect": "in robot.yaml", "number": "number in robot.yaml", None: "not in robot.yaml"}[cause.held_as]
+
+
+def left_out_note(causes: Sequence[Cause]) -> str:
+    """Return which causes the corrected arm leaves out though the figures of the gap hold them; empty for none."""
+    names = [effect_at(cause.effect, cause.joint) for cause in causes if cause.held_as is None]
+    if not names:
+        return ""
+    it, stand = ("it", "stands") if len(names) == 1 else ("them", "stand")
+    left_out = f"robot.yaml and the prediction leave {it} out"
+    if not holds_any(causes):
+        left_out = f"the prediction leaves {it} out, and there is no robot.yaml, as it would hold no cause"
+    return (
+        f"{listed(names)} only {stand} in for something else: {left_out}. "
+        f"The gap after, and how far it shrinks, are those with {it} added."
+    )
 
 
 def _with_rival(cause: Cause) -> str:
@@ -121,19 +156,27 @@ def share_at(found: Diagnosis, joint: str, side: str) -> str:
     return "larger" if percent(share).startswith("-") else f"{percent(share)} gone"
 
 
-def prediction_sentence(prediction: Prediction, units: JointUnits) -> str:
+def prediction_sentence(found: Diagnosis, prediction: Prediction) -> str:
     """Return in a sentence how far the prediction error of the worst angle falls, or why that is not known."""
     before, after = prediction.before or {}, prediction.after or {}
     if prediction.reason:
         return f"{prediction.reason[0].upper()}{prediction.reason[1:]}."
     joint, side = max(before, key=lambda place: before[place][-1])
-    unit = units.at(joint, "rad")
+    unit = found.units.at(joint, "rad")
     errors = [_travel(size[joint, side][-1], unit) for size in (before, after)]
+    model = "model with its refitted numbers" if found.imperfections else "model"
     horizon = f"{1e3 * prediction.horizons[-1]:g} ms"
-    return (
-        f"Driven by the measured torque, the model errs by {errors[0]} after {horizon} at the worst angle "
-        f"({joint}, {side}); with the causes added, by {errors[1]}."
-    )
+    sentence = f"Driven by the measured torque, the {model} errs by {errors[0]} after {horizon} at the worst angle"
+    added = f"; with {added_causes(found.causes)} added, by {errors[1]}" if any(c.acts for c in found.causes) else ""
+    return f"{sentence} ({joint}, {side}){added}."
+
+
+def added_causes(causes: Sequence[Cause]) -> str:
+    """Return in words which causes the prediction has that is made with them."""
+    acting = [cause for cause in causes if cause.acts]
+    if len(acting) == len(causes):
+        return "the causes"
+    return listed([effect_at(cause.effect, cause.joint) for cause in acting[:NAMED]], len(acting) - NAMED)
 
 
 def _travel(value: float, unit: str) -> str:

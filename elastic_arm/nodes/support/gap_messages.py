@@ -50,10 +50,13 @@ def residual_messages(where: ResidualLevels) -> dict[tuple[str, str], GapResidua
 
 def in_words(found: Mapping[str, Any]) -> str:
     """Return verdict and causes as one line."""
-    named = [
-        f"{cause['effect']} ({cause['joint']})" if cause["joint"] else cause["effect"] for cause in found["causes"]
-    ]
+    named = [_named(cause) for cause in found["causes"]]
     return f"{found['verdict']}: {', '.join(named)}" if named else found["verdict"]
+
+
+def _named(cause: Mapping[str, Any]) -> str:
+    name = f"{cause['effect']} ({cause['joint']})" if cause["joint"] else cause["effect"]
+    return f"{name}, which only stands in for something else" if cause["stands_in"] else name
 
 
 def _residual(found: Mapping[str, Any], joint: str, side: str) -> GapResidual:
