@@ -143,8 +143,8 @@ def read_recording(
         raise RecordingError(f"{source}: {error.problem}", error.remedy) from None
     if channels is not None and joints is not None:
         recording = recording.select(joints)
-    stated = dict.fromkeys(name for bag in bags if bag.metadata is not None for name in bag.metadata.currents)
-    recording = recording if channels is not None else replace(recording, currents=tuple(stated))
+    if channels is None:
+        recording = replace(recording, currents=tuple(dict.fromkeys(name for bag in bags for name in bag.currents())))
     return replace(recording, source=source, notes=(*content.damage, *recording.notes))
 
 

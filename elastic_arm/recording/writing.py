@@ -23,7 +23,7 @@ from elastic_arm.recording.spans import Bytes, Offsets, place
 from elastic_arm.recording.storage.bag import METADATA
 from elastic_arm.recording.storage.mcap_records import MESSAGE_HEAD, lay_messages
 from elastic_arm.recording.storage.mcap_sink import Compression, McapSink, Packed, pack
-from elastic_arm.recording.storage.metadata import METADATA_KEY, FileSummary, Topic, metadata, offered_qos
+from elastic_arm.recording.storage.metadata import INSIDE, METADATA_KEY, FileSummary, Topic, metadata, offered_qos
 from elastic_arm.recording.topics import (
     JOINT_STATES,
     JOINT_TORQUES,
@@ -169,7 +169,8 @@ def finish_bag(sink: McapSink, before: Sequence[FileSummary] = (), currents: Seq
     information = metadata(sink.topics, [*before, sink.summary()], currents)
     # The same inside the file, for readers that are given it without its folder.
     inside = yaml.safe_dump(information, sort_keys=False)
-    sink.add_metadata("rosbag2", {"serialized_metadata": inside, "ROS_DISTRO": "jazzy"})
+    record, key = INSIDE
+    sink.add_metadata(record, {key: inside, "ROS_DISTRO": "jazzy"})
     sink.finish()
     file = sink.path.parent / METADATA
     try:

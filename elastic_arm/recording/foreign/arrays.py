@@ -19,6 +19,7 @@ from elastic_arm.recording.foreign.channels import (
     ChannelScale,
     Strict,
     Unit,
+    from_currents,
     load_yaml,
     validated,
 )
@@ -187,9 +188,8 @@ class ArrayMap(Strict):
 
     def currents(self) -> tuple[str, ...]:
         """Return the torque channels, by the names of a recording, that are currents of any joint."""
-        efforts = {"joint_torque": self.link.effort, "motor_torque": self.motor.effort}
-        units = {name: own.unit for name, own in efforts.items() if own is not None}
-        return tuple(name for name, unit in units.items() if "A" in (unit if isinstance(unit, list) else [unit]))
+        units = (None if own is None else own.unit for own in (self.link.effort, self.motor.effort))
+        return from_currents(*(unit if isinstance(unit, list) else [unit] for unit in units))
 
 
 def load_array_map(path: str | Path) -> ArrayMap:

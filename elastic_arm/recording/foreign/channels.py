@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self, TypeVar
 
@@ -13,6 +13,7 @@ from elastic_arm.errors import RecordingError
 from elastic_arm.input_files import explain, read_fields
 from elastic_arm.recording.foreign.coupling import Coupling, coupling_matrix
 from elastic_arm.recording.sides import Array
+from elastic_arm.recording.storage.metadata import TORQUE_CHANNELS
 
 SideName = Literal["link", "motor"]
 ChannelName = Literal["position", "velocity", "effort"]
@@ -150,6 +151,11 @@ class SideChannels(Strict):
                 yield name, channel
 
 
+def from_currents(link: Sequence[str | None], motor: Sequence[str | None]) -> tuple[str, ...]:
+    """Return the torque channels, by the names of a recording, of which any joint has the unit of a current."""
+    return tuple(name for name, units in zip(TORQUE_CHANNELS, (link, motor), strict=True) if "A" in units)
+
+
 class JointChannels(Strict):
     """Both sides of a joint; `name` is what the bag calls it, for all channels without a name of their own."""
 
@@ -190,11 +196,8 @@ class ChannelMap(Strict):
 
     def currents(self) -> tuple[str, ...]:
         """Return the torque channels, by the names of a recording, that are currents of any joint."""
-        efforts = {
-            "joint_torque": [joint.link.effort for joint in self.joints.values()],
-            "motor_torque": [joint.motor.effort for joint in self.joints.values()],
-        }
-        return tuple(name for name, own in efforts.items() if any(one is not None and one.unit == "A" for one in own))
+        sides = zip(*((joint.link.effort, joint.motor.effort) for joint in self.joints.values()), strict=True)
+        return from_currents(*([None if one is None else one.unit for one in efforts] for efforts in sides))
 
 
 def load_channels(path: str | Path) -> ChannelMap:

@@ -12,7 +12,7 @@ from elastic_arm.input_files import read_fields
 from elastic_arm.recording import limits
 from elastic_arm.recording.storage.interface import BagFile
 from elastic_arm.recording.storage.mcap import open_mcap
-from elastic_arm.recording.storage.metadata import CURRENTS, METADATA_KEY, TORQUE_CHANNELS
+from elastic_arm.recording.storage.metadata import METADATA_KEY, stated_currents
 from elastic_arm.recording.storage.sqlite import open_sqlite
 
 METADATA = "metadata.yaml"
@@ -63,6 +63,12 @@ class Bag:
     files: list[BagFile]
     metadata: BagMetadata | None = None
     damage: list[str] = field(default_factory=list)
+
+    def currents(self) -> list[str]:
+        """Return the torque channels that are motor currents times a torque constant: as the files, without folder."""
+        if self.metadata is not None:
+            return list(self.metadata.currents)
+        return list(dict.fromkeys(name for file in self.files for name in file.currents()))
 
     def remarks(self) -> list[str]:
         """Return what cannot be known of the bag, and is no damage."""
@@ -144,11 +150,8 @@ def _metadata(file: Path, content: dict[str, Any]) -> tuple[BagMetadata, list[st
     # A bag is its folder: names that lead out of it are not followed.
     outside = [name for name in names if "\0" in name or Path(name).is_absolute() or ".." in Path(name).parts]
     damage += [f"{file} names {name[:60]!r}, which is not in the bag's folder" for name in outside]
-    custom = content.get("custom_data")
-    stated = custom.get(CURRENTS) if isinstance(custom, dict) else None
-    currents = tuple(name for name in TORQUE_CHANNELS if isinstance(stated, str) and name in stated.split())
     files = tuple(name for name in names if name not in outside)
-    return BagMetadata(count, str(mode or "").lower(), files, currents), damage
+    return BagMetadata(count, str(mode or "").lower(), files, stated_currents(content)), damage
 
 
 def _number(file: Path) -> tuple[str, int]:

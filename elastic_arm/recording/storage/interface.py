@@ -61,6 +61,9 @@ class BagFile(Protocol):
     def remarks(self) -> list[str]:
         """Return what cannot be known of the file, and is no damage."""
 
+    def currents(self) -> tuple[str, ...]:
+        """Return the torque channels that the file states to be motor currents times a torque constant."""
+
     def topics(self) -> list[Topic]:
         """Return its topics, as far as they are known so far; some formats describe a few inside blocks alone."""
 

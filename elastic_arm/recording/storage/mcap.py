@@ -28,7 +28,7 @@ from elastic_arm.recording.storage.checksum import crc32_for
 from elastic_arm.recording.storage.interface import LATEST_NS
 from elastic_arm.recording.storage.mcap_blocks import McapBlock, indexed, repeated
 from elastic_arm.recording.storage.mcap_scan import Record, Scan, scan
-from elastic_arm.recording.storage.metadata import Topic
+from elastic_arm.recording.storage.metadata import INSIDE, Topic, plain_data, stated_currents
 from elastic_arm.recording.storage.unpacking import PACKED_FILES, unpack_chunk, unpack_file
 
 MAGIC = b"\x89MCAP0\r\n"
@@ -98,6 +98,7 @@ class McapFile:
     chunks: list[Chunk] = field(default_factory=list)
     statistics: records.Statistics | None = None
     damage: list[str] = field(default_factory=list)
+    notes: list[Record] = field(default_factory=list)  # where metadata records lie
     loose: Offsets = field(default_factory=lambda: np.empty(0, np.int64))
     _before: McapBlock | None = None  # the chunk before, if all its bytes are messages
 
@@ -133,6 +134,17 @@ class McapFile:
                 f"{self.path} unpacks to {total // limits.MEGABYTE} MB, the limit is {limit // limits.MEGABYTE} MB",
                 "If you trust it, raise the limit: set ELASTIC_ARM_MAX_UNPACKED_MB.",
             )
+
+    def currents(self) -> tuple[str, ...]:
+        """Return the torque channels that rosbag2's metadata in the file states to be currents times a constant."""
+        for _, begin, end in self.notes:
+            try:
+                record = records.Metadata.read(_RecordStream(BytesIO(self.buffer[begin:end].tobytes())))
+            except _BAD_RECORD:
+                continue  # of another program, or damaged: the messages do without it
+            if record.name == INSIDE[0]:
+                return stated_currents(plain_data(record.metadata.get(INSIDE[1], "")))
+        return ()
 
     def topics(self) -> list[Topic]:
         """Return the topics described so far."""
@@ -254,6 +266,8 @@ class McapFile:
                 self.chunks.append(_chunk(buffer, begin, end))
             elif opcode == Opcode.MESSAGE_INDEX and self.chunks:
                 self.chunks[-1].indexes.append(found)
+            elif opcode == Opcode.METADATA:
+                self.notes.append(found)
             elif opcode in _PARSED:
                 record = _PARSED[opcode].read(_RecordStream(BytesIO(buffer[begin:end].tobytes())))
                 self._keep(record)

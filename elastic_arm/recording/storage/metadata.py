@@ -14,7 +14,8 @@ from elastic_arm.recording.topics import LATCHED, STREAM_DEPTH
 METADATA_KEY = "rosbag2_bagfile_information"
 VERSION = 9  # of Jazzy's rosbag2
 TORQUE_CHANNELS = ("joint_torque", "motor_torque")
-CURRENTS = "torques_from_currents"  # custom data of a bag: channels, by spaces
+INSIDE = ("rosbag2", "serialized_metadata")  # record and key by which rosbag2 keeps the same inside an MCAP file
+_CURRENTS = "torques_from_currents"  # custom data of a bag: channels, by spaces
 _FOREVER = {"sec": 9223372036, "nsec": 854775807}
 
 
@@ -111,17 +112,24 @@ def metadata(topics: Sequence[Topic], files: Sequence[FileSummary], currents: Se
             }
             for file in files
         ],
-        "custom_data": {CURRENTS: " ".join(currents)} if currents else None,
+        "custom_data": {_CURRENTS: " ".join(currents)} if currents else None,
         "ros_distro": "jazzy",
     }
 
 
-def _profiles(qos: str) -> Any:
-    """Return quality of service as plain data; none where a bag holds something else."""
+def stated_currents(information: object) -> tuple[str, ...]:
+    """Return the torque channels that are motor currents times a torque constant, as a bag's metadata states them."""
+    custom = information.get("custom_data") if isinstance(information, dict) else None
+    stated = custom.get(_CURRENTS) if isinstance(custom, dict) else None
+    return tuple(name for name in TORQUE_CHANNELS if isinstance(stated, str) and name in stated.split())
+
+
+def plain_data(text: str) -> Any:
+    """Return what a YAML text in a bag holds; None where it is empty, or no YAML."""
     try:
-        return parse_yaml(qos) if qos else []
+        return parse_yaml(text) if text else None
     except (yaml.YAMLError, ValueError, OverflowError, AttributeError):
-        return []
+        return None
 
 
 def _topic(topic: Topic) -> dict[str, Any]:
@@ -129,6 +137,6 @@ def _topic(topic: Topic) -> dict[str, Any]:
         "name": topic.name,
         "type": topic.type_name,
         "serialization_format": "cdr",
-        "offered_qos_profiles": _profiles(topic.qos),
+        "offered_qos_profiles": plain_data(topic.qos) or [],
         "type_description_hash": topic.type_hash,
     }

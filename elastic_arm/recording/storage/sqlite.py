@@ -107,6 +107,10 @@ class SqliteFile:
         """Return nothing: SQLite notices damage by its own structure, as far as it does."""
         return []
 
+    def currents(self) -> tuple[str, ...]:
+        """Return none: these files state nothing of the kind."""
+        return ()
+
     def topics(self) -> list[Topic]:
         """Return its topics."""
         return list(self.channels.values())
