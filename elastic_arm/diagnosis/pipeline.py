@@ -102,7 +102,7 @@ def diagnose(recordings: Sequence[Recording], question: Question, validate: Sequ
     effects = [found.hypothesis.selected[k].feature.effect for k in found.hypothesis.causes]
     off = question.effects is None and _calibrated(effects) > question.settings.search.few_calibrated
     again = _commissioned(recordings, question, validate) if off else None
-    if again is not None and _is_explained(again, question.settings) and len(again.causes) < len(effects):
+    if again is not None and _explains_with_many_off(again, question.settings) and len(again.causes) < len(effects):
         return again
     exact = _diagnosed(found)
     if question.effects is None and not _is_simple(exact, question.settings.search):
@@ -123,10 +123,11 @@ def _commissioned(
     return _diagnosed(_beside_largest_cause(prepared))
 
 
-def _is_explained(again: Diagnosis, settings: DiagnosisSettings) -> bool:
-    """Whether a description that is nearly right explains an arm whose numbers are off as those of real arms are.
+def _explains_with_many_off(again: Diagnosis, settings: DiagnosisSettings) -> bool:
+    """Whether a description that is nearly right explains the recording, with many of its numbers off.
 
-    Of an arm that is built as described few numbers are off, in the place of an effect that the catalogue lacks.
+    Those of real arms are. Of an arm that is built as described few are, in the place of an effect that the catalogue
+    lacks.
     """
     numbers = (one for one in again.imperfections if one.recording is None)
     off = sum(one.differs(settings.refit.certain) for one in numbers)
@@ -150,7 +151,7 @@ def _is_likelier(again: Diagnosis, exact: Diagnosis, settings: DiagnosisSettings
     off = _calibrated(cause.instance.effect for cause in exact.causes) > settings.search.few_calibrated
     of_links = off or all(one.ordinary for one in again.imperfections if one.what.startswith("link_"))
     better = exact.verdict == "unknown" or len(again.causes) < len(exact.causes)
-    return of_links and better and _is_explained(again, settings)
+    return of_links and better and _explains_with_many_off(again, settings)
 
 
 def _is_simple(found: Diagnosis, settings: SearchSettings) -> bool:

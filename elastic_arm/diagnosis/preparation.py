@@ -9,14 +9,10 @@ from functools import cached_property
 import numpy as np
 
 from elastic_arm.diagnosis.calibration.calibrate import calibrate
-from elastic_arm.diagnosis.calibration.linearisation import (
-    CalibrationProblem,
-    Linearised,
-    Observations,
-    expand,
-    linearise,
-)
-from elastic_arm.diagnosis.calibration.linearisation import problem_of as calibration_problem
+from elastic_arm.diagnosis.calibration.expansion import expand
+from elastic_arm.diagnosis.calibration.linearisation import Linearised, linearise
+from elastic_arm.diagnosis.calibration.problem import CalibrationProblem, Observations
+from elastic_arm.diagnosis.calibration.problem import problem_of as calibration_problem
 from elastic_arm.diagnosis.data.common_equations import common_equations, has_one_encoder
 from elastic_arm.diagnosis.data.encoder_zeros import with_common_zeros
 from elastic_arm.diagnosis.data.preprocessing import needs_motion, standing, usable

@@ -127,6 +127,7 @@ class SearchSettings:
     start_ratio: float = 0.3  # least score of another start, as a share of the best hypothesis' score; convention
     shortlist: int = 4  # candidates whose nonlinear parameters are optimised before they are compared
     shortlist_ratio: float = 0.5  # least score on the shortlist, as a share of the best; convention
+    by_chance: float = 4.5  # nats that an effect gains by chance at most: three standard deviations; convention
     exchange_passes: int = 2  # of exchanging each selected candidate against all others
     # Nats by which an exchange must improve: a Bayes factor of 20, "strong" in Kass and Raftery (1995).
     exchange_gain: float = 3.0

@@ -9,12 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elastic_arm.diagnosis.calibration.channels import gains
-from elastic_arm.diagnosis.calibration.linearisation import (
-    CalibrationProblem,
-    Expansion,
-    expand,
-    linearise,
-)
+from elastic_arm.diagnosis.calibration.expansion import Expansion, expand
+from elastic_arm.diagnosis.calibration.linearisation import linearise
+from elastic_arm.diagnosis.calibration.problem import CalibrationProblem
 from elastic_arm.diagnosis.result import Imperfection
 from elastic_arm.diagnosis.selection.hypothesis import misfit
 from elastic_arm.diagnosis.selection.regressor_library import Candidate, RegressorLibrary

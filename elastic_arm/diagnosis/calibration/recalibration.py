@@ -8,8 +8,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from elastic_arm.diagnosis.calibration.calibrate import calibrate
-from elastic_arm.diagnosis.calibration.linearisation import CalibrationProblem, Expansion, Linearised, expand, linearise
+from elastic_arm.diagnosis.calibration.expansion import Expansion, expand
+from elastic_arm.diagnosis.calibration.linearisation import Linearised, linearise
 from elastic_arm.diagnosis.calibration.nuisance import NuisanceParameter, drift_curves
+from elastic_arm.diagnosis.calibration.problem import CalibrationProblem
 from elastic_arm.diagnosis.calibration.torque_filters import filters_for_lags
 from elastic_arm.diagnosis.preparation import PreparedData
 from elastic_arm.diagnosis.selection.hypothesis import Hypothesis

@@ -230,7 +230,7 @@ def _ranked(
             continue
         best = refine(library, [*selected, candidate], candidate, settings.refinement)
         trial = [*selected, best]
-        if plausible(library, trial, settings.search.ratio_factor, given=given):
+        if plausible(library, trial, settings.search, given=given):
             gain = library.both(trial) - without
             asked = max(asked, settings.search.shortlist_ratio * gain)
             found[key] = (gain / scale - float(np.log(tried[key])), best)

@@ -10,16 +10,15 @@ from numpy.typing import NDArray
 from elastic_arm.diagnosis.selection.hypothesis import misfit
 from elastic_arm.diagnosis.selection.plausible_size import PlausibleSizes
 from elastic_arm.diagnosis.selection.regressor_library import Candidate, RegressorLibrary
+from elastic_arm.diagnosis.settings import SearchSettings
 
 Array = NDArray[np.float64]
-
-NOTHING = 4.5  # nats that an effect gains by chance at most: three standard deviations; convention
 
 
 def plausible(
     library: RegressorLibrary,
     selected: Sequence[Candidate],
-    ratio_factor: float,
+    settings: SearchSettings,
     sizes: PlausibleSizes | None = None,
     given: Sequence[Candidate] = (),
 ) -> bool:
@@ -31,8 +30,8 @@ def plausible(
         Of all columns.
     selected
         The candidates, fitted together.
-    ratio_factor
-        How far outside its plausible range a ratio may be.
+    settings
+        How far outside its plausible range a ratio may be, and what an effect gains by chance.
     sizes
         The largest plausible sizes; signs and ratios alone are judged where they are not known.
     given
@@ -52,15 +51,15 @@ def plausible(
             return False
     fitted = zip(selected, coefficients, strict=True)
     judged = ((c, beta) for c, beta in fitted if not c.fixed and c.searched is not None)
-    wrong = (c for c, beta in judged if not _possible(c, beta, ratio_factor, sizes))
+    wrong = (c for c, beta in judged if not _possible(c, beta, settings.ratio_factor, sizes))
     # What every hypothesis holds may be nothing on this arm: then it comes out with either sign.
-    return all(c.feature.key in known and _is_nothing(library, selected, c) for c in wrong)
+    return all(c.feature.key in known and _is_nothing(library, selected, c, settings.by_chance) for c in wrong)
 
 
-def _is_nothing(library: RegressorLibrary, selected: Sequence[Candidate], which: Candidate) -> bool:
-    """Whether a hypothesis explains as much without one of its effects, to within three standard deviations."""
+def _is_nothing(library: RegressorLibrary, selected: Sequence[Candidate], which: Candidate, by_chance: float) -> bool:
+    """Whether a hypothesis explains as much without one of its effects, to within what it gains by chance, nats."""
     gain = library.both(selected) - library.both([other for other in selected if other is not which])
-    return gain < NOTHING * misfit(library, selected)
+    return gain < by_chance * misfit(library, selected)
 
 
 def coefficient_bounds(selected: Sequence[Candidate], ratio_factor: float) -> tuple[Array, Array]:

@@ -86,7 +86,7 @@ class StepwiseSearch:
     def _plausible(self, selected: Sequence[Candidate]) -> bool:
         key = tuple(selected)
         if key not in self._possible:
-            self._possible[key] = plausible(self.library, selected, self._search.ratio_factor, self._sizes, self.given)
+            self._possible[key] = plausible(self.library, selected, self._search, self._sizes, self.given)
         return self._possible[key]
 
     def strongest(self) -> float:

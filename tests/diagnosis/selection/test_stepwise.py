@@ -115,7 +115,7 @@ def test_what_no_effect_can_have_is_left_out_of_the_ranking() -> None:
     rankings = Rankings(library, library.candidates[:1], prices, 0, 1.2)
     assert [trial for *_, trial in rankings.trials((one,), possible=True)] == []
     assert [trial for *_, trial in rankings.trials((one,), possible=False)] == [[one, library.candidates[0]]]
-    assert not plausible(library, [one, library.candidates[0]], 1.2)
+    assert not plausible(library, [one, library.candidates[0]], SETTINGS.search)
 
 
 def test_coefficients_are_those_of_least_squares() -> None:
@@ -209,7 +209,7 @@ def test_a_friction_that_drives_is_not_plausible() -> None:
         library, _ = library_of({"one": coefficient}, "two")
         candidate = library.add(feature("one", linear=(size,)), ())
         library.close()
-        assert plausible(library, [candidate], SETTINGS.search.ratio_factor) == expected
+        assert plausible(library, [candidate], SETTINGS.search) == expected
 
 
 @pytest.mark.parametrize(("size", "possible"), [(-0.05, True), (-1.0, False)])
@@ -224,7 +224,7 @@ def test_a_known_effect_that_is_nothing_refuses_no_cause(size: float, possible: 
     library.candidates[:] = [known, cause]
     library.close()
     assert float(library.fit(0, [known, cause])[0]) < 0.0
-    assert plausible(library, [known, cause], SETTINGS.search.ratio_factor, given=[known]) == possible
+    assert plausible(library, [known, cause], SETTINGS.search, given=[known]) == possible
     found = StepwiseSearch(library, [known], SETTINGS).best()
     assert (cause in found.selected) == possible
 
@@ -239,10 +239,10 @@ def test_what_nuisance_parameters_do_at_joints_of_known_effects_refuses_no_cause
         library.add(feature(name, joint=joint), ()) for name, joint in (("three", "a"), ("two", "a"), ("two", "b"))
     )
     library.close()
-    given, factor = [known], SETTINGS.search.ratio_factor
-    assert plausible(library, [known, at_b], factor, given=given)
-    assert plausible(library, [replace(known), at_b], factor, given=given)  # at other values of its parameters
-    assert not plausible(library, [known, at_a], factor, given=given)
+    given, search = [known], SETTINGS.search
+    assert plausible(library, [known, at_b], search, given=given)
+    assert plausible(library, [replace(known), at_b], search, given=given)  # at other values of its parameters
+    assert not plausible(library, [known, at_a], search, given=given)
 
 
 def test_refinement_finds_a_nonlinear_parameter() -> None:
