@@ -137,7 +137,7 @@ def read_by_clock(
     clock: ClockChoice,
     namespace: str | None = None,
 ) -> Recording:
-    """Read a recording whose stamps mean what the user demands.
+    """Read a recording whose stamps mean what the user demands, with a note on velocities in another unit.
 
     Parameters
     ----------
@@ -159,8 +159,11 @@ def read_by_clock(
     """
     # Not every command that takes these options reads a bag.
     from elastic_arm.recording import read_recording
+    from elastic_arm.recording.inspection.plausibility import wrong_velocities
 
     recording = read_recording(path, channels, joints, arrival=clock is ClockChoice.arrival, namespace=namespace)
+    wrong = tuple(f"{path}: {words}." for words in wrong_velocities(recording))
+    recording = replace(recording, notes=(*recording.notes, *wrong))
     if clock is ClockChoice.auto:
         return recording
     return replace(recording, clock="regular" if clock is ClockChoice.regular else "stamps")

@@ -12,7 +12,7 @@ import scipy
 from elastic_arm.recording import Recording, Side, read_recording, write_recording
 from elastic_arm.recording.foreign.arrays import import_arrays
 from elastic_arm.recording.inspection.check import check_bag
-from elastic_arm.recording.inspection.plausibility import implausible, smoothed_torques
+from elastic_arm.recording.inspection.plausibility import implausible, smoothed_torques, wrong_velocities
 from tests.helpers.bags import JOINTS
 
 ROOT = Path(__file__).parents[2]
@@ -176,3 +176,12 @@ def test_torques_that_were_low_passed_are_named_by_themselves() -> None:
     named = [smoothed_torques(Recording(("a", "b"), motor=Side(stamps, angles, effort=e))) for e in (noisy, smooth)]
     assert named[0] == []
     assert len(named[1]) == 1 and "motor effort of all joints holds nothing above" in named[1][0]
+
+
+def test_velocities_in_another_unit_are_named_before_anything_is_fitted() -> None:
+    """Angles in degrees beside rates in rad/s are told from the numbers alone, and an ordinary arm is not blamed."""
+    recording = arm()
+    assert wrong_velocities(recording) == []
+    assert recording.link is not None and recording.link.position is not None
+    (words,) = wrong_velocities(changed(recording, "link", position=np.rad2deg(recording.link.position)))
+    assert words.startswith("link velocity of all joints is 0.0175 times the derivative of the position")

@@ -24,6 +24,7 @@ from elastic_arm.recording.recording import Recording
 from elastic_arm.recording.sides import Array, Side, joints_with
 
 _FEWEST = 200  # samples; below, nothing is concluded
+_ENOUGH = 20_000  # samples of a side that show a wrong unit; bounds the time
 _WINDOW = 0.02  # s over which a velocity is compared with the position's advance: above the encoders' steps
 _STILL = 1e-3  # rad/s rms below which a joint does not move
 _FASTEST = 500.0  # rad/s rms from sample to sample; beyond, the numbers are no motion of an arm
@@ -105,6 +106,22 @@ def smoothed_torques(recording: Recording) -> list[str]:
     long = [(name, side) for name, side in sides if side.effort is not None and len(side) >= _FEWEST]
     found = [finding for name, side in long for finding in _noiseless(name, side, recording.joints)]
     return [finding.message for finding in found if finding.code == _SMOOTH]
+
+
+def wrong_velocities(recording: Recording) -> list[str]:
+    """Return in words which velocities are no derivatives of their positions, by column, unit or sign.
+
+    Of a long recording the middle decides: a wrong unit shows in every stretch.
+    """
+    found: list[Finding] = []
+    for name, whole in recording.sides().items():
+        if name == "reference" or whole.position is None or whole.velocity is None:
+            continue
+        begin = max(0, (len(whole) - _ENOUGH) // 2)
+        side, joints = _whole(whole.at(slice(begin, begin + _ENOUGH)), recording.joints)
+        if len(side) >= _FEWEST and _is_motion(side):
+            found += _velocities(name, _compared(side), joints)
+    return [finding.message for finding in found if finding.severity == "warning"]
 
 
 def _compared(side: Side) -> _ComparedMotion:
