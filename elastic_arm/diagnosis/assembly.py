@@ -38,6 +38,7 @@ from elastic_arm.diagnosis.texts.notes import (
     refuted_note,
     unlike_noise_note,
 )
+from elastic_arm.diagnosis.wrong_units import wrong_unit_notes
 
 Array = NDArray[np.float64]
 
@@ -84,6 +85,7 @@ def assemble(
     rng = settings.resampling.significance_rng()
     after = residual_statistics(prepared.validation, residuals, before.band, settings, rng)
     unexplained = _unexplained(prepared, before, after, residuals, traces, kept) if answer == "unknown" else []
+    units = wrong_unit_notes(prepared, hypothesis.baseline) if answer == "unknown" else []
     return Diagnosis(
         model=prepared.model.name,
         robot=prepared.model.robot.name,
@@ -106,7 +108,7 @@ def assemble(
         unexplained=tuple(with_laws(unexplained, prepared, laws) if answer == "unknown" else ()),
         imperfections=estimated.imperfections,
         known=_known(estimated),
-        notes=_notes(prepared, judgement, estimated, laws),
+        notes=(*units, *_notes(prepared, judgement, estimated, laws)),
         cumulative_shrink=cumulative_shrink(measure, hypothesis.baseline, [r.candidate for r in ranked]),
         context=_context(prepared, judgement, estimated, ranked, residuals),
     )

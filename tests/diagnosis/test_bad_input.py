@@ -136,3 +136,14 @@ def test_no_effect_of_the_drive_is_taken_for_a_drift(effect: str) -> None:
     recording, settings = record(motions()[0], INSTANCES[effect][0]), PreprocessingSettings()
     assert clock_drift(recording.samples(), settings) is None
     assert usable(recording, settings) == recording
+
+
+@pytest.mark.parametrize(("side", "factor", "gain"), [("motor", -1.0 / 363.0, "-0.00275"), ("link", 1000.0, "1e+03")])
+def test_torques_in_another_unit_are_named(clean: list[Recording], side: str, factor: float, gain: str) -> None:
+    """Torque at the motor's shaft and of the other sign, or in mNm, ends as unknown with the joints' factors named."""
+    fitted, judge = (with_effort(recording, lambda torque: factor * torque, side) for recording in clean)
+    effects = tuple(EFFECTS[name] for name in ("motor_torque_gain", "joint_torque_gain", "coulomb_friction"))
+    found = diagnose([fitted], Question(ROBOT, effects=effects), [judge])
+    assert found.verdict == "unknown"
+    notes = " ".join(note for note in found.notes if "check unit, sign and gear ratio" in note)
+    assert all(f"torque_gain of {gain} at {joint} " in notes for joint in ROBOT.joint_names)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from elastic_arm.diagnosis.texts.values import effect_at, estimates_text, log_likelihood_text, size_text
+from elastic_arm.diagnosis.texts.values import effect_at, estimates_text, log_likelihood_text, percent, size_text
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -91,6 +91,22 @@ def impossible_size_note(feature: Feature, name: str, estimate: ParameterEstimat
         f"{_of_place(feature)} would fit with {name} {size_text(estimate.value, estimate.std, estimate.unit)}, "
         "which no such arm has: it is no cause. The model or the channel map is wrong there, or an effect acts that "
         "the catalogue lacks."
+    )
+
+
+def wrong_unit_note(feature: Feature, gain: float, share: float) -> str:
+    """Return the note on a torque channel that is the model's torque but for a factor that no sensor has.
+
+    Parameters
+    ----------
+    feature
+        The gain at its joint.
+    gain, share
+        Recorded over true torque, and the share of the residuals' squares there that it would take.
+    """
+    return (
+        f"A {feature.effect.id} of {gain:.3g} at {feature.joint} would explain {percent(share)} of what is left there, "
+        "and no sensor has it: check unit, sign and gear ratio of that channel."
     )
 
 
