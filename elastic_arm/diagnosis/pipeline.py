@@ -200,7 +200,7 @@ def _estimated_once_more(prepared: PreparedData, hypothesis: Hypothesis) -> Esti
         Of the search, with rivals.
     """
     found = estimated_beyond_ordinary(prepared, hypothesis)
-    there = hypothesis.only(candidate.feature.key for candidate in found.estimated.hypothesis.selected)
+    there = _as_judged(hypothesis, found)
     if not prepared.calibration.parameters or len(there.causes) == len(hypothesis.causes):
         return found
     # Beside what turned out to be no cause, the model lies elsewhere, and with it what is beyond ordinary.
@@ -209,6 +209,16 @@ def _estimated_once_more(prepared: PreparedData, hypothesis: Hypothesis) -> Esti
     better = estimated_beyond_ordinary(again, stepwise.with_rivals(there))
     # Where it leaves more, it is no better place.
     return better if better.misfit < prepared.settings.refit.worse * found.misfit else found
+
+
+def _as_judged(hypothesis: Hypothesis, found: Estimated) -> Hypothesis:
+    """Return those causes of the search that are still there, with those that were put in the place of others."""
+    last = {candidate.feature.key for candidate in found.estimated.hypothesis.selected}
+    judged, searched = found.judgement.hypothesis, {candidate.feature.key for candidate in hypothesis.selected}
+    instead = [judged.selected[k] for k in judged.causes]
+    keys = last - searched - judged.beyond
+    there = hypothesis.only(last)
+    return replace(there, selected=[*there.selected, *(c for c in instead if c.feature.key in keys)])
 
 
 def _beside_largest_cause(prepared: PreparedData) -> Searched:
@@ -278,10 +288,7 @@ def estimated_beyond_ordinary(prepared: PreparedData, hypothesis: Hypothesis) ->
     while True:
         # What the model's own numbers would have to be far from ordinary for.
         beside, extended = beyond_ordinary(prepared, hypothesis, refused)
-        # Without the effects that are too small, uncertain in resampled blocks, or compatible with no effect.
-        judgement = judge(beside, extended)
-        # All parameters at their joint optimum, with standard deviations.
-        estimated = estimate(beside, judgement.hypothesis, judgement.faults)
+        judgement, estimated = _judged(beside, extended)
         left = {candidate.feature.key for candidate in estimated.hypothesis.selected}
         lost = [c.feature.key for c in extended.selected if c.feature.key in extended.beyond - left]
         if not lost or len(left) >= len(extended.selected):
@@ -289,6 +296,20 @@ def estimated_beyond_ordinary(prepared: PreparedData, hypothesis: Hypothesis) ->
         # What is no cause is in the model's numbers. The last one found gained least.
         refused |= {lost[-1]}
         prepared = replace(beside, found=replace(beside.found, library=beside.library.calibrated_beside(())))
+
+
+def _judged(prepared: PreparedData, hypothesis: Hypothesis) -> tuple[Judgement, EstimatedHypothesis]:
+    """Judge and estimate causes until none has a number that no such arm has, beside everything else."""
+    impossible: dict[Key, str] = {}
+    while True:
+        # Without the effects that are too small, uncertain in resampled blocks, or compatible with no effect.
+        judgement = judge(prepared, hypothesis, impossible)
+        # All parameters at their joint optimum, with standard deviations.
+        estimated = estimate(prepared, judgement.hypothesis, judgement.faults)
+        if estimated.impossible.keys() <= impossible.keys():
+            return judgement, estimated
+        # A curve that bends at no speed reached, or at one that is not determined, is the law without a bend.
+        impossible |= estimated.impossible
 
 
 def beyond_ordinary(

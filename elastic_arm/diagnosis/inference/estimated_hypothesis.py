@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -48,6 +48,8 @@ class EstimatedHypothesis:
         The candidates where their parameters were determined, with the derivatives by these.
     final
         Where that was; None where nothing is calibrated, which is where the search was.
+    impossible
+        Notes on the causes, by key, with numbers there that no such arm has.
     """
 
     hypothesis: Hypothesis
@@ -58,6 +60,7 @@ class EstimatedHypothesis:
     faults: tuple[LargeImperfection, ...] = ()
     optimum: tuple[Candidate, ...] = ()
     final: FinalEstimates | None = None
+    impossible: Mapping[Key, str] = field(default_factory=dict)
 
 
 def estimate(
@@ -97,6 +100,7 @@ def estimate(
         tuple(faults),
         (*own, *tangents(library, own)),
         last,
+        prepared.sizes.notes(hypothesis, parameters),
     )
 
 

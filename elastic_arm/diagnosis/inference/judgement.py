@@ -16,7 +16,7 @@ from elastic_arm.diagnosis.preparation import PreparedData
 from elastic_arm.diagnosis.selection.hypothesis import Hypothesis, Key, misfit
 from elastic_arm.diagnosis.selection.regressor_library import Candidate
 from elastic_arm.diagnosis.selection.stepwise import StepwiseSearch
-from elastic_arm.diagnosis.texts.notes import impossible_size_note, small_effect_note
+from elastic_arm.diagnosis.texts.notes import small_effect_note
 from elastic_arm.effects.parameters import Role
 
 
@@ -51,8 +51,18 @@ class Judgement:
     minor: frozenset[Key] = frozenset()
 
 
-def judge(prepared: PreparedData, hypothesis: Hypothesis) -> Judgement:
-    """Keep the causes that pass: large enough, present in every resample, different from no effect."""
+def judge(prepared: PreparedData, hypothesis: Hypothesis, impossible: Mapping[Key, str] | None = None) -> Judgement:
+    """Keep the causes that pass: large enough, present in every resample, different from no effect.
+
+    Parameters
+    ----------
+    prepared
+        Data and regressors.
+    hypothesis
+        Of the search.
+    impossible
+        Notes on causes, by key, that have impossible numbers beside everything else.
+    """
     ratios = [prepared.gear_ratios(joint) for joint in range(prepared.model.n)]
     test = LackOfFitTest(prepared.library, ratios, prepared.settings)
     hypothesis, notes = without_ordinary(prepared, hypothesis)
@@ -60,7 +70,7 @@ def judge(prepared: PreparedData, hypothesis: Hypothesis) -> Judgement:
     faults, measure = _measured(prepared, hypothesis, test, faults)
     # An effect of the arm is not small because a sensor is far off, too.
     beside = gap_measure(prepared, hypothesis, test) if faults else measure
-    kept, more_notes = eliminate(prepared, hypothesis, beside)
+    kept, more_notes = eliminate(prepared, hypothesis, beside, impossible)
     kept = StepwiseSearch(prepared.library, kept.baseline, prepared.settings, prepared.sizes).simplified(kept)
     if len(kept.selected) < len(hypothesis.selected):
         faults = faults_beside(prepared, kept.selected)
@@ -197,7 +207,9 @@ def _ordinary_note(candidate: Candidate, values: Mapping[str, ParameterEstimate]
     return ordinary.note({**numbers, **candidate.feature.choices}, candidate.feature.joint or "all joints")
 
 
-def eliminate(prepared: PreparedData, hypothesis: Hypothesis, measure: GapMeasure) -> tuple[Hypothesis, list[str]]:
+def eliminate(
+    prepared: PreparedData, hypothesis: Hypothesis, measure: GapMeasure, known: Mapping[Key, str] | None = None
+) -> tuple[Hypothesis, list[str]]:
     """Leave out causes that do not pass, worst first, and return notes on those too small.
 
     In the place of one with an impossible number goes an effect that is known to be confused with it: friction that
@@ -211,26 +223,32 @@ def eliminate(prepared: PreparedData, hypothesis: Hypothesis, measure: GapMeasur
         To judge.
     measure
         What the gap is measured by.
+    known
+        Notes on causes, by key, whose numbers are known to be impossible.
     """
     notes: list[str] = []
-    refused: set[Key] = set()
+    refused = set(known or ())
     while hypothesis.causes:
+        keys = {k: hypothesis.selected[k].feature.key for k in hypothesis.causes}
         shares = {k: measure.contribution(hypothesis.selected, k) for k in hypothesis.causes}
         failed = {k: share for k, share in shares.items() if not passes(prepared, hypothesis, k, share)}
         failed = failed or {k: 0.0 for k in insignificant(prepared, hypothesis) if k in hypothesis.causes}
         outside = [] if failed else outside_their_ranges(prepared, hypothesis)
-        impossible = {} if failed or outside else impossible_sizes(prepared, hypothesis)
-        failed = failed or {k: shares[k] for k in (*outside, *impossible)}
+        impossible = dict(known or {})
+        if not failed and not outside:
+            impossible |= prepared.sizes.notes(hypothesis, prepared.estimates.parameters(hypothesis.selected))
+        unlikely = {} if failed else {k: shares[k] for k, key in keys.items() if k in outside or key in impossible}
+        failed = failed or unlikely
         if not failed:
             break
         worst = min(failed, key=lambda k: failed[k])
-        if worst in outside or worst in impossible:
-            refused.add(hypothesis.selected[worst].feature.key)
+        if worst in unlikely:
+            refused.add(keys[worst])
             other = in_its_place(prepared, hypothesis, worst, refused)
             if other is not None:
                 hypothesis = other
                 continue
-            notes += [impossible[worst]] if worst in impossible else []
+            notes += [impossible[keys[worst]]] if keys[worst] in impossible else []
         if is_small_effect(prepared, hypothesis, worst, failed[worst]):
             feature, least = hypothesis.selected[worst].feature, prepared.settings.judgement.least_shrink
             notes.append(small_effect_note(feature, failed[worst], least))
@@ -252,17 +270,6 @@ def in_its_place(prepared: PreparedData, hypothesis: Hypothesis, k: int, refused
     """
     search = StepwiseSearch(prepared.library, hypothesis.baseline, prepared.settings, prepared.sizes)
     return search.replaced(hypothesis, k, refused)
-
-
-def impossible_sizes(prepared: PreparedData, hypothesis: Hypothesis) -> dict[int, str]:
-    """Return a note for each cause, by position, with a size that no engineer would believe."""
-    estimated, found = prepared.estimates.parameters(hypothesis.selected), {}
-    for k in hypothesis.causes:
-        feature = hypothesis.selected[k].feature
-        name = prepared.sizes.impossible(feature, estimated[k])
-        if name is not None:
-            found[k] = impossible_size_note(feature, name, estimated[k][name])
-    return found
 
 
 def passes(prepared: PreparedData, hypothesis: Hypothesis, k: int, share: float) -> bool:

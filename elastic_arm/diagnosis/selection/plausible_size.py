@@ -13,6 +13,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from elastic_arm.diagnosis.selection.hypothesis import Hypothesis, Key
+from elastic_arm.diagnosis.texts.notes import impossible_size_note
 from elastic_arm.effects.model import SensorEffect
 from elastic_arm.effects.parameters import Parameter, Role
 from elastic_arm.estimation.effect_columns import Feature
@@ -53,6 +55,24 @@ class PlausibleSizes:
         self._torque = np.max([_largest_torques(one) for one in data], axis=0)
         self._peaks: dict[tuple[object, ...], float] = {}
 
+    def notes(self, hypothesis: Hypothesis, estimated: Sequence[Mapping[str, ParameterEstimate]]) -> dict[Key, str]:
+        """Return a note on each cause, by key, that came out with a size that no engineer would believe.
+
+        Parameters
+        ----------
+        hypothesis
+            That holds the causes.
+        estimated
+            The parameters of each of its candidates.
+        """
+        found = {}
+        for k in hypothesis.causes:
+            feature = hypothesis.selected[k].feature
+            name = self.impossible(feature, estimated[k])
+            if name is not None:
+                found[feature.key] = impossible_size_note(feature, name, estimated[k][name])
+        return found
+
     def impossible(self, feature: Feature, values: Mapping[str, ParameterEstimate]) -> str | None:
         """Return the name of a parameter that is no plausible one, None where all are.
 
@@ -77,9 +97,9 @@ class PlausibleSizes:
 
     @staticmethod
     def _searched(parameter: Parameter, value: Array, std: float | None) -> bool:
-        """Whether a searched parameter was found near its range, and is known to a part of it."""
+        """Whether a searched parameter was found near its range, and is known to a part of itself."""
         near = (parameter.low / RANGE_FACTOR <= value) & (value <= parameter.high * RANGE_FACTOR)
-        return bool(near.all()) and (std is None or std < RANGE_FACTOR * parameter.high)
+        return bool(near.all()) and (std is None or bool((std < value).all()))
 
     def allows(self, feature: Feature, parameter: Parameter, value: Array) -> bool:
         """Whether one parameter has a plausible value.

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from elastic_arm.diagnosis import pipeline
 from elastic_arm.diagnosis.inference import judgement
 from elastic_arm.diagnosis.inference.judgement import eliminate, passes
 from elastic_arm.diagnosis.selection.hypothesis import Hypothesis
@@ -43,8 +44,9 @@ def prepared(monkeypatch: pytest.MonkeyPatch) -> Any:
     monkeypatch.setattr(judgement, "misfit", lambda library, selected: 1.0)
     monkeypatch.setattr(judgement, "insignificant", lambda prepared, hypothesis: [])
     monkeypatch.setattr(judgement, "outside_their_ranges", lambda prepared, hypothesis: [])
-    monkeypatch.setattr(judgement, "impossible_sizes", lambda prepared, hypothesis: {})
-    return SimpleNamespace(library=Library(), settings=SETTINGS)
+    estimates = SimpleNamespace(parameters=lambda selected: [{} for _ in selected])
+    sizes = SimpleNamespace(notes=lambda hypothesis, estimated: {})
+    return SimpleNamespace(library=Library(), settings=SETTINGS, estimates=estimates, sizes=sizes)
 
 
 @pytest.mark.parametrize(
@@ -106,10 +108,7 @@ def test_a_size_that_no_arm_has_is_noted_and_no_cause(prepared: Any, monkeypatch
     """The cause leaves, and its note stays."""
     absurd, good = candidate("absurd", 0.5, 30.0), candidate("good", 0.4, 30.0)
 
-    def impossible(prepared: Any, hypothesis: Hypothesis) -> dict[int, str]:
-        return {k: "absurd" for k in hypothesis.causes if hypothesis.selected[k] is absurd}
-
-    monkeypatch.setattr(judgement, "impossible_sizes", impossible)
+    prepared.sizes = SimpleNamespace(notes=lambda hypothesis, estimated: {absurd.feature.key: "absurd"})
     monkeypatch.setattr(judgement, "in_its_place", lambda *_: None)
     measure: Any = SimpleNamespace(contribution=lambda selected, k: selected[k].share)
     left, notes = eliminate(prepared, Hypothesis([absurd, good]), measure)
@@ -135,3 +134,29 @@ def test_in_the_place_of_a_number_outside_its_range_stands_what_it_is_confused_w
     measure: Any = SimpleNamespace(contribution=lambda selected, k: selected[k].share)
     left, notes = eliminate(prepared, Hypothesis([bent, good]), measure)
     assert left.selected == ([viscous, good] if found else [good]) and notes == []
+
+
+def test_a_cause_that_is_impossible_beside_everything_else_gives_way(
+    prepared: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Believable in the search, not in the last estimates: what it is confused with is judged and estimated."""
+    bent, viscous, good = candidate("bent", 0.5, 30.0), candidate("viscous", 0.5, 30.0), candidate("good", 0.4, 30.0)
+    measure: Any = SimpleNamespace(contribution=lambda selected, k: selected[k].share)
+
+    def judged(prepared: Any, hypothesis: Hypothesis, *impossible: Any) -> Any:
+        return SimpleNamespace(hypothesis=eliminate(prepared, hypothesis, measure, *impossible)[0], faults=())
+
+    def estimated(prepared: Any, hypothesis: Hypothesis, faults: Any) -> Any:
+        impossible = {bent.feature.key: "bent"} if bent in hypothesis.selected else {}
+        return SimpleNamespace(hypothesis=hypothesis, impossible=impossible)
+
+    def replaced(prepared: Any, hypothesis: Hypothesis, k: int, refused: Any) -> Hypothesis:
+        return replace(hypothesis, selected=[viscous, *hypothesis.without(k)])
+
+    monkeypatch.setattr(judgement, "in_its_place", replaced)
+    monkeypatch.setattr(pipeline, "beyond_ordinary", lambda prepared, hypothesis, refused: (prepared, hypothesis))
+    monkeypatch.setattr(pipeline, "judge", judged)
+    monkeypatch.setattr(pipeline, "estimate", estimated)
+    found = pipeline.estimated_beyond_ordinary(prepared, Hypothesis([bent, good]))
+    assert found.estimated.hypothesis.selected == [viscous, good]
+    assert found.judgement.hypothesis.selected == [viscous, good]

@@ -55,6 +55,18 @@ def test_sizes_on_a_large_arm(effect: str, values: dict[str, float], expected: b
     assert allows(effect, 5000.0, **values) == expected
 
 
+@pytest.mark.parametrize(
+    ("speed", "std", "expected"),
+    [(1.1, 0.07, True), (2.3, 0.15, True), (20.0, 370.0, False), (1.5, 3.0, False)],
+    ids=["in its range", "at its end", "far beyond it", "in it, and not determined"],
+)
+def test_a_bend_that_no_speed_reached_shows_is_no_number_of_an_arm(speed: float, std: float, expected: bool) -> None:
+    """Friction that bends at 20 rad/s is straight wherever a joint turns, and one at 1.5 ± 3 rad/s may be."""
+    feature: Any = SimpleNamespace(effect=EFFECTS["degressive_friction"], joint="joint_2", key=(), searched=())
+    values = {"torque": ParameterEstimate(5.0, 1.0, "Nm"), "speed": ParameterEstimate(speed, std, "rad/s")}
+    assert sizes(50.0).impossible(feature, values) == (None if expected else "speed")
+
+
 def test_the_same_friction_is_too_much_for_a_small_arm() -> None:
     """Friction of 355 Nm in a joint that carries 50 Nm is no friction."""
     assert not allows("coulomb_friction", 50.0, torque=355.0)
