@@ -90,7 +90,7 @@ def rows(model: pinocchio.Model, grid: Grid, cutoff: float, motor_inertia: bool)
     data = model.createData()
     inertial = np.array(
         [pinocchio.computeJointTorqueRegressor(model, data, *state) for state in zip(q, dq, ddq, strict=True)]
-    )
+    ).reshape(len(q), model.nv, -1)  # of a single joint they are vectors
     own = np.eye(model.nv)
     extra = [dq[:, :, None] * own, np.tanh(dq / STANDSTILL)[:, :, None] * own, np.ones_like(dq)[:, :, None] * own]
     extra += [ddq[:, :, None] * own] if motor_inertia else []

@@ -127,7 +127,8 @@ def _moving(tree: ET.Element, joint: Joint, parent: str, placement: Array, axis:
     values = {"effort": limits.torque or _UNKNOWN, "velocity": limits.velocity or _UNKNOWN}
     if limits.position_min is not None and limits.position_max is not None:
         values |= {"lower": limits.position_min, "upper": limits.position_max}
-    if any(values.values()):
+    # Other readers refuse a slide, or a hinge of a limited range, that states no limits at all.
+    if kind != "continuous" or any(values.values()):
         ET.SubElement(element, "limit", {key: repr(float(value)) for key, value in values.items()})
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import mujoco
@@ -12,7 +13,7 @@ import pytest
 
 from elastic_arm.dynamics import build_model
 from elastic_arm.errors import RobotError
-from elastic_arm.robot import Robot, load_robot, robot_to_dict, save_robot, to_urdf
+from elastic_arm.robot import Limits, Robot, load_robot, robot_to_dict, save_robot, to_urdf
 from elastic_arm.robot.kinematics import link_placements, lumped, moved
 from elastic_arm.robot.urdf import parse_urdf
 
@@ -263,6 +264,15 @@ def test_prismatic_joints_have_the_dynamics_of_pinocchio() -> None:
     assert [joint.prismatic for joint in robot.joints] == [False, True, False]
     assert robot.joints[1].limits.position_max == parse_urdf(two_joints()).joints[1].limits.position_max
     assert_same_dynamics(robot, text)
+    assert_same_dynamics(robot, to_urdf(robot))
+
+
+def test_a_slide_without_limits_is_written_for_other_readers() -> None:
+    """Pinocchio refuses a prismatic joint that states none: it is written with unknown ones."""
+    given = parse_urdf(two_joints().replace('"two" type="revolute"', '"two" type="prismatic"'))
+    first, slide = given.joints
+    robot = given.with_(joints=(first, replace(slide, limits=Limits())))
+    assert parse_urdf(to_urdf(robot)).joints[1].limits == Limits()
     assert_same_dynamics(robot, to_urdf(robot))
 
 
