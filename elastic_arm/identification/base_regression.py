@@ -32,6 +32,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -217,8 +218,21 @@ class BaseRegression:
         return [(place[f"{joint}.K"], place[f"{joint}.D"]) for joint in joints]
 
     def predict(self, motion: Motion, Psi_base: Array) -> dict[str, Array]:
-        """Return the right sides of all equations, side -> (N, n) Nm, for base parameters `Psi_base`."""
-        rows = self.rows(motion)[..., :-1] @ Psi_base
+        """Return the right sides of all equations, side -> (N, n) Nm, for base parameters `Psi_base`.
+
+        Zero where they hold the friction of a joint that sticks.
+        """
+        return self._by_side(self.rows(motion)[..., :-1] @ Psi_base)
+
+    def left_out(self, motion: Motion) -> dict[str, NDArray[np.bool_]]:
+        """Return where equations hold the friction of a joint that sticks, side -> (N, n)."""
+        rows = np.zeros((len(self.groups), len(motion)), dtype=bool)
+        for k, stuck in self._stuck(motion):
+            rows[k] = stuck
+        return self._by_side(rows)
+
+    def _by_side(self, rows: NDArray[Any]) -> dict[str, NDArray[Any]]:
+        """Return rows (groups, N) as side -> (N, n)."""
         return {side: rows[k * self.n : (k + 1) * self.n].T for k, side in enumerate(self.sides)}
 
     def by_joint(self, values: Array) -> dict[str, dict[str, float]]:

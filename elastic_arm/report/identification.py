@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from matplotlib.figure import Figure as MplFigure
 from matplotlib.patches import Patch
+from numpy.typing import NDArray
 
 from elastic_arm.estimation.motion import Motion
 from elastic_arm.formatting import rounded
@@ -30,6 +31,9 @@ SIDES = {
     "whole": "motor torque",
 }
 LONGEST_NAME = 60
+GAPS = " Gaps: where a joint sticks, any torque within its dry friction is right."
+
+Array = NDArray[np.float64]
 
 
 def identifiability(result: Identification) -> MplFigure:
@@ -66,8 +70,8 @@ def torques(equations: BaseRegression, motion: Motion, result: Identification) -
     """
     measured = equations.measured(motion)
     sides = [side for side in equations.sides if side != "link"] or list(equations.sides)
-    nominal = equations.predict(motion, equations.base.T @ equations.nominal)
-    found = equations.predict(motion, result.Psi_base)
+    nominal = _predicted(equations, motion, equations.base.T @ equations.nominal)
+    found = _predicted(equations, motion, result.Psi_base)
     with style():
         figure, axes = new_figure(equations.n, len(sides), size=(4.6 * len(sides), 1.7 * equations.n), sharex=True)
         for column, side in enumerate(sides):
@@ -82,6 +86,12 @@ def torques(equations: BaseRegression, motion: Motion, result: Identification) -
     return figure
 
 
+def _predicted(equations: BaseRegression, motion: Motion, Psi_base: Array) -> dict[str, Array]:
+    """Return what base parameters predict, side -> (N, n) Nm, with a gap where a joint sticks: no law states that."""
+    predicted, left_out = equations.predict(motion, Psi_base), equations.left_out(motion)
+    return {side: np.where(left_out[side], np.nan, values) for side, values in predicted.items()}
+
+
 def residuals(equations: BaseRegression, motion: Motion, result: Identification) -> MplFigure:
     """Draw what the identified arm leaves, per joint and equation.
 
@@ -94,7 +104,7 @@ def residuals(equations: BaseRegression, motion: Motion, result: Identification)
     result
         The identified parameters.
     """
-    measured, found = equations.measured(motion), equations.predict(motion, result.Psi_base)
+    measured, found = equations.measured(motion), _predicted(equations, motion, result.Psi_base)
     with style():
         figure, axes = new_figure(equations.n, 1, size=(8.4, 1.35 * equations.n), sharex=True)
         for i, joint in enumerate(equations.joints):
@@ -122,9 +132,12 @@ def sections(
     said: list[Section] = [Section("What the recording determines", _verdict(result))]
     said.append(Section("Base parameters", [_parameters(result)]))
     if equations is not None and motion is not None:
+        predicted = "Torques as measured and as the two arms predict them."
+        left = "What the identified arm leaves, in the band of the filter."
+        gaps = "" if motion.stuck is None else GAPS
         drawn = [
-            Figure(torques(equations, motion, result), "Torques as measured and as the two arms predict them."),
-            Figure(residuals(equations, motion, result), "What the identified arm leaves, in the band of the filter."),
+            Figure(torques(equations, motion, result), predicted + gaps),
+            Figure(residuals(equations, motion, result), left + gaps),
         ]
         said.append(Section("Fit", [_noise(result), *drawn]))
     else:

@@ -2,9 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
+import numpy as np
 import pytest
 
-from elastic_arm.report.identification import sentence
+from elastic_arm.identification import IdentificationSettings, identify_with, parse_laws
+from elastic_arm.report.html import Figure
+from elastic_arm.report.identification import residuals, sections, sentence
+from tests.helpers.gap_recordings import ROBOT, motions, record
 
 
 @pytest.mark.parametrize(
@@ -19,3 +25,22 @@ from elastic_arm.report.identification import sentence
 def test_names_keep_their_letters_in_notes(note: str, shown: str) -> None:
     """A note becomes a sentence, and the name of a file or recording that it begins with stays as it is."""
     assert sentence(note) == shown
+
+
+def test_instants_at_which_a_joint_sticks_are_gaps_in_the_figures() -> None:
+    """They are left out of the fit, and no residual as large as the motor's torque is drawn there."""
+    recording = record(motions()[0], "coulomb_friction:joint_2:torque=14")
+    settings = IdentificationSettings("mod3", parse_laws(["coulomb_friction"], ROBOT))
+    result, identifier, motion = identify_with([recording], ROBOT, settings)
+    stuck = np.zeros((len(motion), 3), dtype=bool)
+    stuck[1000:1500, 1] = True
+    motion = replace(motion, stuck=stuck)
+    link, motor, drive = (
+        np.asarray(line.get_ydata()) for line in residuals(identifier.equations, motion, result).axes[1].get_lines()
+    )
+    assert np.isnan(motor).any() and not np.isnan(np.concatenate([link, drive])).any()
+    assert np.nanmax(np.abs(motor)) < 20.0 < np.abs(motion.tau_m[stuck]).max()
+    figures = [
+        b for part in sections(result, identifier.equations, motion) for b in part.blocks if isinstance(b, Figure)
+    ]
+    assert sum("where a joint sticks" in figure.caption for figure in figures) == 2
