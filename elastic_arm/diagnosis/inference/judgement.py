@@ -73,8 +73,9 @@ def judge(prepared: PreparedData, hypothesis: Hypothesis, impossible: Mapping[Ke
     kept, more_notes = eliminate(prepared, hypothesis, beside, impossible)
     kept = StepwiseSearch(prepared.library, kept.baseline, prepared.settings, prepared.sizes).simplified(kept)
     if len(kept.selected) < len(hypothesis.selected):
-        faults = faults_beside(prepared, kept.selected)
-        if not kept.causes:
+        counted, faults = faults, faults_beside(prepared, kept.selected)
+        # What is a fault beside false causes alone is no part of the gap.
+        if not kept.causes or (counted and not faults):
             faults, measure = _measured(prepared, kept, test, faults)
     gained = gain(prepared, kept.selected, kept.baseline)
     minor = frozenset(
