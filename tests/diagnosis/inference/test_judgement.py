@@ -160,3 +160,22 @@ def test_a_cause_that_is_impossible_beside_everything_else_gives_way(
     found = pipeline.estimated_beyond_ordinary(prepared, Hypothesis([bent, good]))
     assert found.estimated.hypothesis.selected == [viscous, good]
     assert found.judgement.hypothesis.selected == [viscous, good]
+
+
+@pytest.mark.parametrize("left", [(), ("other fault",)])
+def test_a_fault_beside_false_causes_alone_is_no_part_of_the_gap(
+    left: tuple[str, ...], prepared: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Where no fault is left beside the causes that pass, the gap is measured without those that were counted."""
+    good, false = candidate("good", 0.6, 30.0), candidate("false", -0.1, 0.0)
+    prepared.gear_ratios, prepared.model = (lambda joint: (1.0, 1.0)), SimpleNamespace(n=1)
+    search = SimpleNamespace(simplified=lambda hypothesis: hypothesis)
+    monkeypatch.setattr(judgement, "LackOfFitTest", lambda *given: None)
+    monkeypatch.setattr(judgement, "StepwiseSearch", lambda *given: search)
+    monkeypatch.setattr(judgement, "without_ordinary", lambda prepared, hypothesis: (hypothesis, []))
+    monkeypatch.setattr(judgement, "faults_beside", lambda prepared, chosen: ("fault",) if false in chosen else left)
+    monkeypatch.setattr(judgement, "_measured", lambda prepared, hypothesis, test, faults: (faults, f"beside {faults}"))
+    monkeypatch.setattr(judgement, "gap_measure", lambda *given: SimpleNamespace(contribution=lambda chosen, k: 1.0))
+    monkeypatch.setattr(judgement, "eliminate", lambda prepared, hypothesis, *beside: (hypothesis.drop(1), []))
+    judged = judgement.judge(prepared, Hypothesis([good, false]))
+    assert judged.faults == left and (bool(left) or judged.measure == "beside ()")
