@@ -105,7 +105,7 @@ def parse_laws(texts: Sequence[str], robot: Robot, catalogue: Catalogue | None =
     Raises
     ------
     EffectError, IdentificationError
-        If there is no such effect, or none of its parameters is linear.
+        If there is no such effect, none of its parameters is linear, or a value is given for one that is.
     """
     found = []
     for text in texts:
@@ -126,6 +126,11 @@ def parse_laws(texts: Sequence[str], robot: Robot, catalogue: Catalogue | None =
             raise IdentificationError(
                 f"{effect.id}: with its gain left open a torque explains itself, and every mass is zero",
                 "Leave it out, or find it with `elastic-arm diagnose --refit`, which knows how far gains are off.",
+            )
+        if stated := [p.name for p in linear if p.name in written.values]:
+            raise IdentificationError(
+                f"{effect.id}: {', '.join(stated)} is what identification finds, and a value is given",
+                f"Leave it out: {effect.id}{f':{written.joint}' if written.joint else ''}.",
             )
         neutral = {p.name: [p.neutral or 0.0] * p.size if p.size > 1 else p.neutral or 0.0 for p in linear}
         for joint in _joints(written, robot):

@@ -29,6 +29,14 @@ def test_laws_of_identification_need_no_course_of_time() -> None:
     np.testing.assert_allclose(found["motor"][:, 1], np.asarray(whole.dtheta)[:, 1])
 
 
+def test_a_value_of_what_is_to_be_found_is_refused() -> None:
+    """A size that is given with a law would be ignored; what the columns need, such as a rest angle, is taken."""
+    with pytest.raises(IdentificationError, match=r"torque is what identification finds.*Leave it out: .*:joint_2\."):
+        parse_laws(["coulomb_friction:joint_2:torque=3"], ROBOT)
+    (spring,) = parse_laws(["joint_spring:joint_2:rest=0.3"], ROBOT)
+    assert spring.parameters["rest"] == 0.3
+
+
 @pytest.mark.parametrize("law", ["motor_torque_gain", "joint_torque_gain:joint_2"])
 def test_a_torque_gain_is_refused_beside_masses(law: str) -> None:
     """With its gain left open a torque explains itself, with masses of zero: that is no identification."""

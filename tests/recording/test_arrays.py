@@ -67,6 +67,18 @@ def test_npz_csv_and_mat_give_the_same_recording(tmp_path: Path) -> None:
     assert_equal(read_recording(write_recording(tmp_path / "bag", recording)), recording)
 
 
+@pytest.mark.parametrize("wrong", ["number", "time"])
+def test_samples_that_no_bag_could_hold_are_to_be_mended_in_the_file(wrong: str, tmp_path: Path) -> None:
+    """The remedy is no repair of a bag, as there is none yet."""
+    times, angles = np.arange(10) / 300, np.zeros((10, 1))
+    (angles if wrong == "number" else times)[5:6] = np.nan if wrong == "number" else 0.0
+    np.savez(tmp_path / "a.npz", q=angles, t=times)
+    content = {"times": {"key": "t"}, "joints": ["a"], "link": {"position": {"key": "q"}}}
+    with pytest.raises(RecordingError, match="Mend these samples in the file") as told:
+        import_arrays(tmp_path / "a.npz", write_yaml(tmp_path / "map.yaml", content))
+    assert "--repair" not in str(told.value)
+
+
 def test_a_constant_rate_stands_in_for_times(tmp_path: Path) -> None:
     """Arrays without times are timed by a rate."""
     np.savez(tmp_path / "a.npz", q=np.zeros((10, 1)))

@@ -24,10 +24,11 @@ from elastic_arm.recording.foreign.channels import (
     validated,
 )
 from elastic_arm.recording.foreign.coupling import Coupling, coupled, coupling_matrix
-from elastic_arm.recording.inspection.quality import checked
+from elastic_arm.recording.inspection.quality import REPAIR, checked
 from elastic_arm.recording.recording import Recording
 from elastic_arm.recording.sides import Array, Side, Stamps
 
+MEND = "Mend these samples in the file: times have to advance, and numbers to be finite."
 _NS = {"s": 1e9, "ms": 1e6, "us": 1e3, "ns": 1.0}
 # The columns of a table without names are called by their numbers.
 Key = Annotated[str, BeforeValidator(lambda key: str(key) if type(key) is int else key)]
@@ -226,7 +227,9 @@ def import_arrays(path: str | Path, mapping: str | Path) -> Recording:
         link = _side(arrays, rules, "link", stamp_ns)
         motor = coupled(_side(arrays, rules, "motor", stamp_ns), coupling_matrix(rules.coupling, rules.joints))
     except RecordingError as error:
-        raise RecordingError(f"{path}: {error.problem}", error.remedy) from None
+        # There is no bag yet that could be repaired.
+        remedy = MEND if REPAIR in error.remedy else error.remedy
+        raise RecordingError(f"{path}: {error.problem}", remedy) from None
     urdf = None
     if rules.robot_description is not None:
         file = Path(mapping).parent / rules.robot_description

@@ -74,7 +74,8 @@ def _channel(
         if messages is None or not messages.count:
             raise RecordingError(
                 f"no messages on {topic}, which the channel map names for {', '.join(joints)}",
-                f"Topics with messages: {', '.join(t for t, s in series.items() if s.count) or 'none of the map'}.",
+                f"Topics of the map with messages: {', '.join(t for t, s in series.items() if s.count) or 'none'}; "
+                "elastic-arm bag info lists those of the bag.",
             )
         values = np.column_stack([_one(messages, sources[joint], name) for joint in joints])
         side = checked(Side(_times(messages, channels), **{name: values}), topic, joints)
