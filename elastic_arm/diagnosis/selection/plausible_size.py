@@ -120,6 +120,8 @@ class PlausibleSizes:
             if isinstance(feature.effect, SensorEffect):
                 low, high = parameter.neutral / MOST_GAIN, parameter.neutral * MOST_GAIN
             return all(low <= number <= high for number in numbers)
+        if parameter.inverse and min(numbers, default=parameter.low) < parameter.low / SLACK:
+            return False
         if largest <= SLACK * max(abs(parameter.low), abs(parameter.high)):
             return True
         # An angle of either sign is a zero or a mounting: it may have any value.

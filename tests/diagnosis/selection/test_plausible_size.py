@@ -48,6 +48,8 @@ def allows(effect: str, carried: float, **values: float) -> bool:
         ("stribeck_friction", {"torque": 10.0, "speed": 0.1}, True),
         ("encoder_offset", {"offset": 0.4}, True),
         ("encoder_eccentricity", {"amplitude": 0.4, "phase": 1.0}, False),
+        ("torque_lowpass", {"cutoff": 2.0}, True),
+        ("torque_lowpass", {"cutoff": 0.06}, False),
     ],
 )
 def test_sizes_on_a_large_arm(effect: str, values: dict[str, float], expected: bool) -> None:
