@@ -19,6 +19,7 @@ from elastic_arm.diagnosis.inference.lack_of_fit import LackOfFit, strongest
 from elastic_arm.diagnosis.inference.place_gaps import PlaceGap, place_gaps
 from elastic_arm.diagnosis.inference.regimes import regime, shares
 from elastic_arm.diagnosis.laws.better_laws import NO_LAWS, BetterLaws, lacks_of_fit
+from elastic_arm.diagnosis.mounting import mounting_notes
 from elastic_arm.diagnosis.preparation import PreparedData
 from elastic_arm.diagnosis.ranked_causes import RankedCause, listed_causes
 from elastic_arm.diagnosis.result import (
@@ -85,7 +86,7 @@ def assemble(
     rng = settings.resampling.significance_rng()
     after = residual_statistics(prepared.validation, residuals, before.band, settings, rng)
     unexplained = _unexplained(prepared, before, after, residuals, traces, kept) if answer == "unknown" else []
-    units = wrong_unit_notes(prepared, hypothesis.baseline) if answer == "unknown" else []
+    first = _notes_on_input(prepared, hypothesis.baseline) if answer == "unknown" else []
     return Diagnosis(
         model=prepared.model.name,
         robot=prepared.model.robot.name,
@@ -108,7 +109,7 @@ def assemble(
         unexplained=tuple(with_laws(unexplained, prepared, laws) if answer == "unknown" else ()),
         imperfections=estimated.imperfections,
         known=_known(estimated),
-        notes=(*units, *_notes(prepared, judgement, estimated, laws)),
+        notes=(*first, *_notes(prepared, judgement, estimated, laws)),
         cumulative_shrink=cumulative_shrink(measure, hypothesis.baseline, [r.candidate for r in ranked]),
         context=_context(prepared, judgement, estimated, ranked, residuals),
     )
@@ -169,6 +170,14 @@ def with_laws(
     first = [UnexplainedResidual(*prepared.places[one.row], one.regime, one.rmse) for one in lacks]
     own = {(one.joint, one.side) for one in first}
     return [*first, *(one for one in places if (one.joint, one.side) not in own)]
+
+
+def _notes_on_input(prepared: PreparedData, baseline: Sequence[Candidate]) -> list[str]:
+    """Return what an unknown cause may be owed to: another mounting, or torque channels in other units."""
+    problem, data = prepared.calibration, prepared.validation
+    motions = [part.stretch.quiet for part in data.parts]
+    mounted = mounting_notes(problem.robot, problem.model, motions, data.layout.torques[0])
+    return [*mounted, *wrong_unit_notes(prepared, baseline)]
 
 
 def _notes(
