@@ -60,6 +60,7 @@ class RefitSettings:
     worse: float = 1.01  # ratio of misfits up to which a step is no worse; of noise alone it is known to a few per cent
     passing: float = 1.5  # ratio of misfits up to which a step that leads on may be worse; convention
     approach: float = 0.7  # ratio of what is left of the step from which it leads on; convention
+    longest: float = 3.0  # factor by which a secant lengthens a step at most; convention
     # Standard deviations up to which a step is none: what is left of the linearisation's error goes with its square.
     settled: float = 0.3
     # Standard deviations of ordinary priors up to which derivatives are kept: they change by about 2 %; convention.

@@ -53,14 +53,17 @@ def calibrate(
     own = {effect.feature.key for effect in best.acting}
     foreign = any(effect.feature.key not in own for effect in start.acting)
     if scaled or foreign or (problem.scales_friction and not start.acting):
-        best = _fitted(problem, expand(problem, start.values, start, best.acting), extra, scaled=scaled)
-    least = best
+        fits = best.misfit <= settings.search.bent
+        again = expand(problem, start.values, start, best.acting, same_problem=fits)
+        best = _fitted(problem, again, extra, scaled=scaled)
+    least, step = best, best.step
     for _ in range(settings.refit.steps):
         if best.farthest < settings.refit.settled:
             break
-        nearer = _nearer(problem, best, scaled=scaled)
+        nearer = _nearer(problem, best, step, scaled=scaled)
         if nearer is None:
             break
+        step = nearer.step_beyond(best, problem)
         best = nearer
         least = min(least, best, key=lambda one: one.misfit)
     # Far from its end a linear fit may leave less than any arm does.
@@ -96,7 +99,7 @@ class _FittedExpansion:
     misfit
         Mean square of what is left.
     step
-        (k,) of Gauss and Newton, in standard deviations of the priors.
+        (k,) of Gauss and Newton as far as the values may go, in standard deviations of the priors.
     farthest
         The largest step of those that move the model, in standard deviations with these data.
     acting
@@ -119,6 +122,17 @@ class _FittedExpansion:
             for candidate, step in self.extra
         ]
 
+    def step_beyond(self, before: _FittedExpansion, problem: CalibrationProblem) -> Array:
+        """Return the step (k,), that of lags by the secant through this fit and the one before.
+
+        The column of a late torque is the rate of the torque that the model predicts, with the noise of accelerations:
+        its own step goes a part of the way alone.
+        """
+        moved, change = self.expansion.values - before.expansion.values, before.step - self.step
+        longer = np.divide(moved, change, out=np.ones_like(moved), where=change != 0.0)
+        lags = np.array([parameter.is_lag for parameter in problem.parameters], dtype=bool)
+        return np.where(lags & (longer > 1.0) & (longer < problem.settings.refit.longest), longer, 1.0) * self.step
+
     def is_on_the_way_from(self, other: _FittedExpansion, settings: RefitSettings) -> bool:
         """Whether it leaves a little more than another one, but is much nearer to the end: what products left."""
         return self.misfit < settings.passing * other.misfit and self.farthest < settings.approach * other.farthest
@@ -132,7 +146,10 @@ def _fitted(
     selected = [*found.given, *again, *tangents(found.library, again)]
     left = misfit(found.library, selected)
     step, stds = found.library.nuisance_step(selected, effective_noise(left, problem.band, problem.settings))
+    # Offsets act linearly: they stay in the columns.
     moving = np.array([parameter.moves_model for parameter in problem.parameters], dtype=bool)
+    limits = _limits(problem, left, free=bool(extra) or scaled)
+    step = np.where(moving, np.clip(expansion.values + step, -limits, limits), 0.0) - expansion.values
     farthest = float(np.max(np.abs(step[moving]) / stds[moving], initial=0.0))
     acts = [*found.given, *(again if scaled else ())]
     acting = tuple(
@@ -150,32 +167,47 @@ def _at(candidate: Candidate, step: Array) -> Candidate:
     return replace(candidate, searched=searched)
 
 
-def _nearer(problem: CalibrationProblem, best: _FittedExpansion, *, scaled: bool) -> _FittedExpansion | None:
+def _nearer(
+    problem: CalibrationProblem, best: _FittedExpansion, step: Array, *, scaled: bool
+) -> _FittedExpansion | None:
     """Return the fit after a step; None where it leaves too much.
 
     Where the full step leaves clearly more than before, a part of it is gone. Of several numbers whose products act a
     long step may first leave more.
     """
     settings = problem.settings.refit
-    # Offsets act linearly: they stay in the columns.
-    limits = np.array([parameter.limit for parameter in problem.parameters])
     fits = best.misfit <= problem.settings.search.bent
-    if not (best.extra or scaled or fits):
-        # What no number of the arm explains bends them all, and with them the gains: causes are not yet known.
-        near = np.minimum(limits, settings.beyond_ordinary)
-        limits = np.where([p.is_inertial for p in problem.parameters], near, limits)
-    moves = np.array([parameter.moves_model for parameter in problem.parameters], dtype=bool)
+    limits = _limits(problem, best.misfit, free=bool(best.extra) or scaled)
     start = best.expansion.values
     for share in settings.step_shares:
-        values = np.clip(np.where(moves, start + share * best.step, 0.0), -limits, limits)
-        step = (values - start) / _changes_of_gain(problem, start, values)
-        values = np.clip(start + step, -limits, limits)
+        part = share * step / _changes_of_gain(problem, start, start + share * step)
+        values = np.clip(start + part, -limits, limits)
         # Where much is unexplained, many combinations of numbers are next to null directions: there each step counts.
         expansion = expand(problem, values, best.expansion, best.acting, same_problem=fits)
         found = _fitted(problem, expansion, best.moved(share), scaled=scaled)
         if found.misfit < settings.worse * best.misfit or found.is_on_the_way_from(best, settings):
             return found
     return None
+
+
+def _limits(problem: CalibrationProblem, misfit: float, *, free: bool) -> Array:
+    """Return how far (k,) nuisance parameters may lie from the description, in standard deviations of their priors.
+
+    Parameters
+    ----------
+    problem
+        What is calibrated.
+    misfit
+        Mean square of what is left.
+    free
+        Whether causes are known already.
+    """
+    limits, settings = np.array([p.limit for p in problem.parameters]), problem.settings
+    if free or misfit <= settings.search.bent:
+        return limits
+    # What no number of the arm explains bends them all, and with them the gains: causes are not yet known.
+    inertial = np.array([p.is_inertial for p in problem.parameters], dtype=bool)
+    return np.where(inertial, np.minimum(limits, settings.refit.beyond_ordinary), limits)
 
 
 def _changes_of_gain(problem: CalibrationProblem, first: Array, second: Array) -> Array:

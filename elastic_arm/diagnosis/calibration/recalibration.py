@@ -86,7 +86,9 @@ class FinalFit:
     selected: tuple[Candidate, ...]
 
 
-def final_fit(prepared: PreparedData, selected: Sequence[Candidate], faulty: Sequence[Feature]) -> FinalFit:
+def final_fit(
+    prepared: PreparedData, selected: Sequence[Candidate], faulty: Sequence[Feature], near: FinalFit | None = None
+) -> FinalFit:
     """Return the data on which causes are estimated: what sensors' gains scale, they scale of the causes, too.
 
     Parameters
@@ -97,14 +99,18 @@ def final_fit(prepared: PreparedData, selected: Sequence[Candidate], faulty: Seq
         Known effects and the causes that passed.
     faulty
         Nuisance parameters beyond ordinary.
+    near
+        Another one of these effects with some of what is beyond ordinary, where to begin.
     """
-    problem, start = _with_wide_priors(prepared.calibration, prepared.found.expansion, faulty)
-    causes = list(selected[len(prepared.given) :])
-    curves = _curves(prepared, selected)
-    if curves:
-        problem = problem.extended(curves)
-        start = expand(problem, np.append(start.values, np.zeros(len(curves))), None, start.acting)
-    expansion, noise, causes = calibrate(problem, start, causes, scaled=True)
+    if near is not None:
+        problem, start = _with_wide_priors(near.problem, near.found.expansion, faulty)
+        selected = near.selected
+    else:
+        problem, start = _with_wide_priors(prepared.calibration, prepared.found.expansion, faulty)
+        if curves := _curves(prepared, selected):
+            problem = problem.extended(curves)
+            start = expand(problem, np.append(start.values, np.zeros(len(curves))), None, start.acting)
+    expansion, noise, causes = calibrate(problem, start, selected[len(prepared.given) :], scaled=True)
     found, again = linearise(problem, expansion, (), causes, noise=noise)
     return FinalFit(problem, found, (*found.given, *again))
 
@@ -119,10 +125,8 @@ def _with_wide_priors(
         return problem, start
     width = problem.settings.refit.fault_width
     parameters = tuple(p.of_fault(width) if w else p for p, w in zip(problem.parameters, wide, strict=True))
-    problem = replace(problem, parameters=parameters, directions=problem.directions * np.where(wide, width, 1.0))
-    # Columns of the arm's numbers are those of one standard deviation: wider ones are made anew.
-    near = start if not any(w and p.feature is None for w, p in zip(wide, parameters, strict=True)) else None
-    return problem, expand(problem, np.where(wide, start.values / width, start.values), near, start.acting)
+    factors = np.where(wide, width, 1.0)
+    return replace(problem, parameters=parameters, directions=problem.directions * factors), start.widened(factors)
 
 
 def _curves(prepared: PreparedData, selected: Sequence[Candidate]) -> list[NuisanceParameter]:

@@ -156,6 +156,6 @@ def _beside_faults(
     further = [found.measured(faults[k]) for k in order[1:]]
     kept = [fault for fault in further if not found.is_no_fault(fault)]
     if kept:
-        found = final_estimates(prepared, selected, [*worst, *kept])
+        found = final_estimates(prepared, selected, [*worst, *kept], near=found)
     last = [found.measured(fault) for fault in (*worst, *kept)]
     return found, [fault for fault in last if fault.feature.effect.searched]

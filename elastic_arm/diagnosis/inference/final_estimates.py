@@ -201,7 +201,10 @@ def _recordings(data: WhitenedData, numbers: Sequence[int]) -> NDArray[np.intp]:
 
 
 def final_estimates(
-    prepared: PreparedData, selected: Sequence[Candidate], faults: Sequence[LargeImperfection]
+    prepared: PreparedData,
+    selected: Sequence[Candidate],
+    faults: Sequence[LargeImperfection],
+    near: FinalEstimates | None = None,
 ) -> FinalEstimates:
     """Return the final estimates beside causes and faults.
 
@@ -213,8 +216,10 @@ def final_estimates(
         Known effects and causes.
     faults
         Nuisance parameters beyond ordinary.
+    near
+        Other ones of these causes with some of the faults, from which they are nearer.
     """
-    fit = final_fit(prepared, selected, [fault.feature for fault in faults])
+    fit = final_fit(prepared, selected, [fault.feature for fault in faults], near.fit if near else None)
     library = fit.found.library
     joint = JointEstimates(library, prepared.settings.judgement)
     polished = joint.polished(fit.selected)

@@ -8,7 +8,7 @@ hypotheses are compared as if every nuisance parameter had been integrated out.
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -58,6 +58,18 @@ class NuisanceColumns:
         """Return those of a model that is taken as it is."""
         white = (np.zeros((len(identify.white), 0)), np.zeros((len(validate.white), 0)))
         return NuisanceColumns(white, (), np.zeros(0), np.zeros(0), ())
+
+    def widened(self, factors: Array) -> NuisanceColumns:
+        """Return the columns where the standard deviations of the priors are wider by factors (k,)."""
+        first, second = (white * factors for white in self.white)
+        validation = [columns * factors for columns in self.validation]
+        return replace(
+            self,
+            white=(first, second),
+            validation=validation,
+            centre=self.centre / factors,
+            limits=self.limits / factors,
+        )
 
     def possible(self, values: Array, joints: Collection[str | None]) -> bool:
         """Whether the nuisance parameters of some joints are within what is believable.
