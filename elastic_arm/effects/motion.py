@@ -120,6 +120,8 @@ class SymbolicMotion:
         t - t_begin over a recording, s; None where no law takes it.
     friction_link, friction_motor : (n, 1)
         What friction effects add to both sides, Nm.
+    wound : (n, 1)
+        The deflection under the load that a model predicts; None where it is not known.
     """
 
     equations: Equations
@@ -139,6 +141,7 @@ class SymbolicMotion:
     elapsed: SX | None = None
     friction_link: SX | None = None
     friction_motor: SX | None = None
+    wound: SX | None = None
 
     @property
     def robot(self) -> Robot:
@@ -188,6 +191,15 @@ class SymbolicMotion:
     def deflection(self) -> SX:
         """d = theta + e(theta) - q, e the transmission error of the effects that act."""
         return self.theta + self.twist - self.q
+
+    @property
+    def deflection_under_load(self) -> SX:
+        """The deflection for a law that is nearly a stiffness: that under the load where it is known.
+
+        The stiffness itself is regressed on the predicted load. Beside it a column of the encoders' deflection would
+        fit their noise, which the residual holds, too (errors in variables; Fuller, Measurement Error Models, 1987).
+        """
+        return self.deflection if self.wound is None else self.wound
 
     @property
     def deflection_rate(self) -> SX:

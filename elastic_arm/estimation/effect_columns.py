@@ -301,11 +301,11 @@ class ActingEffect:
     searched: tuple[float, ...]
     coefficients: Array
 
-    def torques(self, signals: Signals) -> tuple[Array, Array]:
-        """Return what it adds to the joint torque and to the motor torque (N, n), Nm."""
+    def torques(self, signals: Signals) -> tuple[Array, Array, Array]:
+        """Return what it adds to the joint torque, to the motor torque and to that of the spring (N, n), Nm."""
         rows = self.feature.columns(signals, self.searched) @ self.coefficients
-        link, _, motor = np.split(rows, 3, axis=1)
-        return link, link + motor
+        link, drive, motor = np.split(rows, 3, axis=1)
+        return link, link + motor, link - drive
 
 
 def _changed_channels(effect: SensorEffect, joint: str | None, choices: Mapping[str, Any], n: int) -> set[str]:

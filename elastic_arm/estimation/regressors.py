@@ -30,7 +30,7 @@ from elastic_arm.estimation.smoother import Smoother
 Array = NDArray[np.float64]
 INPUTS = (
     "x", "dx", "ddx", "tau_J", "tau_m", "dtau_J", "dtau_m",
-    "progress", "elapsed", "friction_link", "friction_motor", "sign_link", "sign_motor",
+    "progress", "elapsed", "friction_link", "friction_motor", "wound", "sign_link", "sign_motor",
 )  # fmt: skip
 
 
@@ -136,6 +136,10 @@ class Signals:
         stacked[:-1] = 0.5 * (stacked[:-1] + stacked[1:])
         return stacked
 
+    def wound_by(self, torque: Array, stiffness: Array) -> Signals:
+        """Return the signals with the deflections under torques (N, n) Nm of stiffnesses (n,) Nm/rad alone."""
+        return replace(self, values={**self.values, "wound": torque / stiffness})
+
     def with_model_torques(self, load: Array, drive: Array, noise: Mapping[str, Array]) -> Signals:
         """Return the signals with what regressors of whole effects take besides.
 
@@ -175,6 +179,7 @@ def _values(
         "dtau_m": rates[1],
         "sign_link": np.tanh(motion.dq / standstill[0]),
         "sign_motor": np.tanh(motion.dtheta / standstill[1]),
+        "wound": motion.theta - motion.q,
         "progress": ((motion.t - begin) / length - 0.5)[:, None],
         "elapsed": (motion.t - begin)[:, None],
     }

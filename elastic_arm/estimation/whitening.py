@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -264,21 +265,20 @@ class WhitenedData:
             limits = observation.smoother if observation.gain(np.array([band.cutoff]))[0] < WHOLE else None
             for stretch in residuals(model, observation, layout, band):
                 elastic, cutoff = model.robot.elastic, observation.cutoff
+                signals_of = partial(Signals.of, standstill=standstill, elastic=elastic, cutoff=cutoff, smoother=limits)
                 motion = wound_by_load(model, stretch.quiet) if layout.reads_torque_by_deflection else stretch.quiet
                 load, drive = predicted_torques(model, motion)
+                spring = load
                 if predicted:
                     motion = replace(motion, tau_J=load, tau_m=drive)
-                signals = Signals.of(
-                    motion, standstill, elastic=elastic, cutoff=cutoff, predicted=predicted, smoother=limits
-                )
+                signals = signals_of(motion, predicted=predicted)
                 if acting:
                     more = [effect.torques(signals) for effect in acting]
-                    added = zip((load, drive), zip(*more, strict=True), strict=True)
-                    load, drive = (torque + sum(parts) for torque, parts in added)
-                    motion = replace(motion, tau_J=load, tau_m=drive)
-                    signals = Signals.of(
-                        motion, standstill, elastic=elastic, cutoff=cutoff, predicted=predicted, smoother=limits
-                    )
+                    added = zip((load, drive, spring), zip(*more, strict=True), strict=True)
+                    load, drive, spring = (torque + sum(parts) for torque, parts in added)
+                    signals = signals_of(replace(motion, tau_J=load, tau_m=drive), predicted=predicted)
+                if predicted and elastic:
+                    signals = signals.wound_by(spring, drive_constants(model)[0])
                 signals = signals.with_model_torques(load, drive, observation.torque_variances(model.n))
                 self.parts.append(Part(stretch, signals, noise, observation.gains, number))
                 self.pure.append(pure)

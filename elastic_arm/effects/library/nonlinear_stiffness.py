@@ -18,7 +18,7 @@ def law(motion: SymbolicMotion, i: int, p: Mapping[str, Any]) -> Contribution:
     p
         `cubic` (Nm/rad^3).
     """
-    return motion.at(i, drive=p["cubic"] * motion.deflection[i] ** 3)
+    return motion.at(i, drive=p["cubic"] * motion.deflection_under_load[i] ** 3)
 
 
 EFFECT = Effect(

@@ -1,0 +1,74 @@
+"""Laws of a drive beside its stiffness: both are regressed on the load that the model predicts."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from elastic_arm.diagnosis.selection.candidates import feature_of
+from elastic_arm.dynamics import build_model
+from elastic_arm.effects import EffectInstance
+from elastic_arm.effects.equations import ArmEquations
+from elastic_arm.effects.text import parse
+from elastic_arm.estimation.band import Band
+from elastic_arm.estimation.effect_columns import ActingEffect, Feature
+from elastic_arm.estimation.equations import EquationSet
+from elastic_arm.estimation.observation import observe
+from elastic_arm.estimation.whitening import WhitenedData
+from elastic_arm.recording import Recording
+from elastic_arm.sensors import Encoder, Sensors
+from tests.helpers.gap_recordings import ROBOT, gentle, record
+
+MODEL = build_model(ROBOT, "mod3")
+JOINT = 1
+CUBIC = f"nonlinear_stiffness:{ROBOT.joint_names[JOINT]}:cubic=3e8"
+# Encoders of 19 bits.
+SENSORS = Sensors(*[Encoder(resolution=2 * np.pi / 2**19)] * 2)
+
+
+def data(recording: Recording, *acting: ActingEffect) -> WhitenedData:
+    seen = observe(recording, 40.0)
+    return WhitenedData(
+        MODEL,
+        [seen],
+        EquationSet.direct(seen.pieces[0].recorded, MODEL.n),
+        Band(40.0, seen.rate),
+        predicted=True,
+        acting=acting,
+    )
+
+
+def cubic() -> tuple[Feature, EffectInstance]:
+    instance = parse(CUBIC, ROBOT)
+    return feature_of(instance, ArmEquations(ROBOT, "mod3")), instance
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_a_cubic_stiffness_beside_a_free_one_is_not_drawn_to_the_encoders_noise(seed: int) -> None:
+    """Where the load hardly changes, the two act nearly alike, and their difference would be noise of the encoders."""
+    found, (feature, instance) = data(record(gentle(seed), CUBIC, seed=seed, sensors=SENSORS)), cubic()
+    part, row = found.parts[0], MODEL.n + JOINT
+    load = np.zeros((len(part.signals.t), 3 * MODEL.n, 2))
+    load[:, row, 0], load[:, row, 1] = part.signals.model_torques["tau_J"][:, JOINT], 1.0
+    free = found.in_band(part, load)
+    law = found.plain(feature)[0]
+    columns = found.whiten([np.concatenate([free, law], axis=2)])
+    scale = np.linalg.norm(columns, axis=0)
+    beta = np.linalg.lstsq(columns / scale, found.white, rcond=None)[0] / scale
+    left = found.white - columns @ beta
+    std = np.sqrt(np.linalg.inv((columns / scale).T @ (columns / scale))[2, 2] * np.mean(left**2)) / scale[2]
+    assert abs(beta[2] - float(instance.parameters["cubic"])) < 3.0 * std
+
+
+def test_drives_are_wound_by_the_load_less_what_their_laws_carry() -> None:
+    """K d + K_3 d³ is the predicted load, to second order in K_3."""
+    recording, (feature, instance) = record(gentle(1), CUBIC, seed=1, sensors=SENSORS), cubic()
+    size = float(instance.parameters["cubic"])
+    signals = data(recording, ActingEffect(feature, (), np.array([size]))).parts[0].signals
+    spring = ROBOT.joints[JOINT].transmission
+    assert spring is not None
+    wound = signals.values["wound"][:, JOINT]
+    carried = spring.stiffness * wound + size * wound**3
+    load = signals.model_torques["tau_J"][:, JOINT]
+    alone = np.abs(spring.stiffness * wound - load).max()
+    assert np.abs(carried - load).max() < 0.2 * alone
