@@ -61,6 +61,18 @@ class Expansion:
     acting: tuple[ActingEffect, ...] = ()
     derived_at: tuple[Array, tuple[ActingEffect, ...]] | None = None
 
+    def widened(self, factors: Array) -> Expansion:
+        """Return it where the standard deviations of the priors are wider by factors (k,): the same point."""
+        assert self.nuisance is not None and self.inertial is not None and self.derived_at is not None
+        first, second = ([columns * factors for columns in part] for part in self.inertial)
+        return replace(
+            self,
+            values=self.values / factors,
+            nuisance=self.nuisance.widened(factors),
+            inertial=(first, second),
+            derived_at=(self.derived_at[0] / factors, self.derived_at[1]),
+        )
+
 
 def expand(
     problem: CalibrationProblem,

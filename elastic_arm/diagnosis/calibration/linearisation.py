@@ -18,18 +18,6 @@ from elastic_arm.estimation.effect_columns import Feature
 
 Array = NDArray[np.float64]
 
-    def widened(self, factors: Array) -> Expansion:
-        """Return it where the standard deviations of the priors are wider by factors (k,): the same point."""
-        assert self.nuisance is not None and self.inertial is not None and self.derived_at is not None
-        first, second = ([columns * factors for columns in part] for part in self.inertial)
-        return replace(
-            self,
-            values=self.values / factors,
-            nuisance=self.nuisance.widened(factors),
-            inertial=(first, second),
-            derived_at=(self.derived_at[0] / factors, self.derived_at[1]),
-        )
-
 
 @dataclass(frozen=True)
 class Linearised:
