@@ -89,7 +89,7 @@ def is_commissioned(problem: CalibrationProblem, values: Array) -> bool:
 
 
 @dataclass(frozen=True)
-class _FittedExpansion:
+class FittedExpansion:
     """An expansion with the effects fitted beside the nuisance parameters.
 
     Parameters
@@ -122,7 +122,7 @@ class _FittedExpansion:
             for candidate, step in self.extra
         ]
 
-    def step_beyond(self, before: _FittedExpansion, problem: CalibrationProblem) -> Array:
+    def step_beyond(self, before: FittedExpansion, problem: CalibrationProblem) -> Array:
         """Return the step (k,), that of lags by the secant through this fit and the one before.
 
         The column of a late torque is the rate of the torque that the model predicts, with the noise of accelerations:
@@ -133,14 +133,14 @@ class _FittedExpansion:
         lags = np.array([parameter.is_lag for parameter in problem.parameters], dtype=bool)
         return np.where(lags & (longer > 1.0) & (longer < problem.settings.refit.longest), longer, 1.0) * self.step
 
-    def is_on_the_way_from(self, other: _FittedExpansion, settings: RefitSettings) -> bool:
+    def is_on_the_way_from(self, other: FittedExpansion, settings: RefitSettings) -> bool:
         """Whether it leaves a little more than another one, but is much nearer to the end: what products left."""
         return self.misfit < settings.passing * other.misfit and self.farthest < settings.approach * other.farthest
 
 
 def _fitted(
     problem: CalibrationProblem, expansion: Expansion, extra: Sequence[Candidate], *, scaled: bool
-) -> _FittedExpansion:
+) -> FittedExpansion:
     found, again = linearise(problem, expansion, (), extra)
     # Beside other masses and gains a payload lies elsewhere.
     selected = [*found.given, *again, *tangents(found.library, again)]
@@ -158,7 +158,7 @@ def _fitted(
         if not isinstance(c.feature.effect, SensorEffect) and c in acts
     )
     steps = steps_along(found.library, selected, again)
-    return _FittedExpansion(expansion, left, step, farthest, acting, tuple(zip(extra, steps, strict=True)))
+    return FittedExpansion(expansion, left, step, farthest, acting, tuple(zip(extra, steps, strict=True)))
 
 
 def _at(candidate: Candidate, step: Array) -> Candidate:
@@ -167,9 +167,7 @@ def _at(candidate: Candidate, step: Array) -> Candidate:
     return replace(candidate, searched=searched)
 
 
-def _nearer(
-    problem: CalibrationProblem, best: _FittedExpansion, step: Array, *, scaled: bool
-) -> _FittedExpansion | None:
+def _nearer(problem: CalibrationProblem, best: FittedExpansion, step: Array, *, scaled: bool) -> FittedExpansion | None:
     """Return the fit after a step; None where it leaves too much.
 
     Where the full step leaves clearly more than before, a part of it is gone. Of several numbers whose products act a
