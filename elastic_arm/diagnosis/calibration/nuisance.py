@@ -166,6 +166,16 @@ class NuisanceParameter:
         return self.feature is None and self.what.startswith(("link_", "rotor_", "spline_"))
 
     @property
+    def is_of_link(self) -> bool:
+        """Whether it is an inertial number of a link."""
+        return self.is_inertial and self.what.startswith("link_")
+
+    @property
+    def is_of_inertia(self) -> bool:
+        """Whether it is an entry of a link's inertia beside its mass."""
+        return self.is_inertial and self.what.startswith("link_inertia_")
+
+    @property
     def is_described(self) -> bool:
         """Whether it is a number of the arm that the description states: not a motor inertia that it leaves out."""
         return self.feature is None and self.is_number and not (self.what == "rotor_inertia" and self.neutral == 0.0)

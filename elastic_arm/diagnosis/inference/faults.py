@@ -101,22 +101,29 @@ def faults_beside(
     settings, found = prepared.settings.refit, []
     # What is unexplained bends nuisance parameters: then their priors hold them, and nothing else.
     fits = misfit(library, selected) <= prepared.settings.search.bent
-    for k, (p, value, std) in enumerate(zip(parameters, prepared.found.values + values, stds, strict=True)):
-        if p.cause is None or p.cause.effect.searched != named:
-            continue
+    shown = []
+    for p, value, std in zip(parameters, prepared.found.values + values, stds, strict=True):
         own, own_std = float(value * p.prior_std), float(std * p.prior_std)
         known = fits and 1.0 - std**2 >= settings.least_known
         alone, uncertain = p.without_prior(own, own_std) if known else (own, own_std)
-        if abs(alone) < 2.0 * settings.certain * uncertain:
+        beyond = p.is_beyond(alone, uncertain, settings) if known else not p.is_ordinary(own, own_std, settings)
+        shown.append((alone, uncertain, beyond))
+    # Of a link that turns about one axis only an inertia shows, which is its mass's as well as its tensor's: with both
+    # uncertain, the mass is less clear.
+    turned = {p.joint for p, (*_, beyond) in zip(parameters, shown, strict=True) if p.is_of_inertia and beyond}
+    for k, (p, (alone, uncertain, beyond)) in enumerate(zip(parameters, shown, strict=True)):
+        if p.cause is None or p.cause.effect.searched != named:
+            continue
+        by_inertia = p.is_of_link and p.joint in turned
+        if abs(alone) < (1.0 if by_inertia else 2.0) * settings.certain * uncertain:
             continue
         # In the torques as they were recorded, before they were divided by the gains found.
         parts = zip(library.nuisance.validation, prepared.validation.parts, strict=True)
         columns = [N[:, :, k] * (alone / p.prior_std * part.gain(p.cause)) for N, part in parts]
-        beyond = p.is_beyond(alone, uncertain, settings) if known else not p.is_ordinary(own, own_std, settings)
         # Of an ordinary arm the distance is Gaussian; where it begins to count, either is as likely.
         more = 0.5 * (p.distance(alone, uncertain) ** 2 - settings.beyond_ordinary**2)
         fault = LargeImperfection(p.cause, alone, uncertain, columns, float(expit(more)))
-        extraordinary = beyond and not _is_usual(prepared, fault)
+        extraordinary = (beyond or (by_inertia and more > 0.0)) and not _is_usual(prepared, fault)
         # A channel ahead of the others is no effect: it remains an imperfection.
         if fault.is_believable(prepared.settings.search.ratio_factor) and (extraordinary or _matters(prepared, fault)):
             found.append(fault if extraordinary else replace(fault, confidence=1.0))
