@@ -222,16 +222,16 @@ def _ranked(
     rough = sorted(((library.both([*selected, c]) - without, c) for c in further), key=lambda pair: -pair[0])
     found: dict[Key, tuple[float, Candidate]] = {}
     asked = least * scale
-    for gain, candidate in rough:
+    for before, candidate in rough:
         key = candidate.feature.key
         # Columns that span a neighbourhood to first order lack what goes with the square, as a payload's inertia.
-        weak = gain < asked and candidate.searched is not None
+        weak = before < asked and candidate.searched is not None
         if weak or key in found:
             continue
         best = refine(library, [*selected, candidate], candidate, settings.refinement)
         trial = [*selected, best]
         if plausible(library, trial, settings.search, given=given):
-            gain = library.both(trial) - without
-            asked = max(asked, settings.search.shortlist_ratio * gain)
-            found[key] = (gain / scale - float(np.log(tried[key])), best)
+            # Like with like: what is as good as the best one before it is refined may be as good after it.
+            asked = max(asked, settings.search.shortlist_ratio * before)
+            found[key] = ((library.both(trial) - without) / scale - float(np.log(tried[key])), best)
     return sorted((pair for pair in found.values() if pair[0] > least), key=lambda pair: -pair[0])

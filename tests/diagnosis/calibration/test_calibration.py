@@ -95,6 +95,16 @@ def test_a_lag_of_all_link_encoders_is_one_cause() -> None:
 
 
 @pytest.mark.slow
+def test_a_late_motor_torque_is_not_called_a_low_pass_for_sure() -> None:
+    """Before either is refined both are the same column: the low pass, refined first, must not rule out the delay."""
+    found, _ = refitted(50, Fault("time_delay", 1, {"delay": 2e-3}, channels=("motor_torque",)))
+    (cause,) = found.causes
+    assert (cause.effect, cause.joint) == ("time_delay", "joint_2")
+    assert cause.parameters["delay"].value == pytest.approx(2e-3, rel=0.01)
+    assert [other.effect for other in cause.alternatives] == ["torque_lowpass"]
+
+
+@pytest.mark.slow
 def test_play_that_is_loaded_one_way_is_named_with_the_encoder_offset_that_it_may_be() -> None:
     """Play of a drive whose load keeps its sign is an encoder's zero nine standard deviations off: both are named."""
     found, _ = refitted(34, Fault("backlash", 2, {"half_gap": 9e-5}))
