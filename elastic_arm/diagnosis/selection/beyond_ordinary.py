@@ -231,7 +231,8 @@ def _ranked(
         best = refine(library, [*selected, candidate], candidate, settings.refinement)
         trial = [*selected, best]
         if plausible(library, trial, settings.search, given=given):
-            # Like with like: what is as good as the best one before it is refined may be as good after it.
-            asked = max(asked, settings.search.shortlist_ratio * before)
-            found[key] = ((library.both(trial) - without) / scale - float(np.log(tried[key])), best)
+            gain = library.both(trial) - without
+            # What is as good as the best one before that was refined may be as good after it.
+            asked = max(asked, settings.search.shortlist_ratio * min(before, gain))
+            found[key] = (gain / scale - float(np.log(tried[key])), best)
     return sorted((pair for pair in found.values() if pair[0] > least), key=lambda pair: -pair[0])
