@@ -19,7 +19,6 @@ from elastic_arm.diagnosis.inference.lack_of_fit import LackOfFit, strongest
 from elastic_arm.diagnosis.inference.place_gaps import PlaceGap, place_gaps
 from elastic_arm.diagnosis.inference.regimes import regime, shares
 from elastic_arm.diagnosis.laws.better_laws import NO_LAWS, BetterLaws, lacks_of_fit
-from elastic_arm.diagnosis.mounting import mounting_notes
 from elastic_arm.diagnosis.preparation import PreparedData
 from elastic_arm.diagnosis.ranked_causes import RankedCause, listed_causes
 from elastic_arm.diagnosis.result import (
@@ -86,7 +85,7 @@ def assemble(
     rng = settings.resampling.significance_rng()
     after = residual_statistics(prepared.validation, residuals, before.band, settings, rng)
     unexplained = _unexplained(prepared, before, after, residuals, traces, kept) if answer == "unknown" else []
-    first = _notes_on_input(prepared, hypothesis.baseline) if answer == "unknown" else []
+    first = wrong_unit_notes(prepared, hypothesis.baseline) if answer == "unknown" else []
     return Diagnosis(
         model=prepared.model.name,
         robot=prepared.model.robot.name,
@@ -108,7 +107,7 @@ def assemble(
         causes=tuple(r.cause if sure is None else r.cause.less_sure(sure) for r in ranked),
         unexplained=tuple(with_laws(unexplained, prepared, laws) if answer == "unknown" else ()),
         imperfections=estimated.imperfections,
-        known=_known(estimated),
+        known=_known(prepared, estimated),
         notes=(*first, *_notes(prepared, judgement, estimated, laws)),
         cumulative_shrink=cumulative_shrink(measure, hypothesis.baseline, [r.candidate for r in ranked]),
         context=_context(prepared, judgement, estimated, ranked, residuals),
@@ -172,14 +171,6 @@ def with_laws(
     return [*first, *(one for one in places if (one.joint, one.side) not in own)]
 
 
-def _notes_on_input(prepared: PreparedData, baseline: Sequence[Candidate]) -> list[str]:
-    """Return what an unknown cause may be owed to: another mounting, or torque channels in other units."""
-    problem, data = prepared.calibration, prepared.validation
-    motions = [part.stretch.quiet for part in data.parts]
-    mounted = mounting_notes(problem.robot, problem.model, motions, data.layout.torques[0])
-    return [*mounted, *wrong_unit_notes(prepared, baseline)]
-
-
 def _notes(
     prepared: PreparedData, judgement: Judgement, estimated: EstimatedHypothesis, laws: BetterLaws
 ) -> tuple[str, ...]:
@@ -212,8 +203,9 @@ def _law_notes(prepared: PreparedData, laws: BetterLaws) -> list[str]:
     return notes + [unlike_noise_note(*prepared.places[row], power) for row, power in laws.unlike_noise.items()]
 
 
-def _known(estimated: EstimatedHypothesis) -> tuple[dict[str, Any], ...]:
-    """Return what known effects came out as."""
+def _known(prepared: PreparedData, estimated: EstimatedHypothesis) -> tuple[dict[str, Any], ...]:
+    """Return what known effects came out as; the tilt of an arm that is mounted otherwise is a cause."""
+    tilt = prepared.tilt
     given = estimated.hypothesis.given
     return tuple(
         {
@@ -223,6 +215,7 @@ def _known(estimated: EstimatedHypothesis) -> tuple[dict[str, Any], ...]:
             "parameters": plain_parameters(parameters),
         }
         for instance, parameters in zip(estimated.instances[:given], estimated.parameters[:given], strict=True)
+        if tilt is None or instance.effect is not tilt.feature.effect
     )
 
 
@@ -240,7 +233,8 @@ def cumulative_shrink(
     causes
         Most important first.
     """
-    return tuple(measure.share([*baseline, *causes[: k + 1]])[0] for k in range(len(causes)))
+    new = [[c for c in causes[: k + 1] if c not in baseline] for k in range(len(causes))]
+    return tuple(measure.share([*baseline, *some])[0] for some in new)
 
 
 def _by_place(
@@ -249,7 +243,7 @@ def _by_place(
     """Return the gap of each joint and side by itself; nothing where no residual shows it."""
     if judgement.measure.name != "excess":
         return []
-    before = with_faults(prepared.library.validation_residuals(baseline), judgement.faults)
+    before = with_faults(prepared.described_residuals(baseline), judgement.faults)
     return place_gaps(prepared.validation, before, left, prepared.settings)
 
 
@@ -312,7 +306,7 @@ def _context(
     after: list[Array],
 ) -> DiagnosisContext:
     library, hypothesis = prepared.library, estimated.hypothesis
-    before = library.validation_residuals(judgement.hypothesis.baseline)
+    before = prepared.described_residuals(judgement.hypothesis.baseline)
     rows = range(len(prepared.places))
     ratios = [prepared.gear_ratios(row) for row in rows]
     regimes = prepared.settings.regimes

@@ -81,3 +81,8 @@ class DiagnosisContext:
     unseen: tuple[EffectInstance, ...]
     rivals: tuple[tuple[Candidate, ...], ...]
     settings: DiagnosisSettings
+
+    @property
+    def everything(self) -> list[Candidate]:
+        """All that was fitted together: the tilt of an arm that is mounted otherwise is known, and a cause, too."""
+        return [*self.given, *(candidate for candidate in self.selected if candidate not in self.given)]

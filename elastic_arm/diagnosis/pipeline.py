@@ -233,7 +233,9 @@ def _beside_largest_cause(prepared: PreparedData) -> Searched:
         sensors = _freed_sensors(described)
         start = _largest_cause(described)
         faulty = [start.selected[k].feature for k in start.causes if start.selected[k].feature.key in sensors]
-        beside, _ = recalibrated(described, start.only(()) if faulty else start, faulty=faulty, scaled=True)
+        # Columns at no effect are far from what a large one does: gravity turned by a right angle is no small tilt.
+        start = start.only(()) if faulty else replace(start, selected=described.estimates.polished(start.selected))
+        beside, _ = recalibrated(described, start, faulty=faulty, scaled=True)
         if misfit(beside.library, _largest_cause(beside).selected) < settings.far_better * left:
             prepared = beside
     return best_hypothesis(prepared)

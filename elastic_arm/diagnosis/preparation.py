@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
+from numpy.typing import NDArray
 
 from elastic_arm.diagnosis.calibration.calibrate import calibrate
 from elastic_arm.diagnosis.calibration.expansion import expand
@@ -18,6 +19,7 @@ from elastic_arm.diagnosis.data.encoder_zeros import with_common_zeros
 from elastic_arm.diagnosis.data.preprocessing import needs_motion, standing, usable
 from elastic_arm.diagnosis.data.split import independent, split
 from elastic_arm.diagnosis.inference.joint_estimates import JointEstimates
+from elastic_arm.diagnosis.mounted_arm import as_mounted, change_by_mounting
 from elastic_arm.diagnosis.question import Question
 from elastic_arm.diagnosis.selection.candidates import feature_of, features, recorded_features
 from elastic_arm.diagnosis.selection.plausible_size import PlausibleSizes
@@ -33,9 +35,12 @@ from elastic_arm.estimation.equations import EquationSet
 from elastic_arm.estimation.motion import Motion
 from elastic_arm.estimation.observation import Observation, continued, observe
 from elastic_arm.estimation.whitening import WhitenedData
+from elastic_arm.identification.batch.mounting import TILT, Mounting
 from elastic_arm.identification.batch.turning import turning_speeds
 from elastic_arm.recording import Recording
 from elastic_arm.recording.inspection.plausibility import smoothed_torques
+
+Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -62,6 +67,8 @@ class PreparedData:
         What the reader should know of the data.
     settings
         All thresholds.
+    mounting
+        How the arm is mounted, where that is not as described.
     """
 
     calibration: CalibrationProblem
@@ -73,6 +80,7 @@ class PreparedData:
     independent_motion: bool
     notes: tuple[str, ...]
     settings: DiagnosisSettings
+    mounting: Mounting | None = None
 
     @property
     def model(self) -> Model:
@@ -108,6 +116,23 @@ class PreparedData:
     def estimates(self) -> JointEstimates:
         """The parameters of sets of candidates."""
         return JointEstimates(self.library, self.settings.judgement)
+
+    @cached_property
+    def tilt(self) -> Candidate | None:
+        """The known effect that holds the tilt from where the arm is mounted; None where that is as described."""
+        mounted = self.given if self.mounting is not None else ()
+        return next((candidate for candidate in mounted if candidate.feature.effect.id == TILT), None)
+
+    def described_residuals(self, selected: Sequence[Candidate]) -> list[Array]:
+        """Return what candidates leave of the validation data (N', R) of each stretch, of the arm as it is described.
+
+        Else it is the arm as its torques show it mounted.
+        """
+        left = self.library.validation_residuals(selected)
+        if self.mounting is None or self.tilt is None:
+            return left
+        change = change_by_mounting(self.mounting, self.tilt.feature, self.validation)
+        return [residuals + more for residuals, more in zip(left, change, strict=True)]
 
     @property
     def rate(self) -> float:
@@ -149,6 +174,7 @@ def prepare(recordings: Sequence[Recording], validate: Sequence[Recording], ques
     alike = with_common_zeros([*selected[0], *selected[1]], question.robot)
     parts = split(alike[: len(recordings)], alike[len(recordings) :], settings.split)
     observed = _observed(parts, held_back=not validate)
+    question, mounting = as_mounted(question, observed[0])
     question = _with_motor_inertia(question, observed[0])
     observed = _turning_over(question, parts[0], observed)
     currents = sorted({channel for part in parts for recording in part for channel in recording.currents})
@@ -156,12 +182,8 @@ def prepare(recordings: Sequence[Recording], validate: Sequence[Recording], ques
     nominal = build_model(question.robot, question.model)
     layout, band = common_equations([*observed[0], *observed[1]], nominal, settings.preprocessing)
     still = [joint for joint in names if all(joint in standing(r) for r in parts[0])]
-    own = {(instance.effect.id, instance.joint) for instance in question.given}
-    stated = [i for i in robot_effects(question.robot, question.catalogue) if (i.effect.id, i.joint) not in own]
     equations = ArmEquations(question.robot, question.model)
-    known = tuple(i for i in (*stated, *question.given) if feature_of(i, equations).acts)
-    unseen = tuple(i for i in known if not _is_seen(i, layout))
-    known = tuple(instance for instance in known if instance not in unseen)
+    known, unseen = _known_effects(question, equations, layout)
     problem = calibration_problem(
         question.robot,
         question.model,
@@ -193,7 +215,19 @@ def prepare(recordings: Sequence[Recording], validate: Sequence[Recording], ques
         independent_motion=independent(*parts, settings.split),
         notes=tuple(notes),
         settings=settings,
+        mounting=mounting,
     )
+
+
+def _known_effects(
+    question: Question, equations: ArmEquations, layout: EquationSet
+) -> tuple[tuple[EffectInstance, ...], tuple[EffectInstance, ...]]:
+    """Return the effects of the arm file and of the user that act in a recorded equation, and those that do not."""
+    own = {(instance.effect.id, instance.joint) for instance in question.given}
+    stated = [i for i in robot_effects(question.robot, question.catalogue) if (i.effect.id, i.joint) not in own]
+    known = [i for i in (*stated, *question.given) if feature_of(i, equations).acts]
+    unseen = tuple(instance for instance in known if not _is_seen(instance, layout))
+    return tuple(instance for instance in known if instance not in unseen), unseen
 
 
 def _observed(parts: Sequence[Sequence[Recording]], *, held_back: bool) -> list[list[Observation]]:

@@ -13,6 +13,7 @@ from elastic_arm.diagnosis.inference.estimates import ParameterEstimate
 from elastic_arm.diagnosis.inference.faults import LargeImperfection, with_faults
 from elastic_arm.diagnosis.inference.judgement import Judgement
 from elastic_arm.diagnosis.laws.better_laws import BetterLaws
+from elastic_arm.diagnosis.mounted_arm import cause_of_mounting
 from elastic_arm.diagnosis.preparation import PreparedData
 from elastic_arm.diagnosis.result import Alternative, Cause
 from elastic_arm.diagnosis.selection.beyond_ordinary import freed, rivals_of_number
@@ -106,6 +107,7 @@ def listed_causes(
         General laws that explain more than they do.
     """
     causes = [*_found_causes(prepared, estimated, judgement), *_fault_causes(prepared, judgement, estimated, laws)]
+    causes += _mounting_causes(prepared, judgement, estimated)
     ranked = [cause.against(laws) for cause in causes]
     kept = [one for one in ranked if is_listed(one, laws, prepared.settings.judgement.least_listed)]
     return sorted(kept, key=lambda one: -one.cause.shrink)
@@ -139,9 +141,10 @@ def _found_causes(prepared: PreparedData, estimated: EstimatedHypothesis, judgem
         candidate, rivals = hypothesis.selected[k], hypothesis.rivals.get(k, ())
         alone = [*hypothesis.baseline, candidate]
         others = _others(prepared, rivals, candidate.feature)
-        cause = _cause(prepared, estimated, k, measure.share(alone)[0], rivals, others)
+        residuals = prepared.described_residuals(alone)
+        share = measure.share(alone)[0] if prepared.mounting is None else measure.share_left(residuals)
+        cause = _cause(prepared, estimated, k, share, rivals, others)
         cause = replace(cause, minor=candidate.feature.key in judgement.minor)
-        residuals = prepared.library.validation_residuals(alone)
         found.append(RankedCause(cause, candidate, tuple(other.candidate for other in others), residuals))
     return found
 
@@ -164,7 +167,7 @@ def _fault_causes(
     """
     found, library, sides = [], prepared.library, prepared.validation.layout.sides
     least = prepared.settings.judgement.least_listed
-    left = library.validation_residuals(estimated.hypothesis.baseline)
+    left = prepared.described_residuals(estimated.hypothesis.baseline)
     for fault in (each for each in estimated.faults if each.feature.key not in laws.instead):
         feature = fault.feature
         alone = with_faults(left, [other for other in estimated.faults if other is not fault])
@@ -192,6 +195,19 @@ def _fault_causes(
         library.close()
         found.append(RankedCause(cause, candidate, wholes, alone))
     return found
+
+
+def _mounting_causes(prepared: PreparedData, judgement: Judgement, estimated: EstimatedHypothesis) -> list[RankedCause]:
+    """Return the tilt of an arm that is mounted otherwise than described."""
+    mounting, candidate, baseline = prepared.mounting, prepared.tilt, estimated.hypothesis.baseline
+    if mounting is None or candidate is None:
+        return []
+    rest = estimated.parameters[list(prepared.given).index(candidate)]
+    sure = 1.0 - prepared.settings.judgement.least_listed
+    alone = with_faults(prepared.library.validation_residuals(baseline), estimated.faults)
+    cause = cause_of_mounting(mounting, candidate.feature, rest, judgement.measure.share_left(alone), sure)
+    own = next(one for one in baseline if one.feature.key == candidate.feature.key)
+    return [RankedCause(cause, own, (), alone)]
 
 
 def _of_links(prepared: PreparedData, estimated: EstimatedHypothesis, fault: LargeImperfection) -> list[Rival]:

@@ -102,6 +102,18 @@ class ArmEquations:
         ]
         return _column(recursion.inverse_dynamics(alone, _entries(x), _entries(dx), _entries(ddx), ten, TRIG))
 
+    def accelerating_torques(self, x: SX, dx: SX, ddx: SX) -> SX:
+        """Return the left side of (1) without gravity, K and D (dof, 1).
+
+        Parameters
+        ----------
+        x, dx, ddx
+            (dof, 1) rad, rad/s and rad/s².
+        """
+        weightless = [0.0, 0.0, 0.0]
+        symbols = (_entries(x), _entries(dx), _entries(ddx), _entries(self.Psi))
+        return _column(recursion.inverse_dynamics(self.bodies, *symbols, TRIG, weightless))
+
     def gravity_columns(self, x: SX) -> SX:
         """Return the derivative of the left side of (1) by the gravity vector in the ground frame, (dof, 3)."""
         still: list[Any] = [0.0] * self.dof

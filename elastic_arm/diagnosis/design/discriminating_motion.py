@@ -94,7 +94,7 @@ def propose(context: DiagnosisContext, causes: Sequence[Cause], *, rng: np.rando
         return None
     recorded = [_recorded(data) for data in context.library.sets]
     # What no hypothesis explains stays beside both effects, and makes a decision less certain.
-    scale = misfit(context.library, [*context.given, *context.selected])
+    scale = misfit(context.library, context.everything)
     here = (np.sum([_separations(ambiguous, columns) for columns in recorded], axis=0) / scale).tolist()
     names = [(one.name, other.name) for one, other, _ in ambiguous]
     limits = MotionLimits.of(context.model.robot)
@@ -210,7 +210,7 @@ def _ambiguous_pairs(context: DiagnosisContext, causes: Sequence[Cause]) -> list
     found: list[tuple[float, AmbiguousPair]] = []
     for k, cause in enumerate(causes):
         beside = (*own[:k], *own[k + 1 :])
-        others = [*context.given, *context.selected[:k], *context.selected[k + 1 :]]
+        others = [candidate for candidate in context.everything if candidate is not context.selected[k]]
         # A low pass in the place of a delay, which comes last, was no candidate of the search.
         for alternative, candidate in zip(cause.alternatives, context.rivals[k], strict=False):
             rival = _of_rival(context, candidate, others)

@@ -39,15 +39,15 @@ def agreements(context: DiagnosisContext) -> tuple[Agreement, ...]:
     recordings = _recordings(context)
     if len(recordings) < 2 or not context.selected:
         return ()
-    everything = [*context.given, *context.selected]
+    everything = context.everything
     found = [refitted(context, group, everything) for group in recordings]
-    first = len(context.given)
     return tuple(
         context.faults.get(candidate.feature.key)
-        or compared(candidate.feature, [of_one[first + k] for of_one in found], context.settings.agreement)
-        for k, candidate in enumerate(context.selected)
+        or compared(candidate.feature, [of_one[k] for of_one in found], context.settings.agreement)
+        for k, candidate in enumerate(everything)
+        if candidate not in context.given
         # Calibrated, each recording has zeros of its own.
-        if not (context.validate.predicted and candidate.feature.effect.set_at_start)
+        and not (context.validate.predicted and candidate.feature.effect.set_at_start)
     )
 
 

@@ -95,13 +95,18 @@ def estimate(
         Hypothesis(polished, hypothesis.given, hypothesis.rivals, hypothesis.beyond),
         tuple(parameters),
         tuple(c.feature.instance([float(v) for v in beta], c.searched or ()) for c, beta in fitted),
-        (*notes, *(known_effect_note(c.feature, values) for c, values in known)),
+        (*notes, *(known_effect_note(c.feature, values) for c, values in known if not _is_of_mounting(prepared, c))),
         imperfect,
         tuple(faults),
         (*own, *tangents(library, own)),
         last,
         prepared.sizes.notes(hypothesis, parameters),
     )
+
+
+def _is_of_mounting(prepared: PreparedData, candidate: Candidate) -> bool:
+    """Whether it is the tilt of an arm that is mounted otherwise than described: that is a cause."""
+    return prepared.tilt is not None and candidate.feature.key == prepared.tilt.feature.key
 
 
 def _that_last(

@@ -225,6 +225,19 @@ def contribution(before: ResidualStatistics, without: ResidualStatistics, after:
     return float(saved.mean() / total) if total else 0.0
 
 
+def place_contribution(before: ResidualStatistics, without: ResidualStatistics, after: ResidualStatistics) -> float:
+    """Return what one cause takes off the excess beside the others, as the largest share of a residual's own excess.
+
+    Parameters
+    ----------
+    before, without, after
+        Without any cause, without this one, and with all.
+    """
+    chosen = before.significant & (before.excess > 0.0)
+    saved = (without.blocks - after.blocks)[:, chosen].mean(axis=0)
+    return float(np.max(saved / before.excess[chosen], initial=0.0))
+
+
 def _gap(before: ResidualStatistics, after: ResidualStatistics) -> float:
     """Return the excess before, Nm²; of a gap below what its noise is known to, at least what the causes took away."""
     chosen = before.significant

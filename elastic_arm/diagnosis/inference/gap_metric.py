@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import Protocol
 
 import numpy as np
@@ -28,6 +28,8 @@ def gap_measure(
     test: LackOfFitTest,
     faults: Sequence[LargeImperfection] = (),
     refuted: Sequence[LargeImperfection] = (),
+    *,
+    mounted: bool = False,
 ) -> GapMeasure:
     """Return what the gap is measured by: residuals where any stands out by its size, else likelihood.
 
@@ -43,9 +45,12 @@ def gap_measure(
         Of sensors: part of the gap.
     refuted
         Those of them that are no causes: what they take stays.
+    mounted
+        Whether it is that of the arm as its torques show it mounted, else as described.
     """
     settings, library = prepared.settings, prepared.library
-    residuals = with_faults(library.validation_residuals(hypothesis.baseline), faults)
+    residuals_of = library.validation_residuals if mounted else prepared.described_residuals
+    residuals = with_faults(residuals_of(hypothesis.baseline), faults)
     tried = excess.statistics_in_bands(prepared.validation, residuals, settings)
     shown = _residuals_of_causes(prepared, hypothesis)
     if excess.select_band(tried, settings.significance) is not None:
@@ -112,8 +117,14 @@ class GapMeasure(Protocol):
     def contribution(self, selected: Sequence[Candidate], k: int) -> float:
         """Return what candidate k takes away beside the others, as a share of the whole gap."""
 
+    def place_contribution(self, selected: Sequence[Candidate], k: int) -> float:
+        """Return what candidate k takes away beside the others, as the largest share of a residual's own gap."""
+
     def share_of_fault(self, fault: LargeImperfection, alone: Sequence[Array]) -> float:
         """Return the share of the gap that a fault takes away, where `alone` (N', R) are the residuals without it."""
+
+    def share_left(self, left: Sequence[Array]) -> float:
+        """Return the share of the gap that is gone where these residuals (N', R) are left."""
 
 
 class ExcessMeasure:
@@ -172,17 +183,29 @@ class ExcessMeasure:
 
         What is fast may be nothing in a low band, and what is slow nothing in a wide one: the band in which it is most.
         """
+        return max(excess.contribution(*statistics) for statistics in self._beside(selected, k))
+
+    def place_contribution(self, selected: Sequence[Candidate], k: int) -> float:
+        """Return what candidate k takes away beside the others, as the largest share of a residual's own gap."""
+        return max(excess.place_contribution(*statistics) for statistics in self._beside(selected, k))
+
+    def _beside(
+        self, selected: Sequence[Candidate], k: int
+    ) -> Iterator[tuple[ResidualStatistics, ResidualStatistics, ResidualStatistics]]:
+        """Yield what is left without any cause, without candidate k, and with all, in every clear band."""
         without = [*selected[:k], *selected[k + 1 :]]
-        return max(
-            excess.contribution(before, self.after(without, before.band), self.after(selected, before.band))
-            for before in self._clear
-        )
+        for before in self._clear:
+            yield before, self.after(without, before.band), self.after(selected, before.band)
 
     def share_of_fault(self, fault: LargeImperfection, alone: Sequence[Array]) -> float:
         """Return the share of the gap that a fault takes away, where `alone` (N', R) are the residuals without it."""
+        return self.share_left(alone)
+
+    def share_left(self, left: Sequence[Array]) -> float:
+        """Return the share of the gap that is gone where these residuals (N', R) are left."""
         settings, before = self._settings, self.before
         rng = settings.resampling.significance_rng()
-        after = excess.residual_statistics(self.library.sets[1], alone, before.band, settings, rng)
+        after = excess.residual_statistics(self.library.sets[1], left, before.band, settings, rng)
         return excess.shrink(before, after, settings.resampling, settings.resampling.shrink_rng())[0]
 
 
@@ -255,6 +278,14 @@ class LikelihoodMeasure:
         """Return what candidate k takes away beside the others, as a share of the whole gap."""
         return (self.gain(selected) - self.gain([*selected[:k], *selected[k + 1 :]])) / self.whole
 
+    def place_contribution(self, selected: Sequence[Candidate], k: int) -> float:
+        """Return 0: no residual shows a gap by itself."""
+        return 0.0
+
     def share_of_fault(self, fault: LargeImperfection, alone: Sequence[Array]) -> float:
         """Return the share of the gap that a fault takes away; its residuals show nothing."""
         return fault.gain / self.whole
+
+    def share_left(self, left: Sequence[Array]) -> float:
+        """Return 0: no residual shows a gap by itself."""
+        return 0.0

@@ -68,8 +68,8 @@ def judge(prepared: PreparedData, hypothesis: Hypothesis, impossible: Mapping[Ke
     hypothesis, notes = without_ordinary(prepared, hypothesis)
     faults = faults_beside(prepared, hypothesis.selected)
     faults, measure = _measured(prepared, hypothesis, test, faults)
-    # An effect of the arm is not small because a sensor is far off, too.
-    beside = gap_measure(prepared, hypothesis, test) if faults else measure
+    # An effect of the arm is not small because a sensor is far off, too, or the whole arm lies on its side.
+    beside = gap_measure(prepared, hypothesis, test, mounted=True) if faults or prepared.mounting else measure
     kept, more_notes = eliminate(prepared, hypothesis, beside, impossible)
     kept = StepwiseSearch(prepared.library, kept.baseline, prepared.settings, prepared.sizes).simplified(kept)
     if len(kept.selected) < len(hypothesis.selected):
@@ -81,7 +81,7 @@ def judge(prepared: PreparedData, hypothesis: Hypothesis, impossible: Mapping[Ke
     minor = frozenset(
         kept.selected[k].feature.key
         for k in kept.causes
-        if kept.selected[k].feature.effect.is_friction
+        if kept.selected[k].feature.effect.parameters
         and beside.contribution(kept.selected, k) < prepared.settings.judgement.least_shrink
     )
     return Judgement(kept, measure, test, gained, (*notes, *more_notes), faults, minor)
@@ -232,7 +232,7 @@ def eliminate(
     while hypothesis.causes:
         keys = {k: hypothesis.selected[k].feature.key for k in hypothesis.causes}
         shares = {k: measure.contribution(hypothesis.selected, k) for k in hypothesis.causes}
-        failed = {k: share for k, share in shares.items() if not passes(prepared, hypothesis, k, share)}
+        failed = {k: share for k, share in shares.items() if not passes(prepared, hypothesis, k, share, measure)}
         failed = failed or {k: 0.0 for k in insignificant(prepared, hypothesis) if k in hypothesis.causes}
         outside = [] if failed else outside_their_ranges(prepared, hypothesis)
         impossible = dict(known or {})
@@ -273,7 +273,7 @@ def in_its_place(prepared: PreparedData, hypothesis: Hypothesis, k: int, refused
     return search.replaced(hypothesis, k, refused)
 
 
-def passes(prepared: PreparedData, hypothesis: Hypothesis, k: int, share: float) -> bool:
+def passes(prepared: PreparedData, hypothesis: Hypothesis, k: int, share: float, measure: GapMeasure) -> bool:
     """Whether a cause is large enough, and makes the residual smaller in the resamples of both data sets.
 
     Parameters
@@ -286,13 +286,15 @@ def passes(prepared: PreparedData, hypothesis: Hypothesis, k: int, share: float)
         Its position.
     share
         What it takes off the gap beside the others.
+    measure
+        What the gap is measured by.
     """
     settings, library = prepared.settings, prepared.library
     without = hypothesis.without(k)
     if not hypothesis.selected[k].feature.effect.parameters:
         worth = settings.search.least_gain * misfit(library, hypothesis.selected)
         return gain(prepared, hypothesis.selected, without) > worth
-    if share < settings.judgement.least_shrink and not is_minor(prepared, hypothesis, k, share):
+    if share < settings.judgement.least_shrink and not is_minor(prepared, hypothesis, k, share, measure):
         return False
     if hypothesis.selected[k].feature.key in hypothesis.beyond:
         return True
@@ -307,10 +309,12 @@ def passes(prepared: PreparedData, hypothesis: Hypothesis, k: int, share: float)
     return max(bounds) > 0.0
 
 
-def is_minor(prepared: PreparedData, hypothesis: Hypothesis, k: int, share: float) -> bool:
-    """Whether a cause too small by itself is friction beyond doubt, beside friction of its kind or at its joint.
+def is_minor(prepared: PreparedData, hypothesis: Hypothesis, k: int, share: float, measure: GapMeasure) -> bool:
+    """Whether a cause too small by itself is there beyond doubt, and something would be missing without it.
 
-    A simulator needs all terms of a friction law, and the friction of every joint, not the largest ones alone.
+    A simulator needs all terms of a friction law, and the friction of every joint, not the largest ones alone. And
+    without what makes a good part of a joint's own gap, that joint stays unexplained: of a wrist beside a shoulder that
+    is less than any share of the whole.
 
     Parameters
     ----------
@@ -322,13 +326,18 @@ def is_minor(prepared: PreparedData, hypothesis: Hypothesis, k: int, share: floa
         Its position.
     share
         What it takes off the gap beside the others.
+    measure
+        What the gap is measured by.
     """
-    feature = hypothesis.selected[k].feature
-    if not feature.effect.is_friction:
+    if not is_small_effect(prepared, hypothesis, k, share):
         return False
-    others = [candidate.feature for candidate in hypothesis.without(k) if candidate.feature.effect.is_friction]
-    related = any(other.joint == feature.joint or other.effect.id == feature.effect.id for other in others)
-    return related and is_small_effect(prepared, hypothesis, k, share)
+    feature, others = hypothesis.selected[k].feature, [candidate.feature for candidate in hypothesis.without(k)]
+    if feature.effect.is_friction and any(
+        other.effect.is_friction and (other.joint == feature.joint or other.effect.id == feature.effect.id)
+        for other in others
+    ):
+        return True
+    return measure.place_contribution(hypothesis.selected, k) >= prepared.settings.judgement.place_explained
 
 
 def insignificant(prepared: PreparedData, hypothesis: Hypothesis) -> list[int]:

@@ -110,21 +110,6 @@ def wrong_unit_note(feature: Feature, gain: float, share: float) -> str:
     )
 
 
-def mounting_note(found: Sequence[float], described: Sequence[float]) -> str:
-    """Return the note on an arm that is mounted otherwise than its description has it.
-
-    Parameters
-    ----------
-    found, described
-        Gravity (3,) m/s² as the torques show it, and as the description has it.
-    """
-    shown, stated = (" ".join(f"{value:.3g}" for value in each) for each in (found, described))
-    return (
-        f"The torques show gravity of {shown} m/s², where the description has {stated}: the arm is mounted otherwise. "
-        "State it (gravity, in an arm file); until then causes and the arm's numbers stand in for it."
-    )
-
-
 def refuted_note(effect: str, joint: str | None, place: str, law: GeneralLaw, gain: float) -> str:
     """Return the note on a cause that a law without a form explains better.
 

@@ -10,9 +10,11 @@ from numpy.typing import NDArray
 
 from elastic_arm.dynamics import build_model
 from elastic_arm.effects import EffectInstance
+from elastic_arm.effects.text import parse_laws
 from elastic_arm.errors import IdentificationError
 from elastic_arm.estimation.motion import Motion
 from elastic_arm.identification.batch.derivatives import DerivativeStage
+from elastic_arm.identification.batch.mounting import TILT, other_mounting
 from elastic_arm.identification.batch.selection import BatchChoice, BatchTrial, ProgressCallback, Trials
 from elastic_arm.identification.batch.settings import USUAL, IdentificationSettings
 from elastic_arm.identification.consistency.estimation import correlation_of_errors, with_consistency
@@ -107,9 +109,17 @@ def identify_with(
     prepared = [recording.samples() for recording in chosen]
     motored = any(samples.tau_m is not None for samples in prepared)
     described, robot = robot, robot.with_armatures() if motored else robot
+    armed = robot is not described
     effects = with_stated(settings.effects, robot, motored=motored, catalogue=settings.catalogue)
-    trials = Trials(list(zip(chosen, prepared, strict=True)), robot, replace(settings, effects=effects), report)
+    recorded, settings = list(zip(chosen, prepared, strict=True)), replace(settings, effects=effects)
+    trials = Trials(recorded, robot, settings, report)
     choice = trials.selected()
+    mounting = other_mounting(robot, settings.model, list(trials(choice).derived[0].motions))
+    if mounting is not None:
+        robot, effects = mounting.of(robot), (*effects, *_tilt(effects, robot, settings))
+        settings = replace(settings, effects=effects)
+        trials = Trials(recorded, robot, settings, report)
+        choice = trials.selected()
     shown = len(choice.zeros)
     result, trial = _estimated(trials, choice, shown)
     while (zero := _lacking(result, trial, trials, choice)) is not None:
@@ -118,12 +128,19 @@ def identify_with(
         if _misfit(again) > LOWERED * _misfit(result):
             break
         result, trial, choice = again, retrial, more
-    notes = [MOTOR_INERTIA] if robot is not described else []
+    notes = [MOTOR_INERTIA] if armed else []
+    notes += [] if mounting is None else [mounting.note]
     result = result.with_(notes=tuple(dict.fromkeys([*result.notes, *notes])))
     if validate:
         held_out = _held_out(validate, trial, not choice.sticking, report)
         result = validated(result, trial.identifier, robot, (*effects, *choice.zeros), held_out)
     return result, trial.identifier, next(trial.derived[0].motions)
+
+
+def _tilt(effects: Sequence[EffectInstance], robot: Robot, settings: IdentificationSettings) -> list[EffectInstance]:
+    """Return the law of a tilted base, where nobody has asked for it."""
+    asked = any(instance.effect.id == TILT for instance in effects)
+    return [] if asked else parse_laws([TILT], robot, settings.catalogue)
 
 
 def _estimated(trials: Trials, choice: BatchChoice, shown: int) -> tuple[Identification, BatchTrial]:

@@ -1,0 +1,175 @@
+"""How an arm is mounted as its torques show it, where its description has it mounted otherwise.
+
+A description rarely states how the arm was mounted: on a wall, upside down, on its side. About a wrong mounting all
+else is far from linear, and masses and gains of a calibration stand in for it. So it is looked for first.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
+
+from elastic_arm.effects.equations import ArmEquations
+from elastic_arm.estimation.motion import Motion
+from elastic_arm.robot import Robot
+
+Array = NDArray[np.float64]
+SX = ca.SX
+
+TILT = "base_tilt"  # the effect of a base that does not stand as described
+ENOUGH = 2000  # samples of a motion that are looked at; bounds the time
+TURNED = 0.35  # rad from the described direction: beyond the tilts that linear columns describe; convention
+LEFT = 0.3  # of the squares that the described direction leaves; convention
+SIZE = (0.6, 1.5)  # of the described gravity: masses are off as well; convention
+STEP = 1.0  # degree to which a mounting is known: masses are off, and what is compiled for an arm serves the next one
+
+
+@dataclass(frozen=True)
+class Mounting:
+    """A base that is turned, as the effect `base_tilt` has it.
+
+    Parameters
+    ----------
+    x, y
+        rad; turned by Rx(x) Ry(y) in the ground frame from where the description has it. About the vertical nothing
+        shows.
+    shown, described : (3,)
+        Gravity in the frame of the ground as described, m/s², as the torques show it and as described.
+    """
+
+    x: float
+    y: float
+    shown: Array
+    described: Array
+
+    @property
+    def rotation(self) -> Array:
+        """The turn (3, 3) in the ground frame."""
+        return about_x(self.x) @ about_y(self.y)
+
+    def of(self, robot: Robot) -> Robot:
+        """Return the arm as it is mounted."""
+        turn = np.eye(4)
+        turn[:3, :3] = self.rotation
+        return robot.with_(base_placement=turn @ robot.base_placement, base_dh=None)
+
+    @property
+    def note(self) -> str:
+        """What the reader should know of it."""
+        shown, stated = (" ".join(f"{value:.3g}" for value in each) for each in (self.shown, self.described))
+        turn = f"Rx({np.degrees(self.x):.0f}°) Ry({np.degrees(self.y):.0f}°)"
+        return (
+            f"the torques show gravity of {shown} m/s², where the description has {stated}: the arm is mounted "
+            f"otherwise, and is taken for turned by {turn} (base, in robot.yaml), its tilt from there identified, too"
+        )
+
+    def tilted(self, x: float, y: float) -> tuple[float, float]:
+        """Return both turns as one, rad: that of the arm as mounted by a further Rx(x) Ry(y), and this one."""
+        return tilt_of(self.rotation.T @ (about_x(x) @ about_y(y)).T @ self.described)
+
+    @property
+    def undone(self) -> tuple[float, float]:
+        """The tilt x, y, rad, under which the arm as mounted would feel gravity as described."""
+        return tilt_of(self.rotation @ self.described)
+
+
+def about_x(angle: float) -> Array:
+    """Return the rotation (3, 3) about x."""
+    c, s = np.cos(angle), np.sin(angle)
+    return np.array([[1.0, 0.0, 0.0], [0.0, c, -s], [0.0, s, c]])
+
+
+def about_y(angle: float) -> Array:
+    """Return the rotation (3, 3) about y."""
+    c, s = np.cos(angle), np.sin(angle)
+    return np.array([[c, 0.0, s], [0.0, 1.0, 0.0], [-s, 0.0, c]])
+
+
+def tilt_of(gravity: Array) -> tuple[float, float]:
+    """Return x, y, rad, with Rx(x) Ry(y) the turn under which gravity straight down is felt as `gravity` (3,)."""
+    down = gravity / np.linalg.norm(gravity)
+    return float(-np.arcsin(np.clip(down[1], -1.0, 1.0))), float(np.arctan2(down[0], -down[2]))
+
+
+def other_mounting(robot: Robot, model: str, motions: Sequence[Motion]) -> Mounting | None:
+    """Return how the arm is mounted, where its torques exclude what is described; None where they do not.
+
+    Torques are linear in gravity, whatever its direction: three columns, beside dry friction of each joint. The joints
+    that carry most decide. Only what gravity straight down in another direction explains far better is called mounted
+    otherwise.
+
+    Parameters
+    ----------
+    robot
+        The description.
+    model
+        Variant of the model.
+    motions
+        Of the recordings.
+    """
+    described, turning = np.asarray(robot.gravity, dtype=float), [not joint.prismatic for joint in robot.joints]
+    size = float(np.linalg.norm(described))
+    # Turns are those of gravity straight down.
+    if not (size and motions and any(turning)) or np.any(described[:2]):
+        return None
+    found = _torques(robot, model, max(motions, key=len))
+    if found is None:
+        return None
+    measured, pull, friction = (each[:, turning] for each in found)
+    coefficients, left = _least_squares(np.concatenate([pull, friction], axis=2), measured)
+    _, before = _least_squares(friction, measured - pull @ described)
+    shown = coefficients[:3]
+    length = float(np.linalg.norm(shown))
+    turned = np.arccos(np.clip(shown @ described / max(length * size, 1e-12), -1.0, 1.0))
+    if turned <= TURNED or not SIZE[0] * size <= length <= SIZE[1] * size or left >= LEFT * before:
+        return None
+    x, y = (np.radians(STEP * round(np.degrees(angle) / STEP)) for angle in tilt_of(shown))
+    return Mounting(float(x), float(y), shown, described)
+
+
+def _torques(robot: Robot, model: str, motion: Motion) -> tuple[Array, Array, Array] | None:
+    """Return torques (N, n) less those of the motion, what gravity pulls (N, n, 3), and directions of dry friction.
+
+    None where the motion holds no torques or angles of all joints.
+    """
+    link, motor = _side(motion.q, motion.dq, motion.ddq), _side(motion.theta, motion.dtheta, motion.ddtheta)
+    torque = motion.tau_m if motion.tau_m is not None else motion.tau_J
+    recorded = [side for side in (link, motor) if side is not None]
+    if torque is None or not recorded or motion.lacking:
+        return None
+    every, n = slice(0, None, max(1, len(motion) // ENOUGH)), robot.n
+    # Links stand in for their motors, and the other way about: a deflection hardly turns what gravity pulls at.
+    sides = (recorded[0], recorded[-1]) if robot.elastic else recorded[:1]
+    x, dx, ddx = (np.hstack([side[k] for side in sides])[every] for k in range(3))
+    moved, pull = _evaluated(ArmEquations(robot, model), x, dx, ddx)
+    if robot.elastic:
+        # A motor bears what its link needs and what it needs itself.
+        moved, pull = (rows[:, :n] + (rows[:, n:] if motion.tau_m is not None else 0.0) for rows in (moved, pull))
+    return torque[every] - moved, pull, np.sign(dx[:, -n:])[:, :, None] * np.eye(n)
+
+
+def _side(*channels: Array | None) -> list[Array] | None:
+    """Return the angle of one side and its rates; None where it was not recorded."""
+    found = [channel for channel in channels if channel is not None]
+    return found if len(found) == len(channels) else None
+
+
+def _evaluated(equations: ArmEquations, x: Array, dx: Array, ddx: Array) -> tuple[Array, Array]:
+    """Return torques of the motion (N, dof) and what gravity pulls (N, dof, 3), of coordinates and rates (N, dof)."""
+    symbols = [SX.sym(name, equations.dof) for name in ("x", "dx", "ddx")]
+    laws = ca.horzcat(equations.accelerating_torques(*symbols), equations.gravity_columns(symbols[0]))
+    # A few thousand samples once: nothing is compiled for them.
+    law = ca.Function("weight", symbols, [ca.substitute(laws, equations.Psi, ca.DM(equations.nominal))])
+    values = np.array(law.map(len(x))(x.T, dx.T, ddx.T)).reshape(equations.dof, len(x), 4).transpose(1, 0, 2)
+    return values[:, :, 0], values[:, :, 1:]
+
+
+def _least_squares(columns: Array, target: Array) -> tuple[Array, float]:
+    """Return the coefficients (m,) of columns (N, n, m), and the sum of squares that they leave."""
+    flat, wanted = columns.reshape(-1, columns.shape[2]), target.ravel()
+    found = np.asarray(np.linalg.lstsq(flat, wanted, rcond=None)[0], dtype=np.float64)
+    return found, float(np.sum((wanted - flat @ found) ** 2))

@@ -1,0 +1,83 @@
+"""How an arm is mounted as its torques show it, on motions made up."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from elastic_arm.dynamics import build_model
+from elastic_arm.estimation.motion import Motion
+from elastic_arm.identification.batch.mounting import Mounting, about_x, about_y, other_mounting
+from elastic_arm.robot import Robot
+from elastic_arm.robot.synthetic import random_arm
+
+Array = NDArray[np.float64]
+DOWN = np.array([0.0, 0.0, -9.81])
+
+
+def motion(robot: Robot, gravity: Array, channel: str) -> Motion:
+    """Angles of sines, with the torques of an arm under some gravity, dry friction and noise."""
+    rng, n = np.random.default_rng(5), robot.n
+    t, w, phase = np.linspace(0.0, 10.0, 3000)[:, None], rng.uniform(0.5, 2.0, n), rng.uniform(-3.0, 3.0, n)
+    rates = [np.sin(w * t + phase), w * np.cos(w * t + phase), -(w**2) * np.sin(w * t + phase)]
+    arm = build_model(robot.with_(gravity=gravity), "mod3")
+    rows = arm.inverse_dynamics(*(np.hstack([rate, rate]) if robot.elastic else rate for rate in rates))
+    torque = rows[:, :n] + (rows[:, n:] if robot.elastic and channel == "tau_m" else 0.0)
+    friction = 0.1 * np.std(torque, axis=0) * np.sign(rates[1])
+    noisy = torque + friction + rng.normal(0.0, 0.05, torque.shape)
+    return Motion(t[:, 0], *rates, **{channel: noisy})
+
+
+def found(gravity: Array, *, elastic: bool = False, channel: str = "tau_m", wrong: float = 1.0) -> Mounting | None:
+    """Of an arm described as standing on the floor, with masses that are wrong by a factor."""
+    robot = random_arm(4, np.random.default_rng(2), elastic=elastic).with_(gravity=DOWN)
+    return other_mounting(robot, "mod3", [motion(robot, wrong * gravity, channel)])
+
+
+@pytest.mark.parametrize(("elastic", "channel"), [(False, "tau_m"), (False, "tau_J"), (True, "tau_J"), (True, "tau_m")])
+def test_an_arm_on_a_wall_is_told_from_one_on_the_floor(elastic: bool, channel: str) -> None:
+    """Gravity along y is found, with its size, for rigid and elastic arms and both torques."""
+    mounting = found(np.array([0.0, 9.81, 0.0]), elastic=elastic, channel=channel)
+    assert mounting is not None
+    assert mounting.shown == pytest.approx([0.0, 9.81, 0.0], abs=0.2)
+    assert "0 0 -9.81" in mounting.note and "Rx(-90°)" in mounting.note
+
+
+@pytest.mark.parametrize("wrong", [0.8, 1.2])
+def test_an_arm_that_stands_as_described_is_taken_as_described(wrong: float) -> None:
+    """Also where its masses, and with them its weight, are off by a fifth, or it leans by six degrees."""
+    assert found(DOWN, wrong=wrong) is None
+    assert found(np.array([0.0, 9.81 * np.sin(0.1), -9.81 * np.cos(0.1)]), wrong=wrong) is None
+
+
+def test_an_arm_that_gravity_does_not_load_shows_none() -> None:
+    """Sliding axes, and a description without gravity, say nothing of it."""
+    slides = random_arm(3, np.random.default_rng(3), elastic=False, prismatic=range(3)).with_(gravity=DOWN)
+    assert other_mounting(slides, "mod3", [motion(slides, np.array([0.0, 9.81, 0.0]), "tau_m")]) is None
+    robot = random_arm(4, np.random.default_rng(2), elastic=False).with_(gravity=np.zeros(3))
+    assert other_mounting(robot, "mod3", [motion(robot, DOWN, "tau_m")]) is None
+
+
+@pytest.mark.parametrize(("x", "y"), [(0.0, 1.5), (-1.0, 0.4), (0.3, -2.5), (np.pi / 2, 0.0)])
+def test_the_arm_as_mounted_feels_the_gravity_that_its_torques_show(x: float, y: float) -> None:
+    """In its first frame, wherever its base stands in the description; and a tilt can undo the turn."""
+    robot = random_arm(3, np.random.default_rng(1), elastic=False).with_(gravity=DOWN)
+    turn = about_x(x) @ about_y(y)
+    mounting = Mounting(x, y, turn.T @ DOWN, DOWN)
+    mounted, base = mounting.of(robot), robot.base_placement[:3, :3]
+    felt = mounted.base_placement[:3, :3].T @ DOWN
+    assert felt == pytest.approx(base.T @ mounting.shown)
+    a, b = mounting.undone
+    undone = mounted.base_placement[:3, :3].T @ (about_x(a) @ about_y(b)).T @ DOWN
+    assert undone == pytest.approx(base.T @ DOWN)
+
+
+def test_a_further_tilt_and_the_mounting_are_one_turn() -> None:
+    """Under both together the arm feels gravity as under the turn that is stated."""
+    mounting = Mounting(0.2, 1.4, DOWN, DOWN)
+    total = mounting.tilted(0.02, -0.03)
+    felt = mounting.rotation.T @ (about_x(0.02) @ about_y(-0.03)).T @ DOWN
+    together = (about_x(total[0]) @ about_y(total[1])).T @ DOWN
+    assert together == pytest.approx(felt)
+    assert mounting.tilted(0.0, 0.0) == pytest.approx((0.2, 1.4))
