@@ -77,6 +77,7 @@ class RefitSettings:
     # Factors by which a whole description may be further off than ordinary ones, where one number of it is; convention.
     crude: tuple[float, ...] = (2.0, 4.0, 8.0)
     certain: float = 3.0  # standard deviations by which a sensor is beyond ordinary, and differs from nothing
+    stable: float = 0.5  # share of a fault that has to be left beside a law that is likelier; convention
     fault_width: float = 30.0  # of a faulty sensor's prior over an ordinary one's: hardly any prior; convention
     alike: float = 0.1  # relative difference of joints up to which a sensor's fault is common to all; convention
     largest_scale: float = 0.6  # relative error of a stiffness; beyond, the description is of another arm; convention

@@ -120,7 +120,7 @@ def export_mjcf(
     """
     arm = open_mjcf(base, chain, at)
     require_same_joints(robot, arm.robot, base)
-    before, after = stated_arm(arm.robot, catalogue), stated_arm(robot, catalogue)
+    before, after = (stated_arm(one, catalogue, base=arm.robot.base_placement) for one in (arm.robot, robot))
     with located(f"{base}: "):
         file = ShapedMjcf(base)
         unrolled = _carriers(file, arm) is None

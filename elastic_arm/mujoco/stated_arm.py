@@ -70,7 +70,7 @@ class StatedArm:
         return replace(self, left=(*self.left, (instance, reason)))
 
 
-def stated_arm(robot: Robot, catalogue: Catalogue | None = None) -> StatedArm:
+def stated_arm(robot: Robot, catalogue: Catalogue | None = None, *, base: Array | None = None) -> StatedArm:
     """Return the numbers of a robot with those of its effects in them.
 
     Parameters
@@ -79,6 +79,9 @@ def stated_arm(robot: Robot, catalogue: Catalogue | None = None) -> StatedArm:
         Rigid; its effects act.
     catalogue
         Where their ids are looked up; the default catalogue when None.
+    base : (4, 4)
+        Where its base stands in the file that is to have these numbers, gravity is then that which it feels there;
+        where the robot has it when None.
     """
     arm = StatedArm(
         tuple(joint.link for joint in robot.joints),
@@ -94,7 +97,9 @@ def stated_arm(robot: Robot, catalogue: Catalogue | None = None) -> StatedArm:
             continue
         else:
             arm = arm.without(instance, reason_left(instance))
-    return arm
+    if base is None or np.array_equal(base, robot.base_placement):
+        return arm
+    return replace(arm, gravity=base[:3, :3] @ robot.base_placement[:3, :3].T @ arm.gravity)
 
 
 def reason_left(instance: EffectInstance) -> str:

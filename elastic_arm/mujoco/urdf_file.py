@@ -78,7 +78,8 @@ def export_urdf(
     with located(f"{base or robot.name}: "):
         if base is not None:
             require_same_joints(robot, arm, base)
-        after = stated_arm(robot if base is not None else arm.with_(effects=robot.effects), catalogue)
+        numbers = robot if base is not None else arm.with_(effects=robot.effects)
+        after = stated_arm(numbers, catalogue, base=arm.base_placement)
         before = stated_arm(arm, catalogue)
         left = list(after.left) + [(one, _NO_NUMBER) for one in after.delays]
         changes = [*_joints(root, arm, before, after, deviations, left), *_links(root, arm, before, after)]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -12,16 +12,29 @@ from elastic_arm.diagnosis.priors import Priors
 from elastic_arm.effects import EFFECTS
 from elastic_arm.effects.text import known_effects
 from elastic_arm.recording import read_recording
-from elastic_arm.robot import load_robot
+from elastic_arm.robot import Robot, load_robot
 from elastic_arm.studies.blind_challenge.arm_sampling import SamplingRequest
 from elastic_arm.studies.blind_challenge.levels.level import KNOWN_FRICTION, level_of, stated_priors
 from elastic_arm.studies.blind_challenge.levels.recording import description_path, record_realistic_arm
 
 
 def diagnosed_field_arm(
-    folder: Path, effects: Sequence[str], seed: tuple[int, int]
+    folder: Path,
+    effects: Sequence[str],
+    seed: tuple[int, int],
+    described: Callable[[Robot], Robot] = lambda robot: robot,
 ) -> tuple[dict[tuple[str, str], Mapping[str, Any]], Diagnosis]:
-    """Return the true parameters of each effect by effect and joint, and what the diagnosis finds of the recordings."""
+    """Return the true parameters of each effect by effect and joint, and what the diagnosis finds of the recordings.
+
+    Parameters
+    ----------
+    folder
+        Where the recordings go.
+    effects, seed
+        What is drawn.
+    described
+        Makes the description that the diagnosis is given of that of the arm.
+    """
     level = level_of("field")
     assert level is not None
     bags = folder / "fit", folder / "judge"
@@ -29,7 +42,7 @@ def diagnosed_field_arm(
     truth = record_realistic_arm(folder, bags, request, level, EFFECTS)
     path = description_path(folder, "arm")
     assert path is not None
-    robot = load_robot(path)
+    robot = described(load_robot(path))
     settings = replace(DiagnosisSettings(), priors=Priors.model_validate(stated_priors("field")))
     question = Question(robot, refit=True, given=known_effects(KNOWN_FRICTION, robot), settings=settings)
     recordings = [read_recording(bag) for bag in bags]

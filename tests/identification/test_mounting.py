@@ -8,9 +8,12 @@ from numpy.typing import NDArray
 
 from elastic_arm.dynamics import build_model
 from elastic_arm.estimation.motion import Motion
+from elastic_arm.identification import identify
 from elastic_arm.identification.batch.mounting import Mounting, about_x, about_y, other_mounting
 from elastic_arm.robot import Robot
 from elastic_arm.robot.synthetic import random_arm
+from elastic_arm.simulation import simulate
+from tests.helpers.motions import trajectory
 
 Array = NDArray[np.float64]
 DOWN = np.array([0.0, 0.0, -9.81])
@@ -81,3 +84,17 @@ def test_a_further_tilt_and_the_mounting_are_one_turn() -> None:
     together = (about_x(total[0]) @ about_y(total[1])).T @ DOWN
     assert together == pytest.approx(felt)
     assert mounting.tilted(0.0, 0.0) == pytest.approx((0.2, 1.4))
+
+
+def test_an_arm_described_on_its_side_is_identified_as_it_stands() -> None:
+    """A note states it, and what is left is what a description of the true mounting leaves."""
+    robot = random_arm(3, np.random.default_rng(4), elastic=False).with_(gravity=DOWN)
+    recording = simulate(robot, trajectory(seed=3), rng=np.random.default_rng(1))
+    turn = np.eye(4)
+    turn[:3, :3] = about_x(np.pi / 2)
+    described = robot.with_(base_placement=turn @ robot.base_placement)
+    found, upright = identify(recording, described), identify(recording, robot)
+    assert any("mounted otherwise" in note for note in found.notes)
+    assert not any("mounted otherwise" in note for note in upright.notes)
+    for equation, errors in upright.noise.items():
+        assert found.noise[equation] == pytest.approx(errors, rel=0.05)

@@ -170,7 +170,8 @@ class FinalEstimates:
     def is_gone(self, fault: LargeImperfection, values: Array, stds: Array) -> bool:
         """Whether a fault is none with other values of the nuisance parameters.
 
-        One beyond ordinary is none if it may be ordinary with them; one of ordinary size, as a lag, if it may be zero.
+        One beyond ordinary is none if it may be ordinary with them, or if they take most of it away: what has another
+        size beside each law is no size of a sensor. One of ordinary size, as a lag, is none if it may be zero.
 
         Parameters
         ----------
@@ -186,7 +187,8 @@ class FinalEstimates:
         if own.is_ordinary(fault.value, fault.std, settings):
             return self.is_nothing(other)
         ordinary = replace(own, prior_std=own.ordinary_std, widened=1.0)
-        return ordinary.is_ordinary(other.value, other.std, settings)
+        unstable = abs(other.value) < settings.stable * abs(fault.value)
+        return unstable or ordinary.is_ordinary(other.value, other.std, settings)
 
     def _parameter(self, fault: LargeImperfection) -> NuisanceParameter:
         """Return the nuisance parameter that a fault is; of one that all joints have, that with the widest prior."""

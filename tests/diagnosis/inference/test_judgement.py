@@ -18,6 +18,13 @@ from elastic_arm.diagnosis.settings import DiagnosisSettings
 SETTINGS = DiagnosisSettings()
 
 
+def measure_of(own: float = 0.0) -> Any:
+    """A measure by which candidates take what they claim off the gap, and this share of the gap of their joint."""
+    return SimpleNamespace(
+        contribution=lambda selected, k: selected[k].share, place_contribution=lambda selected, k: own
+    )
+
+
 def candidate(
     name: str, share: float, fall: float, parameters: int = 1, *, friction: bool = False, joint: str = "joint_1"
 ) -> Any:
@@ -59,27 +66,27 @@ def test_a_cause_is_large_enough_and_lowers_the_squares_in_every_resample(
 ) -> None:
     """Of a share of the gap and a fall that blocks agree on, neither may be missing."""
     hypothesis = Hypothesis([candidate("one", share, fall)])
-    assert passes(prepared, hypothesis, 0, share) == expected
+    assert passes(prepared, hypothesis, 0, share, measure_of()) == expected
 
 
 def test_another_least_share_decides_otherwise(prepared: Any) -> None:
     """What is too small at 1 % passes at 0.1 %."""
     prepared.settings = replace(SETTINGS, judgement=replace(SETTINGS.judgement, least_shrink=0.001))
-    assert passes(prepared, Hypothesis([candidate("one", 0.005, 5.0)]), 0, 0.005)
+    assert passes(prepared, Hypothesis([candidate("one", 0.005, 5.0)]), 0, 0.005, measure_of())
 
 
 def test_an_effect_without_parameters_is_judged_by_likelihood(prepared: Any) -> None:
     """It needs the gain of a selected candidate, whatever its share of the gap."""
     for gained, expected in ((SETTINGS.search.least_gain + 1.0, True), (SETTINGS.search.least_gain - 1.0, False)):
-        assert passes(prepared, Hypothesis([candidate("coupling", 0.0, gained, 0)]), 0, 0.0) == expected
+        hypothesis = Hypothesis([candidate("coupling", 0.0, gained, 0)])
+        assert passes(prepared, hypothesis, 0, 0.0, measure_of()) == expected
 
 
 def test_causes_that_fail_leave_worst_first_and_known_effects_stay(prepared: Any) -> None:
     """Known effects are not judged; of the causes those that fail go, and one beyond doubt but small is noted."""
     known, good = candidate("known", 0.0, 0.0), candidate("good", 0.6, 30.0)
     small, noise = candidate("small", 0.004, 25.0), candidate("noise", -0.1, 0.0)
-    measure: Any = SimpleNamespace(contribution=lambda selected, k: selected[k].share)
-    left, notes = eliminate(prepared, Hypothesis([known, noise, good, small], 1), measure)
+    left, notes = eliminate(prepared, Hypothesis([known, noise, good, small], 1), measure_of())
     assert [c.feature.effect.id for c in left.selected] == ["known", "good"]
     (note,) = notes
     assert note == "small of joint_1 shows as well, 0.40% of the gap: less than 1% is no cause."
@@ -101,7 +108,20 @@ def test_a_small_term_of_friction_is_a_cause_beside_its_family(
 ) -> None:
     """Below 1 % of the gap it has to be beyond doubt, beside friction of its joint or of its kind."""
     small = candidate("stribeck", 0.004, gained, friction=True)
-    assert passes(prepared, Hypothesis([beside, small]), 1, 0.004) == expected
+    assert passes(prepared, Hypothesis([beside, small]), 1, 0.004, measure_of()) == expected
+
+
+@pytest.mark.parametrize(
+    ("own", "gained", "expected"),
+    [(0.5, 25.0, True), (0.1, 25.0, False), (0.5, 15.0, False)],
+    ids=["half of its joint's gap", "a tenth of it", "doubtful"],
+)
+def test_what_makes_a_good_part_of_its_joints_own_gap_is_a_cause(
+    own: float, gained: float, expected: bool, prepared: Any
+) -> None:
+    """Beside an arm on its side the friction of a wrist is less than 1 % of the gap, and all that its joint lacks."""
+    large, small = candidate("base_tilt", 0.99, 90.0, joint="arm"), candidate("coulomb", 0.001, gained, friction=True)
+    assert passes(prepared, Hypothesis([large, small]), 1, 0.001, measure_of(own)) == expected
 
 
 def test_a_size_that_no_arm_has_is_noted_and_no_cause(prepared: Any, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -110,8 +130,7 @@ def test_a_size_that_no_arm_has_is_noted_and_no_cause(prepared: Any, monkeypatch
 
     prepared.sizes = SimpleNamespace(notes=lambda hypothesis, estimated: {absurd.feature.key: "absurd"})
     monkeypatch.setattr(judgement, "in_its_place", lambda *_: None)
-    measure: Any = SimpleNamespace(contribution=lambda selected, k: selected[k].share)
-    left, notes = eliminate(prepared, Hypothesis([absurd, good]), measure)
+    left, notes = eliminate(prepared, Hypothesis([absurd, good]), measure_of())
     assert left.selected == [good] and notes == ["absurd"]
 
 
@@ -131,8 +150,7 @@ def test_in_the_place_of_a_number_outside_its_range_stands_what_it_is_confused_w
 
     monkeypatch.setattr(judgement, "outside_their_ranges", outside)
     monkeypatch.setattr(judgement, "in_its_place", replaced)
-    measure: Any = SimpleNamespace(contribution=lambda selected, k: selected[k].share)
-    left, notes = eliminate(prepared, Hypothesis([bent, good]), measure)
+    left, notes = eliminate(prepared, Hypothesis([bent, good]), measure_of())
     assert left.selected == ([viscous, good] if found else [good]) and notes == []
 
 
@@ -141,10 +159,9 @@ def test_a_cause_that_is_impossible_beside_everything_else_gives_way(
 ) -> None:
     """Believable in the search, not in the last estimates: what it is confused with is judged and estimated."""
     bent, viscous, good = candidate("bent", 0.5, 30.0), candidate("viscous", 0.5, 30.0), candidate("good", 0.4, 30.0)
-    measure: Any = SimpleNamespace(contribution=lambda selected, k: selected[k].share)
 
     def judged(prepared: Any, hypothesis: Hypothesis, *impossible: Any) -> Any:
-        return SimpleNamespace(hypothesis=eliminate(prepared, hypothesis, measure, *impossible)[0], faults=())
+        return SimpleNamespace(hypothesis=eliminate(prepared, hypothesis, measure_of(), *impossible)[0], faults=())
 
     def estimated(prepared: Any, hypothesis: Hypothesis, faults: Any) -> Any:
         impossible = {bent.feature.key: "bent"} if bent in hypothesis.selected else {}
@@ -175,7 +192,9 @@ def test_a_fault_beside_false_causes_alone_is_no_part_of_the_gap(
     monkeypatch.setattr(judgement, "without_ordinary", lambda prepared, hypothesis: (hypothesis, []))
     monkeypatch.setattr(judgement, "faults_beside", lambda prepared, chosen: ("fault",) if false in chosen else left)
     monkeypatch.setattr(judgement, "_measured", lambda prepared, hypothesis, test, faults: (faults, f"beside {faults}"))
-    monkeypatch.setattr(judgement, "gap_measure", lambda *given: SimpleNamespace(contribution=lambda chosen, k: 1.0))
+    monkeypatch.setattr(
+        judgement, "gap_measure", lambda *given, **of: SimpleNamespace(contribution=lambda chosen, k: 1.0)
+    )
     monkeypatch.setattr(judgement, "eliminate", lambda prepared, hypothesis, *beside: (hypothesis.drop(1), []))
     judged = judgement.judge(prepared, Hypothesis([good, false]))
     assert judged.faults == left and (bool(left) or judged.measure == "beside ()")
