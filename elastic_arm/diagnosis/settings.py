@@ -207,6 +207,8 @@ class GeneralLawSettings:
     # Share of what a cause is worth, in nats, by which a law in its place has to be likelier: those of a real arm's dry
     # friction are by 0.1 to 1.2 %, those of effects that no catalogue has by 7 % and more.
     better: float = 0.02
+    # The same of dry friction by a general form of it: real arms' friction changes with angle, speed and time by 0.25.
+    refined: float = 1.0 / 3.0
     # Numbers of cubic splines. Conventions: each has its price, so that too many cost a few nats and no truth.
     speeds: int = 10  # over the root of a speed
     times: int = 12  # over the recording

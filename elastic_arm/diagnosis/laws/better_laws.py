@@ -18,6 +18,8 @@ from elastic_arm.diagnosis.preparation import PreparedData
 from elastic_arm.diagnosis.selection.hypothesis import Hypothesis, Key, Rival
 from elastic_arm.estimation.effect_columns import Feature
 
+DRY = "coulomb_friction"  # what every joint has
+
 
 @dataclass(frozen=True)
 class BetterLaws:
@@ -61,8 +63,10 @@ def better_laws(
 ) -> BetterLaws:
     """Return the general laws that are there beyond doubt, and those that refute a cause.
 
-    A cause is refuted where a law in its place is likelier by 2 % of its worth (`better`), many coefficients paid. A
-    fault is refuted, with all others of its joint, where a law clearly explains more and the fault is ordinary beside.
+    A cause is refuted where a law in its place is likelier by 2 % of its worth (`better`), many coefficients paid. Dry
+    friction, which every joint has, is refuted by a general form of friction only where it is not the larger part of
+    that (`refined`): what changes a little with the angle is dry friction. A fault is refuted, with all others of its
+    joint, where a law clearly explains more and the fault is ordinary beside.
 
     Parameters
     ----------
@@ -92,12 +96,13 @@ def _instead_of_causes(
     prepared: PreparedData, comparison: LawComparison, hypothesis: Hypothesis
 ) -> tuple[dict[Key, LawFit], frozenset[Key]]:
     """Return the general laws that refute causes, by key of the cause, and which causes take at least half of that."""
-    better = prepared.settings.general_laws.better
+    settings = prepared.settings.general_laws
     found: dict[Key, LawFit] = {}
     approximated: set[Key] = set()
     for feature in (hypothesis.selected[k].feature for k in hypothesis.causes):
         law, worth = comparison.instead_of(feature.key, _joints(prepared, feature)), comparison.worth(feature.key)
         # The columns of a large cause are a little off, which a law without a form makes up for.
+        better = settings.refined if law.law.friction and feature.effect.id == DRY else settings.better
         if law.gain > max(better * worth, 0.0):
             found[feature.key] = law
             if worth > law.gain:

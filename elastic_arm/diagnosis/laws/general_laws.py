@@ -40,12 +40,15 @@ class GeneralLaw:
         What it depends on, in words.
     shapes
         Signals -> (N, k) functions.
+    friction
+        Whether it is a general form of friction: dry friction of one size is among its functions.
     """
 
     joint: int
     side: str
     argument: str
     shapes: Callable[[Signals], Array]
+    friction: bool = False
 
     def plain(self, data: WhitenedData) -> list[Array]:
         """Return its columns (N', R, k) in the band, one array a stretch; coefficients of 1 make about 1 Nm."""
@@ -74,9 +77,9 @@ def general_laws(sets: Sequence[WhitenedData], joint: int, settings: GeneralLawS
         resisting = {
             "its speed": _and(_times(sign, over_speed), over_speed),
             "its direction, changing with its angle": _times(sign, _splines(sets, angle, settings.places)),
-            "its angle": _splines(sets, angle, settings.angles),
         }
-        found += [GeneralLaw(joint, side, argument, shapes) for argument, shapes in resisting.items()]
+        found += [GeneralLaw(joint, side, argument, shapes, friction=True) for argument, shapes in resisting.items()]
+        found.append(GeneralLaw(joint, side, "its angle", _splines(sets, angle, settings.angles)))
     found += changing_friction(sets, joint, settings)
     if "drive" in sides:
         load = _load(joint)
@@ -100,7 +103,7 @@ def changing_friction(sets: Sequence[WhitenedData], joint: int, settings: Genera
     over_time, found = _splines(sets, _signal("progress", 0), settings.times), []
     for side in (side for side in ("link", "motor") if side in sets[0].layout.sides):
         shapes = _times(_signal(f"sign_{side}", joint), over_time)
-        found.append(GeneralLaw(joint, side, "its direction, changing over time", shapes))
+        found.append(GeneralLaw(joint, side, "its direction, changing over time", shapes, friction=True))
     return found
 
 
