@@ -159,10 +159,10 @@ def read_by_clock(
     """
     # Not every command that takes these options reads a bag.
     from elastic_arm.recording import read_recording
-    from elastic_arm.recording.inspection.plausibility import wrong_velocities
+    from elastic_arm.recording.inspection.plausibility import backward_torques, wrong_velocities
 
     recording = read_recording(path, channels, joints, arrival=clock is ClockChoice.arrival, namespace=namespace)
-    wrong = tuple(f"{path}: {words}." for words in wrong_velocities(recording))
+    wrong = tuple(f"{path}: {words}." for words in (*wrong_velocities(recording), *backward_torques(recording)))
     recording = replace(recording, notes=(*recording.notes, *wrong))
     if clock is ClockChoice.auto:
         return recording

@@ -67,7 +67,7 @@ def assemble(
     # Known effects alone are linear: what they leave is what they left before they were polished.
     judged = hypothesis.selected if estimated.hypothesis.causes else judgement.hypothesis.selected
     traces = [] if stands_out else judgement.test(judged)
-    residuals = with_faults(library.validation_residuals(hypothesis.selected), laws.refuted(estimated.faults))
+    residuals = with_faults(library.validation_residuals(judged), laws.refuted(estimated.faults))
     by_place = _by_place(prepared, judgement, hypothesis.baseline, residuals)
     still_open = [p.row for p in by_place if p.is_open(settings.judgement.place_explained)]
     kept = [*still_open, *laws.unlike_noise, *_rows_beyond_ordinary(prepared, estimated, ranked)]
@@ -85,7 +85,7 @@ def assemble(
     rng = settings.resampling.significance_rng()
     after = residual_statistics(prepared.validation, residuals, before.band, settings, rng)
     unexplained = _unexplained(prepared, before, after, residuals, traces, kept) if answer == "unknown" else []
-    first = wrong_unit_notes(prepared, hypothesis.baseline) if answer == "unknown" else []
+    first = wrong_unit_notes(prepared, hypothesis.selected, still_open) if answer == "unknown" else []
     return Diagnosis(
         model=prepared.model.name,
         robot=prepared.model.robot.name,

@@ -3,10 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 
+from elastic_arm.diagnosis.context import DiagnosisContext
 from elastic_arm.diagnosis.result import Cause, Diagnosis
+from elastic_arm.effects import EffectInstance
+from elastic_arm.effects.model import SensorEffect
 from elastic_arm.robot import Robot
 
 
@@ -18,13 +22,24 @@ def repaired_robot(robot: Robot, diagnosis: Diagnosis) -> Robot:
     A number beyond ordinary, a cause of its own, is among the refitted ones. What only stands in for something else is
     left out, and what a model variant has: take that variant. Known are those of the arm file and of the user, at the
     sizes that were fitted or, where no recorded equation shows them, as stated, and what is ordinary, such as lags of a
-    sample.
+    sample; but not an ordinary drift, which is of the recording: a simulated zero would run away with it.
     """
     context = diagnosis.context
-    known = robot.effects if context is None else [i.to_dict() for i in (*context.known, *context.unseen)]
+    known = robot.effects if context is None else _known(context)
     found = [cause.instance.to_dict() for cause in diagnosis.causes if cause.held_as == "effect"]
     numbers = robot if context is None else context.fitted.robot
     return numbers.with_(effects=(*known, *found))
+
+
+def _known(context: DiagnosisContext) -> list[dict[str, Any]]:
+    """Return what counts as part of the model, without ordinary drifts."""
+    known = (*context.known, *context.unseen)
+    return [instance.to_dict() for instance in known if instance.effect.ordinary is None or not _drifts(instance)]
+
+
+def _drifts(instance: EffectInstance) -> bool:
+    """Whether a sensor's error grows with time."""
+    return isinstance(instance.effect, SensorEffect) and instance.effect.in_time
 
 
 def holds_any(causes: Sequence[Cause]) -> bool:

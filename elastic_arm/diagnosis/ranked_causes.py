@@ -141,8 +141,10 @@ def _found_causes(prepared: PreparedData, estimated: EstimatedHypothesis, judgem
         candidate, rivals = hypothesis.selected[k], hypothesis.rivals.get(k, ())
         alone = [*hypothesis.baseline, candidate]
         others = _others(prepared, rivals, candidate.feature)
-        residuals = prepared.described_residuals(alone)
-        share = measure.share(alone)[0] if prepared.mounting is None else measure.share_left(residuals)
+        # Alone, neither the faults nor the mounting are added.
+        residuals = with_faults(prepared.described_residuals(alone), judgement.faults)
+        together = measure.name == "excess" and (bool(judgement.faults) or prepared.mounting is not None)
+        share = measure.share_left(residuals) if together else measure.share(alone)[0]
         cause = _cause(prepared, estimated, k, share, rivals, others)
         cause = replace(cause, minor=candidate.feature.key in judgement.minor)
         found.append(RankedCause(cause, candidate, tuple(other.candidate for other in others), residuals))

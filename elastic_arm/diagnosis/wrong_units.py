@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,7 +15,7 @@ from elastic_arm.effects.model import SensorEffect
 Array = NDArray[np.float64]
 
 
-def wrong_unit_notes(prepared: PreparedData, baseline: Sequence[Candidate]) -> list[str]:
+def wrong_unit_notes(prepared: PreparedData, selected: Sequence[Candidate], rows_left: Collection[int]) -> list[str]:
     """Return a note on each torque channel of a joint that a gain which no sensor has would explain by itself.
 
     No search names such a gain, and without it a channel in another unit ends as a gap without any cause.
@@ -24,10 +24,12 @@ def wrong_unit_notes(prepared: PreparedData, baseline: Sequence[Candidate]) -> l
     ----------
     prepared
         Data and regressors.
-    baseline
-        What counts as part of the model.
+    selected
+        What counts as part of the model, and the causes: beside friction that is still to be found, any gain would do.
+    rows_left
+        Numbers of the residuals at which much is left.
     """
-    before = _power(prepared, baseline)
+    before = _power(prepared, selected)
     notes = []
     for candidate in prepared.library.candidates:
         feature = candidate.feature
@@ -36,9 +38,12 @@ def wrong_unit_notes(prepared: PreparedData, baseline: Sequence[Candidate]) -> l
         parameter = feature.linear[0]
         if parameter.unit != "1" or not parameter.neutral:
             continue
-        gain = parameter.value_of(float(prepared.library.coefficients([*baseline, candidate])[-1][0]))
         rows = [row for row, place in enumerate(prepared.places) if place in _places(candidate)]
-        left = _power(prepared, [*baseline, candidate])[rows] / before[rows]
+        if not set(rows) & set(rows_left):
+            continue
+        others = [one for one in selected if one.feature.key != feature.key]
+        gain = parameter.value_of(float(prepared.library.coefficients([*others, candidate])[-1][0]))
+        left = _power(prepared, [*others, candidate])[rows] / before[rows]
         if (left < prepared.settings.judgement.explained).all() and not prepared.sizes.allows(
             feature, parameter, np.array([gain])
         ):

@@ -87,6 +87,7 @@ def joint_changes(
     found = {}
     for i, (joint, old, new) in enumerate(zip(robot.joints, before.joints, after.joints, strict=True)):
         for field, (number, unit) in JOINT_NUMBERS.items():
+            unit = joint.unit(unit).replace("kg m²", "kg") if joint.prismatic else unit
             values = getattr(old, field), getattr(new, field)
             if abs(values[1] - values[0]) > SAME * max(abs(values[0]), abs(values[1])):
                 effect, parameter = _FROM[field]

@@ -110,7 +110,8 @@ def propose(context: DiagnosisContext, causes: Sequence[Cause], *, rng: np.rando
         pairs = [PairSeparation(*pair, value) for pair, value in zip(names, here, strict=True)]
         return Proposal(None, tuple(pairs), 0, (*limits.assumed, str(error)))
     pairs = [
-        PairSeparation(*pair, now, then, then >= settings.decisive)
+        # A recording that ought to have decided and did not shows that neither is right.
+        PairSeparation(*pair, now, then, then >= settings.decisive and then > now)
         for pair, now, then in zip(names, here, expected, strict=True)
     ]
     return Proposal(best, tuple(pairs), count, limits.assumed)

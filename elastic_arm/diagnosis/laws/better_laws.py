@@ -102,7 +102,7 @@ def _instead_of_causes(
     for feature in (hypothesis.selected[k].feature for k in hypothesis.causes):
         law, worth = comparison.instead_of(feature.key, _joints(prepared, feature)), comparison.worth(feature.key)
         # The columns of a large cause are a little off, which a law without a form makes up for.
-        better = settings.refined if law.law.friction and feature.effect.id == DRY else settings.better
+        better = settings.refined if law.law.friction and feature.key[0] == DRY else settings.better
         if law.gain > max(better * worth, 0.0):
             found[feature.key] = law
             if worth > law.gain:

@@ -206,5 +206,7 @@ def _solve(A: Array, b: Array, chart: Chart, trust: float) -> Array:
         raise IdentificationError(f"the convex solver gave up: {error}", "Record a richer motion.") from None
     if x.value is None:
         raise IdentificationError(f"the convex solver found nothing ({problem.status})", "Record a richer motion.")
-    solution: Array = np.asarray(x.value, dtype=float)
+    solution: Array = np.array(x.value, dtype=float)
+    # The solver meets a bound to its tolerance: friction of -1e-10 Nm is none.
+    solution[bounded] = np.maximum(solution[bounded], least)
     return solution

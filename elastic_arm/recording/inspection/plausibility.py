@@ -39,6 +39,10 @@ _AGREE = 0.3  # correlation of two groups of joints about it
 _JITTER = 0.02  # of the interval: stamps that spread more must be those of the motion
 _SAME = 1e-12  # span of a difference of two channels that are the same numbers, but for an offset
 _LOOKED_AT = 1000  # samples that rule it out mostly
+_PARTS = 20  # of a recording, whose scatter shows how certain its work is
+_CERTAIN = 3.0  # standard deviations
+_LENT = 1.5  # of the torque's rms times the range: what gravity may have taken at the end
+_WORK = 0.05  # of the torque's rms times the path, beyond that
 
 
 @dataclass(frozen=True)
@@ -88,6 +92,7 @@ def implausible(recording: Recording) -> list[Finding]:
             findings += _stamps(name, motion)
         if side.effort is not None:
             findings += _noiseless(name, side, joints)
+        findings += _backwards(side, joints) if name == "motor" else []
     return findings
 
 
@@ -106,6 +111,15 @@ def smoothed_torques(recording: Recording) -> list[str]:
     long = [(name, side) for name, side in sides if side.effort is not None and len(side) >= _FEWEST]
     found = [finding for name, side in long for finding in _noiseless(name, side, recording.joints)]
     return [finding.message for finding in found if finding.code == _SMOOTH]
+
+
+def backward_torques(recording: Recording) -> list[str]:
+    """Return in words which torques do work against the friction of their joints."""
+    if recording.motor is None:
+        return []
+    side, joints = _whole(recording.motor, recording.joints)
+    known = len(side) >= _FEWEST and _is_motion(side)
+    return [finding.message for finding in _backwards(side, joints)] if known else []
 
 
 def wrong_velocities(recording: Recording) -> list[str]:
@@ -194,12 +208,17 @@ def _wrapped(name: str, q: Array, joints: Sequence[str]) -> list[Finding]:
 
 
 def _held(name: str, side: Side, joints: Sequence[str]) -> list[Finding]:
-    """Find positions that repeat although the joint moves by more than the encoder's steps."""
+    """Find positions that repeat although the joint moves by more than the encoder's steps.
+
+    Of a channel that is updated every third cycle a step is that of three: the noise is what it is off from there.
+    """
     assert side.position is not None
     step = np.diff(side.position, axis=0)
+    updated = scipy.ndimage.uniform_filter1d((step != 0.0).astype(np.float64), 9, axis=0)
     smallest = np.where(step != 0.0, np.abs(step), np.inf).min(axis=0)
     expected = scipy.ndimage.uniform_filter1d(step, 9, axis=0)
-    noise = 1.48 * np.median(np.abs(step - expected), axis=0)
+    off = np.ma.array(np.abs(step * updated - expected), mask=step == 0.0)
+    noise = 1.48 * np.ma.median(off, axis=0).filled(0.0)
     held = (step == 0.0) & (np.abs(expected) > 4.0 * np.maximum(smallest, noise))
     share = held.mean(axis=0)
     many = share > _HELD
@@ -278,6 +297,25 @@ def _noiseless(name: str, side: Side, joints: Sequence[str]) -> list[Finding]:
         falls = f"even noise, and falls steeply from {_range(found.knee[smooth])} Hz on"
         findings.append(Finding("note", _SMOOTH, f"{message} {falls}: it was low-passed there, or computed"))
     return findings
+
+
+def _backwards(motor: Side, joints: Sequence[str]) -> list[Finding]:
+    """Find motor torques that take energy out of a joint while friction takes it, too: their sign is wrong.
+
+    Torque sensors behind a drive see little friction, and a lag of theirs does work of either sign. What gravity and inertia take they give back as the joint moves to and fro, but for one way over its range.
+    """
+    if motor.position is None or motor.effort is None:
+        return []
+    path = np.diff(motor.position, axis=0)
+    effort = 0.5 * (motor.effort[1:] + motor.effort[:-1])
+    work = np.array([part.sum(axis=0) for part in np.array_split(effort * path, _PARTS)])
+    lent = _LENT * np.ptp(motor.position, axis=0) + _WORK * np.abs(path).sum(axis=0)
+    certain = work.mean(axis=0) < -_CERTAIN * work.std(axis=0, ddof=1) / np.sqrt(_PARTS)
+    found = certain & (work.sum(axis=0) < -np.sqrt(np.mean(effort**2, axis=0)) * lent)
+    if not found.any():
+        return []
+    message = f"motor effort of {_listed(joints, found)} takes energy out of the motion while friction does so, too"
+    return [Finding("warning", "backward_torque", f"{message}: check its sign, and that of the angle")]
 
 
 def _same_arrays(recording: Recording) -> list[Finding]:
