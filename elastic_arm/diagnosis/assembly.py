@@ -105,7 +105,7 @@ def assemble(
         measured_by=measure.name,
         log_likelihood=judgement.log_likelihood,
         causes=tuple(r.cause if sure is None else r.cause.less_sure(sure) for r in ranked),
-        unexplained=tuple(with_laws(unexplained, prepared, laws) if answer == "unknown" else ()),
+        unexplained=tuple(with_laws(unexplained, prepared, laws, after) if answer == "unknown" else ()),
         imperfections=estimated.imperfections,
         known=_known(prepared, estimated),
         notes=(*first, *_notes(prepared, judgement, estimated, laws)),
@@ -152,9 +152,11 @@ def verdict(
 
 
 def with_laws(
-    places: Sequence[UnexplainedResidual], prepared: PreparedData, laws: BetterLaws
+    places: Sequence[UnexplainedResidual], prepared: PreparedData, laws: BetterLaws, after: ResidualStatistics
 ) -> list[UnexplainedResidual]:
     """Return the places where something is left, those first where a law that no catalogue states shows most.
+
+    In the place of a cause the law is as large as what only stands in for it; beside all causes it is in what is left.
 
     Parameters
     ----------
@@ -164,9 +166,17 @@ def with_laws(
         Data and regressors.
     laws
         Laws that no catalogue states.
+    after
+        What is left.
     """
     lacks = strongest(lacks_of_fit(prepared, laws.all))
-    first = [UnexplainedResidual(*prepared.places[one.row], one.regime, one.rmse) for one in lacks]
+    instead = {one.row for one in lacks_of_fit(prepared, list(laws.instead.values()))}
+    first = [
+        UnexplainedResidual(
+            *prepared.places[one.row], one.regime, one.rmse if one.row in instead else float(after.rmse[one.row])
+        )
+        for one in lacks
+    ]
     own = {(one.joint, one.side) for one in first}
     return [*first, *(one for one in places if (one.joint, one.side) not in own)]
 

@@ -50,6 +50,8 @@ class EstimatedHypothesis:
         Where that was; None where nothing is calibrated, which is where the search was.
     impossible
         Notes on the causes, by key, with numbers there that no such arm has.
+    crude
+        Odds, by key, of a description that is further off than ordinary ones, against causes that load the links.
     """
 
     hypothesis: Hypothesis
@@ -61,6 +63,7 @@ class EstimatedHypothesis:
     optimum: tuple[Candidate, ...] = ()
     final: FinalEstimates | None = None
     impossible: Mapping[Key, str] = field(default_factory=dict)
+    crude: Mapping[Key, float] = field(default_factory=dict)
 
 
 def estimate(
@@ -86,6 +89,8 @@ def estimate(
         hypothesis, last, faults, notes = _that_last(prepared, hypothesis, faults)
         joint, library, selected = last.estimates, last.fit.found.library, list(last.fit.selected)
         imperfect = imperfections(last.fit.problem, last.deviations, last.stds)
+    crude = {} if last is None else _odds_of_crude_description(last, hypothesis)
+    notes += [crude_note(c.feature) for c in hypothesis.selected if crude.get(c.feature.key, 0.0) > 1.0]
     polished = prepared.estimates.polished(hypothesis.selected)
     own, parameters = joint.polished(selected), joint.parameters(selected)
     fitted = zip(own, library.coefficients(own), strict=True)
@@ -101,7 +106,18 @@ def estimate(
         (*own, *tangents(library, own)),
         last,
         prepared.sizes.notes(hypothesis, parameters),
+        crude,
     )
+
+
+def _odds_of_crude_description(found: FinalEstimates, hypothesis: Hypothesis) -> dict[Key, float]:
+    """Return the odds of a description that is further off than ordinary ones, against causes that load the links."""
+    features = [hypothesis.selected[k].feature for k in hypothesis.causes]
+    return {
+        feature.key: found.odds_of_crude_description_against(feature)
+        for feature in features
+        if feature.effect.sides == ("link",) and not feature.effect.is_friction
+    }
 
 
 def _is_of_mounting(prepared: PreparedData, candidate: Candidate) -> bool:

@@ -19,7 +19,7 @@ from elastic_arm.diagnosis.inference.faults import LargeImperfection
 from elastic_arm.diagnosis.inference.joint_estimates import JointEstimates
 from elastic_arm.diagnosis.preparation import PreparedData
 from elastic_arm.diagnosis.selection.gram_fits import RANK, orthonormal_basis, regularised
-from elastic_arm.diagnosis.selection.hypothesis import misfit
+from elastic_arm.diagnosis.selection.hypothesis import Key, misfit
 from elastic_arm.diagnosis.selection.regressor_library import Candidate
 from elastic_arm.diagnosis.selection.tangents import tangents
 from elastic_arm.estimation.effect_columns import Feature
@@ -112,40 +112,74 @@ class FinalEstimates:
         return replace(fault, confidence=fault.confidence / (1.0 + self.odds_of_crude_description(fault)))
 
     def odds_of_crude_description(self, fault: LargeImperfection) -> float:
-        """Return the odds that the whole description is further off than ordinary ones, against one number of it alone.
+        """Return the odds that the whole description is further off than ordinary ones, against one number that is.
 
         Both may be: where all numbers have wider priors, this one is compared with and without a prior like theirs. The
-        number was chosen among many, for which it pays. Zero of a sensor.
+        number was chosen among many, for which it pays. A torque sensor's then has its ordinary prior; zero of others.
         """
-        if not fault.feature.effect.number:
+        number, torque = bool(fault.feature.effect.number), fault.feature.read_torque is not None
+        if not (number or torque):
             return 0.0
         parameters, crude = self.fit.problem.parameters, np.array(self.fit.problem.settings.refit.crude)
         own = np.array([is_of(p, fault.feature) for p in parameters])
         described = np.array([p.is_described for p in parameters])
         ordinary = np.where(own, [1.0 / p.widened for p in parameters], 1.0)
-        evidence = self._evidence
-        together = [evidence(np.where(described, factor * ordinary, 1.0)) for factor in crude]
-        alone = [evidence(np.where(described & ~own, factor, 1.0)) for factor in (1.0, *crude)]
-        chosen = np.log(sum(p.is_described and p.cause is not None for p in parameters))
-        return float(np.exp(np.clip(logsumexp(together) - logsumexp(alone) + chosen, -700.0, 700.0)))
+        evidence, equations = self._evidence, self._without_causes
+        together = [evidence(np.where(described, factor, 1.0) * ordinary, *equations) for factor in crude]
+        alone = [evidence(np.where(described & ~own, factor, 1.0), *equations) for factor in (1.0, *crude)]
+        chosen = np.log(sum((p.is_described or not number) and p.cause is not None for p in parameters))
+        return _odds(logsumexp(together) - logsumexp(alone) + chosen)
 
-    def _evidence(self, wider: Array) -> float:
-        """Return the marginal likelihood, nats, where each prior (k,) is so many times wider, up to a constant."""
-        noise, gram, target = self._without_causes
+    def odds_of_crude_description_against(self, cause: Feature) -> float:
+        """Return the odds that the whole description is further off than ordinary ones, against a cause of the links.
+
+        A payload, a spring or a tilt loads the links as other masses would. Its numbers pay as in Schwarz' criterion.
+        """
+        parameters, sets = self.fit.problem.parameters, self.fit.found.library.sets
+        described = np.array([p.is_described for p in parameters])
+        wider = [np.where(described, factor, 1.0) for factor in (1.0, *self.fit.problem.settings.refit.crude)]
+        numbers = sum(int(np.sum(c.free)) for c in self.optimum if c.feature.key == cause.key)
+        without, beside = self._normal_equations(cause.key), self._without_causes
+        instead = [self._evidence(each, *without) for each in wider[1:]]
+        there = [self._evidence(each, *beside) for each in wider]
+        price = 0.5 * numbers * np.log(sum(data.freedom for data in sets))
+        return _odds(logsumexp(instead) - logsumexp(there) + price)
+
+    def _evidence(self, wider: Array, noise: float, gram: Array, target: Array, left: float) -> float:
+        """Return the marginal likelihood, nats, where each prior (k,) is so many times wider, up to a constant.
+
+        Parameters
+        ----------
+        wider
+            By how much.
+        noise, gram, target, left
+            As of :meth:`_normal_equations`.
+        """
         centre = self.fit.found.library.nuisance.centre / wider
         precision = gram * np.outer(wider, wider) + noise * np.eye(len(wider))
         shown = target * wider + noise * centre
         gained = shown @ np.linalg.solve(precision, shown) - noise * centre @ centre
-        return float(0.5 * gained / noise - 0.5 * np.linalg.slogdet(precision / noise)[1])
+        return float(0.5 * (gained - left) / noise - 0.5 * np.linalg.slogdet(precision / noise)[1])
 
     @cached_property
-    def _without_causes(self) -> tuple[float, Array, Array]:
-        """Variance of the noise, and normal equations of the nuisance parameters beside causes of any size."""
-        noise, residual, columns = self._noise, *self._regression
+    def _without_causes(self) -> tuple[float, Array, Array, float]:
+        return self._normal_equations()
+
+    def _normal_equations(self, without: Key | None = None) -> tuple[float, Array, Array, float]:
+        """Return the noise's variance, and the nuisance parameters' normal equations beside causes of any size.
+
+        They are gram (k, k), target (k,), and the squares that those causes leave.
+
+        Parameters
+        ----------
+        without
+            Key of a cause that is left out.
+        """
+        residual, columns = self._regression if without is None else self._regressed(without)
         basis = orthonormal_basis(columns, RANK)
         white = np.vstack(self.fit.found.library.nuisance.white)
-        white = white - basis @ (basis.T @ white)
-        return noise, white.T @ white, white.T @ residual
+        white, left = white - basis @ (basis.T @ white), residual - basis @ (basis.T @ residual)
+        return self._noise, white.T @ white, white.T @ residual, float(left @ left)
 
     @cached_property
     def _noise(self) -> float:
@@ -156,9 +190,12 @@ class FinalEstimates:
     @cached_property
     def _regression(self) -> tuple[Array, Array]:
         """Residuals (rows,) of both data sets, and the columns (rows, m) of known effects and causes that are free."""
-        library = self.fit.found.library
-        free = np.concatenate([np.zeros(0, dtype=bool), *(c.free for c in self.optimum)])
-        index = np.concatenate([np.zeros(1, dtype=int), *(c.index for c in self.optimum)])
+        return self._regressed()
+
+    def _regressed(self, without: Key | None = None) -> tuple[Array, Array]:
+        library, optimum = self.fit.found.library, [c for c in self.optimum if c.feature.key != without]
+        free = np.concatenate([np.zeros(0, dtype=bool), *(c.free for c in optimum)])
+        index = np.concatenate([np.zeros(1, dtype=int), *(c.index for c in optimum)])
         matrix = np.vstack([library.matrix(which, index) for which in (0, 1)])
         return matrix[:, 0] - matrix[:, 1:][:, ~free].sum(axis=1), matrix[:, 1:][:, free]
 
@@ -194,6 +231,10 @@ class FinalEstimates:
         """Return the nuisance parameter that a fault is; of one that all joints have, that with the widest prior."""
         own = [parameter for parameter in self.fit.problem.parameters if is_of(parameter, fault.feature)]
         return max(own, key=lambda parameter: parameter.ordinary_std)
+
+
+def _odds(nats: float) -> float:
+    return float(np.exp(np.clip(nats, -700.0, 700.0)))
 
 
 def _recordings(data: WhitenedData, numbers: Sequence[int]) -> NDArray[np.intp]:

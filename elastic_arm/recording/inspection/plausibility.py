@@ -302,7 +302,8 @@ def _noiseless(name: str, side: Side, joints: Sequence[str]) -> list[Finding]:
 def _backwards(motor: Side, joints: Sequence[str]) -> list[Finding]:
     """Find motor torques that take energy out of a joint while friction takes it, too: their sign is wrong.
 
-    Torque sensors behind a drive see little friction, and a lag of theirs does work of either sign. What gravity and inertia take they give back as the joint moves to and fro, but for one way over its range.
+    Torque sensors behind a drive see little friction, and a lag of theirs does work of either sign. What gravity and
+    inertia take they give back as the joint moves to and fro, but for one way over its range.
     """
     if motor.position is None or motor.effort is None:
         return []
@@ -314,7 +315,7 @@ def _backwards(motor: Side, joints: Sequence[str]) -> list[Finding]:
     found = certain & (work.sum(axis=0) < -np.sqrt(np.mean(effort**2, axis=0)) * lent)
     if not found.any():
         return []
-    message = f"motor effort of {_listed(joints, found)} takes energy out of the motion while friction does so, too"
+    message = f"motor effort of {_listed(joints, found)} takes energy out of the motion, as its friction does"
     return [Finding("warning", "backward_torque", f"{message}: check its sign, and that of the angle")]
 
 

@@ -52,7 +52,7 @@ def odds(off: NDArray[np.float64], precision: NDArray[np.float64]) -> float:
     problem = SimpleNamespace(parameters=tuple(parameters), settings=DiagnosisSettings())
     fit: Any = SimpleNamespace(problem=problem, found=SimpleNamespace(library=library))
     found = FinalEstimates(fit, SimpleNamespace(), np.zeros(0), np.zeros(0), ())  # type: ignore[arg-type]
-    vars(found)["_without_causes"] = (1.0, np.diag((precision * widths) ** 2), precision**2 * widths * off)
+    vars(found)["_without_causes"] = (1.0, np.diag((precision * widths) ** 2), precision**2 * widths * off, 0.0)
     return found.odds_of_crude_description(LargeImperfection(masses()[0], 0.06 * float(off[0]), 0.01, []))
 
 
