@@ -12,7 +12,12 @@ import scipy
 from elastic_arm.recording import Recording, Side, read_recording, write_recording
 from elastic_arm.recording.foreign.arrays import import_arrays
 from elastic_arm.recording.inspection.check import check_bag
-from elastic_arm.recording.inspection.plausibility import implausible, smoothed_torques, wrong_velocities
+from elastic_arm.recording.inspection.plausibility import (
+    backward_torques,
+    implausible,
+    smoothed_torques,
+    wrong_velocities,
+)
 from tests.helpers.bags import JOINTS
 
 ROOT = Path(__file__).parents[2]
@@ -98,6 +103,26 @@ def test_positions_held_while_the_joint_moves_are_found() -> None:
     lost = np.arange(50, COUNT, 50)
     held[lost] = held[lost - 1]
     assert "held" in codes(changed(recording, "motor", position=held))
+
+
+@pytest.mark.parametrize("times", [2, 3, 5])
+def test_a_channel_that_is_updated_every_few_samples_is_found(times: int) -> None:
+    """Where most positions repeat, too: their steps are those of several samples, and no noise."""
+    recording = arm()
+    held = recording.motor.position[times * (np.arange(COUNT) // times)]
+    assert "held" in codes(changed(recording, "motor", position=held))
+
+
+def test_a_motor_torque_of_the_wrong_sign_is_found() -> None:
+    """Dry friction of a joint gives energy where its torque has the other sign; a sensor behind the drive may."""
+    recording = arm()
+    rates = recording.motor.velocity
+    torque = recording.motor.effort + 30.0 * np.sign(rates)
+    assert not backward_torques(changed(recording, "motor", effort=torque))
+    torque[:, 1] *= -1.0
+    (words,) = backward_torques(changed(recording, "motor", effort=torque))
+    assert "effort of joint_2 takes energy" in words
+    assert not backward_torques(changed(recording, "link", effort=torque))
 
 
 def test_an_angle_within_one_turn_is_found() -> None:

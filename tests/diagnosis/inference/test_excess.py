@@ -9,7 +9,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-from elastic_arm.diagnosis.inference.excess import contribution, residual_statistics, shrink
+from elastic_arm.diagnosis.inference.excess import (
+    ResidualStatistics,
+    contribution,
+    place_contribution,
+    residual_statistics,
+    shrink,
+)
 from elastic_arm.diagnosis.settings import DiagnosisSettings
 
 SETTINGS = DiagnosisSettings()
@@ -49,3 +55,15 @@ def test_half_of_an_offset_is_three_quarters_of_the_excess(noise: np.ndarray) ->
     share, (low, high) = shrink(before, after, SETTINGS.resampling, np.random.default_rng(1))
     assert share == pytest.approx(0.75, abs=0.03) and low < share < high
     assert contribution(before, before, after) == pytest.approx(0.75, abs=0.03)
+
+
+def test_a_small_joints_own_gap_counts_beside_a_large_one() -> None:
+    """Half of a wrist's excess is 1 in 20,000 of the whole, and half of its own."""
+
+    def sizes(*squares: float) -> ResidualStatistics:
+        blocks, none = np.tile(squares, (10, 1)), np.zeros(2)
+        return ResidualStatistics(10.0, np.sqrt(squares), none, none, 100.0, blocks, np.array([True, True]))
+
+    before, without, after = sizes(1e4, 1.0), sizes(1.0, 1.0), sizes(1.0, 0.5)
+    assert contribution(before, without, after) == pytest.approx(5e-5, rel=0.01)
+    assert place_contribution(before, without, after) == pytest.approx(0.5)

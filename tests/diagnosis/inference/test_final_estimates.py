@@ -78,8 +78,28 @@ def test_a_recording_that_hardly_shows_the_others_leaves_a_doubt() -> None:
     assert 0.02 < odds(off, np.where(np.arange(18) > 0, 0.1, 5.0)) < 20.0
 
 
-def test_sensors_have_nothing_to_do_with_the_description() -> None:
-    """A gain beyond ordinary is no number of the description."""
-    gain = feature_of(parse("motor_torque_gain:joint_2:gain=1.3", ROBOT), ArmEquations(ROBOT, "mod3"))
+def test_encoders_have_nothing_to_do_with_the_description() -> None:
+    """A zero of an encoder beyond ordinary is nothing that other masses would do."""
+    zero = feature_of(parse("encoder_offset:joint_2:offset=0.01", ROBOT), ArmEquations(ROBOT, "mod3"))
     found = FinalEstimates(SimpleNamespace(), SimpleNamespace(), np.zeros(0), np.zeros(0), ())  # type: ignore[arg-type]
-    assert found.odds_of_crude_description(LargeImperfection(gain, 0.3, 0.01, [])) == 0.0
+    assert found.odds_of_crude_description(LargeImperfection(zero, 0.01, 1e-4, [])) == 0.0
+
+
+@pytest.mark.parametrize(("shown", "crude"), [(30.0, False), (2.0, True)])
+def test_a_payload_is_weighed_against_a_crude_description(shown: float, crude: bool) -> None:
+    """What all numbers of the links explain at eight times ordinary errors is no payload, what they cannot is one."""
+    parameters = tuple(NuisanceParameter(kind, "joint_1", "1", 0.06, 1.0) for kind in KINDS)
+    problem = SimpleNamespace(parameters=parameters, settings=DiagnosisSettings())
+    library = SimpleNamespace(nuisance=SimpleNamespace(centre=np.zeros(6)), sets=[SimpleNamespace(freedom=5000.0)] * 2)
+    fit: Any = SimpleNamespace(problem=problem, found=SimpleNamespace(library=library))
+    payload: Any = SimpleNamespace(key=("payload", "joint_1", ()))
+    free: Any = SimpleNamespace(feature=payload, free=np.full(4, True))
+    found = FinalEstimates(fit, SimpleNamespace(), np.zeros(0), np.zeros(0), (free,))  # type: ignore[arg-type]
+    precision = np.full(6, 25.0)
+    # With the payload the numbers are as described; without it they are off by so many standard deviations.
+    beside = (1.0, np.diag(precision), np.zeros(6), 0.0)
+    off = np.full(6, 6.0)
+    left = float(precision @ off**2) + shown**2
+    vars(found)["_without_causes"] = beside
+    object.__setattr__(found, "_normal_equations", lambda key: (1.0, np.diag(precision), precision * off, left))
+    assert (found.odds_of_crude_description_against(payload) > 1.0) == crude

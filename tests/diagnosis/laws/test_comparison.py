@@ -108,6 +108,23 @@ def test_friction_that_also_changes_a_little_is_not_refuted(seed: int) -> None:
     assert _instead_of_causes(prepared, drags, Hypothesis([viscous]))[0].keys() == {viscous.feature.key}
 
 
+@pytest.mark.parametrize(("change", "refuted"), [(0.5, False), (3.0, True)])
+def test_dry_friction_that_changes_much_is_refined_and_one_that_is_hardly_there_refuted(
+    change: float, refuted: bool
+) -> None:
+    """Half as large again here and there it is dry friction; of another sign here and there it is none."""
+    prepared: Any = SimpleNamespace(settings=SETTINGS, model=SimpleNamespace(robot=SimpleNamespace(joint_names="ab")))
+    share = lambda s: 1.0 + change * np.sin(20.0 * s.values["progress"][:, 0])  # noqa: E731
+    comparison, (dry,) = compared(moved(1, lambda s: 5.0 * share(s) * sign(s)), sign)
+    key = ("coulomb_friction", None, ())
+    law, worth = comparison.instead_of(dry.feature.key, JOINTS), comparison.worth(dry.feature.key)
+    assert law.law.friction and law.gain > SETTINGS.general_laws.better * worth
+    named: Any = SimpleNamespace(worth=lambda _: worth, instead_of=lambda _, joints: law)
+    feature: Any = SimpleNamespace(key=key, joint=None)
+    hypothesis = Hypothesis([SimpleNamespace(feature=feature)])  # type: ignore[list-item]
+    assert bool(_instead_of_causes(prepared, named, hypothesis)[0]) == refuted
+
+
 def test_what_no_cause_explains_is_placed_by_what_it_depends_on() -> None:
     """A torque over the angle is found at its joint and side, with its size."""
     data = moved(1, lambda s: 0.2 * cogging(s), "link")
