@@ -55,7 +55,7 @@ def usual(pair: list[Recording]) -> Diagnosis:
     ("changed", "verdict", "causes"),
     [
         ({"search": {"least_gain": 1e9}}, "unknown", 0),  # nothing is worth being selected
-        ({"judgement": {"least_shrink": 1.01}}, "unknown", 0),  # nothing is large enough for a cause
+        ({"judgement": {"least_shrink": 1.01, "place_explained": 1.01}}, "unknown", 0),  # nothing is large enough
         ({"judgement": {"level": 1.0}}, "unknown", 0),  # no interval excludes anything
         ({"significance": {"noise_guard": 1e9, "detected": 1e9}}, "none", 0),  # nothing counts as a gap
     ],
