@@ -12,8 +12,8 @@ from elastic_arm.diagnosis.context import DiagnosisContext
 from elastic_arm.diagnosis.inference.estimated_hypothesis import EstimatedHypothesis
 from elastic_arm.diagnosis.inference.estimates import Agreement, ParameterEstimate
 from elastic_arm.diagnosis.inference.excess import ResidualStatistics, residual_statistics
-from elastic_arm.diagnosis.inference.faults import with_faults
-from elastic_arm.diagnosis.inference.gap_metric import GapMeasure
+from elastic_arm.diagnosis.inference.faults import LargeImperfection, with_faults
+from elastic_arm.diagnosis.inference.gap_metric import GapMeasure, gap_measure
 from elastic_arm.diagnosis.inference.judgement import Judgement
 from elastic_arm.diagnosis.inference.lack_of_fit import LackOfFit, strongest
 from elastic_arm.diagnosis.inference.place_gaps import PlaceGap, place_gaps
@@ -69,10 +69,10 @@ def assemble(
     traces = [] if stands_out else judgement.test(judged)
     residuals = with_faults(library.validation_residuals(judged), laws.refuted(estimated.faults))
     by_place = _by_place(prepared, judgement, hypothesis.baseline, residuals)
-    still_open = [p.row for p in by_place if p.is_open(settings.judgement.place_explained)]
+    still_open = _open_rows(prepared, judgement, hypothesis.baseline, residuals, by_place)
     kept = [*still_open, *laws.unlike_noise, *_rows_beyond_ordinary(prepared, estimated, ranked)]
     answer = verdict(
-        shrink,
+        _share_as_mounted(prepared, judgement, laws.refuted(estimated.faults), hypothesis.selected),
         caused=bool(ranked),
         unexplained=stands_out or bool(traces) or laws.beside is not None or bool(kept),
         open_places=bool(still_open),
@@ -112,6 +112,20 @@ def assemble(
         cumulative_shrink=cumulative_shrink(measure, hypothesis.baseline, [r.candidate for r in ranked]),
         context=_context(prepared, judgement, estimated, ranked, residuals),
     )
+
+
+def _share_as_mounted(
+    prepared: PreparedData,
+    judgement: Judgement,
+    refuted: Sequence[LargeImperfection],
+    selected: Sequence[Candidate],
+) -> float:
+    """Return the share of the gap that candidates take away, of the arm as its torques show it mounted."""
+    measure = judgement.measure
+    if prepared.mounting is not None:
+        found = judgement.hypothesis, judgement.test, judgement.faults, refuted
+        measure = gap_measure(prepared, *found, mounted=True)
+    return measure.share(selected)[0]
 
 
 def verdict(
@@ -248,13 +262,38 @@ def cumulative_shrink(
 
 
 def _by_place(
-    prepared: PreparedData, judgement: Judgement, baseline: Sequence[Candidate], left: Sequence[Array]
+    prepared: PreparedData,
+    judgement: Judgement,
+    baseline: Sequence[Candidate],
+    left: Sequence[Array],
+    *,
+    mounted: bool = False,
 ) -> list[PlaceGap]:
-    """Return the gap of each joint and side by itself; nothing where no residual shows it."""
+    """Return the gap of each joint and side by itself, of the arm as described or as it is mounted.
+
+    Nothing where no residual shows it.
+    """
     if judgement.measure.name != "excess":
         return []
-    before = with_faults(prepared.described_residuals(baseline), judgement.faults)
+    residuals_of = prepared.library.validation_residuals if mounted else prepared.described_residuals
+    before = with_faults(residuals_of(baseline), judgement.faults)
     return place_gaps(prepared.validation, before, left, prepared.settings)
+
+
+def _open_rows(
+    prepared: PreparedData,
+    judgement: Judgement,
+    baseline: Sequence[Candidate],
+    left: Sequence[Array],
+    by_place: Sequence[PlaceGap],
+) -> list[int]:
+    """Return the rows of the residuals that keep much of their own gap, of the arm as its torques show it mounted.
+
+    Beside what a wrong mounting does, any other gap is small.
+    """
+    if prepared.mounting is not None:
+        by_place = _by_place(prepared, judgement, baseline, left, mounted=True)
+    return [place.row for place in by_place if place.is_open(prepared.settings.judgement.place_explained)]
 
 
 def _rows_beyond_ordinary(

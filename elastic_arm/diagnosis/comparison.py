@@ -134,7 +134,9 @@ def compared_effects(real: Diagnosis, simulated: Diagnosis) -> tuple[ComparedEff
         raise DiagnosisError("the recordings do not hold the same channels", "Record the same topics of both")
     found = {candidate.feature.key: candidate for candidate in (*b.selected, *a.selected)}
     order = [candidate.feature.key for candidate in (*a.selected, *b.selected)]
-    effects = [found[key] for key in dict.fromkeys(order)]
+    # The tilt of an arm that is mounted otherwise is a known effect of it as mounted: it is not compared.
+    given = {candidate.feature.key for candidate in (*a.given, *b.given)}
+    effects = [found[key] for key in dict.fromkeys(order) if key not in given]
     everything = [*a.given, *effects]
     sizes = [refitted(context, _all(context), everything)[len(a.given) :] for context in (a, b)]
     return tuple(

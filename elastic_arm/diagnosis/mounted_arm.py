@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from elastic_arm.diagnosis.inference.estimates import ParameterEstimate
 from elastic_arm.diagnosis.question import Question
 from elastic_arm.diagnosis.result import Cause
-from elastic_arm.effects import EffectInstance
+from elastic_arm.effects import EffectInstance, robot_effects
 from elastic_arm.estimation.effect_columns import Feature
 from elastic_arm.estimation.observation import Observation
 from elastic_arm.estimation.whitening import WhitenedData
@@ -32,11 +32,12 @@ def as_mounted(question: Question, observed: Sequence[Observation]) -> tuple[Que
     Parameters
     ----------
     question
-        What is asked; nothing is looked for where a tilt is known, or may explain nothing.
+        What is asked; nothing is looked for where a tilt is known or stated, or may explain nothing.
     observed
         The recordings that causes are fitted on.
     """
-    known = any(instance.effect.id == TILT for instance in question.given)
+    stated = (*robot_effects(question.robot, question.catalogue), *question.given)
+    known = any(instance.effect.id == TILT for instance in stated)
     tilt = next((effect for effect in question.candidates if effect.id == TILT), None)
     if known or tilt is None:
         return question, None

@@ -146,8 +146,8 @@ def _found_causes(prepared: PreparedData, estimated: EstimatedHypothesis, judgem
         together = measure.name == "excess" and (bool(judgement.faults) or prepared.mounting is not None)
         share = measure.share_left(residuals) if together else measure.share(alone)[0]
         cause = _cause(prepared, estimated, k, share, rivals, others)
-        cause = replace(cause, minor=candidate.feature.key in judgement.minor)
         cause = cause.against(estimated.crude.get(candidate.feature.key, 0.0))
+        cause = replace(cause, minor=candidate.feature.key in judgement.minor)
         found.append(RankedCause(cause, candidate, tuple(other.candidate for other in others), residuals))
     return found
 

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from elastic_arm.effects import Catalogue, EffectInstance
+from elastic_arm.effects import Catalogue, EffectInstance, robot_effects
 from elastic_arm.errors import OutputError, RobotError
 from elastic_arm.input_files import read_bytes
 from elastic_arm.mujoco.changes import (
@@ -32,6 +32,7 @@ from elastic_arm.robot.urdf_tree import Chain
 # Attribute of <dynamics> by the field of a joint's numbers.
 _ATTRIBUTES = {"damping": "damping", "friction_loss": "friction"}
 _NO_NUMBER = "a URDF has no number for it"
+_MOUNTING = "a URDF does not state how its first link is mounted"
 
 
 def export_urdf(
@@ -79,11 +80,13 @@ def export_urdf(
         if base is not None:
             require_same_joints(robot, arm, base)
         numbers = robot if base is not None else arm.with_(effects=robot.effects)
-        after = stated_arm(numbers, catalogue, base=arm.base_placement)
+        after = stated_arm(numbers, catalogue)
         before = stated_arm(arm, catalogue)
         left = list(after.left) + [(one, _NO_NUMBER) for one in after.delays]
         changes = [*_joints(root, arm, before, after, deviations, left), *_links(root, arm, before, after)]
-        if base is not None and not np.allclose(before.gravity, after.gravity, rtol=0.0, atol=1e-9):
+        tilts = [one for one in robot_effects(numbers, catalogue) if one.effect.id == "base_tilt"]
+        left += [(tilt, _MOUNTING) for tilt in tilts]
+        if base is not None and not tilts and not np.allclose(before.gravity, after.gravity, rtol=0.0, atol=1e-9):
             raise RobotError("gravity changes, and a URDF does not state it", "Tilt the joint that carries the base")
         _check(document.text(), chain, after)
     try:

@@ -19,16 +19,17 @@ Array = NDArray[np.float64]
 DOWN = np.array([0.0, 0.0, -9.81])
 
 
-def motion(robot: Robot, gravity: Array, channel: str) -> Motion:
-    """Angles of sines, with the torques of an arm under some gravity, dry friction and noise."""
-    rng, n = np.random.default_rng(5), robot.n
+def motion(robot: Robot, gravity: Array, channel: str, size: float = 1.0, zero: float = 0.0, seed: int = 5) -> Motion:
+    """Angles of sines, with the torques of an arm under some gravity, dry friction, a zero and noise."""
+    rng, n = np.random.default_rng(seed), robot.n
     t, w, phase = np.linspace(0.0, 10.0, 3000)[:, None], rng.uniform(0.5, 2.0, n), rng.uniform(-3.0, 3.0, n)
-    rates = [np.sin(w * t + phase), w * np.cos(w * t + phase), -(w**2) * np.sin(w * t + phase)]
+    rates = [size * np.sin(w * t + phase), size * w * np.cos(w * t + phase), -size * w**2 * np.sin(w * t + phase)]
     arm = build_model(robot.with_(gravity=gravity), "mod3")
     rows = arm.inverse_dynamics(*(np.hstack([rate, rate]) if robot.elastic else rate for rate in rates))
     torque = rows[:, :n] + (rows[:, n:] if robot.elastic and channel == "tau_m" else 0.0)
     friction = 0.1 * np.std(torque, axis=0) * np.sign(rates[1])
     noisy = torque + friction + rng.normal(0.0, 0.05, torque.shape)
+    noisy += zero * np.mean(np.abs(torque)) * rng.standard_normal(n)
     return Motion(t[:, 0], *rates, **{channel: noisy})
 
 
@@ -52,6 +53,31 @@ def test_an_arm_that_stands_as_described_is_taken_as_described(wrong: float) -> 
     """Also where its masses, and with them its weight, are off by a fifth, or it leans by six degrees."""
     assert found(DOWN, wrong=wrong) is None
     assert found(np.array([0.0, 9.81 * np.sin(0.1), -9.81 * np.cos(0.1)]), wrong=wrong) is None
+
+
+@pytest.mark.parametrize("seed", range(8))
+@pytest.mark.parametrize("size", [0.1, 1.0])
+def test_zeros_of_torque_sensors_are_no_other_mounting(size: float, seed: int) -> None:
+    """Half as large as the torques, of an arm that moves little or far."""
+    robot = random_arm(4, np.random.default_rng(seed), elastic=False).with_(gravity=DOWN)
+    assert other_mounting(robot, "mod3", [motion(robot, DOWN, "tau_m", size, 0.5, seed)]) is None
+
+
+@pytest.mark.parametrize("reversed_", [slice(None), slice(0, 1), slice(1, 2)], ids=["all", "the first", "the second"])
+@pytest.mark.parametrize("seed", range(6))
+def test_torques_of_the_wrong_sign_are_no_other_mounting(seed: int, reversed_: slice) -> None:
+    """Of all joints or of one."""
+    robot = random_arm(4, np.random.default_rng(seed), elastic=False).with_(gravity=DOWN)
+    recorded = motion(robot, DOWN, "tau_m", seed=seed)
+    assert recorded.tau_m is not None
+    recorded.tau_m[:, reversed_] *= -1.0
+    assert other_mounting(robot, "mod3", [recorded]) is None
+
+
+def test_gravity_that_is_described_upwards_is_left_as_it_is() -> None:
+    """Turns are those of gravity straight down."""
+    robot = random_arm(4, np.random.default_rng(2), elastic=False).with_(gravity=-DOWN)
+    assert other_mounting(robot, "mod3", [motion(robot, np.array([0.0, 9.81, 0.0]), "tau_m")]) is None
 
 
 def test_an_arm_that_gravity_does_not_load_shows_none() -> None:

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elastic_arm.dynamics import build_model
-from elastic_arm.effects import EffectInstance
+from elastic_arm.effects import EffectInstance, robot_effects
 from elastic_arm.effects.text import parse_laws
 from elastic_arm.errors import IdentificationError
 from elastic_arm.estimation.motion import Motion
@@ -114,9 +114,10 @@ def identify_with(
     recorded, settings = list(zip(chosen, prepared, strict=True)), replace(settings, effects=effects)
     trials = Trials(recorded, robot, settings, report)
     choice = trials.selected()
-    mounting = other_mounting(robot, settings.model, list(trials(choice).derived[0].motions))
+    tilted = any(instance.effect.id == TILT for instance in (*effects, *robot_effects(robot, settings.catalogue)))
+    mounting = None if tilted else other_mounting(robot, settings.model, list(trials(choice).derived[0].motions))
     if mounting is not None:
-        robot, effects = mounting.of(robot), (*effects, *_tilt(effects, robot, settings))
+        robot, effects = mounting.of(robot), (*effects, *parse_laws([TILT], robot, settings.catalogue))
         settings = replace(settings, effects=effects)
         trials = Trials(recorded, robot, settings, report)
         choice = trials.selected()
@@ -135,12 +136,6 @@ def identify_with(
         held_out = _held_out(validate, trial, not choice.sticking, report)
         result = validated(result, trial.identifier, robot, (*effects, *choice.zeros), held_out)
     return result, trial.identifier, next(trial.derived[0].motions)
-
-
-def _tilt(effects: Sequence[EffectInstance], robot: Robot, settings: IdentificationSettings) -> list[EffectInstance]:
-    """Return the law of a tilted base, where nobody has asked for it."""
-    asked = any(instance.effect.id == TILT for instance in effects)
-    return [] if asked else parse_laws([TILT], robot, settings.catalogue)
 
 
 def _estimated(trials: Trials, choice: BatchChoice, shown: int) -> tuple[Identification, BatchTrial]:

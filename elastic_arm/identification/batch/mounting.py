@@ -25,6 +25,7 @@ ENOUGH = 2000  # samples of a motion that are looked at; bounds the time
 TURNED = 0.35  # rad from the described direction: beyond the tilts that linear columns describe; convention
 LEFT = 0.3  # of the squares that the described direction leaves; convention
 SIZE = (0.6, 1.5)  # of the described gravity: masses are off as well; convention
+STRAIGHT = 1e-6  # of its size, by which gravity may be off straight down; numerical
 STEP = 1.0  # degree to which a mounting is known: masses are off, and what is compiled for an arm serves the next one
 
 
@@ -98,9 +99,9 @@ def tilt_of(gravity: Array) -> tuple[float, float]:
 def other_mounting(robot: Robot, model: str, motions: Sequence[Motion]) -> Mounting | None:
     """Return how the arm is mounted, where its torques exclude what is described; None where they do not.
 
-    Torques are linear in gravity, whatever its direction: three columns, beside dry friction of each joint. The joints
-    that carry most decide. Only what gravity straight down in another direction explains far better is called mounted
-    otherwise.
+    Torques are linear in gravity, whatever its direction: three columns, beside dry friction and a zero of each joint.
+    The joints that carry most decide. Only where another direction explains them far better, and better than channels
+    of the wrong sign would, the arm is called mounted otherwise.
 
     Parameters
     ----------
@@ -114,14 +115,18 @@ def other_mounting(robot: Robot, model: str, motions: Sequence[Motion]) -> Mount
     described, turning = np.asarray(robot.gravity, dtype=float), [not joint.prismatic for joint in robot.joints]
     size = float(np.linalg.norm(described))
     # Turns are those of gravity straight down.
-    if not (size and motions and any(turning)) or np.any(described[:2]):
+    if not (size and motions and any(turning)) or described[2] > -(1.0 - STRAIGHT) * size:
         return None
     found = _torques(robot, model, max(motions, key=len))
     if found is None:
         return None
-    measured, pull, friction = (each[:, turning] for each in found)
-    coefficients, left = _least_squares(np.concatenate([pull, friction], axis=2), measured)
-    _, before = _least_squares(friction, measured - pull @ described)
+    measured, moved, pull, joints = (each[:, turning] for each in found)
+    coefficients, left = _least_squares(np.concatenate([pull, joints], axis=2), measured - moved)
+    # Each joint has its own friction and zero: what they leave of it does not depend on the others.
+    stands, reversed_ = (_left_by_joint(joints, sign * measured - moved - pull @ described) for sign in (1.0, -1.0))
+    before = float(stands.sum())
+    if float(np.minimum(stands, reversed_).sum()) < left:
+        return None
     shown = coefficients[:3]
     length = float(np.linalg.norm(shown))
     turned = np.arccos(np.clip(shown @ described / max(length * size, 1e-12), -1.0, 1.0))
@@ -131,8 +136,8 @@ def other_mounting(robot: Robot, model: str, motions: Sequence[Motion]) -> Mount
     return Mounting(float(x), float(y), shown, described)
 
 
-def _torques(robot: Robot, model: str, motion: Motion) -> tuple[Array, Array, Array] | None:
-    """Return torques (N, n) less those of the motion, what gravity pulls (N, n, 3), and directions of dry friction.
+def _torques(robot: Robot, model: str, motion: Motion) -> tuple[Array, Array, Array, Array] | None:
+    """Return torques (N, n), those of the motion, what gravity pulls (N, n, 3), and friction and zero (N, n, 2 n).
 
     None where the motion holds no torques or angles of all joints.
     """
@@ -149,7 +154,8 @@ def _torques(robot: Robot, model: str, motion: Motion) -> tuple[Array, Array, Ar
     if robot.elastic:
         # A motor bears what its link needs and what it needs itself.
         moved, pull = (rows[:, :n] + (rows[:, n:] if motion.tau_m is not None else 0.0) for rows in (moved, pull))
-    return torque[every] - moved, pull, np.sign(dx[:, -n:])[:, :, None] * np.eye(n)
+    friction = np.sign(dx[:, -n:])[:, :, None] * np.eye(n)
+    return torque[every], moved, pull, np.concatenate([friction, np.broadcast_to(np.eye(n), friction.shape)], axis=2)
 
 
 def _side(*channels: Array | None) -> list[Array] | None:
@@ -166,6 +172,12 @@ def _evaluated(equations: ArmEquations, x: Array, dx: Array, ddx: Array) -> tupl
     law = ca.Function("weight", symbols, [ca.substitute(laws, equations.Psi, ca.DM(equations.nominal))])
     values = np.array(law.map(len(x))(x.T, dx.T, ddx.T)).reshape(equations.dof, len(x), 4).transpose(1, 0, 2)
     return values[:, :, 0], values[:, :, 1:]
+
+
+def _left_by_joint(columns: Array, target: Array) -> Array:
+    """Return the sum of squares (n,) that friction and zero (N, n, m) of each joint leave of its torque (N, n)."""
+    lone = [_least_squares(columns[:, [j]], target[:, [j]])[1] for j in range(target.shape[1])]
+    return np.array(lone)
 
 
 def _least_squares(columns: Array, target: Array) -> tuple[Array, float]:
