@@ -16,10 +16,11 @@ from elastic_arm.diagnosis.inference.estimates import ParameterEstimate
 from elastic_arm.diagnosis.question import Question
 from elastic_arm.diagnosis.result import Cause
 from elastic_arm.effects import EffectInstance, robot_effects
+from elastic_arm.effects.library.base_tilt import TILT
 from elastic_arm.estimation.effect_columns import Feature
 from elastic_arm.estimation.observation import Observation
 from elastic_arm.estimation.whitening import WhitenedData
-from elastic_arm.identification.batch.mounting import TILT, Mounting, other_mounting
+from elastic_arm.identification.batch.mounting import Mounting, other_mounting
 
 Array = NDArray[np.float64]
 

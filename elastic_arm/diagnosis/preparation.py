@@ -29,13 +29,14 @@ from elastic_arm.diagnosis.texts.notes import COMMISSIONED, LOW_PASSED, REFITTED
 from elastic_arm.dynamics import Model, build_model
 from elastic_arm.effects import Effect, EffectInstance, robot_effects
 from elastic_arm.effects.equations import ArmEquations
+from elastic_arm.effects.library.base_tilt import TILT
 from elastic_arm.effects.model import SensorEffect
 from elastic_arm.estimation.effect_columns import Feature
 from elastic_arm.estimation.equations import EquationSet
 from elastic_arm.estimation.motion import Motion
 from elastic_arm.estimation.observation import Observation, continued, observe
 from elastic_arm.estimation.whitening import WhitenedData
-from elastic_arm.identification.batch.mounting import TILT, Mounting
+from elastic_arm.identification.batch.mounting import Mounting
 from elastic_arm.identification.batch.turning import turning_speeds
 from elastic_arm.recording import Recording
 from elastic_arm.recording.inspection.plausibility import smoothed_torques

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from elastic_arm.effects import Catalogue, EffectInstance, robot_effects
+from elastic_arm.effects.library.base_tilt import TILT
 from elastic_arm.errors import OutputError, RobotError
 from elastic_arm.input_files import read_bytes
 from elastic_arm.mujoco.changes import (
@@ -84,7 +85,7 @@ def export_urdf(
         before = stated_arm(arm, catalogue)
         left = list(after.left) + [(one, _NO_NUMBER) for one in after.delays]
         changes = [*_joints(root, arm, before, after, deviations, left), *_links(root, arm, before, after)]
-        tilts = [one for one in robot_effects(numbers, catalogue) if one.effect.id == "base_tilt"]
+        tilts = [one for one in robot_effects(numbers, catalogue) if one.effect.id == TILT]
         left += [(tilt, _MOUNTING) for tilt in tilts]
         if base is not None and not tilts and not np.allclose(before.gravity, after.gravity, rtol=0.0, atol=1e-9):
             raise RobotError("gravity changes, and a URDF does not state it", "Tilt the joint that carries the base")

@@ -16,9 +16,8 @@ from elastic_arm.diagnosis.laws.comparison import LawComparison, LawFit
 from elastic_arm.diagnosis.laws.lags import filters_for_delays
 from elastic_arm.diagnosis.preparation import PreparedData
 from elastic_arm.diagnosis.selection.hypothesis import Hypothesis, Key, Rival
+from elastic_arm.effects.library.friction import DRY
 from elastic_arm.estimation.effect_columns import Feature
-
-DRY = "coulomb_friction"  # what every joint has
 
 
 @dataclass(frozen=True)

@@ -28,8 +28,10 @@ def law(motion: SymbolicMotion, i: int, p: Mapping[str, Any]) -> Contribution:
     return motion.everywhere(motion.equations.gravity_columns(motion.x) @ change)
 
 
+TILT = "base_tilt"
+
 EFFECT = Effect(
-    id="base_tilt",
+    id=TILT,
     formula="base rotated by Rx(a) Ry(b) in the ground frame",
     description="The arm's base does not stand level, so gravity pulls askew.",
     signature="A link residual that depends on the pose alone, on all joints at once, even on a vertical first axis.",

@@ -11,7 +11,8 @@ from elastic_arm.effects.model import Law
 from elastic_arm.effects.motion import Contribution, SymbolicMotion
 from elastic_arm.effects.parameters import Choice
 
-PLAIN = ("viscous_friction", "coulomb_friction")  # what every joint has, in the first place
+DRY = "coulomb_friction"
+PLAIN = ("viscous_friction", DRY)  # what every joint has, in the first place
 SIDE = Choice("side", ("motor", "link"), "motor")
 
 

@@ -10,11 +10,12 @@ from numpy.typing import NDArray
 
 from elastic_arm.dynamics import build_model
 from elastic_arm.effects import EffectInstance, robot_effects
+from elastic_arm.effects.library.base_tilt import TILT
 from elastic_arm.effects.text import parse_laws
 from elastic_arm.errors import IdentificationError
 from elastic_arm.estimation.motion import Motion
 from elastic_arm.identification.batch.derivatives import DerivativeStage
-from elastic_arm.identification.batch.mounting import TILT, other_mounting
+from elastic_arm.identification.batch.mounting import other_mounting
 from elastic_arm.identification.batch.selection import BatchChoice, BatchTrial, ProgressCallback, Trials
 from elastic_arm.identification.batch.settings import USUAL, IdentificationSettings
 from elastic_arm.identification.consistency.estimation import correlation_of_errors, with_consistency

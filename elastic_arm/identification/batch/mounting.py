@@ -20,7 +20,6 @@ from elastic_arm.robot import Robot
 Array = NDArray[np.float64]
 SX = ca.SX
 
-TILT = "base_tilt"  # the effect of a base that does not stand as described
 ENOUGH = 2000  # samples of a motion that are looked at; bounds the time
 TURNED = 0.35  # rad from the described direction: beyond the tilts that linear columns describe; convention
 LEFT = 0.3  # of the squares that the described direction leaves; convention
