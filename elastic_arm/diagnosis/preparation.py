@@ -124,16 +124,20 @@ class PreparedData:
         mounted = self.given if self.mounting is not None else ()
         return next((candidate for candidate in mounted if candidate.feature.effect.id == TILT), None)
 
+    @cached_property
+    def _undone(self) -> list[Array]:
+        """What the description of an arm that is mounted otherwise lacks of each stretch."""
+        if self.mounting is None or self.tilt is None:
+            return []
+        return change_by_mounting(self.mounting, self.tilt.feature, self.validation)
+
     def described_residuals(self, selected: Sequence[Candidate]) -> list[Array]:
         """Return what candidates leave of the validation data (N', R) of each stretch, of the arm as it is described.
 
         Else it is the arm as its torques show it mounted.
         """
         left = self.library.validation_residuals(selected)
-        if self.mounting is None or self.tilt is None:
-            return left
-        change = change_by_mounting(self.mounting, self.tilt.feature, self.validation)
-        return [residuals + more for residuals, more in zip(left, change, strict=True)]
+        return [a + b for a, b in zip(left, self._undone, strict=True)] if self._undone else left
 
     @property
     def rate(self) -> float:

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elastic_arm.effects import Catalogue, EffectInstance, SensorEffect, StructuralEffect, robot_effects
+from elastic_arm.identification.batch.mounting import about_x, about_y
 from elastic_arm.robot import Inertia, Robot
 from elastic_arm.robot.kinematics import lumped
 
@@ -160,10 +161,8 @@ def _link_before(arm: StatedArm, robot: Robot, i: int, instance: EffectInstance)
 def _tilt(arm: StatedArm, robot: Robot, i: int, instance: EffectInstance) -> StatedArm:
     if i != instance.joint_indices(robot)[0]:
         return arm
-    (sa, sb), (ca, cb) = ([f(_number(instance, axis)) for axis in "xy"] for f in (np.sin, np.cos))
-    about_x = np.array([[1.0, 0.0, 0.0], [0.0, ca, -sa], [0.0, sa, ca]])
-    about_y = np.array([[cb, 0.0, sb], [0.0, 1.0, 0.0], [-sb, 0.0, cb]])
-    return replace(arm, gravity=(about_x @ about_y).T @ arm.gravity)
+    x, y = (_number(instance, axis) for axis in "xy")
+    return replace(arm, gravity=(about_x(x) @ about_y(y)).T @ arm.gravity)
 
 
 def _delay(arm: StatedArm, robot: Robot, i: int, instance: EffectInstance) -> StatedArm:

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elastic_arm.dynamics import build_model
-from elastic_arm.effects import EffectInstance, robot_effects
+from elastic_arm.effects import EffectInstance
 from elastic_arm.effects.library.base_tilt import TILT
 from elastic_arm.effects.text import parse_laws
 from elastic_arm.errors import IdentificationError
@@ -115,7 +115,7 @@ def identify_with(
     recorded, settings = list(zip(chosen, prepared, strict=True)), replace(settings, effects=effects)
     trials = Trials(recorded, robot, settings, report)
     choice = trials.selected()
-    tilted = any(instance.effect.id == TILT for instance in (*effects, *robot_effects(robot, settings.catalogue)))
+    tilted = any(instance.effect.id == TILT for instance in effects)
     mounting = None if tilted else other_mounting(robot, settings.model, list(trials(choice).derived[0].motions))
     if mounting is not None:
         robot, effects = mounting.of(robot), (*effects, *parse_laws([TILT], robot, settings.catalogue))
