@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elastic_arm.diagnosis.inference.regimes import bases
-from elastic_arm.diagnosis.selection.gram_fits import orthonormal_basis
+from elastic_arm.diagnosis.selection.gram_fits import first_row, orthonormal_basis
 from elastic_arm.diagnosis.selection.regressor_library import Candidate, RegressorLibrary
 from elastic_arm.diagnosis.settings import DiagnosisSettings, RegimeSettings
 from elastic_arm.estimation.band import LowPass
@@ -123,12 +123,13 @@ def lack_of_fit(
                 {regime: placed(data, side, joint, shapes) for regime, shapes in part.items()}
                 for data, part in zip(library.sets, thin, strict=True)
             ]
-            white = [
-                _whitened(data, part, known) for data, part, known in zip(library.sets, plain, explained, strict=True)
+            products = [
+                _products(data, part, known, y)
+                for data, part, known, y in zip(library.sets, plain, explained, left, strict=True)
             ]
             for regime in thin[0]:
-                fits = [_least_squares(w[regime], y) for w, y in zip(white, left, strict=True)]
-                gain = sum(_gain(white[which][regime], left[which], fits[1 - which]) for which in (0, 1))
+                fits = [_least_squares(*own[regime]) for own in products]
+                gain = sum(_gain(*products[which][regime], fits[1 - which]) for which in (0, 1))
                 size = np.concatenate([part[:, row] @ fits[0] for part in plain[1][regime]])
                 found.append(LackOfFit(row, regime, gain, float(np.sqrt(np.mean(size**2)))))
     return strongest(found)
@@ -207,16 +208,16 @@ class _Explained:
     Parameters
     ----------
     basis
-        (rows, m) orthonormal: of the columns of nuisance parameters and candidates.
+        (rows, m) orthonormal: of the columns of nuisance parameters, then of what candidates have beyond these.
     nuisance
-        (rows, k) orthonormal: of those of nuisance parameters alone.
+        How many of them are of nuisance parameters.
     held
         Share of a shape's squares from which it is the nuisance parameters': what is left of it is the error of their
         linearisation.
     """
 
     basis: Array
-    nuisance: Array
+    nuisance: int
     held: float
 
     @staticmethod
@@ -228,30 +229,42 @@ class _Explained:
         for _ in range(2):  # once leaves rounding of what the nuisance parameters hold
             own = own - alone @ (alone.T @ own)
         basis = np.hstack([alone, orthonormal_basis(own[:, np.linalg.norm(own, axis=0) > RANK], RANK)])
-        return _Explained(basis, alone, held)
+        return _Explained(basis, alone.shape[1], held)
 
     def off(self, columns: Array) -> Array:
         """Return columns (rows, k) less what is explained of them; nothing where only errors would be left."""
-        left = columns - self.basis @ (self.basis.T @ columns)
+        begin = first_row(columns)
+        along = self.basis[begin:].T @ columns[begin:]
+        left = columns - self.basis @ along
         squares = np.sum(columns**2, axis=0)
-        held = np.sum((self.nuisance.T @ columns) ** 2, axis=0) > self.held * squares
+        held = np.sum(along[: self.nuisance] ** 2, axis=0) > self.held * squares
         left[:, held | (np.sum(left**2, axis=0) < RANK**2 * squares)] = 0.0
         return left
 
 
-def _whitened(data: WhitenedData, shapes: Mapping[str, Sequence[Array]], explained: _Explained) -> dict[str, Array]:
-    """Return whitened columns (rows, k) of each regime's shapes less what is explained, all at one go."""
+def _products(
+    data: WhitenedData, shapes: Mapping[str, Sequence[Array]], explained: _Explained, y: Array
+) -> dict[str, tuple[Array, Array]]:
+    """Return products (k, k), (k,) of each regime's whitened shapes with each other and with y (rows,).
+
+    Shapes less what is explained of them. All are made at one go.
+    """
     together = [np.concatenate(parts, axis=2) for parts in zip(*shapes.values(), strict=True)]
+    columns = explained.off(data.whiten(together))
+    gram, target = columns.T @ columns, columns.T @ y
     ends = np.cumsum([parts[0].shape[2] for parts in shapes.values()])
-    return dict(zip(shapes, np.split(explained.off(data.whiten(together)), ends[:-1], axis=1), strict=True))
+    places = [slice(end - parts[0].shape[2], end) for end, parts in zip(ends, shapes.values(), strict=True)]
+    return {regime: (gram[place, place], target[place]) for regime, place in zip(shapes, places, strict=True)}
 
 
-def _least_squares(columns: Array, y: Array) -> Array:
-    length = np.linalg.norm(columns, axis=0)
+def _least_squares(gram: Array, target: Array) -> Array:
+    length = np.sqrt(np.diag(gram))
     scale = np.where(length > 0.0, length, np.inf)  # what does not act here has no coefficient
-    return np.linalg.lstsq(columns / scale, y, rcond=RANK)[0] / scale
+    values, vectors = np.linalg.eigh(gram / np.outer(scale, scale))
+    seen = values > RANK**2 * values[-1]
+    vectors = vectors[:, seen] / np.sqrt(values[seen])
+    return vectors @ (vectors.T @ (target / scale)) / scale
 
 
-def _gain(columns: Array, y: Array, beta: Array) -> float:
-    predicted = columns @ beta
-    return float(predicted @ y - 0.5 * predicted @ predicted)
+def _gain(gram: Array, target: Array, beta: Array) -> float:
+    return float(beta @ target - 0.5 * beta @ gram @ beta)

@@ -21,7 +21,7 @@ from scipy.special import logsumexp
 
 from elastic_arm.diagnosis.calibration.calibrate import effective_noise
 from elastic_arm.diagnosis.laws.general_laws import GeneralLaw, general_laws
-from elastic_arm.diagnosis.selection.gram_fits import orthonormal_basis, regularised
+from elastic_arm.diagnosis.selection.gram_fits import first_row, orthonormal_basis, regularised
 from elastic_arm.diagnosis.selection.hypothesis import Key, misfit
 from elastic_arm.diagnosis.selection.regressor_library import Candidate, RegressorLibrary
 from elastic_arm.diagnosis.settings import DiagnosisSettings
@@ -91,7 +91,7 @@ class LawComparison:
         self._noise = effective_noise(misfit(library, self._selected), library.sets[0].band, settings)
         self._white = np.vstack(self._nuisance.white)
         self._residual = np.concatenate([library.matrix(which, [0])[:, 0] for which in (0, 1)])
-        self._columns: dict[tuple[int, int], Array] = {}
+        self._columns: dict[tuple[int, int], list[tuple[slice, Array]]] = {}
         self._without_cause: dict[Key, _Base] = {}
 
     def beside(self, joints: Sequence[int]) -> LawFit:
@@ -184,16 +184,18 @@ class LawComparison:
     @cached_property
     def _nuisance_basis(self) -> tuple[Array, Array]:
         """Orthonormal basis (rows, k) of the nuisance columns over their priors, and its triangle (k, k)."""
-        basis, triangle = np.linalg.qr(self._over_priors(self._white))
-        return basis, triangle
+        return self._over_priors(self._white)
 
-    def _over_priors(self, white: Array) -> Array:
-        return np.vstack([white, np.sqrt(self._noise) * np.eye(len(self._nuisance))])
+    def _over_priors(self, white: Array) -> tuple[Array, Array]:
+        """Return an orthonormal basis (rows, k) of columns over their priors, and its triangle (k, k)."""
+        prior = np.sqrt(self._noise) * np.eye(len(self._nuisance))
+        triangle = np.asarray(np.linalg.cholesky(white.T @ white + self._noise * np.eye(len(prior))).T, dtype=float)
+        return np.vstack([white, prior]) @ np.linalg.inv(triangle), triangle
 
     def _base(self, selected: Sequence[Candidate], wider: Mapping[int, float] | None = None) -> _Base:
         """Return the regression on the nuisance parameters, some with priors that are narrower, and on candidates."""
         prior, narrower = np.sqrt(self._noise), self._narrower(wider or {})
-        basis, triangle = np.linalg.qr(self._over_priors(self._white / narrower)) if wider else self._nuisance_basis
+        basis, triangle = self._over_priors(self._white / narrower) if wider else self._nuisance_basis
         price = float(np.sum(np.log(np.abs(np.diag(triangle)) / prior)))
         if selected:
             own = _without(self._of(selected), basis)
@@ -235,22 +237,30 @@ class LawComparison:
 
     def _fit(self, base: _Base, joint: int, k: int) -> tuple[float, float, Array]:
         """Return the log-likelihood, nats, that a law gains over a base, its likeliest size, and its coefficients."""
-        columns = self._of_law(joint, k)
-        held = base.basis.T @ columns
-        values, vectors = np.linalg.eigh((columns.T @ columns - held.T @ held) / self._noise)
+        blocks = self._of_law(joint, k)
+        gram = np.sum([columns.T @ columns for _, columns in blocks], axis=0)
+        held = np.sum([base.basis[rows].T @ columns for rows, columns in blocks], axis=0)
+        target = np.sum([columns.T @ base.left[rows] for rows, columns in blocks], axis=0)
+        values, vectors = np.linalg.eigh((gram - held.T @ held) / self._noise)
         seen = values > RANK**2 * values[-1]
         values, vectors = values[seen], vectors[:, seen]
-        shown = vectors.T @ (columns.T @ base.left) / self._noise
+        shown = vectors.T @ target / self._noise
         sizes = np.array(self._settings.general_laws.sizes)[:, None]
         gains = 0.5 * np.sum(shown**2 / (values + sizes**-2) - np.log1p(values * sizes**2), axis=1)
         size = float(sizes[int(np.argmax(gains)), 0])
         coefficients = vectors @ (shown / (values + size**-2))
         return float(logsumexp(gains) - np.log(len(gains))), size, coefficients
 
-    def _of_law(self, joint: int, k: int) -> Array:
+    def _of_law(self, joint: int, k: int) -> list[tuple[slice, Array]]:
+        """Return where the columns of a law are not null in each data set, rows of both together, and them there."""
         if (joint, k) not in self._columns:
-            sets, law = self._library.sets, self._laws(joint)[k]
-            self._columns[joint, k] = self._with_priors(np.vstack([data.whiten(law.plain(data)) for data in sets]))
+            found, first = [], 0
+            for data in self._library.sets:
+                columns = data.whiten(self._laws(joint)[k].plain(data))
+                begin = first_row(columns)
+                found.append((slice(first + begin, first + len(columns)), columns[begin:]))
+                first += len(columns)
+            self._columns[joint, k] = found
         return self._columns[joint, k]
 
 

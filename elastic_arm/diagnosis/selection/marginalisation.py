@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import cho_solve, solve_triangular
 
-from elastic_arm.diagnosis.selection.gram_fits import first_row, regularised
+from elastic_arm.diagnosis.selection.gram_fits import products, regularised
 from elastic_arm.estimation.whitening import WhitenedData
 
 Array = NDArray[np.float64]
@@ -101,7 +101,7 @@ class Marginalisation:
 
     def __init__(self, nuisance: NuisanceColumns) -> None:
         self._nuisance = nuisance
-        own = [N.T @ N for N in nuisance.white]
+        own = [products(N, N) for N in nuisance.white]
         one = nuisance.noise * np.eye(len(nuisance))
         self._precision = (one + own[0], one + own[1], one + own[0] + own[1])
         self._factors = [np.linalg.cholesky(a) for a in self._precision]
@@ -111,8 +111,7 @@ class Marginalisation:
 
     def add(self, which: int, columns: Array) -> None:
         """Take further columns (rows, m) of one data set."""
-        begin = first_row(columns)
-        own = self._nuisance.white[which][begin:].T @ columns[begin:]
+        own = products(self._nuisance.white[which], columns)
         self._cross[which] = np.hstack([self._cross[which], own])
 
     def held(self, old: int) -> list[Array]:

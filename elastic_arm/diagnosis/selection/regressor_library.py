@@ -19,8 +19,8 @@ from elastic_arm.diagnosis.selection.gram_fits import (
     EachFit,
     FurtherColumns,
     block,
-    first_row,
     gained_each,
+    products,
     solution,
 )
 from elastic_arm.diagnosis.selection.growing_matrix import GrowingMatrix
@@ -180,9 +180,9 @@ class RegressorLibrary:
                 columns[:, first : first + further.shape[1]] = further
                 first += further.shape[1]
             pending.clear()
-            begin = first_row(columns[:, old:now])
-            self._grams[which].extend(columns[begin:, :now].T @ columns[begin:, old:now])
-            self._marginalisation.add(which, columns[:, old:now])
+            new = columns[:, old:now]
+            self._grams[which].extend(products(columns[:, :now] if old else new, new))
+            self._marginalisation.add(which, new)
         self._filled = now
         self._marginalise(old)
 
