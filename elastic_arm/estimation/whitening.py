@@ -154,27 +154,28 @@ def noise_models(
     """
     n = equations.n
     f = np.linspace(0.0, band.kept_rate / 2, NOISE_FREQUENCIES)
-    s = 2j * np.pi * f[:, None, None]
-    K, D = (np.diag(v) for v in drive_constants(model))
-    one, zero = np.eye(n), np.zeros((n, n))
-    ones = np.ones((len(f), 1, 1))
-    drive = K + s * D
+    speed2 = (2 * np.pi * f[:, None, None]) ** 2
+    K, D = drive_constants(model)
+    drive = np.tile(K + 2j * np.pi * f[:, None] * D, 4)
+    one, zero, none = np.eye(n), np.zeros((n, n)), np.zeros((n, 2 * n))
     torque = np.hstack([observation.torque_spectrum(c, f, n) for c in ("tau_J", "tau_m")])
-    position = np.hstack([observation.position_spectrum(side, f) for side in ("link", "motor")])
-    spectrum = np.hstack([torque, position])
-    covariance = np.zeros((len(f), equations.rows, equations.rows), dtype=complex)
+    spectrum = np.hstack([torque, *(observation.position_spectrum(side, f) for side in ("link", "motor"))])
     poses = _inertias(model, observation)
     # The noise of motor angles that are made of link angles is that of the link's encoders.
     made = np.diag([float(observation.pieces[0].follows_link_at(joint)) for joint in range(n)])
-    for M, S, B in poses:
-        # Rows link, drive, motor of the full three; columns tau_J, tau_m, q, theta.
-        rows = [
-            [ones * one, ones * zero, -(s**2) * M, -(s**2) * S],
-            [ones * one, ones * zero, drive, -drive],
-            [ones * -one, ones * one, -(s**2) * (S.T + B @ made), -(s**2) * B],
-        ]
-        way = equations.transform @ np.concatenate([np.concatenate(row, axis=2) for row in rows], axis=1)
-        covariance += (way * spectrum[:, None, :]) @ way.conj().transpose(0, 2, 1) / len(poses)
+    # Rows link, drive, motor of the full three; columns tau_J, tau_m, q, theta. First what is the same at all poses.
+    still = np.block([[one, zero, none], [one, zero, none], [-one, one, none]])
+    wound = np.block([[none, none], [none, one, -one], [none, none]])
+    way = equations.transform @ (still + drive[:, None, :] * wound)
+    # And what accelerations have at each, times the square of the angular frequency.
+    inertial = equations.transform @ np.array(
+        [np.block([[none, M, S], [none, zero, zero], [none, S.T + B @ made, B]]) for M, S, B in poses]
+    )
+    squares = np.einsum("prc,psc->crs", inertial, inertial) / len(poses)
+    weighted = way * spectrum[:, None, :]
+    mixed = speed2 * (weighted @ inertial.mean(axis=0).T)
+    covariance = weighted @ way.conj().transpose(0, 2, 1) + mixed + mixed.conj().transpose(0, 2, 1)
+    covariance += speed2**2 * np.tensordot(spectrum, squares, 1)
     noise = torque.mean(axis=0).reshape(2, n).max(axis=0)
     largest = max(float(noise.max()), 1e-12)
     # Joint by joint, as wrists have finer sensors; by octaves, as sensors of a kind count as equal.
