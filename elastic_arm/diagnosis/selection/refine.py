@@ -79,8 +79,13 @@ def refine(
         return _added(library, feature, _together(cost, free, tried, SMALL_STEP if start is tried else WIDE_STEP))
     assert start is not None
     scaled = feature.fixed and not which.fixed and feature.scalable
+
+    def costs_each(values: Array) -> Array:
+        columns = [library.columns(0, feature, (float(v),)).sum(axis=1) for v in values]
+        return project.fixed_each(np.array(columns).T)
+
     found = []
-    for place, width in _starts(cost, free[0], start[0], settings, wide=scaled):
+    for place, width in _starts(costs_each, free[0], start[0], settings, wide=scaled):
         best = _scalar(cost, free[0], place, width, settings)
         found.append(_added(library, feature, (best,)))
         if plausible([*others, found[-1]]):
@@ -154,19 +159,31 @@ def _together(
 
 
 def _starts(
-    cost: Cost, parameter: Parameter, start: float, settings: RefinementSettings, *, wide: bool
+    costs: Callable[[Array], Array], parameter: Parameter, start: float, settings: RefinementSettings, *, wide: bool
 ) -> list[tuple[float, float]]:
-    """Return where on the axis to look for an optimum, and how far around it, the best first."""
+    """Return where on the axis to look for an optimum, and how far around it, the best first.
+
+    Parameters
+    ----------
+    costs
+        At several values at once.
+    parameter, settings
+        Its range and in how many steps it is gone through.
+    start
+        Value that was tried.
+    wide
+        Whether the whole range is gone through.
+    """
     axis = _Axis.of(parameter, beyond=settings.range_factor)
     if not wide:
         return [(axis.at(start), 1.2 * (axis.high - axis.low) / 7)]
     # Only the shape of a scaled column was fitted, not its size: evaluate the whole range first.
     tried = np.linspace(axis.low, axis.high, settings.evaluations)
-    costs = np.array([cost((axis.value(v),)) for v in tried])
-    around = np.concatenate([[np.inf], costs, [np.inf]])
-    optima = np.flatnonzero((costs <= around[:-2]) & (costs <= around[2:]))
+    found = costs(np.array([axis.value(v) for v in tried]))
+    around = np.concatenate([[np.inf], found, [np.inf]])
+    optima = np.flatnonzero((found <= around[:-2]) & (found <= around[2:]))
     width = 1.5 * float(tried[1] - tried[0])
-    return [(float(tried[k]), width) for k in optima[np.argsort(costs[optima])]]
+    return [(float(tried[k]), width) for k in optima[np.argsort(found[optima])]]
 
 
 def _scalar(cost: Cost, parameter: Parameter, centre: float, width: float, settings: RefinementSettings) -> float:
@@ -238,11 +255,17 @@ class _Projection:
     def cost(self, columns: Array, *, fixed: bool) -> float:
         """Half the sum of squares that is left with these columns added."""
         if fixed:
-            columns = columns.sum(axis=1, keepdims=True)
-        target, gram = self.products(columns)
-        if fixed:
-            return 0.5 * (self._square - 2.0 * float(target[0]) + float(gram[0, 0]))
-        return self.left(target, gram)
+            return float(self.fixed_each(columns.sum(axis=1, keepdims=True))[0])
+        return self.left(*self.products(columns))
+
+    def fixed_each(self, columns: Array) -> Array:
+        """Half the sums of squares (M,) that are left with each of M columns (rows, M) added as it is."""
+        begin = first_row(columns)
+        columns = columns[begin:]
+        square = np.sum(columns**2, axis=0)
+        for basis in self._bases:
+            square -= np.sum((basis[begin:].T @ columns) ** 2, axis=0)
+        return np.asarray(0.5 * (self._square - 2.0 * columns.T @ self._y[begin:] + square))
 
     def products(self, columns: Array) -> tuple[Array, Array]:
         """Return products (m,), (m, m) of columns (rows, m) with the residual and each other, less what is there."""
