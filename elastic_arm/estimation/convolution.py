@@ -1,12 +1,14 @@
 """Convolution of long signals with short responses, several responses to one signal at the price of one spectrum.
 
-And circular convolution of signals of any length, by transforms of lengths that are fast.
+And circular convolution of signals with what ends at the edge of a band, which leaves few harmonics.
 """
 
 from __future__ import annotations
 
 import os
 from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -20,6 +22,7 @@ BLOCK_OVER_RESPONSE = 6
 SHORTEST_BLOCK = 4096
 COLUMNS = 16  # filtered at once: what the caches hold
 FEW = 4  # rows in which a column acts, up to which sums of spectra are faster than products of matrices
+NEXT_TO_NOTHING = 1e-14  # of a direction's squares, if all of it is in samples that do not count; numerical
 # Threads pay from this many samples on.
 THREADS_FROM = 30_000
 
@@ -67,20 +70,82 @@ def convolve(signals: Sequence[Array], responses: Array, every: int = 1) -> Arra
     return result
 
 
-class CircularGains(NamedTuple):
-    """Spectra of responses of one row to another, and over how many samples they are circular.
+@dataclass(frozen=True, eq=False)
+class Harmonics:
+    """Samples of a band as the coefficients of their harmonics, which are fewer than the samples.
+
+    Real and imaginary parts of the harmonics 0 to H - 1, in units in which products of two signals are those of their
+    samples (Parseval). Where samples at the ends do not count, as a circular filter spoils them, products are those of
+    (1 - E'E)^(1/2) c, E giving these samples by coefficients c: c less a part in few directions.
 
     Parameters
     ----------
     samples
-        Of the signals.
-    by_frequency
-        (F, R, R), lower triangular: no row acts on those before it.
-    by_row
-        The same, (R, R, F).
+        N.
+    edge
+        Samples that do not count at either end.
+    scale
+        (H,) factor on the coefficients of `numpy.fft.rfft`.
+    ends
+        (2 H, r) directions that show in the samples that do not count, orthonormal.
+    left
+        (r,) share of each that is left without these.
     """
 
     samples: int
+    edge: int
+    scale: Array
+    ends: Array
+    left: Array
+
+    @staticmethod
+    @lru_cache(maxsize=32)
+    def of(samples: int, count: int, edge: int) -> Harmonics:
+        """Return the first harmonics of a number of samples; made once."""
+        k = np.arange(count)
+        # Mean and Nyquist frequency have one sign only.
+        scale = np.sqrt(np.where(2 * k % samples == 0, 1.0, 2.0) / samples)
+        dropped = np.r_[:edge, samples - edge : samples]
+        phase = 2 * np.pi / samples * np.outer(dropped, k)
+        shown = np.stack([np.cos(phase) * scale, -np.sin(phase) * scale], axis=2).reshape(len(dropped), -1)
+        _, size, ends = np.linalg.svd(shown, full_matrices=False)
+        left = np.sqrt(np.maximum(1.0 - size**2, NEXT_TO_NOTHING))
+        return Harmonics(samples, edge, scale, np.ascontiguousarray(ends.T), left)
+
+    @property
+    def size(self) -> int:
+        """Number of coordinates of a signal, 2 H."""
+        return len(self.ends)
+
+    def coordinates(self, spectra: NDArray[np.complexfloating]) -> Array:
+        """Return the coordinates (..., 2 H) of signals with spectra (..., H), which are times `scale` already."""
+        own = np.ascontiguousarray(spectra).view(float)
+        return np.asarray(own - ((own @ self.ends) * (1.0 - self.left)) @ self.ends.T)
+
+    def signals(self, coordinates: Array) -> Array:
+        """Return the samples that count (..., N - 2 edge) of signals with these coordinates (..., 2 H)."""
+        acting = coordinates.any(axis=-1)
+        own = coordinates[acting]
+        own += ((own @ self.ends) * (1.0 / self.left - 1.0)) @ self.ends.T
+        out = np.zeros((*acting.shape, self.samples - 2 * self.edge))
+        out[acting] = irfft(own.view(complex) / self.scale, self.samples)[:, self.edge : self.samples - self.edge]
+        return out
+
+
+class CircularGains(NamedTuple):
+    """Spectra of responses of one row to another, up to the edge of a band.
+
+    Parameters
+    ----------
+    harmonics
+        Of what they leave.
+    by_frequency
+        (H, R, R), lower triangular: no row acts on those before it.
+    by_row
+        The same, (R, R, H).
+    """
+
+    harmonics: Harmonics
     by_frequency: NDArray[np.complexfloating]
     by_row: NDArray[np.complexfloating]
 
@@ -97,14 +162,14 @@ def filtered_circularly(values: Array, gains: CircularGains) -> Array:
 
     Returns
     -------
-    (k, R, N).
+    (k, R, 2 H) coordinates of the harmonics.
     """
-    out = np.zeros(values.shape[::-1])
-    length = _circular_length(gains.samples)
+    harmonics = gains.harmonics
+    out = np.zeros((values.shape[2], values.shape[1], harmonics.size))
     # Most columns show in few of the rows.
     for acting, columns in _alike(np.asarray(values.any(axis=0))):
         own, first = values[:, acting][:, :, columns], acting[0]
-        spectrum = rfft(np.ascontiguousarray(own.T), length)
+        spectrum = rfft(np.ascontiguousarray(own.T))[:, :, : harmonics.size // 2]
         if len(acting) > FEW:
             products = gains.by_frequency[:, first:, acting] @ np.ascontiguousarray(spectrum.transpose(2, 1, 0))
             total = np.ascontiguousarray(products.transpose(2, 1, 0))
@@ -112,37 +177,26 @@ def filtered_circularly(values: Array, gains: CircularGains) -> Array:
             total = gains.by_row[first:, first] * spectrum[:, :1]
             for k, row in enumerate(acting[1:], 1):
                 total += gains.by_row[first:, row] * spectrum[:, k : k + 1]
-        out[columns, first:] = irfft(total, length, overwrite_x=True)[:, :, : gains.samples]
+        out[columns, first:] = harmonics.coordinates(total)
     return out
 
 
-def circular_gains(gains: NDArray[np.complexfloating], samples: int) -> CircularGains:
-    """Return gains at the frequencies of transforms that are fast and make the same circular convolution.
-
-    A transform of a length with a large prime factor takes several times as long as one of twice that length without.
-    Over twice the length the response is laid out once for each lag, so that nothing wraps around.
+def circular_gains(gains: NDArray[np.complexfloating], samples: int, edge: int) -> CircularGains:
+    """Return gains as :func:`filtered_circularly` takes them.
 
     Parameters
     ----------
     gains
-        (F, R, R) at the frequencies of `numpy.fft.rfft` of these samples, lower triangular.
+        (H, R, R) at the first frequencies of `numpy.fft.rfft` of these samples, lower triangular, beyond which there is
+        nothing.
     samples
         Their number.
+    edge
+        Samples that do not count at either end.
     """
-    length = _circular_length(samples)
-    if length != samples:
-        response = irfft(gains, samples, axis=0)
-        lags = np.zeros((length, *gains.shape[1:]))
-        lags[:samples] = response
-        lags[length - samples + 1 :] = response[1:]
-        gains = np.asarray(rfft(lags, axis=0))
-    return CircularGains(samples, gains, np.ascontiguousarray(gains.transpose(1, 2, 0)))
-
-
-def _circular_length(samples: int) -> int:
-    """Return how long the transforms are that convolve circularly over a number of samples."""
-    fast = int(next_fast_len(samples, True))
-    return samples if fast == samples else int(next_fast_len(2 * samples - 1, True))
+    harmonics = Harmonics.of(samples, len(gains), edge)
+    scaled = gains * harmonics.scale[:, None, None]
+    return CircularGains(harmonics, scaled, np.ascontiguousarray(scaled.transpose(1, 2, 0)))
 
 
 def _alike(acting: NDArray[np.bool_]) -> Iterator[tuple[NDArray[np.intp], NDArray[np.intp] | slice]]:

@@ -18,7 +18,7 @@ from scipy.integrate import trapezoid
 from elastic_arm.dynamics import Model
 from elastic_arm.errors import DiagnosisError
 from elastic_arm.estimation.band import Band, LowPass
-from elastic_arm.estimation.convolution import CircularGains, circular_gains, filtered_circularly
+from elastic_arm.estimation.convolution import CircularGains, Harmonics, circular_gains, filtered_circularly
 from elastic_arm.estimation.effect_columns import ActingEffect, Feature, starting_state
 from elastic_arm.estimation.equations import EquationSet
 from elastic_arm.estimation.motion import drive_constants, wound_by_load
@@ -107,10 +107,7 @@ class NoiseModel:
         """Return what :func:`filtered_circularly` whitens so many rows of a band with; worked out once."""
         if count not in self._gains:
             f = np.fft.rfftfreq(count, 1 / band.kept_rate)
-            inside = f <= band.cutoff
-            gains = np.zeros((len(f), *self.covariance.shape[1:]), dtype=complex)
-            gains[inside] = self.whitener(f[inside]) * np.sqrt(band.step)
-            self._gains[count] = circular_gains(gains, count)
+            self._gains[count] = circular_gains(self.whitener(f[f <= band.cutoff]) * np.sqrt(band.step), count, EDGE)
         return self._gains[count]
 
     def _coloured(self, f: Array) -> Array:
@@ -152,8 +149,7 @@ def noise_models(
     floors
         Shares of the torque noise that each equation gets besides.
     """
-    n = equations.n
-    f = np.linspace(0.0, band.kept_rate / 2, NOISE_FREQUENCIES)
+    n, f = equations.n, np.linspace(0.0, band.kept_rate / 2, NOISE_FREQUENCIES)
     speed2 = (2 * np.pi * f[:, None, None]) ** 2
     K, D = drive_constants(model)
     drive = np.tile(K + 2j * np.pi * f[:, None] * D, 4)
@@ -347,17 +343,36 @@ class WhitenedData:
     def whiten(self, columns: Sequence[Array]) -> Array:
         """Whiten columns (N', R, k) of all stretches: (rows, k), all rows of the first residual first.
 
-        Equations are made independent in their order, so that a column is null before the first in which it shows.
+        Rows are :class:`Harmonics`. Equations are made independent in their order: a column is null before the first in
+        which it shows.
         """
         white = [
-            filtered_circularly(values, part.noise.whitening_gains(len(values), self.band))[:, :, EDGE:-EDGE]
+            filtered_circularly(values, part.noise.whitening_gains(len(values), self.band))
             for values, part in zip(columns, self.parts, strict=True)
         ]
         # Each column stands in memory as a whole.
-        return np.concatenate(white, axis=2).reshape(white[0].shape[0], -1).T
+        return (white[0] if len(white) == 1 else np.concatenate(white, axis=2)).reshape(len(white[0]), -1).T
+
+    def in_time(self, white: Array) -> Array:
+        """Return whitened columns (rows, k) at the instants of all stretches (instants, k) but the ends of each.
+
+        All instants of the first residual come first. Sums of squares are the same.
+        """
+        ends = np.cumsum([own.size for own in self._harmonics])
+        parts = np.split(white.T.reshape(white.shape[1], self.layout.rows, -1), ends[:-1], axis=2)
+        signals = [own.signals(part) for own, part in zip(self._harmonics, parts, strict=True)]
+        return np.concatenate(signals, axis=2).reshape(white.shape[1], -1).T
+
+    def of_stretches(self, values: Sequence[Any]) -> NDArray[Any]:
+        """Return a value of each stretch at its whitened rows, (rows,)."""
+        return np.tile(np.repeat(values, [own.size for own in self._harmonics]), self.layout.rows)
+
+    @property
+    def _harmonics(self) -> list[Harmonics]:
+        return [part.noise.whitening_gains(len(part.stretch.t), self.band).harmonics for part in self.parts]
 
     def _blocks(self) -> NDArray[np.intp]:
-        """Number of the block (rows,) to which each whitened row belongs."""
+        """Number of the block (instants,) to which each instant of :meth:`in_time` belongs."""
         length = max(1, round(BLOCK * self.band.kept_rate))
         labels, first = [], 0
         for y in self.y:
@@ -372,7 +387,7 @@ class WhitenedData:
         """Number of independent rows: the band leaves out part of the kept spectrum, and void rows hold nothing."""
         left = np.average([free.share_left for free in self._free], weights=[len(y) for y in self.y])
         used = left * self.layout.live.mean()
-        return float(len(self.white) * used * min(1.0, 2 * self.band.cutoff / self.band.kept_rate))
+        return float(len(self.blocks) * used * min(1.0, 2 * self.band.cutoff / self.band.kept_rate))
 
 
 def _standstill(observation: Observation, f: Array, n: int) -> tuple[Array, Array]:
@@ -383,18 +398,3 @@ def _standstill(observation: Observation, f: Array, n: int) -> tuple[Array, Arra
         turning = SLOWEST if observation.turning is None else observation.turning
         speeds.append(np.maximum(np.maximum(STANDING * std, SLOWEST), turning) * np.ones(n))
     return speeds[0], speeds[1]
-
-
-def in_whitened_order(values: Sequence[NDArray[Any]]) -> NDArray[Any]:
-    """Return values (N', R, …) of all stretches as whitened rows stand, all of the first residual first: (rows, …)."""
-    inner = np.concatenate([part[EDGE:-EDGE] for part in values])
-    return inner.swapaxes(0, 1).reshape(-1, *inner.shape[2:])
-
-
-def block_means(squares: Sequence[Array], length: int) -> Array:
-    """Return means (blocks, k) of consecutive blocks of `length` rows of each part."""
-    blocks: list[Array] = []
-    for part in squares:
-        count = max(1, len(part) // length)
-        blocks.extend(np.mean(piece, axis=0) for piece in np.array_split(part, count))
-    return np.array(blocks)

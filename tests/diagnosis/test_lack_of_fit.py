@@ -202,7 +202,8 @@ class Laws:
 
     def __init__(self, y: Array, blocks: int = 40) -> None:
         self.y = y
-        self.sets = (SimpleNamespace(freedom=float(len(y)), blocks=np.arange(len(y)) * blocks // len(y)),)
+        numbers = np.arange(len(y)) * blocks // len(y)
+        self.sets = (SimpleNamespace(freedom=float(len(y)), white=y, blocks=numbers, in_time=lambda white: white),)
 
     def matrix(self, which: int, index: Sequence[int]) -> Array:
         assert (which, list(index)) == (0, [0])

@@ -25,13 +25,21 @@ def test_it_is_the_sum_of_plain_convolutions(samples: int, taps: int, every: int
 
 @pytest.mark.parametrize("samples", [439, 600, 1084])
 def test_a_circular_filter_is_that_of_transforms_of_the_signals_own_length(samples: int) -> None:
-    """Lengths with a large prime factor, without one, and even; columns that act in many rows, in few, in none."""
+    """And the samples that count have the products of the harmonics' coordinates.
+
+    Lengths with a large prime factor, without one, and even; columns that act in many rows, in few, in none.
+    """
     rng = np.random.default_rng(1)
-    shape, rows = (samples // 2 + 1, FEW + 2, FEW + 2), FEW + 2
+    count, rows, edge = samples // 3, FEW + 2, 10
+    shape = (count, rows, rows)
     gains = np.tril(rng.standard_normal(shape) + 1j * rng.standard_normal(shape))
-    gains[0], gains[samples // 3 :] = gains[0].real, 0.0
+    gains[0] = gains[0].real
     values = rng.standard_normal((samples, rows, 40))
     values[:, 0, 5:], values[:, 2:, 10:30], values[:, 2, :30], values[:, :, 39] = 0.0, 0.0, 0.0, 0.0
-    expected = np.fft.irfft(gains @ np.fft.rfft(values, axis=0), samples, axis=0)
-    found = filtered_circularly(values, circular_gains(gains, samples))
-    np.testing.assert_allclose(found.T, expected, atol=1e-13 * np.abs(expected).max())
+    expected = np.fft.irfft(gains @ np.fft.rfft(values, axis=0)[:count], samples, axis=0)[edge:-edge].T
+    prepared = circular_gains(gains, samples, edge)
+    found = filtered_circularly(values, prepared)
+    np.testing.assert_allclose(prepared.harmonics.signals(found), expected, atol=1e-13 * np.abs(expected).max())
+    products = expected.reshape(40, -1) @ expected.reshape(40, -1).T
+    flat = found.reshape(40, -1)
+    np.testing.assert_allclose(flat @ flat.T, products, atol=1e-13 * np.abs(products).max())

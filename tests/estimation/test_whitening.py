@@ -9,20 +9,15 @@ import numpy as np
 import pytest
 from scipy.integrate import trapezoid
 
-from elastic_arm.diagnosis.inference.sticking import sticking_rows
+from elastic_arm.diagnosis.inference.excess import block_means
+from elastic_arm.diagnosis.inference.sticking import in_whitened_order, sticking_rows
 from elastic_arm.dynamics import build_model
 from elastic_arm.estimation.band import Band
 from elastic_arm.estimation.equations import EquationSet
 from elastic_arm.estimation.noise_colour import CORNERS, Colour
 from elastic_arm.estimation.observation import Observation, observe, widest_band
 from elastic_arm.estimation.residuals import residuals
-from elastic_arm.estimation.whitening import (
-    NoiseModel,
-    WhitenedData,
-    block_means,
-    in_whitened_order,
-    noise_model,
-)
+from elastic_arm.estimation.whitening import NoiseModel, WhitenedData, noise_model
 from elastic_arm.recording import Side
 from elastic_arm.sensors import Sensors
 from tests.helpers.gap_recordings import ROBOT, motions, record

@@ -17,6 +17,7 @@ from elastic_arm.diagnosis.selection.tangents import STEP, component, free_compo
 from elastic_arm.diagnosis.settings import JudgementSettings
 from elastic_arm.effects.parameters import Parameter
 from elastic_arm.estimation.effect_columns import ActingEffect
+from elastic_arm.estimation.whitening import WhitenedData
 
 Array = NDArray[np.float64]
 
@@ -96,7 +97,7 @@ def estimates(
     inverse = (vectors[:, acts] / values[acts]) @ vectors[:, acts].T
     lost = np.sum(vectors[:, ~acts] ** 2, axis=1) > 1e-3
     spread = max(1.0, float(left @ left) / max(1.0, data.freedom - len(length)))
-    by_blocks = np.diag(inverse @ _scatter(data.blocks, unit, left, len(length)) @ inverse)
+    by_blocks = np.diag(inverse @ _scatter(data, unit, left, len(length)) @ inverse)
     variance = np.maximum(np.maximum(spread * np.diag(inverse), by_blocks), 0.0)
     deviation = np.where(lost | (length <= 1e-300), np.nan, np.sqrt(variance) / length) * problem.scales
     return problem.named(deviation)
@@ -118,8 +119,8 @@ def certain(library: RegressorLibrary, selected: Sequence[Candidate], settings: 
         Level of the test.
     """
     problem = _JointFit(library, selected, settings)
-    left, jacobian, blocks = problem.left(problem.start), problem.jacobian(), library.sets[0].blocks
-    spread = max(1.0, float(left @ left) / max(1.0, library.sets[0].freedom - jacobian.shape[1]))
+    data, left, jacobian = library.sets[0], problem.left(problem.start), problem.jacobian()
+    spread = max(1.0, float(left @ left) / max(1.0, data.freedom - jacobian.shape[1]))
     owner, away = np.array([k for k, _ in problem.free], dtype=int), problem.away()
     found = []
     for k in range(len(selected)):
@@ -128,20 +129,20 @@ def certain(library: RegressorLibrary, selected: Sequence[Candidate], settings: 
         u, s, _ = np.linalg.svd(own, full_matrices=False)
         rank = int(np.sum(s**2 > UNDETERMINED * s[0] ** 2)) if len(s) else 0
         u = u[:, :rank]
-        variance = np.maximum(spread, np.diag(_scatter(blocks, u, left, jacobian.shape[1])))
+        variance = np.maximum(spread, np.diag(_scatter(data, u, left, jacobian.shape[1])))
         shown = u.T @ (own @ away[owner == k])
         found.append(rank > 0 and float(np.sum(shown**2 / variance)) > chi2.ppf(settings.level, rank))
     return found
 
 
-def _scatter(blocks: NDArray[np.intp], columns: Array, left: Array, fitted: int) -> Array:
+def _scatter(data: WhitenedData, columns: Array, left: Array, fitted: int) -> Array:
     """Return the covariance (k, k) of the scores on what is left, by whole blocks; `fitted` numbers are lost."""
-    # The rows of the nuisance parameters' priors are a block of their own.
-    blocks = np.append(blocks, np.full(len(left) - len(blocks), blocks.max() + 1))
-    scores = np.zeros((int(blocks.max()) + 1, columns.shape[1]))
-    np.add.at(scores, blocks, columns * left[:, None])
-    covariance: Array = scores.T @ scores * (len(scores) / max(1, len(scores) - fitted))
-    return covariance
+    rows, scores = len(data.white), np.zeros((int(data.blocks.max()) + 1, columns.shape[1]))
+    np.add.at(scores, data.blocks, data.in_time(columns[:rows]) * data.in_time(left[:rows, None]))
+    if len(left) > rows:
+        # The rows of the nuisance parameters' priors are a block of their own.
+        scores = np.vstack([scores, left[rows:] @ columns[rows:]])
+    return np.asarray(scores.T @ scores * (len(scores) / max(1, len(scores) - fitted)))
 
 
 def several(estimate: dict[str, ParameterEstimate]) -> bool:

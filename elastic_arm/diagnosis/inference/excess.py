@@ -13,7 +13,7 @@ from elastic_arm.diagnosis.bootstrap import block_weights, interval
 from elastic_arm.diagnosis.settings import DiagnosisSettings, ResamplingSettings, SignificanceSettings
 from elastic_arm.errors import DiagnosisError
 from elastic_arm.estimation.band import LowPass
-from elastic_arm.estimation.whitening import BLOCK, WhitenedData, block_means
+from elastic_arm.estimation.whitening import BLOCK, WhitenedData
 
 Array = NDArray[np.float64]
 
@@ -243,3 +243,12 @@ def _gap(before: ResidualStatistics, after: ResidualStatistics) -> float:
     chosen = before.significant
     fall = float(np.sum(before.rmse[chosen] ** 2 - after.rmse[chosen] ** 2))
     return max(float(before.excess[chosen].sum()), fall + float(after.excess[chosen].sum()))
+
+
+def block_means(squares: Sequence[Array], length: int) -> Array:
+    """Return means (blocks, k) of consecutive blocks of `length` rows of each part."""
+    blocks: list[Array] = []
+    for part in squares:
+        count = max(1, len(part) // length)
+        blocks.extend(np.mean(piece, axis=0) for piece in np.array_split(part, count))
+    return np.array(blocks)

@@ -23,7 +23,7 @@ from elastic_arm.diagnosis.selection.hypothesis import Key, misfit
 from elastic_arm.diagnosis.selection.regressor_library import Candidate
 from elastic_arm.diagnosis.selection.tangents import tangents
 from elastic_arm.estimation.effect_columns import Feature
-from elastic_arm.estimation.whitening import WhitenedData, in_whitened_order
+from elastic_arm.estimation.whitening import WhitenedData
 
 Array = NDArray[np.float64]
 
@@ -239,8 +239,7 @@ def _odds(nats: float) -> float:
 
 def _recordings(data: WhitenedData, numbers: Sequence[int]) -> NDArray[np.intp]:
     """Return the number of the recording (rows,) to which each whitened row belongs."""
-    parts = zip(data.y, data.parts, strict=True)
-    return in_whitened_order([np.full(y.shape, numbers[part.recording]) for y, part in parts])
+    return data.of_stretches([numbers[part.recording] for part in data.parts])
 
 
 def final_estimates(

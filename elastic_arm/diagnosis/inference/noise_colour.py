@@ -152,7 +152,6 @@ class _Spectra:
 def _spectra(prepared: PreparedData, which: int, blocks: Sequence[Array]) -> list[_Spectra]:
     """Return the spectra of blocks of whitened columns (rows, k) of one data set, stretch by stretch."""
     data, found, first = prepared.library.sets[which], [], 0
-    total = len(data.white) // data.layout.rows
     R, coefficients = data.layout.rows, data.layout.torque_coefficients
     for part in data.parts:
         count = len(part.stretch.t) - 2 * EDGE
@@ -164,10 +163,10 @@ def _spectra(prepared: PreparedData, which: int, blocks: Sequence[Array]) -> lis
         done = 0
         for columns in blocks:
             for k in range(0, columns.shape[1], CHUNK):
-                some = columns[:, k : k + CHUNK].T
-                spectrum = rfft(some.reshape(-1, R, total)[:, :, rows], axis=2)[:, :, kept]
-                values[:, :, done : done + len(some)] = spectrum.T
-                done += len(some)
+                some = data.in_time(columns[:, k : k + CHUNK])
+                spectrum = rfft(some.T.reshape(some.shape[1], R, -1)[:, :, rows], axis=2)[:, :, kept]
+                values[:, :, done : done + len(spectrum)] = spectrum.T
+                done += len(spectrum)
         values /= np.sqrt(count)
         whitener = part.noise.whitener(f[kept])
         ways = {channel: whitener @ C for channel, C in coefficients.items() if C.any()}

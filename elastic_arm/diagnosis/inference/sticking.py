@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 
 from elastic_arm.diagnosis.preparation import PreparedData
 from elastic_arm.diagnosis.selection.hypothesis import Hypothesis
 from elastic_arm.estimation.residuals import AROUND, stuck_rows
-from elastic_arm.estimation.whitening import WhitenedData, in_whitened_order
+from elastic_arm.estimation.whitening import EDGE, WhitenedData
 
 
 def sticking_misfits(prepared: PreparedData, hypothesis: Hypothesis) -> bool:
@@ -29,11 +32,18 @@ def sticking_misfits(prepared: PreparedData, hypothesis: Hypothesis) -> bool:
     sticks = sticking_rows(library.sets[0])
     if sticks.all() or not sticks.any():
         return False
-    squares = library.remainder(0, selected, library.fit(0, selected)) ** 2
+    left = library.remainder(0, selected, library.fit(0, selected))
+    squares = library.sets[0].in_time(left[:, None])[:, 0] ** 2
     return bool(squares[sticks].mean() > prepared.settings.preprocessing.sticking * squares[~sticks].mean())
 
 
 def sticking_rows(data: WhitenedData) -> NDArray[np.bool_]:
-    """Return which whitened rows (rows,) hold the friction of a joint that sticks."""
+    """Return which instants (instants,) of whitened residuals hold the friction of a joint that sticks."""
     around = AROUND + 1.0 / data.band.cutoff
     return in_whitened_order([stuck_rows(part.stretch, data.layout, around) for part in data.parts])
+
+
+def in_whitened_order(values: Sequence[NDArray[Any]]) -> NDArray[Any]:
+    """Return values (N', R, …) of all stretches in the order of :meth:`WhitenedData.in_time`, (instants, …)."""
+    inner = np.concatenate([part[EDGE:-EDGE] for part in values])
+    return inner.swapaxes(0, 1).reshape(-1, *inner.shape[2:])

@@ -385,7 +385,8 @@ class RegressorLibrary:
         key = (which, tuple(selected))
         if key not in self._squares:
             left = self.remainder(which, selected, self.fit(1 - which, selected))
-            self._squares[key] = np.bincount(self.sets[which].blocks, left**2).astype(float)
+            in_time = self.sets[which].in_time(left[:, None])[:, 0]
+            self._squares[key] = np.bincount(self.sets[which].blocks, in_time**2).astype(float)
         return self._squares[key]
 
 

@@ -47,6 +47,9 @@ class Whitened:
     def whiten(self, column: Array) -> Array:
         return column[:, None]
 
+    def in_time(self, white: Array) -> Array:
+        return white
+
 
 def feature(name: str, **changed: Any) -> Any:
     """A feature with one linear parameter and one column."""
