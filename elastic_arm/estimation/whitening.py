@@ -359,9 +359,9 @@ class WhitenedData:
         All instants of the first residual come first. Sums of squares are the same.
         """
         ends = np.cumsum([own.size for own in self._harmonics])
-        parts = np.split(white.T.reshape(white.shape[1], self.layout.rows, -1), ends[:-1], axis=2)
+        parts = np.split(white.T.reshape(-1, self.layout.rows, ends[-1]), ends[:-1], axis=2)
         signals = [own.signals(part) for own, part in zip(self._harmonics, parts, strict=True)]
-        return np.concatenate(signals, axis=2).reshape(white.shape[1], -1).T
+        return np.concatenate(signals, axis=2).reshape(-1, len(self.blocks)).T
 
     def of_stretches(self, values: Sequence[Any]) -> NDArray[Any]:
         """Return a value of each stretch at its whitened rows, (rows,)."""
