@@ -222,12 +222,12 @@ class FreeTorques:
         )
         return cls(tuple(found), layout.rows * len(stretch.t), bases)
 
-    def remove(self, values: Array) -> Array:
-        """Return residuals or columns (N', R, …) without them."""
+    def remove(self, values: Array, *, in_place: bool = False) -> Array:
+        """Return residuals or columns (N', R, …) without them, perhaps in the same array."""
         if not self.found:
             return values
         acting = np.asarray(np.asarray(values.any(axis=0)).reshape(values.shape[1], -1).any(axis=1))
-        out = values.copy()
+        out = values if in_place else values.copy(order="K")
         for free in self.found:
             if acting[free.row]:
                 part = out[free.instants, free.row]

@@ -292,9 +292,9 @@ class WhitenedData:
         self.white = self.whiten([y[:, :, None] for y in self.y])[:, 0]
         self.blocks = self._blocks()
 
-    def weighted(self, columns: Sequence[Array]) -> list[Array]:
-        """Return columns (N', R, …) of all stretches without the torques that no law states."""
-        return [free.remove(values) for values, free in zip(columns, self._free, strict=True)]
+    def weighted(self, columns: Sequence[Array], *, in_place: bool = False) -> list[Array]:
+        """Return columns (N', R, …) of all stretches without torques that no law states, perhaps in the same."""
+        return [free.remove(values, in_place=in_place) for values, free in zip(columns, self._free, strict=True)]
 
     @property
     def seconds(self) -> float:

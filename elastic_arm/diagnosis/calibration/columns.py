@@ -7,7 +7,7 @@ arm would explain every recording.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -39,7 +39,7 @@ def nuisance_columns(
     data: WhitenedData,
     parameters: Sequence[NuisanceParameter],
     inertial: Sequence[Array],
-    acting: Sequence[ActingEffect] = (),
+    features: Mapping[int, Feature],
     recordings: Sequence[int] = (),
 ) -> list[Array]:
     """Return columns (N', R, k) of each stretch, Nm for one standard deviation of each prior.
@@ -56,20 +56,17 @@ def nuisance_columns(
         The nuisance parameters.
     inertial
         Of :func:`inertial_columns`, of each stretch.
-    acting
-        Known effects: the friction that changes with temperature is among them.
+    features
+        Of :func:`features_at`.
     recordings
         Number of each of the data's recordings; those of zeros that are others in each act on its own alone.
     """
-    result = [columns.copy() for columns in inertial]
-    equations = ArmEquations(model.robot, model.name)
-    for k, parameter in enumerate(parameters):
-        if parameter.feature is not None and parameter.recording is None:
-            # A wrong zero of an encoder is wound by the stiffness where it is now.
-            feature = scaling(parameter.feature.at(equations), acting)
-            shown = data.plain(feature) if not parameter.curve else _curved(data, feature, parameter.curve)
-            for out, columns in zip(result, shown, strict=True):
-                out[:, :, k] = columns[:, :, 0] * parameter.prior_std
+    result = [columns.copy(order="K") for columns in inertial]
+    for k, feature in features.items():
+        parameter = parameters[k]
+        shown = data.plain(feature) if not parameter.curve else _curved(data, feature, parameter.curve)
+        for out, columns in zip(result, shown, strict=True):
+            out[:, :, k] = columns[:, :, 0] * parameter.prior_std
     others = [k for k, p in enumerate(parameters) if p.feature is None and not p.is_inertial]
     for out, part in zip(result, data.parts, strict=True):
         entries = _drive_entries(model, nominal, part, [parameters[k] for k in others])
@@ -83,7 +80,29 @@ def nuisance_columns(
             for out, part in zip(result, data.parts, strict=True):
                 if recordings[part.recording] == parameter.recording:
                     out[:, :, k] = out[:, :, same] / wider
-    return data.weighted(result)
+    return data.weighted(result, in_place=True)
+
+
+def features_at(
+    model: Model, parameters: Sequence[NuisanceParameter], acting: Sequence[ActingEffect] = ()
+) -> dict[int, Feature]:
+    """Return the effects that nuisance parameters are, by number of the parameter; each compiled once for all data.
+
+    Parameters
+    ----------
+    model
+        At the present values of the arm's numbers: a wrong zero of an encoder is wound by the stiffness where it is.
+    parameters
+        The nuisance parameters.
+    acting
+        Known effects: the friction that changes with temperature is among them.
+    """
+    equations = ArmEquations(model.robot, model.name)
+    return {
+        k: scaling(parameter.feature.at(equations), acting)
+        for k, parameter in enumerate(parameters)
+        if parameter.feature is not None and parameter.recording is None
+    }
 
 
 def _curved(data: WhitenedData, feature: Feature, k: int) -> list[Array]:
@@ -113,7 +132,8 @@ def inertial_columns(
     found = []
     for part in data.parts:
         motion = part.stretch.quiet
-        out = np.zeros((len(part.stretch.t), data.layout.rows, len(parameters)))
+        # Each column stands in memory as a whole: others are put beside it, and it is transformed.
+        out = np.zeros((len(parameters), data.layout.rows, len(part.stretch.t))).T
         count = max(1, int(MOST / (3 * model.n * len(motion) * 8)))
         for first in range(0, len(chosen), count):
             some = chosen[first : first + count]

@@ -15,7 +15,12 @@ from numpy.typing import NDArray
 
 from elastic_arm.diagnosis.calibration.calibrated_robot import nearest_robot
 from elastic_arm.diagnosis.calibration.channels import gains, lags
-from elastic_arm.diagnosis.calibration.columns import calibrated_parameters, inertial_columns, nuisance_columns
+from elastic_arm.diagnosis.calibration.columns import (
+    calibrated_parameters,
+    features_at,
+    inertial_columns,
+    nuisance_columns,
+)
 from elastic_arm.diagnosis.calibration.problem import CalibrationProblem, Observations
 from elastic_arm.diagnosis.selection.marginalisation import NuisanceColumns
 from elastic_arm.dynamics import Model, build_model
@@ -174,8 +179,9 @@ def _nuisance(
     inertial: tuple[list[Array], list[Array]],
     acting: Sequence[ActingEffect],
 ) -> NuisanceColumns:
+    features = features_at(model, problem.parameters, acting)
     columns = [
-        nuisance_columns(model, problem.robot, one, problem.parameters, own, acting, numbers)
+        nuisance_columns(model, problem.robot, one, problem.parameters, own, features, numbers)
         for one, own, numbers in zip(data, inertial, problem.numbers, strict=True)
     ]
     white = (data[0].whiten(columns[0]), data[1].whiten(columns[1]))
