@@ -343,8 +343,7 @@ class WhitenedData:
     def whiten(self, columns: Sequence[Array]) -> Array:
         """Whiten columns (N', R, k) of all stretches: (rows, k), all rows of the first residual first.
 
-        Rows are :class:`Harmonics`. Equations are made independent in their order: a column is null before the first in
-        which it shows.
+        Rows are harmonics. Equations are made independent in their order: null before the first in which it shows.
         """
         white = [
             filtered_circularly(values, part.noise.whitening_gains(len(values), self.band))
@@ -358,17 +357,18 @@ class WhitenedData:
 
         All instants of the first residual come first. Sums of squares are the same.
         """
-        ends = np.cumsum([own.size for own in self._harmonics])
+        ends = np.cumsum([own.size for own in self.harmonics])
         parts = np.split(white.T.reshape(-1, self.layout.rows, ends[-1]), ends[:-1], axis=2)
-        signals = [own.signals(part) for own, part in zip(self._harmonics, parts, strict=True)]
+        signals = [own.signals(part) for own, part in zip(self.harmonics, parts, strict=True)]
         return np.concatenate(signals, axis=2).reshape(-1, len(self.blocks)).T
 
     def of_stretches(self, values: Sequence[Any]) -> NDArray[Any]:
         """Return a value of each stretch at its whitened rows, (rows,)."""
-        return np.tile(np.repeat(values, [own.size for own in self._harmonics]), self.layout.rows)
+        return np.tile(np.repeat(values, [own.size for own in self.harmonics]), self.layout.rows)
 
     @property
-    def _harmonics(self) -> list[Harmonics]:
+    def harmonics(self) -> list[Harmonics]:
+        """As which whitened rows stand, of each stretch."""
         return [part.noise.whitening_gains(len(part.stretch.t), self.band).harmonics for part in self.parts]
 
     def _blocks(self) -> NDArray[np.intp]:

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,8 +23,8 @@ from elastic_arm.diagnosis.preparation import PreparedData
 from elastic_arm.diagnosis.selection.hypothesis import Hypothesis
 from elastic_arm.diagnosis.selection.plausible_size import typical_torques
 from elastic_arm.diagnosis.settings import ColourSettings
+from elastic_arm.estimation.convolution import Harmonics
 from elastic_arm.estimation.noise_colour import Colour, ColourFit, Periodogram, covariances, fit_colour, lacks, pooled
-from elastic_arm.estimation.whitening import EDGE
 
 Array = NDArray[np.float64]
 Real = NDArray[np.floating]
@@ -153,25 +154,36 @@ def _spectra(prepared: PreparedData, which: int, blocks: Sequence[Array]) -> lis
     """Return the spectra of blocks of whitened columns (rows, k) of one data set, stretch by stretch."""
     data, found, first = prepared.library.sets[which], [], 0
     R, coefficients = data.layout.rows, data.layout.torque_coefficients
-    for part in data.parts:
-        count = len(part.stretch.t) - 2 * EDGE
-        rows = slice(first, first + count)
-        first = rows.stop
-        f = np.fft.rfftfreq(count, 1.0 / data.band.kept_rate)
-        kept = _kept(f, data.band.cutoff)
-        values = np.empty((len(kept), R, sum(columns.shape[1] for columns in blocks)), dtype=complex)
+    total = len(data.white) // R
+    for part, harmonics in zip(data.parts, data.harmonics, strict=True):
+        place = slice(first, first + harmonics.size)
+        first = place.stop
+        f, change = _spectra_of_harmonics(harmonics, data.band.kept_rate, data.band.cutoff)
+        values = np.zeros((sum(columns.shape[1] for columns in blocks), R, len(f)), dtype=complex)
         done = 0
         for columns in blocks:
             for k in range(0, columns.shape[1], CHUNK):
-                some = data.in_time(columns[:, k : k + CHUNK])
-                spectrum = rfft(some.T.reshape(some.shape[1], R, -1)[:, :, rows], axis=2)[:, :, kept]
-                values[:, :, done : done + len(spectrum)] = spectrum.T
-                done += len(spectrum)
-        values /= np.sqrt(count)
-        whitener = part.noise.whitener(f[kept])
+                some = columns[:, k : k + CHUNK].T.reshape(-1, R, total)[:, :, place]
+                acting = some.any(axis=2)
+                values[done : done + len(some)][acting] = (some[acting] @ change).view(complex)
+                done += len(some)
+        whitener = part.noise.whitener(f)
         ways = {channel: whitener @ C for channel, C in coefficients.items() if C.any()}
-        found.append(_Spectra(f[kept], values, ways))
+        found.append(_Spectra(f, values.T, ways))
     return found
+
+
+@lru_cache(maxsize=2)
+def _spectra_of_harmonics(harmonics: Harmonics, rate: float, cutoff: float) -> tuple[Real, Array]:
+    """Return frequencies (F,), and the spectra there of each harmonic between the ends of a stretch, (2 H, 2 F).
+
+    Real and imaginary parts in turn. They are asked for once for a residual, and once for all columns.
+    """
+    signals = harmonics.signals(np.eye(harmonics.size))
+    f = np.fft.rfftfreq(signals.shape[1], 1.0 / rate)
+    kept = _kept(f, cutoff)
+    spectra = rfft(signals, axis=1)[:, kept] / np.sqrt(signals.shape[1])
+    return f[kept], np.ascontiguousarray(spectra).view(float)
 
 
 def _kept(f: Real, cutoff: float) -> NDArray[np.intp]:
@@ -195,9 +207,16 @@ def _beside(spectra: Sequence[_Spectra], columns: Sequence[_Spectra], colour: Co
     """
     factors = [_factor(one, colour) for one in spectra]
     inverses = [np.linalg.inv(factor) for factor in factors]
-    rows = [_real_rows(inverse, one.values) for inverse, one in zip(inverses, columns, strict=True)]
-    aims = [_real_rows(inverse, one.values)[:, 0] for inverse, one in zip(inverses, spectra, strict=True)]
-    gram, target = sum(x.T @ x for x in rows), sum(x.T @ v for x, v in zip(rows, aims, strict=True))
+    # Equations are made independent in their order: a column is null before the first residual in which it shows.
+    first = np.argmax(np.any([one.values.any(axis=0) for one in columns], axis=0), axis=0)
+    order, begun = np.argsort(first, kind="stable"), np.cumsum(np.bincount(first, minlength=spectra[0].values.shape[1]))
+    rows = [_real_rows(inverse, one.values[:, :, order]) for inverse, one in zip(inverses, columns, strict=True)]
+    aims = [_real_rows(inverse, one.values)[:, :, 0] for inverse, one in zip(inverses, spectra, strict=True)]
+    gram, target = np.zeros((len(order), len(order))), np.zeros(len(order))
+    for x, v in zip(rows, aims, strict=True):
+        for own, aim, n in zip(x, v, begun, strict=True):
+            gram[:n, :n] += own[:, :n].T @ own[:, :n]
+            target[:n] += own[:, :n].T @ aim
     scale = np.sqrt(np.maximum(np.diag(gram), 1e-300))
     values, vectors = np.linalg.eigh(gram / np.outer(scale, scale))
     keep = values > RANK * values[-1]
@@ -205,25 +224,27 @@ def _beside(spectra: Sequence[_Spectra], columns: Sequence[_Spectra], colour: Co
     beta = basis @ (basis.T @ target)
     found = []
     for one, factor, x, v in zip(spectra, factors, rows, aims, strict=True):
-        F, R = one.values.shape[:2]
-        held = np.square(x @ basis).sum(axis=1).reshape(F, 2, R).sum(axis=1)
+        shape = (*one.values.shape[:2], 2)
+        held, parts = np.empty(shape), np.empty(shape)
+        for r, (own, aim, n) in enumerate(zip(x, v, begun, strict=True)):
+            held[:, r] = np.square(own[:, :n] @ basis[:n]).sum(axis=1).reshape(-1, 2)
+            parts[:, r] = (aim - own[:, :n] @ beta[:n]).reshape(-1, 2)
         # Of real columns a complex number holds two: half the leverage is each one's.
-        share = np.maximum(1.0 - 0.5 * held, LEAST_SHARE)
-        parts = (v - x @ beta).reshape(F, 2, R)
-        left = (parts[:, 0] + 1j * parts[:, 1]) / np.sqrt(share)
+        share = np.maximum(1.0 - 0.5 * held.sum(axis=2), LEAST_SHARE)
+        left = parts.view(complex)[:, :, 0] / np.sqrt(share)
         found.append(Periodogram(one.f, (factor @ left[:, :, None])[:, :, 0], share, one.ways))
     return found
 
 
 def _real_rows(inverse: Complex, values: Complex) -> Array:
-    """Return whitened columns (2 F R, k): coefficients are real, so that both parts of each entry are a row."""
+    """Return whitened columns (R, 2 F, k): coefficients are real, so that both parts of each entry are a row."""
     F, R, k = values.shape
-    rows = np.empty((F, 2, R, k))
+    rows = np.empty((R, F, 2, k))
     for first in range(0, F, CHUNK):
         part = slice(first, first + CHUNK)
-        white = inverse[part] @ values[part]
-        rows[part, 0], rows[part, 1] = white.real, white.imag
-    return rows.reshape(-1, k)
+        white = (inverse[part] @ np.ascontiguousarray(values[part])).transpose(1, 0, 2)
+        rows[:, part, 0], rows[:, part, 1] = white.real, white.imag
+    return rows.reshape(R, 2 * F, k)
 
 
 def _factor(one: _Spectra, colour: Colour) -> Complex:
