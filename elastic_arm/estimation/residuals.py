@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 from numpy.polynomial.legendre import legvander
@@ -226,13 +227,20 @@ class FreeTorques:
         """Return residuals or columns (N', R, …) without them, perhaps in the same array."""
         if not self.found:
             return values
-        acting = np.asarray(np.asarray(values.any(axis=0)).reshape(values.shape[1], -1).any(axis=1))
+        acting = np.asarray(values.any(axis=0)).reshape(values.shape[1], -1).any(axis=1)
         out = values if in_place else values.copy(order="K")
-        for free in self.found:
-            if acting[free.row]:
-                part = out[free.instants, free.row]
+        for row in np.flatnonzero(acting):
+            for free in self._of_row.get(int(row), ()):
+                part = out[free.instants, row]
                 part -= free.basis @ (free.basis.T @ part)
         return out
+
+    @cached_property
+    def _of_row(self) -> dict[int, list[FreeTorque]]:
+        by_row: dict[int, list[FreeTorque]] = {}
+        for free in self.found:
+            by_row.setdefault(free.row, []).append(free)
+        return by_row
 
     @property
     def share_left(self) -> float:

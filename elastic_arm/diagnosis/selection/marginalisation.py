@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import cho_solve, solve_triangular
 
-from elastic_arm.diagnosis.selection.gram_fits import products, regularised
+from elastic_arm.diagnosis.selection.gram_fits import first_row, products, regularised
 from elastic_arm.estimation.whitening import WhitenedData
 
 Array = NDArray[np.float64]
@@ -174,8 +174,11 @@ class Marginalisation:
         below = np.zeros((len(self._nuisance), columns.shape[1]))
         if residual:
             below += np.sqrt(self._nuisance.noise) * self._nuisance.centre[:, None]
-        tall = np.vstack([columns, below])
-        return tall - self.basis @ (self.basis.T @ tall)
+        begin, rows = first_row(columns), len(columns)
+        left = self.basis @ -(self.basis[begin:rows].T @ columns[begin:] + self.basis[rows:].T @ below)
+        left[begin:rows] += columns[begin:]
+        left[rows:] += below
+        return np.asarray(left)
 
     @cached_property
     def basis(self) -> Array:
