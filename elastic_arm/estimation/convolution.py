@@ -101,7 +101,17 @@ class Harmonics:
     @staticmethod
     @lru_cache(maxsize=32)
     def of(samples: int, count: int, edge: int) -> Harmonics:
-        """Return the first harmonics of a number of samples; made once."""
+        """Return the first harmonics of a number of samples; made once.
+
+        Parameters
+        ----------
+        samples
+            Their number.
+        count
+            Of the harmonics, the mean among them.
+        edge
+            Samples that do not count at either end.
+        """
         k = np.arange(count)
         # Mean and Nyquist frequency have one sign only.
         scale = np.sqrt(np.where(2 * k % samples == 0, 1.0, 2.0) / samples)
