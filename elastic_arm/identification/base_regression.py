@@ -67,6 +67,8 @@ class Column:
         Value in the nominal arm.
     least
         What a real arm has at least, such as no negative friction.
+    ordinary
+        Standard deviation of a prior about the nominal value; None where the parameter is free.
     """
 
     name: str
@@ -74,6 +76,7 @@ class Column:
     values: Callable[[Motion], dict[str, Array]]
     nominal: float = 0.0
     least: float = -np.inf
+    ordinary: float | None = None
 
 
 class BaseRegression:

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from elastic_arm.effects import Catalogue, EffectInstance, Role, robot_effects
 from elastic_arm.effects.effect_set import law_joints
 from elastic_arm.effects.equations import ArmEquations
+from elastic_arm.effects.library.friction import SIDE
 from elastic_arm.effects.model import Effect
 from elastic_arm.effects.parameters import Parameter
 from elastic_arm.estimation.equations import SIDES
@@ -51,7 +52,7 @@ def law_columns(
     described = {_place(entry["effect"], entry.get("joint"), robot) for entry in robot.effects}
     entries = []
     for instance in instances:
-        place = _place(instance.effect.id, instance.joint, robot)
+        place = place_of(instance, robot)
         for p in _linear(instance.effect):
             values = np.atleast_1d(np.asarray(instance.parameters[p.name], dtype=float)) - (p.neutral or 0.0)
             nominal = values if place in described else np.zeros(p.size)
@@ -63,6 +64,11 @@ def law_columns(
         Column(name, unit, partial(evaluate.column, k), value, least)
         for k, (name, unit, value, least) in enumerate(entries)
     ]
+
+
+def place_of(instance: EffectInstance, robot: Robot) -> str:
+    """Return what the names of an effect's parameters begin with, such as "coulomb_friction:joint_2"."""
+    return _place(instance.effect.id, instance.joint, robot)
 
 
 def _place(effect: str, joint: str | None, robot: Robot) -> str:
@@ -95,6 +101,32 @@ def with_stated(
         and (motored or set(instance.sides) != {"motor"})
     ]
     return (*stated, *effects)
+
+
+def on_recorded_side(effects: Sequence[EffectInstance], robot: Robot, *, motored: bool) -> tuple[EffectInstance, ...]:
+    """Return laws that a rigid arm's joint torque sensors feel in the place of those of motors that nobody recorded.
+
+    An arm that is taken for rigid has one side: its description does not tell whether a gear's friction acts before the
+    sensor or behind it.
+
+    Parameters
+    ----------
+    effects
+        As they were asked for.
+    robot
+        The description.
+    motored
+        Whether motor torques were recorded.
+    """
+    if robot.elastic or motored:
+        return tuple(effects)
+    moved = (
+        instance.with_parameters(**{SIDE.name: "link"})
+        if SIDE in instance.effect.choices and set(instance.sides) == {"motor"}
+        else instance
+        for instance in effects
+    )
+    return tuple({(i.effect.id, i.joint, i.sides): i for i in moved}.values())
 
 
 def is_dry(instance: EffectInstance) -> bool:

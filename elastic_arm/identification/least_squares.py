@@ -206,13 +206,13 @@ class Prior:
     factor
         (P, P) triangular or not: the information is factor' factor; zero columns where nothing is known.
     excess
-        How many times larger the errors of `mean` are than `factor` weighs them: a prior that is chosen so that it
-        predicts well may be narrower than its own errors, and those count in the deviations.
+        How many times larger the errors of `mean` are than `factor` weighs them, of all rows or (P,): a prior that is
+        chosen so that it predicts well may be narrower than its own errors, and those count in the deviations.
     """
 
     mean: Array
     factor: Array
-    excess: float = 1.0
+    excess: float | Array = 1.0
 
     def rows(self) -> Array:
         """Return rows (P, P + 1) that stand below those of the data, in units of the data's noise."""
@@ -339,7 +339,7 @@ def _prior_covariance(known: Array, prior: Prior) -> Array:
     """Return what the prior's own errors add to the covariance (P, P), as far as the data leave parameters to it."""
     columns, scale = _equilibrated(known)
     inverse = np.linalg.pinv(columns.T @ columns, rcond=RANK_FLOOR**2, hermitian=True) / np.outer(scale, scale)
-    passed = prior.excess * inverse @ prior.factor.T
+    passed = inverse @ (prior.factor.T * prior.excess)
     return np.asarray(passed @ passed.T)
 
 

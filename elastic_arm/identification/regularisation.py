@@ -39,7 +39,9 @@ FOLDS = 5
 GAIN = 0.05
 
 
-def prior_of(equations: BaseRegression, width: float, error: float = 0.0, laws: Array | None = None) -> Prior:
+def prior_of(
+    equations: BaseRegression, width: float, error: float = 0.0, laws: Array | None = None, correlated: float = 1.0
+) -> Prior:
     """Return the description as a prior of relative error `width`; laws beyond the model are free up to a size.
 
     Parameters
@@ -47,27 +49,33 @@ def prior_of(equations: BaseRegression, width: float, error: float = 0.0, laws: 
     equations
         In base parameters.
     width
-        By which the prior is weighed.
+        By which the prior is weighed; infinite where the arm's own parameters are free.
     error
         By which the description is off, as far as is known; it counts in the deviations where it exceeds `width`.
     laws
         What :func:`law_sizes` returned; without it, laws have no size.
+    correlated
+        How many times larger the variances are than those of white errors, for which the data's rows are weighed. What
+        is ordinary of a law is weighed as many times more.
     """
     base = equations.base
     own, covariance = _description_errors(equations)
     factor = np.zeros((len(base),) * 2)
     factor[np.ix_(own, own)] = np.linalg.inv(np.linalg.cholesky(covariance)) / width
+    excess = np.full(len(base), max(error / width, 1.0))
     if laws is not None:
         sized = np.flatnonzero(np.isfinite(laws))
-        factor[sized, sized] = 1.0 / laws[sized]
-    return Prior(base.T @ equations.nominal, factor, max(error / width, 1.0))
+        excess[sized] = np.where(np.isfinite(_ordinary(equations)[sized]), np.sqrt(correlated), 1.0)
+        factor[sized, sized] = excess[sized] / laws[sized]
+    return Prior(base.T @ equations.nominal, factor, excess)
 
 
 def law_sizes(blocks: Blocks, equations: BaseRegression) -> Array:
-    """Return the size (B,) at which each law beyond the model makes all the torque of its joint; NaN for the others.
+    """Return the standard deviations (B,) of priors of the laws beyond the model; NaN for the others.
 
-    A joint that never reverses shows friction and the zero of its torque as one and the same constant: any two numbers
-    of the right sum would fit.
+    That of a law is what is ordinary of it, where that is stated, else the size at which it makes all the torque of its
+    joint. A joint that never reverses shows friction and the zero of its torque as one and the same constant: any two
+    numbers of the right sum would fit.
 
     Parameters
     ----------
@@ -82,7 +90,15 @@ def law_sizes(blocks: Blocks, equations: BaseRegression) -> Array:
     law = np.array([":" in name and not name.startswith("link_encoder:") for name in equations.base.names])
     with np.errstate(divide="ignore", invalid="ignore"):
         sizes = np.sqrt(whole / columns.sum(axis=0))
+    ordinary = _ordinary(equations)
+    sizes = np.where(np.isfinite(ordinary), ordinary, sizes)
     return np.where(law & np.isfinite(sizes) & (sizes > 0.0), sizes, np.nan)
+
+
+def _ordinary(equations: BaseRegression) -> Array:
+    """Return the ordinary size (B,) of each base parameter that is a law's; NaN where none is stated."""
+    stated = {column.name: column.ordinary for column in equations.columns if column.ordinary is not None}
+    return np.array([stated.get(name, np.nan) for name in equations.base.names])
 
 
 def _description_errors(equations: BaseRegression) -> tuple[NDArray[np.intp], Array]:
@@ -124,7 +140,7 @@ def description_error(fit: Fit, equations: BaseRegression, doubt: float = 0.0) -
     return ERRORS[min(unlikely[unlikely > best].tolist(), default=-1)]
 
 
-def chosen_width(blocks: Blocks, fit: Fit, equations: BaseRegression) -> float | None:
+def chosen_width(blocks: Blocks, fit: Fit, equations: BaseRegression, correlated: float = 1.0) -> float | None:
     """Return the width of the prior that cross-validation prefers; None where none predicts clearly better.
 
     Parameters
@@ -132,20 +148,23 @@ def chosen_width(blocks: Blocks, fit: Fit, equations: BaseRegression) -> float |
     blocks
         The data, in rows that are linear in the base parameters.
     fit
-        Of these, without a prior: its weights are used.
+        Of these, without a prior of the arm's own parameters: its weights are used.
     equations
         In base parameters.
+    correlated
+        See :func:`prior_of`.
     """
     if len(blocks.grams) < 2 * FOLDS:
         return None
+    laws = law_sizes(blocks, equations)
+    loose, *priors = (prior_of(equations, width, laws=laws, correlated=correlated) for width in (np.inf, *WIDTHS))
     parts = [_gram(blocks, part, fit.weights) for part in np.array_split(np.arange(len(blocks.grams)), FOLDS)]
-    plain, whole = _left_out_errors(parts, None), np.sum(parts, axis=0)
-    solution = np.append(-solved(whole, None), 1.0)
+    plain, whole = _left_out_errors(parts, loose), np.sum(parts, axis=0)
+    solution = np.append(-solved(whole, loose), 1.0)
     if (1.0 - GAIN) * plain.sum() <= solution @ whole @ solution:
         # Nothing predicts left-out parts much better than it fits them.
         return None
-    laws = law_sizes(blocks, equations)
-    errors = np.array([plain, *(_left_out_errors(parts, prior_of(equations, width, laws=laws)) for width in WIDTHS)])
+    errors = np.array([plain, *(_left_out_errors(parts, prior) for prior in priors)])
     total = errors.sum(axis=1)
     best = int(np.argmin(total))
     gain = errors[0] - errors[best]

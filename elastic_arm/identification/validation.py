@@ -119,6 +119,7 @@ def validated(
     robot: Robot,
     effects: Sequence[EffectInstance],
     held_out: HeldOut,
+    correlated: float = 1.0,
 ) -> Identification:
     """Add the errors on held-out recordings; what they refute is pulled to the description until it is no worse.
 
@@ -132,12 +133,15 @@ def validated(
         Laws beyond the model.
     held_out
         What no fit has seen.
+    correlated
+        How many times larger the variances are than those of white errors.
     """
     linear = not held_out.equations.summed  # Else each prior takes a search of its own: too long for a single joint.
     if held_out.ratio(result.Psi_base) > EQUAL or (linear and held_out.worse(result.Psi_base)):
-        result = _pulled(result, identifier, held_out)
+        result = _pulled(result, identifier, held_out, correlated)
     if result.Psi is not None:
-        result = _consistent_or_none(result, identifier, robot, effects, held_out)
+        consistent = partial(with_consistency, result, identifier, robot, effects, correlated=correlated)
+        result = _consistent_or_none(result, consistent, held_out)
     equations = held_out.equations
     arms = {"nominal": equations.base.T @ equations.nominal, "identified": result.Psi_base}
     if result.Psi is not None:
@@ -151,7 +155,7 @@ def validated(
     return result.with_(validation=found, notes=tuple(notes))
 
 
-def _pulled(result: Identification, identifier: Identifier, held_out: HeldOut) -> Identification:
+def _pulled(result: Identification, identifier: Identifier, held_out: HeldOut, correlated: float) -> Identification:
     """Return the result with the description as the prior that predicts held-out motion best, joint by joint first.
 
     A fit that is better than the description on the whole stays as it is, unless fewer joints are worse with the prior.
@@ -159,7 +163,7 @@ def _pulled(result: Identification, identifier: Identifier, held_out: HeldOut) -
     tries, error = [], description_error(identifier.fit(), held_out.equations, DOUBT)
     laws = law_sizes(identifier.linear_blocks(), held_out.equations)
     for width in PULLED:
-        prior = prior_of(held_out.equations, width, error, laws)
+        prior = prior_of(held_out.equations, width, error, laws, correlated)
         own = identifier.estimate(result.recordings, result.derivatives, identifier.fit(prior))
         tries.append((len(held_out.worse(own.Psi_base)), held_out.ratio(own.Psi_base), width, own))
     now, worse = held_out.ratio(result.Psi_base), held_out.worse(result.Psi_base)
@@ -180,7 +184,7 @@ def _pulled(result: Identification, identifier: Identifier, held_out: HeldOut) -
 
 
 def _consistent_or_none(
-    result: Identification, identifier: Identifier, robot: Robot, effects: Sequence[EffectInstance], held_out: HeldOut
+    result: Identification, consistent: Callable[..., Identification], held_out: HeldOut
 ) -> Identification:
     """Return the result with a consistent arm that predicts no joint worse on held-out motion, or none.
 
@@ -189,8 +193,6 @@ def _consistent_or_none(
     """
     T, worst = held_out.equations.base.T, list[str]()
     kept: list[str] = []
-    correlated = (result.consistency or {}).get("correlation", 1.0)
-    consistent = partial(with_consistency, result, identifier, robot, effects, correlated=correlated)
     for trust in (None, *TRUSTS):
         tried = result if trust is None else consistent(trust)
         for last in (False, True):

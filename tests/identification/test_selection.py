@@ -10,7 +10,6 @@ import pytest
 from elastic_arm.dynamics import build_model
 from elastic_arm.identification import Identification, IdentificationSettings, accumulator, identify, parse_laws
 from elastic_arm.identification.batch import selection
-from elastic_arm.identification.batch.identify import zero_notes
 from elastic_arm.identification.batch.turning import turning_speeds
 from elastic_arm.identification.law_columns import SIGN_SPEEDS, USUAL_SIGN_SPEED
 from elastic_arm.recording import Recording, Samples, Side
@@ -53,15 +52,6 @@ def test_the_zero_of_a_torque_is_found_without_being_asked_for(arm: Robot, sampl
     assert any("without being asked for" in note and "joint_3" in note for note in found.notes)
     assert found.identified is not None
     assert ("motor_torque_offset", "joint_3") in {(e["effect"], e.get("joint")) for e in found.identified.effects}
-
-
-def test_each_zero_has_its_own_reason(arm: Robot) -> None:
-    """A zero that the recordings show and one that the arm needs are named in notes of their own."""
-    first, second = parse_laws(["motor_torque_offset"], arm)[:2]
-    shown, needed = zero_notes([first], [second])
-    assert "differ from none" in shown and shown.endswith("motor_torque_offset:joint_1")
-    assert "consistent arm" in needed and needed.endswith("motor_torque_offset:joint_2")
-    assert zero_notes([], []) == []
 
 
 def test_equations_that_close_to_rounding_decide_nothing(arm: Robot) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,8 +20,8 @@ from elastic_arm.identification.batch.mounting import other_mounting
 from elastic_arm.identification.batch.selection import BatchChoice, BatchTrial, ProgressCallback, Trials
 from elastic_arm.identification.batch.settings import USUAL, IdentificationSettings
 from elastic_arm.identification.consistency.estimation import correlation_of_errors, with_consistency
-from elastic_arm.identification.deviations import residual_std, series_covariance
-from elastic_arm.identification.law_columns import law_columns, with_stated
+from elastic_arm.identification.deviations import series_covariance
+from elastic_arm.identification.law_columns import law_columns, on_recorded_side, with_stated
 from elastic_arm.identification.least_squares import Prior
 from elastic_arm.identification.regularisation import (
     DOUBT,
@@ -38,17 +39,13 @@ from elastic_arm.recording.inspection.outliers import without_outliers
 from elastic_arm.robot import Robot
 
 Array = NDArray[np.float64]
-# The consistent arm misses the torques by so much of the noise more than the base parameters do: it lacks something.
-# A zero that mends it lowers that to such a share.
-MISFIT, LOWERED = 0.3, 0.7
 # Relative error of the description: where an arm is taken for rigid it is never believed to be off by more. What
 # repeats in all parts of a recording shows no need of a prior, and still predicts another motion badly.
 LOOSE = 3.0
-SHOWN = "they differ from none in the recordings"
-NEEDED = "no physically consistent arm explains the torques without them"
 MOTOR_INERTIA = (
     "the description states no motor inertia: it was identified beside the links (armature; a URDF cannot hold it)"
 )
+FELT = "taken as what the joint torque sensors feel (side=link), as no motor torque was recorded"
 
 
 def identify(
@@ -111,7 +108,9 @@ def identify_with(
     motored = any(samples.tau_m is not None for samples in prepared)
     described, robot = robot, robot.with_armatures() if motored else robot
     armed = robot is not described
-    effects = with_stated(settings.effects, robot, motored=motored, catalogue=settings.catalogue)
+    asked = on_recorded_side(settings.effects, robot, motored=motored)
+    moved = dict.fromkeys(i.effect.id for i in settings.effects if i not in asked)
+    effects = with_stated(asked, robot, motored=motored, catalogue=settings.catalogue)
     recorded, settings = list(zip(chosen, prepared, strict=True)), replace(settings, effects=effects)
     trials = Trials(recorded, robot, settings, report)
     choice = trials.selected()
@@ -122,39 +121,33 @@ def identify_with(
         settings = replace(settings, effects=effects)
         trials = Trials(recorded, robot, settings, report)
         choice = trials.selected()
-    shown = len(choice.zeros)
-    result, trial = _estimated(trials, choice, shown)
-    while (zero := _lacking(result, trial, trials, choice)) is not None:
-        more = replace(choice, zeros=(*choice.zeros, zero))
-        again, retrial = _estimated(trials, more, shown)
-        if _misfit(again) > LOWERED * _misfit(result):
-            break
-        result, trial, choice = again, retrial, more
+    result, trial, correlated = _estimated(trials, choice)
     notes = [MOTOR_INERTIA] if armed else []
     notes += [] if mounting is None else [mounting.note]
+    notes += [f"{', '.join(moved)}: {FELT}"] if moved else []
     result = result.with_(notes=tuple(dict.fromkeys([*result.notes, *notes])))
     if validate:
         held_out = _held_out(validate, trial, not choice.sticking, report)
-        result = validated(result, trial.identifier, robot, (*effects, *choice.zeros), held_out)
+        result = validated(result, trial.identifier, robot, (*effects, *choice.laws), held_out, correlated)
     return result, trial.identifier, next(trial.derived[0].motions)
 
 
-def _estimated(trials: Trials, choice: BatchChoice, shown: int) -> tuple[Identification, BatchTrial]:
-    """Return the identification by one choice, and its estimator.
+def _estimated(trials: Trials, choice: BatchChoice) -> tuple[Identification, BatchTrial, float]:
+    """Return the identification by one choice, its estimator, and by what its errors exceed white ones in variance.
 
     Parameters
     ----------
     trials, choice
         Estimators by choice, and the choice.
-    shown
-        How many of the choice's zeros of torques the recordings show; the consistent arm needs those after them.
     """
     trial = trials.final(choice)
     trials.report("estimate", 1.0)
     identifier, derived = trial.identifier, trial.derived
     sources = tuple(recording.source for recording, _ in trials.recordings)
-    covariance = _covariance(trial)
-    width, prior = (None, None) if covariance is not None else _regularised(trial)
+    covariance, correlated = _covariance(trial), 1.0
+    if trials.settings.consistent or choice.held:
+        correlated = correlation_of_errors(identifier, repeats=any(stage.repeats for stage in trials.stages))
+    width, prior = (None, None) if covariance is not None else _regularised(trial, choice, correlated)
     found = trial.fit if prior is None else identifier.fit(prior)
     found = found if covariance is None else replace(found, covariance=covariance)
     result = identifier.estimate(sources, tuple(d.method for d in derived), found)
@@ -163,62 +156,24 @@ def _estimated(trials: Trials, choice: BatchChoice, shown: int) -> tuple[Identif
     notes += [note for d, source in zip(derived, sources, strict=True) for note in d.notes(source, units)]
     notes += [] if width is None else [described_width(width, "parts of the recordings left out in turn")]
     notes += trials.notes(choice)
-    notes += zero_notes(choice.zeros[:shown], choice.zeros[shown:])
     result = result.with_(notes=tuple(dict.fromkeys([*result.notes, *notes])))
     if trials.settings.consistent:
         trials.report("physical consistency", 1.0)
-        weight = correlation_of_errors(identifier, repeats=any(stage.repeats for stage in trials.stages))
-        laws = (*trials.settings.effects, *choice.zeros)
-        result = with_consistency(result, identifier, trials.robot, laws, correlated=weight)
-    return result, trial
+        laws = (*trials.settings.effects, *choice.laws)
+        result = with_consistency(result, identifier, trials.robot, laws, correlated=correlated)
+    return result, trial, correlated
 
 
-def zero_notes(shown: Sequence[EffectInstance], needed: Sequence[EffectInstance]) -> list[str]:
-    """Return why zeros of torques were identified that nobody asked for: the data show them, or the arm needs them."""
-    return [
-        f"zeros of torques were identified without being asked for, as {why}: "
-        + ", ".join(f"{zero.effect.id}:{zero.joint}" for zero in zeros)
-        for zeros, why in ((shown, SHOWN), (needed, NEEDED))
-        if zeros
-    ]
-
-
-def _lacking(result: Identification, trial: BatchTrial, trials: Trials, choice: BatchChoice) -> EffectInstance | None:
-    """Return the zero of a torque at the joint where the consistent arm misses the torques most; None if it does not.
-
-    Parameters
-    ----------
-    result, trial
-        The identification, and its estimator.
-    trials, choice
-        Where it came from.
-    """
-    # An arm with elastic joints takes long to try again.
-    if result.Psi is None or not trials.settings.effects or trials.robot.elastic or _misfit(result) <= MISFIT:
-        return None
-    blocks, fit, equations = trial.linear_blocks, trial.fit, trial.identifier.equations
-    missed = residual_std(blocks.total(), equations.base.T @ result.Psi, blocks.samples * blocks.share)
-    excess = dict(zip(equations.groups, missed / fit.noise, strict=True))
-    taken = {(zero.effect.id, zero.joint) for zero in choice.zeros}
-    open_ones = [zero for zero in trials.possible_zeros if (zero.effect.id, zero.joint) not in taken]
-    worst = {joint: max(value for (_, at), value in excess.items() if at == joint) for _, joint in equations.groups}
-    return max(open_ones, key=lambda zero: worst[str(zero.joint)], default=None)
-
-
-def _misfit(result: Identification) -> float:
-    """Return by how much of the noise the consistent arm fits worse than the base parameters; 0 where there is none."""
-    return (result.consistency or {}).get("misfit", 0.0)
-
-
-def _regularised(trial: BatchTrial) -> tuple[float | None, Prior | None]:
+def _regularised(trial: BatchTrial, choice: BatchChoice, correlated: float) -> tuple[float | None, Prior | None]:
     """Return the width of the prior that predicts left-out parts best, None where it takes none, and the prior."""
-    equations, plain, blocks = trial.identifier.equations, trial.fit, trial.linear_blocks
-    chosen = chosen_width(blocks, plain, equations)
+    equations, blocks = trial.identifier.equations, trial.linear_blocks
+    prior = partial(prior_of, equations, laws=law_sizes(blocks, equations), correlated=correlated)
+    plain = trial.identifier.fit(prior(np.inf)) if choice.held else trial.fit
+    chosen = chosen_width(blocks, plain, equations, correlated)
     width = min(chosen or LOOSE, LOOSE) if equations.rigid else chosen
     if width is None:
         return None, None
-    prior = prior_of(equations, width, description_error(plain, equations, DOUBT), law_sizes(blocks, equations))
-    return width if chosen else None, prior
+    return width if chosen else None, prior(width, description_error(plain, equations, DOUBT))
 
 
 def _covariance(trial: BatchTrial) -> Array | None:

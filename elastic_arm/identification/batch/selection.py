@@ -1,11 +1,10 @@
-"""What a batch lets the recordings decide: where dry friction turns over, zeros of torque channels.
+"""What a batch lets the recordings decide: where dry friction turns over, which ordinary imperfections count.
 
 **Dry friction** turns over gradually about standstill: at each joint within the most probable of some speeds, by the
 difference of their errors block by block (Q. Vuong, Econometrica 57 (1989) 307) and what is usual. While a joint
 sticks, its dry friction takes any value: where the law fails there, the rows that hold it are left out.
 
-**Zeros** of torque channels are found by the scatter of the recordings' blocks (Wald test), where laws beyond the model
-are identified: without them a constant torque goes into friction, masses and motor inertia.
+**Zeros** of torque channels and the tilt of the base: see :mod:`.imperfections`.
 """
 
 from __future__ import annotations
@@ -18,14 +17,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elastic_arm.dynamics import build_model
-from elastic_arm.effects import EFFECTS, EffectInstance
-from elastic_arm.effects.text import parse_laws
+from elastic_arm.effects import EffectInstance
 from elastic_arm.errors import IdentificationError
-from elastic_arm.estimation.effect_columns import torque_zeros
 from elastic_arm.estimation.residuals import FAILS
 from elastic_arm.identification.accumulator import closes
-from elastic_arm.identification.base_regression import BaseRegression
+from elastic_arm.identification.base_regression import BaseRegression, Column
 from elastic_arm.identification.batch.derivatives import DerivativeStage, Derived
+from elastic_arm.identification.batch.imperfections import (
+    NuisanceLaw,
+    described_imperfections,
+    judged_imperfections,
+    possible_imperfections,
+    told_apart,
+)
 from elastic_arm.identification.batch.settings import IdentificationSettings
 from elastic_arm.identification.law_columns import (
     DEFAULT_SIGN_SPEED,
@@ -33,6 +37,7 @@ from elastic_arm.identification.law_columns import (
     USUAL_SIGN_SPEED,
     is_dry,
     law_columns,
+    place_of,
 )
 from elastic_arm.identification.least_squares import Blocks, Fit
 from elastic_arm.identification.stream import Identifier
@@ -42,9 +47,6 @@ from elastic_arm.robot import Robot
 Array = NDArray[np.float64]
 ProgressCallback = Callable[[str, float], None]
 
-# A zero counts from so many standard deviations: one in 15,000 would be called one by chance. Where a channel has one,
-# its other zeros count from one standard deviation: from there on a parameter lowers the expected error of predictions.
-CERTAIN, LIKELY = 4.0, 1.0
 # Squared errors below this share of their terms' squares are nothing but rounding: exact sensors close an equation so.
 ROUNDING = 1e-12
 # Hz up to which first resonances of arms lie: rows of a band that ends there are not averaged.
@@ -64,8 +66,8 @@ class BatchChoice:
     ----------
     sign_speed
         rad/s, of all joints or (n,), see :func:`.law_columns.law_columns`.
-    zeros
-        Zeros of torque channels that are identified.
+    imperfections
+        What is identified though nobody asked for it.
     averaged
         Whether the rows of an arm that is taken for rigid are averaged.
     sticking
@@ -73,14 +75,24 @@ class BatchChoice:
     """
 
     sign_speed: float | tuple[float, ...] = DEFAULT_SIGN_SPEED
-    zeros: tuple[EffectInstance, ...] = ()
+    imperfections: tuple[NuisanceLaw, ...] = ()
     averaged: bool = True
     sticking: bool = True
 
     @property
     def key(self) -> tuple[object, ...]:
         """What distinguishes it from other choices."""
-        return self.sign_speed, self.averaged, self.sticking, tuple((zero.effect.id, zero.joint) for zero in self.zeros)
+        return self.sign_speed, self.averaged, self.sticking, tuple((e.place, e.ordinary) for e in self.imperfections)
+
+    @property
+    def held(self) -> bool:
+        """Whether a prior holds some imperfections to what is ordinary."""
+        return any(each.ordinary is not None for each in self.imperfections)
+
+    @property
+    def laws(self) -> tuple[EffectInstance, ...]:
+        """The imperfections' laws."""
+        return tuple(each.instance for each in self.imperfections)
 
 
 @dataclass(frozen=True)
@@ -137,7 +149,7 @@ class Trials:
         if not ends and choice.key in self._known:
             return self._known[choice.key]
         asked_for, model = self.settings.effects, self.settings.model
-        columns = law_columns([*asked_for, *choice.zeros], self.robot, model, choice.sign_speed)
+        columns = self._columns(choice)
         arm, joints = build_model(self.robot, model), self.robot.joint_names
         weighted, averaged = self.settings.weighted, choice.averaged
         identifier = Identifier(arm, columns, joints=joints, weighted=weighted, encoder_columns=True, averaged=averaged)
@@ -157,11 +169,34 @@ class Trials:
             self._known[choice.key] = trial
         return trial
 
+    def _columns(self, choice: BatchChoice) -> list[Column]:
+        """Return the columns of the laws asked for and of the imperfections, these with their priors."""
+        laws = [*self.settings.effects, *choice.laws]
+        found = law_columns(laws, self.robot, self.settings.model, choice.sign_speed)
+        ordinary = {place_of(each.instance, self.robot): each.ordinary for each in choice.imperfections}
+        return [replace(column, ordinary=ordinary.get(column.name.rpartition(".")[0])) for column in found]
+
     def selected(self) -> BatchChoice:
         """Return what the recordings decide."""
-        possible = self.possible_zeros if self.settings.effects else ()
-        choice = self._sticking(self._speed(self._averaged(BatchChoice(zeros=possible))))
-        return replace(choice, zeros=certain_zeros(self(choice), possible)) if possible else choice
+        possible = self._possible()
+        choice = self._sticking(self._speed(self._averaged(BatchChoice(imperfections=possible))))
+        if not possible:
+            return choice
+        trial = self(choice)
+        equations = trial.identifier.equations
+        held = equations.rigid and not any(derived.series for derived in trial.derived)
+        return replace(choice, imperfections=judged_imperfections(possible, trial.fit, equations, held=held))
+
+    def _possible(self) -> tuple[NuisanceLaw, ...]:
+        """Return the imperfections that the channels tell from everything else; none where no law is asked for."""
+        asked, catalogue = self.settings.effects, self.settings.catalogue
+        if not asked:
+            return ()
+        samples = [each for _, each in self.recordings]
+        possible = possible_imperfections(samples, self.robot, asked, catalogue)
+        columns = self._columns(BatchChoice(imperfections=possible))
+        identifier = Identifier(build_model(self.robot, self.settings.model), columns, joints=self.robot.joint_names)
+        return told_apart(possible, identifier.choose_equations(samples[0]))
 
     def final(self, choice: BatchChoice) -> BatchTrial:
         """Return the estimator of a choice, ends of short recordings included where the equations do not close."""
@@ -175,20 +210,7 @@ class Trials:
             found.append(f"dry friction turns over within {standstill(choice.sign_speed, self.robot)} of standstill")
         if not choice.sticking:
             found.append(STICKS)
-        return found
-
-    @functools.cached_property
-    def possible_zeros(self) -> tuple[EffectInstance, ...]:
-        """The zeros of all recorded torques that nobody has asked for."""
-        catalogue = self.settings.catalogue
-        asked = {(instance.effect.id, instance.joint) for instance in self.settings.effects}
-        found: list[EffectInstance] = []
-        for channel, law in torque_zeros(catalogue or EFFECTS, self.robot).items():
-            have = [samples for _, samples in self.recordings if getattr(samples, channel) is not None]
-            lacking = {self.robot.joint_names[j] for samples in have for c, j in samples.lacking if c == channel}
-            laws = parse_laws([law], self.robot, catalogue) if have else []
-            found += [at for at in laws if (law, at.joint) not in asked and at.joint not in lacking]
-        return tuple(found)
+        return found + described_imperfections(choice.imperfections)
 
     def _averaged(self, choice: BatchChoice) -> BatchChoice:
         """Return the choice without averages where they take off nothing.
@@ -259,26 +281,6 @@ def turning_speed(errors: Array) -> float:
     unlikely = 0.5 * (more.sum(axis=1) / doubt) ** 2
     unusual = 0.5 * (np.log(np.array(SIGN_SPEEDS) / USUAL_SIGN_SPEED) / np.log(SPREAD)) ** 2
     return SIGN_SPEEDS[int(np.argmin(unlikely + unusual))]
-
-
-def certain_zeros(trial: BatchTrial, possible: Sequence[EffectInstance]) -> tuple[EffectInstance, ...]:
-    """Return the zeros that differ from none in the recordings.
-
-    Parameters
-    ----------
-    trial
-        Whose laws are among others the possible zeros.
-    possible
-        These.
-    """
-    fit, names = trial.fit, list(trial.identifier.equations.base.names)
-    place = {name: k for k, name in enumerate(names)}
-    sizes = {}
-    for zero in possible:
-        k = place.get(f"{zero.effect.id}:{zero.joint}.offset")
-        sizes[zero.effect.id, zero.joint] = 0.0 if k is None else abs(fit.Psi[k]) / fit.std[k]
-    shown = {law for (law, _), size in sizes.items() if size > CERTAIN}
-    return tuple(z for z in possible if z.effect.id in shown and sizes[z.effect.id, z.joint] > LIKELY)
 
 
 def _traced(identifier: Identifier, samples: Samples, asked: int) -> BaseRegression:

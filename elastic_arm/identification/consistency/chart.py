@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from elastic_arm.dynamics.bodies import Body, inertial_parameters
 from elastic_arm.dynamics.composition import ARMATURE
-from elastic_arm.identification.base_regression import BaseRegression
+from elastic_arm.identification.base_regression import BaseRegression, Column
 from elastic_arm.robot import Robot
 
 Array = NDArray[np.float64]
@@ -41,6 +41,8 @@ class Chart:
         Indices of x that may have either sign.
     bounds
         Of `free`, indices with the least value that each may have.
+    held
+        Indices of x that are laws' parameters over what is ordinary of them.
     """
 
     G: Array
@@ -50,6 +52,7 @@ class Chart:
     positive: tuple[tuple[int, float], ...]
     free: tuple[int, ...]
     bounds: tuple[tuple[int, float], ...] = ()
+    held: tuple[int, ...] = ()
 
     def variances(self) -> Array:
         """Return the variances of x that belong to the divergence at a trust of one."""
@@ -76,11 +79,11 @@ def chart_of(equations: BaseRegression) -> Chart:
             found.add_link(index, nominal[index] - folded(robot, equations, body))
         else:
             found.add_solid(index, nominal[index])
-    least = {column.name: column.least for column in equations.columns}
+    laws = {column.name: column for column in equations.columns}
     for k, name in enumerate(names):
         if k not in seen:
             physical = name.rpartition(".")[2] in ("K", "D", ARMATURE)
-            found.add_number(k, float(nominal[k]), least.get(name, -np.inf), physical=physical)
+            found.add_number(k, float(nominal[k]), laws.get(name), physical=physical)
     return found.chart()
 
 
@@ -94,6 +97,7 @@ class _Coordinates:
     pseudo: list[slice] = field(default_factory=list)
     positive: list[tuple[int, float]] = field(default_factory=list)
     free: list[int] = field(default_factory=list)
+    held: list[int] = field(default_factory=list)
     bounds: list[tuple[int, float]] = field(default_factory=list)
 
     def add_link(self, index: list[int], nominal: Array) -> None:
@@ -110,24 +114,31 @@ class _Coordinates:
         self._add(_solid_chart(nominal), index, (1.0, 1.0, 1.0))
         self.positive += [(first, 1.0), (first + 1, 2.0), (first + 2, 1.0)]
 
-    def add_number(self, k: int, nominal: float, least: float, *, physical: bool) -> None:
-        """Add parameter k: relative to its nominal value where it is a positive number of the drive, else as it is.
+    def add_number(self, k: int, nominal: float, law: Column | None, *, physical: bool) -> None:
+        """Add parameter k: relative to its nominal value or to what is ordinary of it, if either is stated.
 
         Parameters
         ----------
         k
             Its index.
-        nominal, least
-            Its nominal and its least value.
+        nominal
+            Its nominal value.
+        law
+            The law beyond the model whose it is.
         physical
             Whether it is a number of the drive, which no arm has below zero.
         """
         place, relative = len(self.x0), physical and nominal > 0
-        self._add(np.array([[nominal if relative else 1.0]]), [k], (1.0 if relative else 0.0,))
+        ordinary = None if law is None else law.ordinary
+        self._add(np.array([[nominal if relative else ordinary or 1.0]]), [k], (1.0 if relative else 0.0,))
         if relative:
             self.positive.append((place, 1.0))
             return
+        if ordinary:
+            self.held.append(place)
+            return
         self.free.append(place)
+        least = -np.inf if law is None else law.least
         lowest = max(least, 0.0 if physical or nominal > 0 else -np.inf)
         if np.isfinite(lowest):
             self.bounds.append((place, lowest - nominal))
@@ -140,7 +151,7 @@ class _Coordinates:
 
     def chart(self) -> Chart:
         """Return them as a chart."""
-        groups = (tuple(self.pseudo), tuple(self.positive), tuple(self.free), tuple(self.bounds))
+        groups = (tuple(self.pseudo), tuple(self.positive), tuple(self.free), tuple(self.bounds), tuple(self.held))
         return Chart(np.array(self.columns).T, np.array(self.x0), self.Psi0, *groups)
 
 

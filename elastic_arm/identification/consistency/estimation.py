@@ -35,10 +35,10 @@ Array = NDArray[np.float64]
 
 # Relative errors of the nominal that are tried, and the one taken where the data do not say.
 TRUST = np.geomspace(0.01, 2.0, 24)
+# Laws beyond the model have no nominal: the standard deviation of their prior, unless what is ordinary is stated.
+LAW_WIDTH = 1e3
 # Data finer than this, relative to the nominal, bind like an equality; finer would only spoil the solver's numbers.
 STIFFEST = 1e5
-# Laws beyond the model have no nominal: their prior is this wide, times what the residual could explain.
-LAW_WIDTH = 1e3
 
 
 @dataclass(frozen=True)
@@ -91,7 +91,7 @@ def description_covariance(equations: BaseRegression) -> Array:
     """Return the covariance (P, P) of all parameters for a description with relative errors of one; laws have none."""
     chart = chart_of(equations)
     variance = chart.variances()
-    variance[list(chart.free)] = 0.0
+    variance[[*chart.free, *chart.held]] = 0.0
     return (chart.G * variance) @ chart.G.T
 
 
@@ -171,7 +171,7 @@ def _most_probable_trust(A: Array, b: Array, chart: Chart) -> float:
     """Return the relative error of the nominal under which b is most probable (type II maximum likelihood)."""
     shape = chart.variances()
     law = np.zeros(len(shape))
-    law[list(chart.free)] = LAW_WIDTH**2
+    law[list(chart.free)], law[list(chart.held)] = LAW_WIDTH**2, 1.0
     own = np.where(law > 0, 0.0, shape)
 
     def evidence(trust: float) -> float:
@@ -193,11 +193,12 @@ def _solve(A: Array, b: Array, chart: Chart, trust: float) -> Array:
         X = cp.reshape(full @ x[piece], (4, 4), order="C")
         divergence.append(cp.trace(X) - cp.log_det(X) - 4)
     if chart.positive:
-        places, weights = zip(*chart.positive, strict=True)
-        divergence.append(np.array(weights) @ (x[list(places)] - cp.log(x[list(places)]) - 1))
+        numbers, weights = zip(*chart.positive, strict=True)
+        divergence.append(np.array(weights) @ (x[list(numbers)] - cp.log(x[list(numbers)]) - 1))
     cost = cp.sum_squares(A @ (x - chart.x0) - b) / 2 + cp.sum(divergence) / trust**2
-    if chart.free:
-        cost = cost + cp.sum_squares(x[list(chart.free)]) / (2 * LAW_WIDTH**2)
+    for places, width in ((chart.free, LAW_WIDTH), (chart.held, 1.0)):
+        if places:
+            cost = cost + cp.sum_squares(x[list(places)]) / (2 * width**2)
     bounded, least = [k for k, _ in chart.bounds], np.array([value for _, value in chart.bounds])
     problem = cp.Problem(cp.Minimize(cost), [x[bounded] >= least] if bounded else [])
     try:

@@ -1,0 +1,154 @@
+"""Imperfections that every recording may have, asked for or not: zeros of torque channels, a base off level.
+
+They are identified where laws beyond the model are: without these, a constant torque goes into friction, masses and
+motor inertia. What differs from none in the recordings is free (Wald test by the scatter of their blocks). The others
+are held to an ordinary size by a prior where the description serves as one, and left out elsewhere: in a
+short recording a zero and the moment of a mass hardly differ, and whatever is left out goes into the other.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from elastic_arm.effects import EFFECTS, Catalogue, EffectInstance
+from elastic_arm.effects.library.base_tilt import TILT
+from elastic_arm.effects.text import parse_laws
+from elastic_arm.estimation.effect_columns import torque_zeros
+from elastic_arm.identification.base_regression import BaseRegression
+from elastic_arm.identification.law_columns import place_of
+from elastic_arm.identification.least_squares import Fit
+from elastic_arm.recording import Samples
+from elastic_arm.robot import Robot
+
+# What differs from none by so many standard deviations is free: one in 15,000 would be called so by chance. Where a
+# channel has one such zero, its others are from one standard deviation: from there on a parameter lowers the expected
+# error of predictions.
+CERTAIN, LIKELY = 4.0, 1.0
+# Ordinary size of a zero as a share of its joint's torques (rms): some percent of the rated torque, of which motions
+# take a third or so; convention.
+ZERO = 0.1
+# Ordinary tilt of a base, rad: that of one which nobody has levelled; convention.
+LEVEL = 0.02
+
+
+@dataclass(frozen=True)
+class NuisanceLaw:
+    """A law that nobody asked for.
+
+    Parameters
+    ----------
+    instance
+        The effect at its joint.
+    ordinary
+        Standard deviation of its prior, in the unit of its parameters; None where it is free.
+    """
+
+    instance: EffectInstance
+    ordinary: float | None = None
+
+    @property
+    def place(self) -> tuple[str, str | None]:
+        """The effect's id and its joint."""
+        return self.instance.effect.id, self.instance.joint
+
+
+def possible_imperfections(
+    recordings: Sequence[Samples], robot: Robot, asked: Sequence[EffectInstance], catalogue: Catalogue | None = None
+) -> tuple[NuisanceLaw, ...]:
+    """Return the zeros of all recorded torques and the tilt of the base, but for those asked for, each ordinary.
+
+    Parameters
+    ----------
+    recordings
+        Their samples.
+    robot
+        The description.
+    asked
+        Laws that were asked for.
+    catalogue
+        Where ids are looked up; the default one when None.
+    """
+    taken, found = {instance.effect.id for instance in asked}, list[NuisanceLaw]()
+    places = {(instance.effect.id, instance.joint) for instance in asked}
+    for channel, law in torque_zeros(catalogue or EFFECTS, robot).items():
+        have = [values for samples in recordings if (values := getattr(samples, channel)) is not None]
+        if not have:
+            continue
+        lacking = {robot.joint_names[j] for samples in recordings for c, j in samples.lacking if c == channel}
+        size = dict(zip(robot.joint_names, np.sqrt(np.nanmean(np.concatenate(have) ** 2, axis=0)), strict=True))
+        for at in parse_laws([law], robot, catalogue):
+            if (law, at.joint) not in places and at.joint not in lacking:
+                found.append(NuisanceLaw(at, ZERO * float(size[str(at.joint)]) or None))
+    if TILT not in taken and TILT in (catalogue or EFFECTS):
+        found += [NuisanceLaw(at, LEVEL) for at in parse_laws([TILT], robot, catalogue)]
+    return tuple(found)
+
+
+def told_apart(possible: Sequence[NuisanceLaw], equations: BaseRegression) -> tuple[NuisanceLaw, ...]:
+    """Return the imperfections whose columns no other parameter of the equations can stand for.
+
+    A tilt about a horizontal first axis is the same as another centre of mass, for one.
+    """
+    return tuple(
+        each
+        for each in possible
+        if all(_alone(equations.names.index(name), equations) for name in _names(each, equations))
+    )
+
+
+def _alone(column: int, equations: BaseRegression) -> bool:
+    """Return whether a parameter is a base parameter by itself."""
+    share = equations.base.T[:, column]
+    return bool(np.count_nonzero(share) == 1 and np.count_nonzero(equations.base.T[np.argmax(np.abs(share))]) == 1)
+
+
+def judged_imperfections(
+    possible: Sequence[NuisanceLaw], fit: Fit, equations: BaseRegression, *, held: bool
+) -> tuple[NuisanceLaw, ...]:
+    """Return what is identified: what differs from none is free, the rest is held to its ordinary size or left out.
+
+    Parameters
+    ----------
+    possible
+        Whose columns are among those of the equations.
+    fit, equations
+        The estimate without a prior.
+    held
+        Whether a prior holds the rest.
+    """
+    place = {name: k for k, name in enumerate(equations.base.names)}
+    sizes = {}
+    for each in possible:
+        at = [place[name] for name in _names(each, equations) if name in place]
+        sizes[each.place] = float(np.max(np.abs(fit.Psi[at]) / fit.std[at], initial=0.0))
+    shown = {law for (law, _), size in sizes.items() if size > CERTAIN}
+    free = {each.place for each in possible if each.place[0] in shown and sizes[each.place] > LIKELY}
+    return tuple(replace(e, ordinary=None) if e.place in free else e for e in possible if held or e.place in free)
+
+
+def _names(each: NuisanceLaw, equations: BaseRegression) -> list[str]:
+    """Return the names of an imperfection's parameters in the equations."""
+    place = place_of(each.instance, equations.model.robot)
+    return [name for name in equations.names if name.rpartition(".")[0] == place]
+
+
+def described_imperfections(found: Sequence[NuisanceLaw]) -> list[str]:
+    """Return in words which imperfections were identified, and how."""
+    free = [f"{law}:{joint}" if joint else law for law, joint in (e.place for e in found if e.ordinary is None)]
+    held = {e.place[0] for e in found if e.ordinary is not None}
+    notes = []
+    if free:
+        notes.append(
+            "identified without being asked for, as they differ from none in the recordings: " + ", ".join(free)
+        )
+    if held:
+        zeros = [f"the {'other ' if free else ''}zeros of torques"] if held - {TILT} else []
+        tilt = ["the tilt of the base"] if TILT in held else []
+        sizes = [f"{ZERO:.0%} of the joint's torque"] * len(zeros) + [f"{1e3 * LEVEL:g} mrad"] * len(tilt)
+        notes.append(
+            f"{' and '.join(zeros + tilt)} were identified beside, held to what is ordinary ({', '.join(sizes)})"
+        )
+    return notes
