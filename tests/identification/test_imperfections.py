@@ -135,3 +135,14 @@ def test_imperfections_are_named_with_why_and_how(robot: Robot) -> None:
     assert "differ from none" in shown and shown.endswith(f"motor_torque_offset:{first.joint}")
     assert held.startswith("the other zeros of torques") and "10%" in held
     assert described_imperfections([]) == []
+
+
+def test_the_zero_of_a_sliding_axis_is_kept_beside_no_tilt() -> None:
+    """A tilt loads it with a constant force, as a zero does: the zero is identified, the tilt is not."""
+    slide = random_arm(1, np.random.default_rng(1), elastic=False, prismatic=[0])
+    samples = recorded(slide, []).samples()
+    asked = parse_laws(["viscous_friction"], slide)
+    possible = possible_imperfections([samples], slide, asked)
+    columns = law_columns([*asked, *(each.instance for each in possible)], slide)
+    equations = Identifier(build_model(slide, "mod3"), columns, joints=slide.joint_names).choose_equations(samples)
+    assert [each.place[0] for each in told_apart(possible, equations)] == ["motor_torque_offset"]

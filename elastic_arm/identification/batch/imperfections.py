@@ -2,8 +2,8 @@
 
 They are identified where laws beyond the model are: without these, a constant torque goes into friction, masses and
 motor inertia. What differs from none in the recordings is free (Wald test by the scatter of their blocks). The others
-are held to an ordinary size by a prior where the description serves as one, and left out elsewhere: in a
-short recording a zero and the moment of a mass hardly differ, and whatever is left out goes into the other.
+are held to an ordinary size by a prior where the description serves as one, and left out elsewhere: in a short
+recording a zero and the moment of a mass hardly differ, and whatever is left out goes into the other.
 """
 
 from __future__ import annotations
@@ -88,14 +88,15 @@ def possible_imperfections(
 
 
 def told_apart(possible: Sequence[NuisanceLaw], equations: BaseRegression) -> tuple[NuisanceLaw, ...]:
-    """Return the imperfections whose columns no other parameter of the equations can stand for.
+    """Return the laws without a tilt that another parameter of the equations can stand for.
 
-    A tilt about a horizontal first axis is the same as another centre of mass, for one.
+    About a horizontal first axis it is the same as another centre of mass, for one, and of a sliding axis as a zero.
     """
     return tuple(
         each
         for each in possible
-        if all(_alone(equations.names.index(name), equations) for name in _names(each, equations))
+        if each.place[0] != TILT
+        or all(_alone(equations.names.index(name), equations) for name in _names(each, equations))
     )
 
 
