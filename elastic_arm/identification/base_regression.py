@@ -69,6 +69,8 @@ class Column:
         What a real arm has at least, such as no negative friction.
     ordinary
         Standard deviation of a prior about the nominal value; None where the parameter is free.
+    sensor
+        Whether it is an error of a sensor.
     """
 
     name: str
@@ -77,6 +79,7 @@ class Column:
     nominal: float = 0.0
     least: float = -np.inf
     ordinary: float | None = None
+    sensor: bool = False
 
 
 class BaseRegression:

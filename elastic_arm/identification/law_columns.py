@@ -13,7 +13,7 @@ from elastic_arm.effects import Catalogue, EffectInstance, Role, robot_effects
 from elastic_arm.effects.effect_set import law_joints
 from elastic_arm.effects.equations import ArmEquations
 from elastic_arm.effects.library.friction import SIDE
-from elastic_arm.effects.model import Effect
+from elastic_arm.effects.model import Effect, SensorEffect
 from elastic_arm.effects.parameters import Parameter
 from elastic_arm.estimation.equations import SIDES
 from elastic_arm.estimation.motion import CompletedMotion, Motion
@@ -56,13 +56,15 @@ def law_columns(
         for p in _linear(instance.effect):
             values = np.atleast_1d(np.asarray(instance.parameters[p.name], dtype=float)) - (p.neutral or 0.0)
             nominal = values if place in described else np.zeros(p.size)
+            unit, least = p.unit_at(instance.joint, robot.units), p.least - (p.neutral or 0.0)
+            sensor = isinstance(instance.effect, SensorEffect)
             entries += [
-                (f"{place}.{name}", p.unit_at(instance.joint, robot.units), float(value), p.least - (p.neutral or 0.0))
+                (f"{place}.{name}", unit, float(value), least, sensor)
                 for name, value in zip(p.component_names, nominal, strict=True)
             ]
     return [
-        Column(name, unit, partial(evaluate.column, k), value, least)
-        for k, (name, unit, value, least) in enumerate(entries)
+        Column(name, unit, partial(evaluate.column, k), value, least, sensor=sensor)
+        for k, (name, unit, value, least, sensor) in enumerate(entries)
     ]
 
 

@@ -129,7 +129,8 @@ class _Coordinates:
             Whether it is a number of the drive, which no arm has below zero.
         """
         place, relative = len(self.x0), physical and nominal > 0
-        ordinary = None if law is None else law.ordinary
+        # Where masses have to be positive, the zeros of sensors have more to take up than is ordinary.
+        ordinary = None if law is None or law.sensor else law.ordinary
         self._add(np.array([[nominal if relative else ordinary or 1.0]]), [k], (1.0 if relative else 0.0,))
         if relative:
             self.positive.append((place, 1.0))
