@@ -13,6 +13,7 @@ probable (its evidence) is taken.
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 
@@ -37,6 +38,7 @@ Array = NDArray[np.float64]
 TRUST = np.geomspace(0.01, 2.0, 24)
 # Laws beyond the model have no nominal: the standard deviation of their prior, unless what is ordinary is stated.
 LAW_WIDTH = 1e3
+INEXACT = "physically consistent arm: the convex solver came near its tolerance without meeting it"
 # Data finer than this, relative to the nominal, bind like an equality; finer would only spoil the solver's numbers.
 STIFFEST = 1e5
 
@@ -53,11 +55,14 @@ class Consistent:
         Relative error of the nominal that was taken for granted.
     misfit
         Rise of the weighted residual over the unconstrained fit, in units of its noise: root of the mean square.
+    exact
+        Whether the solver met its tolerance.
     """
 
     Psi: Array
     trust: float
     misfit: float
+    exact: bool = True
 
 
 def consistent(fit: Fit, equations: BaseRegression, correlated: float = 1.0, trust: float | None = None) -> Consistent:
@@ -80,11 +85,11 @@ def consistent(fit: Fit, equations: BaseRegression, correlated: float = 1.0, tru
     chart = chart_of(equations)
     A, b = _data(fit, equations, chart, correlated)
     trust = trust or _most_probable_trust(A, b, chart)
-    x = _solve(A, b, chart, trust)
+    x, exact = _solve(A, b, chart, trust)
     Psi = chart.Psi0 + chart.G @ (x - chart.x0)
     size = np.sqrt(np.mean((fit.weights * fit.noise) ** 2))
     apart = fit.factor[:-1, :-1] @ (equations.base.T @ Psi - fit.Psi)
-    return Consistent(Psi, trust, float(np.linalg.norm(apart) / size / np.sqrt(max(fit.samples, 1))))
+    return Consistent(Psi, trust, float(np.linalg.norm(apart) / size / np.sqrt(max(fit.samples, 1))), exact)
 
 
 def description_covariance(equations: BaseRegression) -> Array:
@@ -142,6 +147,7 @@ def with_consistency(
     Psi = np.where(back, equations.nominal, found.Psi)
     return result.with_(
         Psi=Psi,
+        notes=result.notes if found.exact else (*result.notes, INEXACT),
         consistency={"trust": found.trust, "misfit": found.misfit, "correlation": correlated},
         identified=identified_robot(robot, equations, Psi, effects),
     )
@@ -181,7 +187,8 @@ def _most_probable_trust(A: Array, b: Array, chart: Chart) -> float:
     return float(max(TRUST, key=evidence))
 
 
-def _solve(A: Array, b: Array, chart: Chart, trust: float) -> Array:
+def _solve(A: Array, b: Array, chart: Chart, trust: float) -> tuple[Array, bool]:
+    """Return x, and whether the solver met its tolerance."""
     # Takes a second to import, and nothing else needs it.
     import cvxpy as cp
 
@@ -202,7 +209,10 @@ def _solve(A: Array, b: Array, chart: Chart, trust: float) -> Array:
     bounded, least = [k for k, _ in chart.bounds], np.array([value for _, value in chart.bounds])
     problem = cp.Problem(cp.Minimize(cost), [x[bounded] >= least] if bounded else [])
     try:
-        problem.solve(solver=cp.CLARABEL)
+        with warnings.catch_warnings():
+            # That the solver missed its tolerance is told from its status.
+            warnings.simplefilter("ignore", UserWarning)
+            problem.solve(solver=cp.CLARABEL)
     except cp.SolverError as error:
         raise IdentificationError(f"the convex solver gave up: {error}", "Record a richer motion.") from None
     if x.value is None:
@@ -210,4 +220,4 @@ def _solve(A: Array, b: Array, chart: Chart, trust: float) -> Array:
     solution: Array = np.array(x.value, dtype=float)
     # The solver meets a bound to its tolerance: friction of -1e-10 Nm is none.
     solution[bounded] = np.maximum(solution[bounded], least)
-    return solution
+    return solution, problem.status == cp.OPTIMAL
