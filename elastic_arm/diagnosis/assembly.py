@@ -82,8 +82,8 @@ def assemble(
     # An incomplete hypothesis may owe its causes to what it lacks.
     sure = max(shrink, 0.0) if answer == "unknown" else None
     before = measure.before
-    rng = settings.resampling.significance_rng()
-    after = residual_statistics(prepared.validation, residuals, before.band, settings, rng)
+    seed = settings.resampling.significance_seed
+    after = residual_statistics(prepared.validation, residuals, before.band, settings, seed)
     unexplained = _unexplained(prepared, before, after, residuals, traces, kept) if answer == "unknown" else []
     first = wrong_unit_notes(prepared, hypothesis.selected, still_open) if answer == "unknown" else []
     return Diagnosis(

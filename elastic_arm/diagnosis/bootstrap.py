@@ -6,6 +6,8 @@ A recording is cut into blocks longer than the memory of its residuals, and bloc
 
 from __future__ import annotations
 
+import functools
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -13,8 +15,10 @@ from elastic_arm.diagnosis.settings import ResamplingSettings
 
 Array = NDArray[np.float64]
 
+KEPT = 1000  # blocks up to which weights are kept for the next hypothesis; bounds the memory (32 MB each)
 
-def block_counts(blocks: int, draws: int, rng: np.random.Generator) -> NDArray[np.int64]:
+
+def block_counts(blocks: int, draws: int, seed: int) -> NDArray[np.int64]:
     """Return how often (draws, blocks) each block is drawn.
 
     Parameters
@@ -23,14 +27,14 @@ def block_counts(blocks: int, draws: int, rng: np.random.Generator) -> NDArray[n
         Number of blocks of the recording.
     draws
         Number of resamples.
-    rng
-        Draws them.
+    seed
+        Of the generator that draws them.
     """
-    return rng.multinomial(blocks, np.full(blocks, 1.0 / blocks), draws)
+    return np.random.default_rng(seed).multinomial(blocks, np.full(blocks, 1.0 / blocks), draws)
 
 
-def block_weights(blocks: int, draws: int, rng: np.random.Generator) -> Array:
-    """Return the weights (draws, blocks) of the blocks in the mean of each resample.
+def block_weights(blocks: int, draws: int, seed: int) -> Array:
+    """Return the weights (draws, blocks) of the blocks in the mean of each resample, not to be written to.
 
     Parameters
     ----------
@@ -38,10 +42,19 @@ def block_weights(blocks: int, draws: int, rng: np.random.Generator) -> Array:
         Number of blocks of the recording.
     draws
         Number of resamples.
-    rng
-        Draws them.
+    seed
+        Of the generator that draws them.
     """
-    return block_counts(blocks, draws, rng) / blocks
+    return _kept_weights(blocks, draws, seed) if blocks <= KEPT else _weights(blocks, draws, seed)
+
+
+def _weights(blocks: int, draws: int, seed: int) -> Array:
+    found = block_counts(blocks, draws, seed) / blocks
+    found.setflags(write=False)
+    return found
+
+
+_kept_weights = functools.lru_cache(maxsize=4)(_weights)
 
 
 def interval(sample: Array, level: float) -> tuple[float, float]:
@@ -51,7 +64,7 @@ def interval(sample: Array, level: float) -> tuple[float, float]:
     return float(low), float(high)
 
 
-def lower_bound(values: Array, settings: ResamplingSettings, rng: np.random.Generator) -> float:
+def lower_bound(values: Array, settings: ResamplingSettings, seed: int) -> float:
     """Return the lower end of the interval of the mean of values of blocks (blocks,).
 
     Parameters
@@ -60,7 +73,7 @@ def lower_bound(values: Array, settings: ResamplingSettings, rng: np.random.Gene
         One a block.
     settings
         Number of resamples, level of the interval.
-    rng
-        Draws the resamples.
+    seed
+        Of the generator that draws the resamples.
     """
-    return interval(block_weights(len(values), settings.draws, rng) @ values, settings.interval)[0]
+    return interval(block_weights(len(values), settings.draws, seed) @ values, settings.interval)[0]

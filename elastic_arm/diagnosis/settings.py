@@ -14,8 +14,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-import numpy as np
-
 from elastic_arm.diagnosis.priors import Priors
 from elastic_arm.estimation.residuals import FAILS
 
@@ -251,33 +249,17 @@ class ExperimentSettings:
 class ResamplingSettings:
     """The block bootstrap (Künsch 1989): blocks of the recording are drawn with replacement.
 
-    Each use has a generator of its own, made anew from its seed at every call: all hypotheses are compared on the same
-    resamples (common random numbers), and an answer does not depend on those before it.
+    Each use has a seed of its own, from which its resamples are drawn: all hypotheses are compared on the same ones
+    (common random numbers), and an answer does not depend on those before it.
     """
 
     draws: int = 4000  # resamples of an interval; its 2.5 % quantile is then known to 0.25 %
     odds_draws: int = 2000  # resamples of a rival's odds; smallest odds above zero 5e-4
     interval: float = 0.95
-    significance_seed: int = 0
-    shrink_seed: int = 1
-    fall_seed: int = 2
-    odds_seed: int = 0
-
-    def significance_rng(self) -> np.random.Generator:
-        """Return the generator for the test of significance."""
-        return np.random.default_rng(self.significance_seed)
-
-    def shrink_rng(self) -> np.random.Generator:
-        """Return the generator for the interval of the shrink."""
-        return np.random.default_rng(self.shrink_seed)
-
-    def fall_rng(self) -> np.random.Generator:
-        """Return the generator for the bound of the fall of the whitened squares."""
-        return np.random.default_rng(self.fall_seed)
-
-    def odds_rng(self) -> np.random.Generator:
-        """Return the generator for the odds of rivals."""
-        return np.random.default_rng(self.odds_seed)
+    significance_seed: int = 0  # of the test of significance
+    shrink_seed: int = 1  # of the interval of the shrink
+    fall_seed: int = 2  # of the bound of the fall of the whitened squares
+    odds_seed: int = 0  # of the odds of rivals
 
 
 @dataclass(frozen=True)

@@ -116,9 +116,7 @@ def test_a_weak_share_names_no_regime() -> None:
     assert regime(shares, replace(RegimeSettings(), weak=0.02)) == "load"
 
 
-def test_every_use_of_chance_has_a_generator_of_its_own() -> None:
-    """Generators made for the same use draw alike; the seeds belong to the settings."""
-    settings = ResamplingSettings()
-    assert settings.fall_rng().random() == settings.fall_rng().random()
-    assert settings.fall_rng().random() != settings.shrink_rng().random()
-    assert {f.name for f in fields(settings)} >= {"significance_seed", "shrink_seed", "fall_seed", "odds_seed"}
+def test_every_use_of_chance_has_a_seed_of_its_own() -> None:
+    """The seeds belong to the settings."""
+    names = {f.name for f in fields(ResamplingSettings())}
+    assert names >= {"significance_seed", "shrink_seed", "fall_seed", "odds_seed"}

@@ -65,7 +65,7 @@ def residual_statistics(
     values: Sequence[Array],
     band: float,
     settings: DiagnosisSettings,
-    rng: np.random.Generator,
+    seed: int,
     tests: int = 1,
 ) -> ResidualStatistics:
     """Measure residuals below a frequency, and test which hold more than noise.
@@ -83,8 +83,8 @@ def residual_statistics(
         Upper edge, Hz.
     settings
         Thresholds of significance and number of resamples.
-    rng
-        Draws the resamples.
+    seed
+        Of the generator that draws the resamples.
     tests
         Number of bands in which significance is tested; with the number of residuals, it sharpens each test.
     """
@@ -105,7 +105,7 @@ def residual_statistics(
         # Slow noise has few independent samples, and its size comes from as many.
         slow = np.maximum(freedom * breadth, 1.0)
         beyond_chance &= f.sf(ratio, slow, slow) < level
-    weights = block_weights(len(blocks), settings.resampling.draws, rng)
+    weights = block_weights(len(blocks), settings.resampling.draws, seed)
     obvious = mean > significance.obvious * noise**2
     resampled = (weights @ blocks <= noise**2).mean(axis=0) < significance.alpha
     significant = beyond_chance & (resampled | obvious)
@@ -137,8 +137,8 @@ def statistics_in_bands(
     if not usable:
         raise DiagnosisError("too little motion is left to judge after filtering", "Record longer without gaps")
     tests = len(usable)
-    rngs = [settings.resampling.significance_rng() for _ in usable]
-    return [residual_statistics(data, values, c, settings, rng, tests) for c, rng in zip(usable, rngs, strict=True)]
+    seed = settings.resampling.significance_seed
+    return [residual_statistics(data, values, c, settings, seed, tests) for c in usable]
 
 
 def select_band(
@@ -183,7 +183,7 @@ def improved(before: ResidualStatistics, after: ResidualStatistics) -> NDArray[n
 
 
 def shrink(
-    before: ResidualStatistics, after: ResidualStatistics, settings: ResamplingSettings, rng: np.random.Generator
+    before: ResidualStatistics, after: ResidualStatistics, settings: ResamplingSettings, seed: int
 ) -> tuple[float, tuple[float, float]]:
     """Share of the excess that is gone, over the residuals significant before, and its interval over blocks.
 
@@ -193,8 +193,8 @@ def shrink(
         In the same band.
     settings
         Number of resamples, level of the interval.
-    rng
-        Draws the resamples.
+    seed
+        Of the generator that draws the resamples.
     """
     chosen = before.significant
     noise2 = before.noise[chosen] ** 2
@@ -207,7 +207,7 @@ def shrink(
     if not total:
         return 0.0, (0.0, 0.0)
     whole = 1.0 - after.excess[chosen].sum() / total
-    low, high = interval(share(block_weights(len(before.blocks), settings.draws, rng)), settings.interval)
+    low, high = interval(share(block_weights(len(before.blocks), settings.draws, seed)), settings.interval)
     return float(whole), (float(min(low, whole)), float(max(high, whole)))
 
 

@@ -164,8 +164,8 @@ class ExcessMeasure:
         key = (tuple(selected), band or self.before.band)
         if key not in self._after:
             left = with_faults(self.library.validation_residuals(selected), self._refuted)
-            rng = self._settings.resampling.significance_rng()
-            statistics = excess.residual_statistics(self.library.sets[1], left, key[1], self._settings, rng)
+            seed = self._settings.resampling.significance_seed
+            statistics = excess.residual_statistics(self.library.sets[1], left, key[1], self._settings, seed)
             self._after[key] = statistics
         return self._after[key]
 
@@ -176,7 +176,7 @@ class ExcessMeasure:
     def share(self, selected: Sequence[Candidate]) -> Share:
         """Return the share of the gap that candidates take away, and its 95 % interval over blocks."""
         resampling = self._settings.resampling
-        return excess.shrink(self.before, self.after(selected), resampling, resampling.shrink_rng())
+        return excess.shrink(self.before, self.after(selected), resampling, resampling.shrink_seed)
 
     def contribution(self, selected: Sequence[Candidate], k: int) -> float:
         """Return what candidate k takes away beside the others, as a share of the whole gap.
@@ -204,9 +204,9 @@ class ExcessMeasure:
     def share_left(self, left: Sequence[Array]) -> float:
         """Return the share of the gap that is gone where these residuals (N', R) are left."""
         settings, before = self._settings, self.before
-        rng = settings.resampling.significance_rng()
-        after = excess.residual_statistics(self.library.sets[1], left, before.band, settings, rng)
-        return excess.shrink(before, after, settings.resampling, settings.resampling.shrink_rng())[0]
+        seed = settings.resampling.significance_seed
+        after = excess.residual_statistics(self.library.sets[1], left, before.band, settings, seed)
+        return excess.shrink(before, after, settings.resampling, settings.resampling.shrink_seed)[0]
 
 
 class LikelihoodMeasure:
@@ -269,8 +269,8 @@ class LikelihoodMeasure:
         gain = self.gain(selected) + self._of_faults
         whole = max(self.whole, gain)
         resampling, detected = self._settings.resampling, self._settings.significance.detected
-        low = lower_bound(falls, resampling, resampling.fall_rng()) * len(falls) + self._of_faults
-        high = -lower_bound(-falls, resampling, resampling.fall_rng()) * len(falls) + self._of_faults
+        low = lower_bound(falls, resampling, resampling.fall_seed) * len(falls) + self._of_faults
+        high = -lower_bound(-falls, resampling, resampling.fall_seed) * len(falls) + self._of_faults
         share = gain / whole
         return share, (min(low / (whole + detected), share), max(min(high / whole, 1.0), share))
 

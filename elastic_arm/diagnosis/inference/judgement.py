@@ -303,7 +303,7 @@ def passes(prepared: PreparedData, hypothesis: Hypothesis, k: int, share: float,
     on_fit, on_validation = library.falls(without, hypothesis.selected)
     resampling = settings.resampling
     bounds = [
-        lower_bound(falls, resampling, resampling.fall_rng())
+        lower_bound(falls, resampling, resampling.fall_seed)
         for falls in (on_validation, np.append(on_fit, on_validation))
     ]
     return max(bounds) > 0.0

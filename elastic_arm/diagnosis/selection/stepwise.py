@@ -358,7 +358,7 @@ class StepwiseSearch:
         """How often (draws, blocks) each block of both data sets is drawn: the same for all hypotheses."""
         resampling = self._settings.resampling
         blocks = sum(int(data.blocks.max()) + 1 for data in self.library.sets)
-        return block_counts(blocks, resampling.odds_draws, resampling.odds_rng()).astype(float)
+        return block_counts(blocks, resampling.odds_draws, resampling.odds_seed).astype(float)
 
     def _odds(self, chosen: Sequence[Candidate], trial: Sequence[Candidate], scale: float) -> float:
         """Odds of a trial hypothesis: by likelihood over the misfit, or by how often blocks prefer it, if more."""

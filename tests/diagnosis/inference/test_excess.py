@@ -27,7 +27,7 @@ DATA: Any = SimpleNamespace(
 
 
 def statistics(values: np.ndarray, settings: DiagnosisSettings = SETTINGS) -> Any:
-    return residual_statistics(DATA, [values[:, None]], 20.0, settings, np.random.default_rng(0))
+    return residual_statistics(DATA, [values[:, None]], 20.0, settings, 0)
 
 
 @pytest.fixture(scope="module")
