@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -18,6 +18,7 @@ Array = NDArray[np.float64]
 
 # Numbers closer than this, relative to their size, are the same: what is written has nine digits.
 SAME = 1e-9
+ROUNDING = 1e-6  # of the largest component of a vector, up to which another one is a solver's rounding; numerical
 # What each number of a joint is called in a file, and its unit.
 JOINT_NUMBERS = {
     "armature": ("armature", "kg m²"),
@@ -152,10 +153,16 @@ def inertial_change(name: str, before: Inertia, after: Inertia) -> list[Change]:
         ("moments xx yy zz xy xz yz", "kg m²", six(before), six(after)),
     ]
     return [
-        Change(name, number, unit, tuple(float(v) for v in old), tuple(float(v) for v in new))
+        Change(name, number, unit, _without_rounding(old), _without_rounding(new))
         for number, unit, old, new in found
         if np.abs(np.subtract(old, new)).max() > SAME * max(np.abs(old).max(), np.abs(new).max(), 1e-12)
     ]
+
+
+def _without_rounding(values: Sequence[float]) -> tuple[float, ...]:
+    """Return the values with zero for what is nothing but a solver's rounding beside the largest."""
+    largest = max(map(abs, values))
+    return tuple(float(v) if abs(v) > ROUNDING * largest else 0.0 for v in values)
 
 
 def six(body: Inertia) -> tuple[float, ...]:

@@ -20,6 +20,7 @@ pytest.importorskip("mujoco")
 pytest.importorskip("lxml")
 
 from elastic_arm.mujoco import export_mjcf, export_urdf
+from elastic_arm.mujoco.changes import inertial_change
 
 LOAD = {"effect": "payload", "joint": None, "parameters": {"mass": 1.5, "position": [0.02, 0.03, 0.2]}}
 FRICTION = {"effect": "coulomb_friction", "joint": "joint3", "parameters": {"torque": 2.0}}
@@ -181,3 +182,11 @@ def test_a_urdf_keeps_its_shape(tmp_path: Path) -> None:
     again = load_robot(tmp_path / "fixed.urdf")
     assert again.mass == pytest.approx(robot.mass + 2.0)
     assert again.effects == ({"effect": "coulomb_friction", "joint": "joint_2", "parameters": {"torque": 2.0}},)
+
+
+def test_tables_show_no_rounding_of_a_solver() -> None:
+    """A centre of mass of 1e-17 m beside 0.05 m is at zero."""
+    (joint, *_) = load_robot(None).joints
+    moved = replace(joint.link, com=np.array([1e-17, 0.05, 0.0]))
+    (change,) = (c for c in inertial_change("link", joint.link, moved) if c.number == "centre of mass")
+    assert change.after == (0.0, 0.05, 0.0)

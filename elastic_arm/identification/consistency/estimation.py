@@ -38,6 +38,7 @@ Array = NDArray[np.float64]
 TRUST = np.geomspace(0.01, 2.0, 24)
 # Laws beyond the model have no nominal: the standard deviation of their prior, unless what is ordinary is stated.
 LAW_WIDTH = 1e3
+TOLERANCE = 1e-7  # of the solver, in the unit of what has a bound (Nm, Nm s/rad)
 INEXACT = "physically consistent arm: the convex solver came near its tolerance without meeting it"
 # Data finer than this, relative to the nominal, bind like an equality; finer would only spoil the solver's numbers.
 STIFFEST = 1e5
@@ -218,6 +219,6 @@ def _solve(A: Array, b: Array, chart: Chart, trust: float) -> tuple[Array, bool]
     if x.value is None:
         raise IdentificationError(f"the convex solver found nothing ({problem.status})", "Record a richer motion.")
     solution: Array = np.array(x.value, dtype=float)
-    # The solver meets a bound to its tolerance: friction of -1e-10 Nm is none.
-    solution[bounded] = np.maximum(solution[bounded], least)
+    # The solver meets a bound to its tolerance: friction of 1e-10 Nm, or -1e-10 Nm, is none.
+    solution[bounded] = np.where(solution[bounded] - least < TOLERANCE, least, solution[bounded])
     return solution, problem.status == cp.OPTIMAL
