@@ -249,8 +249,8 @@ class ExperimentSettings:
 class ResamplingSettings:
     """The block bootstrap (Künsch 1989): blocks of the recording are drawn with replacement.
 
-    Each use has a seed of its own, from which its resamples are drawn: all hypotheses are compared on the same ones
-    (common random numbers), and an answer does not depend on those before it.
+    Each use draws its resamples from its seed: all hypotheses are compared on the same ones (common random numbers),
+    and an answer does not depend on those before it.
     """
 
     draws: int = 4000  # resamples of an interval; its 2.5 % quantile is then known to 0.25 %

@@ -105,7 +105,9 @@ def with_stated(
     return (*stated, *effects)
 
 
-def on_recorded_side(effects: Sequence[EffectInstance], robot: Robot, *, motored: bool) -> tuple[EffectInstance, ...]:
+def on_recorded_side(
+    effects: Sequence[EffectInstance], robot: Robot, *, motored: bool
+) -> tuple[tuple[EffectInstance, ...], list[str]]:
     """Return laws that a rigid arm's joint torque sensors feel in the place of those of motors that nobody recorded.
 
     An arm that is taken for rigid has one side: its description does not tell whether a gear's friction acts before the
@@ -119,16 +121,24 @@ def on_recorded_side(effects: Sequence[EffectInstance], robot: Robot, *, motored
         The description.
     motored
         Whether motor torques were recorded.
+
+    Returns
+    -------
+    effects, moved
+        The laws, and the ids of those that were moved.
     """
     if robot.elastic or motored:
-        return tuple(effects)
-    moved = (
-        instance.with_parameters(**{SIDE.name: "link"})
-        if SIDE in instance.effect.choices and set(instance.sides) == {"motor"}
-        else instance
-        for instance in effects
-    )
-    return tuple({(i.effect.id, i.joint, i.sides): i for i in moved}.values())
+        return tuple(effects), []
+    found, moved = list[EffectInstance](), list[str]()
+    for instance in effects:
+        if SIDE not in instance.effect.choices or set(instance.sides) != {"motor"}:
+            found.append(instance)
+            continue
+        moved.append(instance.effect.id)
+        felt = instance.with_parameters(**{SIDE.name: "link"})
+        if felt not in effects:
+            found.append(felt)
+    return tuple(found), list(dict.fromkeys(moved))
 
 
 def is_dry(instance: EffectInstance) -> bool:

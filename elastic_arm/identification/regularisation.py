@@ -88,6 +88,8 @@ def law_sizes(blocks: Blocks, equations: BaseRegression) -> Array:
     columns, torques = squares[:, :-1], squares[:, -1:]
     whole = np.sum(np.where(columns > 0.0, torques, 0.0), axis=0)
     law = np.array([":" in name and not name.startswith("link_encoder:") for name in equations.base.names])
+    # What holds parameters of the arm, too, has their prior.
+    law &= ~np.isfinite(natural_scales(equations))
     with np.errstate(divide="ignore", invalid="ignore"):
         sizes = np.sqrt(whole / columns.sum(axis=0))
     ordinary = _ordinary(equations)
@@ -105,7 +107,9 @@ def _description_errors(equations: BaseRegression) -> tuple[NDArray[np.intp], Ar
     """Return which base parameters are the arm's own, and the covariance of their description at a relative error 1."""
     base, scales = equations.base, natural_scales(equations)
     own = np.flatnonzero(np.isfinite(scales))
-    covariance = (base.T @ description_covariance(equations) @ base.T.T)[np.ix_(own, own)]
+    held = [0.0] * (len(equations.names) - len(equations.columns)) + [c.ordinary or 0.0 for c in equations.columns]
+    spread = description_covariance(equations) + np.diag(held) ** 2
+    covariance = (base.T @ spread @ base.T.T)[np.ix_(own, own)]
     return own, covariance + np.diag((PLACEHOLDER * scales[own]) ** 2)
 
 
@@ -119,7 +123,7 @@ def description_error(fit: Fit, equations: BaseRegression, doubt: float = 0.0) -
     Parameters
     ----------
     fit
-        Without a prior.
+        Without a prior of the arm's own parameters.
     equations
         In base parameters.
     doubt

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -10,6 +12,7 @@ from elastic_arm.effects import EFFECTS, EffectInstance
 from elastic_arm.effects.library.base_tilt import TILT
 from elastic_arm.identification import Identification, IdentificationSettings, identify, parse_laws
 from elastic_arm.identification.base_regression import BaseRegression
+from elastic_arm.identification.batch.identify import FELT
 from elastic_arm.identification.batch.imperfections import (
     LEVEL,
     ZERO,
@@ -18,6 +21,7 @@ from elastic_arm.identification.batch.imperfections import (
     possible_imperfections,
     told_apart,
 )
+from elastic_arm.identification.batch.mounting import about_x
 from elastic_arm.identification.law_columns import law_columns, on_recorded_side
 from elastic_arm.identification.regularisation import law_sizes, prior_of
 from elastic_arm.identification.stream import Identifier
@@ -108,7 +112,7 @@ def test_the_prior_of_what_is_ordinary_weighs_as_the_errors_last(robot: Robot) -
     (zero,) = parse_laws([f"motor_torque_offset:{robot.joint_names[0]}"], robot)
     (column,) = law_columns([zero], robot)
     held = NuisanceLaw(zero, 0.5)
-    columns = [type(column)(column.name, column.unit, column.values, ordinary=held.ordinary)]
+    columns = [replace(column, ordinary=held.ordinary)]
     identifier = Identifier(build_model(robot, "mod3"), columns, joints=robot.joint_names)
     identifier.add(samples)
     identifier.finish()
@@ -123,9 +127,12 @@ def test_the_prior_of_what_is_ordinary_weighs_as_the_errors_last(robot: Robot) -
 def test_a_rigid_arm_has_one_side(robot: Robot) -> None:
     """Friction is felt by joint torque sensors where they alone are recorded, and not asked for twice."""
     laws = parse_laws(["coulomb_friction", "coulomb_friction:side=link"], robot)
-    moved = on_recorded_side(laws, robot, motored=False)
-    assert {instance.sides for instance in moved} == {("link",)} and len(moved) == robot.n
-    assert on_recorded_side(laws, robot, motored=True) == tuple(laws)
+    felt, moved = on_recorded_side(laws, robot, motored=False)
+    assert {instance.sides for instance in felt} == {("link",)} and len(felt) == robot.n
+    assert moved == ["coulomb_friction"]
+    assert on_recorded_side(laws, robot, motored=True) == (tuple(laws), [])
+    curves = parse_laws([f"stribeck_friction:speed={speed},side=link" for speed in (0.05, 0.5)], robot)
+    assert on_recorded_side(curves, robot, motored=False) == (tuple(curves), [])
 
 
 def test_imperfections_are_named_with_why_and_how(robot: Robot) -> None:
@@ -146,3 +153,71 @@ def test_the_zero_of_a_sliding_axis_is_kept_beside_no_tilt() -> None:
     columns = law_columns([*asked, *(each.instance for each in possible)], slide)
     equations = Identifier(build_model(slide, "mod3"), columns, joints=slide.joint_names).choose_equations(samples)
     assert [each.place[0] for each in told_apart(possible, equations)] == ["motor_torque_offset"]
+
+
+def test_what_an_identification_adds_is_no_law_of_the_next_one(robot: Robot) -> None:
+    """Its robot.yaml is identified anew with other channels, and zeros are held about what it states."""
+    whole = recorded(robot, [])
+    torques = whole.samples().tau_m
+    felt = Recording(robot.joint_names, link=replace(whole.link, effort=torques), motor=None, source="sensors")
+    first = identified(robot, [felt], [])
+    assert any(FELT in note for note in first.notes)
+    assert first.identified is not None
+    stated = {entry["effect"] for entry in first.identified.effects}
+    assert {"joint_torque_offset", TILT} <= stated
+    second = identified(first.identified, [whole], [])
+    names = {estimate.name.partition(":")[0] for estimate in second.estimates}
+    assert "motor_torque_offset" in names and "joint_torque_offset" not in names
+    again = identified(first.identified, [felt], [])
+    assert any("held to what is ordinary" in note for note in again.notes)
+    for estimate in again.estimates:
+        if estimate.name.startswith("joint_torque_offset:"):
+            assert estimate.value == pytest.approx(estimate.nominal, abs=3 * estimate.std)
+            assert estimate.nominal != 0.0
+
+
+def test_a_channel_that_holds_nothing_has_no_zero(robot: Robot) -> None:
+    """A torque that is zero throughout is none of a sensor that is off."""
+    samples = recorded(robot, []).samples()
+    torques = samples.tau_m.copy()
+    torques[:, 1] = 0.0
+    possible = possible_imperfections([replace(samples, tau_m=torques)], robot, parse_laws(FRICTION, robot))
+    assert [each.place[1] for each in possible] == [robot.joint_names[k] for k in (0, 2, 3)] + [None]
+
+
+def test_a_tilt_of_which_one_component_shows_is_identified(robot: Robot) -> None:
+    """Of an arm on a wall a turn about the vertical leaves no trace; the other one comes out."""
+    wall = robot.with_(gravity=np.array([9.81, 0.0, 0.0]))
+    tilt = EffectInstance(EFFECTS[TILT], None, {"x": 0.0, "y": 0.04})
+    found = identified(wall, [recorded(wall, [tilt])], [])
+    (y,) = (e for e in found.estimates if e.name.startswith(TILT))
+    assert y.name.endswith(".y") and abs(y.value - 0.04) < 4 * y.std < 0.02
+
+
+def test_the_prior_of_the_description_is_kept_where_a_zero_is_part_of_a_base_parameter() -> None:
+    """Of a vertical sliding axis a zero and a mass are one base parameter: the mass keeps its prior."""
+    slide = random_arm(2, np.random.default_rng(1), elastic=False, prismatic=[0]).with_armatures()
+    samples = recorded(slide, []).samples()
+    possible = possible_imperfections([samples], slide, parse_laws(["viscous_friction"], slide))
+    zeros = [replace(c, ordinary=0.5) for c in law_columns([e.instance for e in possible if e.place[0] != TILT], slide)]
+    identifier = Identifier(build_model(slide, "mod3"), zeros, joints=slide.joint_names)
+    identifier.add(samples)
+    identifier.finish()
+    equations = identifier.equations
+    mixed = [":" in name and "link_" in name for name in equations.base.names]
+    sizes = law_sizes(identifier.linear_blocks(), equations)
+    assert any(mixed) and np.isnan(sizes[mixed]).all()
+    own = np.isnan(sizes)
+    with_laws, without = (prior_of(equations, 0.1, laws=laws).factor for laws in (sizes, None))
+    np.testing.assert_array_equal(with_laws[np.ix_(own, own)], without[np.ix_(own, own)])
+
+
+def test_an_arm_mounted_otherwise_has_no_zeros_that_nobody_asked_for(robot: Robot) -> None:
+    """Without laws beyond the model its tilt alone is identified."""
+    upright = robot.with_(gravity=np.array([0.0, 0.0, -9.81]))
+    turn = np.eye(4)
+    turn[:3, :3] = about_x(np.pi / 2)
+    described = upright.with_(base_placement=turn @ upright.base_placement, base_dh=None)
+    found = identify(recorded(upright, []), described, IdentificationSettings(consistent=False))
+    assert any("mounted otherwise" in note for note in found.notes)
+    assert {e.name.partition(":")[0] for e in found.estimates if ":" in e.name} == {TILT}

@@ -9,7 +9,7 @@ is left white.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -32,6 +32,7 @@ Complex = NDArray[np.complexfloating]
 
 RANK = 1e-6  # relative eigenvalue below which a combination of columns is not determined; numerical
 CHUNK = 64  # columns transformed, and frequencies whitened, at once: bounds the memory
+LONG = 4000  # coordinates of a stretch up to which the spectra of single harmonics are kept; bounds the memory
 SLOW = 5.0  # Hz, below which every frequency of a recording counts
 FREQUENCIES = 500  # above it: enough to know a smooth spectrum to some per cent
 LEAST_SHARE = 0.05  # of the noise at a frequency that is left beside all columns; numerical
@@ -158,14 +159,14 @@ def _spectra(prepared: PreparedData, which: int, blocks: Sequence[Array]) -> lis
     for part, harmonics in zip(data.parts, data.harmonics, strict=True):
         place = slice(first, first + harmonics.size)
         first = place.stop
-        f, change = _spectra_of_harmonics(harmonics, data.band.kept_rate, data.band.cutoff)
+        f, transform = _transform(harmonics, data.band.kept_rate, data.band.cutoff)
         values = np.zeros((sum(columns.shape[1] for columns in blocks), R, len(f)), dtype=complex)
         done = 0
         for columns in blocks:
             for k in range(0, columns.shape[1], CHUNK):
                 some = columns[:, k : k + CHUNK].T.reshape(-1, R, total)[:, :, place]
                 acting = some.any(axis=2)
-                values[done : done + len(some)][acting] = (some[acting] @ change).view(complex)
+                values[done : done + len(some)][acting] = transform(some[acting])
                 done += len(some)
         whitener = part.noise.whitener(f)
         ways = {channel: whitener @ C for channel, C in coefficients.items() if C.any()}
@@ -173,17 +174,33 @@ def _spectra(prepared: PreparedData, which: int, blocks: Sequence[Array]) -> lis
     return found
 
 
-@lru_cache(maxsize=2)
-def _spectra_of_harmonics(harmonics: Harmonics, rate: float, cutoff: float) -> tuple[Real, Array]:
-    """Return frequencies (F,), and the spectra there of each harmonic between the ends of a stretch, (2 H, 2 F).
+def _transform(harmonics: Harmonics, rate: float, cutoff: float) -> tuple[Real, Callable[[Array], Complex]]:
+    """Return frequencies (F,), and what makes coordinates (m, 2 H) of a stretch spectra there (m, F), without its ends.
 
-    Real and imaginary parts in turn. They are asked for once for a residual, and once for all columns.
+    Of a short stretch the spectra of single harmonics serve for all columns; of a long one they would not fit memory.
+    """
+    count = harmonics.samples - 2 * harmonics.edge
+    f = np.fft.rfftfreq(count, 1.0 / rate)
+    kept = _kept(f, cutoff)
+
+    def direct(coordinates: Array) -> Complex:
+        return np.asarray(rfft(harmonics.signals(coordinates), axis=1)[:, kept] / np.sqrt(count))
+
+    if harmonics.size > LONG:
+        return f[kept], direct
+    change = _spectra_of_harmonics(harmonics, rate, cutoff)
+    return f[kept], lambda coordinates: np.asarray((coordinates @ change).view(complex))
+
+
+@lru_cache(maxsize=2)
+def _spectra_of_harmonics(harmonics: Harmonics, rate: float, cutoff: float) -> Array:
+    """Return the spectra of each harmonic between the ends of a stretch, (2 H, 2 F), real and imaginary parts in turn.
+
+    They are asked for once for a residual, and once for all columns.
     """
     signals = harmonics.signals(np.eye(harmonics.size))
-    f = np.fft.rfftfreq(signals.shape[1], 1.0 / rate)
-    kept = _kept(f, cutoff)
-    spectra = rfft(signals, axis=1)[:, kept] / np.sqrt(signals.shape[1])
-    return f[kept], np.ascontiguousarray(spectra).view(float)
+    kept = _kept(np.fft.rfftfreq(signals.shape[1], 1.0 / rate), cutoff)
+    return np.ascontiguousarray(rfft(signals, axis=1)[:, kept] / np.sqrt(signals.shape[1])).view(float)
 
 
 def _kept(f: Real, cutoff: float) -> NDArray[np.intp]:

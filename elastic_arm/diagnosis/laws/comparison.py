@@ -190,7 +190,10 @@ class LawComparison:
         """Return an orthonormal basis (rows, k) of columns over their priors, and its triangle (k, k)."""
         prior = np.sqrt(self._noise) * np.eye(len(self._nuisance))
         triangle = np.asarray(np.linalg.cholesky(white.T @ white + self._noise * np.eye(len(prior))).T, dtype=float)
-        return np.vstack([white, prior]) @ np.linalg.inv(triangle), triangle
+        basis = np.vstack([white, prior]) @ np.linalg.inv(triangle)
+        # Once more, as products square the columns' condition.
+        second = np.asarray(np.linalg.cholesky(basis.T @ basis).T, dtype=float)
+        return basis @ np.linalg.inv(second), second @ triangle
 
     def _base(self, selected: Sequence[Candidate], wider: Mapping[int, float] | None = None) -> _Base:
         """Return the regression on the nuisance parameters, some with priors that are narrower, and on candidates."""

@@ -16,6 +16,7 @@ from elastic_arm.effects.text import parse_laws
 from elastic_arm.errors import IdentificationError
 from elastic_arm.estimation.motion import Motion
 from elastic_arm.identification.batch.derivatives import DerivativeStage
+from elastic_arm.identification.batch.imperfections import nuisance_effects
 from elastic_arm.identification.batch.mounting import other_mounting
 from elastic_arm.identification.batch.selection import BatchChoice, BatchTrial, ProgressCallback, Trials
 from elastic_arm.identification.batch.settings import USUAL, IdentificationSettings
@@ -108,18 +109,20 @@ def identify_with(
     motored = any(samples.tau_m is not None for samples in prepared)
     described, robot = robot, robot.with_armatures() if motored else robot
     armed = robot is not described
-    asked = on_recorded_side(settings.effects, robot, motored=motored)
-    moved = dict.fromkeys(i.effect.id for i in settings.effects if i not in asked)
-    effects = with_stated(asked, robot, motored=motored, catalogue=settings.catalogue)
+    asked, moved = on_recorded_side(settings.effects, robot, motored=motored)
+    known = with_stated(asked, robot, motored=motored, catalogue=settings.catalogue)
+    # What the description states of imperfections is as uncertain as what it does not.
+    unasked = nuisance_effects(robot, settings.catalogue)
+    effects = tuple(law for law in known if law in asked or law.effect.id not in unasked)
     recorded, settings = list(zip(chosen, prepared, strict=True)), replace(settings, effects=effects)
-    trials = Trials(recorded, robot, settings, report)
+    trials = Trials(recorded, robot, settings, report, beside=bool(known))
     choice = trials.selected()
-    tilted = any(instance.effect.id == TILT for instance in effects)
+    tilted = any(instance.effect.id == TILT for instance in known)
     mounting = None if tilted else other_mounting(robot, settings.model, list(trials(choice).derived[0].motions))
     if mounting is not None:
         robot, effects = mounting.of(robot), (*effects, *parse_laws([TILT], robot, settings.catalogue))
         settings = replace(settings, effects=effects)
-        trials = Trials(recorded, robot, settings, report)
+        trials = Trials(recorded, robot, settings, report, beside=bool(known))
         choice = trials.selected()
     result, trial, correlated = _estimated(trials, choice)
     notes = [MOTOR_INERTIA] if armed else []

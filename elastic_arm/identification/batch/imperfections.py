@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from elastic_arm.effects import EFFECTS, Catalogue, EffectInstance
+from elastic_arm.effects import EFFECTS, Catalogue, EffectInstance, robot_effects
 from elastic_arm.effects.library.base_tilt import TILT
 from elastic_arm.effects.text import parse_laws
 from elastic_arm.estimation.effect_columns import torque_zeros
@@ -41,18 +41,28 @@ class NuisanceLaw:
     Parameters
     ----------
     instance
-        The effect at its joint.
+        The effect at its joint, as the description states it, if it does.
     ordinary
         Standard deviation of its prior, in the unit of its parameters; None where it is free.
+    stated
+        Whether the description states it.
     """
 
     instance: EffectInstance
     ordinary: float | None = None
+    stated: bool = False
 
     @property
     def place(self) -> tuple[str, str | None]:
         """The effect's id and its joint."""
         return self.instance.effect.id, self.instance.joint
+
+
+def nuisance_effects(robot: Robot, catalogue: Catalogue | None = None) -> dict[str, str | None]:
+    """Return the ids of effects that are identified unasked, each with the channel whose zero it is, or None."""
+    known = catalogue or EFFECTS
+    found: dict[str, str | None] = {law: channel for channel, law in torque_zeros(known, robot).items()}
+    return found | ({TILT: None} if TILT in known else {})
 
 
 def possible_imperfections(
@@ -71,20 +81,28 @@ def possible_imperfections(
     catalogue
         Where ids are looked up; the default one when None.
     """
-    taken, found = {instance.effect.id for instance in asked}, list[NuisanceLaw]()
     places = {(instance.effect.id, instance.joint) for instance in asked}
-    for channel, law in torque_zeros(catalogue or EFFECTS, robot).items():
-        have = [values for samples in recordings if (values := getattr(samples, channel)) is not None]
-        if not have:
-            continue
-        lacking = {robot.joint_names[j] for samples in recordings for c, j in samples.lacking if c == channel}
-        size = dict(zip(robot.joint_names, np.sqrt(np.nanmean(np.concatenate(have) ** 2, axis=0)), strict=True))
-        for at in parse_laws([law], robot, catalogue):
-            if (law, at.joint) not in places and at.joint not in lacking:
-                found.append(NuisanceLaw(at, ZERO * float(size[str(at.joint)]) or None))
-    if TILT not in taken and TILT in (catalogue or EFFECTS):
-        found += [NuisanceLaw(at, LEVEL) for at in parse_laws([TILT], robot, catalogue)]
+    stated = {(each.effect.id, each.joint): each for each in robot_effects(robot, catalogue)}
+    found: list[NuisanceLaw] = []
+    for law, channel in nuisance_effects(robot, catalogue).items():
+        tilt: dict[str | None, float] = {None: LEVEL}
+        sizes = tilt if channel is None else _ordinary_zeros(recordings, robot, channel)
+        for at in parse_laws([law], robot, catalogue) if sizes else []:
+            place = law, at.joint
+            if place not in places and at.joint in sizes:
+                found.append(NuisanceLaw(stated.get(place, at), sizes[at.joint], place in stated))
     return tuple(found)
+
+
+def _ordinary_zeros(recordings: Sequence[Samples], robot: Robot, channel: str) -> dict[str | None, float]:
+    """Return the ordinary size of the zero of a torque channel at each joint that has it, and torque in it."""
+    have = [values for samples in recordings if (values := getattr(samples, channel)) is not None]
+    if not have:
+        return {}
+    lacking = {robot.joint_names[j] for samples in recordings for c, j in samples.lacking if c == channel}
+    sizes = ZERO * np.sqrt(np.nanmean(np.concatenate(have) ** 2, axis=0))
+    named = zip(robot.joint_names, sizes.tolist(), strict=True)
+    return {joint: size for joint, size in named if joint not in lacking and size > 0.0}
 
 
 def told_apart(possible: Sequence[NuisanceLaw], equations: BaseRegression) -> tuple[NuisanceLaw, ...]:
@@ -92,24 +110,23 @@ def told_apart(possible: Sequence[NuisanceLaw], equations: BaseRegression) -> tu
 
     About a horizontal first axis it is the same as another centre of mass, for one, and of a sliding axis as a zero.
     """
-    return tuple(
-        each
-        for each in possible
-        if each.place[0] != TILT
-        or all(_alone(equations.names.index(name), equations) for name in _names(each, equations))
-    )
+    return tuple(e for e in possible if e.stated or e.place[0] != TILT or _is_by_itself(e, equations))
 
 
-def _alone(column: int, equations: BaseRegression) -> bool:
-    """Return whether a parameter is a base parameter by itself."""
-    share = equations.base.T[:, column]
-    return bool(np.count_nonzero(share) == 1 and np.count_nonzero(equations.base.T[np.argmax(np.abs(share))]) == 1)
+def _is_by_itself(each: NuisanceLaw, equations: BaseRegression) -> bool:
+    """Whether those of a law's parameters that leave a trace are base parameters by themselves, and some are."""
+    shares = [equations.base.T[:, equations.names.index(name)] for name in _names(each, equations)]
+    traced = [share for share in shares if share.any()]
+    alone = (np.count_nonzero(equations.base.T[np.argmax(np.abs(share))]) == 1 for share in traced)
+    return bool(traced) and all(np.count_nonzero(share) == 1 for share in traced) and all(alone)
 
 
 def judged_imperfections(
     possible: Sequence[NuisanceLaw], fit: Fit, equations: BaseRegression, *, held: bool
 ) -> tuple[NuisanceLaw, ...]:
     """Return what is identified: what differs from none is free, the rest is held to its ordinary size or left out.
+
+    What the description states is never left out.
 
     Parameters
     ----------
@@ -127,7 +144,11 @@ def judged_imperfections(
         sizes[each.place] = float(np.max(np.abs(fit.Psi[at]) / fit.std[at], initial=0.0))
     shown = {law for (law, _), size in sizes.items() if size > CERTAIN}
     free = {each.place for each in possible if each.place[0] in shown and sizes[each.place] > LIKELY}
-    return tuple(replace(e, ordinary=None) if e.place in free else e for e in possible if held or e.place in free)
+    return tuple(
+        replace(each, ordinary=None) if each.place in free or not held else each
+        for each in possible
+        if held or each.stated or each.place in free
+    )
 
 
 def _names(each: NuisanceLaw, equations: BaseRegression) -> list[str]:
@@ -138,7 +159,8 @@ def _names(each: NuisanceLaw, equations: BaseRegression) -> list[str]:
 
 def described_imperfections(found: Sequence[NuisanceLaw]) -> list[str]:
     """Return in words which imperfections were identified, and how."""
-    free = [f"{law}:{joint}" if joint else law for law, joint in (e.place for e in found if e.ordinary is None)]
+    shown = [each.place for each in found if each.ordinary is None and not each.stated]
+    free = [f"{law}:{joint}" if joint else law for law, joint in shown]
     held = {e.place[0] for e in found if e.ordinary is not None}
     notes = []
     if free:

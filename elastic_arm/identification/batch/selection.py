@@ -127,12 +127,15 @@ class Trials:
         How it is identified; laws that the description states are among the effects.
     report
         Called with what is being done, and the share that is done.
+    beside
+        Whether imperfections are identified that nobody asked for.
     """
 
     recordings: Sequence[tuple[Recording, Samples]]
     robot: Robot
     settings: IdentificationSettings
     report: ProgressCallback
+    beside: bool
     _known: dict[tuple[object, ...], BatchTrial] = field(default_factory=dict)
 
     @functools.cached_property
@@ -188,9 +191,9 @@ class Trials:
         return replace(choice, imperfections=judged_imperfections(possible, trial.fit, equations, held=held))
 
     def _possible(self) -> tuple[NuisanceLaw, ...]:
-        """Return the imperfections that the channels tell from everything else; none where no law is asked for."""
+        """Return the imperfections that the channels tell from everything else."""
         asked, catalogue = self.settings.effects, self.settings.catalogue
-        if not asked:
+        if not self.beside:
             return ()
         samples = [each for _, each in self.recordings]
         possible = possible_imperfections(samples, self.robot, asked, catalogue)

@@ -36,7 +36,7 @@ def turning_speeds(recordings: Sequence[Recording], robot: Robot) -> Array | Non
     side = "" if all(samples.tau_m is not None for _, samples in recorded) else ":side=link"
     laws = parse_laws([f"{law}{side}" for law in PLAIN], robot)
     settings = IdentificationSettings(model="mod1", effects=laws, derivatives="smoother")
-    trials = Trials(recorded, robot, settings, report=lambda what, share: None)
+    trials = Trials(recorded, robot, settings, report=lambda what, share: None, beside=True)
     try:
         speeds = trials.selected().sign_speed
     except IdentificationError:

@@ -42,7 +42,7 @@ class Chart:
     bounds
         Of `free`, indices with the least value that each may have.
     held
-        Indices of x that are laws' parameters over what is ordinary of them.
+        Indices of x that are parameters of laws over what is ordinary of them; errors of sensors are free.
     """
 
     G: Array

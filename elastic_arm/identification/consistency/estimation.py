@@ -36,7 +36,7 @@ Array = NDArray[np.float64]
 
 # Relative errors of the nominal that are tried, and the one taken where the data do not say.
 TRUST = np.geomspace(0.01, 2.0, 24)
-# Laws beyond the model have no nominal: the standard deviation of their prior, unless what is ordinary is stated.
+# Laws beyond the model have no nominal: the standard deviation of their prior, but of those that the chart holds.
 LAW_WIDTH = 1e3
 TOLERANCE = 1e-7  # of the solver, in the unit of what has a bound (Nm, Nm s/rad)
 INEXACT = "physically consistent arm: the convex solver came near its tolerance without meeting it"
@@ -148,7 +148,7 @@ def with_consistency(
     Psi = np.where(back, equations.nominal, found.Psi)
     return result.with_(
         Psi=Psi,
-        notes=result.notes if found.exact else (*result.notes, INEXACT),
+        notes=(*(note for note in result.notes if note != INEXACT), *(() if found.exact else (INEXACT,))),
         consistency={"trust": found.trust, "misfit": found.misfit, "correlation": correlated},
         identified=identified_robot(robot, equations, Psi, effects),
     )
