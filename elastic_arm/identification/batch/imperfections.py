@@ -167,11 +167,11 @@ def described_imperfections(found: Sequence[NuisanceLaw]) -> list[str]:
         notes.append(
             "identified without being asked for, as they differ from none in the recordings: " + ", ".join(free)
         )
-    if held:
-        zeros = [f"the {'other ' if free else ''}zeros of torques"] if held - {TILT} else []
-        tilt = ["the tilt of the base"] if TILT in held else []
-        sizes = [f"{ZERO:.0%} of the joint's torque"] * len(zeros) + [f"{1e3 * LEVEL:g} mrad"] * len(tilt)
-        notes.append(
-            f"{' and '.join(zeros + tilt)} were identified beside, held to what is ordinary ({', '.join(sizes)})"
-        )
+    others = "the other " if free else "the "
+    zeros = (
+        [f"{others}zeros of torques ({ZERO:.0%} of the joint's torque; free in robot.yaml)"] if held - {TILT} else []
+    )
+    tilt = [f"the tilt of the base ({1e3 * LEVEL:g} mrad)"] if TILT in held else []
+    if zeros or tilt:
+        notes.append("identified beside, held to what is ordinary: " + ", ".join(zeros + tilt))
     return notes
