@@ -135,7 +135,7 @@ class Trials:
     robot: Robot
     settings: IdentificationSettings
     report: ProgressCallback
-    beside: bool
+    beside: bool = False
     _known: dict[tuple[object, ...], BatchTrial] = field(default_factory=dict)
 
     @functools.cached_property
