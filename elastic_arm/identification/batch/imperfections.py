@@ -1,8 +1,8 @@
 """Imperfections that every recording may have, asked for or not: zeros of torque channels, a base off level.
 
 They are identified where laws beyond the model are: without these, a constant torque goes into friction, masses and
-motor inertia. What differs from none in the recordings is free (Wald test by the scatter of their blocks). The others
-are held to an ordinary size by a prior where the description serves as one, and left out elsewhere: in a short
+motor inertia. What differs from none in the recordings is free (Wald test by the scatter of their blocks), what they
+show to be none is left out. The others are held to an ordinary size by a prior where the description serves as one, and left out elsewhere: in a short
 recording a zero and the moment of a mass hardly differ, and whatever is left out goes into the other.
 """
 
@@ -27,6 +27,8 @@ from elastic_arm.robot import Robot
 # channel has one such zero, its others are from one standard deviation: from there on a parameter lowers the expected
 # error of predictions.
 CERTAIN, LIKELY = 4.0, 1.0
+# What differs from none by so many at most, and is known to such a share of what is ordinary, is none; convention.
+NONE, KNOWN = 2.0, 0.1
 # Ordinary size of a zero as a share of its joint's torques (rms): some percent of the rated torque, of which motions
 # take a third or so; convention.
 ZERO = 0.1
@@ -138,17 +140,17 @@ def judged_imperfections(
         Whether a prior holds the rest.
     """
     place = {name: k for k, name in enumerate(equations.base.names)}
-    sizes = {}
+    sizes, known = {}, set()
     for each in possible:
         at = [place[name] for name in _names(each, equations) if name in place]
         sizes[each.place] = float(np.max(np.abs(fit.Psi[at]) / fit.std[at], initial=0.0))
+        # What the recordings show to be none, more closely than is ordinary, needs no parameter.
+        if at and sizes[each.place] <= NONE and np.all(fit.std[at] < KNOWN * (each.ordinary or np.inf)):
+            known.add(each.place)
     shown = {law for (law, _), size in sizes.items() if size > CERTAIN}
     free = {each.place for each in possible if each.place[0] in shown and sizes[each.place] > LIKELY}
-    return tuple(
-        replace(each, ordinary=None) if each.place in free or not held else each
-        for each in possible
-        if held or each.stated or each.place in free
-    )
+    kept = [each for each in possible if each.stated or each.place in free or (held and each.place not in known)]
+    return tuple(replace(each, ordinary=None) if each.place in free or not held else each for each in kept)
 
 
 def _names(each: NuisanceLaw, equations: BaseRegression) -> list[str]:
