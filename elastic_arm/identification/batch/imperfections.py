@@ -2,8 +2,9 @@
 
 They are identified where laws beyond the model are: without these, a constant torque goes into friction, masses and
 motor inertia. What differs from none in the recordings is free (Wald test by the scatter of their blocks), what they
-show to be none is left out. The others are held to an ordinary size by a prior where the description serves as one, and left out elsewhere: in a short
-recording a zero and the moment of a mass hardly differ, and whatever is left out goes into the other.
+show to be none is left out. The others are held to an ordinary size by a prior where the description serves as one, and
+left out elsewhere: in a short recording a zero and the moment of a mass hardly differ, and whatever is left out goes
+into the other.
 """
 
 from __future__ import annotations
