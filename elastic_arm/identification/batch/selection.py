@@ -151,13 +151,13 @@ class Trials:
         """Return the estimator of one choice; with `ends`, those of the recordings' pieces are used too."""
         if not ends and choice.key in self._known:
             return self._known[choice.key]
-        asked_for, model = self.settings.effects, self.settings.model
         columns = self._columns(choice)
-        arm, joints = build_model(self.robot, model), self.robot.joint_names
+        arm, joints = build_model(self.robot, self.settings.model), self.robot.joint_names
         weighted, averaged = self.settings.weighted, choice.averaged
         identifier = Identifier(arm, columns, joints=joints, weighted=weighted, encoder_columns=True, averaged=averaged)
         derived: list[Derived] = []
-        asked = len(law_columns(asked_for, self.robot, model))
+        unasked = {place_of(each.instance, self.robot) for each in choice.imperfections}
+        asked = sum(column.name.rpartition(".")[0] not in unasked for column in columns)
         for j, (recording, samples) in enumerate(self.recordings):
             self.report(f"equations of {recording.source}", len(self._known) / (len(self._known) + 1))
             equations = _traced(identifier, samples, asked)
