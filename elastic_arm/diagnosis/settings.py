@@ -207,6 +207,8 @@ class GeneralLawSettings:
     better: float = 0.02
     # The same of dry friction by a general form of it: real arms' friction changes with angle, speed and time by 0.25.
     refined: float = 1.0 / 3.0
+    # Share of a cause's worth that is left beside a law, from which on that law explains something else. Convention.
+    taken: float = 0.5
     # Numbers of cubic splines. Conventions: each has its price, so that too many cost a few nats and no truth.
     speeds: int = 10  # over the root of a speed
     times: int = 12  # over the recording

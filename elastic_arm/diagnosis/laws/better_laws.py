@@ -62,7 +62,8 @@ def better_laws(
 ) -> BetterLaws:
     """Return the general laws that are there beyond doubt, and those that refute a cause.
 
-    A cause is refuted where a law in its place is likelier by 2 % of its worth (`better`), many coefficients paid. Dry
+    A cause is refuted where a law in its place is likelier by 2 % of its worth (`better`), many coefficients paid, and
+    takes half of that worth (`taken`): what explains a torque of the wrist does not refute a tilt of the base. Dry
     friction, which every joint has, is refuted by a general form of friction only where it is not the larger part of
     that (`refined`): what changes a little with the angle is dry friction. A fault is refuted, with all others of its
     joint, where a law clearly explains more and the fault is ordinary beside.
@@ -99,13 +100,18 @@ def _instead_of_causes(
     found: dict[Key, LawFit] = {}
     approximated: set[Key] = set()
     for feature in (hypothesis.selected[k].feature for k in hypothesis.causes):
-        law, worth = comparison.instead_of(feature.key, _joints(prepared, feature)), comparison.worth(feature.key)
-        # The columns of a large cause are a little off, which a law without a form makes up for.
-        better = settings.refined if law.law.friction and feature.key[0] == DRY else settings.better
-        if law.gain > max(better * worth, 0.0):
-            found[feature.key] = law
-            if worth > law.gain:
-                approximated.add(feature.key)
+        worth = comparison.worth(feature.key)
+        for law in comparison.instead_of(feature.key, _joints(prepared, feature)):
+            # The columns of a large cause are a little off, which a law without a form makes up for.
+            better = settings.refined if law.law.friction and feature.key[0] == DRY else settings.better
+            if law.gain <= max(better * worth, 0.0):
+                break
+            # A law that leaves the cause its worth explains something else.
+            if comparison.worth_beside(feature.key, law.law) < settings.taken * worth:
+                found[feature.key] = law
+                if worth > law.gain:
+                    approximated.add(feature.key)
+                break
     return found, frozenset(approximated)
 
 

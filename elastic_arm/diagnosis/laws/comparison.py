@@ -98,8 +98,8 @@ class LawComparison:
         """Return the general law of some joints that explains most beside the whole hypothesis."""
         return self._best(self._whole, joints)
 
-    def instead_of(self, key: Key, joints: Sequence[int]) -> LawFit:
-        """Return the general law of some joints that explains most in the place of a cause, over that cause.
+    def instead_of(self, key: Key, joints: Sequence[int]) -> Iterator[LawFit]:
+        """Yield the general laws of some joints in the place of a cause, over that cause, the best one first.
 
         Parameters
         ----------
@@ -108,11 +108,25 @@ class LawComparison:
         joints
             On which it acts.
         """
-        return self._best(self._beside(key), joints)
+        return self._ranked(self._beside(key), joints)
 
     def worth(self, key: Key) -> float:
         """Return by how many nats a cause raises the likelihood of all data beside the others."""
         return self._whole.log_likelihood - self._beside(key).log_likelihood
+
+    def worth_beside(self, key: Key, law: GeneralLaw) -> float:
+        """Return by how many nats a cause raises the likelihood of all data beside the others and a general law.
+
+        Parameters
+        ----------
+        key
+            Of the cause.
+        law
+            One of those that were compared.
+        """
+        k = self._laws(law.joint).index(law)
+        with_cause, without = (self._fit(base, law.joint, k)[0] for base in (self._whole, self._beside(key)))
+        return self.worth(key) + with_cause - without
 
     def instead_of_numbers(self, wider: Mapping[int, float], joints: Sequence[int]) -> Iterator[LawFit]:
         """Yield the general laws where nuisance parameters have the priors of ordinary ones, the best one first.

@@ -83,14 +83,14 @@ def test_the_right_law_beats_every_general_one(size: float, seed: int) -> None:
     comparison, (named,) = compared(moved(seed, lambda s: size * stribeck(s)), stribeck)
     assert comparison.worth(named.feature.key) > DETECTED
     assert comparison.beside(JOINTS).gain < 0.3 * DETECTED
-    assert comparison.instead_of(named.feature.key, JOINTS).gain < 0.0
+    assert next(comparison.instead_of(named.feature.key, JOINTS)).gain < 0.0
 
 
 @pytest.mark.parametrize("seed", range(4))
 def test_a_law_of_the_wrong_form_is_refuted_where_it_explains_nearly_all(seed: int) -> None:
     """Drag is viscous friction but for a few per cent; a function of the speed is likelier by more than its price."""
     comparison, (named,) = compared(moved(seed, lambda s: 0.6 * drag(s)), speed)
-    found = comparison.instead_of(named.feature.key, JOINTS)
+    found = next(comparison.instead_of(named.feature.key, JOINTS))
     assert found.gain > DETECTED
     assert (found.law.joint, found.law.side, found.law.argument) == (JOINT, "motor", "its speed")
     assert found.gain < 0.2 * comparison.worth(named.feature.key)
@@ -103,7 +103,7 @@ def test_friction_that_also_changes_a_little_is_not_refuted(seed: int) -> None:
     share = lambda s: 1.0 + 0.05 * np.sin(20.0 * s.values["progress"][:, 0])  # noqa: E731
     nearly, (dry,) = compared(moved(seed, lambda s: 5.0 * share(s) * sign(s)), sign)
     drags, (viscous,) = compared(moved(seed, lambda s: 0.6 * drag(s)), speed)
-    assert nearly.instead_of(dry.feature.key, JOINTS).gain > DETECTED
+    assert next(nearly.instead_of(dry.feature.key, JOINTS)).gain > DETECTED
     assert not _instead_of_causes(prepared, nearly, Hypothesis([dry]))[0]
     assert _instead_of_causes(prepared, drags, Hypothesis([viscous]))[0].keys() == {viscous.feature.key}
 
@@ -117,12 +117,27 @@ def test_dry_friction_that_changes_much_is_refined_and_one_that_is_hardly_there_
     share = lambda s: 1.0 + change * np.sin(20.0 * s.values["progress"][:, 0])  # noqa: E731
     comparison, (dry,) = compared(moved(1, lambda s: 5.0 * share(s) * sign(s)), sign)
     key = ("coulomb_friction", None, ())
-    law, worth = comparison.instead_of(dry.feature.key, JOINTS), comparison.worth(dry.feature.key)
+    law, worth = next(comparison.instead_of(dry.feature.key, JOINTS)), comparison.worth(dry.feature.key)
     assert law.law.friction and law.gain > SETTINGS.general_laws.better * worth
-    named: Any = SimpleNamespace(worth=lambda _: worth, instead_of=lambda _, joints: law)
+    left = comparison.worth_beside(dry.feature.key, law.law)
+    named: Any = SimpleNamespace(
+        worth=lambda _: worth, instead_of=lambda _, joints: [law], worth_beside=lambda _, law: left
+    )
     feature: Any = SimpleNamespace(key=key, joint=None)
     hypothesis = Hypothesis([SimpleNamespace(feature=feature)])  # type: ignore[list-item]
     assert bool(_instead_of_causes(prepared, named, hypothesis)[0]) == refuted
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_a_law_that_explains_something_else_refutes_no_cause(seed: int) -> None:
+    """A large torque over the angle is likelier than viscous friction, which keeps its worth beside that."""
+    prepared: Any = SimpleNamespace(settings=SETTINGS, model=SimpleNamespace(robot=SimpleNamespace(joint_names="ab")))
+    torque = lambda s: 0.2 * speed(s) + 2.0 * cogging(s)  # noqa: E731
+    comparison, (viscous,) = compared(moved(seed, torque), speed)
+    law, worth = next(comparison.instead_of(viscous.feature.key, JOINTS)), comparison.worth(viscous.feature.key)
+    assert law.law.argument == "its angle" and law.gain > 0.0
+    assert comparison.worth_beside(viscous.feature.key, law.law) > 0.9 * worth > DETECTED
+    assert not _instead_of_causes(prepared, comparison, Hypothesis([viscous]))[0]
 
 
 def test_what_no_cause_explains_is_placed_by_what_it_depends_on() -> None:
