@@ -10,6 +10,7 @@ for part in fit held; do
   elastic-arm bag import "arrays_$part" --map "$here/import.yaml" --out "run_$part"
 done
 elastic-arm bag check run_fit || true # exit status 1: something to know
-friction="--with coulomb_friction --with viscous_friction"
+# Motor 6 turns with axis 5, too.
+friction="--with coulomb_friction --with viscous_friction --with wrist_coupling:joint_6"
 elastic-arm identify run_fit --validate run_held --robot "$1/tx40.urdf" $friction --out identified
 elastic-arm diagnose run_fit --validate run_held --robot "$1/tx40.urdf" $friction --refit --out diagnosis_refit

@@ -46,6 +46,7 @@ INSTANCES = {
     "joint_spring": ("joint_spring:joint_2:stiffness=80,rest=0.4", "mod3"),
     "counterbalance": ("counterbalance:joint_2:torque=35/12/-8/3", "mod3"),
     "degressive_friction": ("degressive_friction:joint_2:torque=12,speed=0.3", "mod3"),
+    "wrist_coupling": ("wrist_coupling:joint_3:dry=4,viscous=3,inertia=0.2", "mod3"),
     "thermal_friction": ("thermal_friction:joint_2:change=-0.3", "mod3"),
 }
 

@@ -1,0 +1,65 @@
+"""A wrist's motor that turns with the joint before its own, too."""
+
+from collections.abc import Mapping
+from typing import Any
+
+import casadi as ca
+
+from elastic_arm.effects.model import Confusion, Effect
+from elastic_arm.effects.motion import Contribution, SymbolicMotion
+from elastic_arm.effects.parameters import Choice, Parameter
+from elastic_arm.errors import EffectError
+
+# rad/s within which its dry friction turns over. As that of one joint does where velocities are differences of angles.
+TURNING = 0.02
+TURNS = {"with": 1.0, "against": -1.0}
+
+
+def law(motion: SymbolicMotion, i: int, p: Mapping[str, Any]) -> Contribution:
+    """Inertia and friction of a motor that turns by w = dq_i +- dq_(i-1), as torques of both joints.
+
+    With joint angles that are combinations of motor angles, q = C q_m, the torques of the joints are C^-T times those
+    of the motors: what resists one motor resists every joint that turns it.
+
+    Parameters
+    ----------
+    motion, i
+        Symbols of the motion, and index of the joint.
+    p
+        `inertia` kg m2 at the joint, `viscous` Nm s/rad, `dry` Nm, and `turns`, "with" or "against".
+    """
+    if i == 0:
+        raise EffectError(
+            f"wrist_coupling: {motion.robot.joint_names[0]} has no joint before it",
+            "Name the later one of the two joints that share a motor.",
+        )
+    factor = TURNS[p["turns"]]
+    rate = motion.dtheta[i] + factor * motion.dtheta[i - 1]
+    acceleration = motion.ddtheta[i] + factor * motion.ddtheta[i - 1]
+    torque = p["inertia"] * acceleration + p["viscous"] * rate + p["dry"] * ca.tanh(rate / TURNING)
+    return motion.at(i, motor=torque) + motion.at(i - 1, motor=factor * torque)
+
+
+EFFECT = Effect(
+    id="wrist_coupling",
+    formula="J dw/dt + b w + F tanh(w/0.02), times s on the joint before; w = dq_i + s dq_(i-1)",
+    description="The motor of this joint turns with the joint before it, too: a wrist of an industrial arm.",
+    signature="The torque of a wrist joint follows the motion of the next joint, and the other way round.",
+    law=law,
+    parameters=(
+        Parameter("dry", "Nm", 0.1, 100.0, neutral=0.0, least=0.0, example=(1.0, 3.0), meaning="F, of the motor"),
+        Parameter("viscous", "Nm s/rad", 0.1, 100.0, neutral=0.0, least=0.0, example=(1.0, 3.0), meaning="b"),
+        Parameter(
+            "inertia", "kg m²", 1e-3, 10.0, neutral=0.0, least=0.0, example=(0.01, 0.1), meaning="J, at the joint"
+        ),
+    ),
+    choices=(Choice("turns", ("with", "against"), "with"),),
+    sides=("motor",),
+    regime="high_speed",
+    # Two joints of any arm might share a motor: a user knows which do.
+    searched=False,
+    confusions=(
+        Confusion("coulomb_friction", "the joint before stands still", "motion in which both joints turn"),
+        Confusion("viscous_friction", "the joint before stands still", "motion in which both joints turn"),
+    ),
+)
