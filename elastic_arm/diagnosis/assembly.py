@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from elastic_arm.diagnosis.calibration.nuisance import NuisanceParameter
 from elastic_arm.diagnosis.context import DiagnosisContext
 from elastic_arm.diagnosis.inference.estimated_hypothesis import EstimatedHypothesis
 from elastic_arm.diagnosis.inference.estimates import Agreement, ParameterEstimate
@@ -21,12 +22,7 @@ from elastic_arm.diagnosis.inference.regimes import regime, shares
 from elastic_arm.diagnosis.laws.better_laws import NO_LAWS, BetterLaws, lacks_of_fit
 from elastic_arm.diagnosis.preparation import PreparedData
 from elastic_arm.diagnosis.ranked_causes import RankedCause, listed_causes
-from elastic_arm.diagnosis.result import (
-    Diagnosis,
-    ResidualSizes,
-    UnexplainedResidual,
-    plain_parameters,
-)
+from elastic_arm.diagnosis.result import Diagnosis, Imperfection, ResidualSizes, UnexplainedResidual, plain_parameters
 from elastic_arm.diagnosis.selection.hypothesis import Key
 from elastic_arm.diagnosis.selection.regressor_library import Candidate
 from elastic_arm.diagnosis.settings import JudgementSettings
@@ -65,11 +61,15 @@ def assemble(
     shrink, interval = measure.share(hypothesis.selected)
     stands_out = measure.stands_out(hypothesis.selected)
     # Known effects alone are linear: what they leave is what they left before they were polished.
-    judged = hypothesis.selected if estimated.hypothesis.causes else judgement.hypothesis.selected
+    judged = hypothesis.selected if estimated.hypothesis.causes else judgement.hypothesis.baseline
     traces = [] if stands_out else judgement.test(judged)
     residuals = with_faults(library.validation_residuals(judged), laws.refuted(estimated.faults))
     by_place = _by_place(prepared, judgement, hypothesis.baseline, residuals)
+    # Of a torque that has to be taken for another one before causes explain it, they do not.
     still_open = _open_rows(prepared, judgement, hypothesis.baseline, residuals, by_place)
+    still_open += _live_rows(
+        prepared, {p.joint for p, _ in _impossible_numbers(prepared, estimated) if p.is_torque_gain}
+    )
     kept = [*still_open, *laws.unlike_noise, *_rows_beyond_ordinary(prepared, estimated, ranked)]
     answer = verdict(
         _share_as_mounted(prepared, judgement, laws.refuted(estimated.faults), hypothesis.selected),
@@ -199,17 +199,23 @@ def _notes(
     prepared: PreparedData, judgement: Judgement, estimated: EstimatedHypothesis, laws: BetterLaws
 ) -> tuple[str, ...]:
     """Return what the reader should know, in the order of the steps."""
-    imperfect = [*imperfection_notes(estimated.imperfections), *_impossible_numbers(prepared, estimated)]
+    imperfect = imperfection_notes(estimated.imperfections) + [
+        impossible_size_note(p.cause, p.cause.linear[0].name, ParameterEstimate(one.value, one.std, one.unit))
+        for p, one in _impossible_numbers(prepared, estimated)
+        if p.cause is not None
+    ]
     repeated = () if prepared.independent_motion else (REPEATED_MOTION,)
     found = (*imperfect, *judgement.notes, *estimated.notes, *_law_notes(prepared, laws))
     return (*prepared.notes, *found, *repeated)
 
 
-def _impossible_numbers(prepared: PreparedData, estimated: EstimatedHypothesis) -> list[str]:
-    """Return a note on each number beyond ordinary that is no cause, as no arm has it."""
+def _impossible_numbers(
+    prepared: PreparedData, estimated: EstimatedHypothesis
+) -> list[tuple[NuisanceParameter, Imperfection]]:
+    """Return each number beyond ordinary that is no cause, as no arm has it."""
     numbers, factor = [p for p in prepared.calibration.parameters if p.is_number], prepared.settings.search.ratio_factor
     return [
-        impossible_size_note(p.cause, p.cause.linear[0].name, ParameterEstimate(one.value, one.std, one.unit))
+        (p, one)
         for p, one in zip(numbers, estimated.imperfections, strict=False)
         if p.cause is not None and not one.ordinary and not p.cause.linear[0].believable(one.value, factor, one.std)
     ]
@@ -300,13 +306,17 @@ def _rows_beyond_ordinary(
     prepared: PreparedData, estimated: EstimatedHypothesis, ranked: Sequence[RankedCause]
 ) -> list[int]:
     """Return the rows of the residuals of joints with a number beyond ordinary, for which no cause is named."""
-    named, names = {r.cause.joint for r in ranked}, list(prepared.model.robot.joint_names)
+    named = {r.cause.joint for r in ranked}
     if None in named:  # of the whole arm, these joints among them
         return []
     numbers = [one for one in estimated.imperfections if one.recording is None]
-    beyond = {one.joint for one in numbers if not one.ordinary} - named
-    live, n = prepared.validation.layout.live, prepared.model.n
-    return [next(row for row in range(joint, len(live), n) if live[row]) for joint in map(names.index, sorted(beyond))]
+    return _live_rows(prepared, {one.joint for one in numbers if not one.ordinary} - named)
+
+
+def _live_rows(prepared: PreparedData, joints: Collection[str]) -> list[int]:
+    """Return the first row of the residuals of each of some joints."""
+    names, live, n = list(prepared.model.robot.joint_names), prepared.validation.layout.live, prepared.model.n
+    return [next(row for row in range(joint, len(live), n) if live[row]) for joint in map(names.index, sorted(joints))]
 
 
 def _unexplained(

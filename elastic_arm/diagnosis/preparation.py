@@ -111,7 +111,8 @@ class PreparedData:
     @cached_property
     def sizes(self) -> PlausibleSizes:
         """The largest plausible sizes of effects on this arm."""
-        return PlausibleSizes(self.model.robot, self.library.sets)
+        gains = [p.prior_std for p in self.calibration.parameters if p.is_torque_gain]
+        return PlausibleSizes(self.model.robot, self.library.sets, max(gains, default=0.0))
 
     @cached_property
     def estimates(self) -> JointEstimates:

@@ -89,6 +89,11 @@ class NuisanceParameter:
         return not (self.curve or self.what.startswith(PRESLIDING))
 
     @property
+    def is_torque_gain(self) -> bool:
+        """Whether it scales what a torque channel reads."""
+        return self.unit == "1" and self.feature is not None and self.feature.read_torque is not None
+
+    @property
     def ordinary_std(self) -> float:
         """Standard deviation of its prior over ordinary arms."""
         return self.prior_std / self.widened
@@ -111,6 +116,8 @@ class NuisanceParameter:
         settings
             How far beyond the prior.
         """
+        if self.neutral == 1.0 and deviation <= -1.0:
+            return False  # a ratio below zero, however uncertain
         held = self._distance(deviation, std)[0] <= settings.beyond_ordinary * self.ordinary_std
         return bool(held or self.distance(*self.without_prior(deviation, std)) <= settings.beyond_ordinary)
 

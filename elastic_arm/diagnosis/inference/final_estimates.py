@@ -22,6 +22,7 @@ from elastic_arm.diagnosis.selection.gram_fits import RANK, orthonormal_basis, r
 from elastic_arm.diagnosis.selection.hypothesis import Key, misfit
 from elastic_arm.diagnosis.selection.regressor_library import Candidate
 from elastic_arm.diagnosis.selection.tangents import tangents
+from elastic_arm.diagnosis.settings import DiagnosisSettings
 from elastic_arm.estimation.effect_columns import Feature
 from elastic_arm.estimation.whitening import WhitenedData
 
@@ -106,6 +107,20 @@ class FinalEstimates:
         gram = together.T @ together + np.diag(precision)
         values, stds = regularised(gram, together.T @ residual + precision * centre, RANK)
         return stands + values[:count], np.sqrt(noise) * stds[:count]
+
+    def needed(self, settings: DiagnosisSettings) -> set[int]:
+        """Return the numbers of candidates that the likelihood requires where much is left unexplained.
+
+        Standard deviations are then those of what is left, of one joint for all others, and a cause that takes most of
+        its joint's torque may seem uncertain beside the friction that another joint lacks.
+        """
+        library, selected = self.fit.found.library, self.fit.selected
+        left = misfit(library, selected)
+        if left <= settings.search.bent:
+            return set()
+        whole, least = library.both(selected), settings.significance.detected * left
+        rest = ([*selected[:k], *selected[k + 1 :]] for k in range(len(selected)))
+        return {k for k, others in enumerate(rest) if whole - library.both(others) > least}
 
     def weighed(self, fault: LargeImperfection) -> LargeImperfection:
         """Return a fault with the confidence that it has where the whole description may be off instead."""

@@ -44,15 +44,17 @@ class PlausibleSizes:
         Its description.
     data
         Recordings of it.
+    gain
+        Standard deviation of the torque channels' gains: what a joint carries is known as well as they are.
     """
 
-    def __init__(self, robot: Robot, data: Sequence[WhitenedData]) -> None:
+    def __init__(self, robot: Robot, data: Sequence[WhitenedData], gain: float = 0.0) -> None:
         self._joints = robot.joint_names
         self._mass = sum(joint.link.mass for joint in robot.joints)
         placements = [placed for joint in robot.joints for placed in (joint.before, joint.after)]
         self._reach = sum(float(np.linalg.norm(placed[:3, 3])) for placed in placements)
         self._data = data
-        self._torque = np.max([_largest_torques(one) for one in data], axis=0)
+        self._torque = (1.0 + 2.0 * gain) * np.max([_largest_torques(one) for one in data], axis=0)
         self._peaks: dict[tuple[object, ...], float] = {}
 
     def notes(self, hypothesis: Hypothesis, estimated: Sequence[Mapping[str, ParameterEstimate]]) -> dict[Key, str]:

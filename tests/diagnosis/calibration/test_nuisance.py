@@ -62,3 +62,10 @@ def test_an_ordinary_number_scatters_by_its_prior_and_by_its_own_deviation() -> 
     """Three deviations of the prior, known exactly, are as far as 4.2 of them known to one."""
     assert MASS.distance(0.3, 1e-6) == pytest.approx(3.0)
     assert MASS.distance(0.3 * np.sqrt(2.0), 0.1) == pytest.approx(3.0)
+
+
+def test_a_ratio_below_zero_is_not_ordinary_however_uncertain() -> None:
+    """A gain of -0.32 +- 0.45 is no gain; one of 0.9 +- 0.45 may be any."""
+    wide = NuisanceParameter("motor_torque_gain", "joint_4", "1", 0.15, 1.0)
+    assert not wide.is_ordinary(-1.32, 0.45, SETTINGS)
+    assert wide.is_ordinary(-0.1, 0.15, SETTINGS)

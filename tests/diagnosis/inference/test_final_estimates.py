@@ -16,7 +16,9 @@ from elastic_arm.diagnosis.selection.candidates import feature_of
 from elastic_arm.diagnosis.settings import DiagnosisSettings
 from elastic_arm.effects import parse
 from elastic_arm.effects.equations import ArmEquations
+from tests.diagnosis.laws.test_comparison import cogging, compared, sign, speed
 from tests.helpers.gap_recordings import ROBOT
+from tests.helpers.moved_joints import Moved
 
 WIDTH = 30.0  # of a fault's prior over an ordinary one's
 KINDS = ("link_mass", "link_com_x", "link_com_y", "link_com_z", "link_inertia_xx", "link_inertia_yy")
@@ -103,3 +105,21 @@ def test_a_payload_is_weighed_against_a_crude_description(shown: float, crude: b
     vars(found)["_without_causes"] = beside
     object.__setattr__(found, "_normal_equations", lambda key: (1.0, np.diag(precision), precision * off, left))
     assert (found.odds_of_crude_description_against(payload) > 1.0) == crude
+
+
+def needed(unexplained: float) -> set[int]:
+    """Return which of viscous and dry friction of motor 2 are needed, of an arm that has the first, beside a torque."""
+    torque = lambda s: 2.0 * speed(s) + unexplained * cogging(s)  # noqa: E731
+    comparison, selected = compared([Moved(k, torque, {"motor": 1.0}) for k in (1, 2)], speed, sign)
+    fit: Any = SimpleNamespace(found=SimpleNamespace(library=comparison._library), selected=selected)
+    found = FinalEstimates(fit, SimpleNamespace(), np.zeros(0), np.zeros(0), ())  # type: ignore[arg-type]
+    return found.needed(DiagnosisSettings())
+
+
+def test_where_much_is_unexplained_the_likelihood_keeps_a_cause() -> None:
+    """Beside a large torque that no effect states viscous friction is needed and dry friction, which is not there, not.
+
+    Without it what is certain is a matter of standard deviations alone.
+    """
+    assert needed(5.0) == {0}
+    assert needed(0.0) == set()

@@ -16,15 +16,15 @@ from elastic_arm.robot import load_robot
 ROBOT = load_robot(None)
 
 
-def sizes(torque: float) -> PlausibleSizes:
-    """Of an arm whose joints carry up to so many Nm, and turn at up to 0.5 rad/s."""
+def sizes(torque: float, gain: float = 0.0) -> PlausibleSizes:
+    """Of an arm whose joints carry up to so many Nm, and turn at up to 0.5 rad/s; how uncertain the gain of that is."""
     motion = SimpleNamespace(tau_m=np.full((10, ROBOT.n), torque))
     data: Any = SimpleNamespace(
         parts=[SimpleNamespace(stretch=SimpleNamespace(motion=motion))],
         layout=SimpleNamespace(torques=("tau_m",)),
         plain=lambda feature, searched: [np.full((10, 3 * ROBOT.n, 1), 0.5)],
     )
-    return PlausibleSizes(ROBOT, [data])
+    return PlausibleSizes(ROBOT, [data], gain)
 
 
 def allows(effect: str, carried: float, **values: float) -> bool:
@@ -79,3 +79,11 @@ def test_a_searched_number_that_is_not_determined_is_none() -> None:
     feature: Any = SimpleNamespace(effect=EFFECTS["stribeck_friction"], joint="joint_2", key=("s",), searched=())
     values = {"torque": ParameterEstimate(10.0, 0.1, "Nm"), "speed": ParameterEstimate(0.1, 7.9e6, "rad/s")}
     assert sizes(500.0).impossible(feature, values) == "speed"
+
+
+def test_currents_leave_room_for_the_torque_constant() -> None:
+    """Friction of 140 of 100 Nm is no friction, unless the torques are currents, whose constant may be off by 30 %."""
+    feature: Any = SimpleNamespace(effect=EFFECTS["coulomb_friction"], joint="joint_2", key=("dry",), searched=())
+    estimate = {"torque": ParameterEstimate(140.0, 1.0, "Nm")}
+    assert sizes(100.0).impossible(feature, estimate) == "torque"
+    assert sizes(100.0, 0.15).impossible(feature, estimate) is None
