@@ -16,6 +16,7 @@ RANK = 1e-10  # relative eigenvalue below which a combination of columns is not 
 DETERMINED = 1e-7
 MANY = 32  # columns from which products of those alone that have begun are faster
 ROUNDING = 1e-14  # of coefficients, times the condition of what they solve; numerical
+NULL = 1e-13  # relative eigenvalue of a combination that is null but for rounding; numerical
 
 
 def solution(gram: Array, free: NDArray[np.bool_]) -> Array:
@@ -84,29 +85,47 @@ class FurtherColumns(NamedTuple):
         (M, m) their columns.
     fixed
         (m,) which of these have the coefficient 1.
+    bounds
+        (2, M, m) between which values their coefficients must lie.
     """
 
     members: Index
     columns: Index
     fixed: NDArray[np.bool_]
+    bounds: Array
 
 
 class EachFit(NamedTuple):
-    """Fits of a base with each of M further choices.
+    """Fits of a base together with each of M choices of further columns.
 
     Parameters
     ----------
-    scores
-        (M,) log-likelihood gained on both data sets, each with the coefficients of the other.
-    coefficients
-        (p, M) of the columns of the base, fitted on the identification data.
-    errors
-        (p, M) by how much another way of solving may find others; infinite where columns depend on one another.
+    base, further
+        (p, M) and (M, m) coefficients.
+    base_errors, further_errors
+        By how much another way of solving may find others; infinite where it may find any.
     """
 
-    scores: Array
-    coefficients: Array
-    errors: Array
+    base: Array
+    further: Array
+    base_errors: Array
+    further_errors: Array
+
+    def outside(self, of_base: Array, of_further: Array) -> NDArray[np.bool_]:
+        """Return which choices (M,) certainly have a coefficient that is not between its bounds.
+
+        Parameters
+        ----------
+        of_base
+            (2, p), lower and upper.
+        of_further
+            (2, M, m).
+        """
+        low, high = of_base[:, :, None]
+        base = (self.base + self.base_errors <= low) | (self.base - self.base_errors >= high)
+        low, high = of_further
+        further = (self.further + self.further_errors <= low) | (self.further - self.further_errors >= high)
+        return np.asarray(base.any(axis=0) | further.any(axis=1))
 
 
 class BorderedFits:
@@ -123,14 +142,19 @@ class BorderedFits:
     def __init__(self, gram: Array, index: Index, free: NDArray[np.bool_]) -> None:
         self._gram, self._free = gram, free
         self._own, self._others = index[free], index[~free]
-        scale, vectors, values = _decomposed(block(gram, self._own, self._own))
-        self._half = vectors / np.sqrt(values) / scale[:, None]
+        scale, vectors, values = _spectrum(block(gram, self._own, self._own))
+        kept = _kept(values)
+        self._half = vectors[:, kept] / np.sqrt(values[kept]) / scale[:, None]
         self._plain = self._half.T @ (gram[self._own, 0] - block(gram, self._own, self._others).sum(axis=1))
         self._scale = scale
-        # The least relative eigenvalue of the base.
-        self._least = min(values, default=1.0) / max(values, default=1.0) if len(values) == len(self._own) else 0.0
+        # Combinations of the base that are null are so beside further columns, too.
+        self._null = vectors[:, ~kept] / scale[:, None]
+        largest = max(values, default=1.0)
+        certain = not np.any(values[~kept] > NULL * largest)
+        # The least relative eigenvalue of the rest.
+        self._least = min(values[kept], default=1.0) / largest if certain else 0.0
 
-    def with_each(self, columns: Index, fixed: NDArray[np.bool_]) -> tuple[Array, Array, Array]:
+    def with_each(self, columns: Index, fixed: NDArray[np.bool_]) -> EachFit:
         """Fit the base together with each of M choices.
 
         Parameters
@@ -139,32 +163,36 @@ class BorderedFits:
             (M, m) of the further choices.
         fixed
             (m,) which of these have the coefficient 1.
-
-        Returns
-        -------
-        (p, M) coefficients of the base, (M, m) of the further columns, and by how much another way of solving may find
-        other coefficients of the base, (p, M): infinite where columns depend on one another.
         """
         gram, half = self._gram, self._half
         count, width = columns.shape
-        along = (half.T @ block(gram, self._own, columns.ravel())).reshape(-1, count, width)
+        cross = block(gram, self._own, columns.ravel())
+        along = (half.T @ cross).reshape(-1, count, width)
         square = gram[columns[:, :, None], columns[:, None, :]]
-        # What the base leaves of the further columns, and of the residual in them.
+        squares = np.diagonal(square, axis1=1, axis2=2)
+        null, size = squares == 0.0, np.sqrt(np.maximum(squares, 1e-300))
+        # What the base leaves of the further columns, and of the residual in them; a null one has the coefficient zero.
         left = square - along.transpose(1, 2, 0) @ along.transpose(1, 0, 2)
+        left += np.eye(width) * np.where(null, size**2, 0.0)[:, :, None]
         wanted = gram[columns, 0] - gram[columns[:, :, None], self._others].sum(axis=2)
         wanted -= np.tensordot(self._plain, along, axes=1)
         gamma, least = np.ones((count, width)), np.full(count, self._least)
         if not fixed.all():
             wanted = wanted[:, ~fixed] - left[:, ~fixed][:, :, fixed].sum(axis=2)
-            size = np.sqrt(np.maximum(np.diagonal(square, axis1=1, axis2=2)[:, ~fixed], 1e-300))
-            gamma[:, ~fixed], shown = _solve_each(left[:, ~fixed][:, :, ~fixed], wanted, size)
+            gamma[:, ~fixed], shown = _solve_each(left[:, ~fixed][:, :, ~fixed], wanted, size[:, ~fixed])
             least *= shown
-        beta, error = np.ones((len(self._free), count)), np.zeros((len(self._free), count))
+        beta = np.ones((len(self._free), count))
         beta[self._free] = fitted = half @ (self._plain[:, None] - (along * gamma).sum(axis=2))
         largest = np.abs(fitted * self._scale[:, None]).max(axis=0, initial=0.0)
-        unsure = np.where(least > RANK, ROUNDING * largest / np.maximum(least, RANK), np.inf)
+        largest = np.maximum(largest, np.abs(gamma * size).max(axis=1, initial=0.0))
+        mixed = np.abs(self._null.T @ cross).reshape(-1, count, width) / size
+        unsure = (ROUNDING + mixed.sum(axis=(0, 2))) * largest / np.maximum(least, RANK)
+        unsure = np.where(least > RANK, unsure, np.inf)
+        error = np.zeros((len(self._free), count))
         error[self._free] = unsure / self._scale[:, None]
-        return beta, gamma, error
+        further_error = np.zeros((count, width))
+        further_error[:, ~fixed] = np.where(null, 0.0, unsure[:, None] / size)[:, ~fixed]
+        return EachFit(beta, gamma, error, further_error)
 
 
 def _solve_each(left: Array, wanted: Array, size: Array) -> tuple[Array, Array]:
@@ -203,12 +231,16 @@ def gained_each(gram: Array, index: Index, columns: Index, beta: Array, gamma: A
     return np.asarray(of_base + np.sum(gamma * (target - 0.5 * (square @ gamma[:, :, None])[:, :, 0]), axis=1))
 
 
-def _decomposed(gram: Array) -> tuple[Array, Array, Array]:
-    """Return scales, eigenvectors and eigenvalues of the part of a Gram matrix that is determined."""
+def _spectrum(gram: Array) -> tuple[Array, Array, Array]:
+    """Return scales of the columns of a Gram matrix, and eigenvectors and eigenvalues of the matrix without them."""
     scale = np.sqrt(np.maximum(np.diag(gram), 1e-300))
     values, vectors = np.linalg.eigh(gram / np.outer(scale, scale))
-    keep = values > RANK * values[-1] if len(values) else np.zeros(0, dtype=bool)
-    return scale, vectors[:, keep], values[keep]
+    return scale, vectors, values
+
+
+def _kept(values: Array) -> NDArray[np.bool_]:
+    """Return which eigenvalues, the largest of which comes last, are those of determined combinations."""
+    return values > RANK * values[-1] if len(values) else np.zeros(0, dtype=bool)
 
 
 def _solve(gram: Array, target: Array) -> Array:
@@ -218,7 +250,9 @@ def _solve(gram: Array, target: Array) -> Array:
     factor, failed = dpotrf(scaled, lower=1)
     if not failed and dpocon(factor, np.abs(scaled).sum(axis=0).max(), uplo="L")[0] > DETERMINED:
         return np.asarray(dpotrs(factor, target / size, lower=1)[0] / size)
-    scale, vectors, values = _decomposed(gram)
+    scale, vectors, values = _spectrum(gram)
+    kept = _kept(values)
+    vectors, values = vectors[:, kept], values[kept]
     return vectors @ ((vectors.T @ (target / scale)) / values) / scale
 
 

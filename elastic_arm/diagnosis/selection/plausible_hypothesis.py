@@ -62,8 +62,8 @@ def _is_nothing(library: RegressorLibrary, selected: Sequence[Candidate], which:
     return gain < by_chance * misfit(library, selected)
 
 
-def coefficient_bounds(selected: Sequence[Candidate], ratio_factor: float) -> tuple[Array, Array]:
-    """Return between which values (p,) the coefficients of all columns of candidates must lie, by sign and ratio.
+def coefficient_bounds(selected: Sequence[Candidate], ratio_factor: float) -> Array:
+    """Return between which values (2, p) the coefficients of all columns of candidates must lie, by sign and ratio.
 
     Infinite where another condition decides, or none.
 
@@ -86,7 +86,7 @@ def coefficient_bounds(selected: Sequence[Candidate], ratio_factor: float) -> tu
                 believable = feature.linear[0].believable_range(ratio_factor)
                 bounds[:, first] = np.array(believable) - (feature.linear[0].neutral or 0.0)
         first += len(candidate.index)
-    return bounds[0], bounds[1]
+    return bounds
 
 
 def turns_over(candidate: Candidate, slowest: Mapping[str, float]) -> bool:

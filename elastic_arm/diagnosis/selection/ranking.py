@@ -83,6 +83,10 @@ class Rankings:
         self._widths = np.array([len(c.index) for c in candidates], dtype=int)
         self._fixed = np.array([c.fixed for c in candidates], dtype=bool)
         self._kinds = 2 * self._widths + self._fixed
+        # By column of the library.
+        self._bounds = np.full((2, library.count), np.nan)
+        for candidate in candidates:
+            self._bounds[:, candidate.columns] = coefficient_bounds([candidate], ratio_factor)
         self._kept: dict[tuple[Candidate, ...], Ranking] = {}
 
     def trials(self, selected: tuple[Candidate, ...], *, possible: bool) -> Iterator[tuple[float, list[Candidate]]]:
@@ -133,13 +137,13 @@ class Rankings:
             members = np.flatnonzero(kinds == kind)
             starts, first = self._starts[choices[members]], choices[members[0]]
             widths = self._widths[first]
-            columns = [start[:, None] + np.arange(width) for start, width in zip(starts.T, widths, strict=True)]
-            groups.append(FurtherColumns(members, np.hstack(columns), np.repeat(self._fixed[first], widths)))
-        scores, beta, errors = self._library.held_out_each(base, groups)
-        low, high = coefficient_bounds(base, self._ratio_factor)
+            columns = np.hstack([start[:, None] + np.arange(m) for start, m in zip(starts.T, widths, strict=True)])
+            fixed = np.repeat(self._fixed[first], widths)
+            groups.append(FurtherColumns(members, columns, fixed, self._bounds[:, columns]))
+        own = coefficient_bounds(base, self._ratio_factor)
         # Known effects may be nothing on this arm: whether they are is asked of the few sets that are looked at.
         free = sum(len(candidate.index) for candidate in base[: self._given])
-        low[:free], high[:free] = -np.inf, np.inf
-        ruled_out: NDArray[np.bool_] = np.any((beta + errors < low[:, None]) | (beta - errors > high[:, None]), axis=0)
+        own[:, :free] = np.array([[-np.inf], [np.inf]])
+        scores, ruled_out = self._library.held_out_each(base, own, groups)
         paid = sum(self._prices[candidate.feature.key] for candidate in base)
         return scores - paid - self._paid[choices].sum(axis=1), ruled_out

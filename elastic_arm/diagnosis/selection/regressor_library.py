@@ -16,7 +16,6 @@ from numpy.typing import NDArray
 
 from elastic_arm.diagnosis.selection.gram_fits import (
     BorderedFits,
-    EachFit,
     FurtherColumns,
     block,
     gained_each,
@@ -322,27 +321,31 @@ class RegressorLibrary:
             return 0.0
         return self.gain(1, selected, self.fit(0, selected)) + self.gain(0, selected, self.fit(1, selected))
 
-    def held_out_each(self, base: Sequence[Candidate], further: Sequence[FurtherColumns]) -> EachFit:
-        """Return :meth:`held_out` of `base` with each further choice, and the coefficients of the base.
+    def held_out_each(
+        self, base: Sequence[Candidate], bounds: Array, further: Sequence[FurtherColumns]
+    ) -> tuple[Array, NDArray[np.bool_]]:
+        """Return :meth:`held_out` (M,) of `base` with each choice, and which have a coefficient out of bounds (M,).
 
         Parameters
         ----------
         base
             Candidates that are always there.
+        bounds
+            (2, p) of the coefficients of their columns.
         further
-            Columns of the choices; one choice at a time is added.
+            Columns of the choices, one of which at a time is added.
         """
         index, free = _split(base)
-        count = sum(len(one.members) for one in further)
-        found = EachFit(np.zeros(count), *np.empty((2, len(index), count)))
+        scores = np.zeros(sum(len(one.members) for one in further))
+        impossible = np.zeros(len(scores), dtype=bool)
         for fitted, judged in ((0, 1), (1, 0)):
             fits = BorderedFits(self._gram(fitted), index, free)
-            for members, columns, fixed in further:
-                beta, gamma, error = fits.with_each(columns, fixed)
-                found.scores[members] += gained_each(self._judging(judged), index, columns, beta, gamma)
+            for members, columns, fixed, own in further:
+                fit = fits.with_each(columns, fixed)
+                scores[members] += gained_each(self._judging(judged), index, columns, fit.base, fit.further)
                 if fitted == 0:
-                    found.coefficients[:, members], found.errors[:, members] = beta, error
-        return found
+                    impossible[members] = fit.outside(bounds, own)
+        return scores, impossible
 
     def both(self, selected: Sequence[Candidate]) -> float:
         """Log-likelihood gained on both data sets by one fit to both."""
@@ -393,6 +396,5 @@ class RegressorLibrary:
 def _split(selected: Sequence[Candidate]) -> tuple[NDArray[np.intp], NDArray[np.bool_]]:
     if not selected:
         return np.empty(0, dtype=int), np.empty(0, dtype=bool)
-    return np.concatenate([candidate.index for candidate in selected]), np.concatenate(
-        [candidate.free for candidate in selected]
-    )
+    index, free = zip(*((candidate.index, candidate.free) for candidate in selected), strict=True)
+    return np.concatenate(index), np.concatenate(free)

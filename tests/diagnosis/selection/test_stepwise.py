@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from elastic_arm.diagnosis.selection.gram_fits import FurtherColumns
+from elastic_arm.diagnosis.selection.gram_fits import BorderedFits, EachFit, FurtherColumns
 from elastic_arm.diagnosis.selection.hypothesis import Hypothesis, Rival, misfit
 from elastic_arm.diagnosis.selection.marginalisation import NuisanceColumns
 from elastic_arm.diagnosis.selection.plausible_hypothesis import plausible
@@ -34,7 +34,7 @@ class Whitened:
     def __init__(self, seed: int, added: dict[str, float]) -> None:
         rng = np.random.default_rng(seed)
         self.columns = {name: rng.standard_normal(ROWS) for name in ("one", "two", "three")}
-        self.columns["both"] = self.columns["one"] + self.columns["two"]
+        self.columns["both"], self.columns["null"] = self.columns["one"] + self.columns["two"], np.zeros(ROWS)
         noise = rng.standard_normal(ROWS)
         self.white = noise + sum(size * self.columns[name] for name, size in added.items())
         self.blocks = np.arange(ROWS) // 20
@@ -87,24 +87,38 @@ def test_further_candidates_are_judged_as_one_by_one(fixed: bool) -> None:
     library, (one, two, both) = library_of({"one": 1.0, "two": 0.3}, "one", "two", "both")
     three = library.add(feature("three"), (), fixed=fixed)
     library.close()
-    for base in ([], [one], [one, three]):
-        further = [c for c in (two, both, three) if c not in base]
+    null = library.add(feature("null"), ())
+    library.close()
+    for base in ([], [one], [one, three], [one, two, both]):
+        further = [c for c in (two, both, three, null) if c not in base]
         alone = [library.held_out([*base, c]) for c in further]
-        together = library.held_out_each(base, [alike(further[k : k + 1], k) for k in range(len(further))])
-        assert together.scores == pytest.approx(alone, rel=1e-9, abs=1e-9)
-        for k, c in enumerate(further):
-            expected = np.concatenate([*library.coefficients([*base, c])[:-1], np.zeros(0)])
-            off = np.abs(together.coefficients[:, k] - expected)
-            assert np.all(off <= together.errors[:, k] + 1e-12) and np.isfinite(together.errors[:, k]).all()
-    repeated = library.held_out_each([one, two], [alike([both], 0)])
-    assert repeated.scores == pytest.approx([library.held_out([one, two])], rel=1e-9)
-    assert np.isinf(repeated.errors).all()
+        scores, _ = library.held_out_each(base, unbounded(base), [alike([c], k) for k, c in enumerate(further)])
+        assert scores == pytest.approx(alone, rel=1e-9, abs=1e-9)
+        for c in further:
+            fit, expected = fitted_beside(library, base, c), library.coefficients([*base, c])
+            off = np.abs(fit.base[:, 0] - np.concatenate([*expected[:-1], np.zeros(0)]))
+            assert np.all(off <= fit.base_errors[:, 0] + 1e-12) and np.isfinite(fit.base_errors).all()
+            assert np.abs(fit.further[0] - expected[-1]) <= fit.further_errors[0] + 1e-12
+    repeated = fitted_beside(library, [one, two], both)
+    assert np.isinf(repeated.base_errors).all() and np.isinf(repeated.further_errors).all()
+
+
+def fitted_beside(library: RegressorLibrary, base: Sequence[Candidate], further: Candidate) -> EachFit:
+    numbers = [c.columns.start for c in base]
+    free = np.array([not c.fixed for c in base], dtype=bool)
+    fits = BorderedFits(library._gram(0), np.array(numbers, dtype=int), free)
+    return fits.with_each(further.index[None], np.array([further.fixed]))
+
+
+def unbounded(candidates: Sequence[Candidate]) -> Any:
+    return np.array([[-np.inf], [np.inf]]) + np.zeros(len(candidates))
 
 
 def alike(candidates: Sequence[Candidate], first: int) -> FurtherColumns:
     """Choices of one candidate each, all of one column, numbered from `first` on."""
     columns, fixed = np.array([c.index for c in candidates]), np.array([candidates[0].fixed])
-    return FurtherColumns(np.arange(first, first + len(candidates)), columns, fixed)
+    members = np.arange(first, first + len(candidates))
+    return FurtherColumns(members, columns, fixed, unbounded(members)[:, :, None])
 
 
 def test_what_no_effect_can_have_is_left_out_of_the_ranking() -> None:
