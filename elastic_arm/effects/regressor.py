@@ -7,7 +7,7 @@ recording (tilts that swing, a state that is filtered), the effect's file comput
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from typing import Any, Protocol
+from typing import Any, Protocol, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +15,29 @@ from numpy.typing import NDArray
 from elastic_arm.effects.equations import ArmEquations
 
 Array = NDArray[np.float64]
+Made = TypeVar("Made")
+
+
+class Once:
+    """Keeps what regressors make of the motion alone: they are asked at many values of an effect's parameters."""
+
+    def __init__(self) -> None:
+        self._made: dict[str, Any] = {}
+
+    def __call__(self, what: str, make: Callable[[], Made]) -> Made:
+        """Return what goes by a name, made when it is first asked for.
+
+        Parameters
+        ----------
+        what
+            The name.
+        make
+            Makes it.
+        """
+        if what not in self._made:
+            self._made[what] = make()
+        found: Made = self._made[what]
+        return found
 
 
 class MotionSignals(Protocol):
@@ -24,7 +47,7 @@ class MotionSignals(Protocol):
     `cutoff` is the frequency in Hz up to which accelerations are motion rather than noise. `predicted` states whether
     the torques are those that the model predicts instead of the recorded ones; `torque_noise` holds the variances (n,)
     of a sample's white noise of recorded torques, Nm², and `model_torques` the torques (N, n) that the model predicts,
-    both by name.
+    both by name. `once` keeps what is made of these signals alone.
     """
 
     @property
@@ -50,6 +73,10 @@ class MotionSignals(Protocol):
     @property
     def model_torques(self) -> Mapping[str, Array]:
         """Predicted torques (N, n), Nm."""
+
+    @property
+    def once(self) -> Once:
+        """What was made of these signals."""
 
 
 class Regressor(Protocol):

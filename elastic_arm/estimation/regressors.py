@@ -24,6 +24,7 @@ from elastic_arm.effects.equations import ArmEquations
 from elastic_arm.effects.model import Effect
 from elastic_arm.effects.motion import Contribution
 from elastic_arm.effects.parameters import Parameter
+from elastic_arm.effects.regressor import Once
 from elastic_arm.estimation.motion import CompletedMotion
 from elastic_arm.estimation.smoother import Smoother
 
@@ -32,8 +33,6 @@ INPUTS = (
     "x", "dx", "ddx", "tau_J", "tau_m", "dtau_J", "dtau_m",
     "progress", "elapsed", "friction_link", "friction_motor", "wound", "sign_link", "sign_motor",
 )  # fmt: skip
-
-
 # Steps of a sample interval at which the sign of a velocity is taken before it is smoothed.
 FINER = 8
 
@@ -67,6 +66,7 @@ class Signals:
     predicted: bool = False
     torque_noise: Mapping[str, Array] = field(default_factory=dict)
     model_torques: Mapping[str, Array] = field(default_factory=dict)
+    once: Once = field(default_factory=Once, init=False, repr=False, compare=False)
 
     @staticmethod
     def of(

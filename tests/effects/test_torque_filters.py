@@ -8,6 +8,7 @@ from scipy.signal import bilinear, lfilter, lfilter_zi
 
 from elastic_arm.effects.equations import ArmEquations
 from elastic_arm.effects.library.torque_filters import DelayedTorques, LowPassedTorques
+from elastic_arm.effects.regressor import Once
 from elastic_arm.robot import load_robot
 
 ROBOT = load_robot(None)
@@ -48,6 +49,7 @@ class Signals:
     t: np.ndarray = field(default_factory=lambda: T)
     cutoff: float = np.inf
     torque_noise: dict = field(default_factory=lambda: {"tau_J": np.full(3, NOISE**2)})
+    once: Once = field(default_factory=Once)
 
     @property
     def values(self):

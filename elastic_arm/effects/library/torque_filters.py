@@ -6,7 +6,9 @@ pass are the same. Here the filter is applied to the whole recording.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -66,22 +68,9 @@ class FilteredTorques:
         return np.hstack([link, drive, motor])
 
     def _error(self, signals: MotionSignals, name: str, joints: list[int], values: Mapping[str, Any]) -> Array:
-        """Return the error (N, k), Nm, of a torque by name at some joints."""
-        return self.error(signals.t, signals.values[name][:, joints], values, predicted=signals.predicted)
+        """Return recorded less true torque (N, k), Nm, of a torque by name at some joints.
 
-    def error(self, t: Array, torque: Array, values: Mapping[str, Any], *, predicted: bool) -> Array:
-        """Return recorded less true torque (N, k), Nm.
-
-        Parameters
-        ----------
-        t
-            (N,) s.
-        torque
-            (N, k) Nm.
-        values
-            Parameters of the effect.
-        predicted
-            Whether the torque is the true one, as the model predicts it, instead of the recorded one.
+        The torque of the signals is the true one where it is the model's, and else the recorded one.
         """
         raise NotImplementedError
 
@@ -111,24 +100,16 @@ class DelayedTorques(FilteredTorques):
                 found[:, n + j] -= values["delay"] * wound[:, j]
         return found
 
-    def error(self, t: Array, torque: Array, values: Mapping[str, Any], *, predicted: bool) -> Array:
-        """Return recorded less true torque (N, k): of the recorded one, the true torque is what comes a delay later.
-
-        Parameters
-        ----------
-        t
-            (N,) s.
-        torque
-            (N, k) Nm.
-        values
-            Parameters of the effect.
-        predicted
-            Whether the torque is the true one, as the model predicts it, instead of the recorded one.
-        """
-        delay = float(values["delay"])
-        if predicted:
-            return moved(t, torque, -delay) - torque
-        return torque - moved(t, torque, delay)
+    def _error(self, signals: MotionSignals, name: str, joints: list[int], values: Mapping[str, Any]) -> Array:
+        """Return recorded less true torque (N, k): of the recorded one, the true torque is what comes a delay later."""
+        t, torque, delay = signals.t, signals.values[name], float(values["delay"])
+        by = -delay if signals.predicted else delay
+        splines = [
+            signals.once(f"spline of {name} {j}", partial(scipy.interpolate.CubicSpline, t, torque[:, [j]]))
+            for j in joints
+        ]
+        at, torque = np.hstack([_at(t, spline, by) for spline in splines]), torque[:, joints]
+        return np.asarray(at - torque if signals.predicted else torque - at)
 
 
 class LowPassedTorques(FilteredTorques):
@@ -141,33 +122,16 @@ class LowPassedTorques(FilteredTorques):
         shows at all, the model's torque takes its place. No further: to low-pass that would take the noise of its
         accelerations off the residual, which a filter on the torque does not.
         """
-        t, torque = signals.t, signals.values[name][:, joints]
-        predicted = signals.model_torques.get(name)
-        if signals.predicted or predicted is None:
-            return self.error(t, torque, values, predicted=signals.predicted)
-        noise = signals.torque_noise[name][joints]
-        clear, visible = Clear(t, torque, CLEAR * noise), Clear(t, torque, VISIBLE * noise)
-        by_model = visible(self.error(t, predicted[:, joints], values, predicted=True))
-        return self.error(t, clear(torque), values, predicted=False) + by_model - clear(by_model)
-
-    def error(self, t: Array, torque: Array, values: Mapping[str, Any], *, predicted: bool) -> Array:
-        """Return recorded less true torque (N, k): y - x, as y + T y' = x with T = 1 / (2 pi cutoff).
-
-        Parameters
-        ----------
-        t
-            (N,) s.
-        torque
-            (N, k) Nm.
-        values
-            Parameters of the effect.
-        predicted
-            Whether the torque is the true one, as the model predicts it, instead of the recorded one.
-        """
-        if predicted:
-            return low_pass_error(t, torque, float(values["cutoff"]))
-        T = 1.0 / (2.0 * np.pi * float(values["cutoff"]))
-        return np.asarray(-T * scipy.interpolate.CubicSpline(t, torque)(t, 1))
+        t, cutoff = signals.t, float(values["cutoff"])
+        if signals.predicted:
+            return low_pass_error(t, signals.values[name][:, joints], cutoff)
+        undone = signals.once(f"parts of {name} that are clear", lambda: _Undone.of(signals, name))
+        # By y - x = -T y', as y + T y' = x with T = 1 / (2 pi cutoff).
+        by_reading = -undone.rate[:, joints] / (2.0 * np.pi * cutoff)
+        if undone.clear is None or undone.visible is None:
+            return by_reading
+        by_model = undone.visible(low_pass_error(t, signals.model_torques[name][:, joints], cutoff), joints)
+        return by_reading + by_model - undone.clear(by_model, joints)
 
 
 class Clear:
@@ -200,11 +164,39 @@ class Clear:
         ends = ((self._count, self._count), (0, 0))
         return np.asarray(np.fft.rfft(np.pad(values, ends, mode="reflect", reflect_type="odd"), axis=0))
 
-    def __call__(self, values: Array) -> Array:
-        """Return values (N, k) at these frequencies alone."""
+    def __call__(self, values: Array, joints: Sequence[int]) -> Array:
+        """Return values (N, k) at these frequencies alone, of some of the torques by number."""
         N = len(values)
-        found = np.fft.irfft(self._spectrum(values) * self._weight, N + 2 * self._count, axis=0)
+        found = np.fft.irfft(self._spectrum(values) * self._weight[:, joints], N + 2 * self._count, axis=0)
         return np.asarray(found[self._count : self._count + N])
+
+
+@dataclass(frozen=True)
+class _Undone:
+    """What undoing a low pass of a recorded torque takes, at any corner.
+
+    Parameters
+    ----------
+    rate
+        (N, n) Nm/s of the recorded torque, where it is clear of its noise.
+    clear, visible
+        Keep the frequencies at which it is clear of its noise, and at which it shows; None where no model's torque is
+        there to take its place.
+    """
+
+    rate: Array
+    clear: Clear | None = None
+    visible: Clear | None = None
+
+    @staticmethod
+    def of(signals: MotionSignals, name: str) -> _Undone:
+        """Take them of a torque by name."""
+        t, torque = signals.t, signals.values[name]
+        if name not in signals.model_torques:
+            return _Undone(scipy.interpolate.CubicSpline(t, torque)(t, 1))
+        noise = signals.torque_noise[name]
+        clear, visible = Clear(t, torque, CLEAR * noise), Clear(t, torque, VISIBLE * noise)
+        return _Undone(scipy.interpolate.CubicSpline(t, clear(torque, range(torque.shape[1])))(t, 1), clear, visible)
 
 
 def moved(t: Array, values: Array, by: float) -> Array:
@@ -219,7 +211,12 @@ def moved(t: Array, values: Array, by: float) -> Array:
     by
         s by which the times are later.
     """
-    spline, wanted = scipy.interpolate.CubicSpline(t, values), t + by
+    return _at(t, scipy.interpolate.CubicSpline(t, values), by)
+
+
+def _at(t: Array, spline: scipy.interpolate.CubicSpline, by: float) -> Array:
+    """Return what a spline through values at t (N,) has later, (N, k), as :func:`moved` does."""
+    wanted = t + by
     inside = np.clip(wanted, t[0], t[-1])
     return np.asarray(spline(inside) + (wanted - inside)[:, None] * spline(inside, 1))
 
