@@ -75,9 +75,7 @@ class Outliers:
             kept = f"where {_NEARLY_ALL:.0f} % of all stay within {high:.2g}"
             if len(self.rows) == 1:
                 return f"{what}, {self.largest:.3g}, off the curve through its neighbours by {low:.2g}, {kept}"
-            return (
-                f"{what}, up to {self.largest:.3g}, off the curve through their neighbours by up to {low:.2g}, {kept}"
-            )
+            return f"{what}, up to {self.largest:.3g}, off the curves through neighbours by up to {low:.2g}, {kept}"
         return f"{what} up to {self.largest:.3g}, where nearly all others lie between {low:.3g} and {high:.3g}"
 
 
