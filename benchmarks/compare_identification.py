@@ -112,8 +112,8 @@ def _bounded(urdf: str) -> str:
     return ElementTree.tostring(tree, encoding="unicode")
 
 
-def plain(robot: Robot, fits: list[Recording], held_out: Recording, cutoff: float) -> Errors:
-    """Return what the plain fit misses of the held-out recording."""
+def rigid_model(robot: Robot) -> pinocchio.Model:
+    """Return the rigid arm of a description, under its gravity."""
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "arm.urdf"
         path.write_text(_bounded(to_urdf(robot)), encoding="utf-8")
@@ -121,6 +121,14 @@ def plain(robot: Robot, fits: list[Recording], held_out: Recording, cutoff: floa
     moving = [whole.getJointId(name) for name in robot.joint_names]
     fixed = [k for k in range(1, whole.njoints) if k not in moving]
     model = pinocchio.buildReducedModel(whole, fixed, pinocchio.neutral(whole))
+    # A URDF states no gravity: the library's own would be straight down, whatever the arm file has.
+    model.gravity.linear = robot.gravity
+    return model
+
+
+def plain(robot: Robot, fits: list[Recording], held_out: Recording, cutoff: float) -> Errors:
+    """Return what the plain fit misses of the held-out recording."""
+    model = rigid_model(robot)
     parts = []
     for recording in (*fits, held_out):
         samples = recording.select(robot.joint_names).samples()

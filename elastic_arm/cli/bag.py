@@ -62,7 +62,7 @@ def check(
     repair: Annotated[bool, typer.Option("--repair", help="Write a usable copy beside the bag.")] = False,
     out_folder: Annotated[Path | None, typer.Option("--out", help="Of the copy; BAG_repaired by default.")] = None,
     robot: Annotated[
-        Path | None, typer.Option(help="Arm file, URDF or MJCF whose joint names the bag should have.")
+        Path | None, typer.Option(help="Arm file, URDF or MJCF: its joint names and its gravity are looked for.")
     ] = None,
     chain: ChainOption = None,
     at: AtOption = None,
@@ -76,10 +76,10 @@ def check(
 
     Example: elastic-arm bag check --repair runs/killed
     """
-    joints = None if robot is None else list(load_arm(robot, chain, at).joint_names)
-    report = check_bag(bag, _channels(channels), joints, namespace)
+    arm = None if robot is None else load_arm(robot, chain, at)
+    report = check_bag(bag, _channels(channels), arm, namespace)
     mended = repair_bag(bag, out_folder) if repair and not report.ok else None
-    after = None if mended is None else check_bag(mended.path, _channels(channels), joints, namespace)
+    after = None if mended is None else check_bag(mended.path, _channels(channels), arm, namespace)
     if json:
         print_json({**report.to_json(), "repaired": _repaired(mended, after)})
     else:

@@ -122,7 +122,7 @@ def diagnose_command(
     settings = _settings(priors_file, catalogue)
 
     def read(paths: list[Path]) -> list[Recording]:
-        return [read_by_clock(path, mapping, robot.joint_names, clock, namespace) for path in paths]
+        return [read_by_clock(path, mapping, robot, clock, namespace) for path in paths]
 
     with err.status("reading"):
         recordings, judges = read(bags), read(validate or [])

@@ -111,7 +111,7 @@ def identify(
 
         def read(path: Path) -> Recording:
             says(f"reading {path}", 0.0)
-            return read_by_clock(path, mapping, robot.joint_names, clock, namespace)
+            return read_by_clock(path, mapping, robot, clock, namespace)
 
         recordings, held_out = ([read(path) for path in paths] for paths in (bags, validate or []))
         result, identifier, motion = identify_with(recordings, robot, settings, validate=held_out, progress=says)

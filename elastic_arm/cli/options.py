@@ -133,11 +133,11 @@ def require_bags(bags: Sequence[Path]) -> None:
 def read_by_clock(
     path: Path,
     channels: ChannelMap | None,
-    joints: Sequence[str],
+    robot: Robot,
     clock: ClockChoice,
     namespace: str | None = None,
 ) -> Recording:
-    """Read a recording whose stamps mean what the user demands, with a note on velocities in another unit.
+    """Read a recording whose stamps mean what the user demands, with notes on units and signs that cannot be right.
 
     Parameters
     ----------
@@ -145,8 +145,8 @@ def read_by_clock(
         Of a bag.
     channels
         Of a foreign bag.
-    joints
-        Names, in robot-description order.
+    robot
+        The description: names of its joints in order, and the gravity that torques are compared with.
     clock
         What times of samples are.
     namespace
@@ -159,10 +159,16 @@ def read_by_clock(
     """
     # Not every command that takes these options reads a bag.
     from elastic_arm.recording import read_recording
+    from elastic_arm.recording.inspection.described_gravity import wrong_signs
+    from elastic_arm.recording.inspection.outliers import without_outliers
     from elastic_arm.recording.inspection.plausibility import backward_torques, wrong_velocities
+    from elastic_arm.recording.inspection.stuck_channels import clipped_torques, frozen
 
-    recording = read_recording(path, channels, joints, arrival=clock is ClockChoice.arrival, namespace=namespace)
-    wrong = tuple(f"{path}: {words}." for words in (*wrong_velocities(recording), *backward_torques(recording)))
+    joints, arrival = robot.joint_names, clock is ClockChoice.arrival
+    recording = read_recording(path, channels, joints, arrival=arrival, namespace=namespace)
+    signs = (*backward_torques(recording), *wrong_signs(without_outliers(recording), robot))
+    stuck = (finding.message for finding in (*frozen(recording), *clipped_torques(recording)))
+    wrong = tuple(f"{path}: {words}." for words in (*wrong_velocities(recording), *signs, *stuck))
     recording = replace(recording, notes=(*recording.notes, *wrong))
     if clock is ClockChoice.auto:
         return recording

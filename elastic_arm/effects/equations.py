@@ -9,6 +9,7 @@ from typing import Any
 
 import casadi as ca
 import numpy as np
+from numpy.typing import NDArray
 
 from elastic_arm.dynamics import recursion
 from elastic_arm.dynamics.bodies import Bodies, Body
@@ -16,6 +17,7 @@ from elastic_arm.dynamics.composition import compose
 from elastic_arm.dynamics.derivation import TRIG, nominal
 from elastic_arm.robot import Robot
 
+Array = NDArray[np.float64]
 SX = ca.SX
 
 
@@ -124,6 +126,28 @@ class ArmEquations:
             for axis in np.eye(3)
         ]
         return ca.horzcat(*columns) @ ca.DM(self.robot.base_placement[:3, :3].T)
+
+    def moved_and_pulled(self, x: Array, dx: Array, ddx: Array) -> tuple[Array, Array]:
+        """Return what the motion and what gravity take of the nominal arm, for arrays of samples.
+
+        Parameters
+        ----------
+        x, dx, ddx : (N, dof)
+            rad, rad/s and rad/s².
+
+        Returns
+        -------
+        moved : (N, dof)
+            The left side of (1) without gravity, K and D, Nm.
+        pull : (N, dof, 3)
+            Its derivative by the gravity vector in the ground frame, Nm per m/s².
+        """
+        symbols = [SX.sym(name, self.dof) for name in ("x", "dx", "ddx")]
+        laws = ca.horzcat(self.accelerating_torques(*symbols), self.gravity_columns(symbols[0]))
+        # A few thousand samples once: nothing is compiled for them.
+        law = ca.Function("weight", symbols, [ca.substitute(laws, self.Psi, ca.DM(self.nominal))])
+        values = np.array(law.map(len(x))(x.T, dx.T, ddx.T)).reshape(self.dof, len(x), 4).transpose(1, 0, 2)
+        return values[:, :, 0], values[:, :, 1:]
 
 
 def _left_side(bodies: Bodies, x: SX, dx: SX, ddx: SX, Psi: Sequence[Any]) -> SX:

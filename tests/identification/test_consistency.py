@@ -19,10 +19,11 @@ from elastic_arm.identification import (
 )
 from elastic_arm.identification.consistency.chart import pseudo_inertia
 from elastic_arm.identification.consistency.estimation import consistent, correlation_of_errors
-from elastic_arm.identification.consistency.identified_robot import identified_robot
+from elastic_arm.identification.consistency.identified_robot import identified_robot, odd_masses
 from elastic_arm.identification.verdict import remarks
 from elastic_arm.recording import Recording, Samples, Side
-from elastic_arm.robot import Robot, load_robot, parse_urdf, to_urdf
+from elastic_arm.robot import Inertia, Robot, load_robot, parse_urdf, to_urdf
+from elastic_arm.robot.synthetic import random_arm
 from tests.helpers.periodic_arm import derivative, link_motion, record
 
 
@@ -188,3 +189,21 @@ def test_what_the_data_do_not_say_stays_with_the_nominal(true_robot: Robot) -> N
     found = consistent(identifier.fit(), identifier.equations)
     named = dict(zip(identifier.equations.names, found.Psi, strict=True))
     assert named["link_1.m"] == pytest.approx(true_robot.joints[0].link.mass, rel=0.05)
+
+
+def test_links_with_masses_that_no_such_link_has_are_named() -> None:
+    """Far too heavy or too light, with both masses; ordinary errors and links that weigh next to nothing are not."""
+    robot = random_arm(4, np.random.default_rng(0), elastic=False)
+
+    def with_masses(*masses: float) -> Robot:
+        joints = zip(robot.joints, masses, strict=True)
+        return robot.with_(joints=tuple(replace(j, link=replace(j.link, mass=m)) for j, m in joints))
+
+    described = with_masses(4.0, 4.0, 3.0, 0.01)
+    assert odd_masses(described, with_masses(10.0, 1.0, 3.0, 0.1)) == []
+    (words,) = odd_masses(described, with_masses(4.0, 124.0, 0.2, 0.1))
+    heavy, light = robot.link_names[1:3]
+    assert f"{heavy} has 124 kg (4 kg described), {light} has 0.2 kg (3 kg described): " in words
+    first = replace(robot.joints[0], link=Inertia(0.0, np.zeros(3), np.zeros((3, 3))))
+    bare = described.with_(joints=(first, *described.joints[1:]))
+    assert odd_masses(bare, described) == []

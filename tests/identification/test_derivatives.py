@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
+from elastic_arm.errors import IdentificationError
 from elastic_arm.estimation import smoother
 from elastic_arm.estimation.smoother import Smoother
 from elastic_arm.identification.batch.derivatives import DerivativeStage
@@ -64,3 +67,22 @@ def test_reversals_are_as_short_in_motion_that_is_thinned() -> None:
     stage = DerivativeStage(samples(swinging(frequency=2.0)), "smoother")
     motions = list(stage(stuck=True).motions)
     assert not any(motion.stuck.any() for motion in motions)
+
+
+def test_a_recording_that_is_too_short_is_named_with_what_it_needs() -> None:
+    """Its own length and all that is needed: twice as much with laws, which pass the smoother a second time."""
+    whole = DerivativeStage(samples(swinging()), "smoother")._smoother.lag / RATE
+    seconds = round(3.0 * whole, 1)
+    short = DerivativeStage(samples(swinging(seconds)), "smoother", source="runs/short")
+    need = 2.0 * short._smoother.lag / RATE
+    assert need < seconds < 2.0 * need
+    with pytest.raises(IdentificationError) as raised:
+        short(SimpleNamespace(columns=["coulomb_friction"]))  # type: ignore[arg-type]
+    assert f"runs/short is {seconds:.2f} s long" in raised.value.problem
+    assert f"needs more than {2.0 * need:.2f} s, as laws beyond the model pass it twice" in raised.value.problem
+    assert f"Record longer, or identify without laws (--with), for which {need:.2f} s" in raised.value.remedy
+    assert len(next(short().motions)) > 0
+    end = round(0.5 * need * RATE)
+    gaps = samples(swinging(2.0 * seconds), lost=slice(end, round(2.0 * seconds * RATE) - end))
+    with pytest.raises(IdentificationError, match="the recording has 2 pieces between gaps, the longest"):
+        DerivativeStage(gaps, "smoother")()

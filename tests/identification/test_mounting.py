@@ -48,6 +48,14 @@ def test_an_arm_on_a_wall_is_told_from_one_on_the_floor(elastic: bool, channel: 
     assert "0 0 -9.81" in mounting.note and "Rx(-90°)" in mounting.note
 
 
+def test_an_arm_that_hangs_from_a_ceiling_is_told_from_one_on_the_floor() -> None:
+    """Its inertia tells it from torques of the wrong sign; the note names these, too, as slow motion does not."""
+    mounting = found(-DOWN)
+    assert mounting is not None
+    assert mounting.shown == pytest.approx(-DOWN, abs=0.2)
+    assert "torques of the wrong sign look the same" in mounting.note
+
+
 @pytest.mark.parametrize("wrong", [0.8, 1.2])
 def test_an_arm_that_stands_as_described_is_taken_as_described(wrong: float) -> None:
     """Also where its masses, and with them its weight, are off by a fifth, or it leans by six degrees."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -11,6 +12,7 @@ from elastic_arm.errors import RecordingError
 from elastic_arm.recording import Recording, read_recording, write_recording
 from elastic_arm.recording.inspection.check import check_bag
 from elastic_arm.recording.inspection.repair import repair_bag
+from elastic_arm.robot.synthetic import random_arm
 from tests.helpers.bags import (
     JOINT_STATE,
     JOINTS,
@@ -94,7 +96,9 @@ def test_unknown_joints_are_named(tmp_path: Path) -> None:
     bag = write_foreign(tmp_path / "bag", both(stamps(100)))
     with pytest.raises(RecordingError, match="joint elbow was not recorded; there are joint_1, joint_2, joint_3"):
         read_recording(bag, joints=["joint_1", "elbow"])
-    assert {"unknown_joint", "missing_joint"} <= codes(bag, joints=["joint_1", "elbow"])
+    arm = random_arm(2, np.random.default_rng(0), elastic=False)
+    named = [replace(joint, name=name) for joint, name in zip(arm.joints, ("joint_1", "elbow"), strict=True)]
+    assert {"unknown_joint", "missing_joint"} <= codes(bag, robot=arm.with_(joints=tuple(named)))
 
 
 def test_a_field_filled_now_and_then_is_named(tmp_path: Path) -> None:

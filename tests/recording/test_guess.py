@@ -71,6 +71,39 @@ def test_columns_are_grouped_by_the_joints_names(tmp_path: Path) -> None:
     assert not draft.ignored
 
 
+def test_a_torque_that_follows_the_velocity_is_no_velocity() -> None:
+    """Friction does so; what is the derivative of no position in any unit is a torque, and stays one beside others."""
+    friction = 9.0 * np.sign(DQ) + 2.0 * DQ
+    draft = guess_mapping({"times": T, "q": Q, "dq": DQ, "motor": friction}, JOINTS)
+    found = {(guess.side, guess.channel): guess.table.name for guess in draft.channels}
+    assert found == {("link", "position"): "q", ("link", "velocity"): "dq", ("motor", "effort"): "motor"}
+    draft = guess_mapping({"times": T, "q": Q, "dq": DQ, "torque": TAU, "motor": friction}, JOINTS)
+    assert not any(guess.side == "motor" and guess.channel == "velocity" for guess in draft.channels)
+    assert draft.ignored == (("motor", "motor effort too; torque was chosen"),)
+
+
+def test_what_is_called_a_velocity_and_is_none_is_left_out_with_the_reason() -> None:
+    """Noise is the derivative of no angle; without times, or angles, nothing speaks against the name."""
+    arrays = {"times": T, "pos": Q, "vel": TAU}
+    ((key, reason),) = guess_mapping(arrays, JOINTS).ignored
+    assert key == "vel" and "derivative of no position" in reason
+    for left_out in ("times", "pos"):
+        rest = {name: values for name, values in arrays.items() if name != left_out}
+        assert "velocity" in [guess.channel for guess in guess_mapping(rest, JOINTS).channels]
+
+
+def test_one_table_in_two_forms_is_used_once(tmp_path: Path) -> None:
+    """Files of numbers alone are tables and columns; rates before their angles are told by them, too."""
+    (tmp_path / "run").mkdir()
+    for name, values in {"A_cur": TAU, "B_rates": DQ, "C_data": Q, "stamps": T[:, None]}.items():
+        np.savetxt(tmp_path / "run" / f"{name}.txt", values)
+    draft = guess_mapping(load_arrays(tmp_path / "run"), JOINTS)
+    found = {(guess.side, guess.channel): guess.table.name for guess in draft.channels}
+    assert found == {("link", "position"): "C_data", ("link", "velocity"): "B_rates", ("motor", "effort"): "A_cur"}
+    assert "as well" not in draft.to_yaml()
+    assert "- B_rates.*    # the same numbers as B_rates" in draft.to_yaml()
+
+
 def test_large_angles_alone_may_be_a_rotors() -> None:
     """Angles beyond a joint's range are taken as degrees, and the draft names the other reading."""
     draft = guess_mapping({"time": T, "pos": np.degrees(Q), "current": TAU}, JOINTS)

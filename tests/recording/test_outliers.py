@@ -77,6 +77,22 @@ def test_the_check_names_them(tmp_path: Path, recording: Recording) -> None:
     assert "motor effort of joint_2 up to 1e+06" in finding.message
 
 
+def test_a_single_sample_within_the_range_of_others_is_said_to_be_off_its_neighbours() -> None:
+    """It is no sample beyond the range of nearly all others, and nothing of the kind is said."""
+    t = np.arange(4000) / 200.0
+    torque = 50.0 * np.sin(np.outer(t, [1.0, 1.3])) + 0.3 * np.random.default_rng(2).standard_normal((4000, 2))
+    torque[2000, 1] = 20.0 if torque[2000, 1] < 0.0 else -20.0
+    stamp_ns = np.rint(1e9 * t).astype(np.int64)
+    (found,) = find_outliers(
+        Recording(("a", "b"), motor=Side(stamp_ns, np.sin(np.outer(t, [1.0, 1.3])), effort=torque))
+    )
+    words = found.words()
+    assert f"1 sample of the motor effort of b, {torque[2000, 1]:.3g}, off the curve through its neighbours by" in words
+    off, kept = float(words.split("neighbours by ")[1].split(",")[0]), float(words.split("within ")[1])
+    assert off > 10.0 > 3.0 > kept
+    assert "others lie between" not in words
+
+
 @pytest.mark.parametrize("row", [3, *range(_BLOCK - 3, _BLOCK + 6), 39_996])
 def test_single_samples_are_found_wherever_they_lie(row: int) -> None:
     """Those at the ends of the samples that are looked at together, too."""

@@ -125,6 +125,18 @@ def test_a_motor_torque_of_the_wrong_sign_is_found() -> None:
     assert not backward_torques(changed(recording, "link", effort=torque))
 
 
+def test_a_motor_torque_of_the_wrong_sign_is_found_beside_the_encoders_of_the_links() -> None:
+    """An arm with one encoder a joint has its angles on the link's side, with stamps of their own."""
+    recording = arm()
+    assert recording.motor is not None and recording.motor.effort is not None
+    torque = recording.motor.effort + 30.0 * np.sign(recording.motor.velocity)
+    alone = Side(recording.motor.stamp_ns[:-7] + 300_000, effort=torque[:-7])
+    assert not backward_torques(replace(recording, motor=alone))
+    (words,) = backward_torques(replace(recording, motor=replace(alone, effort=alone.effort * [1.0, 1.0, -1.0])))
+    assert "effort of joint_3 takes energy" in words
+    assert not backward_torques(replace(recording, link=None, motor=replace(alone, effort=-alone.effort)))
+
+
 def test_an_angle_within_one_turn_is_found() -> None:
     """A position that jumps by 2 pi is to be unwrapped."""
     recording = arm()

@@ -60,7 +60,7 @@ def replay_command(
     mapping = None if channels is None else load_channels(channels)
     found = []
     for path, arm in arms.items():
-        recording = read_by_clock(bag, mapping, arm.robot.joint_names, clock)
+        recording = read_by_clock(bag, mapping, arm.robot, clock)
         with err.status(f"replaying in {escape(path.name)}"):
             found.append(replay(recording, arm, window=window, name=str(path)))
     write_replays(found, str(bag), out_dir)

@@ -92,6 +92,8 @@ class DerivativeStage:
         nothing stands out of the encoders' noise, else the smoother.
     period
         Of the motion, s; found from it when None.
+    source
+        Where the recording came from, for errors.
 
     Raises
     ------
@@ -99,9 +101,12 @@ class DerivativeStage:
         If the recording is too short, or a series was requested and the motion is none.
     """
 
-    def __init__(self, samples: Samples, method: Method = "auto", *, period: float | None = None) -> None:
+    def __init__(
+        self, samples: Samples, method: Method = "auto", *, period: float | None = None, source: str = ""
+    ) -> None:
         if period is not None and not period > 0:
             raise IdentificationError(f"the period is {period:g} s", "Give a time above zero, or none.")
+        self._source = source or "the recording"
         clock = Clock.of(samples)
         self._grids = clock.place(samples)
         if not self._grids:
@@ -168,9 +173,12 @@ class DerivativeStage:
         if self._series is not None:
             return self._series
         smoother, grids = self._smoother, self._grids
-        lost = 2 * smoother.lag * (2 if equations is not None and equations.columns else 1)
+        twice = equations is not None and bool(equations.columns)
+        lost = 2 * smoother.lag * (2 if twice else 1)
         grids = [with_ends(grid, lost) for grid in grids] if ends else grids
-        long_enough = [grid for grid in grids if len(grid) > lost] or [max(grids, key=len)]
+        long_enough = [grid for grid in grids if len(grid) > lost]
+        if not long_enough:
+            raise self._too_short(lost, twice)
         stage = smoother if equations is None else partial(smoothed, smoother, equations=equations)
         pieces: list[Callable[[], Motion]] = []
         for grid in long_enough:
@@ -179,6 +187,20 @@ class DerivativeStage:
         method = f"smoother to {smoother.cutoff / (2 * np.pi):.1f} Hz"
         said = (*self._said, *left_out(grids, long_enough))
         return Derived(tuple(pieces), method, said=said, samples=sum(len(grid) - lost for grid in long_enough))
+
+    def _too_short(self, lost: int, twice: bool) -> IdentificationError:
+        """Return the error of a recording of which the smoother loses all, laws that pass it `twice` included."""
+        whole, rate = len(self._longest), self._longest.rate
+        piece = "is" if len(self._grids) == 1 else f"has {len(self._grids)} pieces between gaps, the longest"
+        why = ", as laws beyond the model pass it twice" if twice else ""
+        problem = (
+            f"{self._source} {piece} {whole / rate:.2f} s long: the smoother to {self.band:.1f} Hz needs more than "
+            f"{lost / rate:.2f} s{why}"
+        )
+        enough = twice and 2 * whole > lost
+        without = f", or identify without laws (--with), for which {lost / rate / 2:.2f} s are enough" if enough else ""
+        gaps = "" if len(self._grids) == 1 else " without gaps"
+        return IdentificationError(problem, f"Record longer{gaps}{without}.")
 
 
 def _stuck(smoother: Smoother, grid: Grid) -> NDArray[np.bool_]:

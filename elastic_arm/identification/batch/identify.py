@@ -198,7 +198,8 @@ def _held_out(recordings: Sequence[Recording], trial: BatchTrial, stuck: bool, r
         report(f"validation on {recording.source}", 1.0)
         samples = without_outliers(recording.select(identifier.model.robot.joint_names)).samples()
         identifier.choose_equations(samples)
-        derived = DerivativeStage(samples, "smoother")(equations, stuck=stuck).aligned(equations, trial.derived[0])
+        derived = DerivativeStage(samples, "smoother", source=recording.source)(equations, stuck=stuck)
+        derived = derived.aligned(equations, trial.derived[0])
         motions[recording.source] = list(derived.motions)
     return HeldOut(equations, motions)
 

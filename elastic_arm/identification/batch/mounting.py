@@ -9,7 +9,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
@@ -18,12 +17,12 @@ from elastic_arm.estimation.motion import Motion
 from elastic_arm.robot import Robot
 
 Array = NDArray[np.float64]
-SX = ca.SX
 
 ENOUGH = 2000  # samples of a motion that are looked at; bounds the time
 TURNED = 0.35  # rad from the described direction: beyond the tilts that linear columns describe; convention
 LEFT = 0.3  # of the squares that the described direction leaves; convention
 SIZE = (0.6, 1.5)  # of the described gravity: masses are off as well; convention
+OVERHEAD = 0.75 * np.pi  # rad: nearer to upside down, which all signs together are, too, than to any side
 STRAIGHT = 1e-6  # of its size, by which gravity may be off straight down; numerical
 STEP = 1.0  # degree to which a mounting is known: masses are off, and what is compiled for an arm serves the next one
 
@@ -62,10 +61,12 @@ class Mounting:
         """What the reader should know of it."""
         shown, stated = (" ".join(f"{value:.3g}" for value in each) for each in (self.shown, self.described))
         turn = f"Rx({np.degrees(self.x):.0f}°) Ry({np.degrees(self.y):.0f}°)"
-        return (
+        note = (
             f"the torques show gravity of {shown} m/s², where the description has {stated}: the arm is mounted "
             f"otherwise, and is taken for turned by {turn} (base, in robot.yaml), its tilt from there identified, too"
         )
+        along = float(self.shown @ self.described / np.linalg.norm(self.shown) / np.linalg.norm(self.described))
+        return note if along > np.cos(OVERHEAD) else f"{note}; slow torques of the wrong sign look the same"
 
     def tilted(self, x: float, y: float) -> tuple[float, float]:
         """Return both turns as one, rad: that of the arm as mounted by a further Rx(x) Ry(y), and this one."""
@@ -149,7 +150,7 @@ def _torques(robot: Robot, model: str, motion: Motion) -> tuple[Array, Array, Ar
     # Links stand in for their motors, and the other way about: a deflection hardly turns what gravity pulls at.
     sides = (recorded[0], recorded[-1]) if robot.elastic else recorded[:1]
     x, dx, ddx = (np.hstack([side[k] for side in sides])[every] for k in range(3))
-    moved, pull = _evaluated(ArmEquations(robot, model), x, dx, ddx)
+    moved, pull = ArmEquations(robot, model).moved_and_pulled(x, dx, ddx)
     if robot.elastic:
         # A motor bears what its link needs and what it needs itself.
         moved, pull = (rows[:, :n] + (rows[:, n:] if motion.tau_m is not None else 0.0) for rows in (moved, pull))
@@ -161,16 +162,6 @@ def _side(*channels: Array | None) -> list[Array] | None:
     """Return the angle of one side and its rates; None where it was not recorded."""
     found = [channel for channel in channels if channel is not None]
     return found if len(found) == len(channels) else None
-
-
-def _evaluated(equations: ArmEquations, x: Array, dx: Array, ddx: Array) -> tuple[Array, Array]:
-    """Return torques of the motion (N, dof) and what gravity pulls (N, dof, 3), of coordinates and rates (N, dof)."""
-    symbols = [SX.sym(name, equations.dof) for name in ("x", "dx", "ddx")]
-    laws = ca.horzcat(equations.accelerating_torques(*symbols), equations.gravity_columns(symbols[0]))
-    # A few thousand samples once: nothing is compiled for them.
-    law = ca.Function("weight", symbols, [ca.substitute(laws, equations.Psi, ca.DM(equations.nominal))])
-    values = np.array(law.map(len(x))(x.T, dx.T, ddx.T)).reshape(equations.dof, len(x), 4).transpose(1, 0, 2)
-    return values[:, :, 0], values[:, :, 1:]
 
 
 def _left_by_joint(columns: Array, target: Array) -> Array:

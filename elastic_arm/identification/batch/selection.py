@@ -144,7 +144,8 @@ class Trials:
         found = []
         for recording, samples in self.recordings:
             self.report(f"motion of {recording.source}", 0.0)
-            found.append(DerivativeStage(samples, self.settings.derivatives, period=self.settings.period))
+            method, period = self.settings.derivatives, self.settings.period
+            found.append(DerivativeStage(samples, method, period=period, source=recording.source))
         return found
 
     def __call__(self, choice: BatchChoice, *, ends: bool = False) -> BatchTrial:

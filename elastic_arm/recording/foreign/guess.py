@@ -13,18 +13,14 @@ import yaml
 
 from elastic_arm.errors import RecordingError
 from elastic_arm.recording.foreign.channels import CHANNEL_NAMES, ChannelName
+from elastic_arm.recording.foreign.derivatives import ALIKE, integral, integrals, is_no_rate, slope
 from elastic_arm.recording.foreign.tables import Contents, JointTable, TimeArray, find_tables
-from elastic_arm.recording.sides import Array
 
 SideName = Literal["link", "motor"]
 Quantity = Literal["position", "velocity", "acceleration", "effort", "other"]
 
-# Above this correlation one array counts as the derivative of another.
-ALIKE = 0.9
 # Within this factor of a unit's size a slope shows the unit.
 CLOSE = 0.15
-# Seconds over which differences and velocities are averaged before they are compared.
-AVERAGED = 0.05
 # Angles of an arm in radians stay below this.
 LARGEST_ANGLE = 4 * np.pi
 # Travels in metres, and speeds in metres a second, stay below this.
@@ -178,9 +174,12 @@ def guess_mapping(arrays: Mapping[str, np.ndarray], joints: Sequence[str], prism
             continue
         if isinstance(guess, Guess):
             first = chosen[guess.side, guess.channel]
-            others = (*first.reasons, f"{guess.table.name} may be it as well")
-            chosen[guess.side, guess.channel] = replace(first, reasons=others)
             table, reason = guess.table, f"{guess.side} {guess.channel} too; {first.table.name} was chosen"
+            if np.array_equal(table.values, first.table.values):
+                reason = f"the same numbers as {first.table.name}"
+            else:
+                others = (*first.reasons, f"{guess.table.name} may be it as well")
+                chosen[guess.side, guess.channel] = replace(first, reasons=others)
         else:
             table, reason = guess
         ignored += [(key, reason) for key in table.keys]
@@ -215,6 +214,10 @@ def _recognised(contents: Contents) -> list[Guess | tuple[JointTable, str]]:
     tables = [(table, *_quantity(table)) for table in contents.tables]
     known = [table for table, quantity, _ in tables if quantity == "position"]
     speeds = [table for table, quantity, _ in tables if quantity == "velocity"]
+    nameless = [table for table, quantity, _ in tables if quantity is None]
+    # Wherever they stand in the file: what follows is compared with all of them.
+    angles = integrals(nameless, [*speeds, *nameless], contents.times)
+    known += angles
     for table, quantity, word in tables:
         by_name = [f"called {word}"] if word else []
         if quantity == "other" or quantity == "acceleration":
@@ -223,16 +226,16 @@ def _recognised(contents: Contents) -> list[Guess | tuple[JointTable, str]]:
             )
         elif np.ptp(table.values, axis=0).max() == 0:
             unnamed.append((table, "constant throughout"))
+        elif quantity == "velocity" and is_no_rate(table, known, contents.times):
+            unnamed.append((table, "called a velocity, and the derivative of no position in the file: map it by hand"))
         elif quantity is not None:
             named.append(_guess(table, quantity, by_name, known, contents.times))
-        elif source := _integral(table, known, contents.times):
-            unnamed.append(_guess(table, "velocity", [], [source], contents.times))
-        elif _integral(table, speeds, contents.times):
+        elif table in angles:
+            unnamed.append(_guess(table, "position", ["another array is its derivative"], known, contents.times))
+        elif _speed_by_slope(table, known, contents.times) is not None:
+            unnamed.append(_guess(table, "velocity", [], known, contents.times))
+        elif integral(table, speeds, contents.times):
             unnamed.append((table, "the derivative of a velocity: derived, no measurement"))
-        elif any(_integral(other, [table], contents.times) for other in contents.tables if other is not table):
-            reason = ["another array is its derivative"]
-            known.append(table)
-            unnamed.append(_guess(table, "position", reason, known, contents.times))
         else:
             reason = ["neither an angle nor a velocity by its name or its derivatives"]
             unnamed.append(_guess(table, "effort", reason, known, contents.times))
@@ -293,18 +296,31 @@ def _angle_unit(table: JointTable) -> tuple[str, str]:
 
 
 def _speed_unit(table: JointTable, positions: Sequence[JointTable], times: TimeArray | None) -> tuple[str, str]:
-    """Return the unit of velocities by the slope of the positions' derivatives over them."""
-    if times is not None:
-        slopes = [(source, *_slope(source, table, times)) for source in positions]
-        for source, alike, slope in sorted(slopes, key=lambda found: -found[1]):
-            for unit, size in _SPEEDS.items():
-                ratio = slope * _ANGLES[_angle_unit(source)[0]] / size
-                if alike > ALIKE and abs(ratio - 1) < CLOSE:
-                    return unit, f"derivative of {source.name} (correlation {alike:.3f}, slope {ratio:.3f})"
+    """Return the unit of velocities by the slope of the positions' derivatives over them, else by the name."""
+    if (found := _speed_by_slope(table, positions, times)) is not None:
+        return found
     if (word := re.search(r"deg|rpm|rad", table.name, re.I)) is not None:
         unit = {"deg": "deg/s", "rpm": "rpm"}.get(word[0].lower(), "rad/s")
         return unit, f"unit by {word[0]!r} in its name; it is the derivative of no position in the file"
     return "rad/s", "unit is a guess: it is the derivative of no position in the file"
+
+
+def _speed_by_slope(
+    table: JointTable, positions: Sequence[JointTable], times: TimeArray | None
+) -> tuple[str, str] | None:
+    """Return the unit in which a table is the derivative of a position, and of which; None where it is of none.
+
+    To follow a velocity is not enough: so does a torque that is mostly friction.
+    """
+    if times is None:
+        return None
+    slopes = [(source, *slope(source, table, times)) for source in positions if source is not table]
+    for source, alike, steep in sorted(slopes, key=lambda found: -found[1]):
+        for unit, size in _SPEEDS.items():
+            ratio = steep * _ANGLES[_angle_unit(source)[0]] / size
+            if alike > ALIKE and abs(ratio - 1) < CLOSE:
+                return unit, f"derivative of {source.name} (correlation {alike:.3f}, slope {ratio:.3f})"
+    return None
 
 
 def _torque_unit(table: JointTable) -> tuple[str, str]:
@@ -312,34 +328,6 @@ def _torque_unit(table: JointTable) -> tuple[str, str]:
         return "A", "a current by its name"
     largest = float(np.abs(table.values).max())
     return "Nm", f"largest {largest:.3g}: taken as Nm at the joint (at the motor shaft: unit Nm_motor, with ratio)"
-
-
-def _integral(table: JointTable, candidates: Sequence[JointTable], times: TimeArray | None) -> JointTable | None:
-    """Return the table whose derivative this one is."""
-    if times is None:
-        return None
-    return next((c for c in candidates if c is not table and _slope(c, table, times)[0] > ALIKE), None)
-
-
-def _slope(source: JointTable, rate: JointTable, times: TimeArray) -> tuple[float, float]:
-    """Return correlation and slope of a table's derivative over another table: medians over the moving joints."""
-    width = max(round(AVERAGED * times.rate), 3)
-    dt = np.maximum(np.gradient(times.seconds), 1e-9)[:, None]
-    derivative = np.gradient(source.values, axis=0) / dt
-    # Where angles wrap, the difference is no velocity.
-    derivative[np.abs(derivative) > 50 * np.median(np.abs(derivative), axis=0) + 1e-12] = 0.0
-    d, v = (_averaged(values, width) for values in (derivative, rate.values))
-    power = np.sqrt((d * d).sum(axis=0) * (v * v).sum(axis=0))
-    moving = power > 0
-    if not moving.any():
-        return 0.0, 0.0
-    both = (d * v).sum(axis=0)[moving]
-    return float(np.median(both / power[moving])), float(np.median(both / (v * v).sum(axis=0)[moving]))
-
-
-def _averaged(values: Array, width: int) -> Array:
-    total = np.cumsum(np.vstack([np.zeros(values.shape[1]), values]), axis=0)
-    return (total[width:] - total[:-width]) / width
 
 
 def _with_ratio(chosen: dict[tuple[SideName, ChannelName], Guess]) -> dict[tuple[SideName, ChannelName], Guess]:

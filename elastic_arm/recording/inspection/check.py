@@ -9,16 +9,19 @@ import numpy as np
 
 from elastic_arm.errors import RecordingError
 from elastic_arm.recording.foreign.channels import ChannelMap
+from elastic_arm.recording.inspection.described_gravity import contradicted_gravity
 from elastic_arm.recording.inspection.outliers import find_outliers, without_outliers
 from elastic_arm.recording.inspection.plausibility import implausible
 from elastic_arm.recording.inspection.quality import moment
 from elastic_arm.recording.inspection.report import Report
+from elastic_arm.recording.inspection.stuck_channels import clipped_torques, frozen
 from elastic_arm.recording.namespaces import choose_namespace
 from elastic_arm.recording.reading import Content, read_content, read_recording, urdf_joints
 from elastic_arm.recording.series import Series
 from elastic_arm.recording.sides import Stamps
 from elastic_arm.recording.storage.bag import Bag, open_bag
 from elastic_arm.recording.topics import JOINT_STATES, JOINT_TORQUES, MOTOR_STATES, REFERENCE, TYPES
+from elastic_arm.robot import Robot
 
 _STATES = (JOINT_STATES, MOTOR_STATES)
 _GAP = 2.5  # sample intervals: more is a gap, not jitter
@@ -31,7 +34,7 @@ _DRIFT = 20e-6  # two good crystals differ by less
 def check_bag(
     path: str | Path,
     channels: ChannelMap | None = None,
-    joints: Sequence[str] | None = None,
+    robot: Robot | None = None,
     namespace: str | None = None,
 ) -> Report:
     """Look for everything that may be wrong with a bag.
@@ -42,8 +45,8 @@ def check_bag(
         Bag folder, .mcap or .db3 file.
     channels
         A channel map, for a foreign bag.
-    joints
-        Names of the robot's joints, to compare with.
+    robot
+        Whose names of joints and gravity to compare with.
     namespace
         Of the arm, where the bag holds several.
 
@@ -71,26 +74,27 @@ def check_bag(
         report.add("error", "empty", "the bag holds no messages")
         return report
     if channels is None:
-        _check_topics(content, report, joints)
+        _check_topics(content, report, None if robot is None else robot.joint_names)
     for series in content.series.values():
         if series.count and (channels is not None or series.type_name == TYPES.get(series.topic)):
             _check_series(series, report)
     if channels is None:
         _check_drift(content, report)
     if report.usable:
-        _check_whole(path, channels, joints, report, namespace)
+        _check_whole(path, channels, robot, report, namespace)
     return report
 
 
 def _check_whole(
     path: str | Path,
     channels: ChannelMap | None,
-    joints: Sequence[str] | None,
+    robot: Robot | None,
     report: Report,
     namespace: str | None,
 ) -> None:
     """Add what reading refuses or remarks, and what no sensors of a moving arm measure."""
     try:
+        joints = None if robot is None else robot.joint_names
         recording = read_recording(path, channels, joints, namespace=namespace)
         known = {finding.message for finding in report.findings}
         for note in (*recording.notes, *recording.samples().notes):
@@ -98,7 +102,9 @@ def _check_whole(
                 report.add("note", "reading", note)
         for outliers in find_outliers(recording):
             report.add("warning", "outliers", f"outliers: {outliers.words()}: identify and diagnose leave them out")
-        report.findings += implausible(without_outliers(recording))
+        whole = without_outliers(recording)
+        report.findings += [*frozen(recording), *clipped_torques(whole), *implausible(whole)]
+        report.findings += [] if robot is None else contradicted_gravity(whole, robot)
     except RecordingError as error:
         report.add("error", "unusable", str(error))
 

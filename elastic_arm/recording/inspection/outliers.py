@@ -53,7 +53,10 @@ class Outliers:
     largest
         The one furthest from zero, rad, rad/s or Nm.
     span : (2,)
-        Between which nearly all others lie.
+        Between which nearly all others lie; of single samples, how far the one furthest off is from the cubic through
+        its neighbours, and how far nearly all samples are at most.
+    single
+        Whether they were found by their neighbours: they may well lie within the range of all others.
     """
 
     side: str
@@ -62,15 +65,18 @@ class Outliers:
     rows: NDArray[np.intp]
     largest: float
     span: Array
+    single: bool = False
 
     def words(self) -> str:
         """Return what was found, as a clause."""
         count = f"{len(self.rows)} sample{'s' if len(self.rows) > 1 else ''}"
-        low, high = self.span
-        return (
-            f"{count} of the {self.side} {self.channel} of {self.joint} up to {self.largest:.3g}, "
-            f"where nearly all others lie between {low:.3g} and {high:.3g}"
-        )
+        what, (low, high) = f"{count} of the {self.side} {self.channel} of {self.joint}", self.span
+        if self.single:
+            kept = f"where {_NEARLY_ALL:.0f} % of all stay within {high:.2g}"
+            if len(self.rows) == 1:
+                return f"{what}, {self.largest:.3g}, off the curve through its neighbours by {low:.2g}, {kept}"
+            return f"{what}, up to {self.largest:.3g}, off the curves through neighbours by up to {low:.2g}, {kept}"
+        return f"{what} up to {self.largest:.3g}, where nearly all others lie between {low:.3g} and {high:.3g}"
 
 
 def find_outliers(recording: Recording) -> list[Outliers]:
@@ -135,6 +141,10 @@ class _ChannelSamples:
         among = self.values[rows, joint]
         largest = float(among[np.argmax(np.abs(among))])
         return Outliers(self.side, self.channel, self.joints[joint], rows, largest, np.array([low, high]))
+
+    def singles(self, joint: int, rows: NDArray[np.intp], off: float, usual: float) -> Outliers:
+        """Return single samples of a joint, one of them `off` the cubic, where nearly all are not above `usual`."""
+        return replace(self.found(joint, rows, off, usual), single=True)
 
 
 class _Extremes(NamedTuple):
@@ -209,7 +219,7 @@ def _spikes(of: _ChannelSamples, extremes: _Extremes) -> Iterator[Outliers]:
         opposite = np.maximum(off[rows - 1] / off[rows], off[rows + 1] / off[rows])
         rows = 2 + rows[(opposite < -_OPPOSITE) & (apart[rows] > limit + _STEPS * _resolution(column))]
         if len(rows):
-            yield of.found(j, rows, low, high)
+            yield of.singles(j, rows, float(apart[rows - 2].max()), tail)
 
 
 def _regular(of: _ChannelSamples) -> NDArray[np.bool_]:

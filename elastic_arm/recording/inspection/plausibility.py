@@ -92,8 +92,7 @@ def implausible(recording: Recording) -> list[Finding]:
             findings += _stamps(name, motion)
         if side.effort is not None:
             findings += _noiseless(name, side, joints)
-        findings += _backwards(side, joints) if name == "motor" else []
-    return findings
+    return findings + _backward_findings(recording)
 
 
 def _whole(side: Side, joints: Sequence[str]) -> tuple[Side, Sequence[str]]:
@@ -115,11 +114,7 @@ def smoothed_torques(recording: Recording) -> list[str]:
 
 def backward_torques(recording: Recording) -> list[str]:
     """Return in words which torques do work against the friction of their joints."""
-    if recording.motor is None:
-        return []
-    side, joints = _whole(recording.motor, recording.joints)
-    known = len(side) >= _FEWEST and _is_motion(side)
-    return [finding.message for finding in _backwards(side, joints)] if known else []
+    return [finding.message for finding in _backward_findings(recording)]
 
 
 def wrong_velocities(recording: Recording) -> list[str]:
@@ -159,9 +154,12 @@ def _compared(side: Side) -> _ComparedMotion:
 
 
 def _is_motion(side: Side) -> bool:
-    if side.position is None:
-        return True
-    speed = np.diff(np.unwrap(side.position, axis=0), axis=0) / (np.diff(side.stamp_ns)[:, None] * 1e-9)
+    return side.position is None or is_motion((side.stamp_ns - side.stamp_ns[0]) * 1e-9, side.position)
+
+
+def is_motion(t: Array, position: Array) -> bool:
+    """Return whether positions (N, n), rad, at times (N,), s, are the motion of an arm, not numbers of any kind."""
+    speed = np.diff(np.unwrap(position, axis=0), axis=0) / np.diff(t)[:, None]
     return bool((np.sqrt(np.mean(speed**2, axis=0)) < _FASTEST).all())
 
 
@@ -183,17 +181,17 @@ def _velocities(name: str, motion: _ComparedMotion, joints: Sequence[str]) -> li
     late = moving & ~strange & (np.abs(motion.lag) > np.maximum(motion.step, 5.0 * motion.doubt))
     findings = []
     if strange.any():
-        message = f"{name} velocity of {_listed(joints, strange)} is not the derivative of the position"
+        message = f"{name} velocity of {listed(joints, strange)} is not the derivative of the position"
         findings.append(Finding("warning", "velocity", f"{message}: check the columns, units and signs"))
     if scaled.any():
-        factors = _range(1.0 / motion.gain[scaled])
-        message = f"{name} velocity of {_listed(joints, scaled)} is {factors} times the derivative of the position"
+        factors = span_of(1.0 / motion.gain[scaled])
+        message = f"{name} velocity of {listed(joints, scaled)} is {factors} times the derivative of the position"
         findings.append(Finding("warning", "velocity", f"{message}: check units and signs"))
     if late.any():
         for words, chosen in (("behind", late & (motion.lag > 0.0)), ("ahead of", late & (motion.lag < 0.0))):
             if chosen.any():
-                size = f"{_range(1e3 * np.abs(motion.lag[chosen]))} ms {words} the position"
-                message = f"{name} velocity of {_listed(joints, chosen)} is {size}: one of the two was filtered"
+                size = f"{span_of(1e3 * np.abs(motion.lag[chosen]))} ms {words} the position"
+                message = f"{name} velocity of {listed(joints, chosen)} is {size}: one of the two was filtered"
                 findings.append(Finding("note", "velocity_lag", message))
     return findings
 
@@ -203,7 +201,7 @@ def _wrapped(name: str, q: Array, joints: Sequence[str]) -> list[Finding]:
     jumps = turns.any(axis=0) & (turns.mean(axis=0) < _SELDOM) & (np.abs(np.diff(q, axis=0)).max(axis=0) < 7.0)
     if not jumps.any():
         return []
-    message = f"{name} position of {_listed(joints, jumps)} jumps by a turn between samples"
+    message = f"{name} position of {listed(joints, jumps)} jumps by a turn between samples"
     return [Finding("warning", "wrapped", f"{message}: an angle that is given within one turn; unwrap it")]
 
 
@@ -224,7 +222,7 @@ def _held(name: str, side: Side, joints: Sequence[str]) -> list[Finding]:
     many = share > _HELD
     if not many.any():
         return []
-    message = f"{_range(100 * share[many])} % of the {name} positions of {_listed(joints, many)} repeat the one before"
+    message = f"{span_of(100 * share[many])} % of the {name} positions of {listed(joints, many)} repeat the one before"
     remedy = "the joint moves: cycles were missed, or the channel is updated more slowly than it is stamped"
     return [Finding("warning", "held", f"{message} while {remedy}")]
 
@@ -287,16 +285,32 @@ def _noiseless(name: str, side: Side, joints: Sequence[str]) -> list[Finding]:
     findings = []
     if found.computed.any():
         message = (
-            f"{name} effort of {_listed(joints, found.computed)} has {_range(found.level[found.computed])} dB of noise"
+            f"{name} effort of {listed(joints, found.computed)} has {span_of(found.level[found.computed])} dB of noise"
         )
         remedy = "less than a converter of 16 bits: it is computed, as by a model, not measured"
         findings.append(Finding("warning", "computed_torque", f"{message}, {remedy}"))
     smooth = found.low_passed
     if smooth.any():
-        message = f"{name} effort of {_listed(joints, smooth)} holds nothing above {_range(found.end[smooth])} Hz, not"
-        falls = f"even noise, and falls steeply from {_range(found.knee[smooth])} Hz on"
+        message = f"{name} effort of {listed(joints, smooth)} holds nothing above {span_of(found.end[smooth])} Hz, not"
+        falls = f"even noise, and falls steeply from {span_of(found.knee[smooth])} Hz on"
         findings.append(Finding("note", _SMOOTH, f"{message} {falls}: it was low-passed there, or computed"))
     return findings
+
+
+def _backward_findings(recording: Recording) -> list[Finding]:
+    """Look at the work of the motors' torques over their angles, or over those of the links at joints without any."""
+    motor, link = recording.motor, recording.link
+    if motor is None or motor.effort is None:
+        return []
+    angle = np.full_like(motor.effort, np.nan) if motor.position is None else motor.position.copy()
+    absent = np.flatnonzero(~joints_with(angle))
+    if link is not None and link.position is not None:
+        # A deflection hardly changes the way that a joint goes: its spring gives back what it takes.
+        for j in absent.tolist():
+            angle[:, j] = np.interp(motor.stamp_ns, link.stamp_ns, link.position[:, j])
+    side, joints = _whole(Side(motor.stamp_ns, angle, effort=motor.effort), recording.joints)
+    known = len(side) >= _FEWEST and len(joints) > 0 and _is_motion(side)
+    return _backwards(side, joints) if known else []
 
 
 def _backwards(motor: Side, joints: Sequence[str]) -> list[Finding]:
@@ -305,8 +319,7 @@ def _backwards(motor: Side, joints: Sequence[str]) -> list[Finding]:
     Torque sensors behind a drive see little friction, and a lag of theirs does work of either sign. What gravity and
     inertia take they give back as the joint moves to and fro, but for one way over its range.
     """
-    if motor.position is None or motor.effort is None:
-        return []
+    assert motor.position is not None and motor.effort is not None
     path = np.diff(motor.position, axis=0)
     effort = 0.5 * (motor.effort[1:] + motor.effort[:-1])
     work = np.array([part.sum(axis=0) for part in np.array_split(effort * path, _PARTS)])
@@ -315,7 +328,7 @@ def _backwards(motor: Side, joints: Sequence[str]) -> list[Finding]:
     found = certain & (work.sum(axis=0) < -np.sqrt(np.mean(effort**2, axis=0)) * lent)
     if not found.any():
         return []
-    message = f"motor effort of {_listed(joints, found)} takes energy out of the motion, as its friction does"
+    message = f"motor effort of {listed(joints, found)} takes energy out of the motion, as its friction does"
     return [Finding("warning", "backward_torque", f"{message}: check its sign, and that of the angle")]
 
 
@@ -333,15 +346,17 @@ def _same_arrays(recording: Recording) -> list[Finding]:
             continue
         same = (np.ptp(one - other, axis=0) <= _SAME) & (np.ptp(one, axis=0) > 0.0)
         if same.any():
-            message = f"link and motor {channel} of {_listed(recording.joints, same)} are the same numbers: {words}"
+            message = f"link and motor {channel} of {listed(recording.joints, same)} are the same numbers: {words}"
             findings.append(Finding("warning", f"same_{channel}", message))
     return findings
 
 
-def _listed(joints: Sequence[str], chosen: Any) -> str:
+def listed(joints: Sequence[str], chosen: Any) -> str:
+    """Return the names of the chosen joints (n,), as a mask, or that they are all."""
     return "all joints" if np.all(chosen) else ", ".join(np.array(joints)[chosen])
 
 
-def _range(values: Array) -> str:
+def span_of(values: Array) -> str:
+    """Return the smallest and the largest of some numbers as text; one where they are alike."""
     low, high = f"{np.min(values):.3g}", f"{np.max(values):.3g}"
     return low if low == high else f"{low} to {high}"

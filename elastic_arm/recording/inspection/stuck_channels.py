@@ -1,0 +1,148 @@
+"""Channels that stay where they are while the arm does not: torques at an end of their range, frozen recordings."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from elastic_arm.recording.inspection.report import Finding
+from elastic_arm.recording.recording import Recording
+from elastic_arm.recording.sides import Array, Side, joints_with
+
+_FEWEST = 200  # samples; below, nothing is concluded
+_LEVELS = 3  # next to the extreme, that it is compared with
+# Times the samples at any of these: a sine without noise is at its peak 2.4 times as often as a step below.
+_PILED = 5.0
+_OFTEN = 10  # updates of the channel at its extreme; less is chance
+_CLIPPED = 2e-3  # share of the samples; less spoils nothing
+_DISTINCT = 20  # values; a channel of fewer has no range to speak of
+_USUAL = 95.0  # per cent of the runs of equal values, whose length is how long the channel holds one
+_AROUND = 5  # samples to either side, within which a joint that turns changes its position
+_LONG = 5  # samples in a row that repeat; a lost cycle or two is ordinary
+_TIMES = 3.0  # times the usual run of repeats, of channels that hold every value for some samples
+_LOOKED_AT = 0.1  # s of a run over which a joint would have moved on; one that brakes has stopped by then
+_ADVANCE = 5e-3  # rad, beyond the steps of any encoder
+_STEPS = 10  # of the channel's resolution, likewise
+_LISTED = 5  # times that are written out
+
+
+def clipped_torques(recording: Recording) -> list[Finding]:
+    """Return which torques sit at an end of their range while their joints move: there the true one is beyond."""
+    findings = []
+    for name, side in _measured(recording).items():
+        if side.effort is None or len(side) < _FEWEST:
+            continue
+        position = _position(recording, side)
+        found = []
+        for j in np.flatnonzero(joints_with(side.effort)).tolist():
+            moving = np.ones(len(side), np.bool_) if position is None else _changing(position[:, j])
+            ends = _piled(side.effort[:, j], moving)
+            if ends:
+                share = 100.0 * sum(ends.values())
+                found.append(f"{recording.joints[j]} for {share:.2g} % ({', '.join(f'{end:.3g}' for end in ends)})")
+        if found:
+            message = f"{name} effort sits at an end of its range while the joint moves: {', '.join(found)}"
+            remedy = "the drive or its channel saturates, and the true torque is beyond: record with less torque"
+            findings.append(Finding("warning", "clipped", f"{message}: {remedy}"))
+    return findings
+
+
+def _position(recording: Recording, side: Side) -> Array | None:
+    """Return positions (N, n) at the samples of a side: its own, or those of the other one."""
+    if side.position is not None:
+        return side.position
+    other = recording.link if side is recording.motor else recording.motor
+    if other is None or other.position is None:
+        return None
+    columns = [np.interp(side.stamp_ns, other.stamp_ns, column) for column in other.position.T]
+    return np.column_stack(columns)
+
+
+def _changing(position: Array) -> NDArray[np.bool_]:
+    """Return where a joint (N,) is not where it was some samples before, nor where it is some samples later."""
+    padded = np.pad(position, _AROUND, mode="edge")
+    before, after = padded[: -2 * _AROUND], padded[2 * _AROUND :]
+    # A joint that has no positions counts as one that moves.
+    return (before != after) & ((before != position) | (after != position))
+
+
+def _piled(torque: Array, moving: NDArray[np.bool_]) -> dict[float, float]:
+    """Return the ends of the range of a torque (N,) at which its samples pile up, with their shares."""
+    values, counts = np.unique(torque[moving], return_counts=True)
+    if len(values) < _DISTINCT:
+        return {}
+    changes = np.flatnonzero(np.diff(torque, prepend=np.nan, append=np.nan) != 0.0)
+    runs, heights = np.diff(changes), torque[changes[:-1]]
+    inner = runs[(heights > values[0]) & (heights < values[-1])]
+    hold = float(np.percentile(inner, _USUAL)) if len(inner) else 1.0
+    found = {}
+    for end, beside in ((0, slice(1, 1 + _LEVELS)), (-1, slice(-1 - _LEVELS, -1))):
+        often = counts[end] >= _OFTEN * hold and counts[end] > _CLIPPED * len(torque)
+        # Zero is the end of a channel that has one sign, or of one that was switched off.
+        if often and values[end] != 0.0 and counts[end] > _PILED * counts[beside].max():
+            found[float(values[end])] = float(counts[end] / len(torque))
+    return found
+
+
+def frozen(recording: Recording) -> list[Finding]:
+    """Return when all channels stay the same for a while although the arm moves: what was recorded is an old sample."""
+    link, motor = recording.link, recording.motor
+    if link is not None and motor is not None and np.array_equal(link.stamp_ns, motor.stamp_ns):
+        groups = {"all channels": [link, motor]}
+    else:
+        groups = {f"all channels of the {name} side": [side] for name, side in _measured(recording).items()}
+    return [found for what, sides in groups.items() for found in _frozen(what, sides, recording.start_ns)]
+
+
+def _measured(recording: Recording) -> dict[str, Side]:
+    return {name: side for name, side in recording.sides().items() if name != "reference"}
+
+
+def _frozen(what: str, sides: list[Side], start_ns: int) -> list[Finding]:
+    """Return the stretches in which the channels of sides with equal stamps stay as they are."""
+    columns = np.hstack([values for side in sides for values in side.channels().values()])
+    t: Array = np.asarray((sides[0].stamp_ns - start_ns) * 1e-9, dtype=np.float64)
+    if len(t) < _FEWEST:
+        return []
+    same = (np.diff(columns[:, joints_with(columns)], axis=0) == 0.0).all(axis=1)
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], same, [False]]).astype(np.int8)))
+    begin, length = edges[::2], edges[1::2] - edges[::2]
+    if not len(length):
+        return []
+    usual = float(np.median(np.diff(np.flatnonzero(~same), prepend=-1)))
+    long = (length >= _LONG) & (length > _TIMES * usual)
+    stretches = [
+        (float(t[first]), float(t[first + count] - t[first]))
+        for first, count in zip(begin[long].tolist(), length[long].tolist(), strict=True)
+        if _moved_on(sides, t, first, first + count)
+    ]
+    if not stretches:
+        return []
+    shown = ", ".join(f"{lasting:.2g} s from {at:.2f} s" for at, lasting in stretches[:_LISTED])
+    more = f" and {len(stretches) - _LISTED} more" if len(stretches) > _LISTED else ""
+    longest = max(stretches, key=lambda stretch: stretch[1])
+    if longest not in stretches[:_LISTED]:
+        more += f", the longest {longest[1]:.2g} s from {longest[0]:.2f} s"
+    often = "once" if len(stretches) == 1 else f"{len(stretches)} times"
+    message = f"{what} stay as they are {often} while the arm moves: {shown}{more}"
+    remedy = "the recording froze, and these samples are old ones: cut them out"
+    return [Finding("warning", "frozen", f"{message}: {remedy}", time=stretches[0][0])]
+
+
+def _moved_on(sides: list[Side], t: Array, first: int, last: int) -> bool:
+    """Return whether a joint was so fast at sample `first` that its position cannot be the same at `last`."""
+    lasting = min(float(t[last] - t[first]), _LOOKED_AT)
+    for side in sides:
+        if side.position is None:
+            continue
+        if side.velocity is not None:
+            rate = side.velocity[first]
+        else:
+            earlier = max(first - _AROUND, 0)
+            rate = (side.position[first] - side.position[earlier]) / max(float(t[first] - t[earlier]), 1e-9)
+        steps = np.abs(np.diff(side.position, axis=0))
+        smallest = np.where(steps > 0.0, steps, np.inf).min(axis=0)
+        least = np.maximum(_ADVANCE, _STEPS * np.where(np.isfinite(smallest), smallest, 0.0))
+        if (np.abs(rate) * lasting > least).any():
+            return True
+    return False

@@ -1,0 +1,113 @@
+"""Torques at an end of their range and recordings that freeze are found; peaks, rests and slow channels are not."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from elastic_arm.cli.options import ClockChoice, read_by_clock
+from elastic_arm.recording import Recording, Side, write_recording
+from elastic_arm.recording.inspection.check import check_bag
+from elastic_arm.recording.inspection.stuck_channels import clipped_torques, frozen
+from elastic_arm.robot.synthetic import random_arm
+
+Array = NDArray[np.float64]
+NAMES = ("joint_1", "joint_2", "joint_3")
+COUNT, RATE = 6000, 200.0
+
+
+def recording(noise: float = 0.3, step: float = 0.5, limit: float = np.inf) -> Recording:
+    """Angles of sines beside motor torques of some steps, which the second joint's drive bounds."""
+    t = np.arange(COUNT)[:, None] / RATE
+    w = np.array([0.7, 1.1, 1.7])
+    q, dq = np.sin(w * t), w * np.cos(w * t)
+    torque = 60.0 * np.sin(w * t + 0.4) + noise * np.random.default_rng(0).standard_normal(q.shape)
+    torque[:, 1] = np.clip(torque[:, 1], -limit, np.inf)
+    torque = step * np.rint(torque / step) if step else torque
+    stamp_ns = 10**18 + np.rint(1e9 * t[:, 0]).astype(np.int64)
+    return Recording(NAMES, link=Side(stamp_ns, q, dq), motor=Side(stamp_ns, effort=torque))
+
+
+def held(samples: Recording, rows: slice, begin: int | None = None) -> Recording:
+    """The recording with all channels in some rows as they were at the first, or at sample `begin`."""
+    kept = np.arange(COUNT)
+    kept[rows] = rows.start if begin is None else begin
+    link, motor = (
+        replace(side, **{name: values[kept] for name, values in side.channels().items()})
+        for side in (samples.link, samples.motor)
+        if side is not None
+    )
+    return replace(samples, link=link, motor=motor)
+
+
+@pytest.mark.parametrize("noise", [0.0, 0.3])
+@pytest.mark.parametrize("step", [0.0, 0.05, 0.5])
+def test_a_torque_at_the_end_of_its_range_is_named_with_its_share(noise: float, step: float) -> None:
+    """Of the joint whose drive saturates, with the torque at which it does; peaks of the others are none."""
+    assert clipped_torques(recording(noise, step)) == []
+    (finding,) = clipped_torques(recording(noise, step, limit=50.0))
+    assert finding.code == "clipped"
+    assert "motor effort sits at an end of its range while the joint moves: joint_2 for 1" in finding.message
+    assert "% (-50): the drive" in finding.message and "joint_1" not in finding.message
+
+
+@pytest.mark.parametrize("times", [2, 5, 20])
+def test_channels_that_hold_every_value_are_not_at_the_end_of_their_range(times: int) -> None:
+    """A torque that is updated every few samples has its peak as often as any other value."""
+    slow = recording(step=0.0)
+    assert slow.motor is not None and slow.motor.effort is not None
+    effort = slow.motor.effort[times * (np.arange(COUNT) // times)]
+    assert clipped_torques(replace(slow, motor=replace(slow.motor, effort=effort))) == []
+
+
+def test_an_arm_at_rest_neither_freezes_nor_saturates() -> None:
+    """Without noise all its channels repeat there, and its torque may be the largest of all."""
+    resting = recording(noise=0.0, step=0.0)
+    assert resting.link is not None and resting.link.velocity is not None
+    turning = int(np.argmin(np.abs(resting.link.velocity).max(axis=1)[:600]))
+    still = held(resting, slice(2000, 3000), turning)
+    assert still.link is not None and still.link.velocity is not None and still.motor is not None
+    velocity, effort = still.link.velocity.copy(), np.array(still.motor.effort)
+    velocity[2000:3000], effort[2000:3000] = 0.0, 80.0
+    still = replace(still, link=replace(still.link, velocity=velocity), motor=replace(still.motor, effort=effort))
+    assert frozen(still) == clipped_torques(still) == []
+
+
+def test_freezes_are_found_with_their_times() -> None:
+    """Two stretches of 0.1 s, and the end; with velocities and without; single repeats and slow channels are none."""
+    rows = (slice(1000, 1021), slice(3000, 3021), slice(COUNT - 100, COUNT))
+    whole, icy = recording(), recording()
+    for stretch in rows:
+        icy = held(icy, stretch)
+    assert icy.link is not None and icy.motor is not None
+    for frosty in (icy, replace(icy, link=replace(icy.link, velocity=None))):
+        (finding,) = frozen(frosty)
+        assert (finding.code, finding.time) == ("frozen", pytest.approx(5.0))
+        assert "3 times while the arm moves: 0.1 s from 5.00 s, 0.1 s from 15.00 s, 0.49 s from 29.5" in finding.message
+    later = replace(icy, motor=replace(icy.motor, stamp_ns=icy.motor.stamp_ns + 100_000))
+    assert [finding.message.split(" stay")[0] for finding in frozen(later)] == ["all channels of the link side"]
+    assert frozen(whole) == []
+    for row in range(100, 5000, 100):
+        whole = held(whole, slice(row, row + 2))
+    assert frozen(whole) == []
+    slow = np.repeat(np.arange(0, COUNT, 10), 10)
+    assert whole.link is not None and whole.motor is not None
+    assert frozen(replace(whole, link=_taken(whole.link, slow), motor=_taken(whole.motor, slow))) == []
+
+
+def _taken(side: Side, rows: NDArray[np.int_]) -> Side:
+    return replace(side, **{name: values[rows] for name, values in side.channels().items()})
+
+
+def test_check_and_the_commands_that_fit_say_so(tmp_path: Path) -> None:
+    """Findings of `bag check`, and notes of the recording that `identify` and `diagnose` read."""
+    bag = write_recording(tmp_path / "bag", held(recording(limit=50.0), slice(1000, 1021)))
+    found = {finding.code: finding.message for finding in check_bag(bag).findings}
+    arm = random_arm(3, np.random.default_rng(0), elastic=False)
+    named = [replace(joint, name=name) for joint, name in zip(arm.joints, NAMES, strict=True)]
+    notes = read_by_clock(bag, None, arm.with_(joints=tuple(named)), ClockChoice.auto).notes
+    assert {f"{bag}: {found[code]}." for code in ("clipped", "frozen")} <= set(notes)
