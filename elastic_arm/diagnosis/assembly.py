@@ -65,11 +65,7 @@ def assemble(
     traces = [] if stands_out else judgement.test(judged)
     residuals = with_faults(library.validation_residuals(judged), laws.refuted(estimated.faults))
     by_place = _by_place(prepared, judgement, hypothesis.baseline, residuals)
-    # Of a torque that has to be taken for another one before causes explain it, they do not.
-    still_open = _open_rows(prepared, judgement, hypothesis.baseline, residuals, by_place)
-    still_open += _live_rows(
-        prepared, {p.joint for p, _ in _impossible_numbers(prepared, estimated) if p.is_torque_gain}
-    )
+    still_open = _open_rows(prepared, judgement, estimated, hypothesis.baseline, residuals, by_place)
     kept = [*still_open, *laws.unlike_noise, *_rows_beyond_ordinary(prepared, estimated, ranked)]
     answer = verdict(
         _share_as_mounted(prepared, judgement, laws.refuted(estimated.faults), hypothesis.selected),
@@ -289,17 +285,21 @@ def _by_place(
 def _open_rows(
     prepared: PreparedData,
     judgement: Judgement,
+    estimated: EstimatedHypothesis,
     baseline: Sequence[Candidate],
     left: Sequence[Array],
     by_place: Sequence[PlaceGap],
 ) -> list[int]:
     """Return the rows of the residuals that keep much of their own gap, of the arm as its torques show it mounted.
 
-    Beside what a wrong mounting does, any other gap is small.
+    Beside what a wrong mounting does, any other gap is small. A torque of which the gain would have to be one that no
+    arm has keeps its gap, too, whatever causes explain beside that gain.
     """
     if prepared.mounting is not None:
         by_place = _by_place(prepared, judgement, baseline, left, mounted=True)
-    return [place.row for place in by_place if place.is_open(prepared.settings.judgement.place_explained)]
+    scaled = {p.joint for p, _ in _impossible_numbers(prepared, estimated) if p.is_torque_gain}
+    kept = [place.row for place in by_place if place.is_open(prepared.settings.judgement.place_explained)]
+    return kept + _live_rows(prepared, scaled)
 
 
 def _rows_beyond_ordinary(
