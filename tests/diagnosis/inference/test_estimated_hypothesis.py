@@ -29,11 +29,15 @@ def test_of_two_causes_of_a_joint_that_need_each_other_the_last_found_goes_first
     curve = friction("stribeck_friction", "joint_1", 0.1)
 
     def beside(prepared: Any, selected: Any, faults: Any) -> tuple[Any, list[Any]]:
-        uncertain = [k for k, one in enumerate(selected) if one in (dry, curve)] if curve in selected else []
+        uncertain = {k for k, one in enumerate(selected) if one in (dry, curve)} if curve in selected else set()
         estimates = SimpleNamespace(insignificant=lambda selected, level: uncertain, polished=lambda selected: selected)
         fit = SimpleNamespace(selected=selected)
         return SimpleNamespace(
-            fit=fit, estimates=estimates, insignificant=estimates.insignificant, polished=estimates.polished
+            needed=lambda settings: set(),
+            fit=fit,
+            estimates=estimates,
+            insignificant=estimates.insignificant,
+            polished=estimates.polished,
         ), []
 
     monkeypatch.setattr(estimated_hypothesis, "_beside_faults", beside)
