@@ -127,19 +127,21 @@ class ArmEquations:
         ]
         return ca.horzcat(*columns) @ ca.DM(self.robot.base_placement[:3, :3].T)
 
-    def moved_and_pulled(self, x: Array, dx: Array, ddx: Array) -> tuple[Array, Array]:
-        """Return what the motion and what gravity take of the nominal arm, for arrays of samples.
+    def moved_and_pulled(self, x: Array, dx: Array, ddx: Array, *, motors: bool) -> tuple[Array, Array]:
+        """Return what the motion and what gravity take of each joint of the nominal arm, for arrays of samples.
 
         Parameters
         ----------
         x, dx, ddx : (N, dof)
             rad, rad/s and rad/s².
+        motors
+            Whether of the motors instead of the links, where the arm has transmissions.
 
         Returns
         -------
-        moved : (N, dof)
+        moved : (N, n)
             The left side of (1) without gravity, K and D, Nm.
-        pull : (N, dof, 3)
+        pull : (N, n, 3)
             Its derivative by the gravity vector in the ground frame, Nm per m/s².
         """
         symbols = [SX.sym(name, self.dof) for name in ("x", "dx", "ddx")]
@@ -147,6 +149,10 @@ class ArmEquations:
         # A few thousand samples once: nothing is compiled for them.
         law = ca.Function("weight", symbols, [ca.substitute(laws, self.Psi, ca.DM(self.nominal))])
         values = np.array(law.map(len(x))(x.T, dx.T, ddx.T)).reshape(self.dof, len(x), 4).transpose(1, 0, 2)
+        if self.robot.elastic:
+            # A motor bears what its link needs and what it needs itself.
+            n = self.robot.n
+            values = values[:, :n] + (values[:, n:] if motors else 0.0)
         return values[:, :, 0], values[:, :, 1:]
 
 

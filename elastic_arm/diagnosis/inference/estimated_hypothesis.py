@@ -141,7 +141,7 @@ def _that_last(
     while True:
         found, kept = _beside_faults(prepared, hypothesis.selected, [*faults, *unnamed])
         selected, last = found.fit.selected, found.estimates
-        gone = last.insignificant(selected, level) - found.needed(prepared.settings)
+        gone = last.insignificant(selected, level) - found.needed()
         lost = [k for k in hypothesis.causes if k in gone or turns_over(last.polished(selected)[k], slowest)]
         there = [fault for fault in kept if fault.is_believable(ratio_factor) and not found.is_nothing(fault)]
         # Held by its prior, what is no fault of its own bends nothing that is one.

@@ -22,7 +22,6 @@ from elastic_arm.diagnosis.selection.gram_fits import RANK, orthonormal_basis, r
 from elastic_arm.diagnosis.selection.hypothesis import Key, misfit
 from elastic_arm.diagnosis.selection.regressor_library import Candidate
 from elastic_arm.diagnosis.selection.tangents import tangents
-from elastic_arm.diagnosis.settings import DiagnosisSettings
 from elastic_arm.estimation.effect_columns import Feature
 from elastic_arm.estimation.whitening import WhitenedData
 
@@ -108,13 +107,13 @@ class FinalEstimates:
         values, stds = regularised(gram, together.T @ residual + precision * centre, RANK)
         return stands + values[:count], np.sqrt(noise) * stds[:count]
 
-    def needed(self, settings: DiagnosisSettings) -> set[int]:
+    def needed(self) -> set[int]:
         """Return the numbers of candidates that the likelihood requires where much is left unexplained.
 
         Standard deviations are then those of what is left, of one joint for all others, and a cause that takes most of
         its joint's torque may seem uncertain beside the friction that another joint lacks.
         """
-        library, selected = self.fit.found.library, self.fit.selected
+        library, selected, settings = self.fit.found.library, self.fit.selected, self.fit.problem.settings
         left = misfit(library, selected)
         if left <= settings.search.bent:
             return set()

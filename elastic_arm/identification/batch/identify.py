@@ -21,6 +21,7 @@ from elastic_arm.identification.batch.mounting import other_mounting
 from elastic_arm.identification.batch.selection import BatchChoice, BatchTrial, ProgressCallback, Trials
 from elastic_arm.identification.batch.settings import USUAL, IdentificationSettings
 from elastic_arm.identification.consistency.estimation import correlation_of_errors, with_consistency
+from elastic_arm.identification.consistency.identified_robot import odd_masses
 from elastic_arm.identification.deviations import series_covariance
 from elastic_arm.identification.law_columns import law_columns, on_recorded_side, with_stated
 from elastic_arm.identification.least_squares import Prior
@@ -132,6 +133,9 @@ def identify_with(
     if validate:
         held_out = _held_out(validate, trial, not choice.sticking, report)
         result = validated(result, trial.identifier, robot, (*effects, *choice.laws), held_out, correlated)
+    if result.identified is not None:
+        # Of the arm that is written, after validation has had its say.
+        result = result.with_(notes=(*result.notes, *odd_masses(robot, result.identified)))
     return result, trial.identifier, next(trial.derived[0].motions)
 
 

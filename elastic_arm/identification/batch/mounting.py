@@ -14,15 +14,12 @@ from numpy.typing import NDArray
 
 from elastic_arm.effects.equations import ArmEquations
 from elastic_arm.estimation.motion import Motion
+from elastic_arm.recording.inspection.described_gravity import LEFT, OVERHEAD, SIZE, TURNED, angle_between
 from elastic_arm.robot import Robot
 
 Array = NDArray[np.float64]
 
 ENOUGH = 2000  # samples of a motion that are looked at; bounds the time
-TURNED = 0.35  # rad from the described direction: beyond the tilts that linear columns describe; convention
-LEFT = 0.3  # of the squares that the described direction leaves; convention
-SIZE = (0.6, 1.5)  # of the described gravity: masses are off as well; convention
-OVERHEAD = 0.75 * np.pi  # rad: nearer to upside down, which all signs together are, too, than to any side
 STRAIGHT = 1e-6  # of its size, by which gravity may be off straight down; numerical
 STEP = 1.0  # degree to which a mounting is known: masses are off, and what is compiled for an arm serves the next one
 
@@ -65,8 +62,8 @@ class Mounting:
             f"the torques show gravity of {shown} m/s², where the description has {stated}: the arm is mounted "
             f"otherwise, and is taken for turned by {turn} (base, in robot.yaml), its tilt from there identified, too"
         )
-        along = float(self.shown @ self.described / np.linalg.norm(self.shown) / np.linalg.norm(self.described))
-        return note if along > np.cos(OVERHEAD) else f"{note}; slow torques of the wrong sign look the same"
+        overhead = angle_between(self.shown, self.described) >= OVERHEAD
+        return f"{note}; slow torques of the wrong sign look the same" if overhead else note
 
     def tilted(self, x: float, y: float) -> tuple[float, float]:
         """Return both turns as one, rad: that of the arm as mounted by a further Rx(x) Ry(y), and this one."""
@@ -129,8 +126,11 @@ def other_mounting(robot: Robot, model: str, motions: Sequence[Motion]) -> Mount
         return None
     shown = coefficients[:3]
     length = float(np.linalg.norm(shown))
-    turned = np.arccos(np.clip(shown @ described / max(length * size, 1e-12), -1.0, 1.0))
-    if turned <= TURNED or not SIZE[0] * size <= length <= SIZE[1] * size or left >= LEFT * before:
+    if (
+        angle_between(shown, described) <= TURNED
+        or not SIZE[0] * size <= length <= SIZE[1] * size
+        or left >= LEFT * before
+    ):
         return None
     x, y = (np.radians(STEP * round(np.degrees(angle) / STEP)) for angle in tilt_of(shown))
     return Mounting(float(x), float(y), shown, described)
@@ -150,10 +150,7 @@ def _torques(robot: Robot, model: str, motion: Motion) -> tuple[Array, Array, Ar
     # Links stand in for their motors, and the other way about: a deflection hardly turns what gravity pulls at.
     sides = (recorded[0], recorded[-1]) if robot.elastic else recorded[:1]
     x, dx, ddx = (np.hstack([side[k] for side in sides])[every] for k in range(3))
-    moved, pull = ArmEquations(robot, model).moved_and_pulled(x, dx, ddx)
-    if robot.elastic:
-        # A motor bears what its link needs and what it needs itself.
-        moved, pull = (rows[:, :n] + (rows[:, n:] if motion.tau_m is not None else 0.0) for rows in (moved, pull))
+    moved, pull = ArmEquations(robot, model).moved_and_pulled(x, dx, ddx, motors=motion.tau_m is not None)
     friction = np.sign(dx[:, -n:])[:, :, None] * np.eye(n)
     return torque[every], moved, pull, np.concatenate([friction, np.broadcast_to(np.eye(n), friction.shape)], axis=2)
 

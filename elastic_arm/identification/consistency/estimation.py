@@ -25,7 +25,7 @@ from elastic_arm.effects import EffectInstance
 from elastic_arm.errors import IdentificationError
 from elastic_arm.identification.base_regression import BaseRegression
 from elastic_arm.identification.consistency.chart import PAIRS, Chart, chart_of
-from elastic_arm.identification.consistency.identified_robot import identified_robot, odd_masses
+from elastic_arm.identification.consistency.identified_robot import identified_robot
 from elastic_arm.identification.law_columns import joint_of_law
 from elastic_arm.identification.least_squares import Fit, correlation
 from elastic_arm.identification.result import Identification
@@ -146,13 +146,11 @@ def with_consistency(
     motors = {f"{joint}.{ARMATURE}" for joint in described}
     back = [joint_of_law(name) in described or name in motors for name in equations.names]
     Psi = np.where(back, equations.nominal, found.Psi)
-    identified = identified_robot(robot, equations, Psi, effects)
-    said = [*([] if found.exact else [INEXACT]), *odd_masses(robot, identified)]
     return result.with_(
         Psi=Psi,
-        notes=(*(note for note in result.notes if note != INEXACT), *said),
+        notes=(*(note for note in result.notes if note != INEXACT), *(() if found.exact else (INEXACT,))),
         consistency={"trust": found.trust, "misfit": found.misfit, "correlation": correlated},
-        identified=identified,
+        identified=identified_robot(robot, equations, Psi, effects),
     )
 
 

@@ -38,9 +38,10 @@ PLAIN = -0.9  # correlation of further joints beside one that is certain; conven
 CONSIDERABLE = 0.05
 # Times the described gravity: of a sign alone -1, and masses are off. Beyond, something else than gravity is at work.
 FACTOR = (1.0 / 3.0, 3.0)
-# Another direction of gravity, as `identification.batch.mounting` looks for it: rad from the described one, size in
-# described ones, and share of the squares that the described one leaves with signs that are as they may.
-TURNED, SIZE, LEFT = 0.35, (0.6, 1.5), 0.3
+# Another direction of gravity, here and where `identification.batch.mounting` looks for it; conventions.
+TURNED = 0.35  # rad from the described direction: beyond the tilts that linear columns describe
+SIZE = (0.6, 1.5)  # of the described gravity: masses are off as well
+LEFT = 0.3  # of the squares that the described direction leaves
 OVERHEAD = 0.75 * np.pi  # rad: nearer to upside down, which all signs together are, too, than to any side
 EITHER = (
     "either all torques have the wrong sign (sign: -1 in the map), or the arm hangs upside down (base in its arm "
@@ -142,10 +143,7 @@ def fit_gravity(samples: Samples, position: Array, channel: str, robot: Robot) -
     q, dq, ddq, torque = (values[every] for values in (position, dq, ddq, getattr(samples, channel)))
     equations = ArmEquations(robot)
     states = (np.hstack([rate, rate]) for rate in (q, dq, ddq)) if robot.elastic else (q, dq, ddq)
-    moved, pull = equations.moved_and_pulled(*states)
-    if robot.elastic:
-        # A motor bears what its link needs and what it needs itself.
-        moved, pull = (rows[:, :n] + (rows[:, n:] if channel == "tau_m" else 0.0) for rows in (moved, pull))
+    moved, pull = equations.moved_and_pulled(*states, motors=channel == "tau_m")
     left, weight = np.zeros_like(torque), np.zeros_like(pull)
     for j in range(n):
         if (channel, j) not in samples.lacking:
@@ -186,7 +184,7 @@ def _judged(fit: GravityFit, side: str, robot: Robot) -> list[Finding]:
     shown, left = _free_gravity(fit, robot)
     signs = np.where(fit.correlation < 0.0, -1.0, 1.0) * fit.gravity
     by_sign = fit.torque - signs * float(np.sum(signs * fit.torque) / np.sum(signs**2))
-    turned, size = _angle(shown, robot.gravity), float(np.linalg.norm(shown) / np.linalg.norm(robot.gravity))
+    turned, size = angle_between(shown, robot.gravity), float(np.linalg.norm(shown) / np.linalg.norm(robot.gravity))
     if left < LEFT * float(np.sum(by_sign**2)) and turned > TURNED and SIZE[0] < size < SIZE[1]:
         numbers = (" ".join(f"{value:.3g}" for value in each) for each in (shown, robot.gravity))
         message = "{} effort shows gravity of {} m/s², where the description has {}".format(side, *numbers)
@@ -217,7 +215,7 @@ def _free_gravity(fit: GravityFit, robot: Robot) -> tuple[Array, float]:
     return shown, float(np.sum((target - columns @ shown) ** 2) + np.sum(fit.torque[:, np.logical_not(turning)] ** 2))
 
 
-def _angle(one: Array, other: Array) -> float:
+def angle_between(one: Array, other: Array) -> float:
     """Return the angle between two vectors (3,), rad."""
     size = float(np.linalg.norm(one) * np.linalg.norm(other))
     return float(np.arccos(np.clip(one @ other / max(size, 1e-300), -1.0, 1.0)))

@@ -33,7 +33,7 @@ def test_of_two_causes_of_a_joint_that_need_each_other_the_last_found_goes_first
         estimates = SimpleNamespace(insignificant=lambda selected, level: uncertain, polished=lambda selected: selected)
         fit = SimpleNamespace(selected=selected)
         return SimpleNamespace(
-            needed=lambda settings: set(),
+            needed=set,
             fit=fit,
             estimates=estimates,
             insignificant=estimates.insignificant,

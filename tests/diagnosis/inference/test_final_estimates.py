@@ -111,9 +111,10 @@ def needed(unexplained: float) -> set[int]:
     """Return which of viscous and dry friction of motor 2 are needed, of an arm that has the first, beside a torque."""
     torque = lambda s: 2.0 * speed(s) + unexplained * cogging(s)  # noqa: E731
     comparison, selected = compared([Moved(k, torque, {"motor": 1.0}) for k in (1, 2)], speed, sign)
-    fit: Any = SimpleNamespace(found=SimpleNamespace(library=comparison._library), selected=selected)
+    problem = SimpleNamespace(settings=DiagnosisSettings())
+    fit: Any = SimpleNamespace(found=SimpleNamespace(library=comparison._library), selected=selected, problem=problem)
     found = FinalEstimates(fit, SimpleNamespace(), np.zeros(0), np.zeros(0), ())  # type: ignore[arg-type]
-    return found.needed(DiagnosisSettings())
+    return found.needed()
 
 
 def test_where_much_is_unexplained_the_likelihood_keeps_a_cause() -> None:
