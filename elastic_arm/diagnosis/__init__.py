@@ -14,7 +14,8 @@ from typing import TYPE_CHECKING
 from elastic_arm.lazy_names import lazily
 
 if TYPE_CHECKING:
-    from elastic_arm.diagnosis.pipeline import diagnose, follow_up
+    from elastic_arm.diagnosis.following_up import follow_up
+    from elastic_arm.diagnosis.pipeline import diagnose
     from elastic_arm.diagnosis.question import Question
     from elastic_arm.diagnosis.result import Diagnosis
     from elastic_arm.diagnosis.settings import DiagnosisSettings
@@ -26,7 +27,7 @@ _MODULES = {
     "DiagnosisSettings": "elastic_arm.diagnosis.settings",
     "Question": "elastic_arm.diagnosis.question",
     "diagnose": "elastic_arm.diagnosis.pipeline",
-    "follow_up": "elastic_arm.diagnosis.pipeline",
+    "follow_up": "elastic_arm.diagnosis.following_up",
 }
 
 __getattr__ = lazily(__name__, _MODULES)

@@ -14,10 +14,10 @@ from elastic_arm.diagnosis.inference.estimated_hypothesis import EstimatedHypoth
 from elastic_arm.diagnosis.inference.estimates import Agreement, ParameterEstimate
 from elastic_arm.diagnosis.inference.excess import ResidualStatistics, residual_statistics
 from elastic_arm.diagnosis.inference.faults import LargeImperfection, with_faults
-from elastic_arm.diagnosis.inference.gap_metric import GapMeasure, gap_measure
+from elastic_arm.diagnosis.inference.gap_metric import cumulative_shrink, gap_measure
 from elastic_arm.diagnosis.inference.judgement import Judgement
 from elastic_arm.diagnosis.inference.lack_of_fit import LackOfFit, strongest
-from elastic_arm.diagnosis.inference.place_gaps import PlaceGap, place_gaps
+from elastic_arm.diagnosis.inference.place_gaps import PlaceGap, place_gaps, shares_of_causes
 from elastic_arm.diagnosis.inference.regimes import regime, shares
 from elastic_arm.diagnosis.laws.better_laws import NO_LAWS, BetterLaws, lacks_of_fit
 from elastic_arm.diagnosis.preparation import PreparedData
@@ -75,8 +75,10 @@ def assemble(
         refuted=bool(laws.instead),
         settings=settings.judgement,
     )
-    # An incomplete hypothesis may owe its causes to what it lacks.
-    sure = max(shrink, 0.0) if answer == "unknown" else None
+    if answer == "unknown":
+        # An incomplete hypothesis may owe its causes to what it lacks.
+        there = shares_of_causes(prepared, hypothesis, by_place)
+        ranked = [r.less_sure(max(shrink, there.get(r.candidate.feature.key, 0.0))) for r in ranked]
     before = measure.before
     seed = settings.resampling.significance_seed
     after = residual_statistics(prepared.validation, residuals, before.band, settings, seed)
@@ -100,7 +102,7 @@ def assemble(
         shrink_by_place={prepared.places[p.row]: p.shrink for p in by_place if prepared.validation.layout.live[p.row]},
         measured_by=measure.name,
         log_likelihood=judgement.log_likelihood,
-        causes=tuple(r.cause if sure is None else r.cause.less_sure(sure) for r in ranked),
+        causes=tuple(r.cause for r in ranked),
         unexplained=tuple(with_laws(unexplained, prepared, laws, after) if answer == "unknown" else ()),
         imperfections=estimated.imperfections,
         known=_known(prepared, estimated),
@@ -243,24 +245,6 @@ def _known(prepared: PreparedData, estimated: EstimatedHypothesis) -> tuple[dict
         for instance, parameters in zip(estimated.instances[:given], estimated.parameters[:given], strict=True)
         if tilt is None or instance.effect is not tilt.feature.effect
     )
-
-
-def cumulative_shrink(
-    measure: GapMeasure, baseline: Sequence[Candidate], causes: Sequence[Candidate]
-) -> tuple[float, ...]:
-    """Return how far the gap shrinks with the first cause, the first two, and so on.
-
-    Parameters
-    ----------
-    measure
-        What the gap is measured by.
-    baseline
-        What counts as part of the model.
-    causes
-        Most important first.
-    """
-    new = [[c for c in causes[: k + 1] if c not in baseline] for k in range(len(causes))]
-    return tuple(measure.share([*baseline, *some])[0] for some in new)
 
 
 def _by_place(

@@ -1,4 +1,4 @@
-"""The diagnosis from recordings to result: where, which, how far, what next."""
+"""The diagnosis from recordings to result: where, which, how far."""
 
 from __future__ import annotations
 
@@ -10,15 +10,13 @@ import numpy as np
 from elastic_arm.diagnosis.assembly import assemble
 from elastic_arm.diagnosis.calibration.calibrate import is_commissioned
 from elastic_arm.diagnosis.calibration.recalibration import recalibrated
-from elastic_arm.diagnosis.design.discriminating_motion import propose
-from elastic_arm.diagnosis.inference.across_recordings import agreements
 from elastic_arm.diagnosis.inference.estimated_hypothesis import EstimatedHypothesis, estimate
 from elastic_arm.diagnosis.inference.excess import select_band, statistics_in_bands
 from elastic_arm.diagnosis.inference.judgement import Judgement, judge, measured_beside
-from elastic_arm.diagnosis.inference.noise_colour import noise_colours
-from elastic_arm.diagnosis.inference.prediction import predict
 from elastic_arm.diagnosis.inference.sticking import sticking_misfits
 from elastic_arm.diagnosis.laws.better_laws import better_laws
+from elastic_arm.diagnosis.noise.colour import noise_colours
+from elastic_arm.diagnosis.noise.scales import leaves_more, mean_squares, noise_scales
 from elastic_arm.diagnosis.preparation import PreparedData, as_described, prepare, without_sticking_friction
 from elastic_arm.diagnosis.question import Question
 from elastic_arm.diagnosis.result import Diagnosis
@@ -180,13 +178,47 @@ def _diagnosed(found: Searched) -> Diagnosis:
         # Where what no motion explains is not white, that is the noise.
         beside, _ = recalibrated(found.prepared, found.hypothesis, colours.of_sets)
         found = _beside_faulty_sensors(beside)
-    causes = _estimated_once_more(found.prepared, found.stepwise.with_rivals(found.hypothesis))
+    causes = _estimated(found) if colours else _estimated_place_by_place(found)
     # Laws that no catalogue states, in the place of the causes and beside them.
     laws = better_laws(causes.prepared, causes.estimated, colours.unlike if colours else {})
     faults = causes.estimated.faults
     judgement = measured_beside(causes.prepared, causes.judgement, faults, laws.refuted(faults))
     # The gap before and after, the verdict, the causes in order, and what is left.
     return assemble(causes.prepared, judgement, causes.estimated, laws)
+
+
+def _estimated_place_by_place(found: Searched) -> Estimated:
+    """Judge and estimate the causes of the search; where some joints are explained far worse, of one with their scales.
+
+    What such a joint lacks would hide the causes of all others.
+    """
+    prepared, hypothesis = found.prepared, found.hypothesis
+    scales = noise_scales(prepared, hypothesis) if prepared.calibration.parameters else None
+    if scales is None:
+        return _estimated(found)
+    left = mean_squares(prepared, hypothesis.selected)
+    beside, _ = recalibrated(prepared, hypothesis, scales=scales)
+    again = _estimated(_with_last_scales(_beside_faulty_sensors(beside)))
+    # Where it leaves more, it is no better place.
+    return _estimated(found) if leaves_more(again.prepared, again.estimated.hypothesis.selected, left) else again
+
+
+def _with_last_scales(found: Searched) -> Searched:
+    """Return the search with the scales of what its hypothesis leaves: the first ones hold what it has found since."""
+    scales = noise_scales(found.prepared, found.hypothesis)
+    if scales is None:
+        scales = np.ones(len(found.prepared.places))
+    prepared, hypothesis = recalibrated(found.prepared, found.hypothesis, scales=scales)
+    return Searched(
+        prepared,
+        StepwiseSearch(prepared.library, prepared.given, prepared.settings, prepared.sizes),
+        hypothesis,
+    )
+
+
+def _estimated(found: Searched) -> Estimated:
+    """Judge and estimate the causes of the search, with what could stand in the place of each."""
+    return _estimated_once_more(found.prepared, found.stepwise.with_rivals(found.hypothesis))
 
 
 def _estimated_once_more(prepared: PreparedData, hypothesis: Hypothesis) -> Estimated:
@@ -349,33 +381,3 @@ def beyond_ordinary(
     # Else a cause that nuisance parameters could hold would leave no residual without it.
     beside = replace(prepared.found, library=library.calibrated_beside(found.selected))
     return replace(prepared, found=beside), found
-
-
-def follow_up(found: Diagnosis, *, rng: np.random.Generator | None) -> Diagnosis:
-    """Return a diagnosis with prediction errors, agreement over recordings and, where causes are in doubt, a motion.
-
-    Parameters
-    ----------
-    found
-        From :func:`diagnose`.
-    rng
-        Draws the motions that are proposed; None to propose none.
-    """
-    if found.context is None:
-        return found
-    proposal = None if rng is None else propose(found.context, found.causes, rng=rng)
-    decided = set() if proposal is None else proposal.decided
-    compared = agreements(found.context)
-    # What has another size in every recording stands in for something else.
-    differ: dict[tuple[str, str | None], float] = {}
-    for one in compared:
-        if one.comparable:
-            differ[one.effect, one.joint] = max(one.odds, differ.get((one.effect, one.joint), 0.0))
-    causes = [cause.against(differ.get((cause.effect, cause.joint), 0.0)) for cause in found.causes]
-    return replace(
-        found,
-        causes=tuple(cause.with_separating_file(decided) for cause in causes),
-        prediction=predict(found.context, [cause.instance for cause in causes if cause.acts]),
-        agreements=compared,
-        proposal=proposal,
-    )

@@ -48,6 +48,10 @@ class RankedCause:
     rivals: tuple[Candidate, ...]
     alone: list[Array]
 
+    def less_sure(self, share: float) -> RankedCause:
+        """Return it with the confidences of its cause reduced to a share."""
+        return replace(self, cause=self.cause.less_sure(share))
+
     def against(self, laws: BetterLaws) -> RankedCause:
         """Return it with the confidence that it has against a general law in its place."""
         key, cause = self.candidate.feature.key, self.cause

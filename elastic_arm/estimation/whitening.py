@@ -60,6 +60,8 @@ class NoiseModel:
         Of their noise beyond the white level in `covariance`; None where it has none.
     load
         (F, n) of the load that the model predicts for the quiet motion, Nm², in units as `covariance`.
+    scales
+        (R,) by how many times more each row scatters than this noise, beside the others; None where all do alike.
     """
 
     f: Array
@@ -68,6 +70,7 @@ class NoiseModel:
     torques: Mapping[str, Array] = field(default_factory=dict)
     colour: Colour | None = None
     load: Array | None = None
+    scales: Array | None = None
     _whiteners: dict[bytes, NDArray[np.complex128]] = field(default_factory=dict, init=False, repr=False, compare=False)
     _gains: dict[int, CircularGains] = field(default_factory=dict, init=False, repr=False, compare=False)
 
@@ -100,7 +103,10 @@ class NoiseModel:
             covariance = self.covariance[np.clip(np.rint(f / (self.f[1] - self.f[0])).astype(int), 0, len(self.f) - 1)]
             if self.colour is not None:
                 covariance = covariance + self._coloured(f)
-            self._whiteners[key] = np.asarray(np.linalg.inv(np.linalg.cholesky(covariance)), dtype=np.complex128)
+            factor = np.linalg.cholesky(covariance)
+            if self.scales is not None:
+                factor *= self.scales
+            self._whiteners[key] = np.asarray(np.linalg.inv(factor), dtype=np.complex128)
         return self._whiteners[key]
 
     def whitening_gains(self, count: int, band: Band) -> CircularGains:
@@ -236,6 +242,8 @@ class WhitenedData:
         Effects that are part of the predicted torques.
     near
         The same recordings beside other numbers of the arm.
+    scales
+        (R,) by how many times more each whitened row scatters than noise, beside the others; None where all do alike.
     """
 
     def __init__(
@@ -249,15 +257,17 @@ class WhitenedData:
         sticking_removed: bool = False,
         acting: Sequence[ActingEffect] = (),
         near: WhitenedData | None = None,
+        scales: Array | None = None,
     ) -> None:
         self.layout, self.band, self.sticking_removed = layout, band, sticking_removed
-        self.predicted, self.acting = predicted, tuple(acting)
+        self.predicted, self.acting, self.scales = predicted, tuple(acting), scales
         self.parts: list[Part] = []
         self.pure: list[NoiseModel] = []
         self._free: list[FreeTorques] = []
         others = iter(near._free if near is not None else ())
         for number, observation in enumerate(observations):
             noise, pure = noise_models(model, observation, layout, band, (FLOOR, 0.0))
+            noise = replace(noise, scales=scales)
             standstill = _standstill(observation, noise.f, model.n)
             limits = observation.smoother if observation.gain(np.array([band.cutoff]))[0] < WHOLE else None
             for stretch in residuals(model, observation, layout, band):

@@ -127,6 +127,7 @@ def expand(
             sticking_removed=problem.sticking_removed,
             acting=acting,
             near=other,
+            scales=problem.scales,
         )
         for part, other in zip(corrected, near.data if near else (None, None), strict=True)
     )

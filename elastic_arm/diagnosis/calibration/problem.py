@@ -56,6 +56,8 @@ class CalibrationProblem:
         Whether what friction may be while a joint sticks is removed.
     held_back
         Whether the recordings of validation are the last parts of those of identification.
+    scales
+        (R,) by how many times more each whitened row scatters than noise, beside the others; None where all do alike.
     """
 
     robot: Robot
@@ -69,6 +71,7 @@ class CalibrationProblem:
     settings: DiagnosisSettings
     sticking_removed: bool = False
     held_back: bool = False
+    scales: Array | None = None
 
     @property
     def numbers(self) -> tuple[range, range]:

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from elastic_arm.diagnosis.calibration.calibrate import calibrate
 from elastic_arm.diagnosis.calibration.expansion import Expansion, expand
@@ -20,6 +21,8 @@ from elastic_arm.effects.model import SensorEffect
 from elastic_arm.estimation.effect_columns import Feature
 from elastic_arm.estimation.noise_colour import Colour
 
+Array = NDArray[np.float64]
+
 
 def recalibrated(
     prepared: PreparedData,
@@ -28,6 +31,7 @@ def recalibrated(
     faulty: Sequence[Feature] = (),
     *,
     scaled: bool = False,
+    scales: Array | None = None,
 ) -> tuple[PreparedData, Hypothesis]:
     """Return the data where the model and its sensors lie most probably beside the causes of a hypothesis.
 
@@ -45,6 +49,8 @@ def recalibrated(
         Nuisance parameters beyond ordinary.
     scaled
         As of :func:`~elastic_arm.diagnosis.calibration.calibrate.calibrate`.
+    scales
+        (R,) by how many times more each whitened row scatters than noise, beside the others; as it was where None.
     """
     causes, noise = [hypothesis.selected[k] for k in hypothesis.causes], 1.0
     problem, expansion = _with_wide_priors(prepared.calibration, prepared.found.expansion, faulty)
@@ -59,6 +65,9 @@ def recalibrated(
         ]
         observed = [[replace(o, colour=c) for o in part] for part, c in zip(problem.observed, recorded, strict=True)]
         problem = replace(problem, observed=observed)
+    if scales is not None:
+        problem = replace(problem, scales=scales)
+    if colours is not None or scales is not None:
         expansion = expand(problem, expansion.values, expansion, expansion.acting)
     if problem.parameters:
         expansion, noise, causes = calibrate(problem, expansion, causes, scaled=scaled)

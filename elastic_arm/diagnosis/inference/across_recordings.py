@@ -83,6 +83,7 @@ def refitted(
         predicted=judged.predicted,
         sticking_removed=judged.sticking_removed,
         acting=judged.acting,
+        scales=judged.scales,
     )
     library = RegressorLibrary(data, data, context.settings.candidates)
     judgement = context.settings.judgement

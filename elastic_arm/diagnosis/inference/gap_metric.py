@@ -289,3 +289,21 @@ class LikelihoodMeasure:
     def share_left(self, left: Sequence[Array]) -> float:
         """Return 0: no residual shows a gap by itself."""
         return 0.0
+
+
+def cumulative_shrink(
+    measure: GapMeasure, baseline: Sequence[Candidate], causes: Sequence[Candidate]
+) -> tuple[float, ...]:
+    """Return how far the gap shrinks with the first cause, the first two, and so on.
+
+    Parameters
+    ----------
+    measure
+        What the gap is measured by.
+    baseline
+        What counts as part of the model.
+    causes
+        Most important first.
+    """
+    new = [[c for c in causes[: k + 1] if c not in baseline] for k in range(len(causes))]
+    return tuple(measure.share([*baseline, *some])[0] for some in new)

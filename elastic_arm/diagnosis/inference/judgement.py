@@ -250,7 +250,7 @@ def eliminate(
                 hypothesis = other
                 continue
             notes += [impossible[keys[worst]]] if keys[worst] in impossible else []
-        if is_small_effect(prepared, hypothesis, worst, failed[worst]):
+        if is_small_effect(prepared, hypothesis, worst, failed[worst], measure):
             feature, least = hypothesis.selected[worst].feature, prepared.settings.judgement.least_shrink
             notes.append(small_effect_note(feature, failed[worst], least))
         hypothesis = hypothesis.drop(worst)
@@ -329,7 +329,7 @@ def is_minor(prepared: PreparedData, hypothesis: Hypothesis, k: int, share: floa
     measure
         What the gap is measured by.
     """
-    if not is_small_effect(prepared, hypothesis, k, share):
+    if not is_small_effect(prepared, hypothesis, k, share, measure):
         return False
     feature, others = hypothesis.selected[k].feature, [candidate.feature for candidate in hypothesis.without(k)]
     if feature.effect.is_friction and any(
@@ -376,7 +376,7 @@ def outside_their_ranges(prepared: PreparedData, hypothesis: Hypothesis) -> list
     return found
 
 
-def is_small_effect(prepared: PreparedData, hypothesis: Hypothesis, k: int, share: float) -> bool:
+def is_small_effect(prepared: PreparedData, hypothesis: Hypothesis, k: int, share: float, measure: GapMeasure) -> bool:
     """Whether an effect is there beyond doubt and yet too small a part of the gap to be a cause.
 
     Parameters
@@ -389,9 +389,14 @@ def is_small_effect(prepared: PreparedData, hypothesis: Hypothesis, k: int, shar
         Its position.
     share
         What it takes off the gap beside the others.
+    measure
+        What the gap is measured by.
     """
     settings = prepared.settings
-    if not 0.0 < share < settings.judgement.least_shrink:
+    if share >= settings.judgement.least_shrink:
+        return False
+    # Of a large gap elsewhere, nuisance parameters that move with the effect may add more than the effect takes away.
+    if share <= 0.0 and measure.place_contribution(hypothesis.selected, k) <= 0.0:
         return False
     gained = gain(prepared, hypothesis.selected, hypothesis.without(k))
     return gained > settings.significance.detected * misfit(prepared.library, hypothesis.selected)

@@ -13,6 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elastic_arm.diagnosis.inference.excess import ResidualStatistics, statistics_in_bands
+from elastic_arm.diagnosis.preparation import PreparedData
+from elastic_arm.diagnosis.selection.hypothesis import Hypothesis, Key
 from elastic_arm.diagnosis.settings import DiagnosisSettings
 from elastic_arm.estimation.whitening import WhitenedData
 
@@ -78,6 +80,35 @@ def place_gaps(
         zip(statistics_in_bands(data, before, settings), statistics_in_bands(data, after, settings), strict=True)
     )
     return [_place_gap(row, pairs, settings) for row in range(data.layout.rows)]
+
+
+def shares_of_causes(prepared: PreparedData, hypothesis: Hypothesis, places: Sequence[PlaceGap]) -> dict[Key, float]:
+    """Return by key how much of the gap is gone at the joints and sides at which each cause acts.
+
+    Where an arm is not explained, this is what speaks for a cause: friction of a wrist is not in doubt because a
+    shoulder lacks something. Nothing of a cause that acts where no gap is.
+
+    Parameters
+    ----------
+    prepared
+        Data and regressors.
+    hypothesis
+        The causes.
+    places
+        The gap of every residual; none where no residual shows it.
+    """
+    found: dict[Key, float] = {}
+    before = np.array([place.before if place.significant_before else 0.0 for place in places])
+    after = np.array([place.after for place in places])
+    coefficients = prepared.library.coefficients(hypothesis.selected)
+    for k in hypothesis.causes if places else ():
+        candidate = hypothesis.selected[k]
+        columns = prepared.validation.plain(candidate.feature, candidate.searched or ())
+        power = np.sum([np.sum((part @ coefficients[k]) ** 2, axis=0) for part in columns], axis=0)
+        rows = power > prepared.settings.judgement.main_share * power.sum()
+        if before[rows].any():
+            found[candidate.feature.key] = max(0.0, 1.0 - float(after[rows].sum() / before[rows].sum()))
+    return found
 
 
 def _place_gap(

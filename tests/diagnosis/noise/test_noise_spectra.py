@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from elastic_arm.diagnosis.inference import noise_colour
+from elastic_arm.diagnosis.noise import colour as noise_colour
 from elastic_arm.estimation.convolution import Harmonics
 
 
