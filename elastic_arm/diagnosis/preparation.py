@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -232,7 +232,7 @@ def _known_effects(
     own = {(instance.effect.id, instance.joint) for instance in question.given}
     stated = [i for i in robot_effects(question.robot, question.catalogue) if (i.effect.id, i.joint) not in own]
     known = [i for i in (*stated, *question.given) if feature_of(i, equations).acts]
-    unseen = tuple(instance for instance in known if not _is_seen(instance, layout))
+    unseen = tuple(instance for instance in known if not _is_seen(instance.parameters, layout))
     return tuple(instance for instance in known if instance not in unseen), unseen
 
 
@@ -307,9 +307,9 @@ def _calibrated_effects(question: Question) -> tuple[Effect, ...]:
     return tuple(e for e in question.catalogue.values() if (e.prior is not None or e.number) and e.id not in given)
 
 
-def _is_seen(instance: EffectInstance, layout: EquationSet) -> bool:
-    """Whether a known effect acts in a recorded equation: what brakes a motor is not seen by a joint torque sensor."""
-    return instance.parameters.get("side") != "motor" or not set(layout.sides) <= {"link", "drive"}
+def _is_seen(choices: Mapping[str, object], layout: EquationSet) -> bool:
+    """Whether an effect acts in a recorded equation: what brakes a motor is not seen by a joint torque sensor."""
+    return choices.get("side") != "motor" or not set(layout.sides) <= {"link", "drive"}
 
 
 def _carried(question: Question, equations: ArmEquations) -> list[Feature]:
@@ -339,4 +339,5 @@ def _candidates(
     if question.effects is None and has_one_encoder(problem.layout, problem.robot):
         # Slowly, bearings and damping do less than what following the load neglects.
         free = [f for f in free if f.effect.regime != "frequency" or isinstance(f.effect, SensorEffect)]
-    return [f for f in free if f.joint not in still or not needs_motion(f)]
+    seen = (f for f in free if _is_seen(f.choices, problem.layout))
+    return [f for f in seen if f.joint not in still or not needs_motion(f)]
