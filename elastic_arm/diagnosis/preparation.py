@@ -53,7 +53,7 @@ class PreparedData:
     calibration
         How the model's own numbers and its sensors are determined; without parameters where they are taken as stated.
     found
-        Model, columns of all candidates, and known effects, where the calibration puts them.
+        Model, columns of known effects and of what competes, where the calibration puts them.
     candidates
         Every effect at every place where the motion can show it.
     carried
@@ -157,7 +157,7 @@ class PreparedData:
 
 
 def prepare(recordings: Sequence[Recording], validate: Sequence[Recording], question: Question) -> PreparedData:
-    """Split, observe and whiten the recordings, and evaluate every candidate on them.
+    """Split, observe, whiten and calibrate the recordings, beside the known effects alone: :func:`with_candidates`.
 
     Parameters
     ----------
@@ -206,7 +206,7 @@ def prepare(recordings: Sequence[Recording], validate: Sequence[Recording], ques
     expansion, noise = expand(problem, np.zeros(len(problem.parameters))), 1.0
     if problem.parameters:
         expansion, noise, _ = calibrate(problem, expansion)
-    found, _ = linearise(problem, expansion, candidates, noise=noise)
+    found, _ = linearise(problem, expansion, (), noise=noise)
     notes = list(dict.fromkeys(note for part in observed for o in part for note in o.notes))
     notes += [*_low_passed(parts), *_certainty_notes(question), *(standing_note(joint) for joint in still)]
     notes += [unseen_note(unseen)] if unseen else []
@@ -285,6 +285,13 @@ def _low_passed(parts: Sequence[Sequence[Recording]]) -> list[str]:
     """Return a note where torques hold not even noise at high frequencies; that on the first recording is enough."""
     found = [words for part in parts for recording in part for words in smoothed_torques(recording)]
     return [f"{words}: {LOW_PASSED}." for words in found[:1]]
+
+
+def with_candidates(prepared: PreparedData, causes: Sequence[Candidate] = ()) -> PreparedData:
+    """Return the data with the columns of all that competes, and of causes that were found beside them."""
+    expansion, noise = prepared.found.expansion, prepared.library.nuisance.noise
+    found, _ = linearise(prepared.calibration, expansion, prepared.candidates, causes, noise=noise)
+    return replace(prepared, found=found)
 
 
 def as_described(prepared: PreparedData) -> PreparedData:

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Any, TypeVar
 
 import numpy as np
@@ -71,6 +72,29 @@ class Rival:
 
     candidate: Candidate
     odds: float
+
+
+class Rivals(Sequence[Rival]):
+    """What could stand in a cause's place, looked for when it is first asked for: of most causes it never is.
+
+    Parameters
+    ----------
+    look
+        Finds them, the most probable first.
+    """
+
+    def __init__(self, look: Callable[[], Sequence[Rival]]) -> None:
+        self._look = look
+
+    @cached_property
+    def _found(self) -> Sequence[Rival]:
+        return self._look()
+
+    def __len__(self) -> int:
+        return len(self._found)
+
+    def __getitem__(self, k: Any) -> Any:
+        return self._found[k]
 
 
 @dataclass(frozen=True)

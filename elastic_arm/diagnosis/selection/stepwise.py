@@ -22,6 +22,7 @@ from elastic_arm.diagnosis.selection.hypothesis import (
     Hypothesis,
     Key,
     Rival,
+    Rivals,
     best_first,
     first_best,
     misfit,
@@ -288,7 +289,7 @@ class StepwiseSearch:
                 break
             if other.feature.key not in refused and _confused(other, hypothesis.selected[k]):
                 chosen = [*others[:k], self._refine(others, other), *others[k:]]
-                rivals = [r for r in self._rivals(chosen, k) if r.candidate.feature.key not in refused]
+                rivals = self._rivals(chosen, k, frozenset(refused))
                 return replace(hypothesis, selected=chosen, rivals={**hypothesis.rivals, k: rivals})
         return None
 
@@ -316,7 +317,12 @@ class StepwiseSearch:
                 k += 1
         return selected
 
-    def _rivals(self, chosen: Sequence[Candidate], k: int) -> list[Rival]:
+    def _rivals(self, chosen: Sequence[Candidate], k: int, refused: Collection[Key] = ()) -> Rivals:
+        """Return what could stand in the place of cause k, but for effects that are refused by their keys."""
+        found = tuple(chosen)
+        return Rivals(lambda: [r for r in self._compared(found, k) if r.candidate.feature.key not in refused])
+
+    def _compared(self, chosen: Sequence[Candidate], k: int) -> list[Rival]:
         """Return what could stand in the place of cause k, with its odds against it."""
         others = [*chosen[:k], *chosen[k + 1 :]]
         scale = misfit(self.library, chosen)
