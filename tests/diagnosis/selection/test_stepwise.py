@@ -158,6 +158,18 @@ def test_coefficients_are_those_of_least_squares() -> None:
     np.testing.assert_allclose(np.concatenate(library.coefficients(candidates)), expected, rtol=1e-9)
 
 
+def test_columns_that_are_added_beside_other_candidates_are_in_the_library_itself() -> None:
+    """A library and what it is beside candidates hold the same columns, whichever of the two they were added to."""
+    library, (one,) = library_of({"one": 1.0, "two": 0.3}, "one")
+    beside = library.calibrated_beside([one])
+    two, three = beside.add(feature("two"), ()), beside.add(feature("three"), ())
+    beside.close()
+    again = library.add(feature("three"), ())
+    library.close()
+    assert library.count == beside.count == 5
+    assert library.held_out([one, two, again]) == pytest.approx(beside.held_out([one, two, three]), rel=1e-12)
+
+
 def test_the_effects_that_are_there_are_selected() -> None:
     """Two of three effects act: those two are found, and in noise nothing is."""
     assert set(found({"one": 0.6, "three": -0.5}, "one", "two", "three")) == {"one", "three"}
