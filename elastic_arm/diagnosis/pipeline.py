@@ -17,7 +17,13 @@ from elastic_arm.diagnosis.inference.sticking import sticking_misfits
 from elastic_arm.diagnosis.laws.better_laws import better_laws
 from elastic_arm.diagnosis.noise.colour import noise_colours
 from elastic_arm.diagnosis.noise.scales import leaves_more, mean_squares, noise_scales
-from elastic_arm.diagnosis.preparation import PreparedData, as_described, prepare, without_sticking_friction
+from elastic_arm.diagnosis.preparation import (
+    PreparedData,
+    as_described,
+    prepare,
+    with_candidates,
+    without_sticking_friction,
+)
 from elastic_arm.diagnosis.question import Question
 from elastic_arm.diagnosis.result import Diagnosis
 from elastic_arm.diagnosis.selection.beyond_ordinary import freed, with_effects_beyond_ordinary
@@ -263,18 +269,16 @@ def _beside_largest_cause(prepared: PreparedData) -> Searched:
     if left > settings.bent and prepared.calibration.parameters:
         described = as_described(prepared)
         sensors = _freed_sensors(described)
-        start = _largest_cause(described)
+        start = StepwiseSearch(described.library, described.given, described.settings).largest_cause()
         faulty = [start.selected[k].feature for k in start.causes if start.selected[k].feature.key in sensors]
         # Columns at no effect are far from what a large one does: gravity turned by a right angle is no small tilt.
         start = start.only(()) if faulty else replace(start, selected=described.estimates.polished(start.selected))
-        beside, _ = recalibrated(described, start, faulty=faulty, scaled=True)
-        if misfit(beside.library, _largest_cause(beside).selected) < settings.far_better * left:
-            prepared = beside
-    return best_hypothesis(prepared)
-
-
-def _largest_cause(prepared: PreparedData) -> Hypothesis:
-    return StepwiseSearch(prepared.library, prepared.given, prepared.settings).largest_cause()
+        # Its columns alone tell whether the search begins there: those of all that competes take most of the time.
+        beside, there = recalibrated(replace(described, candidates=()), start, faulty=faulty, scaled=True)
+        if misfit(beside.library, there.selected) < settings.far_better * left:
+            causes = [there.selected[k] for k in there.causes]
+            return best_hypothesis(with_candidates(replace(beside, candidates=prepared.candidates), causes))
+    return best_hypothesis(with_candidates(prepared))
 
 
 def _beside_faulty_sensors(prepared: PreparedData) -> Searched:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -53,7 +53,7 @@ class PreparedData:
     calibration
         How the model's own numbers and its sensors are determined; without parameters where they are taken as stated.
     found
-        Model, columns of all candidates, and known effects, where the calibration puts them.
+        Model, columns of known effects and of what competes, where the calibration puts them.
     candidates
         Every effect at every place where the motion can show it.
     carried
@@ -157,7 +157,7 @@ class PreparedData:
 
 
 def prepare(recordings: Sequence[Recording], validate: Sequence[Recording], question: Question) -> PreparedData:
-    """Split, observe and whiten the recordings, and evaluate every candidate on them.
+    """Split, observe, whiten and calibrate the recordings, beside the known effects alone: :func:`with_candidates`.
 
     Parameters
     ----------
@@ -206,7 +206,7 @@ def prepare(recordings: Sequence[Recording], validate: Sequence[Recording], ques
     expansion, noise = expand(problem, np.zeros(len(problem.parameters))), 1.0
     if problem.parameters:
         expansion, noise, _ = calibrate(problem, expansion)
-    found, _ = linearise(problem, expansion, candidates, noise=noise)
+    found, _ = linearise(problem, expansion, (), noise=noise)
     notes = list(dict.fromkeys(note for part in observed for o in part for note in o.notes))
     notes += [*_low_passed(parts), *_certainty_notes(question), *(standing_note(joint) for joint in still)]
     notes += [unseen_note(unseen)] if unseen else []
@@ -232,7 +232,7 @@ def _known_effects(
     own = {(instance.effect.id, instance.joint) for instance in question.given}
     stated = [i for i in robot_effects(question.robot, question.catalogue) if (i.effect.id, i.joint) not in own]
     known = [i for i in (*stated, *question.given) if feature_of(i, equations).acts]
-    unseen = tuple(instance for instance in known if not _is_seen(instance, layout))
+    unseen = tuple(instance for instance in known if not _is_seen(instance.parameters, layout))
     return tuple(instance for instance in known if instance not in unseen), unseen
 
 
@@ -287,6 +287,13 @@ def _low_passed(parts: Sequence[Sequence[Recording]]) -> list[str]:
     return [f"{words}: {LOW_PASSED}." for words in found[:1]]
 
 
+def with_candidates(prepared: PreparedData, causes: Sequence[Candidate] = ()) -> PreparedData:
+    """Return the data with the columns of all that competes, and of causes that were found beside them."""
+    expansion, noise = prepared.found.expansion, prepared.library.nuisance.noise
+    found, _ = linearise(prepared.calibration, expansion, prepared.candidates, causes, noise=noise)
+    return replace(prepared, found=found)
+
+
 def as_described(prepared: PreparedData) -> PreparedData:
     """Return the data as the description and exact sensors have them, before any calibration."""
     problem = prepared.calibration
@@ -307,9 +314,9 @@ def _calibrated_effects(question: Question) -> tuple[Effect, ...]:
     return tuple(e for e in question.catalogue.values() if (e.prior is not None or e.number) and e.id not in given)
 
 
-def _is_seen(instance: EffectInstance, layout: EquationSet) -> bool:
-    """Whether a known effect acts in a recorded equation: what brakes a motor is not seen by a joint torque sensor."""
-    return instance.parameters.get("side") != "motor" or not set(layout.sides) <= {"link", "drive"}
+def _is_seen(choices: Mapping[str, object], layout: EquationSet) -> bool:
+    """Whether an effect acts in a recorded equation: what brakes a motor is not seen by a joint torque sensor."""
+    return choices.get("side") != "motor" or not set(layout.sides) <= {"link", "drive"}
 
 
 def _carried(question: Question, equations: ArmEquations) -> list[Feature]:
@@ -339,4 +346,5 @@ def _candidates(
     if question.effects is None and has_one_encoder(problem.layout, problem.robot):
         # Slowly, bearings and damping do less than what following the load neglects.
         free = [f for f in free if f.effect.regime != "frequency" or isinstance(f.effect, SensorEffect)]
-    return [f for f in free if f.joint not in still or not needs_motion(f)]
+    seen = (f for f in free if _is_seen(f.choices, problem.layout))
+    return [f for f in seen if f.joint not in still or not needs_motion(f)]

@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.fft import irfft, next_fast_len, rfft
 from scipy.signal import firwin, kaiserord, oaconvolve, upfirdn
 
 Array = NDArray[np.float64]
@@ -15,6 +16,7 @@ NARROW_ATTENUATION = 60.0  # dB; noise above the narrow band is stronger, but no
 OVERSAMPLING = 2.5  # kept samples per second over the band
 SLOWEST_KEPT = 40.0  # kept samples per second at least: fewer would make the filters of narrow bands long
 PRODUCTS_FROM = 4  # thinning from which products of matrices are faster than a polyphase filter
+SPECTRA_FROM = 60  # taps for each sample of thinning from which spectra of the whole are faster than such products
 COLUMNS = 8  # filtered at once: what the caches hold
 
 
@@ -34,6 +36,7 @@ class Band:
     rate: float
     step: int = field(init=False)
     taps: Array = field(init=False, repr=False)
+    _responses: dict[int, Array] = field(default_factory=dict, init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
         step = max(1, int(self.rate / max(OVERSAMPLING * self.cutoff, SLOWEST_KEPT)))
@@ -60,6 +63,8 @@ class Band:
             full = upfirdn(self.taps, values, up=1, down=self.step, axis=0)
             return full[first : first + self._kept(len(values))]
         kept, begin = self._kept(len(values)), first * self.step - (length - 1)
+        if length >= SPECTRA_FROM * self.step:
+            return self._by_spectra(values[begin:], kept)
         thin = np.empty((kept, values.shape[1]))
         for k in range(0, values.shape[1], COLUMNS):
             thin[:, k : k + COLUMNS] = self._products(values[begin:, k : k + COLUMNS], kept)
@@ -82,6 +87,17 @@ class Band:
         for block in range(1, blocks):
             thin += parts[block, :, block : block + kept]
         return thin.T
+
+    def _by_spectra(self, values: Array, kept: int) -> Array:
+        """Filter columns (N, k) by spectra of all of them, and thin -> (kept, k) from the first whole sample on.
+
+        What wraps around, as products of spectra are circular, spoils only samples before that one.
+        """
+        length = next_fast_len(len(values), True)
+        if length not in self._responses:
+            self._responses[length] = rfft(self.taps, length)
+        spectra = rfft(np.ascontiguousarray(values.T), length) * self._responses[length]
+        return irfft(spectra, length, overwrite_x=True)[:, len(self.taps) - 1 :: self.step][:, :kept].T
 
     def times(self, t: Array) -> Array:
         """Return the instants (N',) that :meth:`apply` keeps of t (N,)."""

@@ -13,7 +13,7 @@ from elastic_arm.diagnosis.assembly import assemble
 from elastic_arm.diagnosis.inference.estimated_hypothesis import EstimatedHypothesis, estimate
 from elastic_arm.diagnosis.inference.judgement import Judgement, judge
 from elastic_arm.diagnosis.pipeline import best_hypothesis
-from elastic_arm.diagnosis.preparation import PreparedData, prepare
+from elastic_arm.diagnosis.preparation import PreparedData, prepare, with_candidates
 from elastic_arm.diagnosis.result import Diagnosis
 from elastic_arm.diagnosis.selection.hypothesis import Rival
 from elastic_arm.diagnosis.selection.regressor_library import Candidate
@@ -29,7 +29,7 @@ SEARCHED = tuple(EFFECTS[name] for name in ("viscous_friction", "coulomb_frictio
 def judged() -> tuple[PreparedData, Judgement, EstimatedHypothesis]:
     """The states before the last step, of an arm with two effects."""
     pair = [record(motion, *EFFECTS_OF_THE_ARM, seed=k) for k, motion in enumerate(motions())]
-    prepared = prepare([pair[0]], [pair[1]], Question(ROBOT, effects=SEARCHED))
+    prepared = with_candidates(prepare([pair[0]], [pair[1]], Question(ROBOT, effects=SEARCHED)))
     found = best_hypothesis(prepared)
     judgement = judge(prepared, found.stepwise.with_rivals(found.hypothesis))
     return prepared, judgement, estimate(prepared, judgement.hypothesis)
@@ -114,7 +114,7 @@ def test_notes_of_all_steps_come_in_their_order() -> None:
 def test_without_a_gap_nothing_shrinks() -> None:
     """A clean arm has the verdict none, no cause, and no share of a gap."""
     pair = [record(motion, seed=k) for k, motion in enumerate(motions())]
-    prepared = prepare([pair[0]], [pair[1]], Question(ROBOT, effects=SEARCHED))
+    prepared = with_candidates(prepare([pair[0]], [pair[1]], Question(ROBOT, effects=SEARCHED)))
     found = best_hypothesis(prepared)
     judgement = judge(prepared, found.stepwise.with_rivals(found.hypothesis))
     found = assemble(prepared, judgement, estimate(prepared, judgement.hypothesis))

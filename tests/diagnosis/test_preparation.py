@@ -10,7 +10,7 @@ import pytest
 
 from elastic_arm.diagnosis import Question
 from elastic_arm.diagnosis.data.common_equations import common_band
-from elastic_arm.diagnosis.preparation import prepare
+from elastic_arm.diagnosis.preparation import prepare, with_candidates
 from elastic_arm.diagnosis.settings import DiagnosisSettings, PreprocessingSettings, SplitSettings
 from elastic_arm.dynamics import build_model
 from elastic_arm.effects import EFFECTS, parse
@@ -83,7 +83,7 @@ def test_a_joint_at_rest_has_no_candidate_that_needs_its_motion() -> None:
         for one in pair()
         if one.link is not None and one.motor is not None
     ]
-    prepared = prepare([still[0]], [still[1]], question())
+    prepared = with_candidates(prepare([still[0]], [still[1]], question()))
     places = {candidate.feature.joint for candidate in prepared.library.candidates}
     assert places == {"joint_1", "joint_2"}
     assert any("joint_3" in note for note in prepared.notes)
@@ -115,7 +115,7 @@ def test_one_encoder_narrows_the_band() -> None:
     assert common_band(single, rigid, 1000.0, settings).cutoff == wide.cutoff
 
 
-def test_known_friction_of_motors_that_were_not_recorded_is_left_out_with_a_note() -> None:
+def test_friction_of_motors_that_were_not_recorded_is_left_out_with_a_note_on_what_is_known() -> None:
     """With link encoders and joint torque sensors alone, friction of a motor is in no equation; that of a link is."""
     alone = [replace(recording, motor=None) for recording in pair()]
     known = tuple(
@@ -123,6 +123,7 @@ def test_known_friction_of_motors_that_were_not_recorded_is_left_out_with_a_note
     )
     prepared = prepare([alone[0]], [alone[1]], question(given=known))
     assert [candidate.feature.joint for candidate in prepared.given] == ["joint_2"]
+    assert {feature.choices["side"] for feature in prepared.candidates if "side" in feature.choices} == {"link"}
     assert any("coulomb_friction on joint_1" in note and "no motor torque" in note for note in prepared.notes)
 
 

@@ -392,11 +392,9 @@ def is_small_effect(prepared: PreparedData, hypothesis: Hypothesis, k: int, shar
     measure
         What the gap is measured by.
     """
-    settings = prepared.settings
-    if share >= settings.judgement.least_shrink:
+    # To a large gap elsewhere, nuisance parameters that move with the effect may add more than it takes away.
+    helps = share > 0.0 or measure.place_contribution(hypothesis.selected, k) > 0.0
+    if share >= prepared.settings.judgement.least_shrink or not helps:
         return False
-    # Of a large gap elsewhere, nuisance parameters that move with the effect may add more than the effect takes away.
-    if share <= 0.0 and measure.place_contribution(hypothesis.selected, k) <= 0.0:
-        return False
-    gained = gain(prepared, hypothesis.selected, hypothesis.without(k))
-    return gained > settings.significance.detected * misfit(prepared.library, hypothesis.selected)
+    worth = prepared.settings.significance.detected * misfit(prepared.library, hypothesis.selected)
+    return gain(prepared, hypothesis.selected, hypothesis.without(k)) > worth

@@ -12,6 +12,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,6 +32,7 @@ Real = NDArray[np.floating]
 Complex = NDArray[np.complexfloating]
 
 RANK = 1e-6  # relative eigenvalue below which a combination of columns is not determined; numerical
+NOTHING = 1e-9  # of a column's size, if it holds nothing but a mean; numerical
 CHUNK = 64  # columns transformed, and frequencies whitened, at once: bounds the memory
 LONG = 4000  # coordinates of a stretch up to which the spectra of single harmonics are kept; bounds the memory
 SLOW = 5.0  # Hz, below which every frequency of a recording counts
@@ -82,7 +84,7 @@ def noise_colours(prepared: PreparedData, hypothesis: Hypothesis) -> NoiseColour
         if fits[which].gain < settings.least_gain / 2:
             continue
         # A second time, with all that a motion can do projected out by weighted least squares.
-        columns = _spectra(prepared, which, _motion_columns(prepared, which))
+        columns = _spectra(prepared, which, _motion_columns(prepared, which, hypothesis))
         left[which] = _beside(spectra[which], columns, fits[which].colour)
         fits[which] = fit_colour(left[which])
         projected.append(which)
@@ -166,12 +168,20 @@ def _spectra(prepared: PreparedData, which: int, blocks: Sequence[Array]) -> lis
             for k in range(0, columns.shape[1], CHUNK):
                 some = columns[:, k : k + CHUNK].T.reshape(-1, R, total)[:, :, place]
                 acting = some.any(axis=2)
-                values[done : done + len(some)][acting] = transform(some[acting])
+                spectra = values[done : done + len(some)]
+                spectra[acting] = transform(some[acting])
+                # The mean does not count: of a constant column rounding is left, which is no direction to project out.
+                spectra[_size(spectra) < NOTHING * _size(some)] = 0.0
                 done += len(some)
         whitener = part.noise.whitener(f)
         ways = {channel: whitener @ C for channel, C in coefficients.items() if C.any()}
         found.append(_Spectra(f, values.T, ways))
     return found
+
+
+def _size(columns: NDArray[Any]) -> Array:
+    """Return the norms (k,) of columns (k, R, F)."""
+    return np.asarray(np.linalg.norm(columns.reshape(len(columns), -1), axis=1))
 
 
 def _transform(harmonics: Harmonics, rate: float, cutoff: float) -> tuple[Real, Callable[[Array], Complex]]:
@@ -269,14 +279,25 @@ def _factor(one: _Spectra, colour: Colour) -> Complex:
     return np.asarray(np.linalg.cholesky(covariances(one.f, one.ways, colour)))
 
 
-def _motion_columns(prepared: PreparedData, which: int) -> list[Array]:
+def _motion_columns(prepared: PreparedData, which: int, hypothesis: Hypothesis) -> list[Array]:
     """Return blocks of whitened columns (rows, k) of what candidates and general shapes can do to the residuals.
 
-    With them goes friction that changes over time: a brake that drags for a while is no noise.
+    With them goes friction that changes over time: a brake that drags for a while is no noise. What the search tried on
+    its way is left out: it differs from candidates by next to nothing, and the noise would depend on the way.
+
+    Parameters
+    ----------
+    prepared
+        Data and regressors.
+    which
+        0 for identification, 1 for validation data.
+    hypothesis
+        The best one of the search.
     """
     library = prepared.library
     data = library.sets[which]
-    blocks: list[Array] = [library.matrix(which, slice(1, library.count)), library.nuisance.white[which]]
+    own = np.unique(np.concatenate([c.index for c in (*library.candidates, *hypothesis.selected)]))
+    blocks: list[Array] = [library.matrix(which, own), library.nuisance.white[which]]
     for joint in range(data.layout.n):
         plain: list[Sequence[Array]] = []
         ratios = prepared.gear_ratios(joint)

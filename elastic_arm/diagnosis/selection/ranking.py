@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elastic_arm.diagnosis.selection.gram_fits import FurtherColumns
-from elastic_arm.diagnosis.selection.hypothesis import Key
+from elastic_arm.diagnosis.selection.hypothesis import Key, best_first, tie_of
 from elastic_arm.diagnosis.selection.plausible_hypothesis import coefficient_bounds
 from elastic_arm.diagnosis.selection.regressor_library import Candidate, RegressorLibrary
 
@@ -25,7 +25,7 @@ NONE = -1  # in the place of a number
 
 @dataclass(frozen=True, eq=False)
 class Ranking:
-    """Choices beside a set of candidates, best first.
+    """Choices beside a set of candidates, best first and equal ones in the order of the candidates.
 
     Parameters
     ----------
@@ -88,6 +88,7 @@ class Rankings:
         for candidate in candidates:
             self._bounds[:, candidate.columns] = coefficient_bounds([candidate], ratio_factor)
         self._kept: dict[tuple[Candidate, ...], Ranking] = {}
+        self._tie = tie_of(library)
 
     def trials(self, selected: tuple[Candidate, ...], *, possible: bool) -> Iterator[tuple[float, list[Candidate]]]:
         """Yield score and the set with a further candidate, which comes last, best first.
@@ -122,7 +123,7 @@ class Rankings:
                 blocks.append((k, pairs))
                 fits.append(self._fits((*selected[:k], *selected[k + 1 :]), pairs))
         scores = np.concatenate([score for score, _ in fits])
-        order = np.argsort(-scores, kind="stable")
+        order = best_first(scores, self._tie)
         replaced = np.concatenate([np.full(len(choices), k) for k, choices in blocks])
         values = np.concatenate([choices[:, 0] for _, choices in blocks])
         further = np.concatenate([choices[:, -1] for _, choices in blocks])

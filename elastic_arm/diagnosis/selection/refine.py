@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from scipy.optimize import minimize, minimize_scalar
 
 from elastic_arm.diagnosis.selection.gram_fits import first_row, orthonormal_basis
+from elastic_arm.diagnosis.selection.hypothesis import tie_of
 from elastic_arm.diagnosis.selection.regressor_library import Candidate, RegressorLibrary
 from elastic_arm.diagnosis.selection.searched_points import monomials
 from elastic_arm.diagnosis.settings import RefinementSettings
@@ -66,8 +67,17 @@ def refine(
     others = [candidate for candidate in selected if candidate is not which]
     project = _projection(library, others)
 
+    scaled = feature.fixed and not which.fixed and feature.scalable
+    provisional = scaled or start is None or feature is not which.feature
+    now = np.inf if provisional else project.cost(library.matrix(0, which.index), fixed=feature.fixed)
+
     def cost(point: Sequence[float]) -> float:
         return project.cost(library.columns(0, feature, tuple(float(v) for v in point)), fixed=feature.fixed)
+
+    def refined(values: tuple[float, ...], left: float) -> Candidate:
+        # Where any value explains as much, as any rest angle of a spring does beside a wrong zero, rounding would
+        # choose one.
+        return which if left > now - tie_of(library) else _added(library, feature, values)
 
     if len(free) > 1:
         tried = start
@@ -76,9 +86,8 @@ def refine(
             # Where an evaluation costs next to nothing, the best of many is the start: there may be several optima.
             tried = start or _best_on_grid(costs, free)
             cost = lambda point: float(costs(np.asarray(point)[None])[0])  # noqa: E731
-        return _added(library, feature, _together(cost, free, tried, SMALL_STEP if start is tried else WIDE_STEP))
+        return refined(*_together(cost, free, tried, SMALL_STEP if start is tried else WIDE_STEP))
     assert start is not None
-    scaled = feature.fixed and not which.fixed and feature.scalable
 
     def costs_each(values: Array) -> Array:
         columns = [library.columns(0, feature, (float(v),)).sum(axis=1) for v in values]
@@ -86,8 +95,7 @@ def refine(
 
     found = []
     for place, width in _starts(costs_each, free[0], start[0], settings, wide=scaled):
-        best = _scalar(cost, free[0], place, width, settings)
-        found.append(_added(library, feature, (best,)))
+        found.append(refined(*_scalar(cost, free[0], place, width, settings)))
         if plausible([*others, found[-1]]):
             return found[-1]
     return found[0]
@@ -142,8 +150,8 @@ def _added(library: RegressorLibrary, feature: Feature, values: tuple[float, ...
 
 def _together(
     cost: Cost, free: Sequence[Parameter], start: tuple[float, ...] | None, step: float = SMALL_STEP
-) -> tuple[float, ...]:
-    """Return the best values of several numbers, from the best of those tried or the middle of their ranges."""
+) -> tuple[tuple[float, ...], float]:
+    """Return the best values of several numbers and their cost, from those tried or the middle of their ranges."""
     axes = [_Axis.of(p) for p in free]
     half = np.array([(axis.high - axis.low) / 2 for axis in axes])
     first = np.array([(axis.low + axis.high) / 2 for axis in axes])
@@ -155,7 +163,8 @@ def _together(
 
     simplex = np.vstack([first, first + np.diag((WIDE_STEP if start is None else step) * half)])
     options = {"initial_simplex": simplex, "xatol": NEAR * half.min(), "fatol": 0.5, "maxfev": 90}
-    return values(minimize(lambda point: cost(values(point)), first, method="Nelder-Mead", options=options).x)
+    found = minimize(lambda point: cost(values(point)), first, method="Nelder-Mead", options=options)
+    return values(found.x), float(found.fun)
 
 
 def _starts(
@@ -186,7 +195,10 @@ def _starts(
     return [(float(tried[k]), width) for k in optima[np.argsort(found[optima])]]
 
 
-def _scalar(cost: Cost, parameter: Parameter, centre: float, width: float, settings: RefinementSettings) -> float:
+def _scalar(
+    cost: Cost, parameter: Parameter, centre: float, width: float, settings: RefinementSettings
+) -> tuple[tuple[float], float]:
+    """Return the best value of a number within some distance of a place on its axis, and its cost."""
     axis = _Axis.of(parameter, beyond=settings.range_factor)
     # What a column's coefficient means may lie far outside the range.
     centre = min(max(centre, axis.low), axis.high)
@@ -194,7 +206,7 @@ def _scalar(cost: Cost, parameter: Parameter, centre: float, width: float, setti
     tolerance = 1e-4 if axis.logarithmic else 1e-4 * (axis.high - axis.low)
     options = {"maxiter": settings.evaluations, "xatol": tolerance}
     found = minimize_scalar(lambda v: cost((axis.value(v),)), bounds=bounds, method="bounded", options=options)
-    return axis.value(found.x)
+    return (axis.value(found.x),), float(found.fun)
 
 
 @dataclass(frozen=True)

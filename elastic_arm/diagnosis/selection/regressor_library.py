@@ -106,13 +106,16 @@ class RegressorLibrary:
         self._pending: list[list[Array]] = [[e.white[:, None]] for e in self.sets]
         self._columns = [np.empty((len(e.white), 0), order="F") for e in self.sets]
         self._grams = [GrowingMatrix() for _ in self.sets]
-        self._filled = 0
-        self._count = 1
 
     @property
     def count(self) -> int:
         """Number of columns, the residual among them."""
-        return self._filled
+        return len(self._grams[-1].filled)
+
+    @property
+    def _count(self) -> int:
+        """Number of columns with those taken in since."""
+        return self.count + sum(columns.shape[1] for columns in self._pending[-1])
 
     def add(self, feature: Feature, searched: tuple[float, ...] | None = (), *, fixed: bool = False) -> Candidate:
         """Take a feature in; :meth:`close` makes it usable. It competes once it is among the candidates.
@@ -126,16 +129,15 @@ class RegressorLibrary:
         fixed
             Whether its coefficient is 1 instead of fitted.
         """
-        place = self.add_columns([self.columns(which, feature, searched) for which in (0, 1)])
-        return Candidate(feature, searched, place, fixed)
+        own = [self.columns(which, feature, searched) for which in (0, 1)]
+        return Candidate(feature, searched, self.add_columns(own), fixed)
 
     def add_columns(self, blocks: Sequence[Array]) -> slice:
         """Take in whitened columns (rows, k) of both data sets, and return where they stand."""
-        place = slice(self._count, self._count + blocks[0].shape[1])
+        first = self._count
         for own, columns in zip(self._pending, blocks, strict=True):
             own.append(columns)
-        self._count = place.stop
-        return place
+        return slice(first, self._count)
 
     def columns(self, which: int, feature: Feature, searched: tuple[float, ...] | None) -> Array:
         """Make whitened columns (rows, k) of a feature on one of the two data sets.
@@ -169,20 +171,17 @@ class RegressorLibrary:
 
     def close(self) -> None:
         """Bring the Gram matrices up to the columns taken in since."""
-        old, now = self._filled, self._count
+        old, now = self.count, self._count
         if now == old:
             return
         for which, pending in enumerate(self._pending):
-            self._reserve(which, now)
-            columns, first = self._columns[which], old
-            for further in pending:
-                columns[:, first : first + further.shape[1]] = further
-                first += further.shape[1]
+            self._reserve(which, old, now)
+            columns = self._columns[which]
+            np.concatenate(pending, axis=1, out=columns[:, old:now])
             pending.clear()
             new = columns[:, old:now]
             self._grams[which].extend(products(columns[:, :now] if old else new, new))
             self._marginalisation.add(which, new)
-        self._filled = now
         self._marginalise(old)
 
     def _marginalise(self, old: int) -> None:
@@ -248,8 +247,8 @@ class RegressorLibrary:
         gram = self._grams[0].filled + self._grams[1].filled
         return self._marginalisation.joint_posterior(gram, index[free], index[~free], misfit)
 
-    def _reserve(self, which: int, count: int) -> None:
-        columns, old = self._columns[which], self._filled
+    def _reserve(self, which: int, old: int, count: int) -> None:
+        columns = self._columns[which]
         if columns.shape[1] < count:
             self._columns[which] = np.empty((len(columns), count + count // 2), order="F")
             self._columns[which][:, :old] = columns[:, :old]
@@ -276,7 +275,7 @@ class RegressorLibrary:
         return float(1.0 - np.max(left / np.maximum(raw, 1e-300)))
 
     def calibrated_beside(self, selected: Sequence[Candidate]) -> RegressorLibrary:
-        """Return the library with residuals at the nuisance parameters beside these candidates, as later polished."""
+        """Return the library, its columns shared, with residuals at the nuisance parameters beside these candidates."""
         found = copy(self)
         found._beside = tuple(selected)
         return found

@@ -18,7 +18,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elastic_arm.diagnosis.bootstrap import block_counts
-from elastic_arm.diagnosis.selection.hypothesis import Hypothesis, Key, Rival, misfit
+from elastic_arm.diagnosis.selection.hypothesis import (
+    Hypothesis,
+    Key,
+    Rival,
+    Rivals,
+    best_first,
+    first_best,
+    misfit,
+    tie_of,
+)
 from elastic_arm.diagnosis.selection.plausible_hypothesis import plausible
 from elastic_arm.diagnosis.selection.plausible_size import PlausibleSizes
 from elastic_arm.diagnosis.selection.ranking import Rankings
@@ -76,7 +85,7 @@ class StepwiseSearch:
         self._refined: dict[tuple[Candidate, frozenset[Candidate]], Candidate] = {}
         self._possible: dict[tuple[Candidate, ...], bool] = {}
         self._rankings = Rankings(library, self._candidates, self._price, len(self.given), settings.search.ratio_factor)
-        self._sizes = sizes
+        self._sizes, self._tie = sizes, tie_of(library)
         self._freedom = sum(e.freedom for e in library.sets)
 
     def _score(self, selected: Sequence[Candidate]) -> float:
@@ -109,7 +118,7 @@ class StepwiseSearch:
                 chosen
             ):
                 break
-            chosen = max(chosen, self._grown(start), key=self._merit)
+            chosen = first_best((chosen, self._grown(start)), self._merit, self._tie)
         return Hypothesis(tuple(chosen), len(self.given))
 
     def largest_cause(self) -> Hypothesis:
@@ -180,7 +189,7 @@ class StepwiseSearch:
             scored.append((self._score(better), better))
         if not scored:
             return None
-        score, best = max(scored, key=lambda pair: pair[0])
+        score, best = first_best(scored, lambda pair: pair[0], self._tie)
         gain = score - self._score(chosen)
         return best if gain > self._worth(best) else None
 
@@ -254,7 +263,7 @@ class StepwiseSearch:
         trials = [trial for trial in trials if len({c.feature.key for c in trial}) == len(trial)]
         if not trials:
             return selected
-        best, now = max(trials, key=self._score), self._score(selected)
+        best, now = first_best(trials, self._score, self._tie), self._score(selected)
         worth = self._search.simpler_share * (now - self._score(without))
         near = self._score(best) > now - max(self._search.exchange_gain * misfit(self.library, selected), worth)
         return best if near and self._plausible(best) else selected
@@ -280,7 +289,7 @@ class StepwiseSearch:
                 break
             if other.feature.key not in refused and _confused(other, hypothesis.selected[k]):
                 chosen = [*others[:k], self._refine(others, other), *others[k:]]
-                rivals = [r for r in self._rivals(chosen, k) if r.candidate.feature.key not in refused]
+                rivals = self._rivals(chosen, k, frozenset(refused))
                 return replace(hypothesis, selected=chosen, rivals={**hypothesis.rivals, k: rivals})
         return None
 
@@ -291,7 +300,7 @@ class StepwiseSearch:
             better = self._refine([*selected[:k], *selected[k + 1 :]], candidate)
             trial = [*selected[:k], better, *selected[k + 1 :]]
             if better is not candidate and (
-                is_provisional(candidate) or self.library.both(trial) > self.library.both(selected)
+                is_provisional(candidate) or self.library.both(trial) > self.library.both(selected) + self._tie
             ):
                 selected = trial
         return selected
@@ -308,7 +317,12 @@ class StepwiseSearch:
                 k += 1
         return selected
 
-    def _rivals(self, chosen: Sequence[Candidate], k: int) -> list[Rival]:
+    def _rivals(self, chosen: Sequence[Candidate], k: int, refused: Collection[Key] = ()) -> Rivals:
+        """Return what could stand in the place of cause k, but for effects that are refused by their keys."""
+        found = tuple(chosen)
+        return Rivals(lambda: [r for r in self._compared(found, k) if r.candidate.feature.key not in refused])
+
+    def _compared(self, chosen: Sequence[Candidate], k: int) -> list[Rival]:
         """Return what could stand in the place of cause k, with its odds against it."""
         others = [*chosen[:k], *chosen[k + 1 :]]
         scale = misfit(self.library, chosen)
@@ -327,7 +341,7 @@ class StepwiseSearch:
             odds = self._odds(self._with_foreign(chosen, k, better, scale), trial, scale)
             if odds > self._search.least_odds:
                 rivals.append(Rival(better, odds))
-        return sorted(rivals, key=lambda rival: -rival.odds)
+        return [rivals[i] for i in best_first(np.array([rival.odds for rival in rivals]), self._tie / scale)]
 
     def _with_foreign(self, chosen: Sequence[Candidate], k: int, rival: Candidate, scale: float) -> list[Candidate]:
         """Return the set that a rival of cause k has to match: with the rival beside it where another joint lacks that.

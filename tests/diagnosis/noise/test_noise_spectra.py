@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+from typing import Any
+
 import numpy as np
 import pytest
 
@@ -23,3 +26,22 @@ def test_long_stretches_have_the_spectra_of_short_ones(monkeypatch: pytest.Monke
     whole = np.fft.rfft(signals, axis=1) / np.sqrt(signals.shape[1])
     kept = np.searchsorted(np.fft.rfftfreq(signals.shape[1], 1.0 / rate), f)
     np.testing.assert_allclose(direct(coordinates), whole[:, kept], atol=1e-12)
+
+
+def test_a_constant_column_has_no_spectrum() -> None:
+    """The mean does not count, and the rounding that is left of a constant is no direction of its own."""
+    harmonics, rate = Harmonics.of(301, 80, 5), 50.0
+    constant = np.fft.rfft(np.ones(301))[:80] * harmonics.scale
+    wave = np.fft.rfft(np.sin(np.arange(301)))[:80] * harmonics.scale
+    columns = harmonics.coordinates(np.stack([constant, wave])).T
+    noise = SimpleNamespace(whitener=lambda f: np.ones((len(f), 1, 1)))
+    data = SimpleNamespace(
+        layout=SimpleNamespace(rows=1, torque_coefficients={"tau_m": np.ones((1, 1))}),
+        white=columns[:, 0],
+        parts=[SimpleNamespace(noise=noise)],
+        harmonics=[harmonics],
+        band=SimpleNamespace(kept_rate=rate, cutoff=12.0),
+    )
+    prepared: Any = SimpleNamespace(library=SimpleNamespace(sets=[data]))
+    (found,) = noise_colour._spectra(prepared, 0, [columns])
+    assert not found.values[:, :, 0].any() and found.values[:, :, 1].all()

@@ -10,7 +10,7 @@ import pytest
 from elastic_arm.diagnosis import Diagnosis, Question, diagnose
 from elastic_arm.diagnosis.noise.scales import leaves_more, mean_squares, noise_scales
 from elastic_arm.diagnosis.pipeline import best_hypothesis
-from elastic_arm.diagnosis.preparation import prepare
+from elastic_arm.diagnosis.preparation import PreparedData, prepare, with_candidates
 from elastic_arm.effects import EFFECTS, EffectInstance
 from elastic_arm.recording import Recording
 from elastic_arm.robot import Robot
@@ -82,8 +82,12 @@ def test_the_joint_with_the_disturbance_is_named_and_nothing_is_explained(robot:
 @pytest.mark.slow(15)
 def test_scales_are_those_of_what_is_left_and_none_where_all_is_noise(robot: Robot) -> None:
     """They keep the mean square of what is left; beside other candidates more than another hypothesis is told."""
-    question = Question(robot, "mod3", refit=True)
-    loud = best_hypothesis(prepare([recorded(robot, 3, 100.0)], [recorded(robot, 4, 100.0)], question))
+
+    def prepared(disturbance: float) -> PreparedData:
+        parts = [recorded(robot, seed, disturbance) for seed in (3, 4)]
+        return with_candidates(prepare(parts[:1], parts[1:], Question(robot, "mod3", refit=True)))
+
+    loud = best_hypothesis(prepared(100.0))
     scales = noise_scales(loud.prepared, loud.hypothesis)
     assert scales is not None
     assert scales[0] > 10.0 * scales[1:].max()
@@ -91,5 +95,5 @@ def test_scales_are_those_of_what_is_left_and_none_where_all_is_noise(robot: Rob
     left = mean_squares(loud.prepared, loud.hypothesis.selected)
     assert not leaves_more(loud.prepared, loud.hypothesis.selected, left)
     assert leaves_more(loud.prepared, loud.hypothesis.baseline, left)
-    quiet = best_hypothesis(prepare([recorded(robot, 3, 0.0)], [recorded(robot, 4, 0.0)], question))
+    quiet = best_hypothesis(prepared(0.0))
     assert noise_scales(quiet.prepared, quiet.hypothesis) is None

@@ -21,7 +21,7 @@ def test_a_start_far_outside_the_range_is_looked_for_at_its_end(parameter: Param
     """The linear fit may give a size that no arm has: the optimum is then looked for near the end of the range."""
     target = parameter.high if centre > 0 else parameter.low
     settings = RefinementSettings()
-    found = _scalar(lambda point: (point[0] - target) ** 2, parameter, centre, 0.5, settings)
+    (found,), _ = _scalar(lambda point: (point[0] - target) ** 2, parameter, centre, 0.5, settings)
     assert parameter.low - 3.0 <= found <= 3.0 * parameter.high
 
 
@@ -29,5 +29,5 @@ def test_a_size_of_the_wrong_sign_starts_at_the_least_one() -> None:
     """A negative size has no logarithm: the search sets out from the smallest, without a warning."""
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        found = _together(lambda point: float(np.sum((np.array(point) - 0.5) ** 2)), [SIZE, GAIN], (-3.0, 0.2))
+        found, _ = _together(lambda point: float(np.sum((np.array(point) - 0.5) ** 2)), [SIZE, GAIN], (-3.0, 0.2))
     np.testing.assert_allclose(found, 0.5, atol=0.2)

@@ -51,6 +51,21 @@ class Whitened:
         return white
 
 
+class Rounded(Whitened):
+    """The same with other rounding of every row."""
+
+    def __init__(self, seed: int, added: dict[str, float], rounding: int) -> None:
+        super().__init__(seed, added)
+        self.rng = np.random.default_rng(rounding)
+        self.white = self.white * self._rounding()
+
+    def _rounding(self) -> Array:
+        return 1.0 + 1e-13 * self.rng.standard_normal(ROWS)
+
+    def whiten(self, column: Array) -> Array:
+        return (column * self._rounding())[:, None]
+
+
 def feature(name: str, **changed: Any) -> Any:
     """A feature with one linear parameter and one column."""
     own = {"key": (name, None, ()), "linear": (COEFFICIENT,), "searched": (), "fixed": False, "phase": None}
@@ -143,6 +158,18 @@ def test_coefficients_are_those_of_least_squares() -> None:
     np.testing.assert_allclose(np.concatenate(library.coefficients(candidates)), expected, rtol=1e-9)
 
 
+def test_columns_that_are_added_beside_other_candidates_are_in_the_library_itself() -> None:
+    """A library and what it is beside candidates hold the same columns, whichever of the two they were added to."""
+    library, (one,) = library_of({"one": 1.0, "two": 0.3}, "one")
+    beside = library.calibrated_beside([one])
+    two, three = beside.add(feature("two"), ()), beside.add(feature("three"), ())
+    beside.close()
+    again = library.add(feature("three"), ())
+    library.close()
+    assert library.count == beside.count == 5
+    assert library.held_out([one, two, again]) == pytest.approx(beside.held_out([one, two, three]), rel=1e-12)
+
+
 def test_the_effects_that_are_there_are_selected() -> None:
     """Two of three effects act: those two are found, and in noise nothing is."""
     assert set(found({"one": 0.6, "three": -0.5}, "one", "two", "three")) == {"one", "three"}
@@ -152,6 +179,32 @@ def test_the_effects_that_are_there_are_selected() -> None:
 def test_a_single_wrong_effect_gives_way_to_two_right_ones() -> None:
     """A column that is the sum of two does part of the work of both; the two it stands for replace it."""
     assert set(found({"one": 1.0, "two": 0.3}, "both", "one", "two")) in ({"one", "two"}, {"both", "one"})
+
+
+def test_rounding_does_not_choose_among_sets_that_span_the_same() -> None:
+    """Of three columns any two are as good: the first one is taken beside the best, with any rounding of rows."""
+    for rounding in range(10):
+        data: Any = [Rounded(seed, {"one": 1.0, "two": 0.3}, rounding) for seed in (1, 2)]
+        library = RegressorLibrary(*data, SETTINGS.candidates)
+        library.candidates.extend(library.add(feature(name), ()) for name in ("both", "two", "one"))
+        library.close()
+        hypothesis = StepwiseSearch(library, (), SETTINGS).run()
+        assert [c.feature.effect.id for c in hypothesis.selected] == ["one", "both"]
+
+
+def test_a_value_that_changes_nothing_stays() -> None:
+    """Beside a constant, a spring of any rest angle explains as much: no other angle is chosen by rounding."""
+    rest = Parameter("rest", "rad", -3.2, 3.2, role=Role.SEARCHED)
+    for rounding in range(10):
+        data: Any = [Rounded(seed, {"one": 0.6, "two": 0.6}, rounding) for seed in (1, 2)]
+        spring = feature(
+            "spring", searched=(rest,), column=lambda data, v: data.columns["one"] - v[0] * data.columns["two"]
+        )
+        library = RegressorLibrary(*data, SETTINGS.candidates)
+        constant, start = library.add(feature("two"), ()), library.add(spring, (0.8,))
+        library.close()
+        assert refine(library, [constant, start], start, SETTINGS.refinement) is start
+        assert refine(library, [start], start, SETTINGS.refinement) is not start
 
 
 def test_a_candidate_must_gain_what_is_asked() -> None:
