@@ -19,6 +19,7 @@ from elastic_arm.diagnosis.inference.judgement import Judgement
 from elastic_arm.diagnosis.inference.lack_of_fit import LackOfFit, strongest
 from elastic_arm.diagnosis.inference.place_gaps import PlaceGap, place_gaps, shares_of_causes
 from elastic_arm.diagnosis.inference.regimes import regime, shares
+from elastic_arm.diagnosis.inference.wrong_units import wrong_unit_notes
 from elastic_arm.diagnosis.laws.better_laws import NO_LAWS, BetterLaws, lacks_of_fit
 from elastic_arm.diagnosis.preparation import PreparedData
 from elastic_arm.diagnosis.ranked_causes import RankedCause, listed_causes
@@ -34,7 +35,6 @@ from elastic_arm.diagnosis.texts.notes import (
     refuted_note,
     unlike_noise_note,
 )
-from elastic_arm.diagnosis.wrong_units import wrong_unit_notes
 
 Array = NDArray[np.float64]
 
