@@ -76,11 +76,9 @@ def assemble(
         settings=settings.judgement,
     )
     if answer == "unknown":
-        # An incomplete hypothesis may owe its causes to what it lacks.
-        there = shares_of_causes(prepared, hypothesis, by_place)
-        ranked = [r.less_sure(max(shrink, there.get(r.candidate.feature.key, 0.0))) for r in ranked]
-    before = measure.before
-    seed = settings.resampling.significance_seed
+        there = shares_of_causes(prepared, hypothesis, by_place, shrink)
+        ranked = [one.less_sure(there[one.candidate.feature.key]) for one in ranked]
+    before, seed = measure.before, settings.resampling.significance_seed
     after = residual_statistics(prepared.validation, residuals, before.band, settings, seed)
     unexplained = _unexplained(prepared, before, after, residuals, traces, kept) if answer == "unknown" else []
     first = wrong_unit_notes(prepared, hypothesis.selected, still_open) if answer == "unknown" else []

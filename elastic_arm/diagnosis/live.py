@@ -27,7 +27,7 @@ from elastic_arm.estimation.band import LowPass
 from elastic_arm.estimation.equations import EquationSet
 from elastic_arm.estimation.observation import observe
 from elastic_arm.estimation.residuals import residuals
-from elastic_arm.estimation.whitening import noise_model
+from elastic_arm.estimation.whitening import noise_models
 from elastic_arm.recording import Recording, Samples, Side
 from elastic_arm.robot import load_robot
 
@@ -181,7 +181,8 @@ class LiveDiagnosis:
         if not stretches:
             raise DiagnosisError("too little motion is left after filtering", "Wait some seconds")
         values = np.concatenate([stretch.values for stretch in stretches])
-        noise = noise_model(model, observation, layout, band, floor=0.0).std(LowPass(band.cutoff, band.kept_rate))
+        (model_noise,) = noise_models(model, observation, layout, band, (0.0,))
+        noise = model_noise.std(LowPass(band.cutoff, band.kept_rate))
         places = layout.places(model.robot.joint_names)
 
         def named(numbers: Array) -> dict[tuple[str, str], float]:

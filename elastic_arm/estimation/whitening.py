@@ -126,23 +126,10 @@ class NoiseModel:
         return found
 
 
-def noise_model(
-    model: Model, observation: Observation, equations: EquationSet, band: Band, *, floor: float = FLOOR
-) -> NoiseModel:
-    """Propagate the channels' noise into the usable residuals.
-
-    Parameters
-    ----------
-    floor
-        Share of the torque noise that each equation gets besides, 0 for the noise itself.
-    """
-    return noise_models(model, observation, equations, band, (floor,))[0]
-
-
 def noise_models(
     model: Model, observation: Observation, equations: EquationSet, band: Band, floors: Sequence[float]
 ) -> list[NoiseModel]:
-    """Propagate the channels' noise into the usable residuals, for several floors of :func:`noise_model`.
+    """Propagate the channels' noise into the usable residuals, for several floors.
 
     Parameters
     ----------
@@ -153,7 +140,7 @@ def noise_models(
     equations, band
         Usable equations, and where they are looked at.
     floors
-        Shares of the torque noise that each equation gets besides.
+        Shares of the torque noise that each equation gets besides, 0 for the noise itself.
     """
     n, f = equations.n, np.linspace(0.0, band.kept_rate / 2, NOISE_FREQUENCIES)
     speed2 = (2 * np.pi * f[:, None, None]) ** 2

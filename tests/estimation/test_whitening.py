@@ -17,7 +17,7 @@ from elastic_arm.estimation.equations import EquationSet
 from elastic_arm.estimation.noise_colour import CORNERS, Colour
 from elastic_arm.estimation.observation import Observation, observe, widest_band
 from elastic_arm.estimation.residuals import residuals
-from elastic_arm.estimation.whitening import NoiseModel, WhitenedData, noise_model
+from elastic_arm.estimation.whitening import FLOOR, NoiseModel, WhitenedData, noise_models
 from elastic_arm.recording import Side
 from elastic_arm.sensors import Sensors
 from tests.helpers.gap_recordings import ROBOT, motions, record
@@ -49,7 +49,7 @@ def test_whitened_residuals_of_a_clean_arm_are_white_noise_of_variance_one() -> 
 
 def test_the_whitener_inverts_the_covariance() -> None:
     """W C W^H is the identity at every frequency in the band."""
-    noise = noise_model(MODEL, observation(), *setting())
+    (noise,) = noise_models(MODEL, observation(), *setting(), (FLOOR,))
     whitener = noise.whitener(noise.f)
     product = whitener @ noise.covariance @ whitener.conj().transpose(0, 2, 1)
     np.testing.assert_allclose(product, np.broadcast_to(np.eye(product.shape[1]), product.shape), atol=1e-8)
@@ -71,9 +71,7 @@ def test_the_floor_of_a_joint_is_a_part_of_its_own_sensors_noise() -> None:
 
     def floors(stds: list[float]) -> np.ndarray:
         noise = replace(seen.noise, tau_J=np.array(stds), tau_m=np.array(stds))
-        with_floor, without = (
-            noise_model(MODEL, replace(seen, noise=noise), equations, band, floor=f) for f in (0.1, 0.0)
-        )
+        with_floor, without = noise_models(MODEL, replace(seen, noise=noise), equations, band, (0.1, 0.0))
         return np.real(np.einsum("frr->fr", with_floor.covariance - without.covariance)[0])[: MODEL.n]
 
     np.testing.assert_allclose(floors([0.3, 0.29, 0.01]), [9e-4, 9e-4, 1.4e-6], rtol=0.3)
@@ -82,7 +80,7 @@ def test_the_floor_of_a_joint_is_a_part_of_its_own_sensors_noise() -> None:
 def test_residuals_of_a_clean_arm_are_as_large_as_the_noise_model_states() -> None:
     """Without the extra floor the model predicts the residuals' standard deviations, equation by equation."""
     equations, band = setting()
-    noise = noise_model(MODEL, observation(), equations, band, floor=0.0)
+    (noise,) = noise_models(MODEL, observation(), equations, band, (0.0,))
     values = np.concatenate([s.values for s in residuals(MODEL, observation(), equations, band)])
     density = np.real(np.einsum("frr->fr", noise.covariance)) * band.gain(noise.f)[:, None] ** 2
     expected = np.sqrt(trapezoid(density, noise.f, axis=0) * 2.0 / noise.rate)
@@ -128,3 +126,12 @@ def test_rows_stand_residual_by_residual_over_all_stretches() -> None:
     rows = in_whitened_order(stretches)
     times = [10.0, 11.0, 12.0, 13.0, 110.0, 111.0, 112.0, 113.0, 114.0]
     assert rows == pytest.approx([*(t + 0.1 for t in times), *(t + 0.2 for t in times)])
+
+
+def test_scales_divide_the_rows_and_nothing_else() -> None:
+    """A joint that scatters three times as much counts a third, of what is whitened as if it did not."""
+    (noise,) = noise_models(MODEL, observation(), *setting(), (FLOOR,))
+    scales = np.linspace(1.0, 3.0, noise.covariance.shape[1])
+    f = np.array([1.0, 5.0])
+    scaled = replace(noise, scales=scales).whitener(f)
+    np.testing.assert_allclose(scaled * scales[:, None], noise.whitener(f), rtol=1e-12)

@@ -82,11 +82,13 @@ def place_gaps(
     return [_place_gap(row, pairs, settings) for row in range(data.layout.rows)]
 
 
-def shares_of_causes(prepared: PreparedData, hypothesis: Hypothesis, places: Sequence[PlaceGap]) -> dict[Key, float]:
-    """Return by key how much of the gap is gone at the joints and sides at which each cause acts.
+def shares_of_causes(
+    prepared: PreparedData, hypothesis: Hypothesis, places: Sequence[PlaceGap], shrink: float
+) -> dict[Key, float]:
+    """Return by key how much of the gap is gone at the joints and sides at which a cause acts, or of the whole if more.
 
-    Where an arm is not explained, this is what speaks for a cause: friction of a wrist is not in doubt because a
-    shoulder lacks something. Nothing of a cause that acts where no gap is.
+    An incomplete hypothesis may owe a cause to what it lacks there. Friction of a wrist is not in doubt because a
+    shoulder lacks something.
 
     Parameters
     ----------
@@ -96,8 +98,10 @@ def shares_of_causes(prepared: PreparedData, hypothesis: Hypothesis, places: Seq
         The causes.
     places
         The gap of every residual; none where no residual shows it.
+    shrink
+        How much of the whole gap is gone.
     """
-    found: dict[Key, float] = {}
+    found = {hypothesis.selected[k].feature.key: max(0.0, shrink) for k in hypothesis.causes}
     before = np.array([place.before if place.significant_before else 0.0 for place in places])
     after = np.array([place.after for place in places])
     coefficients = prepared.library.coefficients(hypothesis.selected)
@@ -107,7 +111,8 @@ def shares_of_causes(prepared: PreparedData, hypothesis: Hypothesis, places: Seq
         power = np.sum([np.sum((part @ coefficients[k]) ** 2, axis=0) for part in columns], axis=0)
         rows = power > prepared.settings.judgement.main_share * power.sum()
         if before[rows].any():
-            found[candidate.feature.key] = max(0.0, 1.0 - float(after[rows].sum() / before[rows].sum()))
+            there = 1.0 - float(after[rows].sum() / before[rows].sum())
+            found[candidate.feature.key] = max(found[candidate.feature.key], there)
     return found
 
 
