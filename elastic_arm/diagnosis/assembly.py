@@ -76,8 +76,8 @@ def assemble(
         settings=settings.judgement,
     )
     if answer == "unknown":
-        there = shares_of_causes(prepared, hypothesis, by_place, shrink)
-        ranked = [one.less_sure(there[one.candidate.feature.key]) for one in ranked]
+        there = shares_of_causes(prepared, hypothesis, by_place)
+        ranked = [one.less_sure(max(shrink, there.get(one.candidate.feature.key, 0.0))) for one in ranked]
     before, seed = measure.before, settings.resampling.significance_seed
     after = residual_statistics(prepared.validation, residuals, before.band, settings, seed)
     unexplained = _unexplained(prepared, before, after, residuals, traces, kept) if answer == "unknown" else []

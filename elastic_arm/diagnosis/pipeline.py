@@ -15,7 +15,7 @@ from elastic_arm.diagnosis.inference.excess import select_band, statistics_in_ba
 from elastic_arm.diagnosis.inference.judgement import Judgement, judge, measured_beside
 from elastic_arm.diagnosis.inference.sticking import sticking_misfits
 from elastic_arm.diagnosis.laws.better_laws import better_laws
-from elastic_arm.diagnosis.noise.colour import noise_colours
+from elastic_arm.diagnosis.noise.colour import NoiseColours, noise_colours
 from elastic_arm.diagnosis.noise.scales import leaves_more, mean_squares, noise_scales
 from elastic_arm.diagnosis.preparation import (
     PreparedData,
@@ -184,8 +184,18 @@ def _diagnosed(found: Searched) -> Diagnosis:
         # Where what no motion explains is not white, that is the noise.
         beside, _ = recalibrated(found.prepared, found.hypothesis, colours.of_sets)
         found = _beside_faulty_sensors(beside)
-    causes = _estimated(found) if colours else _estimated_place_by_place(found)
-    # Laws that no catalogue states, in the place of the causes and beside them.
+    beside = None if colours else _beside_scales(found)
+    if beside is None:
+        return _answered(found, colours)
+    again, left = _answered(beside, None), mean_squares(found.prepared, found.hypothesis.selected)
+    # Where it leaves more, it is no better place.
+    return _answered(found, None) if leaves_more(again, left, found.prepared.settings.refit.passing) else again
+
+
+def _answered(found: Searched, colours: NoiseColours | None) -> Diagnosis:
+    """Judge and estimate the causes of the last search, and compare them with laws that no catalogue states."""
+    causes = _estimated_once_more(found.prepared, found.stepwise.with_rivals(found.hypothesis))
+    # In the place of the causes and beside them.
     laws = better_laws(causes.prepared, causes.estimated, colours.unlike if colours else {})
     faults = causes.estimated.faults
     judgement = measured_beside(causes.prepared, causes.judgement, faults, laws.refuted(faults))
@@ -193,38 +203,22 @@ def _diagnosed(found: Searched) -> Diagnosis:
     return assemble(causes.prepared, judgement, causes.estimated, laws)
 
 
-def _estimated_place_by_place(found: Searched) -> Estimated:
-    """Judge and estimate the causes of the search; where some joints are explained far worse, of one with their scales.
+def _beside_scales(found: Searched) -> Searched | None:
+    """Return the search where each joint and side has its own scale; None where one does for all.
 
-    What such a joint lacks would hide the causes of all others.
+    What one joint lacks would hide the causes of all others. The first scales hold what is only found beside them, and
+    the last ones what is left then.
     """
     prepared, hypothesis = found.prepared, found.hypothesis
     scales = noise_scales(prepared, hypothesis) if prepared.calibration.parameters else None
     if scales is None:
-        return _estimated(found)
-    left = mean_squares(prepared, hypothesis.selected)
+        return None
     beside, _ = recalibrated(prepared, hypothesis, scales=scales)
-    again = _estimated(_with_last_scales(_beside_faulty_sensors(beside)))
-    # Where it leaves more, it is no better place.
-    return _estimated(found) if leaves_more(again.prepared, again.estimated.hypothesis.selected, left) else again
-
-
-def _with_last_scales(found: Searched) -> Searched:
-    """Return the search with the scales of what its hypothesis leaves: the first ones hold what it has found since."""
-    scales = noise_scales(found.prepared, found.hypothesis)
-    if scales is None:
-        scales = np.ones(len(found.prepared.places))
-    prepared, hypothesis = recalibrated(found.prepared, found.hypothesis, scales=scales)
-    return Searched(
-        prepared,
-        StepwiseSearch(prepared.library, prepared.given, prepared.settings, prepared.sizes),
-        hypothesis,
-    )
-
-
-def _estimated(found: Searched) -> Estimated:
-    """Judge and estimate the causes of the search, with what could stand in the place of each."""
-    return _estimated_once_more(found.prepared, found.stepwise.with_rivals(found.hypothesis))
+    again = _beside_faulty_sensors(beside)
+    last = noise_scales(again.prepared, again.hypothesis)
+    even = np.ones(len(prepared.places))
+    beside, hypothesis = recalibrated(again.prepared, again.hypothesis, scales=even if last is None else last)
+    return Searched(beside, StepwiseSearch(beside.library, beside.given, beside.settings, beside.sizes), hypothesis)
 
 
 def _estimated_once_more(prepared: PreparedData, hypothesis: Hypothesis) -> Estimated:

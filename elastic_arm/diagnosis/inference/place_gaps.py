@@ -82,10 +82,8 @@ def place_gaps(
     return [_place_gap(row, pairs, settings) for row in range(data.layout.rows)]
 
 
-def shares_of_causes(
-    prepared: PreparedData, hypothesis: Hypothesis, places: Sequence[PlaceGap], shrink: float
-) -> dict[Key, float]:
-    """Return by key how much of the gap is gone at the joints and sides at which a cause acts, or of the whole if more.
+def shares_of_causes(prepared: PreparedData, hypothesis: Hypothesis, places: Sequence[PlaceGap]) -> dict[Key, float]:
+    """Return by key how much of the gap is gone at the joints and sides at which each cause acts, where there is any.
 
     An incomplete hypothesis may owe a cause to what it lacks there. Friction of a wrist is not in doubt because a
     shoulder lacks something.
@@ -98,10 +96,8 @@ def shares_of_causes(
         The causes.
     places
         The gap of every residual; none where no residual shows it.
-    shrink
-        How much of the whole gap is gone.
     """
-    found = {hypothesis.selected[k].feature.key: max(0.0, shrink) for k in hypothesis.causes}
+    found: dict[Key, float] = {}
     before = np.array([place.before if place.significant_before else 0.0 for place in places])
     after = np.array([place.after for place in places])
     coefficients = prepared.library.coefficients(hypothesis.selected)
@@ -111,8 +107,7 @@ def shares_of_causes(
         power = np.sum([np.sum((part @ coefficients[k]) ** 2, axis=0) for part in columns], axis=0)
         rows = power > prepared.settings.judgement.main_share * power.sum()
         if before[rows].any():
-            there = 1.0 - float(after[rows].sum() / before[rows].sum())
-            found[candidate.feature.key] = max(found[candidate.feature.key], there)
+            found[candidate.feature.key] = max(0.0, 1.0 - float(after[rows].sum() / before[rows].sum()))
     return found
 
 

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elastic_arm.diagnosis.preparation import PreparedData
+from elastic_arm.diagnosis.result import Diagnosis
 from elastic_arm.diagnosis.selection.hypothesis import Hypothesis, misfit
 from elastic_arm.diagnosis.selection.regressor_library import Candidate
 
@@ -46,24 +47,28 @@ def noise_scales(prepared: PreparedData, hypothesis: Hypothesis) -> Array | None
     return np.where(live, np.sqrt(power / np.mean(power[live])), 1.0)
 
 
-def leaves_more(prepared: PreparedData, selected: Sequence[Candidate], than: Array) -> bool:
-    """Whether candidates leave clearly more of the validation data than something else does, joint by joint.
+def mean_squares(prepared: PreparedData, selected: Sequence[Candidate]) -> Array:
+    """Return the mean square (R,) of each residual of the validation data that candidates leave, Nm²."""
+    return _mean_squares(prepared.library.validation_residuals(selected))
+
+
+def leaves_more(found: Diagnosis, than: Array, ratio: float) -> bool:
+    """Whether a diagnosis leaves more of the validation data than another hypothesis, joint by joint.
 
     Parameters
     ----------
-    prepared
-        Data and regressors.
-    selected
-        The candidates.
+    found
+        With the residuals that its causes leave.
     than
-        Mean squares (R,) of the others, as :func:`mean_squares` returns them.
+        Mean squares (R,) of the other, from :func:`mean_squares`.
+    ratio
+        Of the mean squares, as a geometric mean over all joints and sides, from which it leaves more.
     """
-    live = prepared.validation.layout.live
-    ratio = mean_squares(prepared, selected)[live] / than[live]
-    return bool(np.exp(np.mean(np.log(ratio))) > prepared.settings.refit.passing)
+    assert found.context is not None
+    live = found.context.validate.layout.live
+    left = _mean_squares(found.context.after)[live]
+    return bool(np.exp(np.mean(np.log(left / than[live]))) > ratio)
 
 
-def mean_squares(prepared: PreparedData, selected: Sequence[Candidate]) -> Array:
-    """Return the mean square (R,) of each residual of the validation data that candidates leave, Nm²."""
-    left = np.concatenate(prepared.library.validation_residuals(selected))
-    return np.asarray(np.mean(left**2, axis=0))
+def _mean_squares(residuals: Sequence[Array]) -> Array:
+    return np.asarray(np.mean(np.concatenate(residuals) ** 2, axis=0))
