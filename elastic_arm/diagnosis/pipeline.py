@@ -184,10 +184,10 @@ def _diagnosed(found: Searched) -> Diagnosis:
         # Where what no motion explains is not white, that is the noise.
         beside, _ = recalibrated(found.prepared, found.hypothesis, colours.of_sets)
         found = _beside_faulty_sensors(beside)
-    beside = None if colours else _beside_scales(found)
-    if beside is None:
+    scaled = None if colours else _beside_scales(found)
+    if scaled is None:
         return _answered(found, colours)
-    again, left = _answered(beside, None), mean_squares(found.prepared, found.hypothesis.selected)
+    again, left = _answered(scaled, None), mean_squares(found.prepared, found.hypothesis.selected)
     # Where it leaves more, it is no better place.
     return _answered(found, None) if leaves_more(again, left, found.prepared.settings.refit.passing) else again
 
