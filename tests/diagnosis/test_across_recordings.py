@@ -133,10 +133,12 @@ def test_with_refit_laws_take_the_torques_that_the_model_predicts(monkeypatch: p
         raise StopIteration
 
     monkeypatch.setattr(across_recordings, "WhitenedData", data_of)
-    judged = SimpleNamespace(layout=None, band=None, sticking_removed=True, predicted=True, acting=("drag",))
+    judged = SimpleNamespace(
+        layout=None, band=None, sticking_removed=True, predicted=True, acting=("drag",), scales=(1.0, 3.0)
+    )
     with pytest.raises(StopIteration):
         across_recordings.refitted(SimpleNamespace(model=None, validate=judged), [], [])
-    assert given == {"predicted": True, "sticking_removed": True, "acting": ("drag",)}
+    assert given == {"predicted": True, "sticking_removed": True, "acting": ("drag",), "scales": (1.0, 3.0)}
 
 
 def softened(*stiffness: float, comparable: float = AgreementSettings.comparable) -> Diagnosis:

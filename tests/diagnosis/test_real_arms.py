@@ -56,4 +56,10 @@ def test_friction_of_low_passed_torques_does_not_bend() -> None:
     found = diagnose(recordings[:2], Question(arm, refit=True), recordings[2:])
     assert 1.5 < found.band < 2.1
     assert found.verdict == "unknown" and found.shrink is not None and found.shrink > 0.5
-    assert {cause.effect for cause in found.causes} <= {"coulomb_friction", "viscous_friction"}
+    frictions = {cause.effect for cause in found.causes if cause.instance.effect.is_friction}
+    assert frictions and frictions <= {"coulomb_friction", "viscous_friction"}
+    # Its base is off level by 21 to 28 mrad, as `identify` finds it; nothing else that is not friction is believed.
+    others = {cause.effect: cause for cause in found.causes if not cause.instance.effect.is_friction}
+    tilt = others.pop("base_tilt")
+    assert -0.028 < tilt.parameters["x"].value < -0.018
+    assert all(cause.confidence < 0.05 for cause in others.values())

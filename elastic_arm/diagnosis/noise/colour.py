@@ -296,7 +296,8 @@ def _motion_columns(prepared: PreparedData, which: int, hypothesis: Hypothesis) 
     """
     library = prepared.library
     data = library.sets[which]
-    own = np.unique(np.concatenate([c.index for c in (*library.candidates, *hypothesis.selected)]))
+    tried = [c.index for c in (*library.candidates, *hypothesis.selected)]
+    own = np.unique(np.concatenate([np.zeros(0, dtype=int), *tried]))
     blocks: list[Array] = [library.matrix(which, own), library.nuisance.white[which]]
     for joint in range(data.layout.n):
         plain: list[Sequence[Array]] = []
