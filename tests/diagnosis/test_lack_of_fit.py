@@ -300,16 +300,17 @@ def test_what_another_cause_can_do_makes_none_certain() -> None:
 
 
 @pytest.mark.parametrize(
-    ("share", "gain", "said"),
+    ("share", "place", "gain", "said"),
     [
-        (0.5 * WORTH, 2.0 * DETECTED, True),
-        (2.0 * WORTH, 2.0 * DETECTED, False),  # large enough: other reasons spoke against it
-        (-0.5 * WORTH, 2.0 * DETECTED, False),  # makes the gap larger
-        (0.5 * WORTH, 0.9 * DETECTED, False),  # may be chance
+        (0.5 * WORTH, 0.0, 2.0 * DETECTED, True),
+        (2.0 * WORTH, 0.0, 2.0 * DETECTED, False),  # large enough: other reasons spoke against it
+        (-0.5 * WORTH, 0.0, 2.0 * DETECTED, False),  # makes the gap larger
+        (-0.5 * WORTH, 0.1, 2.0 * DETECTED, True),  # of its own joint it takes a part: another one's gap is larger
+        (0.5 * WORTH, 0.0, 0.9 * DETECTED, False),  # may be chance
     ],
 )
 def test_what_is_there_and_less_than_a_hundredth_of_the_gap_is_mentioned(
-    share: float, gain: float, said: bool, monkeypatch: pytest.MonkeyPatch
+    share: float, place: float, gain: float, said: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """The note names effect, place and share; what may be chance, or is no small part, is not mentioned."""
     feature = SimpleNamespace(effect=SimpleNamespace(id="torque_ripple"), joint="joint_3")
@@ -317,7 +318,8 @@ def test_what_is_there_and_less_than_a_hundredth_of_the_gap_is_mentioned(
     library = SimpleNamespace(held_out=lambda selected: sum(e.gain for e in selected))
     prepared: Any = SimpleNamespace(settings=SETTINGS, library=library)
     monkeypatch.setattr(judgement, "misfit", lambda library, selected: 1.0)
-    assert is_small_effect(prepared, Hypothesis([large, small]), 1, share) == said
+    measure: Any = SimpleNamespace(place_contribution=lambda selected, k: place)
+    assert is_small_effect(prepared, Hypothesis([large, small]), 1, share, measure) == said
     note = small_effect_note(feature, share, WORTH)  # type: ignore[arg-type]
     assert "torque_ripple of joint_3" in note and f"{share:.2%}" in note
 

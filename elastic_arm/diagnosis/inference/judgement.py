@@ -250,7 +250,7 @@ def eliminate(
                 hypothesis = other
                 continue
             notes += [impossible[keys[worst]]] if keys[worst] in impossible else []
-        if is_small_effect(prepared, hypothesis, worst, failed[worst], measure):
+        if failed[worst] > 0.0 and is_small_effect(prepared, hypothesis, worst, failed[worst], measure):
             feature, least = hypothesis.selected[worst].feature, prepared.settings.judgement.least_shrink
             notes.append(small_effect_note(feature, failed[worst], least))
         hypothesis = hypothesis.drop(worst)
