@@ -135,7 +135,7 @@ class SearchSettings:
     refinements: int = 30  # optimisations that one search may spend; bounds the time
     complete: float = 1.3  # misfit up to which next to nothing is left; whitened noise alone gives 1; convention
     bent: float = 3.0  # misfit from which what is unexplained bends nuisance parameters; convention
-    unequal: float = 10.0  # times the median misfit of a joint and side, from which each has its own scale; convention
+    unequal: float = 4.0  # times the median misfit of a joint and side, from which each has its own scale; convention
     far_better: float = 0.5  # share of the misfit that a calibration beside one cause may leave; convention
     held: float = 0.99  # share of an effect's squares from which nuisance parameters could stand for it; convention
     ratio_factor: float = 1.2  # how far outside its plausible range a linear ratio may be found; convention
