@@ -111,15 +111,17 @@ class FinalEstimates:
         """Return the numbers of candidates that the likelihood requires where much is left unexplained.
 
         Standard deviations are then those of what is left, of one joint for all others, and a cause that takes most of
-        its joint's torque may seem uncertain beside the friction that another joint lacks.
+        its joint's torque may seem uncertain beside the friction that another joint lacks. Of several frictions of one
+        joint the deviations say that the recordings hardly tell one from another: no other joint has a part in that.
         """
         library, selected, settings = self.fit.found.library, self.fit.selected, self.fit.problem.settings
         left = misfit(library, selected)
         if left <= settings.search.bent:
             return set()
         whole, least = library.both(selected), settings.significance.detected * left
-        rest = ([*selected[:k], *selected[k + 1 :]] for k in range(len(selected)))
-        return {k for k, others in enumerate(rest) if whole - library.both(others) > least}
+        kinds = [("" if e.is_friction else e.id, c.feature.joint) for c in selected if (e := c.feature.effect)]
+        single = [k for k, kind in enumerate(kinds) if kinds.count(kind) == 1]
+        return {k for k in single if whole - library.both([*selected[:k], *selected[k + 1 :]]) > least}
 
     def weighed(self, fault: LargeImperfection) -> LargeImperfection:
         """Return a fault with the confidence that it has where the whole description may be off instead."""

@@ -107,10 +107,20 @@ def test_a_payload_is_weighed_against_a_crude_description(shown: float, crude: b
     assert (found.odds_of_crude_description_against(payload) > 1.0) == crude
 
 
-def needed(unexplained: float) -> set[int]:
-    """Return which of viscous and dry friction of motor 2 are needed, of an arm that has the first, beside a torque."""
+def needed(unexplained: float, *, friction: bool = False) -> set[int]:
+    """Return which of viscous and dry friction of motor 2 are needed, of an arm that has the first, beside a torque.
+
+    Parameters
+    ----------
+    unexplained
+        Size of the torque.
+    friction
+        Whether they count as friction.
+    """
     torque = lambda s: 2.0 * speed(s) + unexplained * cogging(s)  # noqa: E731
     comparison, selected = compared([Moved(k, torque, {"motor": 1.0}) for k in (1, 2)], speed, sign)
+    for candidate in selected:
+        vars(candidate.feature)["effect"] = SimpleNamespace(id=candidate.feature.key[0], is_friction=friction)
     problem = SimpleNamespace(settings=DiagnosisSettings())
     fit: Any = SimpleNamespace(found=SimpleNamespace(library=comparison._library), selected=selected, problem=problem)
     found = FinalEstimates(fit, SimpleNamespace(), np.zeros(0), np.zeros(0), ())  # type: ignore[arg-type]
@@ -124,3 +134,8 @@ def test_where_much_is_unexplained_the_likelihood_keeps_a_cause() -> None:
     """
     assert needed(5.0) == {0}
     assert needed(0.0) == set()
+
+
+def test_which_friction_a_joint_has_is_a_matter_of_its_deviations() -> None:
+    """Of two frictions of one joint none is needed: how uncertain they are is no other joint's doing."""
+    assert needed(5.0, friction=True) == set()
