@@ -30,6 +30,8 @@ ENOUGH_SAMPLES = 4000
 ABOVE_FLOOR = 12.0
 # A series is accepted when it leaves no more than this times the noise of the encoders.
 ACCEPTED = 1.3
+# Of a period, over whose means it is judged from when on a motion repeats.
+BLOCKS = 100
 # A motion is seen to repeat when its period is no longer than this share of the recording.
 LONGEST_PERIOD = 0.7
 
@@ -63,7 +65,9 @@ class FourierFit:
     velocity_weight: float = 0.0
 
     @staticmethod
-    def of(t: Array, position: Array, velocity: Array | None, omega: float, velocity_weight: float) -> FourierFit:
+    def of(
+        t: Array, position: Array, velocity: Array | None, omega: float, velocity_weight: float, harmonics: int
+    ) -> FourierFit:
         """Fit positions and velocities together.
 
         Parameters
@@ -76,15 +80,9 @@ class FourierFit:
             Fundamental, rad/s.
         velocity_weight
             Position noise over velocity noise, s.
+        harmonics
+            How many.
         """
-        most = _most_harmonics(t, omega)
-        few = slice(None, None, max(1, len(t) // ENOUGH_SAMPLES))
-        coefficients = _solve(
-            t[few], position[few], None if velocity is None else velocity[few], omega, most, velocity_weight
-        )
-        power = np.sum((coefficients[1 : most + 1] ** 2 + coefficients[most + 1 :] ** 2), axis=1)
-        floor = np.median(power[most // 2 :])
-        harmonics = max(1, int(np.max(np.flatnonzero(power > ABOVE_FLOOR * floor), initial=0)) + 1)
         coefficients = _solve(t, position, velocity, omega, harmonics, velocity_weight)
         fit = FourierFit(
             omega,
@@ -155,15 +153,23 @@ def fourier_motion(
             f"a period of {period:g} s does not fit into {len(grid) / grid.rate:.3g} s at {grid.rate:.4g} Hz",
             "Give the period of the motion, which must have been recorded once at least.",
         )
-    start = _settled(position, round(period * grid.rate))
-    t = grid.t[start:] - grid.t[start]
-    omega = _refined(t, position[start:], 2 * np.pi / period)
+    omega = 2 * np.pi / period
+    for _ in range(2):  # a period that is a few samples off hides the end of a start
+        start = _settled(position, round(2 * np.pi / omega * grid.rate))
+        t = grid.t[start:] - grid.t[start]
+        omega = _refined(t, position[start:], omega)
+    recorded: dict[str, tuple[Array, Array | None, float]] = {
+        name: (x[start:], None if dx is None else dx[start:], _weight(x[start:], dx, start))
+        for name, x, dx in (("q", grid.q, grid.dq), ("theta", grid.theta, grid.dtheta))
+        if x is not None
+    }
+    # The same ones of both sides: what one of them lacked would be deflection.
+    harmonics = max(_harmonics(t, x, dx, omega, weight) for x, dx, weight in recorded.values())
+    stds = {"q": link_std, "theta": motor_std}
     sides: dict[str, Any] = {}
     series: dict[str, FourierFit] = {}
-    for name, x, dx, std in (("q", grid.q, grid.dq, link_std), ("theta", grid.theta, grid.dtheta, motor_std)):
-        if x is None:
-            continue
-        fit = FourierFit.of(t, x[start:], None if dx is None else dx[start:], omega, _weight(x[start:], dx, start))
+    for name, (x, dx, weight) in recorded.items():
+        fit, std = FourierFit.of(t, x, dx, omega, weight, harmonics), stds[name]
         if std is not None and np.any(fit.residual_std > ACCEPTED * std + 1e-9 * np.std(x, axis=0)):
             raise IdentificationError(
                 f"the motion of {name} holds more than a series of period {2 * np.pi / omega:.3f} s",
@@ -224,12 +230,18 @@ def _positions(grid: Grid) -> Array:
 
 
 def _settled(position: Array, shift: int) -> int:
-    """Return the sample after which the motion repeats with the period of `shift` samples."""
+    """Return the sample after which the motion repeats with the period of `shift` samples.
+
+    By means over blocks: a start that no sample shows in the encoders' noise bends the series all the same.
+    """
     if 2 * shift > len(position):
         return 0
-    change = np.max(np.abs(position[shift:] - position[:-shift]) / np.maximum(position.std(axis=0), 1e-12), axis=1)
-    usual = np.quantile(change[len(change) // 2 :], 0.99)
-    return int(np.max(np.flatnonzero(change > 2.0 * usual), initial=-1)) + 1
+    length = max(1, shift // BLOCKS)
+    count = (len(position) - shift) // length
+    blocks = (position[shift:] - position[:-shift])[: count * length].reshape(count, length, -1).mean(axis=1)
+    change = np.max(np.abs(blocks) / np.maximum(position.std(axis=0), 1e-12), axis=1)
+    usual = np.quantile(change[count // 2 :], 0.99)
+    return length * (int(np.max(np.flatnonzero(change > 2.0 * usual), initial=-1)) + 1)
 
 
 def _refined(t: Array, position: Array, omega: float) -> float:
@@ -267,6 +279,17 @@ def _weight(position: Array, velocity: Array | None, start: int) -> float:
         return 0.0
     noise = [np.median(np.abs(np.diff(x, 4, axis=0)), axis=0).mean() for x in (position, velocity[start:])]
     return float(noise[0] / max(noise[1], 1e-300))
+
+
+def _harmonics(t: Array, position: Array, velocity: Array | None, omega: float, velocity_weight: float) -> int:
+    """Return the number of the last harmonic that stands out of the noise."""
+    most = _most_harmonics(t, omega)
+    few = slice(None, None, max(1, len(t) // ENOUGH_SAMPLES))
+    rate = None if velocity is None else velocity[few]
+    coefficients = _solve(t[few], position[few], rate, omega, most, velocity_weight)
+    power = np.sum((coefficients[1 : most + 1] ** 2 + coefficients[most + 1 :] ** 2), axis=1)
+    floor = np.median(power[most // 2 :])
+    return max(1, int(np.max(np.flatnonzero(power > ABOVE_FLOOR * floor), initial=0)) + 1)
 
 
 def _most_harmonics(t: Array, omega: float) -> int:

@@ -43,6 +43,22 @@ def test_derivatives_are_analytic() -> None:
     np.testing.assert_allclose(motion.ddtheta, angles(2)[inside], atol=1e-4)
 
 
+@pytest.mark.parametrize("seed", range(4))
+def test_a_start_that_no_sample_shows_bends_no_series(seed: int) -> None:
+    """A soft start that dies away into the encoders' noise is left out: angles are off by the noise of means alone.
+
+    The period that its autocorrelation has is a few samples off, which hid the end of the start.
+    """
+    rng = np.random.default_rng(seed)
+    start = -0.5 * np.exp(-T / 0.4)[:, None]
+    sides = {name: angles() + start + 1e-4 * rng.standard_normal((len(T), 1)) for name in ("q", "theta")}
+    motion, link, motor = fourier_motion(Grid(T, RATE, **sides, tau_m=angles()), *[np.array([1e-4])] * 2)
+    assert link is not None and motor is not None and len(link.sine) == len(motor.sine)
+    inside = np.searchsorted(T, motion.t)
+    assert motion.theta is not None
+    assert np.std(motion.theta - angles()[inside]) < 1.5e-5
+
+
 def test_a_motion_that_does_not_repeat_has_no_period() -> None:
     """A chirp is refused."""
     with pytest.raises(IdentificationError):
