@@ -42,7 +42,6 @@ COLOURS = {"well": "green", "poorly": "yellow", "not": "red"}
 class Derivatives(StrEnum):
     """Sources of the accelerations: smoother or Fourier series."""
 
-    auto = "auto"
     smoother = "smoother"
     fourier = "fourier"
 
@@ -74,7 +73,7 @@ def identify(
     channels: Annotated[Path | None, typer.Option(help="Channel map of foreign bags.")] = None,
     namespace: Namespace = None,
     clock: ClockOption = ClockChoice.auto,
-    derivatives: Annotated[Derivatives, typer.Option(help="Where accelerations come from.")] = Derivatives.auto,
+    derivatives: Annotated[Derivatives, typer.Option(help="Where accelerations come from.")] = Derivatives.smoother,
     period: Annotated[float | None, typer.Option(help="Of the motion, s, for a Fourier series.")] = None,
     weights: Annotated[Weights, typer.Option(help="Weigh equations by their noise, or all alike.")] = Weights.noise,
     consistent: Annotated[bool, typer.Option(help="Also find all parameters, physically consistent.")] = True,

@@ -24,7 +24,7 @@ from elastic_arm.identification.stream import smoothed
 from elastic_arm.recording import Samples
 
 Array = NDArray[np.float64]
-Method = Literal["auto", "smoother", "fourier"]
+Method = Literal["smoother", "fourier"]
 
 
 @dataclass(frozen=True)
@@ -88,8 +88,8 @@ class DerivativeStage:
     samples
         Of one recording.
     method
-        "fourier": analytic derivatives of a fitted series; "smoother"; "auto": the series where the motion repeats and
-        nothing stands out of the encoders' noise, else the smoother.
+        "smoother", or "fourier": analytic derivatives of a fitted series. Its errors are the same in all periods; of
+        arms along periodic motions it left 1.1 to 4 times the errors, with deviations that were too small.
     period
         Of the motion, s; found from it when None.
     source
@@ -102,7 +102,7 @@ class DerivativeStage:
     """
 
     def __init__(
-        self, samples: Samples, method: Method = "auto", *, period: float | None = None, source: str = ""
+        self, samples: Samples, method: Method = "smoother", *, period: float | None = None, source: str = ""
     ) -> None:
         if period is not None and not period > 0:
             raise IdentificationError(f"the period is {period:g} s", "Give a time above zero, or none.")
@@ -116,13 +116,7 @@ class DerivativeStage:
         self._said: tuple[str, ...] = (clock.note,) if clock.note else ()
         self._width = next(iter(self._grids[0].channels().values())).shape[1]
         self._longest, self._stated_period = max(self._grids, key=len), period
-        self._series: Derived | None = None
-        if method != "smoother":
-            try:
-                self._series = self._by_series()
-            except IdentificationError:
-                if method == "fourier":
-                    raise
+        self._series = self._by_series() if method == "fourier" else None
 
     @functools.cached_property
     def repeats(self) -> bool:

@@ -21,7 +21,7 @@ class IdentificationSettings:
         Laws identified beside the model's own parameters (:func:`elastic_arm.effects.text.parse_laws`), and beside
         those that the description states.
     derivatives, period
-        Method "smoother", "fourier" or "auto", and the motion's period, s, where it is known; see
+        Method "smoother" or "fourier", and the motion's period, s, where that is known; see
         :class:`.derivatives.DerivativeStage`.
     weighted
         Weigh each equation by its noise; else ordinary least squares.
@@ -33,7 +33,7 @@ class IdentificationSettings:
 
     model: str = "mod3"
     effects: Sequence[EffectInstance] = ()
-    derivatives: Method = "auto"
+    derivatives: Method = "smoother"
     period: float | None = None
     weighted: bool = True
     consistent: bool = True
