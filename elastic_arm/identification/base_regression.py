@@ -285,18 +285,8 @@ class BaseRegression:
                 stacked[:, first : first + self.n, k] = values
         return stacked
 
-    def _all_rows(self, motion: Motion, own: NDArray[np.intp], extra: NDArray[np.intp], *, beside: int = 0) -> Array:
-        """Return rows (groups, N, columns) of the model's parameters `own` and of the columns `extra` beyond it.
-
-        Parameters
-        ----------
-        motion
-            N samples.
-        own, extra
-            Places among the model's parameters and among the columns beyond it.
-        beside
-            So many columns of zeros come last.
-        """
+    def _all_rows(self, motion: Motion, own: NDArray[np.intp], extra: NDArray[np.intp], beside: int = 0) -> Array:
+        """Return rows (groups, N, columns) of the model's parameters `own`, the columns `extra`, and `beside` zeros."""
         laws = motion.laws if motion.laws is not None else self.laws(motion)
         motion = self._both_sides(motion)
         if self._encoders:
