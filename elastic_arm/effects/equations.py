@@ -135,8 +135,10 @@ class ArmEquations:
         symbols = [SX.sym(name, self.dof) for name in ("x", "dx", "ddx")]
         gravity, Psi = SX.sym("gravity", 3), [float(value) for value in self.nominal]
         # One recursion for all: torques are linear in gravity.
-        states = (_entries(symbol) for symbol in symbols)
-        torques = _column(recursion.inverse_dynamics(self.bodies, *states, Psi, TRIG, _entries(gravity)))
+        angles, speeds, accelerations = map(_entries, symbols)
+        torques = _column(
+            recursion.inverse_dynamics(self.bodies, angles, speeds, accelerations, Psi, TRIG, _entries(gravity))
+        )
         pulled = ca.jacobian(torques, gravity) @ ca.DM(self.robot.base_placement[:3, :3].T)
         laws = ca.horzcat(ca.substitute(torques, gravity, ca.DM.zeros(3)), pulled)
         # A few thousand samples once: nothing is compiled for them.
