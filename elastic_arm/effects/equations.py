@@ -104,18 +104,6 @@ class ArmEquations:
         ]
         return _column(recursion.inverse_dynamics(alone, _entries(x), _entries(dx), _entries(ddx), ten, TRIG))
 
-    def accelerating_torques(self, x: SX, dx: SX, ddx: SX) -> SX:
-        """Return the left side of (1) without gravity, K and D (dof, 1).
-
-        Parameters
-        ----------
-        x, dx, ddx
-            (dof, 1) rad, rad/s and rad/s².
-        """
-        weightless = [0.0, 0.0, 0.0]
-        symbols = (_entries(x), _entries(dx), _entries(ddx), _entries(self.Psi))
-        return _column(recursion.inverse_dynamics(self.bodies, *symbols, TRIG, weightless))
-
     def gravity_columns(self, x: SX) -> SX:
         """Return the derivative of the left side of (1) by the gravity vector in the ground frame, (dof, 3)."""
         still: list[Any] = [0.0] * self.dof
@@ -145,9 +133,16 @@ class ArmEquations:
             Its derivative by the gravity vector in the ground frame, Nm per m/s².
         """
         symbols = [SX.sym(name, self.dof) for name in ("x", "dx", "ddx")]
-        laws = ca.horzcat(self.accelerating_torques(*symbols), self.gravity_columns(symbols[0]))
+        gravity, Psi = SX.sym("gravity", 3), [float(value) for value in self.nominal]
+        # One recursion for all: torques are linear in gravity.
+        angles, speeds, accelerations = map(_entries, symbols)
+        torques = _column(
+            recursion.inverse_dynamics(self.bodies, angles, speeds, accelerations, Psi, TRIG, _entries(gravity))
+        )
+        pulled = ca.jacobian(torques, gravity) @ ca.DM(self.robot.base_placement[:3, :3].T)
+        laws = ca.horzcat(ca.substitute(torques, gravity, ca.DM.zeros(3)), pulled)
         # A few thousand samples once: nothing is compiled for them.
-        law = ca.Function("weight", symbols, [ca.substitute(laws, self.Psi, ca.DM(self.nominal))])
+        law = ca.Function("weight", symbols, [laws])
         values = np.array(law.map(len(x))(x.T, dx.T, ddx.T)).reshape(self.dof, len(x), 4).transpose(1, 0, 2)
         if self.robot.elastic:
             # A motor bears what its link needs and what it needs itself.

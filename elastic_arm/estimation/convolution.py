@@ -243,11 +243,11 @@ def _phases(signal: Array, early: int, windows: tuple[int, int, int], every: int
     """
     blocks, overlap, size = windows
     length = (blocks - 1) * (size - overlap) + size
-    padded = np.zeros((signal.shape[1], length * every))
-    first = early + every - 1
-    inside = signal[: length * every - first].T
-    padded[:, first : first + inside.shape[1]] = inside
-    phases = np.ascontiguousarray(padded.reshape(-1, length, every).transpose(2, 0, 1)[::-1])
+    phases = np.zeros((every, signal.shape[1], length))
+    for p, phase in enumerate(phases):
+        missing = -(-(p + early) // every)  # samples before the signal's first
+        inside = signal[missing * every - p - early :: every][: length - missing]
+        phase[:, missing : missing + len(inside)] = inside.T
     return np.lib.stride_tricks.sliding_window_view(phases, size, axis=2)[:, :, :: size - overlap]
 
 

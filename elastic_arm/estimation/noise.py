@@ -147,11 +147,11 @@ def _quiet(position: Array, std: Array, rate: float) -> float:
 
     White noise of density std²/rate through w² up to the cutoff w_c has the variance std² w_c⁵ / (5 pi rate).
     """
-    w = 2 * np.pi * np.fft.rfftfreq(len(position), 1.0 / rate)[:, None]
-    window = np.hanning(len(position))[:, None]
-    spectrum = np.fft.rfft(window * (position - position.mean(axis=0)), axis=0)
+    w = 2 * np.pi * np.fft.rfftfreq(len(position), 1.0 / rate)
     # The acceleration of the slow part alone: above 10 Hz the noise of the positions would speak.
-    acceleration = np.sqrt(np.sum(np.abs(spectrum * w**2 * (w < 63.0)) ** 2, axis=0)) / len(position)
+    w = w[w < 63.0]
+    spectrum = np.fft.rfft(np.hanning(len(position)) * (position - position.mean(axis=0)).T)[:, : len(w)]
+    acceleration = np.sqrt(np.sum(np.abs(spectrum * w**2) ** 2, axis=1)) / len(position)
     cutoff = (np.sqrt(5 * np.pi * rate) * QUIET * acceleration / np.maximum(std, 1e-300)) ** 0.4
     return float(min(np.min(cutoff), HIGHEST_CUTOFF * rate))
 
@@ -181,8 +181,10 @@ class _Spectrum:
 
 def _spectrum(values: Array, rate: float) -> _Spectrum:
     length = min(len(values), round(SPECTRUM_SECONDS * rate))
-    frequency, power = scipy.signal.welch(values, rate, ("kaiser", KAISER_BETA), length, axis=0)
-    return _Spectrum(rate, frequency, power, max(1, 2 * (len(values) // length) - 1))
+    # Windows of one joint lie together: through all joints at once they would be taken number by number.
+    columns = np.ascontiguousarray(values.T)
+    frequency, power = scipy.signal.welch(columns, rate, ("kaiser", KAISER_BETA), length)
+    return _Spectrum(rate, frequency, power.T, max(1, 2 * (len(values) // length) - 1))
 
 
 def _ratio(z: Array, v: Array | None) -> float | None:

@@ -297,7 +297,10 @@ def joined(first: Samples, second: Samples) -> Samples:
 
 def _increments(steps: Array, missing: float = MISSING) -> NDArray[np.int64]:
     """Return how many grid steps lie between samples, none missing below so many intervals."""
-    return np.where(steps < missing, 1, np.rint(steps)).astype(np.int64)
+    points = np.ones(len(steps), np.int64)
+    apart = np.flatnonzero(steps >= missing)
+    points[apart] = np.rint(steps[apart])
+    return points
 
 
 def _numbered(t: Array) -> tuple[NDArray[np.int64], float, float, Array]:

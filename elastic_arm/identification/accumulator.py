@@ -52,13 +52,14 @@ class Accumulator:
         self._waiting: list[Motion] = []
 
     def expect(self, samples: int) -> None:
-        """Begin with blocks half as long as those that so many samples end with, or as long: fewer steps to these.
+        """Begin with blocks as long as those that at least so many samples end with: fewer steps to these.
 
-        Blocks that were begun stay as they are.
+        Short ones begin half as long, so that noise is taken from as many samples as in a stream. Blocks that were
+        begun stay as they are.
         """
         if not self.blocks.grams:
-            longer = max(samples // BLOCK // self.blocks.most, 1).bit_length() - 1
-            self.blocks.span = 2**longer
+            longest = 2 ** (samples // BLOCK // self.blocks.most).bit_length()
+            self.blocks.span = longest if longest > MOST_REPRESENTED else max(longest // 2, 1)
 
     def add(self, motion: Motion) -> None:
         """Add a run of motion; runs need not meet."""

@@ -145,9 +145,9 @@ class BaseRegression:
         """
         wanted = self.base.columns
         own, extra = wanted[wanted < self._own], wanted[wanted >= self._own] - self._own
-        phi = self._all_rows(motion, own, extra)
-        measured = [self._measured(motion, side) for side in self.sides]
-        rows = np.concatenate([phi, np.concatenate(measured)[..., None]], axis=-1)
+        rows = self._all_rows(motion, own, extra, beside=1)
+        for k, side in enumerate(self.sides):
+            rows[k * self.n : (k + 1) * self.n, :, -1] = self._measured(motion, side)
         for k, stuck in self._stuck(motion):
             rows[k, stuck] = 0.0
         return rows
@@ -200,7 +200,7 @@ class BaseRegression:
         width = len(self.base) + 1
         hi, lo = np.zeros((2, self.n, width, width))
         n = self.n
-        for i, (K, D) in enumerate(self.drive_columns()):
+        for i, (K, D) in enumerate(self.drive_columns):
             columns = np.stack([x[:, n + i] - x[:, i], dx[:, n + i] - dx[:, i], tau_J[i]])
             # Three columns that are far from dependent: working precision will do.
             hi[np.ix_([i], [K, D, width - 1], [K, D, width - 1])] = (columns @ columns.T)[None]
@@ -217,8 +217,9 @@ class BaseRegression:
         rows = [self.equations.of_joint("link", j) for j in range(self.n)] if "link" in self.sides else []
         return tuple(j for j, equation in enumerate(rows) if equation.combination != VOID)
 
+    @cached_property
     def drive_columns(self) -> list[tuple[int, int]]:
-        """Return the places of K and D among the base columns of each joint whose deflection is measured."""
+        """The places of K and D among the base columns of each joint whose deflection is measured."""
         place = {self.names[c]: k for k, c in enumerate(self.base.columns.tolist())}
         joints = [self.model.robot.joint_names[j] for j in self.wound]
         return [(place[f"{joint}.K"], place[f"{joint}.D"]) for joint in joints]
@@ -256,7 +257,7 @@ class BaseRegression:
         """
         factors = {side: np.ones(self.n) for side in self.sides}
         if self.summed:
-            places = [K for K, _ in self.drive_columns()]
+            places = [K for K, _ in self.drive_columns]
             factors["link"][list(self.wound)] = (self.base.T @ self.nominal)[places] / Psi_base[places]
         return factors
 
@@ -284,8 +285,8 @@ class BaseRegression:
                 stacked[:, first : first + self.n, k] = values
         return stacked
 
-    def _all_rows(self, motion: Motion, own: NDArray[np.intp], extra: NDArray[np.intp]) -> Array:
-        """Return rows (groups, N, columns) of the model's parameters `own` and of the columns `extra` beyond it."""
+    def _all_rows(self, motion: Motion, own: NDArray[np.intp], extra: NDArray[np.intp], beside: int = 0) -> Array:
+        """Return rows (groups, N, columns) of the model's parameters `own`, the columns `extra`, and `beside` zeros."""
         laws = motion.laws if motion.laws is not None else self.laws(motion)
         motion = self._both_sides(motion)
         if self._encoders:
@@ -293,17 +294,19 @@ class BaseRegression:
         x, dx, ddx = (self._coordinates(motion, name) for name in ("", "d", "dd"))
         phi = self.model.regressor(x, dx, ddx, columns=own)
         by_residual = laws[:, :, extra].transpose(1, 0, 2).reshape(3, self.n, len(motion), len(extra))
-        blocks = []
-        for side in self.sides:
-            block = np.zeros((self.n, len(motion), len(own) + len(extra)))
+        width = len(own) + len(extra)
+        rows = np.zeros((len(self.groups), len(motion), width + beside))
+        for k, side in enumerate(self.sides):
+            block = rows[k * self.n : (k + 1) * self.n]
             for equation, joints in self._alike(side):
                 part = block[joints]
                 self._fill_own(part[:, :, : len(own)], phi, (equation, joints), own)
-                combination = np.array(equation.combination, dtype=float)
-                part[:, :, len(own) :] = np.tensordot(combination, by_residual[:, joints], 1)
-                block[joints] = part
-            blocks.append(block)
-        return np.concatenate(blocks)
+                if len(extra):
+                    combination = np.array(equation.combination, dtype=float)
+                    part[:, :, len(own) : width] = np.tensordot(combination, by_residual[:, joints], 1)
+                if not isinstance(joints, slice):  # of listed joints it is a copy
+                    block[joints] = part
+        return rows
 
     def _alike(self, side: str) -> list[tuple[Equation, slice | list[int]]]:
         """Return the different equations of one name, each with the joints that have it; void ones are left out."""

@@ -65,7 +65,7 @@ class Deflections:
         """Return them for regressions whose link's row is homogeneous, None for others."""
         if not equations.summed:
             return None
-        stiffness, damping = np.array(equations.drive_columns(), dtype=np.intp).T
+        stiffness, damping = np.array(equations.drive_columns, dtype=np.intp).T
         return Deflections(np.array(equations.wound), stiffness, damping, equations.base.T @ equations.nominal)
 
     def transform(self, Psi: Array, fixed: Mapping[int, float], groups: int) -> Array:

@@ -78,13 +78,17 @@ def noise_sums(equations: BaseRegression, motion: Motion, every: int, first: int
     if not len(chosen):
         return None
     rows = equations.rows(_moved(motion[chosen], directions))
-    rows = rows.reshape(rows.shape[0], -1, len(chosen), rows.shape[-1]) * np.sqrt(every)
+    rows = rows.reshape(rows.shape[0], -1, len(chosen), rows.shape[-1])
     middle, ahead, behind = rows[:, :1], rows[:, 1::2], rows[:, 2::2]
     steps = directions.steps[:, None, None]
-    slope = ((ahead - behind) / (2.0 * steps)).reshape(len(rows), -1, rows.shape[-1])
-    bend = np.sum((ahead + behind - 2.0 * middle) / steps**2, axis=1)
-    curved = 0.5 * middle[:, 0].transpose(0, 2, 1) @ bend
-    return np.asarray(slope.transpose(0, 2, 1) @ slope + curved + curved.transpose(0, 2, 1))
+    slope = ahead - behind
+    slope /= 2.0 * steps
+    slope = slope.reshape(len(rows), -1, rows.shape[-1])
+    bend = ahead + behind
+    bend -= 2.0 * middle
+    bend /= steps**2
+    curved = 0.5 * middle[:, 0].transpose(0, 2, 1) @ bend.sum(axis=1)
+    return np.asarray(every * (slope.transpose(0, 2, 1) @ slope + curved + curved.transpose(0, 2, 1)))
 
 
 @functools.lru_cache(maxsize=8)

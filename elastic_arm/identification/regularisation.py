@@ -103,6 +103,7 @@ def _ordinary(equations: BaseRegression) -> Array:
     return np.array([stated.get(name, np.nan) for name in equations.base.names])
 
 
+@functools.lru_cache(maxsize=1)  # asked for at every width that is tried
 def _description_errors(equations: BaseRegression) -> tuple[NDArray[np.intp], Array]:
     """Return which base parameters are the arm's own, and the covariance of their description at a relative error 1."""
     base, scales = equations.base, natural_scales(equations)

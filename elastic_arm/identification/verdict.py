@@ -288,7 +288,7 @@ def _encoders(fit: Fit, equations: BaseRegression) -> list[str]:
     place = {name: k for k, name in enumerate(equations.base.names)}
     found = []
     wound = [equations.joints[j] for j in equations.wound]
-    for joint, (K, _) in zip(wound, equations.drive_columns(), strict=True):
+    for joint, (K, _) in zip(wound, equations.drive_columns, strict=True):
         parts = []
         offset = equations.model.robot.units.at(joint, "mrad")
         for what, factor, unit in (("delay", 1e3, "ms"), ("offset", 1e3, offset)):

@@ -41,8 +41,8 @@ class Derived:
         Of link and motor side for each of `pieces`, where the derivatives come from them.
     said
         What is to be known of clock and pieces.
-    samples
-        Of the recording in all runs together.
+    lengths
+        Samples of the recording in each run.
     zeros, shift
         Where deflections are measured: at no load, with standard deviations, and what is added to the link angles so
         that they count from where those of the first recording do, (n,) rad each.
@@ -52,14 +52,27 @@ class Derived:
     method: str
     series: tuple[tuple[FourierFit | None, FourierFit | None], ...] = ()
     said: tuple[str, ...] = ()
-    samples: int = 0
+    lengths: tuple[int, ...] = ()
     zeros: tuple[Array, Array] | None = None
     shift: Array | None = None
 
     @property
     def motions(self) -> Iterator[Motion]:
         """Make the runs one after another; runs of one piece of the recording follow each other without a hole."""
-        return (piece() if self.shift is None else shifted(piece(), self.shift) for piece in self.pieces)
+        return map(self._made, self.pieces)
+
+    @property
+    def longest(self) -> Motion:
+        """Make the longest run alone, the first one of several."""
+        return self._made(self.pieces[int(np.argmax(self.lengths))])
+
+    @property
+    def samples(self) -> int:
+        """Samples of the recording in all runs together."""
+        return sum(self.lengths)
+
+    def _made(self, piece: Callable[[], Motion]) -> Motion:
+        return piece() if self.shift is None else shifted(piece(), self.shift)
 
     def notes(self, source: str, units: JointUnits) -> list[str]:
         """Return what was done to the recording `source` beside smoothing it; `units` are those of the arm's joints."""
@@ -150,7 +163,7 @@ class DerivativeStage:
         what = "Fourier series" if len(used) == len(grids) else f"Fourier series of {len(used)} of {len(grids)} pieces"
         pieces = tuple((lambda motion=motion: motion) for motion, _, _ in fitted)
         series = tuple((link, motor) for _, link, motor in fitted)
-        return Derived(pieces, what, series, self._said, sum(map(len, used)))
+        return Derived(pieces, what, series, self._said, tuple(len(motion) for motion, _, _ in fitted))
 
     def __call__(self, equations: BaseRegression | None = None, *, ends: bool = False, stuck: bool = False) -> Derived:
         """Return the motion, the laws of `equations` through the same filter.
@@ -175,12 +188,15 @@ class DerivativeStage:
             raise self._too_short(lost, twice)
         stage = smoother if equations is None else partial(smoothed, smoother, equations=equations)
         pieces: list[Callable[[], Motion]] = []
+        lengths: list[int] = []
         for grid in long_enough:
             own = partial(_with_stuck, stage, grid.t, _stuck(smoother, grid)) if stuck else stage
-            pieces += [partial(own, run) for run in runs(grid, lost)]
+            cut = list(runs(grid, lost))
+            pieces += [partial(own, run) for run in cut]
+            lengths += [len(run) - lost for run in cut]
         method = f"smoother to {smoother.cutoff / (2 * np.pi):.1f} Hz"
         said = (*self._said, *left_out(grids, long_enough))
-        return Derived(tuple(pieces), method, said=said, samples=sum(len(grid) - lost for grid in long_enough))
+        return Derived(tuple(pieces), method, said=said, lengths=tuple(lengths))
 
     def _too_short(self, lost: int, twice: bool) -> IdentificationError:
         """Return the error of a recording of which the smoother loses all, laws that pass it `twice` included."""

@@ -119,7 +119,7 @@ def identify_with(
     trials = Trials(recorded, robot, settings, report, beside=bool(known))
     choice = trials.selected()
     tilted = any(instance.effect.id == TILT for instance in known)
-    mounting = None if tilted else other_mounting(robot, settings.model, list(trials(choice).derived[0].motions))
+    mounting = None if tilted else other_mounting(robot, settings.model, [trials(choice).derived[0].longest])
     if mounting is not None:
         robot, effects = mounting.of(robot), (*effects, *parse_laws([TILT], robot, settings.catalogue))
         settings = replace(settings, effects=effects)

@@ -209,9 +209,10 @@ class McapFile:
         crc32 = crc32_for(sum(chunk.size for chunk in self.chunks if chunk.crc))
         unpack = functools.partial(self._unpack, crc32=crc32)
         # Unpacking and the checksum are all that is handed over: they do without the interpreter, which many small
-        # steps in two threads would keep taking from each other. A checksum alone is not worth it.
+        # steps in two threads would keep taking from each other. Checksums and lz4, which take no longer than the way
+        # of the bytes from one core to another, are not worth it.
         workers = min((os.cpu_count() or 1) - 1, _MOST_WORKERS)
-        if workers < 1 or not any(chunk.compression for chunk in self.chunks):
+        if workers < 1 or not any(chunk.compression == "zstd" for chunk in self.chunks):
             yield from map(unpack, self.chunks)
             return
         with ThreadPoolExecutor(workers) as pool:
