@@ -56,7 +56,7 @@ def assemble(
         What the catalogue lacks.
     """
     settings, measure, library = prepared.settings, judgement.measure, prepared.library
-    ranked = listed_causes(prepared, judgement, estimated, laws)
+    ranked = _that_help(prepared, judgement, estimated, laws)
     hypothesis = estimated.hypothesis.only(r.candidate.feature.key for r in ranked)
     shrink, interval = measure.share(hypothesis.selected)
     stands_out = measure.stands_out(hypothesis.selected)
@@ -108,6 +108,20 @@ def assemble(
         cumulative_shrink=cumulative_shrink(measure, hypothesis.baseline, [r.candidate for r in ranked]),
         context=_context(prepared, judgement, estimated, ranked, residuals),
     )
+
+
+def _that_help(
+    prepared: PreparedData, judgement: Judgement, estimated: EstimatedHypothesis, laws: BetterLaws
+) -> list[RankedCause]:
+    """Return the causes with which the gap is smaller, the whole or that where they act: others explain nothing."""
+    ranked = listed_causes(prepared, judgement, estimated, laws)
+    hypothesis = estimated.hypothesis.only(r.candidate.feature.key for r in ranked)
+    if judgement.measure.share(hypothesis.selected)[0] > 0.0:
+        return ranked
+    left = prepared.library.validation_residuals(hypothesis.selected)
+    residuals = with_faults(left, laws.refuted(estimated.faults))
+    there = shares_of_causes(prepared, hypothesis, _by_place(prepared, judgement, hypothesis.baseline, residuals))
+    return [one for one in ranked if there.get(one.candidate.feature.key, 0.0) > 0.0]
 
 
 def _share_as_mounted(

@@ -14,6 +14,7 @@ from elastic_arm.diagnosis.inference.estimated_hypothesis import EstimatedHypoth
 from elastic_arm.diagnosis.inference.excess import select_band, statistics_in_bands
 from elastic_arm.diagnosis.inference.judgement import Judgement, judge, measured_beside
 from elastic_arm.diagnosis.inference.sticking import sticking_misfits
+from elastic_arm.diagnosis.inference.wrong_units import beside_wrong_signs
 from elastic_arm.diagnosis.laws.better_laws import better_laws
 from elastic_arm.diagnosis.noise.colour import NoiseColours, noise_colours
 from elastic_arm.diagnosis.noise.scales import leaves_more, mean_squares, noise_scales
@@ -99,6 +100,11 @@ def diagnose(recordings: Sequence[Recording], question: Question, validate: Sequ
     RecordingError
         If a recording lacks a joint.
     """
+    return beside_wrong_signs(_diagnosis(recordings, question, validate), recordings, question.robot)
+
+
+def _diagnosis(recordings: Sequence[Recording], question: Question, validate: Sequence[Recording]) -> Diagnosis:
+    """Return the diagnosis of recordings whose torques have the right signs."""
     # Whitened residuals of both data sets, and the columns of every effect at every place where it can show.
     found = _beside_largest_cause(prepare(recordings, validate, question))
     if question.refit:

@@ -14,6 +14,7 @@ from typer.testing import CliRunner
 from elastic_arm.cli.diagnose import diagnose_command
 from elastic_arm.diagnosis import Question, diagnose
 from elastic_arm.diagnosis.data.preprocessing import clock_drift, usable
+from elastic_arm.diagnosis.inference.wrong_units import beside_wrong_signs
 from elastic_arm.diagnosis.settings import PreprocessingSettings
 from elastic_arm.effects import EFFECTS
 from elastic_arm.errors import DiagnosisError
@@ -147,3 +148,22 @@ def test_torques_in_another_unit_are_named(clean: list[Recording], side: str, fa
     assert found.verdict == "unknown"
     notes = " ".join(note for note in found.notes if "check unit, sign and gear ratio" in note)
     assert all(f"torque_gain of {gain} at {joint} " in notes for joint in ROBOT.joint_names)
+
+
+def test_causes_beside_torques_of_the_wrong_sign_stand_in_for_the_sign(clean: list[Recording]) -> None:
+    """A spring explains most of gravity of the other sign: what is named at such joints is in no corrected arm."""
+    fitted, judge = pair("joint_spring:joint_2:stiffness=300,rest=0.5")
+    found = diagnose([fitted], Question(ROBOT, effects=(EFFECTS["joint_spring"],)), [judge])
+    assert [cause.held_as for cause in found.causes] == ["effect"]
+    assert beside_wrong_signs(found, clean, ROBOT) == found
+    doubted = beside_wrong_signs(found, [with_effort(clean[0], np.negative, "link", "motor")], ROBOT)
+    assert doubted.verdict == "unknown" and "joint_2" in {one.joint for one in doubted.unexplained}
+    assert [(cause.held_as, cause.confidence < 0.05) for cause in doubted.causes] == [(None, True)]
+
+
+def test_no_unit_is_doubted_of_a_torque_that_friction_makes() -> None:
+    """Of a joint that gravity does not load, a large gain leaves nothing of friction: that says nothing of the gain."""
+    fitted, judge = (replace(r, motor=None) for r in pair("coulomb_friction:joint_1:torque=300,side=link"))
+    found = diagnose([fitted], Question(ROBOT, effects=(EFFECTS["joint_torque_gain"],)), [judge])
+    assert found.verdict == "unknown"
+    assert not any("check unit, sign and gear ratio" in note for note in found.notes)

@@ -3,14 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Sequence
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from elastic_arm.diagnosis.preparation import PreparedData
+from elastic_arm.diagnosis.result import Diagnosis, UnexplainedResidual
 from elastic_arm.diagnosis.selection.regressor_library import Candidate
 from elastic_arm.diagnosis.texts.notes import wrong_unit_note
+from elastic_arm.effects.library.base_tilt import TILT
 from elastic_arm.effects.model import SensorEffect
+from elastic_arm.recording import Recording
+from elastic_arm.recording.inspection.described_gravity import CHANCE, opposed_joints
+from elastic_arm.recording.inspection.outliers import without_outliers
+from elastic_arm.robot import Robot
 
 Array = NDArray[np.float64]
 
@@ -25,13 +32,12 @@ def wrong_unit_notes(prepared: PreparedData, selected: Sequence[Candidate], rows
     prepared
         Data and regressors.
     selected
-        What counts as part of the model, and the causes: beside friction that is still to be found, any gain would do.
+        What counts as part of the model, and the causes.
     rows_left
         Numbers of the residuals at which much is left.
     """
-    before = _power(prepared, selected)
-    notes = []
-    for candidate in prepared.library.candidates:
+    notes, library = [], prepared.library
+    for candidate in library.candidates:
         feature = candidate.feature
         if feature.joint is None or not isinstance(feature.effect, SensorEffect) or not feature.linear:
             continue
@@ -42,13 +48,54 @@ def wrong_unit_notes(prepared: PreparedData, selected: Sequence[Candidate], rows
         if not set(rows) & set(rows_left):
             continue
         others = [one for one in selected if one.feature.key != feature.key]
-        gain = parameter.value_of(float(prepared.library.coefficients([*others, candidate])[-1][0]))
-        left = _power(prepared, [*others, candidate])[rows] / before[rows]
-        if (left < prepared.settings.judgement.explained).all() and not prepared.sizes.allows(
-            feature, parameter, np.array([gain])
-        ):
-            notes.append(wrong_unit_note(feature, gain, float(1.0 - left.max())))
+        # In the place of friction that is still to be found any gain would do.
+        others += _frictions(prepared, feature.joint, others)
+        gain = parameter.value_of(float(library.coefficients([*others, candidate])[-1][0]))
+        before, after = (_squares(library.validation_residuals(own)) for own in (others, [*others, candidate]))
+        # A torque divided by a hundred leaves little, whatever it is: less than what it then is has to be left.
+        torque = _squares([part[:, :, 0] for part in prepared.validation.plain(feature, ())]) / gain**2
+        most = np.minimum(before, torque)[rows]
+        is_explained = (after[rows] < prepared.settings.judgement.explained * most).all()
+        if is_explained and not prepared.sizes.allows(feature, parameter, np.array([gain])):
+            notes.append(wrong_unit_note(feature, gain, float(1.0 - np.max(after[rows] / most))))
     return notes
+
+
+def beside_wrong_signs(found: Diagnosis, recordings: Sequence[Recording], robot: Robot) -> Diagnosis:
+    """Return a diagnosis whose causes stand in for torques of the wrong sign where the described gravity shows one.
+
+    A spring that pulls twice as hard as gravity, the other way, explains nearly all of such a torque. An arm that was
+    found to be mounted otherwise feels gravity from there.
+
+    Parameters
+    ----------
+    found
+        The diagnosis.
+    recordings
+        That causes were fitted on.
+    robot
+        The description.
+    """
+    if any(cause.effect == TILT and cause.refitted for cause in found.causes):
+        return found
+    opposed = {joint for one in recordings for joint in opposed_joints(without_outliers(one), robot)}
+    if not opposed:
+        return found
+    causes = [one.against(1.0 / CHANCE) if one.joint is None or one.joint in opposed else one for one in found.causes]
+    named = {(one.joint, one.side) for one in found.unexplained}
+    there = [
+        UnexplainedResidual(joint, side, "load", size)
+        for (joint, side), size in found.after.rmse.items()
+        if joint in opposed and (joint, side) not in named
+    ]
+    return replace(found, verdict="unknown", causes=tuple(causes), unexplained=(*found.unexplained, *there))
+
+
+def _frictions(prepared: PreparedData, joint: str, beside: Sequence[Candidate]) -> list[Candidate]:
+    """Return the frictions of a joint that are linear in all their numbers, but for those that are there."""
+    keys = {one.feature.key for one in beside}
+    own = (one for one in prepared.library.candidates if one.feature.joint == joint and one.feature.key not in keys)
+    return [one for one in own if one.feature.effect.is_friction and not one.searched]
 
 
 def _places(candidate: Candidate) -> list[tuple[str, str]]:
@@ -56,6 +103,9 @@ def _places(candidate: Candidate) -> list[tuple[str, str]]:
     return [(str(feature.joint), side) for side in feature.sides]
 
 
-def _power(prepared: PreparedData, selected: Sequence[Candidate]) -> Array:
-    """Return the sum of squares (R,) of what candidates leave of the validation data."""
-    return np.sum([np.sum(part**2, axis=0) for part in prepared.library.validation_residuals(selected)], axis=0)
+def _squares(parts: Sequence[Array]) -> Array:
+    """Return the squares (R,) about their means of what stretches (N', R) hold.
+
+    A constant is a zero that is off: where the torque hardly changes, any gain would explain it.
+    """
+    return np.sum([len(part) * np.var(part, axis=0) for part in parts], axis=0)

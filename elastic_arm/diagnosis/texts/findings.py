@@ -148,12 +148,16 @@ def share_at(found: Diagnosis, joint: str, side: str) -> str:
     joint, side
         Which residual.
     """
-    share = found.shrink_by_place.get((joint, side))
+    share, place = found.shrink_by_place.get((joint, side)), (joint, side)
     if share is None:
         return "no clear gap"
     if not found.causes:
         return "gap"
-    return "larger" if percent(share).startswith("-") else f"{percent(share)} gone"
+    if not percent(share).startswith("-"):
+        return f"{percent(share)} gone"
+    # A gap that is clear at low frequencies alone is measured there.
+    smaller = found.after.rmse[place] < found.before.rmse[place]
+    return "larger where it stands out of the noise" if smaller else "larger"
 
 
 def prediction_sentence(found: Diagnosis, prediction: Prediction) -> str:

@@ -103,18 +103,39 @@ def contradicted_gravity(recording: Recording, robot: Robot) -> list[Finding]:
     robot
         Its description.
     """
+    fits = _fits(recording, robot)
+    return [finding for side, fit in fits.items() for finding in _judged(fit, side, robot)]
+
+
+def opposed_joints(recording: Recording, robot: Robot) -> tuple[str, ...]:
+    """Return the joints whose torque runs against gravity as described, and the arm is not mounted otherwise.
+
+    Parameters
+    ----------
+    recording, robot
+        As of :func:`contradicted_gravity`.
+    """
+    opposed = np.zeros(robot.n, dtype=bool)
+    for side, fit in _fits(recording, robot).items():
+        if any(finding.code == "gravity_sign" for finding in _judged(fit, side, robot)):
+            opposed |= fit.against
+    return tuple(name for name, against in zip(robot.joint_names, opposed.tolist(), strict=True) if against)
+
+
+def _fits(recording: Recording, robot: Robot) -> dict[str, GravityFit]:
+    """Return the torques of each side beside the described gravity, by side; none of a recording without motion."""
     samples = recording.select(robot.joint_names).samples()
     position = samples.q if samples.q is not None else samples.theta
     if position is None or len(samples) < FEWEST or not np.any(robot.gravity):
-        return []
+        return {}
     if not is_motion(samples.t, position) or samples.t[-1] < SHORTEST:
-        return []
+        return {}
     fits = {
         side: fit_gravity(samples, position, channel, robot)
         for channel, side in SIDES.items()
         if getattr(samples, channel) is not None
     }
-    return [finding for side, fit in fits.items() if fit.gravity.any() for finding in _judged(fit, side, robot)]
+    return {side: fit for side, fit in fits.items() if fit.gravity.any()}
 
 
 def wrong_signs(recording: Recording, robot: Robot) -> list[str]:
