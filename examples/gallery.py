@@ -4,8 +4,9 @@
 
 DATA has a folder for each robot, named as in `examples/`. Every example's `run.sh` is run in a folder of its own below
 `--out`, or taken as it is there if it ran to its end; the tables are made of the `identification.json` and
-`diagnosis.json` that are there afterwards, and of the processor time of each command in `times.tsv`. Rows of a page
-whose robots have no results below `--out` stay as they are, so that the robots can be run one after another.
+`diagnosis.json` that are there afterwards, and of the processor time of each command in `times.tsv`. With `--markdown`,
+a picture of each robot's residuals goes to `pictures/real_ROBOT.png` beside the page. Rows and pictures of robots that
+have no results below `--out` stay as they are, so that the robots can be run one after another.
 """
 
 from __future__ import annotations
@@ -22,6 +23,8 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
+from elastic_arm.report.style import BLUE, GREEN, GREY, SKY, VERMILION, new_figure, style
+
 HERE = Path(__file__).resolve().parent
 BEGIN, END = "<!-- table: examples/gallery.py -->", "<!-- end of table -->"
 TIMES, ENDED = "times.tsv", "exit_status"
@@ -35,6 +38,8 @@ with open(sys.argv[1], "a") as file:
     print(os.path.abspath(out), round(used.ru_utime + used.ru_stime), sep="\\t", file=file)
 sys.exit(code)
 """
+# Bars of a picture, in their order.
+COLOURS = {"nominal": GREY, "identified": SKY, "robot.yaml": BLUE, "before": VERMILION, "after": GREEN}
 # What `identify` has of a link encoder as a torque of the spring.
 ENCODER = {"time_delay": "delay", "encoder_offset": "offset"}
 
@@ -61,25 +66,69 @@ def run(example: Path, data: Path, folder: Path) -> None:
 def rows(folder: Path) -> Iterator[list[str]]:
     """Yield the rows of the table for one example."""
     times = _times(folder)
-    for file in sorted(folder.rglob("identification.json")):
-        found = json.loads(file.read_text())
-        for arms in (found["validation"] or {}).values():
-            for arm in ("nominal", "identified", "consistent"):
-                for side, values in arms.get(arm, {}).items():
-                    seconds = times.get(file.parent.resolve(), "") if arm == "identified" else ""
-                    what = f"`identify`: {'robot.yaml' if arm == 'consistent' else arm}, {side}"
-                    yield [_case(folder, file), what, _numbers(values.values()), "", "", seconds]
-    for file in sorted(folder.rglob("diagnosis.json")):
-        found = json.loads(file.read_text())
-        causes = ", ".join(map(_cause, found["causes"])) or "no cause"
-        verdict = f"{found['verdict']}: {causes}"
-        for when in ("before", "after"):
-            for side in ("link", "drive", "motor"):
-                rmse = [(place.get(side) or {}).get("rmse") for place in found["gap"][when].values()]
-                if any(value is not None for value in rmse):
-                    said = (_prediction(found, when), verdict, times.get(file.parent.resolve(), ""))
-                    said = said if when == "after" else (said[0], "", "")
-                    yield [_case(folder, file), f"`{file.parent.name}`: {when}, {side}", _numbers(rmse), *said]
+    if not any(_results(folder)):
+        yield [folder.name, "checks alone", "", "", "its `run.sh` makes no fit", ""]
+    for file in _results(folder):
+        found, seconds = json.loads(file.read_text()), times.get(file.parent.resolve(), "")
+        for model, side, values in residuals(found):
+            last = ["", "", seconds if model == "identified" else ""]
+            if model in ("before", "after"):
+                causes = ", ".join(map(_cause, found["causes"])) or "no cause"
+                said = [f"{found['verdict']}: {causes}", seconds] if model == "after" else ["", ""]
+                last = [_prediction(found, model), *said]
+            yield [_case(folder, file), f"{_command(file)}: {model}, {side}", _numbers(values), *last]
+
+
+def _results(folder: Path) -> list[Path]:
+    """Return the results of an example: those of `identify`, then those of `diagnose`."""
+    return [file for name in ("identification", "diagnosis") for file in sorted(folder.rglob(f"{name}.json"))]
+
+
+def _command(file: Path) -> str:
+    """Return what made a result."""
+    return "`identify`" if file.name == "identification.json" else f"`{file.parent.name}`"
+
+
+def residuals(found: dict[str, Any]) -> Iterator[tuple[str, str, list[float | None]]]:
+    """Yield model, side and held-out rms of every joint, Nm, of a result of `identify` or `diagnose`."""
+    for arms in (found.get("validation") or {}).values():
+        for arm in ("nominal", "identified", "consistent"):
+            for side, values in arms.get(arm, {}).items():
+                yield "robot.yaml" if arm == "consistent" else arm, side, list(values.values())
+    for when, places in found.get("gap", {}).items():
+        for side in ("link", "drive", "motor") if when in ("before", "after") else ():
+            rms = [(place.get(side) or {}).get("rmse") for place in places.values()]
+            if any(value is not None for value in rms):
+                yield when, side, rms
+
+
+def picture(folder: Path, path: Path) -> None:
+    """Draw what each model of an example misses of the held-out torques, joint by joint, over the described one.
+
+    Parameters
+    ----------
+    folder
+        Of the example, with results.
+    path
+        Of the picture.
+    """
+    cases: dict[str, dict[str, list[float | None]]] = {}
+    for file in _results(folder):
+        for model, side, values in residuals(json.loads(file.read_text())):
+            case = f"{_case(folder, file)}: {_command(file).strip('`')}, {side} side"
+            cases.setdefault(case, {})[model] = values
+    with style():
+        figure, axes = new_figure(len(cases), 1, size=(7.0, 0.5 + 1.6 * len(cases)))
+        for ax, (case, models) in zip(axes[:, 0], cases.items(), strict=True):
+            width = 0.8 / len(models)
+            for k, (model, values) in enumerate(models.items()):
+                known = [(joint, value) for joint, value in enumerate(values, start=1) if value is not None]
+                at = [joint + (k - 0.5 * (len(models) - 1)) * width for joint, _ in known]
+                ax.bar(at, [value for _, value in known], width, label=model, color=COLOURS[model])
+            ax.set(title=case, ylabel="rms, Nm", yscale="log", xticks=range(1, len(next(iter(models.values()))) + 1))
+            ax.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0))
+        axes[-1, 0].set_xlabel("joint")
+        figure.savefig(path, dpi=80)
 
 
 def _times(folder: Path) -> dict[Path, str]:
@@ -156,7 +205,7 @@ def table(folders: list[Path], before: str = "") -> str:
 def _markdown(head: list[str], folders: list[Path], rows_of: Callable[[Path], Iterator[list[str]]], before: str) -> str:
     lines = [f"| {' | '.join(line)} |" for line in (head, ["---"] * len(head))]
     for folder in folders:
-        if any(folder.rglob("*.json")):
+        if (folder / ENDED).exists():
             lines += [f"| {' | '.join(row)} |" for row in rows_of(folder)]
         else:
             lines += [
@@ -174,6 +223,11 @@ def main() -> None:
     parser.add_argument("--markdown", type=Path, help="page whose table is replaced")
     asked = parser.parse_args()
     examples = sorted(path.parent for path in HERE.glob("*/run.sh"))
+    names = [example.name for example in examples]
+    if unknown := set(asked.only or ()) - set(names):
+        parser.error(f"no example is called {', '.join(sorted(unknown))}. There are {', '.join(names)}.")
+    if not any((asked.data / name).is_dir() for name in names):
+        parser.error(f"{asked.data} has none of the folders {', '.join(names)}")
     # Every example runs in a folder of its own, from which a relative path leads elsewhere.
     out = asked.out.resolve()
     for example in examples:
@@ -187,6 +241,8 @@ def main() -> None:
     if asked.markdown is None:
         print(table(folders))
         return
+    for folder in filter(_results, folders):
+        picture(folder, asked.markdown.parent / "pictures" / f"real_{folder.name}.png")
     before, rest = asked.markdown.read_text(encoding="utf-8").split(BEGIN)
     old, after = rest.split(END)
     asked.markdown.write_text(f"{before}{BEGIN}\n{table(folders, old)}\n{END}{after}", encoding="utf-8")
