@@ -19,6 +19,7 @@ from elastic_arm.robot import Robot
 
 Array = NDArray[np.float64]
 SX = ca.SX
+ARRAYS = recursion.Trig(np.sin, np.cos)
 
 
 class ArmEquations:
@@ -104,18 +105,6 @@ class ArmEquations:
         ]
         return _column(recursion.inverse_dynamics(alone, _entries(x), _entries(dx), _entries(ddx), ten, TRIG))
 
-    def accelerating_torques(self, x: SX, dx: SX, ddx: SX) -> SX:
-        """Return the left side of (1) without gravity, K and D (dof, 1).
-
-        Parameters
-        ----------
-        x, dx, ddx
-            (dof, 1) rad, rad/s and rad/s².
-        """
-        weightless = [0.0, 0.0, 0.0]
-        symbols = (_entries(x), _entries(dx), _entries(ddx), _entries(self.Psi))
-        return _column(recursion.inverse_dynamics(self.bodies, *symbols, TRIG, weightless))
-
     def gravity_columns(self, x: SX) -> SX:
         """Return the derivative of the left side of (1) by the gravity vector in the ground frame, (dof, 3)."""
         still: list[Any] = [0.0] * self.dof
@@ -144,11 +133,16 @@ class ArmEquations:
         pull : (N, n, 3)
             Its derivative by the gravity vector in the ground frame, Nm per m/s².
         """
-        symbols = [SX.sym(name, self.dof) for name in ("x", "dx", "ddx")]
-        laws = ca.horzcat(self.accelerating_torques(*symbols), self.gravity_columns(symbols[0]))
-        # A few thousand samples once: nothing is compiled for them.
-        law = ca.Function("weight", symbols, [ca.substitute(laws, self.Psi, ca.DM(self.nominal))])
-        values = np.array(law.map(len(x))(x.T, dx.T, ddx.T)).reshape(self.dof, len(x), 4).transpose(1, 0, 2)
+        # A few thousand samples once: the recursion runs over them, and nothing is derived for them.
+        still: list[Any] = [0.0] * self.dof
+        motions = [([*dx.T], [*ddx.T], [0.0, 0.0, 0.0]), *((still, still, axis.tolist()) for axis in np.eye(3))]
+        values = np.zeros((len(x), self.dof, 4))
+        for k, (rates, accelerations, weight) in enumerate(motions):
+            symbols = ([*x.T], rates, accelerations, self.nominal.tolist())
+            forces = recursion.inverse_dynamics(self.bodies, *symbols, ARRAYS, weight)
+            for i, force in enumerate(forces):
+                values[:, i, k] = force
+        values[:, :, 1:] = values[:, :, 1:] @ self.robot.base_placement[:3, :3].T
         if self.robot.elastic:
             # A motor bears what its link needs and what it needs itself.
             n = self.robot.n
