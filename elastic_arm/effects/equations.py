@@ -97,8 +97,13 @@ class ArmEquations:
             Mass, first moment (3, 1) and inertia about the frame's origin (3, 3); may be negative: a difference.
         """
         frame = next(i for i, f in enumerate(self.bodies.frames) if f.coordinate == link)
+        # The frames behind it do not move it.
         alone = replace(
-            self.bodies, bodies=(Body("carried", frame, np.eye(4), tuple(range(10))),), spins=(), springs=()
+            self.bodies,
+            frames=self.bodies.frames[: frame + 1],
+            bodies=(Body("carried", frame, np.eye(4), tuple(range(10))),),
+            spins=(),
+            springs=(),
         )
         ten = [mass, *_entries(SX(moment))] + [
             inertia[index] for index in ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))
@@ -108,13 +113,10 @@ class ArmEquations:
     def gravity_columns(self, x: SX) -> SX:
         """Return the derivative of the left side of (1) by the gravity vector in the ground frame, (dof, 3)."""
         still: list[Any] = [0.0] * self.dof
-        columns = [
-            _column(
-                recursion.inverse_dynamics(self.bodies, _entries(x), still, still, _entries(self.Psi), TRIG, list(axis))
-            )
-            for axis in np.eye(3)
-        ]
-        return ca.horzcat(*columns) @ ca.DM(self.robot.base_placement[:3, :3].T)
+        gravity = SX.sym("gravity", 3)
+        symbols = (_entries(x), still, still, _entries(self.Psi))
+        pulled = _column(recursion.inverse_dynamics(self.bodies, *symbols, TRIG, _entries(gravity)))
+        return ca.jacobian(pulled, gravity) @ ca.DM(self.robot.base_placement[:3, :3].T)
 
     def moved_and_pulled(self, x: Array, dx: Array, ddx: Array, *, motors: bool) -> tuple[Array, Array]:
         """Return what the motion and what gravity take of each joint of the nominal arm, for arrays of samples.

@@ -201,9 +201,7 @@ class BatchPrediction:
     def _evaluate(self, y: Array, torque: Array) -> tuple[Array, Array, Array]:
         """Return accelerations, rates of internal states, and joint torques, starts first."""
         dof = self._system.dof
-        ddx, dz, tau_J = self._accelerations(
-            y[:, :dof], y[:, dof : 2 * dof], y[:, 2 * dof :], torque, self._constants
-        )
+        ddx, dz, tau_J = self._accelerations(y[:, :dof], y[:, dof : 2 * dof], y[:, 2 * dof :], torque, self._constants)
         return ddx, dz, tau_J
 
     def _advance(self, y: Array, torque: Array) -> Array:
