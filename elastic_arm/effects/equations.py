@@ -19,6 +19,7 @@ from elastic_arm.robot import Robot
 
 Array = NDArray[np.float64]
 SX = ca.SX
+ARRAYS = recursion.Trig(np.sin, np.cos)
 
 
 class ArmEquations:
@@ -96,8 +97,13 @@ class ArmEquations:
             Mass, first moment (3, 1) and inertia about the frame's origin (3, 3); may be negative: a difference.
         """
         frame = next(i for i, f in enumerate(self.bodies.frames) if f.coordinate == link)
+        # The frames behind it do not move it.
         alone = replace(
-            self.bodies, bodies=(Body("carried", frame, np.eye(4), tuple(range(10))),), spins=(), springs=()
+            self.bodies,
+            frames=self.bodies.frames[: frame + 1],
+            bodies=(Body("carried", frame, np.eye(4), tuple(range(10))),),
+            spins=(),
+            springs=(),
         )
         ten = [mass, *_entries(SX(moment))] + [
             inertia[index] for index in ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))
@@ -107,13 +113,10 @@ class ArmEquations:
     def gravity_columns(self, x: SX) -> SX:
         """Return the derivative of the left side of (1) by the gravity vector in the ground frame, (dof, 3)."""
         still: list[Any] = [0.0] * self.dof
-        columns = [
-            _column(
-                recursion.inverse_dynamics(self.bodies, _entries(x), still, still, _entries(self.Psi), TRIG, list(axis))
-            )
-            for axis in np.eye(3)
-        ]
-        return ca.horzcat(*columns) @ ca.DM(self.robot.base_placement[:3, :3].T)
+        gravity = SX.sym("gravity", 3)
+        symbols = (_entries(x), still, still, _entries(self.Psi))
+        pulled = _column(recursion.inverse_dynamics(self.bodies, *symbols, TRIG, _entries(gravity)))
+        return ca.jacobian(pulled, gravity) @ ca.DM(self.robot.base_placement[:3, :3].T)
 
     def moved_and_pulled(self, x: Array, dx: Array, ddx: Array, *, motors: bool) -> tuple[Array, Array]:
         """Return what the motion and what gravity take of each joint of the nominal arm, for arrays of samples.
@@ -132,18 +135,16 @@ class ArmEquations:
         pull : (N, n, 3)
             Its derivative by the gravity vector in the ground frame, Nm per m/s².
         """
-        symbols = [SX.sym(name, self.dof) for name in ("x", "dx", "ddx")]
-        gravity, Psi = SX.sym("gravity", 3), [float(value) for value in self.nominal]
-        # One recursion for all: torques are linear in gravity.
-        angles, speeds, accelerations = map(_entries, symbols)
-        torques = _column(
-            recursion.inverse_dynamics(self.bodies, angles, speeds, accelerations, Psi, TRIG, _entries(gravity))
-        )
-        pulled = ca.jacobian(torques, gravity) @ ca.DM(self.robot.base_placement[:3, :3].T)
-        laws = ca.horzcat(ca.substitute(torques, gravity, ca.DM.zeros(3)), pulled)
-        # A few thousand samples once: nothing is compiled for them.
-        law = ca.Function("weight", symbols, [laws])
-        values = np.array(law.map(len(x))(x.T, dx.T, ddx.T)).reshape(self.dof, len(x), 4).transpose(1, 0, 2)
+        # A few thousand samples once: the recursion runs over them, and nothing is derived for them.
+        still: list[Any] = [0.0] * self.dof
+        motions = [([*dx.T], [*ddx.T], [0.0, 0.0, 0.0]), *((still, still, axis.tolist()) for axis in np.eye(3))]
+        values = np.zeros((len(x), self.dof, 4))
+        for k, (rates, accelerations, weight) in enumerate(motions):
+            symbols = ([*x.T], rates, accelerations, self.nominal.tolist())
+            forces = recursion.inverse_dynamics(self.bodies, *symbols, ARRAYS, weight)
+            for i, force in enumerate(forces):
+                values[:, i, k] = force
+        values[:, :, 1:] = values[:, :, 1:] @ self.robot.base_placement[:3, :3].T
         if self.robot.elastic:
             # A motor bears what its link needs and what it needs itself.
             n = self.robot.n

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
+from elastic_arm.codegen import kernels
 from elastic_arm.dynamics import build_model
 from elastic_arm.effects import EffectInstance
 from elastic_arm.effects.equations import ArmEquations
@@ -90,7 +91,8 @@ class BatchPrediction:
         self._equations, self._Psi, self._K, self._period = equations, Psi, stiffness, period
         self._system: System = assemble(equations, laws, duration)
         self._substeps = 1
-        self._rate: ca.Function | None = None
+        # Interpreted, the accelerations of all starts at all steps take longer than compiling them.
+        self._accelerations = kernels.compile(self._system.accelerations, shared=("constants",))
         self._jacobian: ca.Function | None = None
         self._constants = np.zeros(0)
 
@@ -165,11 +167,11 @@ class BatchPrediction:
         start = np.zeros(system.states)
         if system.effect_set.in_time and motion.span is not None:
             start[-1] = motion.t[0] - motion.span[0]
-        z_later = course(start, *known, np.repeat(self._constants[:, :1], len(x) - 1, axis=1))
+        z_later = course(start, *known, np.tile(self._constants[:, None], len(x) - 1))
         return np.vstack([start[None], np.array(z_later).T])
 
     def _prepare(self, starts: int, x: Array, torque: Array) -> None:
-        """Make the equations of all starts one call, and choose the step by the fastest vibration."""
+        """Choose the step, and with it the scheme, by the fastest vibration."""
         system, z = self._system, np.zeros(self._system.states)
         fastest = self._fastest(x, z, torque)
         step = min(LONGEST_STEP, SHARPEST / fastest) if fastest > 0.0 else LONGEST_STEP
@@ -179,9 +181,7 @@ class BatchPrediction:
             self._substeps = int(np.ceil(self._period / LONGEST_STEP - 1e-9))
             self._jacobian = self._state_jacobian().map(starts)
         speed = sign_speed(system, self._Psi, x, z, torque, self._period / self._substeps)
-        constants = system.constants(self._Psi, system.effect_set.numbers(), speed)
-        self._constants = np.repeat(np.array(constants).reshape(-1, 1), starts, axis=1)
-        self._rate = system.accelerations.map(starts)
+        self._constants = np.array(system.constants(self._Psi, system.effect_set.numbers(), speed)).ravel()
 
     def _fastest(self, x: Array, z: Array, torque: Array) -> float:
         """Return the largest eigenvalue, 1/s, of the arm at rest, dry friction aside (its slope follows the step)."""
@@ -201,10 +201,8 @@ class BatchPrediction:
     def _evaluate(self, y: Array, torque: Array) -> tuple[Array, Array, Array]:
         """Return accelerations, rates of internal states, and joint torques, starts first."""
         dof = self._system.dof
-        parts = (y[:, :dof], y[:, dof : 2 * dof], y[:, 2 * dof :], torque)
-        assert self._rate is not None
-        ddx, dz, tau_J = self._rate(*(p.T for p in parts), self._constants)
-        return np.array(ddx).T, np.array(dz).T, np.array(tau_J).T
+        ddx, dz, tau_J = self._accelerations(y[:, :dof], y[:, dof : 2 * dof], y[:, 2 * dof :], torque, self._constants)
+        return ddx, dz, tau_J
 
     def _advance(self, y: Array, torque: Array) -> Array:
         """Return the states (S, …) a sample later."""
@@ -222,7 +220,8 @@ class BatchPrediction:
         """Return the states a step later by ROS2 (Verwer, Spee, Blom, Hundsdorfer, SIAM J. Sci. Comput. 20, 1999)."""
         assert self._jacobian is not None
         m = y.shape[1]
-        jacobian = np.array(self._jacobian(y.T, torque.T, self._constants)).reshape(m, len(y), m).swapaxes(0, 1)
+        constants = np.tile(self._constants[:, None], len(y))
+        jacobian = np.array(self._jacobian(y.T, torque.T, constants)).reshape(m, len(y), m).swapaxes(0, 1)
         implicit = np.eye(m) - GAMMA * h * jacobian
         k1 = np.linalg.solve(implicit, rate(y)[:, :, None])[:, :, 0]
         k2 = np.linalg.solve(implicit, (rate(y + h * k1) - 2.0 * k1)[:, :, None])[:, :, 0]

@@ -81,11 +81,12 @@ class PredictedExperiment:
     def white(self, feature: Feature, searched: Sequence[float]) -> Array:
         """Return a feature's columns (rows, k), white noise of variance one a row; null outside the band."""
         conditions = self._conditions
-        full = feature.columns(self._signals, searched)
-        rows = conditions.layout.combine(full)
+        rows = conditions.layout.combine(feature.columns(self._signals, searched))
+        # Most laws act in few of the residuals.
+        acting = np.any(rows.any(axis=0), axis=1)
         f = np.fft.rfftfreq(len(rows), 1.0 / self._rate)
         inside = f <= conditions.cutoff
-        spectrum = conditions.noise.whitener(f[inside]) @ np.fft.rfft(rows, axis=0)[inside]
+        spectrum = conditions.noise.whitener(f[inside])[:, :, acting] @ np.fft.rfft(rows[:, acting], axis=0)[inside]
         # Parseval, with both signs of every f but 0; the noise is that of a sample of the recording.
         spectrum *= np.sqrt(2.0 / len(rows) * conditions.noise.rate / self._rate)
         spectrum[0] /= np.sqrt(2.0)
