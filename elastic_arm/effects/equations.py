@@ -113,10 +113,13 @@ class ArmEquations:
     def gravity_columns(self, x: SX) -> SX:
         """Return the derivative of the left side of (1) by the gravity vector in the ground frame, (dof, 3)."""
         still: list[Any] = [0.0] * self.dof
-        gravity = SX.sym("gravity", 3)
-        symbols = (_entries(x), still, still, _entries(self.Psi))
-        pulled = _column(recursion.inverse_dynamics(self.bodies, *symbols, TRIG, _entries(gravity)))
-        return ca.jacobian(pulled, gravity) @ ca.DM(self.robot.base_placement[:3, :3].T)
+        columns = [
+            _column(
+                recursion.inverse_dynamics(self.bodies, _entries(x), still, still, _entries(self.Psi), TRIG, list(axis))
+            )
+            for axis in np.eye(3)
+        ]
+        return ca.horzcat(*columns) @ ca.DM(self.robot.base_placement[:3, :3].T)
 
     def moved_and_pulled(self, x: Array, dx: Array, ddx: Array, *, motors: bool) -> tuple[Array, Array]:
         """Return what the motion and what gravity take of each joint of the nominal arm, for arrays of samples.

@@ -218,7 +218,7 @@ def fit_colour(stretches: list[Periodogram]) -> ColourFit:
     reached = likelihood(covariance, inverse)
     for _ in range(STEPS):
         back = inverse @ columns
-        seen = np.real(np.sum(back.conj() * (sample @ back), axis=1))
+        seen = np.real(np.einsum("gis,gij,gjs->gs", back.conj(), sample, back))
         expected = np.real(np.einsum("gis,gis->gs", columns.conj(), back))
         ratio = ((weight[:, None] * seen).T @ h) / np.maximum((weight[:, None] * expected).T @ h, 1e-300)
         trial = c * ratio
