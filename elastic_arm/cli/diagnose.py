@@ -336,9 +336,8 @@ def print_comparison(comparison: SimulationComparison | None) -> None:
 def _print_proposal(proposal: Proposal) -> None:
     for pair in proposal.pairs:
         names = " or ".join(effect_at(*place) for place in (pair.cause, pair.alternative))
-        outlook = f"in the {proposal.seconds:g} s of {SEPARATING}" if pair.decides else "of the best motion found"
-        out.print(
-            f"next: {escape(names)}: log-likelihood {log_likelihood_text(pair.here)} in this recording, "
-            f"{log_likelihood_text(pair.expected)} "
-            f"expected {outlook}"
-        )
+        here, expected = log_likelihood_text(pair.here), log_likelihood_text(pair.expected)
+        outlook = f"the best motion found by {expected}, which would not decide it"
+        if pair.decides:
+            outlook = f"the {proposal.seconds:g} s of {SEPARATING} by {expected}: record that"
+        out.print(f"next: {escape(names)}: this recording tells them apart by a log-likelihood of {here}, {outlook}")

@@ -212,4 +212,6 @@ def solved(gram: Array, prior: Prior | None) -> Array:
 
 def described_width(width: float, judge: str) -> str:
     """Return in words that the description served as a prior, and what chose how far it is trusted."""
-    return f"regularised towards the description, taken for wrong by {width:.2g} of it: {judge} are predicted best so"
+    return (
+        f"regularised towards the description, with a prior of {100 * width:.2g} % of it: {judge} are predicted best so"
+    )

@@ -100,7 +100,8 @@ def test_sizes_that_differ_are_stated_as_a_share_of_their_mean() -> None:
     agreement = _agreement([2.0, 3.0], std=0.01)
     assert not agreement.agrees and agreement.comparable
     assert agreement_text(agreement) == (
-        "does not agree over the recordings: sizes differ by up to 20.0 % of their mean, which reduces its confidence"
+        "does not agree over the recordings: sizes differ by up to 20.0 % of their mean, beyond their "
+        "deviations, which reduces its confidence"
     )
 
 

@@ -93,7 +93,7 @@ def print_export(done: Exported, *, new: bool = False) -> None:
             table.add_row(*(escape(cell) for cell in cells))
         out.print(table)
     elif not new:
-        out.print("no number changes")
+        out.print("no number of the description changes")
     for instance, reason in done.left:
         place = instance.joint or "the whole arm"
         words = f"{instance.effect.id} on {place} ({instance_text(instance) or 'no parameters'}): {reason}"

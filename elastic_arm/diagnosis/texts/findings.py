@@ -195,10 +195,11 @@ def agreement_text(agreement: Agreement) -> str:
     if not agreement.comparable:
         return "cannot be compared over the recordings: each alone determines its size too poorly"
     if agreement.agrees:
-        return "agrees over the recordings" + (f": sizes within {percent(spread)} of their mean" if spread else "")
+        within = f": sizes within {percent(spread)} of their mean" if spread else ""
+        return f"agrees over the recordings within its deviations{within}"
     absent = [f for f in agreement.findings if not f.gain > 0.0]
     if absent:
         return f"does not agree over the recordings: it shows in {len(agreement.findings) - len(absent)} of them alone"
     apart = "more than their mean" if spread is None or spread >= 1.0 else f"up to {percent(spread)} of their mean"
     doubt = ", which reduces its confidence" if agreement.odds > WORTH_A_LINE else ""
-    return f"does not agree over the recordings: sizes differ by {apart}{doubt}"
+    return f"does not agree over the recordings: sizes differ by {apart}, beyond their deviations{doubt}"

@@ -21,8 +21,8 @@ REFITTED = (
 )
 
 COMMISSIONED = (
-    "With the description taken as exact, more causes than are likely explain the recording, or none. It was "
-    "therefore taken as that of an arm that was calibrated before: its numbers and the sensors' gains, offsets and "
+    "With an exact description the recording would need an unlikely number of causes, or has none. So the description "
+    "was taken as that of an arm that was calibrated before: its numbers and the sensors' gains, offsets and "
     "lags were determined together with the causes, each with a prior; an arm file with the causes has these numbers. "
     "Where the description is further off, add --refit."
 )
