@@ -155,7 +155,7 @@ def shortened(name: str) -> str:
 def _verdict(result: Identification) -> list[Block]:
     words = [e.verdict for e in result.estimates]
     counts = (
-        f"{words.count('well')} of {len(words)} base parameters are well determined (standard deviation up to {WELL:.0%} "
+        f"{words.count('well')} of {len(words)} base parameters are well determined (deviation up to {WELL:.0%} "
         f"of what such a number has of this arm), {words.count('poorly')} poorly (up to {POORLY:.0%}), "
         f"{words.count('not')} not at all."
     )
