@@ -23,6 +23,8 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
+from matplotlib.ticker import LogLocator, NullLocator
+
 from elastic_arm.report.style import BLUE, GREEN, GREY, SKY, VERMILION, new_figure, style
 
 HERE = Path(__file__).resolve().parent
@@ -38,7 +40,7 @@ with open(sys.argv[1], "a") as file:
     print(os.path.abspath(out), round(used.ru_utime + used.ru_stime), sep="\\t", file=file)
 sys.exit(code)
 """
-# Bars of a picture, in their order.
+# Points of a picture, in their order.
 COLOURS = {"nominal": GREY, "identified": SKY, "robot.yaml": BLUE, "before": VERMILION, "after": GREEN}
 # What `identify` has of a link encoder as a torque of the spring.
 ENCODER = {"time_delay": "delay", "encoder_offset": "offset"}
@@ -124,8 +126,9 @@ def picture(folder: Path, path: Path) -> None:
             for k, (model, values) in enumerate(models.items()):
                 known = [(joint, value) for joint, value in enumerate(values, start=1) if value is not None]
                 at = [joint + (k - 0.5 * (len(models) - 1)) * width for joint, _ in known]
-                ax.bar(at, [value for _, value in known], width, label=model, color=COLOURS[model])
+                ax.plot(at, [value for _, value in known], "o", markersize=5, label=model, color=COLOURS[model])
             ax.set(title=case, ylabel="rms, Nm", yscale="log", xticks=range(1, len(next(iter(models.values()))) + 1))
+            ax.yaxis.set(major_locator=LogLocator(subs=(1, 2, 5)), major_formatter="{x:g}", minor_locator=NullLocator())
             ax.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0))
         axes[-1, 0].set_xlabel("joint")
         figure.savefig(path, dpi=80)
