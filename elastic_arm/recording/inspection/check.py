@@ -12,7 +12,7 @@ from elastic_arm.recording.foreign.channels import ChannelMap
 from elastic_arm.recording.inspection.described_gravity import contradicted_gravity
 from elastic_arm.recording.inspection.outliers import find_outliers, without_outliers
 from elastic_arm.recording.inspection.plausibility import implausible
-from elastic_arm.recording.inspection.quality import moment
+from elastic_arm.recording.inspection.quality import moment, wrong_rate
 from elastic_arm.recording.inspection.report import Report
 from elastic_arm.recording.inspection.stuck_channels import clipped_torques, frozen
 from elastic_arm.recording.namespaces import choose_namespace
@@ -192,6 +192,12 @@ def _check_times(topic: str, stamp_ns: Stamps, report: Report) -> None:
         report.add("warning", "short", f"{topic} has only {len(stamp_ns)} messages", topic=topic)
         return
     usual = float(np.median(forward))
+    # A reference may hold few points.
+    wrong = wrong_rate(1e9 / usual) if topic != REFERENCE else None
+    if wrong is not None:
+        report.add(
+            "warning", "rate", f"{topic}: {wrong}: are the times in another unit than they were taken for?", topic=topic
+        )
     gaps = np.flatnonzero(step > _GAP * usual)
     if len(gaps):
         longest = gaps[np.argmax(step[gaps])]
