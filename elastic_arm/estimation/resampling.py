@@ -19,6 +19,7 @@ from elastic_arm.errors import IdentificationError
 from elastic_arm.estimation.clocks import evidence, jitter_of, wanders
 from elastic_arm.recording import Samples
 from elastic_arm.recording.inspection.quality import UNIT, wrong_rate
+from elastic_arm.recording.inspection.stuck_channels import STILL
 from elastic_arm.recording.sides import ClockMode as Mode
 from elastic_arm.recording.sides import Lacking
 
@@ -43,8 +44,6 @@ POINTS = 6
 AROUND = POINTS // 2 + 1
 # A piece of fewer samples is left out.
 SHORTEST = 2 * POINTS
-# An arm whose joints all travel less than this, rad, stands still.
-STILL = 1e-3
 
 
 @dataclass(frozen=True)

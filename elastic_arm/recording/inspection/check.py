@@ -14,7 +14,7 @@ from elastic_arm.recording.inspection.outliers import find_outliers, without_out
 from elastic_arm.recording.inspection.plausibility import implausible
 from elastic_arm.recording.inspection.quality import moment, wrong_rate
 from elastic_arm.recording.inspection.report import Report
-from elastic_arm.recording.inspection.stuck_channels import clipped_torques, frozen
+from elastic_arm.recording.inspection.stuck_channels import clipped_torques, frozen, motionless
 from elastic_arm.recording.namespaces import choose_namespace
 from elastic_arm.recording.reading import Content, read_content, read_recording, urdf_joints
 from elastic_arm.recording.series import Series
@@ -103,7 +103,7 @@ def _check_whole(
         for outliers in find_outliers(recording):
             report.add("warning", "outliers", f"outliers: {outliers.words()}: identify and diagnose leave them out")
         whole = without_outliers(recording)
-        report.findings += [*frozen(recording), *clipped_torques(whole), *implausible(whole)]
+        report.findings += [*motionless(whole), *frozen(recording), *clipped_torques(whole), *implausible(whole)]
         report.findings += [] if robot is None else contradicted_gravity(whole, robot)
     except RecordingError as error:
         report.add("error", "unusable", str(error))
