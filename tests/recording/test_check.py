@@ -86,6 +86,18 @@ def test_times_in_another_unit_are_warned_of(tmp_path: Path, rng: np.random.Gene
     assert all("another unit" in f.message for f in report.findings if f.code == "rate")
 
 
+def test_a_channel_that_some_joints_have_is_noted(tmp_path: Path, rng: np.random.Generator) -> None:
+    """Link encoders at two of three joints are in order, and named; a channel that no joint has is warned of."""
+    whole = two_sided(rng, 500)
+    assert whole.link is not None and whole.link.position is not None and whole.link.velocity is not None
+    whole.link.position[:, 2], whole.link.velocity[:, 2] = np.nan, np.nan
+    report = check_bag(write_recording(tmp_path / "some", whole))
+    assert report.ok
+    assert "/joint_states.position is not there for joint_3" in [finding.message for finding in report.findings]
+    whole.link.velocity[:] = np.nan
+    assert codes(write_recording(tmp_path / "none", whole)) == {"nan_channel"}
+
+
 def test_jitter_alone_is_no_fault(tmp_path: Path, rng: np.random.Generator) -> None:
     """Stamps that jitter by a tenth of the interval are noted, not complained of."""
     jittered = stamps(3000) + rng.normal(scale=1e5, size=3000).astype(np.int64)

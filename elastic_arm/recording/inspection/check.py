@@ -162,11 +162,17 @@ def _check_series(series: Series, report: Report) -> None:
 
 
 def _check_numbers(series: Series, stamp_ns: Stamps, report: Report) -> None:
+    absent: dict[str, list[str]] = {}
+    present = set()
     for name, joint, values in series.all_columns():
         bad = ~np.isfinite(values)
         where = {"topic": series.topic, "joint": joint}
+        if np.isnan(values).all():
+            absent.setdefault(name, []).append(joint)
+            continue
+        present.add(name)
         if bad.all():
-            report.add("warning", "nan_channel", f"{series.topic}.{name} of {joint} is NaN throughout", **where)
+            report.add("error", "nan", f"{series.topic}.{name} of {joint} is nowhere finite", **where)
         elif bad.any():
             first = int(np.argmax(bad))
             time = float((stamp_ns[first] - stamp_ns[0]) * 1e-9)
@@ -175,6 +181,15 @@ def _check_numbers(series: Series, stamp_ns: Stamps, report: Report) -> None:
             report.add("error", "nan", message, time=time, **where)
         elif "effort" in name and not values.any():
             report.add("warning", "zero_torque", f"{series.topic}.{name} of {joint} is zero throughout", **where)
+    for name, joints in absent.items():
+        if name in present:
+            # Not every joint needs an encoder on its link, or a torque sensor.
+            message = f"{series.topic}.{name} is not there for {', '.join(joints)}"
+            report.add("note", "absent_channel", message, topic=series.topic)
+            continue
+        for joint in joints:
+            message = f"{series.topic}.{name} of {joint} is NaN throughout"
+            report.add("warning", "nan_channel", message, topic=series.topic, joint=joint)
 
 
 def _check_times(topic: str, stamp_ns: Stamps, report: Report) -> None:
