@@ -88,7 +88,7 @@ def _piled(torque: Array, moving: NDArray[np.bool_]) -> dict[float, float]:
 
 
 def moves(recording: Recording) -> bool:
-    """Return whether any joint travels, or holds numbers that are none; where there are no positions nothing tells."""
+    """Return whether any joint travels, or holds numbers that are none; any may where there are no positions."""
     positions = [side.position for side in _measured(recording).values() if side.position is not None]
     if not positions or not all(map(len, positions)):
         return True
