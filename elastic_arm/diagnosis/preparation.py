@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -25,7 +25,15 @@ from elastic_arm.diagnosis.selection.candidates import feature_of, features, rec
 from elastic_arm.diagnosis.selection.plausible_size import PlausibleSizes
 from elastic_arm.diagnosis.selection.regressor_library import Candidate, RegressorLibrary
 from elastic_arm.diagnosis.settings import DiagnosisSettings
-from elastic_arm.diagnosis.texts.notes import COMMISSIONED, LOW_PASSED, REFITTED, STICKING, standing_note, unseen_note
+from elastic_arm.diagnosis.texts.notes import (
+    COMMISSIONED,
+    LOW_PASSED,
+    REFITTED,
+    STICKING,
+    bare_note,
+    standing_note,
+    unseen_notes,
+)
 from elastic_arm.dynamics import Model, build_model
 from elastic_arm.effects import Effect, EffectInstance, robot_effects
 from elastic_arm.effects.equations import ArmEquations
@@ -209,7 +217,8 @@ def prepare(recordings: Sequence[Recording], validate: Sequence[Recording], ques
     found, _ = linearise(problem, expansion, (), noise=noise)
     notes = list(dict.fromkeys(note for part in observed for o in part for note in o.notes))
     notes += [*_low_passed(parts), *_certainty_notes(question), *(standing_note(joint) for joint in still)]
-    notes += [unseen_note(unseen)] if unseen else []
+    bare = [names[j] for j in layout.without_rows]
+    notes += [*([bare_note(bare)] if bare else []), *unseen_notes(unseen, bare)]
     notes += _currents_notes(currents, settings) if problem.parameters else []
     return PreparedData(
         calibration=problem,
@@ -232,7 +241,7 @@ def _known_effects(
     own = {(instance.effect.id, instance.joint) for instance in question.given}
     stated = [i for i in robot_effects(question.robot, question.catalogue) if (i.effect.id, i.joint) not in own]
     known = [i for i in (*stated, *question.given) if feature_of(i, equations).acts]
-    unseen = tuple(instance for instance in known if not _is_seen(instance.parameters, layout))
+    unseen = tuple(instance for instance in known if not _is_seen(feature_of(instance, equations), layout))
     return tuple(instance for instance in known if instance not in unseen), unseen
 
 
@@ -314,9 +323,15 @@ def _calibrated_effects(question: Question) -> tuple[Effect, ...]:
     return tuple(e for e in question.catalogue.values() if (e.prior is not None or e.number) and e.id not in given)
 
 
-def _is_seen(choices: Mapping[str, object], layout: EquationSet) -> bool:
-    """Whether an effect acts in a recorded equation: what brakes a motor is not seen by a joint torque sensor."""
-    return choices.get("side") != "motor" or not set(layout.sides) <= {"link", "drive"}
+def _is_seen(feature: Feature, layout: EquationSet) -> bool:
+    """Whether an effect acts in a recorded equation.
+
+    What brakes a motor is not seen by a joint torque sensor, and what brakes a joint without a torque by none.
+    """
+    if feature.choices.get("side") == "motor" and set(layout.sides) <= {"link", "drive"}:
+        return False
+    bare = feature.joint is not None and feature.equations.robot.joint_names.index(feature.joint) in layout.without_rows
+    return not bare or feature.effect.regressor is not None or bool(layout.transform[:, feature.rows].any())
 
 
 def _carried(question: Question, equations: ArmEquations) -> list[Feature]:
@@ -346,5 +361,5 @@ def _candidates(
     if question.effects is None and has_one_encoder(problem.layout, problem.robot):
         # Slowly, bearings and damping do less than what following the load neglects.
         free = [f for f in free if f.effect.regime != "frequency" or isinstance(f.effect, SensorEffect)]
-    seen = (f for f in free if _is_seen(f.choices, problem.layout))
+    seen = (f for f in free if _is_seen(f, problem.layout))
     return [f for f in seen if f.joint not in still or not needs_motion(f)]

@@ -104,10 +104,9 @@ class Feature:
 
         A link encoder is seen beside the motor encoder.
         """
-        effect = self.effect
-        if not isinstance(effect, SensorEffect):
+        if not isinstance(self.effect, SensorEffect):
             return frozenset()
-        found = _changed_channels(effect, self.joint, self.choices, self.equations.robot.n)
+        found = _changed_channels(self.effect, self.joint, self.choices, self.equations.robot.n)
         return frozenset(found | ({"theta"} if "q" in found else set()))
 
     @property
@@ -149,6 +148,11 @@ class Feature:
             return self._compiled.acts
         except EffectError:
             return False
+
+    @property
+    def rows(self) -> list[int]:
+        """Which residuals, of link, drive and motor side of all joints, its law adds to."""
+        return np.unique(self._compiled.places % (3 * self.equations.robot.n)).tolist()
 
     def columns(self, signals: Signals, searched: Sequence[float] = (), start: float = 0.0) -> Array:
         """Evaluate the columns (N, 3 n, count).
@@ -303,8 +307,7 @@ class ActingEffect:
 
     def torques(self, signals: Signals) -> tuple[Array, Array, Array]:
         """Return what it adds to the joint torque, to the motor torque and to that of the spring (N, n), Nm."""
-        rows = self.feature.columns(signals, self.searched) @ self.coefficients
-        link, drive, motor = np.split(rows, 3, axis=1)
+        link, drive, motor = np.split(self.feature.columns(signals, self.searched) @ self.coefficients, 3, axis=1)
         return link, link + motor, link - drive
 
 

@@ -18,7 +18,8 @@ independent
     of one side only theta = q, and `link` gives tau_J, `link + motor` tau_m.
 
 Channels that only some joints have are asked for joint by joint. :meth:`EquationSet.even` gives such joints the same
-names of equations again, for arrays of names times joints: those that a joint lacks are void, null combinations.
+names of equations again, for arrays of names times joints: those that a joint lacks are void, null combinations. A
+joint without any torque has none but, by both encoders, that of its link.
 """
 
 from __future__ import annotations
@@ -124,7 +125,7 @@ class EquationSet:
         IdentificationError
             If the channels allow no equation.
         """
-        return cls._of([_direct(frozenset(names), elastic=elastic) for names in _of_joints(recorded, n)], tuple(SIDES))
+        return cls._of([_direct(names, elastic=elastic) for names in _of_joints(recorded, n)], tuple(SIDES))
 
     @classmethod
     def of(cls, motion: Motion, model: Model) -> EquationSet:
@@ -155,7 +156,7 @@ class EquationSet:
         IdentificationError
             If the channels allow no equation.
         """
-        found = [_independent(frozenset(names), elastic=elastic, summed=summed) for names in _of_joints(recorded, n)]
+        found = [_independent(names, elastic=elastic, summed=summed) for names in _of_joints(recorded, n)]
         return cls._of(found, tuple(_INDEPENDENT))
 
     @classmethod
@@ -185,6 +186,12 @@ class EquationSet:
     def live(self) -> NDArray[np.bool_]:
         """Which rows (R,) are no void ones."""
         return np.array([equation.combination != VOID for equation, _ in self.entries])
+
+    @property
+    def without_rows(self) -> tuple[int, ...]:
+        """Indices of the joints that have void rows alone, as without a torque."""
+        live = {joint for equation, joint in self.entries if equation.combination != VOID}
+        return tuple(joint for joint in range(self.n) if joint not in live)
 
     def places(self, joints: Sequence[str]) -> list[tuple[str, str]]:
         """Return joint and side of each row that is no void one."""
@@ -240,24 +247,29 @@ class EquationSet:
         return np.tensordot(columns, self.transform, axes=(1, 1)).transpose(0, 2, 1)
 
 
-def _of_joints(recorded: Channels | Sequence[Channels], n: int) -> list[Channels]:
+def _of_joints(recorded: Channels | Sequence[Channels], n: int) -> list[frozenset[str]]:
+    """Return the channels of each joint.
+
+    Raises
+    ------
+    IdentificationError
+        If a joint has no position, or none has a torque.
+    """
     per_joint = isinstance(recorded, Sequence) and not all(isinstance(entry, str) for entry in recorded)
-    return list(recorded) if per_joint else [recorded] * n  # type: ignore[list-item]
-
-
-def _require_channels(recorded: frozenset[str]) -> None:
-    if not recorded & {"q", "theta"}:
+    each: Sequence[Channels] = list(recorded) if per_joint else [recorded] * n  # type: ignore[list-item]
+    found = [frozenset(names) for names in each]
+    if not all(names & {"q", "theta"} for names in found):
         raise IdentificationError("no positions were recorded", "Record /joint_states or /motor_states.")
-    if not recorded & {"tau_J", "tau_m"}:
+    if not any(names & set(TORQUES) for names in found):
         raise IdentificationError(
             "no torque was recorded: neither tau_J (effort of /joint_states) nor tau_m (effort of /motor_states)",
             "Record a torque, or map a motor current with a channel map.",
         )
+    return found
 
 
 def _direct(recorded: frozenset[str], *, elastic: bool) -> dict[str, Equation]:
     """Return the residuals of one joint that hold no missing channel, by name."""
-    _require_channels(recorded)
     both = elastic and {"q", "theta"} <= recorded
     if "tau_J" in recorded:
         # Beside a joint torque sensor the motor's acceleration follows from the link's, as does a rigid link's from it.
@@ -270,8 +282,8 @@ def _direct(recorded: frozenset[str], *, elastic: bool) -> dict[str, Equation]:
     elif both:
         found = {side: _WITHOUT_SENSOR[side] for side in ("link", *(("motor",) if "tau_m" in recorded else ()))}
     else:
-        found = {"motor": _BRIDGED}
-    if not found:
+        found = {"motor": _BRIDGED} if "tau_m" in recorded else {}
+    if not found and "tau_J" in recorded:
         raise IdentificationError(
             "motor angles and joint torques alone allow no equation", "Record link angles or motor torques as well."
         )
@@ -280,7 +292,6 @@ def _direct(recorded: frozenset[str], *, elastic: bool) -> dict[str, Equation]:
 
 def _independent(recorded: frozenset[str], *, elastic: bool, summed: bool) -> dict[str, Equation]:
     """Return the equations of one joint with independent noises, by name."""
-    _require_channels(recorded)
     if summed and elastic and {"q", "theta", "tau_m"} <= recorded and "tau_J" not in recorded:
         return {"link": _WITHOUT_SENSOR["link"], "motor": _BRIDGED}
     if elastic and {"q", "theta"} <= recorded:

@@ -256,7 +256,7 @@ def observe(recording: Recording, band: float | None = None) -> Observation:
         raise DiagnosisError(
             f"{where} holds no torque", "Record the effort of /motor_states, of /joint_states, or both"
         )
-    clock = Clock.of(samples)
+    clock = Clock.of(samples, where)
     grids = [grid for grid in clock.place(samples) if len(grid) > SHORTEST * grid.rate]
     if not grids:
         raise DiagnosisError(

@@ -18,6 +18,8 @@ from numpy.typing import NDArray
 from elastic_arm.errors import IdentificationError
 from elastic_arm.estimation.clocks import evidence, jitter_of, wanders
 from elastic_arm.recording import Samples
+from elastic_arm.recording.inspection.quality import UNIT, wrong_rate
+from elastic_arm.recording.inspection.stuck_channels import STILL
 from elastic_arm.recording.sides import ClockMode as Mode
 from elastic_arm.recording.sides import Lacking
 
@@ -42,8 +44,6 @@ POINTS = 6
 AROUND = POINTS // 2 + 1
 # A piece of fewer samples is left out.
 SHORTEST = 2 * POINTS
-# An arm whose joints all travel less than this, rad, stands still.
-STILL = 1e-3
 
 
 @dataclass(frozen=True)
@@ -120,13 +120,20 @@ class Clock:
     missing: float = MISSING
 
     @staticmethod
-    def of(samples: Samples) -> Clock:
+    def of(samples: Samples, source: str = "the recording") -> Clock:
         """Find the rate, and the mode by the evidence in the recording where `samples.clock` does not give it.
+
+        Parameters
+        ----------
+        samples
+            Of the recording.
+        source
+            Where it came from, for errors.
 
         Raises
         ------
         IdentificationError
-            If there are too few samples, or time does not advance.
+            If there are too few samples, time does not advance, or no arm is recorded at such a rate.
         """
         if len(samples) < 2 * POINTS:
             raise IdentificationError(f"{len(samples)} samples are too few", "Record some seconds of motion.")
@@ -137,6 +144,9 @@ class Clock:
                 f"time stands still or runs back at {samples.t[at]:.4f} s", "Repair it with `elastic-arm bag check`."
             )
         k, rate, missing, jitter = _numbered(samples.t)
+        wrong = wrong_rate(rate)
+        if wrong is not None:
+            raise IdentificationError(f"{source}: {wrong}", UNIT)
         if samples.clock is not None:
             return Clock(rate, samples.clock, f"clock as demanded: {_MEANING[samples.clock]}", missing)
         mode, note = _mode(samples, k, rate, jitter)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
 
@@ -112,3 +113,9 @@ class Samples:
 
     def __len__(self) -> int:
         return len(self.t)
+
+    def without_torque(self, joints: Sequence[str]) -> tuple[str, ...]:
+        """Return those of the joints, by name, that have no torque on either side while others have one."""
+        there = [channel for channel in ("tau_J", "tau_m") if getattr(self, channel) is not None]
+        bare = [all((channel, j) in self.lacking for channel in there) for j in range(len(joints))]
+        return tuple(joint for joint, none in zip(joints, bare, strict=True) if there and none)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from itertools import combinations
 
 import numpy as np
@@ -95,3 +96,16 @@ def test_channels_that_allow_no_equation_are_named(recorded: set[str], word: str
     """The error names what is missing."""
     with pytest.raises(IdentificationError, match=word):
         EquationSet.direct(recorded, 2)
+
+
+@pytest.mark.parametrize("make", [EquationSet.direct, EquationSet.independent])
+def test_a_joint_without_a_torque_has_no_equation(make: Callable[..., EquationSet]) -> None:
+    """Its rows are void where the others have one; both encoders leave it that of its link."""
+    found = make([{"q", "tau_J"}, {"q"}], 2).even()
+    assert found.live.tolist() == [True, False] and found.without_rows == (1,)
+    np.testing.assert_array_equal(found.transform[1], 0.0)
+    wound = make([{"q", "theta", "tau_m"}, {"q", "theta"}], 2).even()
+    assert wound.without_rows == ()
+    np.testing.assert_array_equal(wound.live.reshape(2, 2), [[True, True], [True, False]])
+    with pytest.raises(IdentificationError, match="no torque was recorded"):
+        make([{"q"}, {"q", "theta"}], 2)

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
+from elastic_arm.errors import IdentificationError
 from elastic_arm.estimation.resampling import Clock, interpolate
 from elastic_arm.recording import Samples
 
@@ -34,6 +37,14 @@ def test_a_regular_recording_is_its_own_grid() -> None:
     (grid,) = clock.place(taken)
     assert clock.rate == pytest.approx(RATE) and len(grid) == 1000
     np.testing.assert_allclose(grid.q, taken.q, atol=1e-12)
+
+
+@pytest.mark.parametrize(("unit", "words"), [(1e3, "too few"), (1e-3, "too many")])
+def test_times_in_another_unit_are_refused(unit: float, words: str) -> None:
+    """Milliseconds taken for seconds, or the reverse, give a rate at which no arm is recorded: asked is the unit."""
+    taken = samples(np.arange(1000) * 5e-3)
+    with pytest.raises(IdentificationError, match=f"run_1: .*{words}.*Are the times in another unit"):
+        Clock.of(replace(taken, t=unit * taken.t), "run_1")
 
 
 def test_single_missing_samples_are_filled_and_gaps_cut() -> None:

@@ -76,6 +76,28 @@ def test_gaps_rates_and_drift_are_found(tmp_path: Path, rng: np.random.Generator
     assert gap.time == pytest.approx(0.499)
 
 
+@pytest.mark.parametrize("period_ns", [1_000_000_000_000, 1000])
+def test_times_in_another_unit_are_warned_of(tmp_path: Path, rng: np.random.Generator, period_ns: int) -> None:
+    """A sample a quarter of an hour, or a million a second, are no recording of an arm's motion."""
+    taken = stamps(500, period_ns)
+    bag = write_recording(tmp_path / "bag", Recording(JOINTS, side(rng, taken), side(rng, taken)))
+    report = check_bag(bag)
+    assert not report.ok and "rate" in codes(bag)
+    assert all("another unit" in f.message for f in report.findings if f.code == "rate")
+
+
+def test_a_channel_that_some_joints_have_is_noted(tmp_path: Path, rng: np.random.Generator) -> None:
+    """Link encoders at two of three joints are in order, and named; a channel that no joint has is warned of."""
+    whole = two_sided(rng, 500)
+    assert whole.link is not None and whole.link.position is not None and whole.link.velocity is not None
+    whole.link.position[:, 2], whole.link.velocity[:, 2] = np.nan, np.nan
+    report = check_bag(write_recording(tmp_path / "some", whole))
+    assert report.ok
+    assert "/joint_states.position is not there for joint_3" in [finding.message for finding in report.findings]
+    whole.link.velocity[:] = np.nan
+    assert codes(write_recording(tmp_path / "none", whole)) == {"nan_channel"}
+
+
 def test_jitter_alone_is_no_fault(tmp_path: Path, rng: np.random.Generator) -> None:
     """Stamps that jitter by a tenth of the interval are noted, not complained of."""
     jittered = stamps(3000) + rng.normal(scale=1e5, size=3000).astype(np.int64)

@@ -77,6 +77,22 @@ def test_an_arm_at_rest_neither_freezes_nor_saturates() -> None:
     assert frozen(still) == clipped_torques(still) == []
 
 
+@pytest.mark.filterwarnings("error")
+def test_a_recording_of_one_sample_throughout_holds_no_motion(tmp_path: Path) -> None:
+    """Numbers that never change are said to be no motion, in words and without a warning of the numbers' own."""
+    stamp_ns = np.arange(400, dtype=np.int64) * 5_000_000
+    same = Side(stamp_ns, *(np.full((400, 2), value) for value in (0.3, 0.0, 1.0)))
+    bag = write_recording(tmp_path / "bag", Recording(("joint_1", "joint_2"), same, same))
+    report = check_bag(bag)
+    assert not report.ok
+    (words,) = [f.message for f in report.findings if f.code == "no_motion"]
+    assert "holds no motion" in words and "excite" in words
+    moved = np.array(same.position)
+    moved[200:, 1] += 0.01
+    one = write_recording(tmp_path / "one", Recording(("joint_1", "joint_2"), replace(same, position=moved), same))
+    assert not [f for f in check_bag(one).findings if f.code == "no_motion"]
+
+
 def test_freezes_are_found_with_their_times() -> None:
     """Two stretches of 0.1 s, and the end; with velocities and without; single repeats and slow channels are none."""
     rows = (slice(1000, 1021), slice(3000, 3021), slice(COUNT - 100, COUNT))

@@ -15,9 +15,9 @@ from numpy.typing import NDArray
 from elastic_arm.diagnosis.settings import PreprocessingSettings
 from elastic_arm.errors import DiagnosisError
 from elastic_arm.estimation.effect_columns import Feature
-from elastic_arm.estimation.resampling import STILL
 from elastic_arm.recording import Recording, Samples, Side
 from elastic_arm.recording.inspection.outliers import without_outliers
+from elastic_arm.recording.inspection.stuck_channels import NO_MOTION, STILL, moves
 
 Array = NDArray[np.float64]
 
@@ -30,9 +30,12 @@ def usable(recording: Recording, settings: PreprocessingSettings) -> Recording:
     Raises
     ------
     DiagnosisError
-        If every torque channel is dead.
+        If the arm stands still, or every torque channel is dead.
     """
-    return _one_clock(_without_differences(_live(without_outliers(recording)), settings), settings)
+    whole = without_outliers(recording)
+    if not moves(whole):
+        raise DiagnosisError(f"{recording.source or 'the recording'} holds no motion", NO_MOTION)
+    return _one_clock(_without_differences(_live(whole), settings), settings)
 
 
 def standing(recording: Recording) -> list[str]:

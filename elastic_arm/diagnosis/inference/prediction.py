@@ -92,11 +92,13 @@ def predict(context: DiagnosisContext, causes: Sequence[EffectInstance], starts:
     """
     if context.model.robot.elastic and "motor" not in context.validate.layout.sides:
         return Prediction(reason="motor torque and motor angle are not both recorded: there is nothing to drive with")
+    if bare := _undriven(context):
+        return Prediction(reason=f"the torque that drives {', '.join(bare)} was not recorded")
     begins = _begins(context, starts)
     if not any(len(b) for b in begins):
         return Prediction(reason=f"no stretch of the validation data is {HORIZONS[-1]:g} s long")
-    if bare := _without_inertia(context):
-        return Prediction(reason=f"the model has no inertia for {', '.join(bare)}: it would accelerate without limit")
+    if light := _without_inertia(context):
+        return Prediction(reason=f"the model has no inertia for {', '.join(light)}: it would accelerate without limit")
     first = context.seen[1][0].pieces[0]
     sides = [s for s, recorded in (("link", first.q), ("motor", first.theta)) if recorded is not None]
     if not context.model.robot.elastic:
@@ -107,6 +109,13 @@ def predict(context: DiagnosisContext, causes: Sequence[EffectInstance], starts:
     units = context.model.robot.units
     reason = _left(before, horizons, "the model", units) or _left(after, horizons, "the model with the causes", units)
     return Prediction(horizons, sum(len(b) for b in begins), before, after, reason)
+
+
+def _undriven(context: DiagnosisContext) -> list[str]:
+    """Return the joints without the torque that a prediction is driven by, while others have it."""
+    channel = "tau_m" if "motor" in context.validate.layout.sides else "tau_J"
+    lacking = {joint for piece in context.seen[1][0].pieces for own, joint in piece.lacking if own == channel}
+    return [context.model.robot.joint_names[joint] for joint in sorted(lacking)]
 
 
 def _without_inertia(context: DiagnosisContext) -> list[str]:

@@ -243,7 +243,7 @@ class StepwiseSearch:
                 if score < now - worth:
                     break
                 if rough[-1].numbers < selected[k].numbers and _confused(rough[-1], selected[k]):
-                    selected = [*rough[:k], rough[-1], *rough[k:-1]]
+                    selected = self._settled([*rough[:k], rough[-1], *rough[k:-1]])
                     break
         for k, m in combinations(hypothesis.causes, 2):
             selected = self._simpler_pair(selected, k, m)
@@ -305,6 +305,14 @@ class StepwiseSearch:
                 selected = trial
         return selected
 
+    def _settled(self, selected: Sequence[Candidate]) -> list[Candidate]:
+        """Return a set in which every candidate has values: a ranking puts neighbourhoods in the place of others."""
+        settled = list(selected)
+        for k, candidate in enumerate(settled):
+            if candidate.searched is None:
+                settled[k] = self._refine([*settled[:k], *settled[k + 1 :]], candidate)
+        return settled
+
     def _dropped(self, selected: list[Candidate]) -> list[Candidate]:
         """Leave out causes that the others have made superfluous."""
         k = len(self.given)
@@ -334,7 +342,8 @@ class StepwiseSearch:
             behind = (score - rough) / scale
             if behind > furthest and len(rivals) >= self._search.fewest_rivals:
                 break
-            better = self._refine(others, candidate) if behind < furthest else candidate
+            valued = candidate.searched is not None
+            better = candidate if valued and behind >= furthest else self._refine(others, candidate)
             trial = [*others, better]
             if not self._plausible(trial) or self._is_same_law(better, chosen[k]):
                 continue

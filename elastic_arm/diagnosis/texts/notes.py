@@ -47,13 +47,31 @@ def standing_note(joint: str) -> str:
     return f"{joint} stands still: nothing can be said of what its motion would show."
 
 
-def unseen_note(instances: Sequence[EffectInstance]) -> str:
-    """Return the note on known effects that act on the motor side where that was not recorded."""
-    joints: dict[str, list[str]] = {}
+def bare_note(joints: Sequence[str]) -> str:
+    """Return the note on joints without a torque."""
+    words = "without a torque, and so without an equation: nothing is said of what it alone would show"
+    return f"{', '.join(joints)}: {words}."
+
+
+def unseen_notes(instances: Sequence[EffectInstance], bare: Sequence[str]) -> list[str]:
+    """Return notes on known effects that act in no torque that was recorded.
+
+    Parameters
+    ----------
+    instances
+        Of the motor side where that was not recorded, or of joints without a torque.
+    bare
+        The joints without a torque.
+    """
+    places: dict[str, dict[str, list[str]]] = {}
     for instance in instances:
-        joints.setdefault(instance.effect.id, []).append(str(instance.joint))
-    names = [effect_at(effect, ", ".join(places)) for effect, places in joints.items()]
-    return f"Known, but not seen, as no motor torque was recorded: {'; '.join(names)}. They stay as stated."
+        missing = "torque of the joint" if instance.joint in bare else "motor torque"
+        places.setdefault(missing, {}).setdefault(instance.effect.id, []).append(str(instance.joint))
+    found = []
+    for missing, joints in places.items():
+        names = "; ".join(effect_at(effect, ", ".join(at)) for effect, at in joints.items())
+        found.append(f"Known, but not seen, as no {missing} was recorded: {names}. They stay as stated.")
+    return found
 
 
 def known_effect_note(feature: Feature, parameters: Mapping[str, ParameterEstimate]) -> str:

@@ -120,12 +120,12 @@ class DerivativeStage:
         if period is not None and not period > 0:
             raise IdentificationError(f"the period is {period:g} s", "Give a time above zero, or none.")
         self._source = source or "the recording"
-        clock = Clock.of(samples)
+        clock = Clock.of(samples, self._source)
         self._grids = clock.place(samples)
         if not self._grids:
-            raise IdentificationError("the recording has no run of samples without gaps", "Record seconds of motion.")
+            raise IdentificationError(f"{self._source} has no run of samples without gaps", "Record seconds of motion.")
         if not any(grid.moves() for grid in self._grids):
-            raise IdentificationError("the recording holds no motion", "Record one that `elastic-arm excite` makes.")
+            raise IdentificationError(f"{self._source} holds no motion", "Record one that `elastic-arm excite` makes.")
         self._said: tuple[str, ...] = (clock.note,) if clock.note else ()
         self._width = next(iter(self._grids[0].channels().values())).shape[1]
         self._longest, self._stated_period = max(self._grids, key=len), period

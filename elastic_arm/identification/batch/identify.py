@@ -18,7 +18,7 @@ from elastic_arm.estimation.motion import Motion
 from elastic_arm.identification.batch.derivatives import DerivativeStage
 from elastic_arm.identification.batch.imperfections import nuisance_effects
 from elastic_arm.identification.batch.mounting import other_mounting
-from elastic_arm.identification.batch.selection import BatchChoice, BatchTrial, ProgressCallback, Trials
+from elastic_arm.identification.batch.selection import BatchChoice, BatchTrial, ProgressCallback, Trials, with_trace
 from elastic_arm.identification.batch.settings import USUAL, IdentificationSettings
 from elastic_arm.identification.consistency.estimation import correlation_of_errors, with_consistency
 from elastic_arm.identification.consistency.identified_robot import odd_masses
@@ -47,6 +47,8 @@ LOOSE = 3.0
 MOTOR_INERTIA = (
     "the description states no motor inertia: it was identified beside the links (armature; a URDF cannot hold it)"
 )
+BARE = "without a torque, and so without an equation: what it alone would show is not determined"
+UNSEEN = "left out, as it acts at a joint without a torque"
 FELT = "taken as what the joint torque sensors feel (side=link), as no motor torque was recorded"
 
 
@@ -112,6 +114,7 @@ def identify_with(
     armed = robot is not described
     asked, moved = on_recorded_side(settings.effects, robot, motored=motored)
     known = with_stated(asked, robot, motored=motored, catalogue=settings.catalogue)
+    known, unseen = with_trace(known, robot, settings.model, prepared[0])
     # What the description states of imperfections is as uncertain as what it does not.
     unasked = nuisance_effects(robot, settings.catalogue)
     effects = tuple(law for law in known if law in asked or law.effect.id not in unasked)
@@ -129,6 +132,9 @@ def identify_with(
     notes = [MOTOR_INERTIA] if armed else []
     notes += [] if mounting is None else [mounting.note]
     notes += [f"{', '.join(moved)}: {FELT}"] if moved else []
+    bare = prepared[0].without_torque(robot.joint_names)
+    notes += [f"{', '.join(bare)}: {BARE}"] if bare else []
+    notes += [f"{', '.join(unseen)}: {UNSEEN}"] if unseen else []
     result = result.with_(notes=tuple(dict.fromkeys([*result.notes, *notes])))
     if validate:
         held_out = _held_out(validate, trial, not choice.sticking, report)

@@ -287,6 +287,31 @@ def turning_speed(errors: Array) -> float:
     return SIGN_SPEEDS[int(np.argmin(unlikely + unusual))]
 
 
+def with_trace(
+    laws: Sequence[EffectInstance], robot: Robot, model: str, samples: Samples
+) -> tuple[tuple[EffectInstance, ...], list[str]]:
+    """Return laws without those that only the torques of joints without one would show, and these by their names.
+
+    Parameters
+    ----------
+    laws
+        Asked for or stated, at any joint.
+    robot, model
+        The arm, and the variant of its equations, mod1, mod2 or mod3.
+    samples
+        Of a recording.
+    """
+    bare = samples.without_torque(robot.joint_names)
+    if not any(law.joint in bare for law in laws):
+        return tuple(laws), []
+    columns = law_columns(laws, robot, model)
+    equations = Identifier(build_model(robot, model), columns, joints=robot.joint_names).choose_equations(samples)
+    own = len(equations.names) - len(columns)
+    shown = {c.name.rpartition(".")[0] for k, c in enumerate(columns, own) if equations.base.T[:, k].any()}
+    unseen = [law for law in laws if law.joint in bare and place_of(law, robot) not in shown]
+    return tuple(law for law in laws if law not in unseen), [place_of(law, robot) for law in unseen]
+
+
 def _traced(identifier: Identifier, samples: Samples, asked: int) -> BaseRegression:
     """Return the equations that the channels allow, in which each of the first `asked` laws has left a trace."""
     equations = identifier.choose_equations(samples)

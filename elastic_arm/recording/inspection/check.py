@@ -12,9 +12,9 @@ from elastic_arm.recording.foreign.channels import ChannelMap
 from elastic_arm.recording.inspection.described_gravity import contradicted_gravity
 from elastic_arm.recording.inspection.outliers import find_outliers, without_outliers
 from elastic_arm.recording.inspection.plausibility import implausible
-from elastic_arm.recording.inspection.quality import moment
+from elastic_arm.recording.inspection.quality import moment, wrong_rate
 from elastic_arm.recording.inspection.report import Report
-from elastic_arm.recording.inspection.stuck_channels import clipped_torques, frozen
+from elastic_arm.recording.inspection.stuck_channels import clipped_torques, frozen, motionless
 from elastic_arm.recording.namespaces import choose_namespace
 from elastic_arm.recording.reading import Content, read_content, read_recording, urdf_joints
 from elastic_arm.recording.series import Series
@@ -103,7 +103,7 @@ def _check_whole(
         for outliers in find_outliers(recording):
             report.add("warning", "outliers", f"outliers: {outliers.words()}: identify and diagnose leave them out")
         whole = without_outliers(recording)
-        report.findings += [*frozen(recording), *clipped_torques(whole), *implausible(whole)]
+        report.findings += [*motionless(whole), *frozen(recording), *clipped_torques(whole), *implausible(whole)]
         report.findings += [] if robot is None else contradicted_gravity(whole, robot)
     except RecordingError as error:
         report.add("error", "unusable", str(error))
@@ -162,11 +162,17 @@ def _check_series(series: Series, report: Report) -> None:
 
 
 def _check_numbers(series: Series, stamp_ns: Stamps, report: Report) -> None:
+    absent: dict[str, list[str]] = {}
+    present = set()
     for name, joint, values in series.all_columns():
         bad = ~np.isfinite(values)
         where = {"topic": series.topic, "joint": joint}
+        if np.isnan(values).all():
+            absent.setdefault(name, []).append(joint)
+            continue
+        present.add(name)
         if bad.all():
-            report.add("warning", "nan_channel", f"{series.topic}.{name} of {joint} is NaN throughout", **where)
+            report.add("error", "nan", f"{series.topic}.{name} of {joint} is nowhere finite", **where)
         elif bad.any():
             first = int(np.argmax(bad))
             time = float((stamp_ns[first] - stamp_ns[0]) * 1e-9)
@@ -175,6 +181,15 @@ def _check_numbers(series: Series, stamp_ns: Stamps, report: Report) -> None:
             report.add("error", "nan", message, time=time, **where)
         elif "effort" in name and not values.any():
             report.add("warning", "zero_torque", f"{series.topic}.{name} of {joint} is zero throughout", **where)
+    for name, joints in absent.items():
+        if name in present:
+            # Not every joint needs an encoder on its link, or a torque sensor.
+            message = f"{series.topic}.{name} is not there for {', '.join(joints)}"
+            report.add("note", "absent_channel", message, topic=series.topic)
+            continue
+        for joint in joints:
+            message = f"{series.topic}.{name} of {joint} is NaN throughout"
+            report.add("warning", "nan_channel", message, topic=series.topic, joint=joint)
 
 
 def _check_times(topic: str, stamp_ns: Stamps, report: Report) -> None:
@@ -192,6 +207,12 @@ def _check_times(topic: str, stamp_ns: Stamps, report: Report) -> None:
         report.add("warning", "short", f"{topic} has only {len(stamp_ns)} messages", topic=topic)
         return
     usual = float(np.median(forward))
+    # A reference may hold few points.
+    wrong = wrong_rate(1e9 / usual) if topic != REFERENCE else None
+    if wrong is not None:
+        report.add(
+            "warning", "rate", f"{topic}: {wrong}: are the times in another unit than they were taken for?", topic=topic
+        )
     gaps = np.flatnonzero(step > _GAP * usual)
     if len(gaps):
         longest = gaps[np.argmax(step[gaps])]

@@ -148,7 +148,9 @@ def _compared(side: Side) -> _ComparedMotion:
         fit = np.linalg.lstsq(columns, advance[:, j], rcond=None)[0]
         rest = advance[:, j] - columns @ fit
         # Intervals overlap: only one in `width` is independent of the others.
-        doubt = np.sqrt(rest @ rest / len(rest) * width / (change[:, j] @ change[:, j]))
+        power = float(change[:, j] @ change[:, j])
+        # A velocity that never changes shows no lag.
+        doubt = np.sqrt(rest @ rest / len(rest) * width / power) if power > 0.0 else np.inf
         fits[:, j] = *fit, 1.0 - rest @ rest / (advance[:, j] @ advance[:, j]), doubt
     return _ComparedMotion(t, q, v, *fits)
 

@@ -10,6 +10,10 @@ from elastic_arm.errors import RecordingError
 from elastic_arm.recording.sides import Side, Stamps, joints_with
 
 REPAIR = "Make a usable copy with: elastic-arm bag check --repair BAG"
+# Samples a second. A fifth of them is the band in which an arm is looked at, and the motion of none ends below 1 Hz;
+# no drive is read out faster than the other. Beyond either the times have another unit than they are taken for.
+SLOWEST, FASTEST = 5.0, 50_000.0
+UNIT = "Are the times in another unit? Give theirs (s, ms, us, ns) in the map, and import the recording again."
 
 
 def checked(side: Side, topic: str, joints: Sequence[str]) -> Side:
@@ -67,6 +71,14 @@ def check_times(stamp_ns: Stamps, topic: str) -> None:
         f"{topic} jumps back in time by {-step[at] * 1e-9:.6g} s after {moment(stamp_ns, at)}",
         f"A second publisher, or a restarted clock? {REPAIR}",
     )
+
+
+def wrong_rate(rate: float) -> str | None:
+    """Return in words what is wrong with a sample rate, Hz, that no recording of an arm has; None for others."""
+    if SLOWEST <= rate <= FASTEST:
+        return None
+    much = "few: they do not show" if rate < SLOWEST else "many for"
+    return f"{rate:.3g} samples a second, by the stamps, are too {much} the motion of an arm"
 
 
 def moment(stamp_ns: Stamps, row: int) -> str:

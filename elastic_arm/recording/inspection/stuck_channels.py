@@ -9,6 +9,9 @@ from elastic_arm.recording.inspection.report import Finding
 from elastic_arm.recording.recording import Recording
 from elastic_arm.recording.sides import Array, Side, joints_with
 
+# An arm whose joints all travel less than this, rad, stands still.
+STILL = 1e-3
+NO_MOTION = "Record an excitation: `elastic-arm excite` makes one"
 _FEWEST = 200  # samples; below, nothing is concluded
 _LEVELS = 3  # next to the extreme, that it is compared with
 # Times the samples at any of these: a sine without noise is at its peak 2.4 times as often as a step below.
@@ -84,6 +87,22 @@ def _piled(torque: Array, moving: NDArray[np.bool_]) -> dict[float, float]:
     return found
 
 
+def moves(recording: Recording) -> bool:
+    """Return whether any joint travels, or holds numbers that are none; any may where there are no positions."""
+    positions = [side.position for side in _measured(recording).values() if side.position is not None]
+    if not positions or not all(map(len, positions)):
+        return True
+    return any(not np.ptp(column) < STILL for values in positions for column in values[:, joints_with(values)].T)
+
+
+def motionless(recording: Recording) -> list[Finding]:
+    """Return that the arm stands still throughout, if it does."""
+    if moves(recording):
+        return []
+    words = "the recording holds no motion: identify and diagnose have nothing to fit"
+    return [Finding("warning", "no_motion", f"{words}. {NO_MOTION}")]
+
+
 def frozen(recording: Recording) -> list[Finding]:
     """Return when all channels stay the same for a while although the arm moves: what was recorded is an old sample."""
     link, motor = recording.link, recording.motor
@@ -107,7 +126,8 @@ def _frozen(what: str, sides: list[Side], start_ns: int) -> list[Finding]:
     same = (np.diff(columns[:, joints_with(columns)], axis=0) == 0.0).all(axis=1)
     edges = np.flatnonzero(np.diff(np.concatenate([[False], same, [False]]).astype(np.int8)))
     begin, length = edges[::2], edges[1::2] - edges[::2]
-    if not len(length):
+    # Of an arm that stands still every sample is like the first.
+    if not len(length) or same.all():
         return []
     usual = float(np.median(np.diff(np.flatnonzero(~same), prepend=-1)))
     long = (length >= _LONG) & (length > _TIMES * usual)

@@ -9,7 +9,7 @@ import scipy
 from numpy.typing import NDArray
 
 from elastic_arm.recording.recording import Recording
-from elastic_arm.recording.sides import Array
+from elastic_arm.recording.sides import Array, joints_with
 
 FEWEST = 200  # samples; below, nothing is concluded
 # A torque of 16 bits, six standard deviations wide, rounds at -91 dB of its variance: no converter gives less noise.
@@ -59,10 +59,11 @@ def torque_spectrum(effort: Array, rate: float) -> TorqueSpectrum:
     Parameters
     ----------
     effort
-        (N, n) Nm, or any unit.
+        (N, n) Nm, or any unit; NaN throughout at joints without a torque, of which nothing is said.
     rate
         Samples per second.
     """
+    effort = np.where(joints_with(effort), effort, 0.0)
     varying = effort.std(axis=0) > 0.0
     rows = min(1024, len(effort) // 2)
     frequency, power = scipy.signal.welch(effort, rate, WINDOW, rows, detrend="linear", axis=0, scaling="density")

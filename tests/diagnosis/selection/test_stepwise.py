@@ -260,6 +260,31 @@ def test_two_laws_that_need_each_other_give_way_to_two_simpler_ones() -> None:
     assert [candidate.feature.key[0] for candidate in found.selected] == ["one", "two"]
 
 
+def test_a_simpler_effect_leaves_every_other_cause_with_values() -> None:
+    """A payload at a stale place counts by a whole neighbourhood beside the simpler effect: it is searched there."""
+    place = Parameter("place", "m", -2.0, 2.0, role=Role.SEARCHED, size=2)
+    load = feature(
+        "load",
+        joint="joint_1",
+        searched=(place,),
+        column=lambda data, at: data.columns["two"] + at[0] * data.columns["three"] + at[1] * np.cos(data.phase),
+    )
+    curve = feature("curve", joint="joint_1", searched=(COEFFICIENT,), column=lambda data, _: _bent(data, 0))
+    curve.effect.confusions = (SimpleNamespace(effect="one"),)
+    data: Any = [Whitened(seed, {"one": 5.0, "two": 2.0, "three": 1.0}) for seed in (1, 2)]
+    for one in data:
+        # What no cause explains, else the likelihood alone decides.
+        one.white = one.white + 2.0 * np.sin(one.phase)
+    library = RegressorLibrary(*data, SETTINGS.candidates)
+    straight, anywhere = library.add(feature("one", joint="joint_1"), ()), library.add(load, None)
+    chosen = [library.add(load, (-1.5, 1.0)), library.add(curve, (1.0,))]
+    library.candidates.extend((straight, anywhere, *chosen))
+    library.close()
+    found = StepwiseSearch(library, [], SETTINGS).simplified(Hypothesis(chosen))
+    assert [candidate.feature.key[0] for candidate in found.selected] == ["load", "one"]
+    assert found.selected[0].searched == pytest.approx((0.5, 0.0), abs=0.15)
+
+
 def _bent(data: Any, k: int) -> Array:
     """Columns one and two, with a bend of which the two have opposite ones."""
     return np.asarray(data.columns[("one", "two")[k]] + (3.0 - 6.0 * k) * data.columns["three"])
