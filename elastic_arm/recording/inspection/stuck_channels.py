@@ -107,7 +107,7 @@ def _frozen(what: str, sides: list[Side], start_ns: int) -> list[Finding]:
     same = (np.diff(columns[:, joints_with(columns)], axis=0) == 0.0).all(axis=1)
     edges = np.flatnonzero(np.diff(np.concatenate([[False], same, [False]]).astype(np.int8)))
     begin, length = edges[::2], edges[1::2] - edges[::2]
-    if not len(length):
+    if not len(length) or same.all():
         return []
     usual = float(np.median(np.diff(np.flatnonzero(~same), prepend=-1)))
     long = (length >= _LONG) & (length > _TIMES * usual)
