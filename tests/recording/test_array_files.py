@@ -139,3 +139,52 @@ def test_axes_with_two_encoders_of_a_real_arm_are_imported(tmp_path: Path) -> No
     recording = import_arrays(KR300, write_yaml(tmp_path / "map.yaml", mapping))
     assert recording.motor.position.shape == (2501, 3)
     assert 1e-4 < np.abs(recording.motor.position - recording.link.position).max() < 1e-2
+
+
+@pytest.mark.parametrize("layout", ["table", "turned", "flat"])
+def test_a_file_of_numbers_a_channel_is_mapped_by_its_name_alone(tmp_path: Path, layout: str) -> None:
+    """`key: q` is all of q.txt, its columns no strays; one number a line is told by `flat`."""
+    q, tau = np.random.default_rng(3).normal(size=(2, 30, 3))
+    (tmp_path / "run").mkdir()
+    for name, values in {"q": q, "tau": tau}.items():
+        shaped = {"table": values, "turned": values.T, "flat": values.ravel()}[layout]
+        np.savetxt(tmp_path / "run" / f"{name}.txt", shaped, fmt="%.17g")
+    rest = {"flat": True} if layout == "flat" else {}
+    link = {"position": {"key": "q", **rest}, "effort": {"key": "tau", **rest}}
+    mapping = {"times": {"rate": 100}, "joints": ["a", "b", "c"], "link": link}
+    taken = import_arrays(tmp_path / "run", write_yaml(tmp_path / "map.yaml", mapping)).link
+    assert taken is not None and taken.position is not None and taken.effort is not None
+    np.testing.assert_array_equal(taken.position, q)
+    np.testing.assert_array_equal(taken.effort, tau)
+
+
+def test_what_is_left_of_a_folder_is_named_once(tmp_path: Path) -> None:
+    """A table that is not used by its file's name, one that is used in part by its other columns."""
+    (tmp_path / "run").mkdir()
+    for name in ("q", "tau", "other"):
+        np.savetxt(tmp_path / "run" / f"{name}.txt", np.arange(90.0).reshape(30, 3))
+    link = {"position": {"key": "q"}, "effort": {"key": ["tau.0", "tau.1"], "joints": ["a", "b"]}}
+    mapping = {"times": {"rate": 100}, "joints": ["a", "b", "c"], "link": link}
+    with pytest.raises(RecordingError, match=r"arrays other, tau\.2 are not mapped"):
+        import_arrays(tmp_path / "run", write_yaml(tmp_path / "map.yaml", mapping))
+
+
+def test_numbers_one_a_line_are_asked_for_their_layout(tmp_path: Path) -> None:
+    """What it may be is said."""
+    (tmp_path / "run").mkdir()
+    np.savetxt(tmp_path / "run" / "q.txt", np.arange(90.0))
+    mapping = {"times": {"rate": 100}, "joints": ["a", "b", "c"], "link": {"position": {"key": "q"}}}
+    with pytest.raises(RecordingError) as caught:
+        import_arrays(tmp_path / "run", write_yaml(tmp_path / "map.yaml", mapping))
+    assert "If it holds 3 numbers a sample one after the other, add flat: true" in caught.value.remedy
+
+
+def test_other_words_for_a_field_are_answered_with_its_name(tmp_path: Path) -> None:
+    """A scale is a factor, a zero an offset."""
+    np.savez(tmp_path / "run.npz", q=np.zeros((9, 1)))
+    link = {"position": {"key": "q", "scale": 2.0, "zero": 0.3}}
+    mapping = {"times": {"rate": 100}, "joints": ["a"], "link": link}
+    with pytest.raises(RecordingError) as caught:
+        import_arrays(tmp_path / "run.npz", write_yaml(tmp_path / "map.yaml", mapping))
+    assert "scale: unknown key (it is called factor)" in caught.value.problem
+    assert "zero: unknown key (it is called offset)" in caught.value.problem
