@@ -22,7 +22,8 @@ from elastic_arm.recording.foreign.array_export import export_arrays
 from elastic_arm.recording.foreign.array_files import load_arrays
 from elastic_arm.recording.foreign.arrays import import_arrays
 from elastic_arm.recording.foreign.channels import ChannelMap, load_channels
-from elastic_arm.recording.foreign.guess import Draft, guess_mapping
+from elastic_arm.recording.foreign.draft import Draft
+from elastic_arm.recording.foreign.guess import guess_mapping
 from elastic_arm.recording.inspection.check import check_bag
 from elastic_arm.recording.inspection.info import BagInfo, bag_info
 from elastic_arm.recording.inspection.repair import Repair, repair_bag
