@@ -188,3 +188,41 @@ def test_other_words_for_a_field_are_answered_with_its_name(tmp_path: Path) -> N
         import_arrays(tmp_path / "run.npz", write_yaml(tmp_path / "map.yaml", mapping))
     assert "scale: unknown key (it is called factor)" in caught.value.problem
     assert "zero: unknown key (it is called offset)" in caught.value.problem
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("t;q1;tau1\n0;0,1;1\n0,01;0,2;2\n", "line 2: '0,1' has a decimal comma"),
+        ("0;0,1;1\n0,01;0,2;2\n", "line 1: '0,1' has a decimal comma"),
+        ("t,q\n0,1\n\n1\n", "line 4: 1 columns, where the lines before have 2"),
+        ("t,q\n0,1\n1,abc\n", "line 3: 'abc' is no number"),
+        ("t,q\n0,1\n1,\n", "line 3: a number is missing"),
+        ("", "is empty"),
+    ],
+)
+def test_a_table_that_cannot_be_read_is_told_by_line(tmp_path: Path, text: str, words: str) -> None:
+    """With what to do, in words of the table."""
+    (tmp_path / "run.csv").write_text(text)
+    with pytest.raises(RecordingError) as caught:
+        load_arrays(tmp_path / "run.csv")
+    assert words in caught.value.problem and caught.value.remedy
+
+
+@pytest.mark.parametrize("kind", ["npz", "npy"])
+def test_objects_are_no_numbers(tmp_path: Path, kind: str) -> None:
+    """What is no array of numbers is named."""
+    ragged = np.array([1, "a", None], dtype=object)
+    file = tmp_path / f"run.{kind}"
+    np.savez(file, q=ragged) if kind == "npz" else np.save(file, ragged)
+    with pytest.raises(RecordingError, match="holds Python objects, no numbers"):
+        load_arrays(file)
+    file.write_bytes(b"PK no archive")
+    with pytest.raises(RecordingError, match=f"is no .{kind} file"):
+        load_arrays(file)
+
+
+def test_semicolons_beside_commas_in_names_part_the_columns(tmp_path: Path) -> None:
+    """As spreadsheets write them."""
+    (tmp_path / "run.csv").write_text("time, s;angle, rad\n0;1.5\n1;2.5\n")
+    np.testing.assert_array_equal(load_arrays(tmp_path / "run.csv")["angle, rad"], [1.5, 2.5])

@@ -11,7 +11,7 @@ import pytest
 
 from elastic_arm.recording import Recording, Side, write_recording
 from elastic_arm.recording.inspection.check import check_bag
-from elastic_arm.recording.inspection.magnitudes import beyond_limits, unusual_sizes
+from elastic_arm.recording.inspection.magnitudes import beyond_limits, hardly_usable, unusual_sizes
 from elastic_arm.robot import Robot
 from elastic_arm.robot.parts import Limits
 from elastic_arm.robot.synthetic import random_arm
@@ -83,3 +83,17 @@ def test_a_bag_in_which_nothing_moves_says_so(tmp_path: Path) -> None:
         warnings.simplefilter("error", RuntimeWarning)
         report = check_bag(bag, robot=arm())
     assert not report.ok and "standing" in [finding.code for finding in report.findings]
+
+
+def test_a_recording_that_can_hardly_be_used_says_so() -> None:
+    """Few samples, joints without positions; of a whole one nothing."""
+    whole = recorded()
+    assert hardly_usable(whole) == []
+    assert whole.link is not None and whole.link.position is not None
+    (few,) = hardly_usable(replace(whole, link=whole.link.at(slice(5))))
+    assert few.startswith("there are 5 samples only")
+    (none,) = hardly_usable(replace(whole, link=replace(whole.link, position=None)))
+    assert none.startswith("no position of any joint")
+    lacking = whole.link.position * [1.0, np.nan, 1.0]
+    (some,) = hardly_usable(replace(whole, link=replace(whole.link, position=lacking)))
+    assert some.startswith("no position of joint_2")

@@ -46,6 +46,21 @@ def unusual_sizes(recording: Recording) -> list[Finding]:
     return findings
 
 
+def hardly_usable(recording: Recording) -> list[str]:
+    """Return in words why a recording that is whole cannot be used: few samples, or joints without a position."""
+    sides, words = _measured(recording), []
+    count = min((len(side) for side in sides.values()), default=0)
+    if count < _FEWEST:
+        words.append(f"there are {count} samples only: nothing can be concluded of fewer than {_FEWEST}")
+    have = np.zeros(len(recording.joints), np.bool_)
+    for side in sides.values():
+        have |= False if side.position is None else joints_with(side.position)
+    if not have.all():
+        which = "any joint" if not have.any() else listed(recording.joints, ~have)
+        words.append(f"no position of {which}, of link or motor: without it no recording is identified or diagnosed")
+    return words
+
+
 def beyond_limits(recording: Recording, robot: Robot) -> list[Finding]:
     """Return which angles and speeds are far beyond the limits of the description.
 
