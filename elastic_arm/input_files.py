@@ -5,7 +5,9 @@ from __future__ import annotations
 import os
 import re
 import stat
+from collections.abc import Mapping
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 import yaml
@@ -164,23 +166,32 @@ def _beyond(problem: str, event: yaml.Event) -> yaml.MarkedYAMLError:
     return yaml.MarkedYAMLError(problem=problem, problem_mark=mark)
 
 
-def explain(error: ValidationError, reference: str) -> tuple[str, str]:
+def explain(
+    error: ValidationError, reference: str, called: Mapping[str, str] = MappingProxyType({})
+) -> tuple[str, str]:
     """Return what is wrong in words, each field's path and reason, and the remedy of the first.
 
     Parameters
     ----------
+    error
+        Of the model.
     reference
         Clause that names the description of the fields.
+    called
+        Other words for fields, and what these are called.
     """
     # Of a value that may be of several types, what each of them misses comes as a fault of its own.
     faults = list({_field_path(fault["loc"]): fault for fault in error.errors(include_url=False)[::-1]}.values())[::-1]
     words = []
     for fault in faults[:SHOWN_FAULTS]:
         where = _field_path(fault["loc"])
-        words.append(f"{where}: {_reason(fault)}" if where else _reason(fault))
+        reason = _reason(fault)
+        if fault["type"] == "extra_forbidden" and (own := called.get(str(fault["loc"][-1]).lower())):
+            reason += f" (it is called {own})"
+        words.append(f"{where}: {reason}" if where else reason)
     if len(faults) > SHOWN_FAULTS:
         words.append(f"and {len(faults) - SHOWN_FAULTS} more")
-    return "; ".join(words), _remedy(faults[0], reference)
+    return "; ".join(words), _remedy(faults[0], reference, called)
 
 
 def _field_path(location: tuple[int | str, ...]) -> str:
@@ -220,13 +231,15 @@ def _reason(fault: ErrorDetails) -> str:
     return f"{fault['msg']}, but is {_shown(value)}"
 
 
-def _remedy(fault: ErrorDetails, reference: str) -> str:
+def _remedy(fault: ErrorDetails, reference: str, called: Mapping[str, str]) -> str:
     name = str(fault["loc"][-1]) if fault["loc"] else ""
     match fault["type"]:
         case "missing" if isinstance(fault["loc"][-1], int):
             return f"Give all entries; {reference}."
         case "missing":
             return f"Add {name} there; {reference}."
+        case "extra_forbidden" if name.lower() in called:
+            return f"Write {called[name.lower()]} in place of {name}; {reference}."
         case "extra_forbidden":
             return f"Remove {name}, or correct its spelling; {reference}."
         case "finite_number":

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import sys
+from dataclasses import replace
 from json import dumps as json_text
 from pathlib import Path
 from typing import Annotated, Any
@@ -22,9 +23,11 @@ from elastic_arm.recording.foreign.array_export import export_arrays
 from elastic_arm.recording.foreign.array_files import load_arrays
 from elastic_arm.recording.foreign.arrays import import_arrays
 from elastic_arm.recording.foreign.channels import ChannelMap, load_channels
-from elastic_arm.recording.foreign.guess import Draft, guess_mapping
+from elastic_arm.recording.foreign.draft import Draft
+from elastic_arm.recording.foreign.guess import guess_mapping
 from elastic_arm.recording.inspection.check import check_bag
 from elastic_arm.recording.inspection.info import BagInfo, bag_info
+from elastic_arm.recording.inspection.magnitudes import hardly_usable
 from elastic_arm.recording.inspection.repair import Repair, repair_bag
 from elastic_arm.recording.inspection.report import Report
 from elastic_arm.recording.storage.mcap_sink import COMPRESSIONS, Compression
@@ -132,8 +135,10 @@ def import_(
     if chosen != compression:
         raise typer.BadParameter(f"one of {', '.join(COMPRESSIONS)}", param_hint="--compression")
     claim_bag(out_folder)
-    folder = write_recording(out_folder, import_arrays(arrays, mapping), chosen)
+    recording = import_arrays(arrays, mapping)
+    folder = write_recording(out_folder, recording, chosen)
     summary = bag_info(folder)
+    summary = replace(summary, notes=[*summary.notes, *hardly_usable(recording)])
     if json:
         print_json(summary.to_json())
     else:

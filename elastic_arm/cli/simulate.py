@@ -21,6 +21,7 @@ from elastic_arm.dynamics import build_model
 from elastic_arm.effects import Catalogue, EffectInstance, parse
 from elastic_arm.errors import SensorError, SimulationError
 from elastic_arm.excitation import FourierTrajectory, MotionLimits, load_trajectory, random_trajectories
+from elastic_arm.formatting import JointUnits
 from elastic_arm.recording import Recording, write_recording
 from elastic_arm.robot import Robot
 from elastic_arm.sensors import Encoder, Sensors, TorqueSensor
@@ -109,11 +110,11 @@ def simulate(
     recording = _simulated(robot, motion, settings, duration=duration, rng=np.random.default_rng(seed))
     seconds = time.perf_counter() - begin
     write_recording(out_bag, recording)
-    summary = _summary(recording, effects, seconds)
+    summary = _summary(recording, effects, seconds, robot.units)
     if json:
         print_json({"bag": str(out_bag), "robot": robot.name, "model": model, "seed": seed, **summary})
     else:
-        _print_summary(recording, effects, summary, out_bag)
+        _print_summary(effects, summary, out_bag, robot.units)
 
 
 def _simulated(
@@ -165,7 +166,7 @@ def _sensors(name: str, robot: Robot, noise: float | None, encoder_noise: float 
     return sensors
 
 
-def _summary(recording: Recording, effects: list[EffectInstance], seconds: float) -> dict[str, Any]:
+def _summary(recording: Recording, effects: list[EffectInstance], seconds: float, units: JointUnits) -> dict[str, Any]:
     samples = recording.samples()
     reference = recording.reference
     torque = np.abs(samples.tau_m).max(axis=0) if samples.tau_m is not None else []
@@ -182,22 +183,22 @@ def _summary(recording: Recording, effects: list[EffectInstance], seconds: float
         "joints": list(recording.joints),
         "peak_motor_torque_nm": [float(value) for value in torque],
         "largest_tracking_error_rad": [float(value) for value in lag],
+        # Of these two, where a joint slides.
+        "units": {joint: [units.at(joint, unit) for unit in ("Nm", "rad")] for joint in recording.joints},
     }
 
 
-def _print_summary(recording: Recording, effects: list[EffectInstance], summary: dict[str, Any], bag: Path) -> None:
+def _print_summary(effects: list[EffectInstance], summary: dict[str, Any], bag: Path, units: JointUnits) -> None:
     out.print(
         f"{summary['duration_s']:g} s of motion, {summary['samples']} samples, simulated in {summary['wall_s']:.2f} s"
     )
     for instance in effects:
-        place = instance.joint or "the whole arm"
-        out.print(
-            f"  [bold]{instance.effect.id}[/] on {escape(place)}: {escape(instance_text(instance)) or 'no parameters'}"
-        )
+        place, words = instance.joint or "the whole arm", instance_text(instance, units)
+        out.print(f"  [bold]{instance.effect.id}[/] on {escape(place)}: {escape(words) or 'no parameters'}")
     table = Table(box=None, header_style="bold")
-    for heading in ("joint", "peak tau_m, Nm", "off the reference, mrad"):
+    for heading in ("joint", f"peak tau_m, {units.over('Nm')}", f"off the reference, {units.over('mrad')}"):
         table.add_column(heading, justify="left" if heading == "joint" else "right")
-    rows = zip(recording.joints, summary["peak_motor_torque_nm"], summary["largest_tracking_error_rad"], strict=True)
+    rows = zip(summary["joints"], summary["peak_motor_torque_nm"], summary["largest_tracking_error_rad"], strict=True)
     for joint, torque, lag in rows:
         table.add_row(escape(joint), f"{torque:.1f}", f"{1e3 * lag:.2f}")
     out.print(table)

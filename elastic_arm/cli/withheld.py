@@ -41,7 +41,8 @@ def diagnose_withheld(folder: Path, nominal: Robot, motion: FourierTrajectory, r
         found = follow_up(diagnose([fitted], Question(nominal), [judged]), rng=rng)
         write_diagnosis(found, nominal, folder)
     print_diagnosis(found, folder)
-    out.print(f"what had been drawn: {drawn.effect.id} on {escape(str(drawn.joint))}, {escape(instance_text(drawn))}")
+    words = f"{drawn.effect.id} on {drawn.joint}, {instance_text(drawn, nominal.units)}"
+    out.print(f"what had been drawn: {escape(words)}")
 
 
 def _draw(robot: Robot, rng: np.random.Generator) -> EffectInstance:

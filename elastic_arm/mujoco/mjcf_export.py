@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from elastic_arm.dynamics import build_model
 from elastic_arm.effects import Catalogue, EffectInstance
 from elastic_arm.errors import RobotError
+from elastic_arm.formatting import JointUnits
 from elastic_arm.mujoco.changes import (
     Change,
     Deviations,
@@ -40,6 +41,9 @@ UNROLLED = "bodies of the arm come from <attach> or <replicate>: the file is as 
 _ORIENTATIONS = ("quat", "axisangle", "xyaxes", "zaxis", "euler")
 
 
+_ALL_TURN = JointUnits(())
+
+
 @dataclass(frozen=True)
 class Exported:
     """What an export wrote.
@@ -54,12 +58,15 @@ class Exported:
         Effects that no number of the file states, with the reason.
     notes
         What else is to be known of the file.
+    units
+        At the arm's joints.
     """
 
     files: tuple[Path, ...]
     changes: tuple[Change, ...]
     left: tuple[tuple[EffectInstance, str], ...]
     notes: tuple[str, ...] = ()
+    units: JointUnits = _ALL_TURN
 
 
 def require_same_joints(robot: Robot, base: Robot, path: Path) -> None:
@@ -130,7 +137,8 @@ def export_mjcf(
         changes = document.change(deviations)
         files = document.file.write(out)
         _check(out, chain, at, after)
-    return Exported(tuple(files), tuple(changes), (*after.left, *document.left), (UNROLLED,) if unrolled else ())
+    left, notes = (*after.left, *document.left), (UNROLLED,) if unrolled else ()
+    return Exported(tuple(files), tuple(changes), left, notes, robot.units)
 
 
 def _carriers(file: ShapedMjcf, arm: MjcfArm) -> list[Any] | None:

@@ -59,7 +59,7 @@ def export_new_mjcf(
         out.write_text(text, encoding="utf-8")
     except OSError as error:
         raise OutputError(f"{out} cannot be written: {error.strerror}", "Name another file.") from error
-    return Exported((out,), (), left)
+    return Exported((out,), (), left, units=robot.units)
 
 
 def to_mjcf(

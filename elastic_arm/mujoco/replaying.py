@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from elastic_arm.errors import DiagnosisError
 from elastic_arm.estimation.motion import Motion
 from elastic_arm.estimation.observation import observe
+from elastic_arm.formatting import JointUnits
 from elastic_arm.recording import Recording
 from elastic_arm.robot.mjcf import MjcfArm, engine
 from elastic_arm.robot.mjcf.reading import drives_of, torque_delays
@@ -81,6 +82,8 @@ class Replay:
         Root mean square of the position error under the recorded reference (n,) rad; None where there is none.
     course
         For figures.
+    prismatic
+        Names of the joints that slide: their errors are in m and N.
     """
 
     name: str
@@ -90,6 +93,12 @@ class Replay:
     open_loop: JointErrors
     closed_loop: Array | None
     course: ReplayedCourse
+    prismatic: tuple[str, ...] = ()
+
+    @property
+    def units(self) -> JointUnits:
+        """Units of quantities at the joints."""
+        return JointUnits(self.joints, self.prismatic)
 
     def to_dict(self) -> dict[str, Any]:
         """Return it as plain data, courses left out."""
@@ -141,7 +150,16 @@ def replay(recording: Recording, arm: MjcfArm, *, window: float = WINDOW, name: 
     course = _course(used, runs, needed, steps)
     windows = sum(int(np.isfinite(run[0][:, 0]).sum()) // steps for run in runs)
     closed = _closed_loop(arm, chosen)
-    return Replay(name or arm.robot.name, arm.robot.joint_names, window, windows, errors, closed, course)
+    return Replay(
+        name or arm.robot.name,
+        arm.robot.joint_names,
+        window,
+        windows,
+        errors,
+        closed,
+        course,
+        tuple(arm.robot.units.prismatic),
+    )
 
 
 def labels(found: Sequence[Replay]) -> list[str]:

@@ -95,7 +95,7 @@ def export_urdf(
         out.write_text(document.text(), encoding="utf-8")
     except OSError as error:
         raise OutputError(f"{out} cannot be written: {error.strerror}", "Name another file.") from error
-    return Exported((out,), tuple(changes), tuple(left))
+    return Exported((out,), tuple(changes), tuple(left), units=robot.units)
 
 
 def _joints(

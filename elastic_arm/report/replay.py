@@ -21,10 +21,11 @@ def sections(found: Sequence[Replay]) -> list[Section]:
         f"The arm is driven by the recorded motor torque for {first.window:g} s from each of {first.windows} starts, "
         "in MuJoCo itself. Torque: what was recorded beside MuJoCo's inverse dynamics of the recorded motion."
     )
+    units = first.units
     tables = [
-        _table(found, "position", 1e3, "mrad"),
-        _table(found, "velocity", 1e3, "mrad/s"),
-        _table(found, "torque", 1.0, "Nm"),
+        _table(found, "position", 1e3, units.over("mrad")),
+        _table(found, "velocity", 1e3, units.over("mrad/s")),
+        _table(found, "torque", 1.0, units.over("Nm")),
         _table(found, "correlation", 1.0, "of needed and recorded torque"),
         _table(found, "lag", 1e3, "ms by which the recorded torque is later"),
     ]
@@ -36,7 +37,7 @@ def sections(found: Sequence[Replay]) -> list[Section]:
     if any(one.closed_loop is not None for one in found):
         pairs = zip(labels(found), found, strict=True)
         rows = [[name, *map(float, 1e3 * one.closed_loop)] for name, one in pairs if one.closed_loop is not None]
-        table = Table(["model", *first.joints], rows, "Root mean square of the position error, mrad")
+        table = Table(["model", *first.joints], rows, f"Root mean square of the position error, {units.over('mrad')}")
         shown.insert(1, Section("Under the recorded reference, with the model's own servos", [table]))
     return shown
 
@@ -71,7 +72,7 @@ def _overlay(found: Sequence[Replay], recorded: str, model: str, unit: str) -> M
                 own = one.course.t <= one.course.t[0] + SHOWN_SECONDS
                 values = np.where(np.isfinite(values), values, np.nan)
                 draw_signal(ax, one.course.t[own], values[own], color=CYCLE[k % len(CYCLE)], lw=0.9, label=name)
-            ax.set_title(f"{joint} [{unit}]", loc="left")
+            ax.set_title(f"{joint} [{found[0].units.at(joint, unit)}]", loc="left")
         axes[-1, 0].set_xlabel("time [s]")
         figure.legend(*axes[0, 0].get_legend_handles_labels(), loc="outside upper center", ncols=1 + len(found))
     return figure

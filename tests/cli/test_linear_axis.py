@@ -60,3 +60,16 @@ def test_friction_of_a_linear_axis_is_diagnosed(folder: Path) -> None:
     assert viscous["parameters"]["coefficient"]["unit"] == "N s/m"
     assert viscous["confidence"] > 0.9
     assert causes["coulomb_friction"]["parameters"]["torque"]["value"] == pytest.approx(COULOMB, rel=0.03)
+
+
+def test_a_simulated_axis_has_forces_and_lengths(folder: Path) -> None:
+    """What is printed of a simulation, and of a file that does not hold an effect."""
+    axis = folder / "axis.yaml"
+    words = ("--effect", "motor_torque_offset:axis:offset=3", "--duration", "0.5", "--out", folder / "simulated")
+    told = run("simulate", "--robot", axis, *words)
+    assert "peak tau_m, N " in told and "off the reference, mm" in told and "offset 3 N" in told and "Nm" not in told
+    (folder / "loaded.yaml").write_text(
+        axis.read_text() + "effects: [{effect: motor_torque_offset, joint: axis, parameters: {offset: -0.432}}]\n"
+    )
+    left = run("export", folder / "loaded.yaml", "--to", "urdf", "--out", folder / "loaded.urdf")
+    assert "motor_torque_offset on axis (offset -0.432 N)" in left

@@ -10,7 +10,7 @@ from elastic_arm.diagnosis.inference.estimates import ParameterEstimate
 from elastic_arm.diagnosis.texts.findings import negative_shrink_note
 from elastic_arm.diagnosis.texts.values import estimates_text, instance_text, percent, probability_text
 from elastic_arm.effects import parse
-from elastic_arm.formatting import rounded
+from elastic_arm.formatting import JointUnits, rounded
 from elastic_arm.robot import load_robot
 
 
@@ -84,4 +84,13 @@ def test_shares_below_zero_are_explained_where_they_occur() -> None:
 )
 def test_given_effects_are_told_with_units(effect: str, told: str) -> None:
     """What a simulation was given has its unit behind every number, and its choices by name."""
-    assert instance_text(parse(effect, load_robot())) == told
+    robot = load_robot()
+    assert instance_text(parse(effect, robot), robot.units) == told
+
+
+def test_given_effects_of_a_joint_that_slides_are_forces() -> None:
+    """The units of a rail are N and m."""
+    robot = load_robot()
+    rail = JointUnits(robot.joint_names, ["joint_2"])
+    given = parse("coulomb_friction:joint_2:torque=13.9", robot)
+    assert instance_text(given, rail) == "torque 13.9 N, side motor"

@@ -139,3 +139,90 @@ def test_axes_with_two_encoders_of_a_real_arm_are_imported(tmp_path: Path) -> No
     recording = import_arrays(KR300, write_yaml(tmp_path / "map.yaml", mapping))
     assert recording.motor.position.shape == (2501, 3)
     assert 1e-4 < np.abs(recording.motor.position - recording.link.position).max() < 1e-2
+
+
+@pytest.mark.parametrize("layout", ["table", "turned", "flat"])
+def test_a_file_of_numbers_a_channel_is_mapped_by_its_name_alone(tmp_path: Path, layout: str) -> None:
+    """`key: q` is all of q.txt, its columns no strays; one number a line is told by `flat`."""
+    q, tau = np.random.default_rng(3).normal(size=(2, 30, 3))
+    (tmp_path / "run").mkdir()
+    for name, values in {"q": q, "tau": tau}.items():
+        shaped = {"table": values, "turned": values.T, "flat": values.ravel()}[layout]
+        np.savetxt(tmp_path / "run" / f"{name}.txt", shaped, fmt="%.17g")
+    rest = {"flat": True} if layout == "flat" else {}
+    link = {"position": {"key": "q", **rest}, "effort": {"key": "tau", **rest}}
+    mapping = {"times": {"rate": 100}, "joints": ["a", "b", "c"], "link": link}
+    taken = import_arrays(tmp_path / "run", write_yaml(tmp_path / "map.yaml", mapping)).link
+    assert taken is not None and taken.position is not None and taken.effort is not None
+    np.testing.assert_array_equal(taken.position, q)
+    np.testing.assert_array_equal(taken.effort, tau)
+
+
+def test_what_is_left_of_a_folder_is_named_once(tmp_path: Path) -> None:
+    """A table that is not used by its file's name, one that is used in part by its other columns."""
+    (tmp_path / "run").mkdir()
+    for name in ("q", "tau", "other"):
+        np.savetxt(tmp_path / "run" / f"{name}.txt", np.arange(90.0).reshape(30, 3))
+    link = {"position": {"key": "q"}, "effort": {"key": ["tau.0", "tau.1"], "joints": ["a", "b"]}}
+    mapping = {"times": {"rate": 100}, "joints": ["a", "b", "c"], "link": link}
+    with pytest.raises(RecordingError, match=r"arrays other, tau\.2 are not mapped"):
+        import_arrays(tmp_path / "run", write_yaml(tmp_path / "map.yaml", mapping))
+
+
+def test_numbers_one_a_line_are_asked_for_their_layout(tmp_path: Path) -> None:
+    """What it may be is said."""
+    (tmp_path / "run").mkdir()
+    np.savetxt(tmp_path / "run" / "q.txt", np.arange(90.0))
+    mapping = {"times": {"rate": 100}, "joints": ["a", "b", "c"], "link": {"position": {"key": "q"}}}
+    with pytest.raises(RecordingError) as caught:
+        import_arrays(tmp_path / "run", write_yaml(tmp_path / "map.yaml", mapping))
+    assert "If it holds 3 numbers a sample one after the other, add flat: true" in caught.value.remedy
+
+
+def test_other_words_for_a_field_are_answered_with_its_name(tmp_path: Path) -> None:
+    """A scale is a factor, a zero an offset."""
+    np.savez(tmp_path / "run.npz", q=np.zeros((9, 1)))
+    link = {"position": {"key": "q", "scale": 2.0, "zero": 0.3}}
+    mapping = {"times": {"rate": 100}, "joints": ["a"], "link": link}
+    with pytest.raises(RecordingError) as caught:
+        import_arrays(tmp_path / "run.npz", write_yaml(tmp_path / "map.yaml", mapping))
+    assert "scale: unknown key (it is called factor)" in caught.value.problem
+    assert "zero: unknown key (it is called offset)" in caught.value.problem
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("t;q1;tau1\n0;0,1;1\n0,01;0,2;2\n", "line 2: '0,1' has a decimal comma"),
+        ("0;0,1;1\n0,01;0,2;2\n", "line 1: '0,1' has a decimal comma"),
+        ("t,q\n0,1\n\n1\n", "line 4: 1 columns, where the lines before have 2"),
+        ("t,q\n0,1\n1,abc\n", "line 3: 'abc' is no number"),
+        ("t,q\n0,1\n1,\n", "line 3: a number is missing"),
+        ("", "is empty"),
+    ],
+)
+def test_a_table_that_cannot_be_read_is_told_by_line(tmp_path: Path, text: str, words: str) -> None:
+    """With what to do, in words of the table."""
+    (tmp_path / "run.csv").write_text(text)
+    with pytest.raises(RecordingError) as caught:
+        load_arrays(tmp_path / "run.csv")
+    assert words in caught.value.problem and caught.value.remedy
+
+
+@pytest.mark.parametrize("kind", ["npz", "npy"])
+def test_objects_are_no_numbers(tmp_path: Path, kind: str) -> None:
+    """What is no array of numbers is named."""
+    ragged = np.array([1, "a", None], dtype=object)
+    file = tmp_path / f"run.{kind}"
+    np.savez(file, q=ragged) if kind == "npz" else np.save(file, ragged)
+    with pytest.raises(RecordingError, match="holds Python objects, no numbers"):
+        load_arrays(file)
+    file.write_bytes(b"PK no archive")
+    with pytest.raises(RecordingError, match=f"is no .{kind} file"):
+        load_arrays(file)
+
+
+def test_semicolons_beside_commas_in_names_part_the_columns(tmp_path: Path) -> None:
+    """As spreadsheets write them."""
+    (tmp_path / "run.csv").write_text("time, s;angle, rad\n0;1.5\n1;2.5\n")
+    np.testing.assert_array_equal(load_arrays(tmp_path / "run.csv")["angle, rad"], [1.5, 2.5])

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -13,7 +14,7 @@ from elastic_arm.cli.options import ClockChoice, read_by_clock
 from elastic_arm.dynamics import build_model
 from elastic_arm.recording import Recording, Side, write_recording
 from elastic_arm.recording.inspection.check import check_bag
-from elastic_arm.recording.inspection.described_gravity import contradicted_gravity, wrong_signs
+from elastic_arm.recording.inspection.described_gravity import contradicted_gravity, wrong_torques
 from elastic_arm.robot import Robot
 from elastic_arm.robot.synthetic import random_arm
 
@@ -64,7 +65,7 @@ def test_right_signs_are_not_blamed(seed: int, speed: float) -> None:
 def test_a_joint_of_the_wrong_sign_is_named(side: str, elastic: bool) -> None:
     """With the factor of its gravity, and the joints whose sign is right; of rigid and of elastic arms."""
     robot = arm(elastic=elastic)
-    (words,) = wrong_signs(recorded(robot, side=side, flipped=[1]), robot)
+    (words,) = wrong_torques(recorded(robot, side=side, flipped=[1]), robot)
     assert words.startswith(f"{side} effort of joint_2 runs against the gravity that the description predicts")
     assert "measured gravity is -1.2" in words and "has the described sign: check the sign of joint_2" in words
 
@@ -73,7 +74,9 @@ def test_a_joint_of_the_wrong_sign_is_named(side: str, elastic: bool) -> None:
 def test_signs_of_all_torques_and_an_arm_upside_down_are_said_together(which: str) -> None:
     """Gravity is the same in both, so that both are named."""
     robot, gravity = arm(), DOWN if which == "all signs" else -DOWN
-    (words,) = wrong_signs(recorded(robot, gravity, speed=0.3, flipped=range(4) if which == "all signs" else ()), robot)
+    (words,) = wrong_torques(
+        recorded(robot, gravity, speed=0.3, flipped=range(4) if which == "all signs" else ()), robot
+    )
     assert "either all torques have the wrong sign" in words and "hangs upside down" in words
 
 
@@ -83,7 +86,7 @@ def test_an_arm_on_a_wall_has_no_torques_of_the_wrong_sign() -> None:
     recording = recorded(robot, np.array([0.0, 9.81, 0.0]))
     (finding,) = contradicted_gravity(recording, robot)
     assert finding.code == "mounting" and "where the description has 0 0 -9.81" in finding.message
-    assert wrong_signs(recording, robot) == []
+    assert wrong_torques(recording, robot) == []
 
 
 def test_little_is_concluded_from_little() -> None:
@@ -102,3 +105,40 @@ def test_check_and_the_commands_that_fit_say_so(tmp_path: Path) -> None:
     assert not check_bag(bag, robot=robot).ok
     notes = read_by_clock(bag, None, robot, ClockChoice.auto).notes
     assert f"{bag}: {finding.message}." in notes
+
+
+@pytest.mark.parametrize(
+    ("factor", "words"), [(1e-3, "torques in kNm taken for Nm"), (121.0, "Nm_motor with its ratio")]
+)
+def test_torques_of_a_wrong_unit_are_named_with_their_factor(factor: float, words: str) -> None:
+    """What follows gravity a thousand times too small is in another unit; 1.2 times is a matter of masses."""
+    robot, recording = arm(), recorded(arm(), speed=0.3)
+    assert recording.link is not None and recording.link.effort is not None
+    wrong = replace(recording, link=replace(recording.link, effort=factor * recording.link.effort))
+    (finding,) = contradicted_gravity(wrong, robot)
+    assert finding.code == "gravity_size" and words in finding.message
+    assert "follows the gravity that the description predicts" in finding.message
+
+
+def test_angles_taken_for_degrees_show_in_gravity() -> None:
+    """Positions and velocities 57 times too small agree with each other: the torques swing too much for them."""
+    robot = arm(4)
+    recording = recorded(robot, speed=0.3)
+    link = recording.link
+    assert link is not None and link.position is not None and link.velocity is not None
+    small = replace(link, position=np.radians(link.position), velocity=np.radians(link.velocity))
+    (finding,) = contradicted_gravity(replace(recording, link=small), robot)
+    assert finding.code == "gravity_size" and "angles in radians taken for degrees" in finding.message
+
+
+@pytest.mark.parametrize("side", ["link", "motor"])
+def test_torques_of_two_joints_that_were_exchanged_are_named(side: str) -> None:
+    """Each follows the gravity of the other; in their places neither is blamed."""
+    robot = arm()
+    recording = recorded(robot, side=side, speed=0.3)
+    own = getattr(recording, side)
+    order = [0, 2, 1, 3]
+    wrong = replace(recording, **{side: replace(own, effort=own.effort[:, order])})
+    (finding,) = contradicted_gravity(wrong, robot)
+    assert finding.code == "exchanged"
+    assert "that of joint_2 follows the gravity that the description predicts for joint_3" in finding.message

@@ -155,6 +155,38 @@ def test_arrays_of_other_joints_are_refused() -> None:
         guess_mapping({"time": T, "q": Q}, [f"joint_{k}" for k in range(7)])
 
 
+def test_columns_without_a_sensor_are_left_out(tmp_path: Path) -> None:
+    """Zeros of a joint that turns by its motor's encoder; one that stands on both sides keeps its columns."""
+    link, motor = Q * [1.0, 1.0, 0.0], Q * [1.0, 0.0, 1.0]
+    link[:, 1] = motor[:, 1]
+    arrays = {"time": T, "link_pos": link, "link_vel": DQ * [1.0, 0.0, 0.0], "motor_pos": motor, "motor_torque": TAU}
+    draft = guess_mapping(arrays, JOINTS)
+    places = {(guess.side, guess.channel): guess.places for guess in draft.channels}
+    assert places[("link", "position")] == (0, 1) and places[("motor", "position")] is None
+    np.savez(tmp_path / "run.npz", **arrays)  # type: ignore[arg-type]
+    (tmp_path / "map.yaml").write_text(draft.to_yaml())
+    taken = import_arrays(tmp_path / "run.npz", tmp_path / "map.yaml")
+    assert taken.link is not None and taken.link.position is not None
+    np.testing.assert_array_equal(np.isnan(taken.link.position).all(axis=0), [False, False, True])
+    assert "column 2 is constant while its joint moves: no sensor there, and left out" in draft.to_yaml()
+
+
+def test_a_torque_by_the_current_comes_before_one_without_a_side() -> None:
+    """Beside a torque sensor and a torque of the motor's current, the third is the controller's model."""
+    columns = {"Torque": TAU, "TorqueSensor": TAU + 1.0, "TorqueCur": TAU + 2.0, "Cur": 0.1 * TAU}
+    arrays = {f"{name}{k + 1}": values[:, k] for name, values in columns.items() for k in range(3)}
+    draft = guess_mapping({"time": T, "pos": Q, **arrays}, JOINTS)
+    taken = {guess.side: guess.table.keys[0] for guess in draft.channels if guess.channel == "effort"}
+    assert taken == {"link": "TorqueSensor1", "motor": "TorqueCur1"}
+
+
+def test_columns_beyond_the_joints_are_said() -> None:
+    """An arm of two joints takes two of three columns, of one array or counted."""
+    arrays = {"time": T, "pos": Q, **{f"tau_{k}": TAU[:, k] for k in range(3)}}
+    text = guess_mapping(arrays, JOINTS[:2]).to_yaml()
+    assert text.count("the first 2 of 3 columns: check that these are the arm's joints") == 2
+
+
 @pytest.mark.skipif(not SHARED.is_dir(), reason="needs the recordings of real robots")
 @pytest.mark.parametrize(
     ("file", "n", "expected"),

@@ -222,3 +222,13 @@ def test_velocities_in_another_unit_are_named_before_anything_is_fitted() -> Non
     assert recording.link is not None and recording.link.position is not None
     (words,) = wrong_velocities(changed(recording, "link", position=np.rad2deg(recording.link.position)))
     assert words.startswith("link velocity of all joints is 0.0175 times the derivative of the position")
+
+
+def test_velocities_beside_stamps_of_a_wrong_unit_are_compared() -> None:
+    """Milliseconds taken for seconds make the motion a thousand times slower than its velocities: no standstill."""
+    recording = arm()
+    assert recording.link is not None
+    slow = replace(recording.link, stamp_ns=1000 * (recording.link.stamp_ns - 10**18))
+    (finding,) = implausible(Recording(JOINTS, link=slow))
+    assert finding.code == "velocity" and "1e+03 times the derivative of the position" in finding.message
+    assert "the unit of the times: the samples come at 0.5 Hz" in finding.message

@@ -96,7 +96,7 @@ def print_export(done: Exported, *, new: bool = False) -> None:
         out.print("no number of the description changes")
     for instance, reason in done.left:
         place = instance.joint or "the whole arm"
-        words = f"{instance.effect.id} on {place} ({instance_text(instance) or 'no parameters'}): {reason}"
+        words = f"{instance.effect.id} on {place} ({instance_text(instance, done.units) or 'no parameters'}): {reason}"
         out.print(f"[yellow]not in the file:[/] {escape(words)}", soft_wrap=True)
     for note in done.notes:
         out.print(f"[yellow]note:[/] {escape(note)}", soft_wrap=True)

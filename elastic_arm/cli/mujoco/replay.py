@@ -159,13 +159,17 @@ def print_replays(found: list[Replay]) -> None:
     """Print the errors of all models side by side, joint by joint."""
     if not found:
         return
+    units = found[0].units
     for title, rows in (
-        ("position, mrad", [1e3 * one.open_loop.position for one in found]),
-        ("velocity, mrad/s", [1e3 * one.open_loop.velocity for one in found]),
-        ("torque, Nm", [one.open_loop.torque for one in found]),
+        (f"position, {units.over('mrad')}", [1e3 * one.open_loop.position for one in found]),
+        (f"velocity, {units.over('mrad/s')}", [1e3 * one.open_loop.velocity for one in found]),
+        (f"torque, {units.over('Nm')}", [one.open_loop.torque for one in found]),
         ("correlation of torques", [one.open_loop.correlation for one in found]),
         ("lag of torque, ms", [1e3 * one.open_loop.lag for one in found]),
-        ("servo position, mrad", [np.nan if one.closed_loop is None else 1e3 * one.closed_loop for one in found]),
+        (
+            f"servo position, {units.over('mrad')}",
+            [np.nan if one.closed_loop is None else 1e3 * one.closed_loop for one in found],
+        ),
     ):
         values = [np.broadcast_to(np.asarray(row, dtype=float), len(found[0].joints)) for row in rows]
         if not np.isfinite(values).any():

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from elastic_arm.formatting import rounded
+from elastic_arm.formatting import JointUnits, rounded
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -25,10 +25,18 @@ def estimates_text(parameters: Mapping[str, ParameterEstimate], between: str = "
     return between.join(f"{name} {size_text(e.value, e.std, e.unit)}" for name, e in parameters.items())
 
 
-def instance_text(instance: EffectInstance) -> str:
-    """Return all that an effect was given, with units."""
-    given = instance.parameters
-    numbers = [f"{p.name} {size_text(given[p.name], 0.0, p.unit)}" for p in instance.effect.parameters]
+def instance_text(instance: EffectInstance, units: JointUnits) -> str:
+    """Return all that an effect was given, with the units at its joint.
+
+    Parameters
+    ----------
+    instance
+        On a joint, or the whole arm.
+    units
+        Of the arm.
+    """
+    given, joint = instance.parameters, instance.joint
+    numbers = [f"{p.name} {size_text(given[p.name], 0.0, units.at(joint, p.unit))}" for p in instance.effect.parameters]
     choices = [f"{c.name} {chosen(given[c.name])}" for c in instance.effect.choices]
     return ", ".join([*numbers, *choices])
 

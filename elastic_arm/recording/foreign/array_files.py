@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import csv
+import re
 import stat
 import struct
 import tokenize
 import zipfile
 import zlib
+from collections.abc import Sequence
 from pathlib import Path
+from typing import IO
 
 import numpy as np
 
@@ -36,6 +39,8 @@ _UNREADABLE += (zlib.error, zipfile.BadZipFile, tokenize.TokenError)
 _ZIP_METHODS = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)  # what numpy writes
 _ENCRYPTED = 1  # flag of an entry
 _WHOLE_TABLE = ""
+_NPY = b"\x93NUMPY"
+_DECIMAL_COMMA = re.compile(r"[+-]?\d+,\d+([eE][+-]?\d+)?$")
 
 
 def load_arrays(path: Path) -> Arrays:
@@ -70,6 +75,10 @@ def _load(path: Path) -> Arrays:
             return columnar.load_columns(path)
         if kind == ".npz":
             _check_zip(path)
+            with zipfile.ZipFile(path) as archive:
+                for entry in archive.namelist():
+                    with archive.open(entry) as stream:
+                        _refuse_objects(stream, path, entry.removesuffix(".npy"))
             with np.load(path, allow_pickle=False) as content:
                 arrays = dict(content)
             # Where the head of an entry is damaged, numpy returns its bytes.
@@ -77,6 +86,8 @@ def _load(path: Path) -> Arrays:
                 raise ValueError(f"its entry {strange[0][:60]!r} is no array")
             return arrays
         if kind == ".npy":
+            with open(path, "rb") as file:
+                _refuse_objects(file, path, "it")
             return {_WHOLE_TABLE: np.load(path, allow_pickle=False)}
         if kind == ".mat":
             return load_matlab(path)
@@ -101,6 +112,8 @@ def _check_file(path: Path) -> None:
 
 def _check_zip(path: Path) -> None:
     """Refuse entries that numpy cannot read, or that claim more than fits into the memory."""
+    if not zipfile.is_zipfile(path):
+        raise RecordingError(f"{path} cannot be read: it is no .npz file, or is cut off", "Save it with numpy.savez.")
     with zipfile.ZipFile(path) as archive:
         entries = archive.infolist()
     if any(entry.flag_bits & _ENCRYPTED for entry in entries):
@@ -112,19 +125,38 @@ def _check_zip(path: Path) -> None:
         raise RecordingError(f"{path} unpacks to {claimed} bytes, {most} are the limit", "Cut it into parts.")
 
 
+def _refuse_objects(stream: IO[bytes], path: Path, name: str) -> None:
+    """Refuse an array of Python objects, such as lists of unequal length: reading one would run what it holds."""
+    readers = {(1, 0): np.lib.format.read_array_header_1_0, (2, 0): np.lib.format.read_array_header_2_0}
+    start = stream.read(len(_NPY))
+    if start != _NPY:
+        if path.suffix.lower() == ".npy":
+            raise RecordingError(f"{path} cannot be read: it is no .npy file", "Save it with numpy.save.")
+        return
+    version = tuple(stream.read(2))
+    if version in readers and readers[version](stream)[2].hasobject:
+        raise RecordingError(f"{path} cannot be read: {name} holds Python objects, no numbers", "Save numbers alone.")
+
+
 def _load_table(path: Path) -> Arrays:
     with open(path, encoding="utf-8", newline="") as file:
-        lines = [line for line in file.read().splitlines() if line.strip()]
-    head = lines[0] if lines else ""
-    delimiter = next((mark for mark in (",", ";", "\t") if mark in head), None)
+        numbered = [(n, line) for n, line in enumerate(file.read().splitlines(), start=1) if line.strip()]
+    if not numbered:
+        raise RecordingError(f"{path} cannot be read: it is empty", "Give a file with a table of numbers.")
+    head = numbered[0][1]
+    delimiter = _delimiter([line for _, line in numbered[:2]])
     # Blanks may come several at a time, and stand behind the comment mark that numpy writes.
     words = head.lstrip("#").split() if delimiter is None else next(csv.reader([head], delimiter=delimiter))
     names = [name.strip().lstrip("#").strip() for name in words]
-    nameless = all(_is_number(name) for name in names)
-    rows = lines if nameless else lines[1:]
+    nameless = all(_is_number(name) or _DECIMAL_COMMA.match(name) for name in names)
+    rows = numbered if nameless else numbered[1:]
     if not rows:
         raise ValueError("there are no numbers below the first line")
-    table = np.loadtxt(rows, delimiter=delimiter, ndmin=2)
+    try:
+        table = np.loadtxt([line for _, line in rows], delimiter=delimiter, ndmin=2)
+    except ValueError:
+        _explain_row(path, rows, delimiter)
+        raise
     if nameless:
         return {str(column): table[:, column] for column in range(table.shape[1])} | {_WHOLE_TABLE: table}
     if table.shape[1] != len(names):
@@ -133,6 +165,32 @@ def _load_table(path: Path) -> Arrays:
         twice = next(name for name in names if names.count(name) > 1)
         raise ValueError(f"two columns are called {twice[:60]!r}")
     return {name: table[:, column] for column, name in enumerate(names)}
+
+
+def _delimiter(lines: Sequence[str]) -> str | None:
+    """Return what parts the columns, by the first lines; None for blanks."""
+    # Commas beside as many semicolons in every line are decimal ones, or parts of names.
+    if lines[0].count(";") and len({line.count(";") for line in lines}) == 1:
+        return ";"
+    return next((mark for mark in (",", ";", "\t") if mark in lines[0]), None)
+
+
+def _explain_row(path: Path, rows: Sequence[tuple[int, str]], delimiter: str | None) -> None:
+    """Raise an error that names the first line of a table that cannot be read, and what to do about it."""
+    width = 0
+    for number, line in rows:
+        words = line.split("#")[0].split(delimiter)
+        width = width or len(words)
+        wrong = next((word.strip() for word in words if not _is_number(word)), None)
+        where = f"{path} cannot be read: line {number}"
+        if wrong is not None and _DECIMAL_COMMA.match(wrong):
+            raise RecordingError(f"{where}: {wrong!r} has a decimal comma", "Write numbers with decimal points.")
+        if wrong is not None:
+            what = f"{wrong[:60]!r} is no number" if wrong else "a number is missing"
+            raise RecordingError(f"{where}: {what}", "Write nan where there is no number, and names in line 1 alone.")
+        if len(words) != width:
+            message = f"{where}: {len(words)} columns, where the lines before have {width}"
+            raise RecordingError(message, "Give all lines as many columns; decimal marks are points.")
 
 
 def _is_number(word: str) -> bool:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from fnmatch import fnmatchcase
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
@@ -79,6 +79,8 @@ class ArrayChannel(Strict):
         Those that have the channel; all by default. What is given a joint is given for these.
     columns
         Columns of the array, one a joint; all by default.
+    flat
+        The array holds the numbers of all joints one after the other, sample by sample: one a line of a text file.
     unit, offset, factor, sign, torque_constant, ratio
         As in a channel map; one for all joints, or one a joint, as where some of them slide (null for those without).
     """
@@ -86,12 +88,19 @@ class ArrayChannel(Strict):
     key: Key | list[Key]
     joints: Annotated[list[str], Field(min_length=1)] | None = None
     columns: list[Annotated[int, Field(ge=0)]] | None = None
+    flat: bool = False
     unit: Unit | list[Unit] | None = None
     offset: float | list[float] = 0.0
     factor: float | list[float] = 1.0
     sign: Literal[1, -1] | list[Literal[1, -1]] = 1
     torque_constant: float | list[float | None] | None = None
     ratio: float | list[float | None] | None = None
+
+    @model_validator(mode="after")
+    def _one_layout(self) -> Self:
+        if self.flat and (self.columns is not None or not isinstance(self.key, str)):
+            raise ValueError("flat takes one key, and no columns")
+        return self
 
     def arrays(self) -> list[str]:
         """Return the names of all arrays used."""
@@ -259,19 +268,33 @@ def _refuse_strays(arrays: Mapping[str, np.ndarray], rules: ArrayMap) -> None:
     known = ", ".join(arrays)
     if missing := sorted(used - set(arrays)):
         raise RecordingError(f"no array {', '.join(missing)}; there is {known}", "Correct the names in the mapping.")
-    left = set(arrays) - used
+    left = {name for name in arrays if not _other_form(name, arrays, used)} - used
     if strays := sorted(name for name in left if not any(fnmatchcase(name, pattern) for pattern in rules.ignore)):
         raise RecordingError(
             f"arrays {', '.join(strays)} are not mapped", "Map them, or list them under 'ignore' in the mapping."
         )
 
 
+def _other_form(name: str, arrays: Mapping[str, np.ndarray], used: Collection[str]) -> bool:
+    """Return whether an array that is not used is another form of one that is, or of one that names it shorter.
+
+    A table without names in a folder is there as `file`, and by columns as `file.0`, `file.1` …
+    """
+    whole, _, column = name.rpartition(".")
+    if column.isdecimal() and whole in arrays:
+        # Of a table that is used by some columns the others are strays; of one that is not used it is one by itself.
+        return whole in used or not any(key.startswith(f"{whole}.") for key in used)
+    return f"{name}.0" in arrays and any(key.rpartition(".")[0] == name for key in used)
+
+
 def _stamps(arrays: Mapping[str, np.ndarray], rules: ArrayMap) -> Stamps:
     times = rules.times
     if times.key is None:
         side = rules.link if rules.link.present() else rules.motor
-        first = next(iter(side.present().values())).arrays()[0]
-        count = max(arrays[first].shape, default=1)
+        channel = next(iter(side.present().values()))
+        first = arrays[channel.arrays()[0]]
+        n = len(channel.places(rules.joints))
+        count = first.size // n if channel.flat else max(first.shape, default=1)
         return round(times.start * 1e9) + np.rint(np.arange(count) * (1e9 / float(times.rate or 1))).astype(np.int64)
     values = np.asarray(arrays[times.key]).ravel()
     if values.dtype.kind not in "iuf":
@@ -329,14 +352,18 @@ def _table(arrays: Mapping[str, np.ndarray], source: ArrayChannel, count: int, n
         table = parts[0] if len(parts) == 1 else np.column_stack([part.ravel() for part in parts])
     except (TypeError, ValueError) as error:
         raise RecordingError(f"{', '.join(keys)} is no table of numbers ({error})", "Map arrays of numbers.") from None
+    if source.flat and table.size == count * n:
+        table = table.reshape(count, n)
     table = table[:, None] if table.ndim == 1 else table
     if table.ndim == 2 and table.shape[0] != count and table.shape[1] == count:
         table = table.T
     if source.columns is not None and table.ndim == 2 and max(source.columns) < table.shape[1]:
         table = table[:, source.columns]
     if table.shape != (count, n):
+        remedy = "Name one column a joint ('columns', or a list of keys), and the right times."
+        if 1 in table.shape and n > 1 and table.size % n == 0 and len(keys) == 1 and not source.flat:
+            remedy += f" If it holds {n} numbers a sample one after the other, add flat: true to the channel."
         raise RecordingError(
-            f"{', '.join(keys)} has shape {table.shape}; {count} samples of {n} joints are wanted",
-            "Name one column a joint ('columns', or a list of keys), and the right times.",
+            f"{', '.join(keys)} has shape {table.shape}; {count} samples of {n} joints are wanted", remedy
         )
     return table

@@ -232,6 +232,18 @@ def load_yaml(path: str | Path, what: str) -> dict[str, Any]:
 
 M = TypeVar("M", bound=BaseModel)
 
+# Words of the trade for the fields of a channel, and what these are called here.
+CALLED = {
+    "scale": "factor",
+    "gain": "factor",
+    "zero": "offset",
+    "bias": "offset",
+    "units": "unit",
+    "column": "columns",
+    "gear_ratio": "ratio",
+    "kt": "torque_constant",
+}
+
 
 def validated(model: type[M], data: dict[str, Any], path: str | Path) -> M:
     """Check `data`, read from `path`, against a model.
@@ -253,7 +265,7 @@ def validated(model: type[M], data: dict[str, Any], path: str | Path) -> M:
     try:
         return model.model_validate(data)
     except ValidationError as error:
-        problem, remedy = explain(error, REFERENCE)
+        problem, remedy = explain(error, REFERENCE, CALLED)
         raise RecordingError(f"{path}: {problem}", remedy) from None
 
 

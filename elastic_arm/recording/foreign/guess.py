@@ -4,19 +4,18 @@ from __future__ import annotations
 
 import re
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from itertools import product
 from typing import Literal
 
 import numpy as np
-import yaml
 
 from elastic_arm.errors import RecordingError
 from elastic_arm.recording.foreign.channels import CHANNEL_NAMES, ChannelName
 from elastic_arm.recording.foreign.derivatives import ALIKE, integral, integrals, is_no_rate, slope
+from elastic_arm.recording.foreign.draft import Draft, Guess, SideName
 from elastic_arm.recording.foreign.tables import Contents, JointTable, TimeArray, find_tables
 
-SideName = Literal["link", "motor"]
 Quantity = Literal["position", "velocity", "acceleration", "effort", "other"]
 
 # Within this factor of a unit's size a slope shows the unit.
@@ -25,6 +24,7 @@ CLOSE = 0.15
 LARGEST_ANGLE = 4 * np.pi
 # Travels in metres, and speeds in metres a second, stay below this.
 LARGEST_TRAVEL = 20.0
+CONSTANT = "column"  # begin of a reason
 # What a motor has, whether its joint turns or slides.
 _AT_SHAFT = ("A", "Nm_motor")
 # A rotor's angle over the joint's is at least this.
@@ -48,96 +48,6 @@ _SIDE_WORDS: dict[SideName, str] = {
 }
 # Of several arrays for one channel the one with more of these in its name is taken.
 _MEASURED = r"act(?=_|ual)|meas|rec|sens|raw|abs"
-
-
-@dataclass(frozen=True)
-class Guess:
-    """One channel of the draft.
-
-    Parameters
-    ----------
-    side, channel
-        Where it goes.
-    table
-        Its arrays.
-    unit
-        Of its numbers; empty if nothing shows it.
-    reasons
-        Why, in words.
-    scales
-        Further keys of the mapping: sign, ratio.
-    missing
-        Keys that the mapping needs and no array can show, with what they are.
-    units
-        One a joint, where some of them slide; empty where `unit` is that of all.
-    """
-
-    side: SideName
-    channel: ChannelName
-    table: JointTable
-    unit: str
-    reasons: tuple[str, ...]
-    scales: Mapping[str, list[float]] = field(default_factory=dict)
-    missing: Mapping[str, str] = field(default_factory=dict)
-    units: tuple[str, ...] = ()
-
-
-@dataclass(frozen=True)
-class Draft:
-    """A draft of a mapping.
-
-    Parameters
-    ----------
-    joints
-        Names.
-    times
-        None where no array looks like times.
-    channels
-        What was recognised.
-    ignored
-        Arrays left out, and why.
-    """
-
-    joints: tuple[str, ...]
-    times: TimeArray | None
-    channels: tuple[Guess, ...]
-    ignored: tuple[tuple[str, str], ...]
-
-    @property
-    def missing(self) -> list[str]:
-        """What has to be filled in before the mapping can be used."""
-        words = [] if self.times is not None else ["times.rate"]
-        return words + [f"{g.side}.{g.channel}.{key}" for g in self.channels for key in g.missing]
-
-    def to_yaml(self) -> str:
-        """Return the text of the mapping file, with the reasons as comments."""
-        lines = ["# Draft of an array mapping, guessed from the numbers and names of the arrays: read every line and"]
-        lines += ["# correct it (docs/channel_maps.md). Signs and zeros of the joints cannot be guessed."]
-        if self.times is None:
-            lines += ["# No array looks like times: give the sample rate, Hz.", "times: {rate: }"]
-        else:
-            key = _inline(self.times.key)
-            lines += [f"times: {{key: {key}, unit: {self.times.unit}}}          # {self.times.rate:.6g} Hz"]
-        lines += [f"joints: {_inline(list(self.joints))}"]
-        for side in ("link", "motor"):
-            if chosen := [guess for guess in self.channels if guess.side == side]:
-                lines.append(f"{side}:")
-                for guess in chosen:
-                    lines += _channel_lines(guess)
-        lines.append("ignore:" if self.ignored else "ignore: []")
-        lines += [f"  - {_inline(key)}    # {reason}" for key, reason in self._ignored_patterns()]
-        return "\n".join(lines) + "\n"
-
-    def _ignored_patterns(self) -> list[tuple[str, str]]:
-        """Return what is left out, counted names and structs of which nothing is used as one pattern."""
-        used = [key for guess in self.channels for key in guess.table.keys]
-        used += [] if self.times is None else [self.times.key]
-        patterns: dict[str, list[str]] = {}
-        for key, reason in self.ignored:
-            stem = f"{key.rpartition('.')[0]}." if "." in key else re.sub(r"\d+\D*$", "", key)
-            whole = not stem or stem == key or any(name.startswith(stem) for name in used)
-            patterns.setdefault(key if whole else f"{stem}*", []).append(reason)
-        return [(pattern, "; ".join(dict.fromkeys(reasons))) for pattern, reasons in patterns.items()]
 
 
 def guess_mapping(arrays: Mapping[str, np.ndarray], joints: Sequence[str], prismatic: Collection[str] = ()) -> Draft:
@@ -190,8 +100,24 @@ def guess_mapping(arrays: Mapping[str, np.ndarray], joints: Sequence[str], prism
         )
     chosen = {place: replace(guess, table=whole[guess.table.keys]) for place, guess in chosen.items()}
     found = {place: _with_lengths(guess, slides.tolist()) for place, guess in _with_ratio(chosen).items()}
+    found = {place: _without_dead(guess, found) for place, guess in found.items()}
     ordered = [found[place] for place in product(_SIDE_WORDS, CHANNEL_NAMES) if place in found]
     return Draft(tuple(joints), contents.times, tuple(ordered), tuple(ignored))
+
+
+def _without_dead(guess: Guess, chosen: Mapping[tuple[SideName, ChannelName], Guess]) -> Guess:
+    """Return a guess without columns that stay as they are although another position shows that their joints move."""
+    positions = [other for (_, channel), other in chosen.items() if channel == "position" and other is not guess]
+    moving = [np.ptp(other.table.values, axis=0) > 0.0 for other in positions]
+    dead = (np.ptp(guess.table.values, axis=0) == 0.0) & np.any(
+        [np.zeros(guess.table.values.shape[1]), *moving], axis=0
+    )
+    if not dead.any() or dead.all():
+        return guess
+    columns = ", ".join(str(k) for k in np.flatnonzero(dead))
+    why = f"column {columns} is constant while its joint moves: no sensor there, and left out"
+    reasons = (*(reason for reason in guess.reasons if not reason.startswith(CONSTANT)), why)
+    return replace(guess, places=tuple(np.flatnonzero(~dead).tolist()), reasons=reasons)
 
 
 def _with_lengths(guess: Guess, slides: Sequence[bool]) -> Guess:
@@ -224,6 +150,8 @@ def _recognised(contents: Contents) -> list[Guess | tuple[JointTable, str]]:
             unnamed.append(
                 (table, "derived, no measurement" if quantity == "acceleration" else "no sensor by its name")
             )
+        elif (same := _same_numbers(table, contents.tables)) is not None:
+            unnamed.append((table, f"the same numbers as {same.name}"))
         elif np.ptp(table.values, axis=0).max() == 0:
             unnamed.append((table, "constant throughout"))
         elif quantity == "velocity" and is_no_rate(table, known, contents.times):
@@ -239,8 +167,24 @@ def _recognised(contents: Contents) -> list[Guess | tuple[JointTable, str]]:
         else:
             reason = ["neither an angle nor a velocity by its name or its derivatives"]
             unnamed.append(_guess(table, "effort", reason, known, contents.times))
-    named.sort(key=lambda guess: -len(re.findall(_MEASURED, guess.table.name, re.I)))
+    named.sort(key=_rank)
     return [*named, *unnamed]
+
+
+def _same_numbers(table: JointTable, tables: Sequence[JointTable]) -> JointTable | None:
+    """Return the array that columns are those of, as a file's without names are."""
+    if len(table.keys) == 1:
+        return None
+    return next((t for t in tables if len(t.keys) == 1 and np.array_equal(t.values, table.values)), None)
+
+
+def _rank(guess: Guess) -> tuple[int, bool]:
+    """Return the order of guesses for one channel: names of measurements first, then torques that say whose they are.
+
+    Beside a torque by the motor's current, one that is called a torque and nothing else may be the controller's model.
+    """
+    sided = guess.channel == "effort" and guess.unit == "Nm" and bool(_side_by_name(guess.table.name)[1])
+    return -len(re.findall(_MEASURED, guess.table.name, re.I)), not sided
 
 
 def _quantity(table: JointTable) -> tuple[Quantity | None, str]:
@@ -274,7 +218,10 @@ def _guess(
         reasons = [*reasons, "link side, as nothing in its name points to the motor"]
     channel: ChannelName = "position" if quantity == "position" else "velocity" if quantity == "velocity" else "effort"
     if still := [str(k) for k in np.flatnonzero(np.ptp(table.values, axis=0) == 0)]:
-        reasons.append(f"column {', '.join(still)} is constant: no sensor there, or a joint that stood")
+        reasons.append(f"{CONSTANT} {', '.join(still)} is constant: no sensor there, or a joint that stood")
+    n = table.values.shape[1]
+    if table.available > n:
+        reasons.append(f"the first {n} of {table.available} columns: check that these are the arm's joints")
     return Guess(side or "link", channel, table, unit, (*reasons, why), missing=missing)
 
 
@@ -350,21 +297,3 @@ def _with_ratio(chosen: dict[tuple[SideName, ChannelName], Guess]) -> dict[tuple
             reasons = (*(r for r in guess.reasons if not r.startswith("largest")), why)
             chosen["motor", guess.channel] = replace(guess, unit=of_angle, reasons=reasons, scales=scales)
     return chosen
-
-
-def _channel_lines(guess: Guess) -> list[str]:
-    keys: dict[str, object] = {"key": guess.table.keys[0] if len(guess.table.keys) == 1 else list(guess.table.keys)}
-    if guess.table.columns is not None:
-        keys["columns"] = list(guess.table.columns)
-    keys["unit"] = list(guess.units) or guess.unit
-    keys |= {k: [int(v) if k == "sign" else v for v in values] for k, values in guess.scales.items()}
-    lines = [f"  # {reason}" for reason in guess.reasons]
-    lines.append(f"  {guess.channel}:")
-    lines += [f"    {key}: {_inline(value)}" for key, value in keys.items()]
-    lines += [f"    # {key}:    # to be filled in: {what}" for key, what in guess.missing.items()]
-    return lines
-
-
-def _inline(value: object) -> str:
-    """Return YAML on one line."""
-    return yaml.safe_dump(value, default_flow_style=True, width=10**6, allow_unicode=True).removesuffix("...\n").strip()

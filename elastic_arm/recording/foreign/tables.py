@@ -32,12 +32,15 @@ class JointTable:
         (N, n) numbers as recorded.
     pattern
         What its arrays are called, with * for the joint, where their names hold the joints' own.
+    available
+        Columns that there are; 0 where these are all.
     """
 
     keys: tuple[str, ...]
     columns: tuple[int, ...] | None
     values: Array
     pattern: str = ""
+    available: int = 0
 
     @property
     def name(self) -> str:
@@ -157,7 +160,7 @@ def _whole(key: str, values: np.ndarray, count: int, n: int) -> JointTable | Non
     width = values.shape[1]
     if width < n:
         return None
-    return JointTable((key,), None if width == n else tuple(range(n)), values[:, :n])
+    return JointTable((key,), None if width == n else tuple(range(n)), values[:, :n], available=width)
 
 
 def _named(columns: Mapping[str, np.ndarray], joints: Sequence[str]) -> list[JointTable]:
@@ -190,5 +193,6 @@ def _counted(columns: Mapping[str, np.ndarray], n: int) -> list[JointTable]:
         for part in parts:
             if len(part) == n:
                 values = np.column_stack([columns[key].astype(np.float64) for key in part])
-                tables.append(JointTable(tuple(part), None, values))
+                more = 0 if stem == ("", "") else len(keys)
+                tables.append(JointTable(tuple(part), None, values, available=more))
     return tables

@@ -2,7 +2,8 @@
 
 Of each joint's torque a zero, friction, the inertia as described and that of its motor are regressed out, and the same
 of the gravity torque as described. What is left of the two should rise together. Where it runs against each other, a
-torque or an angle has the wrong sign, or the arm is mounted otherwise.
+torque or an angle has the wrong sign, or the arm is mounted otherwise. Where it rises far more or less, a unit is not
+what it is taken for; where the torque of one joint follows the gravity of another, two columns have been exchanged.
 
 Slow samples resemble each other: N of them are worth as few independent ones as the two series' autocorrelations say
 (M. S. Bartlett, Journal of the Royal Statistical Society 98 (1935) 536).
@@ -38,6 +39,11 @@ PLAIN = -0.9  # correlation of further joints beside one that is certain; conven
 CONSIDERABLE = 0.05
 # Times the described gravity: of a sign alone -1, and masses are off. Beyond, something else than gravity is at work.
 FACTOR = (1.0 / 3.0, 3.0)
+# Of all joints together; beyond, a unit is mistaken. Masses of a description are not off by so much; convention.
+FAR = (0.2, 5.0)
+LIKE_DEGREES = (57.3 / 2.5, 57.3 * 2.5)  # masses are off, and a small angle is not a small part of a sine
+LIKE_KILO = (0.5e-3, 2e-3)
+CLEARLY = 0.2  # of the squares that the joint's own torque leaves of its gravity; convention
 # Another direction of gravity, here and where `identification.batch.mounting` looks for it; conventions.
 TURNED = 0.35  # rad from the described direction: beyond the tilts that linear columns describe
 SIZE = (0.6, 1.5)  # of the described gravity: masses are off as well
@@ -65,6 +71,8 @@ class GravityFit:
         Of the two, and of the torque over the described one; zero where there is no gravity.
     chance : (n,)
         Probability that unrelated series correlate as much with this sign.
+    others : (3, n, n)
+        Correlation, factor and chance of the torque of each joint (row) with the gravity of each joint (column).
     """
 
     torque: Array
@@ -73,6 +81,7 @@ class GravityFit:
     correlation: Array
     factor: Array
     chance: Array
+    others: Array
 
     @property
     def against(self) -> NDArray[np.bool_]:
@@ -80,8 +89,7 @@ class GravityFit:
         size = -self.factor
         usual = (size > FACTOR[0]) & (size < FACTOR[1])
         certain = usual & (self.correlation < AGAINST) & (self.chance < CHANCE)
-        spread = self.gravity.std(axis=0)
-        heavy = spread > CONSIDERABLE * spread.max()
+        heavy = self.heavy
         plain = usual & (self.correlation < PLAIN) & heavy
         # All of them together are no payload.
         found = certain & (heavy | (not self.along.any()))
@@ -92,9 +100,18 @@ class GravityFit:
         """Which joints (n,) certainly have gravity of the described sign."""
         return (self.correlation > -AGAINST) & (self.chance < CHANCE)
 
+    @property
+    def heavy(self) -> NDArray[np.bool_]:
+        """Which joints (n,) carry a gravity that counts beside the largest."""
+        spread = self.gravity.std(axis=0)
+        return np.asarray(spread > CONSIDERABLE * spread.max())
+
 
 def contradicted_gravity(recording: Recording, robot: Robot) -> list[Finding]:
-    """Return which torques run against the gravity of the description, "gravity_sign", or show another, "mounting".
+    """Return which torques are at odds with the gravity of the description.
+
+    They run against it, "gravity_sign"; show another direction, "mounting"; are far larger or smaller, "gravity_size";
+    or are those of another joint, "exchanged".
 
     Parameters
     ----------
@@ -138,9 +155,9 @@ def _fits(recording: Recording, robot: Robot) -> dict[str, GravityFit]:
     return {side: fit for side, fit in fits.items() if fit.gravity.any()}
 
 
-def wrong_signs(recording: Recording, robot: Robot) -> list[str]:
-    """Return in words which torques run against gravity as described; another mounting is looked for elsewhere."""
-    return [found.message for found in contradicted_gravity(recording, robot) if found.code == "gravity_sign"]
+def wrong_torques(recording: Recording, robot: Robot) -> list[str]:
+    """Return in words which torques cannot belong to gravity as described; another mounting is looked for elsewhere."""
+    return [found.message for found in contradicted_gravity(recording, robot) if found.code != "mounting"]
 
 
 def fit_gravity(samples: Samples, position: Array, channel: str, robot: Robot) -> GravityFit:
@@ -166,16 +183,22 @@ def fit_gravity(samples: Samples, position: Array, channel: str, robot: Robot) -
     states = (np.hstack([rate, rate]) for rate in (q, dq, ddq)) if robot.elastic else (q, dq, ddq)
     moved, pull = equations.moved_and_pulled(*states, motors=channel == "tau_m")
     left, weight = np.zeros_like(torque), np.zeros_like(pull)
-    for j in range(n):
-        if (channel, j) not in samples.lacking:
-            friction = np.tanh(dq[:, j] / STANDSTILL)
-            others = _orthonormal([np.ones(len(q)), friction, dq[:, j], ddq[:, j], moved[:, j]])
-            left[:, j], weight[:, j] = (rows - others @ (others.T @ rows) for rows in (torque[:, j], pull[:, j]))
+    related = np.tile(np.array([0.0, 0.0, 1.0])[:, None, None], (1, n, n))
+    measured = [j for j in range(n) if (channel, j) not in samples.lacking]
+    least = RANK * float(np.abs(pull @ robot.gravity).max())
+    for j in measured:
+        friction = np.tanh(dq[:, j] / STANDSTILL)
+        others = _orthonormal([np.ones(len(q)), friction, dq[:, j], ddq[:, j], moved[:, j]])
+        beside, weight[:, j] = (rows - others @ (others.T @ rows) for rows in (torque, pull[:, j]))
+        left[:, j], gravity = beside[:, j], weight[:, j] @ robot.gravity
+        # What rounding leaves of the gravity of a joint that has none is no gravity.
+        if np.abs(gravity).max() >= least:
+            for i in measured:
+                related[:, i, j] = _related(beside[:, i], gravity)
     gravity = weight @ robot.gravity
-    # What rounding leaves of the gravity of a joint that has none is no gravity.
-    gravity[:, np.abs(gravity).max(axis=0) < RANK * np.abs(pull @ robot.gravity).max()] = 0.0
-    related = [_related(left[:, j], gravity[:, j]) for j in range(n)]
-    return GravityFit(left, gravity, weight, *np.array(related).T)
+    gravity[:, np.abs(gravity).max(axis=0) < least] = 0.0
+    correlation, factor, chance = np.diagonal(related, axis1=1, axis2=2)
+    return GravityFit(left, gravity, weight, correlation, factor, chance, related)
 
 
 def _orthonormal(columns: Sequence[Array]) -> Array:
@@ -201,7 +224,9 @@ def _related(torque: Array, gravity: Array) -> tuple[float, float, float]:
 
 
 def _judged(fit: GravityFit, side: str, robot: Robot) -> list[Finding]:
-    """Return what the torques of a side show: gravity of another direction, of another sign, or nothing."""
+    """Return what the torques of a side show: gravity of another joint, direction, sign or size, or nothing."""
+    if exchanged := _exchanged(fit, side, robot):
+        return exchanged
     shown, left = _free_gravity(fit, robot)
     signs = np.where(fit.correlation < 0.0, -1.0, 1.0) * fit.gravity
     by_sign = fit.torque - signs * float(np.sum(signs * fit.torque) / np.sum(signs**2))
@@ -213,7 +238,7 @@ def _judged(fit: GravityFit, side: str, robot: Robot) -> list[Finding]:
         return [Finding("warning", "mounting", f"{message}: {remedy}")]
     against, along = fit.against, fit.along
     if not against.any():
-        return []
+        return _size(fit, side, robot)
     joints = listed(robot.joint_names, against)
     message = (
         f"{side} effort of {joints} runs against the gravity that the description predicts (correlation "
@@ -226,6 +251,50 @@ def _judged(fit: GravityFit, side: str, robot: Robot) -> list[Finding]:
         message += f", and at {listed(robot.joint_names, along)} it has the described sign"
     remedy = f"check the sign of {joints} in the map, of the torque (sign) and of the angle, or what it carries"
     return [Finding("warning", "gravity_sign", f"{message}: {remedy}")]
+
+
+def _size(fit: GravityFit, side: str, robot: Robot) -> list[Finding]:
+    """Return whether the torques that certainly follow gravity are together far larger or smaller than described."""
+    sure = fit.along & fit.heavy
+    if not sure.any():
+        return []
+    gravity = fit.gravity[:, sure]
+    factor = float(np.sum(gravity * fit.torque[:, sure]) / np.sum(gravity**2))
+    if FAR[0] <= factor <= FAR[1]:
+        return []
+    message = (
+        f"{side} effort of {listed(robot.joint_names, sure)} follows the gravity that the description predicts "
+        f"(correlation {span_of(fit.correlation[sure])}), but is {factor:.3g} times the described one"
+    )
+    remedy = "check its unit (Nm, Nm_motor with its ratio, A), that of the angles, and the masses of the description"
+    if LIKE_DEGREES[0] < factor < LIKE_DEGREES[1]:
+        remedy += "; angles in radians taken for degrees are 57 times too small, and so is gravity then"
+    elif LIKE_KILO[0] < factor < LIKE_KILO[1]:
+        remedy += "; torques in kNm taken for Nm are 1000 times too small"
+    return [Finding("warning", "gravity_size", f"{message}: {remedy}")]
+
+
+def _exchanged(fit: GravityFit, side: str, robot: Robot) -> list[Finding]:
+    """Return which torques follow the gravity of another joint, while its own torque does not."""
+    correlation, factor, chance = fit.others
+    left = 1.0 - correlation**2
+    usual = (factor > FACTOR[0]) & (factor < FACTOR[1]) & (chance < CHANCE) & (correlation > -PLAIN)
+    own = np.diagonal(usual)
+    # One that follows its own gravity is in its place, however alike those of two parallel axes are.
+    other = usual & fit.heavy & (left < CLEARLY * np.diagonal(left)) & ~own & ~own[:, None]
+    pairs = [(i, j) for i, j in np.argwhere(other & other.T).tolist() if i < j]
+    if not pairs:
+        return []
+    names, words = robot.joint_names, []
+    for i, j in pairs:
+        swapped, alone = (
+            (f"{one:.3g} and {other:.3g}")
+            for one, other in ((correlation[i, j], correlation[j, i]), (correlation[i, i], correlation[j, j]))
+        )
+        whose = f"that of {names[i]} follows the gravity that the description predicts for {names[j]} and vice versa"
+        words.append(f"{whose} (correlations {swapped}; with their own ones {alone})")
+    message = f"{side} effort of two joints seems to be exchanged: {'; '.join(words)}"
+    return [Finding("warning", "exchanged", f"{message}: check the order of the columns, or of the joints, in the map")]
 
 
 def _free_gravity(fit: GravityFit, robot: Robot) -> tuple[Array, float]:

@@ -17,6 +17,7 @@ from typing import Any
 
 import numpy as np
 import scipy
+from numpy.typing import NDArray
 
 from elastic_arm.recording.inspection.report import Finding
 from elastic_arm.recording.inspection.torque_spectrum import torque_spectrum
@@ -27,6 +28,7 @@ _FEWEST = 200  # samples; below, nothing is concluded
 _ENOUGH = 20_000  # samples of a side that show a wrong unit; bounds the time
 _WINDOW = 0.02  # s over which a velocity is compared with the position's advance: above the encoders' steps
 _STILL = 1e-3  # rad/s rms below which a joint does not move
+_TRAVEL = 0.05  # rad that a joint has moved all the same, if at a speed below: slowly, or by stamps of a wrong unit
 _FASTEST = 500.0  # rad/s rms from sample to sample; beyond, the numbers are no motion of an arm
 _SMOOTH = "smooth_torque"
 _FOLLOWS = 0.5  # share of a velocity that its position must explain
@@ -58,6 +60,8 @@ class _ComparedMotion:
     gain, lag, share, doubt : (n,)
         g and tau (s) of the module's equation, the share of the advance that it explains, and the standard deviation of
         tau, s; NaN for joints at rest.
+    slow : (n,)
+        Whether the positions advance so slowly that noise of the velocity may hide what they share.
     """
 
     t: Array
@@ -67,6 +71,7 @@ class _ComparedMotion:
     lag: Array
     share: Array
     doubt: Array
+    slow: NDArray[np.bool_]
 
     @property
     def step(self) -> float:
@@ -141,9 +146,10 @@ def _compared(side: Side) -> _ComparedMotion:
     width = min(max(round(_WINDOW / float(np.median(np.diff(t)))), 1), len(t) // 20)
     advance, mean, change = _advances(t, q, v, width)
     fits = np.full((4, q.shape[1]), np.nan)
-    for j in range(q.shape[1]):
-        if _rms(advance[:, j]) < _STILL:
-            continue
+    slow = np.sqrt(np.mean(advance**2, axis=0)) < _STILL
+    # Stamps of a wrong unit make any motion slow; the velocity beside it knows nothing of them.
+    still = slow & ((np.ptp(q, axis=0) < _TRAVEL) | (np.sqrt(np.mean(v**2, axis=0)) < _STILL))
+    for j in np.flatnonzero(~still).tolist():
         columns = np.column_stack([mean[:, j], change[:, j]])
         fit = np.linalg.lstsq(columns, advance[:, j], rcond=None)[0]
         rest = advance[:, j] - columns @ fit
@@ -152,7 +158,8 @@ def _compared(side: Side) -> _ComparedMotion:
         # A velocity that never changes shows no lag.
         doubt = np.sqrt(rest @ rest / len(rest) * width / power) if power > 0.0 else np.inf
         fits[:, j] = *fit, 1.0 - rest @ rest / (advance[:, j] @ advance[:, j]), doubt
-    return _ComparedMotion(t, q, v, *fits)
+    gain, lag, share, doubt = fits
+    return _ComparedMotion(t, q, v, gain, lag, share, doubt, slow)
 
 
 def _is_motion(side: Side) -> bool:
@@ -178,9 +185,10 @@ def _advances(t: Array, q: Array, v: Array, width: int) -> tuple[Array, Array, A
 
 def _velocities(name: str, motion: _ComparedMotion, joints: Sequence[str]) -> list[Finding]:
     moving = np.isfinite(motion.share)
-    strange = moving & (motion.share < _FOLLOWS)
-    scaled = moving & ~strange & (np.abs(motion.gain - 1.0) > _GAIN)
-    late = moving & ~strange & (np.abs(motion.lag) > np.maximum(motion.step, 5.0 * motion.doubt))
+    follows = motion.share >= _FOLLOWS
+    strange = moving & ~follows & ~motion.slow
+    scaled = moving & follows & (np.abs(motion.gain - 1.0) > _GAIN)
+    late = moving & follows & ~motion.slow & (np.abs(motion.lag) > np.maximum(motion.step, 5.0 * motion.doubt))
     findings = []
     if strange.any():
         message = f"{name} velocity of {listed(joints, strange)} is not the derivative of the position"
@@ -188,7 +196,10 @@ def _velocities(name: str, motion: _ComparedMotion, joints: Sequence[str]) -> li
     if scaled.any():
         factors = span_of(1.0 / motion.gain[scaled])
         message = f"{name} velocity of {listed(joints, scaled)} is {factors} times the derivative of the position"
-        findings.append(Finding("warning", "velocity", f"{message}: check units and signs"))
+        remedy = "check units and signs"
+        if (np.abs(np.log(motion.gain[moving] / np.median(motion.gain[moving]))) < _GAIN).all() and scaled.all():
+            remedy = f"check units and signs, and the unit of the times: the samples come at {1 / motion.step:.3g} Hz"
+        findings.append(Finding("warning", "velocity", f"{message}: {remedy}"))
     if late.any():
         for words, chosen in (("behind", late & (motion.lag > 0.0)), ("ahead of", late & (motion.lag < 0.0))):
             if chosen.any():

@@ -1,0 +1,132 @@
+"""The draft of an array mapping as a file: what each array may be, with the reasons as comments."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Literal
+
+import yaml
+
+from elastic_arm.recording.foreign.channels import ChannelName
+from elastic_arm.recording.foreign.tables import JointTable, TimeArray
+
+SideName = Literal["link", "motor"]
+
+
+@dataclass(frozen=True)
+class Guess:
+    """One channel of the draft.
+
+    Parameters
+    ----------
+    side, channel
+        Where it goes.
+    table
+        Its arrays.
+    unit
+        Of its numbers; empty if nothing shows it.
+    reasons
+        Why, in words.
+    scales
+        Further keys of the mapping: sign, ratio.
+    missing
+        Keys that the mapping needs and no array can show, with what they are.
+    units
+        One a joint, where some of them slide; empty where `unit` is that of all.
+    places
+        Which joints have the channel; None for all.
+    """
+
+    side: SideName
+    channel: ChannelName
+    table: JointTable
+    unit: str
+    reasons: tuple[str, ...]
+    scales: Mapping[str, list[float]] = field(default_factory=dict)
+    missing: Mapping[str, str] = field(default_factory=dict)
+    units: tuple[str, ...] = ()
+    places: tuple[int, ...] | None = None
+
+
+@dataclass(frozen=True)
+class Draft:
+    """A draft of a mapping.
+
+    Parameters
+    ----------
+    joints
+        Names.
+    times
+        None where no array looks like times.
+    channels
+        What was recognised.
+    ignored
+        Arrays left out, and why.
+    """
+
+    joints: tuple[str, ...]
+    times: TimeArray | None
+    channels: tuple[Guess, ...]
+    ignored: tuple[tuple[str, str], ...]
+
+    @property
+    def missing(self) -> list[str]:
+        """What has to be filled in before the mapping can be used."""
+        words = [] if self.times is not None else ["times.rate"]
+        return words + [f"{g.side}.{g.channel}.{key}" for g in self.channels for key in g.missing]
+
+    def to_yaml(self) -> str:
+        """Return the text of the mapping file, with the reasons as comments."""
+        lines = ["# Draft of an array mapping, guessed from the numbers and names of the arrays: read every line and"]
+        lines += ["# correct it (docs/channel_maps.md). Signs and zeros of the joints cannot be guessed."]
+        if self.times is None:
+            lines += ["# No array looks like times: give the sample rate, Hz.", "times: {rate: }"]
+        else:
+            key = _inline(self.times.key)
+            lines += [f"times: {{key: {key}, unit: {self.times.unit}}}          # {self.times.rate:.6g} Hz"]
+        lines += [f"joints: {_inline(list(self.joints))}"]
+        for side in ("link", "motor"):
+            if chosen := [guess for guess in self.channels if guess.side == side]:
+                lines.append(f"{side}:")
+                for guess in chosen:
+                    lines += _channel_lines(guess, self.joints)
+        lines.append("ignore:" if self.ignored else "ignore: []")
+        lines += [f"  - {_inline(key)}    # {reason}" for key, reason in self._ignored_patterns()]
+        return "\n".join(lines) + "\n"
+
+    def _ignored_patterns(self) -> list[tuple[str, str]]:
+        """Return what is left out, counted names and structs of which nothing is used as one pattern."""
+        used = [key for guess in self.channels for key in guess.table.keys]
+        used += [] if self.times is None else [self.times.key]
+        patterns: dict[str, list[str]] = {}
+        for key, reason in self.ignored:
+            stem = f"{key.rpartition('.')[0]}." if "." in key else re.sub(r"\d+\D*$", "", key)
+            whole = not stem or stem == key or any(name.startswith(stem) for name in used)
+            patterns.setdefault(key if whole else f"{stem}*", []).append(reason)
+        return [(pattern, "; ".join(dict.fromkeys(reasons))) for pattern, reasons in patterns.items()]
+
+
+def _channel_lines(guess: Guess, joints: Sequence[str]) -> list[str]:
+    table, places = guess.table, range(len(joints)) if guess.places is None else guess.places
+    all_keys = list(table.keys)
+    keys: dict[str, object] = {"key": all_keys[0] if len(all_keys) == 1 else [all_keys[k] for k in places]}
+    if guess.places is not None:
+        keys["joints"] = [joints[k] for k in places]
+    if len(all_keys) == 1 and (table.columns is not None or guess.places is not None):
+        columns = range(len(joints)) if table.columns is None else table.columns
+        keys["columns"] = [columns[k] for k in places]
+    keys["unit"] = [guess.units[k] for k in places] if guess.units else guess.unit
+    scales = {name: [values[k] for k in places] for name, values in guess.scales.items()}
+    keys |= {k: [int(v) if k == "sign" else v for v in values] for k, values in scales.items()}
+    lines = [f"  # {reason}" for reason in guess.reasons]
+    lines.append(f"  {guess.channel}:")
+    lines += [f"    {key}: {_inline(value)}" for key, value in keys.items()]
+    lines += [f"    # {key}:    # to be filled in: {what}" for key, what in guess.missing.items()]
+    return lines
+
+
+def _inline(value: object) -> str:
+    """Return YAML on one line."""
+    return yaml.safe_dump(value, default_flow_style=True, width=10**6, allow_unicode=True).removesuffix("...\n").strip()

@@ -1,0 +1,151 @@
+"""Sizes that no moving arm has: sample rates, travels, and angles and speeds far beyond the description's limits.
+
+They tell a unit that was mistaken: degrees for radians, milliseconds for seconds, millimetres for metres.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from elastic_arm.recording.inspection.plausibility import listed, span_of
+from elastic_arm.recording.inspection.report import Finding
+from elastic_arm.recording.recording import Recording
+from elastic_arm.recording.sides import Array, Side, joints_with
+from elastic_arm.robot import Robot
+from elastic_arm.robot.parts import Limits
+
+_FEWEST = 200  # samples; below, nothing is concluded
+_RATES = (1.0, 50e3)  # Hz: no arm is recorded more slowly or faster; convention
+_STANDING = 5e-3  # rad or m of travel: beyond the steps and the noise of any encoder
+_BEYOND = 0.1  # of a joint's range: more than a zero, or a limit, that is set a little otherwise
+_FAR = 5.0  # times the limit; less is no unit; convention
+_TOO_FAST = 3.0  # times the limit of the velocity; controllers may pass that a little
+_DEGREES = 180.0 / np.pi
+_MILLIMETRES = 1000.0
+
+
+def unusual_sizes(recording: Recording) -> list[Finding]:
+    """Return sample rates that no arm is recorded with, and whether no joint moves at all."""
+    sides = {name: side for name, side in _measured(recording).items() if len(side) >= _FEWEST}
+    rates = {name: 1e9 / float(np.median(np.diff(side.stamp_ns))) for name, side in sides.items()}
+    findings = []
+    for name, rate in rates.items():
+        if not _RATES[0] <= rate <= _RATES[1]:
+            seconds = float(sides[name].stamp_ns[-1] - sides[name].stamp_ns[0]) * 1e-9
+            message = f"{name} side: {len(sides[name])} samples in {seconds:.6g} s, that is {rate:.3g} Hz"
+            findings.append(Finding("warning", "rate", f"{message}: check the unit of the times (s, ms, us, ns)"))
+    positions = [side.position for side in sides.values() if side.position is not None]
+    if positions and all(np.nanmax(_travel(position)) < _STANDING for position in positions):
+        largest = max(float(np.nanmax(_travel(position))) for position in positions)
+        message = f"no joint moves: the largest travel is {largest:.3g} rad"
+        remedy = "neither inertia nor friction nor gravity shows in such a recording"
+        findings.append(Finding("warning", "standing", f"{message}: {remedy}"))
+    return findings
+
+
+def hardly_usable(recording: Recording) -> list[str]:
+    """Return in words why a recording that is whole cannot be used: few samples, or joints without a position."""
+    sides, words = _measured(recording), []
+    count = min((len(side) for side in sides.values()), default=0)
+    if count < _FEWEST:
+        words.append(f"there are {count} samples only: nothing can be concluded of fewer than {_FEWEST}")
+    have = np.zeros(len(recording.joints), np.bool_)
+    for side in sides.values():
+        have |= False if side.position is None else joints_with(side.position)
+    if not have.all():
+        which = "any joint" if not have.any() else listed(recording.joints, ~have)
+        words.append(f"no position of {which}, of link or motor: without it no recording is identified or diagnosed")
+    return words
+
+
+def beyond_limits(recording: Recording, robot: Robot) -> list[Finding]:
+    """Return which angles and speeds are far beyond the limits of the description.
+
+    Parameters
+    ----------
+    recording
+        Of the arm; without damaged samples.
+    robot
+        Its description; joints without limits are not looked at.
+    """
+    findings = []
+    for name, side in _measured(recording.select(robot.joint_names)).items():
+        if len(side) >= _FEWEST:
+            findings += _positions(name, side, robot) + _speeds(name, side, robot)
+    return findings
+
+
+def _measured(recording: Recording) -> dict[str, Side]:
+    return {name: side for name, side in recording.sides().items() if name != "reference"}
+
+
+def _travel(position: Array) -> Array:
+    """Return the range (n,) of positions (N, n); NaN of joints without any."""
+    return np.asarray(np.ptp(position, axis=0))
+
+
+def _positions(name: str, side: Side, robot: Robot) -> list[Finding]:
+    if side.position is None:
+        return []
+    low, high = side.position.min(axis=0), side.position.max(axis=0)
+    limits, slides = [joint.limits for joint in robot.joints], [joint.prismatic for joint in robot.joints]
+    found = ~_within(low, high, limits, slides) & joints_with(side.position)
+    if not found.any():
+        return []
+    j = int(np.argmax(np.where(found, high - low, -np.inf)))
+    reached = f"{low[j]:.3g} to {high[j]:.3g} {robot.joints[j].unit('rad')}"
+    least, most = limits[j].position_min or 0.0, limits[j].position_max or 0.0
+    message = (
+        f"{name} position of {listed(robot.joint_names, found)} is beyond the limits of the description: "
+        f"{robot.joint_names[j]} goes from {reached}, its limits are {least:.3g} to {most:.3g}"
+    )
+    unit = np.where(slides, _MILLIMETRES, _DEGREES)
+    far = np.maximum(np.abs(low), np.abs(high))[j] > _FAR * max(abs(least), abs(most))
+    if far and _within(low / unit, high / unit, limits, slides)[found].all():
+        what = _mistaken(np.asarray(slides)[found])
+        remedy = f"divided by {span_of(unit[found])} all are within: check the unit ({what})"
+    else:
+        remedy = "check units, columns and zeros (offset)"
+    return [Finding("warning", "beyond_limits", f"{message}: {remedy}")]
+
+
+def _within(low: Array, high: Array, limits: Sequence[Limits], slides: Sequence[bool]) -> NDArray[np.bool_]:
+    """Return whether each joint (n,) stays within its limits, or would if an angle were given by other whole turns."""
+    inside = []
+    for least, most, limit, slide in zip(low, high, limits, slides, strict=True):
+        if limit.position_min is None or limit.position_max is None:
+            inside.append(True)
+            continue
+        more = _BEYOND * (limit.position_max - limit.position_min)
+        turns = (0.0,) if slide else (-2 * np.pi, 0.0, 2 * np.pi)
+        fits = [limit.position_min - more <= least + k and most + k <= limit.position_max + more for k in turns]
+        inside.append(any(fits))
+    return np.array(inside)
+
+
+def _speeds(name: str, side: Side, robot: Robot) -> list[Finding]:
+    """Look at the root mean square of the velocities: of a joint at its limit all the time it is the limit."""
+    if side.velocity is None:
+        return []
+    limit = np.array([joint.limits.velocity or np.inf for joint in robot.joints])
+    share = np.sqrt(np.mean(side.velocity**2, axis=0)) / limit
+    found = share > _TOO_FAST
+    if not found.any():
+        return []
+    slides = np.array([joint.prismatic for joint in robot.joints])[found]
+    message = (
+        f"{name} velocity of {listed(robot.joint_names, found)} is {span_of(share[found])} times the limit of the "
+        "description (root mean square)"
+    )
+    near = share[found].max() < np.where(slides, _MILLIMETRES, _DEGREES).max()
+    remedy = f"check the unit ({_mistaken(slides)})" if near else "check units and columns"
+    return [Finding("warning", "beyond_limits", f"{message}: {remedy}")]
+
+
+def _mistaken(slides: NDArray[np.bool_]) -> str:
+    """Return which units were mistaken at joints of which some slide."""
+    words = ["degrees taken as radians"] if not slides.all() else []
+    return " and ".join([*words, *(["millimetres taken as metres"] if slides.any() else [])])
