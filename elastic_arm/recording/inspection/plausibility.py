@@ -371,5 +371,6 @@ def listed(joints: Sequence[str], chosen: Any) -> str:
 
 def span_of(values: Array) -> str:
     """Return the smallest and the largest of some numbers as text; one where they are alike."""
-    low, high = f"{np.min(values):.3g}", f"{np.max(values):.3g}"
+    # Three digits, and 1000 rather than 1e+03.
+    low, high = (f"{float(f'{end:.3g}'):g}" for end in (np.min(values), np.max(values)))
     return low if low == high else f"{low} to {high}"
