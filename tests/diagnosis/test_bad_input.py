@@ -147,3 +147,10 @@ def test_torques_in_another_unit_are_named(clean: list[Recording], side: str, fa
     assert found.verdict == "unknown"
     notes = " ".join(note for note in found.notes if "check unit, sign and gear ratio" in note)
     assert all(f"torque_gain of {gain} at {joint} " in notes for joint in ROBOT.joint_names)
+
+
+def test_zeros_beside_joints_without_a_torque_are_no_torques(clean: list[Recording]) -> None:
+    """Where the torques that there are hold 0 throughout, and the other joints have none, every channel is empty."""
+    bare = with_effort(clean[0], lambda effort: np.where([True, False, True], 0.0 * effort, np.nan), "link", "motor")
+    with pytest.raises(DiagnosisError, match="every torque channel"):
+        usable(bare, PreprocessingSettings())
