@@ -160,7 +160,7 @@ def read_by_clock(
     # Not every command that takes these options reads a bag.
     from elastic_arm.recording import read_recording
     from elastic_arm.recording.inspection.described_gravity import wrong_torques
-    from elastic_arm.recording.inspection.magnitudes import beyond_limits, unusual_sizes
+    from elastic_arm.recording.inspection.magnitudes import beyond_limits
     from elastic_arm.recording.inspection.outliers import without_outliers
     from elastic_arm.recording.inspection.plausibility import backward_torques, wrong_velocities
     from elastic_arm.recording.inspection.stuck_channels import clipped_torques, frozen
@@ -169,8 +169,8 @@ def read_by_clock(
     recording = read_recording(path, channels, joints, arrival=arrival, namespace=namespace)
     whole = without_outliers(recording)
     signs = (*backward_torques(recording), *wrong_torques(whole, robot))
-    sizes = (*unusual_sizes(whole), *beyond_limits(whole, robot))
-    others = (finding.message for finding in (*frozen(recording), *clipped_torques(recording), *sizes))
+    found = (*frozen(recording), *clipped_torques(recording), *beyond_limits(whole, robot))
+    others = (finding.message for finding in found)
     wrong = tuple(f"{path}: {words}." for words in (*wrong_velocities(recording), *signs, *others))
     recording = replace(recording, notes=(*recording.notes, *wrong))
     if clock is ClockChoice.auto:

@@ -326,12 +326,12 @@ def _calibrated_effects(question: Question) -> tuple[Effect, ...]:
 def _is_seen(feature: Feature, layout: EquationSet) -> bool:
     """Whether an effect acts in a recorded equation.
 
-    What brakes a motor is not seen by a joint torque sensor, and what brakes a joint without a torque by none.
+    What brakes a motor is not seen by a joint torque sensor, and what acts in void rows alone is not seen at all.
     """
     if feature.choices.get("side") == "motor" and set(layout.sides) <= {"link", "drive"}:
         return False
-    bare = feature.joint is not None and feature.equations.robot.joint_names.index(feature.joint) in layout.without_rows
-    return not bare or feature.effect.regressor is not None or bool(layout.transform[:, feature.rows].any())
+    whole = bool(layout.live.all()) or feature.effect.regressor is not None
+    return whole or bool(layout.transform[:, feature.rows].any())
 
 
 def _carried(question: Question, equations: ArmEquations) -> list[Feature]:

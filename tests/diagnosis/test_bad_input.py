@@ -167,3 +167,10 @@ def test_no_unit_is_doubted_of_a_torque_that_friction_makes() -> None:
     found = diagnose([fitted], Question(ROBOT, effects=(EFFECTS["joint_torque_gain"],)), [judge])
     assert found.verdict == "unknown"
     assert not any("check unit, sign and gear ratio" in note for note in found.notes)
+
+
+def test_zeros_beside_joints_without_a_torque_are_no_torques(clean: list[Recording]) -> None:
+    """Where the torques that there are hold 0 throughout, and the other joints have none, every channel is empty."""
+    bare = with_effort(clean[0], lambda effort: np.where([True, False, True], 0.0 * effort, np.nan), "link", "motor")
+    with pytest.raises(DiagnosisError, match="every torque channel"):
+        usable(bare, PreprocessingSettings())

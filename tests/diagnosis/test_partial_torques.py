@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from elastic_arm.diagnosis import Question, diagnose
+from elastic_arm.diagnosis.preparation import prepare
 from elastic_arm.diagnosis.result import Diagnosis
 from elastic_arm.effects import EFFECTS, parse
 from elastic_arm.recording import Recording
@@ -31,6 +32,24 @@ def found() -> Diagnosis:
     known = parse(f"coulomb_friction:{BARE}:torque=3,side=link", ROBOT)
     effects = (EFFECTS["viscous_friction"],)
     return diagnose([fit], Question(ROBOT, effects=effects, given=(known,), refit=True), [judge])
+
+
+def test_known_friction_of_a_motor_without_a_torque_is_not_seen_beside_its_encoders() -> None:
+    """With both encoders the joint has the equation of its link, in which friction of its motor is not."""
+    recordings = []
+    for k, motion in enumerate(motions()):
+        one = record(motion, seed=k)
+        assert one.link is not None and one.motor is not None and one.motor.effort is not None
+        effort = one.motor.effort.copy()
+        effort[:, ROBOT.joint_names.index(BARE)] = np.nan
+        recordings.append(replace(one, link=replace(one.link, effort=None), motor=replace(one.motor, effort=effort)))
+    known = tuple(parse(f"coulomb_friction:{joint}:torque=3", ROBOT) for joint in ("joint_1", BARE))
+    effects = (EFFECTS["viscous_friction"],)
+    prepared = prepare(recordings[:1], recordings[1:], Question(ROBOT, effects=effects, given=known))
+    assert [given.feature.joint for given in prepared.given] == ["joint_1"]
+    assert any("no motor torque was recorded: coulomb_friction on joint_2" in note for note in prepared.notes)
+    sides = {(one.joint, one.choices["side"]) for one in prepared.candidates}
+    assert (BARE, "link") in sides and (BARE, "motor") not in sides
 
 
 def test_friction_is_found_where_a_torque_shows_it(found: Diagnosis) -> None:

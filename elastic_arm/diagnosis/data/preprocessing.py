@@ -18,6 +18,7 @@ from elastic_arm.estimation.effect_columns import Feature
 from elastic_arm.recording import Recording, Samples, Side
 from elastic_arm.recording.inspection.outliers import without_outliers
 from elastic_arm.recording.inspection.stuck_channels import NO_MOTION, STILL, moves
+from elastic_arm.recording.sides import joints_with
 
 Array = NDArray[np.float64]
 
@@ -59,8 +60,9 @@ def _live(recording: Recording) -> Recording:
     for name, side in sides.items():
         if side is None or side.effort is None or not len(side):
             continue
-        constant = np.ptp(side.effort, axis=0) == 0.0
-        if constant.all():
+        there = joints_with(side.effort)
+        constant = there & (np.ptp(side.effort, axis=0) == 0.0)
+        if constant[there].all():
             dead.append(TORQUES[name])
             sides[name] = replace(side, effort=None)
         elif constant.any():

@@ -59,13 +59,14 @@ def unseen_notes(instances: Sequence[EffectInstance], bare: Sequence[str]) -> li
     Parameters
     ----------
     instances
-        Of the motor side where that was not recorded, or of joints without a torque.
+        Those in no equation, as of the motor side where that was not recorded.
     bare
         The joints without a torque.
     """
     places: dict[str, dict[str, list[str]]] = {}
     for instance in instances:
-        missing = "torque of the joint" if instance.joint in bare else "motor torque"
+        of_motor = "motor torque" if set(instance.sides) == {"motor"} else "channel that shows them"
+        missing = "torque of the joint" if instance.joint in bare else of_motor
         places.setdefault(missing, {}).setdefault(instance.effect.id, []).append(str(instance.joint))
     found = []
     for missing, joints in places.items():

@@ -10,7 +10,7 @@ import numpy as np
 from elastic_arm.errors import RecordingError
 from elastic_arm.recording.foreign.channels import ChannelMap
 from elastic_arm.recording.inspection.described_gravity import contradicted_gravity
-from elastic_arm.recording.inspection.magnitudes import beyond_limits, unusual_sizes
+from elastic_arm.recording.inspection.magnitudes import beyond_limits
 from elastic_arm.recording.inspection.outliers import find_outliers, without_outliers
 from elastic_arm.recording.inspection.plausibility import implausible
 from elastic_arm.recording.inspection.quality import moment, wrong_rate
@@ -105,7 +105,7 @@ def _check_whole(
             report.add("warning", "outliers", f"outliers: {outliers.words()}: identify and diagnose leave them out")
         whole = without_outliers(recording)
         report.findings += [*motionless(whole), *frozen(recording), *clipped_torques(whole)]
-        report.findings += [*unusual_sizes(whole), *implausible(whole)]
+        report.findings += implausible(whole)
         if robot is not None:
             report.findings += [*beyond_limits(whole, robot), *contradicted_gravity(whole, robot)]
     except RecordingError as error:

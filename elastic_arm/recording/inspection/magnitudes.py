@@ -1,6 +1,6 @@
-"""Sizes that no moving arm has: sample rates, travels, and angles and speeds far beyond the description's limits.
+"""Sizes that no moving arm has: angles and speeds far beyond the limits of its description.
 
-They tell a unit that was mistaken: degrees for radians, milliseconds for seconds, millimetres for metres.
+They tell a unit that was mistaken: degrees for radians, millimetres for metres.
 """
 
 from __future__ import annotations
@@ -18,32 +18,11 @@ from elastic_arm.robot import Robot
 from elastic_arm.robot.parts import Limits
 
 _FEWEST = 200  # samples; below, nothing is concluded
-_RATES = (1.0, 50e3)  # Hz: no arm is recorded more slowly or faster; convention
-_STANDING = 5e-3  # rad or m of travel: beyond the steps and the noise of any encoder
 _BEYOND = 0.1  # of a joint's range: more than a zero, or a limit, that is set a little otherwise
 _FAR = 5.0  # times the limit; less is no unit; convention
 _TOO_FAST = 3.0  # times the limit of the velocity; controllers may pass that a little
 _DEGREES = 180.0 / np.pi
 _MILLIMETRES = 1000.0
-
-
-def unusual_sizes(recording: Recording) -> list[Finding]:
-    """Return sample rates that no arm is recorded with, and whether no joint moves at all."""
-    sides = {name: side for name, side in _measured(recording).items() if len(side) >= _FEWEST}
-    rates = {name: 1e9 / float(np.median(np.diff(side.stamp_ns))) for name, side in sides.items()}
-    findings = []
-    for name, rate in rates.items():
-        if not _RATES[0] <= rate <= _RATES[1]:
-            seconds = float(sides[name].stamp_ns[-1] - sides[name].stamp_ns[0]) * 1e-9
-            message = f"{name} side: {len(sides[name])} samples in {seconds:.6g} s, that is {rate:.3g} Hz"
-            findings.append(Finding("warning", "rate", f"{message}: check the unit of the times (s, ms, us, ns)"))
-    positions = [side.position for side in sides.values() if side.position is not None]
-    if positions and all(np.nanmax(_travel(position)) < _STANDING for position in positions):
-        largest = max(float(np.nanmax(_travel(position))) for position in positions)
-        message = f"no joint moves: the largest travel is {largest:.3g} rad"
-        remedy = "neither inertia nor friction nor gravity shows in such a recording"
-        findings.append(Finding("warning", "standing", f"{message}: {remedy}"))
-    return findings
 
 
 def hardly_usable(recording: Recording) -> list[str]:
@@ -80,11 +59,6 @@ def beyond_limits(recording: Recording, robot: Robot) -> list[Finding]:
 
 def _measured(recording: Recording) -> dict[str, Side]:
     return {name: side for name, side in recording.sides().items() if name != "reference"}
-
-
-def _travel(position: Array) -> Array:
-    """Return the range (n,) of positions (N, n); NaN of joints without any."""
-    return np.asarray(np.ptp(position, axis=0))
 
 
 def _positions(name: str, side: Side, robot: Robot) -> list[Finding]:
