@@ -86,6 +86,12 @@ def _results(folder: Path) -> list[Path]:
     return [file for name in ("identification", "diagnosis") for file in sorted(folder.rglob(f"{name}.json"))]
 
 
+def _ended(folder: Path) -> bool:
+    """Whether an example ran to its end."""
+    status = folder / ENDED
+    return status.exists() and status.read_text().strip() == "0"
+
+
 def _command(file: Path) -> str:
     """Return what made a result."""
     return "`identify`" if file.name == "identification.json" else f"`{file.parent.name}`"
@@ -105,7 +111,7 @@ def residuals(found: dict[str, Any]) -> Iterator[tuple[str, str, list[float | No
 
 
 def picture(folder: Path, path: Path) -> None:
-    """Draw what each model of an example misses of the held-out torques, joint by joint, over the described one.
+    """Draw what each model of an example misses of the held-out torques, joint by joint, where it has any.
 
     Parameters
     ----------
@@ -119,6 +125,8 @@ def picture(folder: Path, path: Path) -> None:
         for model, side, values in residuals(json.loads(file.read_text())):
             case = f"{_case(folder, file)}: {_command(file).strip('`')}, {side} side"
             cases.setdefault(case, {})[model] = values
+    if not cases:
+        return
     with style():
         figure, axes = new_figure(len(cases), 1, size=(7.0, 0.5 + 1.6 * len(cases)))
         for ax, (case, models) in zip(axes[:, 0], cases.items(), strict=True):
@@ -208,7 +216,7 @@ def table(folders: list[Path], before: str = "") -> str:
 def _markdown(head: list[str], folders: list[Path], rows_of: Callable[[Path], Iterator[list[str]]], before: str) -> str:
     lines = [f"| {' | '.join(line)} |" for line in (head, ["---"] * len(head))]
     for folder in folders:
-        if (folder / ENDED).exists():
+        if _ended(folder):
             lines += [f"| {' | '.join(row)} |" for row in rows_of(folder)]
         else:
             lines += [
@@ -229,13 +237,13 @@ def main() -> None:
     names = [example.name for example in examples]
     if unknown := set(asked.only or ()) - set(names):
         parser.error(f"no example is called {', '.join(sorted(unknown))}. There are {', '.join(names)}.")
-    if not any((asked.data / name).is_dir() for name in names):
-        parser.error(f"{asked.data} has none of the folders {', '.join(names)}")
+    if not asked.data.is_dir():
+        parser.error(f"{asked.data} is no folder")
     # Every example runs in a folder of its own, from which a relative path leads elsewhere.
     out = asked.out.resolve()
     for example in examples:
         folder, data = out / example.name, asked.data.resolve() / example.name
-        if (asked.only is None or example.name in asked.only) and not (folder / ENDED).exists():
+        if (asked.only is None or example.name in asked.only) and not _ended(folder):
             if data.is_dir():
                 run(example, data, folder)
             else:
@@ -244,7 +252,7 @@ def main() -> None:
     if asked.markdown is None:
         print(table(folders))
         return
-    for folder in filter(_results, folders):
+    for folder in filter(_ended, folders):
         picture(folder, asked.markdown.parent / "pictures" / f"real_{folder.name}.png")
     before, rest = asked.markdown.read_text(encoding="utf-8").split(BEGIN)
     old, after = rest.split(END)

@@ -8,7 +8,7 @@ workers=$(nproc) # before OMP_NUM_THREADS is set, which it obeys
 export OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1
 
 report=$(mktemp)
-trap 'rm -f "$report"' EXIT
+trap 'kill %1 2>/dev/null; rm -f "$report"' EXIT
 # Bash lets what runs in the background ignore SIGINT, and nodes would with it.
 env --default-signal=INT python -m pytest -m graph "$@" >"$report" 2>&1 &
 nice -n 19 python -m pytest -n "$workers" --dist loadscope --no-loadscope-reorder -m "not graph" "$@"

@@ -113,15 +113,21 @@ def assemble(
 def _that_help(
     prepared: PreparedData, judgement: Judgement, estimated: EstimatedHypothesis, laws: BetterLaws
 ) -> list[RankedCause]:
-    """Return the causes with which the gap is smaller, the whole or that where they act: others explain nothing."""
+    """Return the causes with which the gap is smaller, the whole or that where they act: others explain nothing.
+
+    Faults of sensors and another mounting stay: each was measured by itself.
+    """
     ranked = listed_causes(prepared, judgement, estimated, laws)
     hypothesis = estimated.hypothesis.only(r.candidate.feature.key for r in ranked)
     if judgement.measure.share(hypothesis.selected)[0] > 0.0:
         return ranked
     left = prepared.library.validation_residuals(hypothesis.selected)
     residuals = with_faults(left, laws.refuted(estimated.faults))
-    there = shares_of_causes(prepared, hypothesis, _by_place(prepared, judgement, hypothesis.baseline, residuals))
-    return [one for one in ranked if there.get(one.candidate.feature.key, 0.0) > 0.0]
+    by_place = _by_place(prepared, judgement, hypothesis.baseline, residuals)
+    there = shares_of_causes(prepared, hypothesis, by_place)
+    found = {hypothesis.selected[k].feature.key for k in hypothesis.causes if by_place}
+    helpless = {key for key in found if not there.get(key, 0.0) > 0.0}
+    return [one for one in ranked if one.candidate.feature.key not in helpless]
 
 
 def _share_as_mounted(

@@ -100,7 +100,7 @@ def diagnose(recordings: Sequence[Recording], question: Question, validate: Sequ
     RecordingError
         If a recording lacks a joint.
     """
-    return beside_wrong_signs(_diagnosis(recordings, question, validate), recordings, question.robot)
+    return beside_wrong_signs(_diagnosis(recordings, question, validate), recordings, question)
 
 
 def _diagnosis(recordings: Sequence[Recording], question: Question, validate: Sequence[Recording]) -> Diagnosis:

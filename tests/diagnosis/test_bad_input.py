@@ -15,8 +15,10 @@ from elastic_arm.cli.diagnose import diagnose_command
 from elastic_arm.diagnosis import Question, diagnose
 from elastic_arm.diagnosis.data.preprocessing import clock_drift, usable
 from elastic_arm.diagnosis.inference.wrong_units import beside_wrong_signs
+from elastic_arm.diagnosis.result import UnexplainedResidual
 from elastic_arm.diagnosis.settings import PreprocessingSettings
 from elastic_arm.effects import EFFECTS
+from elastic_arm.effects.text import known_effects
 from elastic_arm.errors import DiagnosisError
 from elastic_arm.excitation import FourierTrajectory
 from elastic_arm.recording import Recording, write_recording
@@ -152,13 +154,20 @@ def test_torques_in_another_unit_are_named(clean: list[Recording], side: str, fa
 
 def test_causes_beside_torques_of_the_wrong_sign_stand_in_for_the_sign(clean: list[Recording]) -> None:
     """A spring explains most of gravity of the other sign: what is named at such joints is in no corrected arm."""
+    question = Question(ROBOT, effects=(EFFECTS["joint_spring"],))
     fitted, judge = pair("joint_spring:joint_2:stiffness=300,rest=0.5")
-    found = diagnose([fitted], Question(ROBOT, effects=(EFFECTS["joint_spring"],)), [judge])
+    found = diagnose([fitted], question, [judge])
     assert [cause.held_as for cause in found.causes] == ["effect"]
-    assert beside_wrong_signs(found, clean, ROBOT) == found
-    doubted = beside_wrong_signs(found, [with_effort(clean[0], np.negative, "link", "motor")], ROBOT)
-    assert doubted.verdict == "unknown" and "joint_2" in {one.joint for one in doubted.unexplained}
-    assert [(cause.held_as, cause.confidence < 0.05) for cause in doubted.causes] == [(None, True)]
+    wrong = [with_effort(clean[0], np.negative, "link", "motor")]
+    # One that explains all is there.
+    assert found.verdict == "explained" and beside_wrong_signs(found, wrong, question) == found
+    left = tuple(UnexplainedResidual(joint, "motor", "load", 5.0) for joint in ROBOT.joint_names)
+    found = replace(found, verdict="unknown", unexplained=left)
+    assert beside_wrong_signs(found, clean, question) == found
+    (doubted,) = beside_wrong_signs(found, wrong, question).causes
+    assert doubted.held_as is None and doubted.confidence < 0.05
+    known = replace(question, given=known_effects(("joint_spring:joint_2",), ROBOT))
+    assert beside_wrong_signs(found, wrong, known) == found
 
 
 def test_no_unit_is_doubted_of_a_torque_that_friction_makes() -> None:

@@ -197,6 +197,7 @@ def test_other_words_for_a_field_are_answered_with_its_name(tmp_path: Path) -> N
         ("0;0,1;1\n0,01;0,2;2\n", "line 1: '0,1' has a decimal comma"),
         ("t,q\n0,1\n\n1\n", "line 4: 1 columns, where the lines before have 2"),
         ("t,q\n0,1\n1,abc\n", "line 3: 'abc' is no number"),
+        ("t,q\n0,1\n# made by hand\n1,abc\n", "line 4: 'abc' is no number"),
         ("t,q\n0,1\n1,\n", "line 3: a number is missing"),
         ("", "is empty"),
     ],

@@ -201,3 +201,15 @@ def test_files_of_real_robots(file: str, n: int, expected: dict[str, str]) -> No
     draft = guess_mapping(load_arrays(SHARED / file), [f"joint_{k}" for k in range(n)])
     first = {channel: next(g for g in draft.channels if g.channel == channel).table.keys[0] for channel in expected}
     assert first == expected
+
+
+def test_an_array_of_a_joint_without_a_sensor_is_ignored(tmp_path: Path) -> None:
+    """Of numbered arrays, one a joint, the one that stays as it is: the draft is imported as it is."""
+    torques = {f"motor_torque_{k + 1}": TAU[:, k] for k in range(2)}
+    np.savez(tmp_path / "run.npz", t=T, q=Q, dq=DQ, **torques, motor_torque_3=np.zeros(len(T)))
+    draft = guess_mapping(load_arrays(tmp_path / "run.npz"), JOINTS)
+    (tmp_path / "map.yaml").write_text(draft.to_yaml())
+    taken = import_arrays(tmp_path / "run.npz", tmp_path / "map.yaml")
+    assert taken.motor is not None and taken.motor.effort is not None
+    np.testing.assert_allclose(taken.motor.effort[:, :2], TAU[:, :2])
+    assert np.isnan(taken.motor.effort[:, 2]).all()

@@ -35,9 +35,9 @@ def recorded(size: float = 1.0, zero: float = 0.0, step_ns: int = 5_000_000) -> 
     return Recording(arm().joint_names, link=Side(stamp_ns, size * np.sin(W * T) + zero, size * W * np.cos(W * T)))
 
 
-@pytest.mark.parametrize("zero", [0.0, 2 * np.pi])
+@pytest.mark.parametrize("zero", [0.0, 2 * np.pi, -4 * np.pi])
 def test_an_arm_within_its_limits_is_not_blamed(zero: float) -> None:
-    """Angles that are given by another whole turn are within, too."""
+    """Angles that are given by other whole turns are within, too."""
     assert beyond_limits(recorded(zero=zero), arm()) == []
 
 

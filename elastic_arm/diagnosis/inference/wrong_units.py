@@ -9,15 +9,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elastic_arm.diagnosis.preparation import PreparedData
-from elastic_arm.diagnosis.result import Diagnosis, UnexplainedResidual
+from elastic_arm.diagnosis.question import Question
+from elastic_arm.diagnosis.result import Diagnosis
 from elastic_arm.diagnosis.selection.regressor_library import Candidate
 from elastic_arm.diagnosis.texts.notes import wrong_unit_note
+from elastic_arm.effects import robot_effects
 from elastic_arm.effects.library.base_tilt import TILT
 from elastic_arm.effects.model import SensorEffect
 from elastic_arm.recording import Recording
 from elastic_arm.recording.inspection.described_gravity import CHANCE, opposed_joints
 from elastic_arm.recording.inspection.outliers import without_outliers
-from elastic_arm.robot import Robot
 
 Array = NDArray[np.float64]
 
@@ -36,7 +37,7 @@ def wrong_unit_notes(prepared: PreparedData, selected: Sequence[Candidate], rows
     rows_left
         Numbers of the residuals at which much is left.
     """
-    notes, library = [], prepared.library
+    notes, library, live = [], prepared.library, prepared.validation.layout.live
     for candidate in library.candidates:
         feature = candidate.feature
         if feature.joint is None or not isinstance(feature.effect, SensorEffect) or not feature.linear:
@@ -44,7 +45,7 @@ def wrong_unit_notes(prepared: PreparedData, selected: Sequence[Candidate], rows
         parameter = feature.linear[0]
         if parameter.unit != "1" or not parameter.neutral:
             continue
-        rows = [row for row, place in enumerate(prepared.places) if place in _places(candidate)]
+        rows = [row for row, place in enumerate(prepared.places) if place in _places(candidate) and live[row]]
         if not set(rows) & set(rows_left):
             continue
         others = [one for one in selected if one.feature.key != feature.key]
@@ -61,11 +62,12 @@ def wrong_unit_notes(prepared: PreparedData, selected: Sequence[Candidate], rows
     return notes
 
 
-def beside_wrong_signs(found: Diagnosis, recordings: Sequence[Recording], robot: Robot) -> Diagnosis:
+def beside_wrong_signs(found: Diagnosis, recordings: Sequence[Recording], question: Question) -> Diagnosis:
     """Return a diagnosis whose causes stand in for torques of the wrong sign where the described gravity shows one.
 
-    A spring that pulls twice as hard as gravity, the other way, explains nearly all of such a torque. An arm that was
-    found to be mounted otherwise feels gravity from there.
+    A spring that pulls twice as hard as gravity, the other way, explains nearly all of such a torque, and leaves what
+    it does not. One that is there leaves nothing: then the torque is as it should be. So is that of joints at which a
+    load is known, and of an arm that is known, or was found, to be mounted otherwise.
 
     Parameters
     ----------
@@ -73,29 +75,27 @@ def beside_wrong_signs(found: Diagnosis, recordings: Sequence[Recording], robot:
         The diagnosis.
     recordings
         That causes were fitted on.
-    robot
-        The description.
+    question
+        Arm and known effects.
     """
-    if any(cause.effect == TILT and cause.refitted for cause in found.causes):
+    known = (*robot_effects(question.robot, question.catalogue), *question.given)
+    loads = [one for one in known if one.effect.sides == ("link",) and not one.effect.is_friction]
+    tilted = any(one.effect.id == TILT for one in loads) or any(c.effect == TILT and c.refitted for c in found.causes)
+    if found.verdict != "unknown" or tilted:
         return found
-    opposed = {joint for one in recordings for joint in opposed_joints(without_outliers(one), robot)}
+    opposed = {joint for one in recordings for joint in opposed_joints(without_outliers(one), question.robot)}
+    opposed = (opposed & {one.joint for one in found.unexplained}) - {one.joint for one in loads}
     if not opposed:
         return found
     causes = [one.against(1.0 / CHANCE) if one.joint is None or one.joint in opposed else one for one in found.causes]
-    named = {(one.joint, one.side) for one in found.unexplained}
-    there = [
-        UnexplainedResidual(joint, side, "load", size)
-        for (joint, side), size in found.after.rmse.items()
-        if joint in opposed and (joint, side) not in named
-    ]
-    return replace(found, verdict="unknown", causes=tuple(causes), unexplained=(*found.unexplained, *there))
+    return replace(found, causes=tuple(causes))
 
 
 def _frictions(prepared: PreparedData, joint: str, beside: Sequence[Candidate]) -> list[Candidate]:
     """Return the frictions of a joint that are linear in all their numbers, but for those that are there."""
     keys = {one.feature.key for one in beside}
     own = (one for one in prepared.library.candidates if one.feature.joint == joint and one.feature.key not in keys)
-    return [one for one in own if one.feature.effect.is_friction and not one.searched]
+    return [one for one in own if one.feature.effect.is_friction and one.searched == ()]
 
 
 def _places(candidate: Candidate) -> list[tuple[str, str]]:

@@ -132,7 +132,8 @@ def identify_with(
     notes = [MOTOR_INERTIA] if armed else []
     notes += [] if mounting is None else [mounting.note]
     notes += [f"{', '.join(moved)}: {FELT}"] if moved else []
-    bare = prepared[0].without_torque(robot.joint_names)
+    equations = {name for rms in result.noise.values() for name in rms}
+    bare = [name for name in prepared[0].without_torque(robot.joint_names) if name not in equations]
     notes += [f"{', '.join(bare)}: {BARE}"] if bare else []
     notes += [f"{', '.join(unseen)}: {UNSEEN}"] if unseen else []
     result = result.with_(notes=tuple(dict.fromkeys([*result.notes, *notes])))

@@ -178,8 +178,9 @@ def _delimiter(lines: Sequence[str]) -> str | None:
 def _explain_row(path: Path, rows: Sequence[tuple[int, str]], delimiter: str | None) -> None:
     """Raise an error that names the first line of a table that cannot be read, and what to do about it."""
     width = 0
-    for number, line in rows:
-        words = line.split("#")[0].split(delimiter)
+    read = ((number, content) for number, line in rows if (content := line.split("#")[0]).strip())
+    for number, line in read:
+        words = line.split(delimiter)
         width = width or len(words)
         wrong = next((word.strip() for word in words if not _is_number(word)), None)
         where = f"{path} cannot be read: line {number}"

@@ -98,7 +98,8 @@ class Draft:
 
     def _ignored_patterns(self) -> list[tuple[str, str]]:
         """Return what is left out, counted names and structs of which nothing is used as one pattern."""
-        used = [key for guess in self.channels for key in guess.table.keys]
+        left_out = {key for key, _ in self.ignored}
+        used = [key for guess in self.channels for key in guess.table.keys if key not in left_out]
         used += [] if self.times is None else [self.times.key]
         patterns: dict[str, list[str]] = {}
         for key, reason in self.ignored:

@@ -25,6 +25,7 @@ LARGEST_ANGLE = 4 * np.pi
 # Travels in metres, and speeds in metres a second, stay below this.
 LARGEST_TRAVEL = 20.0
 CONSTANT = "column"  # begin of a reason
+DEAD = "constant while its joint moves: no sensor there, and left out"
 # What a motor has, whether its joint turns or slides.
 _AT_SHAFT = ("A", "Nm_motor")
 # A rotor's angle over the joint's is at least this.
@@ -101,6 +102,7 @@ def guess_mapping(arrays: Mapping[str, np.ndarray], joints: Sequence[str], prism
     chosen = {place: replace(guess, table=whole[guess.table.keys]) for place, guess in chosen.items()}
     found = {place: _with_lengths(guess, slides.tolist()) for place, guess in _with_ratio(chosen).items()}
     found = {place: _without_dead(guess, found) for place, guess in found.items()}
+    ignored += [(key, DEAD) for guess in found.values() for key in _left_out(guess)]
     ordered = [found[place] for place in product(_SIDE_WORDS, CHANNEL_NAMES) if place in found]
     return Draft(tuple(joints), contents.times, tuple(ordered), tuple(ignored))
 
@@ -115,9 +117,15 @@ def _without_dead(guess: Guess, chosen: Mapping[tuple[SideName, ChannelName], Gu
     if not dead.any() or dead.all():
         return guess
     columns = ", ".join(str(k) for k in np.flatnonzero(dead))
-    why = f"column {columns} is constant while its joint moves: no sensor there, and left out"
+    why = f"column {columns} is {DEAD}"
     reasons = (*(reason for reason in guess.reasons if not reason.startswith(CONSTANT)), why)
     return replace(guess, places=tuple(np.flatnonzero(~dead).tolist()), reasons=reasons)
+
+
+def _left_out(guess: Guess) -> list[str]:
+    """Return the keys of a guess whose columns, arrays of their own, are left out."""
+    keys, places = guess.table.keys, guess.places
+    return [] if places is None or len(keys) == 1 else [key for k, key in enumerate(keys) if k not in places]
 
 
 def _with_lengths(guess: Guess, slides: Sequence[bool]) -> Guess:

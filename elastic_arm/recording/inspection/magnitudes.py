@@ -94,9 +94,9 @@ def _within(low: Array, high: Array, limits: Sequence[Limits], slides: Sequence[
             inside.append(True)
             continue
         more = _BEYOND * (limit.position_max - limit.position_min)
-        turns = (0.0,) if slide else (-2 * np.pi, 0.0, 2 * np.pi)
-        fits = [limit.position_min - more <= least + k and most + k <= limit.position_max + more for k in turns]
-        inside.append(any(fits))
+        away = 0.5 * (limit.position_min + limit.position_max - least - most)
+        turns = 0.0 if slide else 2 * np.pi * round(float(away) / (2 * np.pi))
+        inside.append(limit.position_min - more <= least + turns and most + turns <= limit.position_max + more)
     return np.array(inside)
 
 

@@ -197,7 +197,8 @@ def _velocities(name: str, motion: _ComparedMotion, joints: Sequence[str]) -> li
         factors = span_of(1.0 / motion.gain[scaled])
         message = f"{name} velocity of {listed(joints, scaled)} is {factors} times the derivative of the position"
         remedy = "check units and signs"
-        if (np.abs(np.log(motion.gain[moving] / np.median(motion.gain[moving]))) < _GAIN).all() and scaled.all():
+        alike = np.abs(motion.gain[moving] / np.median(motion.gain[moving]) - 1.0) < _GAIN
+        if alike.all() and scaled[moving].all():
             remedy = f"check units and signs, and the unit of the times: the samples come at {1 / motion.step:.3g} Hz"
         findings.append(Finding("warning", "velocity", f"{message}: {remedy}"))
     if late.any():
