@@ -84,8 +84,9 @@ def beside_wrong_signs(found: Diagnosis, recordings: Sequence[Recording], questi
     if found.verdict != "unknown" or tilted:
         return found
     opposed = {joint for one in recordings for joint in opposed_joints(without_outliers(one), question.robot)}
-    opposed = (opposed & {one.joint for one in found.unexplained}) - {one.joint for one in loads}
-    if not opposed:
+    opposed -= {one.joint for one in loads}
+    # One sign is mostly that of all joints: where one of them leaves something, the causes of all are in doubt.
+    if not opposed & {one.joint for one in found.unexplained}:
         return found
     causes = [one.against(1.0 / CHANCE) if one.joint is None or one.joint in opposed else one for one in found.causes]
     return replace(found, causes=tuple(causes))
