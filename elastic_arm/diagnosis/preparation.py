@@ -48,6 +48,7 @@ from elastic_arm.identification.batch.mounting import Mounting
 from elastic_arm.identification.batch.turning import turning_speeds
 from elastic_arm.recording import Recording
 from elastic_arm.recording.inspection.plausibility import smoothed_torques
+from elastic_arm.recording.inspection.two_encoders import by_motor_encoders
 
 Array = NDArray[np.float64]
 
@@ -184,7 +185,8 @@ def prepare(recordings: Sequence[Recording], validate: Sequence[Recording], ques
         If a recording lacks a joint.
     """
     names, settings = question.robot.joint_names, question.settings
-    selected = [[usable(r.select(names), settings.preprocessing) for r in part] for part in (recordings, validate)]
+    chosen = [[by_motor_encoders(r.select(names), question.robot) for r in part] for part in (recordings, validate)]
+    selected = [[usable(r, settings.preprocessing) for r in part] for part in chosen]
     alike = with_common_zeros([*selected[0], *selected[1]], question.robot)
     parts = split(alike[: len(recordings)], alike[len(recordings) :], settings.split)
     observed = _observed(parts, held_back=not validate)

@@ -38,6 +38,7 @@ from elastic_arm.identification.stream import Identifier
 from elastic_arm.identification.validation import HeldOut, validated
 from elastic_arm.recording import Recording
 from elastic_arm.recording.inspection.outliers import without_outliers
+from elastic_arm.recording.inspection.two_encoders import by_motor_encoders
 from elastic_arm.robot import Robot
 
 Array = NDArray[np.float64]
@@ -107,7 +108,7 @@ def identify_with(
     if not chosen:
         raise IdentificationError("no recording was given", "Give at least one.")
     report = progress or (lambda what, share: None)
-    chosen = [without_outliers(recording.select(robot.joint_names)) for recording in chosen]
+    chosen = [by_motor_encoders(without_outliers(one.select(robot.joint_names)), robot) for one in chosen]
     prepared = [recording.samples() for recording in chosen]
     motored = any(samples.tau_m is not None for samples in prepared)
     described, robot = robot, robot.with_armatures() if motored else robot
@@ -207,7 +208,8 @@ def _held_out(recordings: Sequence[Recording], trial: BatchTrial, stuck: bool, r
     motions = {}
     for recording in recordings:
         report(f"validation on {recording.source}", 1.0)
-        samples = without_outliers(recording.select(identifier.model.robot.joint_names)).samples()
+        robot = identifier.model.robot
+        samples = by_motor_encoders(without_outliers(recording.select(robot.joint_names)), robot).samples()
         identifier.choose_equations(samples)
         derived = DerivativeStage(samples, "smoother", source=recording.source)(equations, stuck=stuck)
         derived = derived.aligned(equations, trial.derived[0])
