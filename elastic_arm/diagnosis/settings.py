@@ -184,6 +184,7 @@ class JudgementSettings:
     level: float = 0.95  # of the intervals and tests of parameters; convention
     bound_clearance: float = 0.01  # of a parameter's distance from no effect to its physical bound; numerical
     large_share: float = 0.3  # of a joint's torque, from which a lag of a sample is a cause all the same; convention
+    beyond_range: float = 0.05  # of a searched number's limits, which are round numbers, by which it may pass them
     ordinary_deviations: float = 2.0  # by which an estimate may exceed what every arm has; convention
 
 

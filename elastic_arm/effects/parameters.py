@@ -154,6 +154,10 @@ class Parameter:
                 return math.inf
         return (self.neutral or 0.0) + coefficient
 
+    def is_within(self, value: float, margin: float) -> bool:
+        """Whether a value is within its range, or beyond it by no more than a share of the limit."""
+        return self.low - margin * abs(self.low) <= value <= self.high + margin * abs(self.high)
+
     def believable(self, value: float, ratio_factor: float, std: float = 0.0) -> bool:
         """Return whether an arm may have a value: a ratio near its range, a size of the right sign.
 

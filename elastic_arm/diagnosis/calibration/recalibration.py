@@ -140,13 +140,15 @@ def _with_wide_priors(
 
 def _curves(prepared: PreparedData, selected: Sequence[Candidate]) -> list[NuisanceParameter]:
     """Return how the zeros that drift wander beside their mean rates."""
-    rates = zip(selected, prepared.library.coefficients(selected), strict=True)
-    found = [
-        drift_curves(c.feature, float(beta[0]), prepared.settings.refit)
-        for c, beta in rates
-        if isinstance(c.feature.effect, SensorEffect) and c.feature.effect.in_time
-    ]
-    return [curve for curves in found for curve in curves]
+    found: list[NuisanceParameter] = []
+    for candidate, beta in zip(selected, prepared.library.coefficients(selected), strict=True):
+        feature = candidate.feature
+        if isinstance(feature.effect, SensorEffect) and feature.effect.in_time:
+            # The rate is a coefficient, or a searched number of the whole law.
+            values = feature.parameters([float(v) for v in beta], candidate.searched or ())
+            by_rate = Feature(feature.effect, feature.joint, feature.choices, feature.equations, feature.friction)
+            found += drift_curves(by_rate, float(values[by_rate.linear[0].name]), prepared.settings.refit)
+    return found
 
 
 def is_of(parameter: NuisanceParameter, fault: Feature) -> bool:

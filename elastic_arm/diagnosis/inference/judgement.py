@@ -367,11 +367,11 @@ def outside_their_ranges(prepared: PreparedData, hypothesis: Hypothesis) -> list
     """
     if not len(prepared.library.nuisance):
         return []
-    estimated, found = prepared.estimates.parameters(hypothesis.selected), []
+    settings, found = prepared.settings.judgement, []
     for k in hypothesis.causes:
-        effect, values = hypothesis.selected[k].feature.effect, estimated[k]
+        effect, values = hypothesis.selected[k].feature.effect, prepared.estimates.parameters(hypothesis.selected)[k]
         searched = [p for p in effect.parameters if p.role is Role.SEARCHED and p.size == 1 and p.name in values]
-        if any(not p.low <= values[p.name].value <= p.high for p in searched):
+        if any(not p.is_within(values[p.name].value, settings.beyond_range) for p in searched):
             found.append(k)
     return found
 

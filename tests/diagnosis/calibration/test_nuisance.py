@@ -2,11 +2,19 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+from typing import Any
+
 import numpy as np
 import pytest
 
+from elastic_arm.diagnosis.calibration import recalibration
 from elastic_arm.diagnosis.calibration.nuisance import NuisanceParameter
-from elastic_arm.diagnosis.settings import RefitSettings
+from elastic_arm.diagnosis.selection.candidates import feature_of
+from elastic_arm.diagnosis.settings import DiagnosisSettings, RefitSettings
+from elastic_arm.effects import parse
+from elastic_arm.effects.equations import ArmEquations
+from tests.helpers.gap_recordings import ROBOT
 
 SETTINGS = RefitSettings()
 GAIN = NuisanceParameter("joint_torque_gain", "joint_4", "1", 0.01, 1.0)
@@ -69,3 +77,17 @@ def test_a_ratio_below_zero_is_not_ordinary_however_uncertain() -> None:
     wide = NuisanceParameter("motor_torque_gain", "joint_4", "1", 0.15, 1.0)
     assert not wide.is_ordinary(-1.32, 0.45, SETTINGS)
     assert wide.is_ordinary(-0.1, 0.15, SETTINGS)
+
+
+@pytest.mark.parametrize("whole", [False, True])
+def test_a_drift_wanders_beside_its_rate_however_that_was_found(whole: bool) -> None:
+    """As a random walk of its mean rate, which is a coefficient of its column, or a number of the whole law."""
+    drift = feature_of(parse("torque_drift:joint_1:rate=0.2,channel=motor_torque", ROBOT), ArmEquations(ROBOT, "mod3"))
+    found: Any = SimpleNamespace(feature=drift.whole() if whole else drift, searched=(0.2,) if whole else ())
+    library = SimpleNamespace(coefficients=lambda selected: [np.array([1.0 if whole else 0.2])])
+    prepared: Any = SimpleNamespace(library=library, settings=DiagnosisSettings())
+    curves = recalibration._curves(prepared, [found])
+    assert [curve.prior_std for curve in curves] == pytest.approx(
+        [0.2 * np.sqrt(2.0) / np.pi / c.curve for c in curves]
+    )
+    assert all(curve.feature is not None and curve.feature.linear for curve in curves) and curves

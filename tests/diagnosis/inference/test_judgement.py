@@ -11,9 +11,11 @@ import pytest
 
 from elastic_arm.diagnosis import pipeline
 from elastic_arm.diagnosis.inference import judgement
-from elastic_arm.diagnosis.inference.judgement import eliminate, passes
+from elastic_arm.diagnosis.inference.estimates import ParameterEstimate
+from elastic_arm.diagnosis.inference.judgement import eliminate, outside_their_ranges, passes
 from elastic_arm.diagnosis.selection.hypothesis import Hypothesis
 from elastic_arm.diagnosis.settings import DiagnosisSettings
+from elastic_arm.effects import EFFECTS
 
 SETTINGS = DiagnosisSettings()
 
@@ -198,3 +200,14 @@ def test_a_fault_beside_false_causes_alone_is_no_part_of_the_gap(
     monkeypatch.setattr(judgement, "eliminate", lambda prepared, hypothesis, *beside: (hypothesis.drop(1), []))
     judged = judgement.judge(prepared, Hypothesis([good, false]))
     assert judged.faults == left and (bool(left) or judged.measure == "beside ()")
+
+
+@pytest.mark.parametrize(("half_gap", "beyond"), [(0.002005, []), (0.0022, [0])])
+def test_a_number_that_passes_its_range_by_next_to_nothing_is_within(half_gap: float, beyond: list[int]) -> None:
+    """Limits are round numbers: play of 2 mrad that comes out as 2.005 is that; 2.2 mrad stand for something else."""
+    effect = SimpleNamespace(parameters=EFFECTS["backlash"].parameters)
+    hypothesis: Any = Hypothesis([SimpleNamespace(feature=SimpleNamespace(effect=effect))])  # type: ignore[list-item]
+    values = [{"half_gap": ParameterEstimate(half_gap, 1e-6, "rad")}]
+    estimates, library = SimpleNamespace(parameters=lambda selected: values), SimpleNamespace(nuisance=[None])
+    prepared: Any = SimpleNamespace(library=library, settings=SETTINGS, estimates=estimates)
+    assert outside_their_ranges(prepared, hypothesis) == beyond
