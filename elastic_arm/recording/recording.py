@@ -68,6 +68,10 @@ class Recording:
         named = {"link": self.link, "motor": self.motor, "reference": self.reference}
         return {name: side for name, side in named.items() if side is not None}
 
+    def measured(self) -> dict[str, Side]:
+        """Return those of the arm itself, by name: not what it was to follow."""
+        return {name: side for name, side in self.sides().items() if name != "reference"}
+
     @property
     def start_ns(self) -> int:
         """First stamp of the link and motor sides."""
@@ -123,7 +127,7 @@ class Recording:
         return replace(self, joints=tuple(joints), **cut)
 
     def _measured(self) -> list[Side]:
-        measured = [side for side in (self.link, self.motor) if side is not None and len(side)]
+        measured = [side for side in self.measured().values() if len(side)]
         if not measured:
             raise RecordingError(
                 f"{self.source or 'the recording'} holds no samples of the arm",

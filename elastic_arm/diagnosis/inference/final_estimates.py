@@ -119,7 +119,8 @@ class FinalEstimates:
         if left <= settings.search.bent:
             return set()
         whole, least = library.both(selected), settings.significance.detected * left
-        kinds = [("" if e.is_friction else e.id, c.feature.joint) for c in selected if (e := c.feature.effect)]
+        features = [candidate.feature for candidate in selected]
+        kinds = [("" if one.effect.is_friction else one.effect.id, one.joint) for one in features]
         single = [k for k, kind in enumerate(kinds) if kinds.count(kind) == 1]
         return {k for k in single if whole - library.both([*selected[:k], *selected[k + 1 :]]) > least}
 

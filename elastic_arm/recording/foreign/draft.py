@@ -5,14 +5,11 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Literal
 
 import yaml
 
-from elastic_arm.recording.foreign.channels import ChannelName
+from elastic_arm.recording.foreign.channels import ChannelName, SideName
 from elastic_arm.recording.foreign.tables import JointTable, TimeArray
-
-SideName = Literal["link", "motor"]
 
 
 @dataclass(frozen=True)

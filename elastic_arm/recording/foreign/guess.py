@@ -11,9 +11,9 @@ from typing import Literal
 import numpy as np
 
 from elastic_arm.errors import RecordingError
-from elastic_arm.recording.foreign.channels import CHANNEL_NAMES, ChannelName
+from elastic_arm.recording.foreign.channels import CHANNEL_NAMES, ChannelName, SideName
 from elastic_arm.recording.foreign.derivatives import ALIKE, integral, integrals, is_no_rate, slope
-from elastic_arm.recording.foreign.draft import Draft, Guess, SideName
+from elastic_arm.recording.foreign.draft import Draft, Guess
 from elastic_arm.recording.foreign.tables import Contents, JointTable, TimeArray, find_tables
 
 Quantity = Literal["position", "velocity", "acceleration", "effort", "other"]

@@ -27,7 +27,7 @@ _MILLIMETRES = 1000.0
 
 def hardly_usable(recording: Recording) -> list[str]:
     """Return in words why a recording that is whole cannot be used: few samples, or joints without a position."""
-    sides, words = _measured(recording), []
+    sides, words = recording.measured(), []
     count = min((len(side) for side in sides.values()), default=0)
     if count < _FEWEST:
         words.append(f"there are {count} samples only: nothing can be concluded of fewer than {_FEWEST}")
@@ -51,14 +51,10 @@ def beyond_limits(recording: Recording, robot: Robot) -> list[Finding]:
         Its description; joints without limits are not looked at.
     """
     findings = []
-    for name, side in _measured(recording.select(robot.joint_names)).items():
+    for name, side in recording.select(robot.joint_names).measured().items():
         if len(side) >= _FEWEST:
             findings += _positions(name, side, robot) + _speeds(name, side, robot)
     return findings
-
-
-def _measured(recording: Recording) -> dict[str, Side]:
-    return {name: side for name, side in recording.sides().items() if name != "reference"}
 
 
 def _positions(name: str, side: Side, robot: Robot) -> list[Finding]:

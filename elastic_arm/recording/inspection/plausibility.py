@@ -81,7 +81,7 @@ class _ComparedMotion:
 
 def implausible(recording: Recording) -> list[Finding]:
     """Return what no sensors of a moving arm measure; nothing of numbers that are no motion at all."""
-    sides = {name: _whole(side, recording.joints) for name, side in recording.sides().items() if name != "reference"}
+    sides = {name: _whole(side, recording.joints) for name, side in recording.measured().items()}
     if not all(_is_motion(side) for side, _ in sides.values()):
         return []
     findings = _same_arrays(recording)

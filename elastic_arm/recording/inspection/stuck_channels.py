@@ -32,7 +32,7 @@ _LISTED = 5  # times that are written out
 def clipped_torques(recording: Recording) -> list[Finding]:
     """Return which torques sit at an end of their range while their joints move: there the true one is beyond."""
     findings = []
-    for name, side in _measured(recording).items():
+    for name, side in recording.measured().items():
         if side.effort is None or len(side) < _FEWEST:
             continue
         position = _position(recording, side)
@@ -89,7 +89,7 @@ def _piled(torque: Array, moving: NDArray[np.bool_]) -> dict[float, float]:
 
 def moves(recording: Recording) -> bool:
     """Return whether any joint travels, or holds numbers that are none; any may where there are no positions."""
-    positions = [side.position for side in _measured(recording).values() if side.position is not None]
+    positions = [side.position for side in recording.measured().values() if side.position is not None]
     if not positions or not all(map(len, positions)):
         return True
     return any(not np.ptp(column) < STILL for values in positions for column in values[:, joints_with(values)].T)
@@ -109,12 +109,8 @@ def frozen(recording: Recording) -> list[Finding]:
     if link is not None and motor is not None and np.array_equal(link.stamp_ns, motor.stamp_ns):
         groups = {"all channels": [link, motor]}
     else:
-        groups = {f"all channels of the {name} side": [side] for name, side in _measured(recording).items()}
+        groups = {f"all channels of the {name} side": [side] for name, side in recording.measured().items()}
     return [found for what, sides in groups.items() for found in _frozen(what, sides, recording.start_ns)]
-
-
-def _measured(recording: Recording) -> dict[str, Side]:
-    return {name: side for name, side in recording.sides().items() if name != "reference"}
 
 
 def _frozen(what: str, sides: list[Side], start_ns: int) -> list[Finding]:
