@@ -244,6 +244,10 @@ class FinalEstimates:
         unstable = abs(other.value) < settings.stable * abs(fault.value)
         return unstable or ordinary.is_ordinary(other.value, other.std, settings)
 
+    def ordinary_std(self, fault: LargeImperfection) -> float:
+        """Return the standard deviation that a fault has on ordinary arms, in its own unit."""
+        return self._parameter(fault).ordinary_std
+
     def _parameter(self, fault: LargeImperfection) -> NuisanceParameter:
         """Return the nuisance parameter that a fault is; of one that all joints have, that with the widest prior."""
         own = [parameter for parameter in self.fit.problem.parameters if is_of(parameter, fault.feature)]

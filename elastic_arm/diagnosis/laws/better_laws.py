@@ -14,6 +14,7 @@ from elastic_arm.diagnosis.inference.lack_of_fit import LackOfFit
 from elastic_arm.diagnosis.inference.regimes import regime, shares
 from elastic_arm.diagnosis.laws.comparison import LawComparison, LawFit
 from elastic_arm.diagnosis.laws.lags import filters_for_delays
+from elastic_arm.diagnosis.laws.loads import loads_for_offsets
 from elastic_arm.diagnosis.preparation import PreparedData
 from elastic_arm.diagnosis.selection.hypothesis import Hypothesis, Key, Rival
 from elastic_arm.effects.library.friction import DRY
@@ -81,10 +82,12 @@ def better_laws(
     library = prepared.library if final is None else final.fit.found.library
     comparison = LawComparison(library, estimated.optimum, prepared.settings)
     filters = filters_for_delays(prepared, comparison, library.sets, estimated.faults)
+    loads = {} if final is None else loads_for_offsets(library.sets, estimated, final, prepared.settings.general_laws)
     beside = comparison.beside(range(prepared.model.n))
     if beside.gain <= 0.0:
-        return BetterLaws(filters=filters, unlike_noise=unlike_noise)
+        return BetterLaws(instead=loads, filters=filters, unlike_noise=unlike_noise)
     instead, approximated = _instead_of_causes(prepared, comparison, estimated.hypothesis)
+    instead |= loads
     if beside.gain <= detected:
         return BetterLaws(None, instead, approximated, filters, unlike_noise)
     if final is not None:

@@ -79,7 +79,7 @@ def general_laws(sets: Sequence[WhitenedData], joint: int, settings: GeneralLawS
             "its direction, changing with its angle": _times(sign, _splines(sets, angle, settings.places)),
         }
         found += [GeneralLaw(joint, side, argument, shapes, friction=True) for argument, shapes in resisting.items()]
-        found.append(GeneralLaw(joint, side, "its angle", _splines(sets, angle, settings.angles)))
+        found.append(_over_angle(sets, joint, side, angle, settings))
     found += changing_friction(sets, joint, settings)
     if "drive" in sides:
         load = _load(joint)
@@ -90,6 +90,22 @@ def general_laws(sets: Sequence[WhitenedData], joint: int, settings: GeneralLawS
     if n > 1:
         found.append(GeneralLaw(joint, "sensor", "the loads of other joints", _scaled(sets, _loads_but(joint))))
     return found
+
+
+def link_torque(
+    sets: Sequence[WhitenedData], joint: int, size: float, settings: GeneralLawSettings
+) -> tuple[GeneralLaw, Array]:
+    """Return the general law of a torque on a link over its angle, and its coefficients (k,) for one that is constant.
+
+    Parameters
+    ----------
+    sets, joint, settings
+        As of :func:`general_laws`.
+    size
+        The constant, Nm.
+    """
+    law = _over_angle(sets, joint, "link", _signal("x", joint), settings)
+    return law, np.append(np.zeros(settings.angles), size / MEAN)
 
 
 def changing_friction(sets: Sequence[WhitenedData], joint: int, settings: GeneralLawSettings) -> list[GeneralLaw]:
@@ -105,6 +121,12 @@ def changing_friction(sets: Sequence[WhitenedData], joint: int, settings: Genera
         shapes = _times(_signal(f"sign_{side}", joint), over_time)
         found.append(GeneralLaw(joint, side, "its direction, changing over time", shapes, friction=True))
     return found
+
+
+def _over_angle(
+    sets: Sequence[WhitenedData], joint: int, side: str, angle: Argument, settings: GeneralLawSettings
+) -> GeneralLaw:
+    return GeneralLaw(joint, side, "its angle", _splines(sets, angle, settings.angles))
 
 
 def _signal(name: str, column: int) -> Argument:
