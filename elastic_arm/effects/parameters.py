@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from enum import Enum
-from typing import Any
+from typing import Any, Literal
 
 from elastic_arm.errors import EffectError
 from elastic_arm.formatting import JointUnits
@@ -66,6 +66,8 @@ class Parameter:
         Range from which the blind challenge draws it; None for the default, or the plausible range without one.
     example
         Range that is clearly seen on an industrial arm, for demonstrations.
+    exceeded_by
+        What of the joint's motion is beyond it for the most part, whatever the arm does: "deflection", or nothing.
 
     Raises
     ------
@@ -90,6 +92,7 @@ class Parameter:
     inverse: bool = False
     draw: tuple[float, float] | None = None
     example: tuple[float, float] | None = None
+    exceeded_by: Literal["", "deflection"] = ""
 
     def __post_init__(self) -> None:
         self._check_range()

@@ -16,12 +16,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elastic_arm.errors import IdentificationError
-from elastic_arm.estimation.clocks import evidence, jitter_of, wanders
 from elastic_arm.recording import Samples
 from elastic_arm.recording.inspection.quality import UNIT, wrong_rate
 from elastic_arm.recording.inspection.stuck_channels import STILL
 from elastic_arm.recording.sides import ClockMode as Mode
 from elastic_arm.recording.sides import Lacking
+from elastic_arm.recording.timebase.clocks import (
+    MISSING,
+    bunched,
+    evidence,
+    increments,
+    is_even,
+    numbered,
+    wanders,
+)
 
 Array = NDArray[np.float64]
 CHANNELS = ("q", "dq", "tau_J", "theta", "dtheta", "tau_m")
@@ -31,14 +39,6 @@ _OF_ALL = ("notes", "clock", "lacking")  # what samples have once for all of the
 LONGEST_HOLE = 4
 # Or up to so many seconds of them where the times between samples differ anyway: an arm does little in that time.
 LONGEST_HOLE_SECONDS = 0.01
-# Two stamps further apart than this, in sample intervals, have a sample missing between them; so many more where stamps
-# are late by more than an interval, so that those of samples taken regularly wander when they are counted so.
-MISSING = 1.6
-MISSING_LATE = (3.0, 6.0, 12.0)
-# Samples over which the mean interval is taken then: late stamps come in bunches.
-BUNCH = 32
-# Deviations of the stamps below this share of an interval change nothing.
-NO_JITTER = 1e-3
 POINTS = 6
 # Samples beyond a point that it takes to interpolate there, and one for rounding.
 AROUND = POINTS // 2 + 1
@@ -143,7 +143,7 @@ class Clock:
             raise IdentificationError(
                 f"time stands still or runs back at {samples.t[at]:.4f} s", "Repair it with `elastic-arm bag check`."
             )
-        k, rate, missing, jitter = _numbered(samples.t)
+        k, rate, missing, jitter = numbered(samples.t)
         wrong = wrong_rate(rate)
         if wrong is not None:
             raise IdentificationError(f"{source}: {wrong}", UNIT)
@@ -152,7 +152,7 @@ class Clock:
         mode, note = _mode(samples, k, rate, jitter)
         if mode == "stamps" and wanders(jitter, rate):
             # Whatever is missing: points as dense as the samples, and alike in recordings of one source.
-            rate = 1.0 / _bunched(samples.t)
+            rate = 1.0 / bunched(samples.t)
         return Clock(rate, mode, note, missing)
 
     def place(self, samples: Samples) -> list[Grid]:
@@ -210,7 +210,7 @@ class Placing:
 
     def _steps(self, t: Array) -> NDArray[np.int64]:
         """Return how many points of the grid lie between the samples."""
-        return _increments(np.diff(t) * self.clock.rate, self.clock.missing)
+        return increments(np.diff(t) * self.clock.rate, self.clock.missing)
 
     def _points(self, piece: Samples, ends: bool) -> Grid | None:
         if self._origin is None:
@@ -305,42 +305,6 @@ def joined(first: Samples, second: Samples) -> Samples:
     return Samples(**kept, clock=first.clock, lacking=first.lacking)
 
 
-def _increments(steps: Array, missing: float = MISSING) -> NDArray[np.int64]:
-    """Return how many grid steps lie between samples, none missing below so many intervals."""
-    points = np.ones(len(steps), np.int64)
-    apart = np.flatnonzero(steps >= missing)
-    points[apart] = np.rint(steps[apart])
-    return points
-
-
-def _numbered(t: Array) -> tuple[NDArray[np.int64], float, float, Array]:
-    """Return samples' numbers (N,) on a regular clock, its rate, from where one counts as missing, jitter (N,) in s.
-
-    Stamps that are late by more than an interval look like missing samples. They are counted as such if they then keep
-    to a regular clock, or if no other way of counting makes them do so; else in the way that keeps to it most closely.
-    """
-    steps = np.diff(t)
-    interval = float(np.median(steps))
-    found = []
-    for missing in (MISSING, *MISSING_LATE):
-        k = np.concatenate([[0], np.cumsum(_increments(steps / interval, missing))])
-        rate = float((k[-1] - k[0]) / (t[-1] - t[0]))
-        jitter = jitter_of(t, k)
-        if missing == MISSING:
-            if not wanders(jitter, rate):
-                return k, rate, missing, jitter
-            interval = _bunched(t)
-        found.append((wanders(jitter, rate), float(np.std(jitter)), k, rate, missing, jitter))
-    late = [each for each in found if not each[0]]
-    return min(late or found[:1], key=lambda each: each[1])[2:]
-
-
-def _bunched(t: Array) -> float:
-    """Return the mean interval, s, in most stretches of :data:`BUNCH` samples."""
-    span = min(BUNCH, len(t) - 1)
-    return float(np.median((t[span:] - t[:-span]) / span))
-
-
 _MEANING: dict[Mode, str] = {
     "stamps": "samples were taken at their stamps",
     "regular": "samples were taken regularly, whatever their stamps",
@@ -352,7 +316,7 @@ def _mode(samples: Samples, k: NDArray[np.int64], rate: float, jitter: Array) ->
     position = samples.q if samples.q is not None else samples.theta
     if position is None:
         raise IdentificationError("no positions were recorded", "Record /joint_states or /motor_states.")
-    if np.std(np.diff(jitter)) * rate < NO_JITTER:
+    if is_even(jitter, rate):
         return "regular", ""
     found = evidence(samples, k, rate)
     size = f"stamps jitter by {1e3 * np.std(np.diff(jitter)) / np.sqrt(2):.2g} ms"

@@ -22,7 +22,7 @@ from elastic_arm.recording.series import Piece, Series
 from elastic_arm.recording.sides import Side, joints_with
 from elastic_arm.recording.storage.bag import Bag, open_bag
 from elastic_arm.recording.storage.interface import BagFile, Block
-from elastic_arm.recording.timebase import pair
+from elastic_arm.recording.timebase.joining import pair
 from elastic_arm.recording.topics import (
     JOINT_STATES,
     JOINT_TORQUES,

@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 
 from elastic_arm.errors import RecordingError
-from elastic_arm.recording import timebase
 from elastic_arm.recording.sides import ClockMode, Samples, Side
+from elastic_arm.recording.timebase.joining import join
 
 
 @dataclass(frozen=True)
@@ -83,7 +83,7 @@ class Recording:
         return (max(int(side.stamp_ns[-1]) for side in self._measured()) - self.start_ns) * 1e-9
 
     def samples(self) -> Samples:
-        """Bring both sides to one time base; see :func:`elastic_arm.recording.timebase.join`.
+        """Bring both sides to one time base; see :func:`elastic_arm.recording.timebase.joining.join`.
 
         Raises
         ------
@@ -91,7 +91,7 @@ class Recording:
             If neither side was recorded, or the two do not overlap in time.
         """
         try:
-            return replace(timebase.join(self.link, self.motor), clock=self.clock)
+            return replace(join(self.link, self.motor, self.clock), clock=self.clock)
         except RecordingError as error:
             raise RecordingError(f"{self.source or 'the recording'}: {error.problem}", error.remedy) from None
 

@@ -105,8 +105,8 @@ def test_the_grid_holds_as_many_values_as_set() -> None:
     """A nonlinear parameter is tried at `grid` values, an integer one at `orders`."""
     speed = Parameter("speed", "rad/s", 0.01, 1.0, role=Role.SEARCHED)
     one: Any = SimpleNamespace(searched=(speed,))
-    assert len(starting_points(one, CandidateSettings())) == CandidateSettings().grid
-    assert len(starting_points(one, replace(CandidateSettings(), grid=3))) == 3
+    assert len(starting_points(one, CandidateSettings(), ())) == CandidateSettings().grid
+    assert len(starting_points(one, replace(CandidateSettings(), grid=3), ())) == 3
 
 
 def test_a_weak_share_names_no_regime() -> None:

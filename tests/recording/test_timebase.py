@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from elastic_arm.errors import RecordingError
 from elastic_arm.recording import Recording, Side
+from elastic_arm.recording.sides import ClockMode
+from elastic_arm.recording.timebase.joining import pair
 from tests.helpers.bags import JOINTS, START_NS, side, stamps, two_sided
 
 
@@ -53,6 +57,33 @@ def test_stamps_apart_are_interpolated_to_the_link_side() -> None:
         assert np.abs(got - want)[inner].max() < bound
     assert "interpolated" in samples.notes[0]
     assert len(samples) == 1999  # the first link sample lies before the motor's first
+
+
+@pytest.mark.parametrize(("clock", "true"), [(None, False), (None, True), ("regular", False), ("stamps", True)])
+def test_each_side_has_its_own_jitter(rng: np.random.Generator, clock: ClockMode | None, true: bool) -> None:
+    """Two drivers stamp apart: the jitter of stamps moves no sample that was taken regularly, and those that it does.
+
+    By the stamps alone positions of regular samples would be off by 4e-3, the jitter of both times their velocity; the
+    mean of 4000 stamps is known to a sixtieth of that.
+    """
+    jitter = rng.normal(0.0, 3e-5, (2, 4000))
+    late = [stamps(4000) + np.round(1e9 * own).astype(np.int64) for own in jitter]
+    link, motor = (replace(wave(at if true else stamps(4000)), stamp_ns=at) for at in late)
+    samples = Recording(JOINTS, link, motor, clock=clock).samples()
+    expected = wave(samples.stamp_ns if true else stamps(4000)[np.searchsorted(late[0], samples.stamp_ns)])
+    inner = slice(10, -10)
+    np.testing.assert_allclose(samples.theta[inner], expected.position[inner], rtol=0, atol=1.5e-4)
+    np.testing.assert_allclose(samples.tau_m[inner], expected.effort[inner], rtol=0, atol=3e-4)
+
+
+def test_a_side_without_positions_goes_by_the_clock_of_the_other(rng: np.random.Generator) -> None:
+    """Torques alone do not tell what their stamps mean."""
+    late = [stamps(4000) + np.round(rng.normal(0.0, 3e4, 4000)).astype(np.int64) for _ in range(2)]
+    link, motor = (replace(wave(stamps(4000)), stamp_ns=at) for at in late)
+    _, torques, _ = pair(link, Side(motor.stamp_ns, effort=motor.effort), "the torques", "the link side")
+    inner = slice(10, -10)
+    given = link.effort[np.searchsorted(late[0], torques.stamp_ns)]
+    np.testing.assert_allclose(torques.effort[inner], given[inner], rtol=0, atol=3e-4)
 
 
 def test_nothing_is_invented_in_a_gap() -> None:

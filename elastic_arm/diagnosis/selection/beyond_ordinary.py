@@ -96,7 +96,7 @@ def _held(
     """Return what nuisance parameters could hold of the candidates and of further features, but for what is taken."""
     there = {candidate.feature.key for candidate in library.candidates}
     for feature in (feature for feature in features if feature.key not in there):
-        points = starting_points(feature, settings.candidates)
+        points = starting_points(feature, settings.candidates, library.sets)
         library.candidates.extend([library.add(feature, point) for point in points])
     library.close()
     starts = [candidate for candidate in library.candidates if candidate.feature.key not in taken]

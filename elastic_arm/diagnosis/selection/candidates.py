@@ -15,8 +15,13 @@ from elastic_arm.effects.model import Effect, EffectInstance
 from elastic_arm.effects.parameters import Parameter
 from elastic_arm.estimation.effect_columns import SENSED, Feature, OwnRegressor, has_columns
 from elastic_arm.estimation.motion import Motion
+from elastic_arm.estimation.whitening import WhitenedData
 
 Array = NDArray[np.float64]
+
+WOUND = (
+    1.2  # of the median deflection of a joint: what its play may be, with encoders' zeros a little apart; convention
+)
 
 
 def features(equations: ArmEquations, effects: Sequence[Effect]) -> list[Feature]:
@@ -75,19 +80,52 @@ def feature_of(instance: EffectInstance, equations: ArmEquations) -> Feature:
     return kind(effect, instance.joint, chosen, equations)
 
 
-def starting_points(feature: Feature, settings: CandidateSettings) -> list[tuple[float, ...] | None]:
-    """Return values of the searched parameters from which a search may start."""
+def largest_value(feature: Feature, parameter: Parameter, sets: Sequence[WhitenedData]) -> float:
+    """Return the largest value of a searched parameter that recordings allow; infinite where they say nothing of it.
+
+    Beyond it a law is another one: a drive whose play is wider than it is ever wound transmits no torque.
+
+    Parameters
+    ----------
+    feature, parameter
+        The effect at its place, and which of its numbers.
+    sets
+        The recordings.
+    """
+    if not parameter.exceeded_by or feature.joint is None:
+        return np.inf
+    joint, n = feature.equations.robot.joint_names.index(feature.joint), sets[0].layout.n
+    positions = np.concatenate([part.signals.values["x"] for data in sets for part in data.parts])
+    return WOUND * float(np.median(np.abs(positions[:, n + joint] - positions[:, joint])))
+
+
+def starting_points(
+    feature: Feature, settings: CandidateSettings, sets: Sequence[WhitenedData]
+) -> list[tuple[float, ...] | None]:
+    """Return values of the searched parameters from which a search may start.
+
+    Parameters
+    ----------
+    feature
+        The effect at its place.
+    settings
+        How many values are tried.
+    sets
+        The recordings, which bound some of them.
+    """
     if not feature.searched:
         return [()]
     if any(p.size > 1 for p in feature.searched):
         return [None]
     points = settings.grid if len(feature.searched) == 1 else settings.coarse_grid
-    return list(product(*(_tried(parameter, points, settings.orders) for parameter in feature.searched)))
+    largest = [largest_value(feature, parameter, sets) for parameter in feature.searched]
+    tried = (_tried(p, most, points, settings.orders) for p, most in zip(feature.searched, largest, strict=True))
+    return list(product(*tried))
 
 
-def _tried(parameter: Parameter, points: int, orders: int) -> list[float]:
+def _tried(parameter: Parameter, most: float, points: int, orders: int) -> list[float]:
     """Return values of one searched parameter, spread over its range."""
-    low, high = parameter.low, parameter.high
+    low, high = parameter.low, max(min(parameter.high, most), parameter.low)
     if parameter.integer:
         first = int(np.ceil(low))
         return [float(k) for k in range(first, min(first + orders - 1, int(high)) + 1)]

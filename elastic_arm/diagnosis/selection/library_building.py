@@ -37,7 +37,7 @@ def build_library(
     """
     library = RegressorLibrary(identify, validate, settings, nuisance)
     for feature in (f for f in features if not f.effect.scales_friction):
-        for point in starting_points(feature, settings):
+        for point in starting_points(feature, settings, library.sets):
             # What has no free parameter at all has a known size; what is only searched may be scaled while searching.
             scaled = library.add(feature, point, fixed=feature.fixed and not feature.scalable)
             library.candidates.append(scaled)

@@ -71,7 +71,7 @@ class NuisanceColumns:
             limits=self.limits / factors,
         )
 
-    def possible(self, values: Array, joints: Collection[str | None], without: Array | None = None) -> bool:
+    def possible(self, values: Array, joints: Collection[str | None]) -> bool:
         """Whether the nuisance parameters of some joints are within what is believable.
 
         A hypothesis that makes a drive carry no torque, or a sensor measure none, explains every recording.
@@ -82,11 +82,8 @@ class NuisanceColumns:
             (k,) relative to where the model stands.
         joints
             Names.
-        without
-            Values without what is judged: no further off than these, a parameter counts as believable.
         """
-        least = self.limits if without is None else np.maximum(self.limits, np.abs(without - self.centre))
-        beyond = np.abs(values - self.centre) > least
+        beyond = np.abs(values - self.centre) > self.limits
         return not any(one and joint in joints for one, joint in zip(beyond, self.joints, strict=True))
 
     def __len__(self) -> int:

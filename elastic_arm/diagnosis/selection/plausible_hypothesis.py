@@ -47,10 +47,7 @@ def plausible(
     coefficients = library.coefficients(selected)
     if len(library.nuisance):
         values = library.nuisance_values(selected, np.concatenate([*coefficients, np.zeros(0)]))
-        # A number that is beyond without the effect, too, is a fault's.
-        if not library.nuisance.possible(values, joints) and not library.nuisance.possible(
-            values, joints, library.nuisance_values(given)
-        ):
+        if not library.nuisance.possible(values, joints):
             return False
     fitted = zip(selected, coefficients, strict=True)
     judged = ((c, beta) for c, beta in fitted if not c.fixed and c.searched is not None)

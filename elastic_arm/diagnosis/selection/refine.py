@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import minimize, minimize_scalar
 
+from elastic_arm.diagnosis.selection.candidates import largest_value
 from elastic_arm.diagnosis.selection.gram_fits import first_row, orthonormal_basis
 from elastic_arm.diagnosis.selection.hypothesis import tie_of
 from elastic_arm.diagnosis.selection.regressor_library import Candidate, RegressorLibrary
@@ -93,9 +94,10 @@ def refine(
         columns = [library.columns(0, feature, (float(v),)).sum(axis=1) for v in values]
         return project.fixed_each(np.array(columns).T)
 
+    axis = _Axis.of(free[0], settings.range_factor, largest_value(feature, free[0], library.sets))
     found = []
-    for place, width in _starts(costs_each, free[0], start[0], settings, wide=scaled):
-        found.append(refined(*_scalar(cost, free[0], place, width, settings)))
+    for place, width in _starts(costs_each, axis, start[0], settings, wide=scaled):
+        found.append(refined(*_scalar(cost, axis, place, width, settings)))
         if plausible([*others, found[-1]]):
             return found[-1]
     return found[0]
@@ -168,7 +170,7 @@ def _together(
 
 
 def _starts(
-    costs: Callable[[Array], Array], parameter: Parameter, start: float, settings: RefinementSettings, *, wide: bool
+    costs: Callable[[Array], Array], axis: _Axis, start: float, settings: RefinementSettings, *, wide: bool
 ) -> list[tuple[float, float]]:
     """Return where on the axis to look for an optimum, and how far around it, the best first.
 
@@ -176,14 +178,13 @@ def _starts(
     ----------
     costs
         At several values at once.
-    parameter, settings
-        Its range and in how many steps it is gone through.
+    axis, settings
+        The parameter's range and in how many steps it is gone through.
     start
         Value that was tried.
     wide
         Whether the whole range is gone through.
     """
-    axis = _Axis.of(parameter, beyond=settings.range_factor)
     if not wide:
         return [(axis.at(start), 1.2 * (axis.high - axis.low) / 7)]
     # Only the shape of a scaled column was fitted, not its size: evaluate the whole range first.
@@ -196,10 +197,9 @@ def _starts(
 
 
 def _scalar(
-    cost: Cost, parameter: Parameter, centre: float, width: float, settings: RefinementSettings
+    cost: Cost, axis: _Axis, centre: float, width: float, settings: RefinementSettings
 ) -> tuple[tuple[float], float]:
     """Return the best value of a number within some distance of a place on its axis, and its cost."""
-    axis = _Axis.of(parameter, beyond=settings.range_factor)
     # What a column's coefficient means may lie far outside the range.
     centre = min(max(centre, axis.low), axis.high)
     bounds = (max(axis.low, centre - width), min(axis.high, centre + width))
@@ -218,12 +218,13 @@ class _Axis:
     logarithmic: bool
 
     @staticmethod
-    def of(p: Parameter, beyond: float = 1.0) -> _Axis:
-        """Take a parameter's range, widened by a factor."""
+    def of(p: Parameter, beyond: float = 1.0, most: float = np.inf) -> _Axis:
+        """Take a parameter's range, widened by a factor, up to what recordings allow."""
         if p.logarithmic:
-            return _Axis(float(np.log(p.low / beyond)), float(np.log(p.high * beyond)), True)
+            low, high = p.low / beyond, p.high * beyond
+            return _Axis(float(np.log(low)), float(np.log(max(min(high, most), low))), True)
         middle, half = (p.low + p.high) / 2, beyond * (p.high - p.low) / 2
-        return _Axis(middle - half, middle + half, False)
+        return _Axis(middle - half, max(min(middle + half, most), middle - half), False)
 
     def at(self, value: float) -> float:
         """Return where a value lies; one of the wrong sign at the end of the range."""

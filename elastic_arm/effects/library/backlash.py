@@ -31,7 +31,20 @@ EFFECT = Effect(
     signature="Joint torque over deflection is flat in the middle; where the load changes sign the residual steps from "
     "+K b to -K b and the link rings.",
     law=law,
-    parameters=(Parameter("half_gap", "rad", 1e-6, 2e-3, role=Role.SEARCHED, neutral=0.0, least=0.0, meaning="b"),),
+    # A loaded drive lies at one end of its play, and is wound beyond it.
+    parameters=(
+        Parameter(
+            "half_gap",
+            "rad",
+            1e-6,
+            2e-3,
+            role=Role.SEARCHED,
+            neutral=0.0,
+            least=0.0,
+            exceeded_by="deflection",
+            meaning="b",
+        ),
+    ),
     sides=("drive",),
     regime="load",
     confusions=(

@@ -12,7 +12,7 @@ from elastic_arm.recording.foreign.coupling import coupled, coupling_matrix
 from elastic_arm.recording.inspection.quality import checked
 from elastic_arm.recording.series import Series
 from elastic_arm.recording.sides import Array, Side, Stamps
-from elastic_arm.recording.timebase import pair
+from elastic_arm.recording.timebase.joining import pair
 
 
 def mapped_side(

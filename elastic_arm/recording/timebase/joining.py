@@ -4,19 +4,30 @@ from __future__ import annotations
 
 import numpy as np
 import scipy
+from numpy.typing import NDArray
 
 from elastic_arm.errors import RecordingError
-from elastic_arm.recording.sides import Array, Lacking, Samples, Side, Stamps, joints_with
+from elastic_arm.recording.sides import Array, ClockMode, Lacking, Samples, Side, Stamps, joints_with
+from elastic_arm.recording.timebase.clocks import ENOUGH, Evidence, evidence, is_even, numbered
 
 # Two topics stamped by one clock tick share nearly all their stamps, apart from lost messages; below this share they
 # are stamped apart and have to be interpolated.
 COMMON_SHARE = 0.9
 # A spline over a longer hole than this many sample intervals would invent motion.
 LONGEST_GAP = 4.0
+# Of fewer samples nothing is known of their clock.
+SHORTEST = 12
 
 
-def join(link: Side | None, motor: Side | None) -> Samples:
+def join(link: Side | None, motor: Side | None, clock: ClockMode | None = None) -> Samples:
     """Bring both sides to one time base, see :func:`pair`.
+
+    Parameters
+    ----------
+    link, motor
+        The sides; None where one was not recorded.
+    clock
+        What stamps mean, where that is known.
 
     Raises
     ------
@@ -24,7 +35,7 @@ def join(link: Side | None, motor: Side | None) -> Samples:
         If neither side was recorded, or the two do not overlap in time.
     """
     if link is not None and motor is not None and (len(link) or len(motor)):
-        link, motor, notes = pair(link, motor, "the motor side", "the link side")
+        link, motor, notes = pair(link, motor, "the motor side", "the link side", clock)
         return _samples(link.stamp_ns, link, motor, notes)
     only = motor if link is None else link
     if only is None or not len(only):
@@ -32,12 +43,15 @@ def join(link: Side | None, motor: Side | None) -> Samples:
     return _samples(only.stamp_ns, link, motor, ())
 
 
-def pair(base: Side, other: Side, other_name: str, base_name: str) -> tuple[Side, Side, tuple[str, ...]]:
+def pair(
+    base: Side, other: Side, other_name: str, base_name: str, clock: ClockMode | None = None
+) -> tuple[Side, Side, tuple[str, ...]]:
     """Bring `other` to the stamps of `base`.
 
     Samples with equal stamps are joined exactly; where the two are stamped apart, `other` is interpolated by a cubic
-    spline (never beyond its ends or across its gaps). A cubic spline passes what lies well below half the sample rate
-    and damps what lies close to it.
+    spline (never beyond its ends or across its gaps), between the times at which samples were taken: where they were
+    taken regularly, the jitter of stamps is none of the motion's. A cubic spline passes what lies well below half the
+    sample rate and damps what lies close to it.
 
     Parameters
     ----------
@@ -45,6 +59,8 @@ def pair(base: Side, other: Side, other_name: str, base_name: str) -> tuple[Side
         Two sides, or two channels of a side, (N, n) and (M, n).
     other_name, base_name
         What they are called in notes and errors.
+    clock
+        What stamps mean, where that is known; else the motion decides.
 
     Returns
     -------
@@ -69,9 +85,46 @@ def pair(base: Side, other: Side, other_name: str, base_name: str) -> tuple[Side
             f"{base_name} and {other_name} do not overlap in time",
             "Stamp all topics by one clock.",
         )
+    origin = int(base.stamp_ns[0])
+    wanted, given = _times((base, other), origin, clock)
     at = base.at(inside)
     notes = (f"{other_name} was interpolated to the stamps of {base_name} by a cubic spline",)
-    return at, _interpolate(other, at.stamp_ns), notes
+    return at, _interpolate(other, given, at.stamp_ns, wanted[inside]), notes
+
+
+def _times(sides: tuple[Side, Side], origin: int, clock: ClockMode | None) -> tuple[Array, Array]:
+    """Return when the samples (N,) and (M,) of two sides were taken, s from an origin in ns.
+
+    Where one side does not tell what its stamps mean, the other's count as its own.
+    """
+    stamped = [np.asarray((side.stamp_ns - origin) * 1e-9, dtype=np.float64) for side in sides]
+    regular, found = list(stamped), []
+    for k, (side, t) in enumerate(zip(sides, stamped, strict=True)):
+        if len(t) < SHORTEST:
+            return stamped[0], stamped[1]
+        number, rate, _, jitter = numbered(t)
+        regular[k] = t - jitter
+        found.append(None if is_even(jitter, rate) or clock is not None else _evidence(side, number, rate))
+    other = found[::-1]
+    for k, own in enumerate(found):
+        known = own or other[k]
+        if clock == "stamps" or (clock is None and (known is None or known.stamps)):
+            regular[k] = stamped[k]
+    return regular[0], regular[1]
+
+
+def _evidence(side: Side, number: NDArray[np.int64], rate: float) -> Evidence | None:
+    """Return what one side shows of its clock, by the joints that it has."""
+    few = side.at(slice(0, ENOUGH))
+    if few.position is None:
+        return None
+    there = joints_with(few.position)
+    velocity = None if few.velocity is None else few.velocity[:, there]
+    if velocity is not None and not joints_with(velocity).all():
+        velocity = None
+    t: Array = (few.stamp_ns - few.stamp_ns[0]) * 1e-9
+    samples = Samples(t, few.position[:, there], velocity, None, None, None, None, few.stamp_ns)
+    return evidence(samples, number[: len(t)], rate)
 
 
 def _samples(stamp_ns: Stamps, link: Side | None, motor: Side | None, notes: tuple[str, ...]) -> Samples:
@@ -140,10 +193,8 @@ def _covered(wanted: Stamps, given: Stamps) -> np.ndarray:
     return inside & (step[after - 1] <= LONGEST_GAP * np.median(step))
 
 
-def _interpolate(side: Side, stamp_ns: Stamps) -> Side:
-    origin = side.stamp_ns[0]
-    given: Array = (side.stamp_ns - origin) * 1e-9
-    wanted: Array = (stamp_ns - origin) * 1e-9
+def _interpolate(side: Side, given: Array, stamp_ns: Stamps, wanted: Array) -> Side:
+    """Return the samples of a side, taken at times (M,) s, at other ones (N,) with these stamps."""
 
     def at_stamps(values: Array) -> Array:
         there = joints_with(values)

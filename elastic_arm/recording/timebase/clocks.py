@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from elastic_arm.recording import Samples
+from elastic_arm.recording.sides import Samples
 
 Array = NDArray[np.float64]
 
@@ -30,6 +30,14 @@ ENOUGH = 20000
 # stamps of regular samples.
 WANDER = 2.0
 WANDER_OVER_JITTER = 5.0
+# Two stamps further apart than this, in sample intervals, have a sample missing between them; so many more where stamps
+# are late by more than an interval, so that those of samples taken regularly wander when they are counted so.
+MISSING = 1.6
+MISSING_LATE = (3.0, 6.0, 12.0)
+# Samples over which the mean interval is taken then: late stamps come in bunches.
+BUNCH = 32
+# Deviations of the stamps below this share of an interval change nothing.
+NO_JITTER = 1e-3
 # A velocity that equals the difference of the positions to this share is made from it, and no measurement.
 DERIVED = 1e-3
 
@@ -89,6 +97,61 @@ def evidence(samples: Samples, k: NDArray[np.int64], rate: float) -> Evidence | 
     return best if best is not None and best.std < CERTAIN else None
 
 
+def increments(steps: Array, missing: float = MISSING) -> NDArray[np.int64]:
+    """Return how many steps (N,) of a regular clock lie between samples.
+
+    Parameters
+    ----------
+    steps
+        (N,) between stamps, in sample intervals.
+    missing
+        From so many on samples are missing between them.
+    """
+    points = np.ones(len(steps), np.int64)
+    apart = np.flatnonzero(steps >= missing)
+    points[apart] = np.rint(steps[apart])
+    return points
+
+
+def numbered(t: Array) -> tuple[NDArray[np.int64], float, float, Array]:
+    """Return samples' numbers (N,) on a regular clock, its rate, from where one counts as missing, jitter (N,) in s.
+
+    Stamps that are late by more than an interval look like missing samples. They are counted as such if they then keep
+    to a regular clock, or if no other way of counting makes them do so; else in the way that keeps to it most closely.
+
+    Parameters
+    ----------
+    t
+        (N,) increasing stamps, s.
+    """
+    steps = np.diff(t)
+    interval = float(np.median(steps))
+    found = []
+    for missing in (MISSING, *MISSING_LATE):
+        k = np.concatenate([[0], np.cumsum(increments(steps / interval, missing))])
+        rate = float((k[-1] - k[0]) / (t[-1] - t[0]))
+        jitter = jitter_of(t, k)
+        if missing == MISSING:
+            if not wanders(jitter, rate):
+                return k, rate, missing, jitter
+            interval = bunched(t)
+        found.append((wanders(jitter, rate), float(np.std(jitter)), k, rate, missing, jitter))
+    late = [each for each in found if not each[0]]
+    return min(late or found[:1], key=lambda each: each[1])[2:]
+
+
+def bunched(t: Array) -> float:
+    """Return the mean interval, s, in most stretches of :data:`BUNCH` samples.
+
+    Parameters
+    ----------
+    t
+        (N,) increasing stamps, s.
+    """
+    span = min(BUNCH, len(t) - 1)
+    return float(np.median((t[span:] - t[:-span]) / span))
+
+
 def jitter_of(t: Array, k: NDArray[np.int64]) -> Array:
     """Return the deviations (N,) s of stamps from the straight line through them over their numbers `k`."""
     line = k - k.mean()
@@ -111,6 +174,19 @@ def wanders(jitter: Array, rate: float) -> bool:
     """
     size = np.std(np.diff(jitter)) / np.sqrt(2.0)
     return bool(np.std(jitter) * rate > WANDER and np.std(jitter) > WANDER_OVER_JITTER * size)
+
+
+def is_even(jitter: Array, rate: float) -> bool:
+    """Return whether stamps are as good as regular.
+
+    Parameters
+    ----------
+    jitter
+        (N,) s, what :func:`jitter_of` returned.
+    rate
+        Of the clock, samples per second.
+    """
+    return bool(np.std(np.diff(jitter)) * rate < NO_JITTER)
 
 
 def _by_velocity(
