@@ -55,6 +55,7 @@ from elastic_arm.diagnosis.texts.values import effect_at, log_likelihood_text, p
 from elastic_arm.effects import Catalogue
 from elastic_arm.effects.text import known_effects
 from elastic_arm.estimation.equations import SIDES
+from elastic_arm.memory import keep_memory
 from elastic_arm.mujoco import Exported, Replay
 from elastic_arm.recording import Recording, load_channels
 from elastic_arm.recording.inspection.differences import differences
@@ -112,6 +113,7 @@ def diagnose_command(
 
         elastic-arm diagnose bag --refit --with coulomb_friction --with viscous_friction
     """
+    keep_memory()
     require_bags([*bags, *(validate or [])])
     claim_folder(out_dir, (), force=True)  # a diagnosis can be made again: an earlier one is replaced
     catalogue = Catalogue.default().with_files(effects_files or ())

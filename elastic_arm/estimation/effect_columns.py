@@ -203,10 +203,10 @@ class Feature:
         return kind(self.effect, self.joint, self.choices, self.equations, self.friction)
 
     def at(self, equations: ArmEquations) -> Feature:
-        """Return the feature of the same arm with other numbers; columns that hold none of them stay compiled."""
-        moved = replace(self, equations=equations)
-        if not self._compiled.holds_numbers:
-            moved.__dict__["_compiled"] = self._compiled
+        """Return the feature of the same arm with other numbers; its columns stay compiled."""
+        moved, compiled = replace(self, equations=equations), self._compiled.at(equations)
+        if compiled is not None:
+            moved.__dict__["_compiled"] = compiled
         return moved
 
     def scales(self, other: Feature) -> bool:

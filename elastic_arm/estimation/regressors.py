@@ -7,6 +7,7 @@ motor; parameters that do not act linearly are arguments of the columns.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from copy import copy
 from dataclasses import dataclass, field, replace
 from functools import cached_property, reduce
 from operator import add
@@ -221,10 +222,10 @@ class Entries:
         return Entries(columns[:, rows, numbers], rows, numbers, (columns.shape[1], columns.shape[2]))
 
     def dense(self) -> Array:
-        """Return the columns (N, 3 n, k)."""
-        out = np.zeros((len(self.values), *self.shape))
-        out[:, self.rows, self.columns] = self.values
-        return out
+        """Return the columns (N, 3 n, k); each row of a column stands in memory as a whole."""
+        out = np.zeros((*self.shape[::-1], len(self.values)))
+        out[self.columns, self.rows] = self.values.T
+        return out.T
 
 
 @dataclass(frozen=True)
@@ -264,8 +265,8 @@ class CompiledColumns:
     equations
         Of the arm without them.
     engine
-        "numpy" for many effects that are evaluated a few times: the arm's numbers are put in, which folds constants.
-        None for code that is compiled once for all arms of a shape and runs over long recordings.
+        "numpy" for many effects that are evaluated a few times; entries that are null with the arm's numbers are left
+        out. None for code that is compiled once for all arms of a shape and runs over long recordings.
     """
 
     def __init__(self, terms: Sequence[Term], equations: ArmEquations, engine: str | None = "numpy") -> None:
@@ -281,6 +282,7 @@ class CompiledColumns:
         states = {name: ca.SX.sym(name) for term in terms for name in term.effect.states}
         argument, state = _stacked(arguments, "searched"), _stacked(states, "state")
         self._scan: Recursion | None = None
+        self._moved_states = False
         blocks = []
         for term in terms:
             numbers = {p.name: arguments.get(p.name, ca.SX.sym(p.name, p.size)) for p in term.effect.parameters}
@@ -288,24 +290,31 @@ class CompiledColumns:
             blocks.append(_columns(term, contribution, numbers))
             if term.effect.states:
                 self._scan = _recursion(contribution, states, symbols, argument, equations)
+                self._moved_states |= any(ca.depends_on(one, equations.Psi) for one in contribution.rates.values())
         columns = ca.horzcat(*blocks)
         # Whether they are polynomials of second degree in several searched numbers.
         several = sum(p.size for p in searched) > 1 and not states
         self.quadratic = several and ca.is_linear(ca.jacobian(ca.vec(columns), argument), argument)
-        # Whether numbers of the arm stand in them.
-        self.holds_numbers = bool(states) or ca.depends_on(columns, equations.Psi)
-        if engine == "numpy":
-            columns = ca.substitute(columns, equations.Psi, ca.DM(equations.nominal))
         self._shape = (int(columns.shape[0]), int(columns.shape[1]))
         self._arguments = sum(p.size for p in searched)
-        self._compile(ca.cse(columns), symbols, argument, state, engine)
+        self._compile(columns, symbols, argument, state, engine)
+
+    def at(self, equations: ArmEquations) -> CompiledColumns | None:
+        """Return them for the same arm with other numbers; None where these stand in what was compiled."""
+        if self._moved_states or not np.array_equal(equations.nominal == 0.0, self._equations.nominal == 0.0):
+            return None
+        moved = copy(self)
+        moved._equations = equations
+        return moved
 
     def _compile(
         self, columns: ca.SX, symbols: Mapping[str, ca.SX], argument: ca.SX, state: ca.SX, engine: str | None
     ) -> None:
         """Compile the entries that are not null, and remember where they belong."""
-        flat = ca.vec(columns)
-        kept = [int(k) for k in flat.sparsity().row() if not flat[int(k)].is_zero()]
+        Psi, numbers = self._equations.Psi, ca.DM(self._equations.nominal)
+        known = ca.vec(ca.substitute(columns, Psi, numbers) if engine == "numpy" else columns)
+        kept = [int(k) for k in known.sparsity().row() if not known[int(k)].is_zero()]
+        flat = ca.vec(ca.cse(columns))
         self.places: NDArray[np.intp] = np.array(kept, dtype=int)
         function = ca.Function(
             "columns",
