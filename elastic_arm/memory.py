@@ -23,4 +23,5 @@ def keep_memory() -> bool:
     except (AttributeError, OSError):
         return False
     options = ((_MMAP_MAX, 0), (_TRIM_THRESHOLD, _KEPT), (_TOP_PAD, _AHEAD))
-    return all([bool(set_option(option, value)) for option, value in options])
+    done = [bool(set_option(option, value)) for option, value in options]
+    return all(done)

@@ -254,9 +254,7 @@ class LawComparison:
     def _all_laws(self) -> dict[int, list[GeneralLaw]]:
         return {}
 
-    def _fits(
-        self, base: _Base, joint: int, laws: Sequence[int] | None = None
-    ) -> list[tuple[float, float, Array]]:
+    def _fits(self, base: _Base, joint: int, laws: Sequence[int] | None = None) -> list[tuple[float, float, Array]]:
         """Return the log-likelihoods, nats, that laws gain over a base, their likeliest sizes, and their coefficients.
 
         Parameters

@@ -17,7 +17,9 @@ RANK = 1e-10  # relative eigenvalue below which a combination of columns is not 
 DETERMINED = 1e-7
 MANY = 32  # columns from which products of those alone that have begun are faster
 ROUNDING = 1e-14  # of coefficients, times the condition of what they solve; numerical
-HELD = 1e-9  # share of a column's squares beyond others below which these hold it, far below what is determined; numerical
+HELD = (
+    1e-9  # share of a column's squares beyond others below which these hold it, far below what is determined; numerical
+)
 NULL = 1e-13  # relative eigenvalue of a combination that is null but for rounding; numerical
 
 
@@ -303,11 +305,11 @@ def independent_columns(gram: Array, tolerance: float) -> tuple[Index, Array, Ar
         Orthonormal combinations of these that are not determined.
     """
     _, pivots, rank, _ = dpstrf(gram, tol=HELD, lower=1)
-    chosen = np.sort(pivots[:rank] - 1)
-    triangle = np.linalg.cholesky(block(gram, chosen, chosen))
+    chosen = np.sort(np.asarray(pivots[:rank], dtype=np.intp) - 1)
+    triangle = np.asarray(np.linalg.cholesky(block(gram, chosen, chosen)), dtype=float)
     held = solve_triangular(triangle, gram[chosen], lower=True)
     values, vectors = np.linalg.eigh(held @ held.T)
-    return chosen, triangle, vectors[:, values <= tolerance * max(values, default=0.0)]
+    return chosen, triangle, np.asarray(vectors[:, values <= tolerance * max(values, default=0.0)], dtype=float)
 
 
 def regularised(gram: Array, target: Array, rank: float) -> tuple[Array, Array]:
