@@ -26,6 +26,7 @@ from elastic_arm.dynamics import build_model
 from elastic_arm.effects import EFFECTS, EffectInstance, parse
 from elastic_arm.effects.text import known_effects
 from elastic_arm.excitation import MotionLimits, Shape, random_trajectories
+from elastic_arm.memory import keep_memory
 from elastic_arm.recording import Recording
 from elastic_arm.robot import Robot, load_robot
 from elastic_arm.robot.synthetic import random_arm
@@ -136,6 +137,7 @@ def main() -> None:
     parser.add_argument("--joints", type=int, nargs="*", default=[2, 3, 6])
     parser.add_argument("--ten", type=int, nargs="*", default=[3, 6], help="joints of the realistic arms")
     arguments = parser.parse_args()
+    keep_memory()
     print(f"one diagnosis, processor seconds, one core ({TARGET})")
     for seconds in arguments.seconds:
         report(3, seconds)

@@ -55,8 +55,9 @@ from elastic_arm.diagnosis.texts.values import effect_at, log_likelihood_text, p
 from elastic_arm.effects import Catalogue
 from elastic_arm.effects.text import known_effects
 from elastic_arm.estimation.equations import SIDES
+from elastic_arm.memory import keep_memory
 from elastic_arm.mujoco import Exported, Replay
-from elastic_arm.recording import Recording, load_channels
+from elastic_arm.recording import load_channels
 from elastic_arm.recording.inspection.differences import differences
 from elastic_arm.robot import Robot, save_robot
 
@@ -112,6 +113,7 @@ def diagnose_command(
 
         elastic-arm diagnose bag --refit --with coulomb_friction --with viscous_friction
     """
+    keep_memory()
     require_bags([*bags, *(validate or [])])
     claim_folder(out_dir, (), force=True)  # a diagnosis can be made again: an earlier one is replaced
     catalogue = Catalogue.default().with_files(effects_files or ())
@@ -120,10 +122,7 @@ def diagnose_command(
     correction.require_mjcf("--replay" if replayed else None)
     mapping = None if channels is None else load_channels(channels)
     settings = _settings(priors_file, catalogue)
-
-    def read(paths: list[Path]) -> list[Recording]:
-        return [read_by_clock(path, mapping, robot, clock, namespace) for path in paths]
-
+    read = lambda paths: [read_by_clock(path, mapping, robot, clock, namespace) for path in paths]  # noqa: E731
     with err.status("reading"):
         recordings, judges = read(bags), read(validate or [])
         simulated = read([against])[0] if against else None

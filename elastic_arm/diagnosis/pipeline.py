@@ -9,6 +9,7 @@ import numpy as np
 
 from elastic_arm.diagnosis.assembly import assemble
 from elastic_arm.diagnosis.calibration.calibrate import is_commissioned
+from elastic_arm.diagnosis.calibration.mixture import mixture
 from elastic_arm.diagnosis.calibration.recalibration import recalibrated
 from elastic_arm.diagnosis.inference.estimated_hypothesis import EstimatedHypothesis, estimate
 from elastic_arm.diagnosis.inference.excess import select_band, statistics_in_bands
@@ -32,7 +33,7 @@ from elastic_arm.diagnosis.selection.hypothesis import Hypothesis, Key, misfit
 from elastic_arm.diagnosis.selection.library_building import scaling
 from elastic_arm.diagnosis.selection.stepwise import StepwiseSearch
 from elastic_arm.diagnosis.settings import DiagnosisSettings, SearchSettings
-from elastic_arm.diagnosis.texts.notes import PRIORS_UNUSED
+from elastic_arm.diagnosis.texts.notes import PRIORS_UNUSED, mixture_note
 from elastic_arm.effects.equations import ArmEquations
 from elastic_arm.effects.model import Effect, SensorEffect
 from elastic_arm.recording import Recording
@@ -159,7 +160,10 @@ def _is_likelier(again: Diagnosis, exact: Diagnosis, settings: DiagnosisSettings
     # A link's number that is further off than those of a calibrated arm may be a cause that is not in the catalogue;
     # where an exact description takes many numbers that are off, those of links are, too.
     off = _calibrated(cause.instance.effect for cause in exact.causes) > settings.search.few_calibrated
-    of_links = off or all(one.ordinary for one in again.imperfections if one.what.startswith("link_"))
+    named = {cause.joint for cause in again.causes if cause.instance.effect.number}
+    of_links = off or all(
+        one.ordinary or one.joint in named for one in again.imperfections if one.what.startswith("link_")
+    )
     better = exact.verdict == "unknown" or len(again.causes) < len(exact.causes)
     return of_links and better and _explains_with_many_off(again, settings)
 
@@ -206,7 +210,10 @@ def _answered(found: Searched, colours: NoiseColours | None) -> Diagnosis:
     faults = causes.estimated.faults
     judgement = measured_beside(causes.prepared, causes.judgement, faults, laws.refuted(faults))
     # The gap before and after, the verdict, the causes in order, and what is left.
-    return assemble(causes.prepared, judgement, causes.estimated, laws)
+    found_out = assemble(causes.prepared, judgement, causes.estimated, laws)
+    final = causes.estimated.final
+    mixed = mixture(final.fit) if final is not None and found_out.verdict == "unknown" else None
+    return found_out if mixed is None else replace(found_out, notes=(mixture_note(mixed), *found_out.notes))
 
 
 def _beside_scales(found: Searched) -> Searched | None:

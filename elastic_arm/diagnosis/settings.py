@@ -17,6 +17,8 @@ from dataclasses import dataclass, field
 from elastic_arm.diagnosis.priors import Priors
 from elastic_arm.estimation.residuals import FAILS
 
+MOST_GAIN = 1.5  # of a torque sensor; one that is further off reads another quantity, in all likelihood; convention
+
 
 @dataclass(frozen=True)
 class SplitSettings:

@@ -46,6 +46,8 @@ class Feature:
         Of the model that lacks it.
     friction
         The friction that it scales, where it does: effects as their laws, and the values of all their parameters.
+    shared
+        What was compiled of this effect, also for the arm with other numbers.
     """
 
     effect: Effect
@@ -53,6 +55,7 @@ class Feature:
     choices: Mapping[str, Any]
     equations: ArmEquations = field(repr=False)
     friction: tuple[tuple[Feature, tuple[float, ...]], ...] = field(default=(), repr=False)
+    shared: dict[tuple[type, Any], CompiledColumns] = field(default_factory=dict, repr=False)
 
     @cached_property
     def key(self) -> tuple[str, str | None, tuple[Any, ...]]:
@@ -112,12 +115,18 @@ class Feature:
     @property
     def read_torque(self) -> str | None:
         """The torque channel to whose reading it adds at its joint, as a wrong zero does; None for what does not."""
-        first = next((p for p in self.effect.parameters if p.role is Role.LINEAR), None)
-        added = self.joint is not None and first is not None and first.unit in READINGS
+        first = next((p.unit for p in self.effect.parameters if p.role is Role.LINEAR), None)
+        added = self.joint is not None and first in READINGS
         return next(iter(self.sensed & {"tau_J", "tau_m"}), None) if added else None
 
     @cached_property
     def _compiled(self) -> CompiledColumns:
+        kind = type(self), self.key
+        if kind not in self.shared:
+            self.shared[kind] = self._compile()
+        return self.shared[kind].at(self.equations) or self._compile()
+
+    def _compile(self) -> CompiledColumns:
         joints = [self._joint] if self._joint is not None else range(self.equations.robot.n)
         term = Term(self.effect, joints, self.choices, self.linear, self._points, self.searched)
         return CompiledColumns([term], self.equations)
@@ -181,7 +190,7 @@ class Feature:
             Of all internal states, where the motion before the first sample is not known.
         """
         if self.friction:
-            torques = sum(feature.columns(signals, values)[:, :, 0] for feature, values in self.friction)
+            torques = sum(feature.entries(signals, values).weighted(np.ones(1)) for feature, values in self.friction)
             link, _, motor = np.split(torques, 3, axis=1)
             signals = signals.with_friction(link, motor)
         return self._compiled.entries(signals, searched, start)
@@ -200,14 +209,11 @@ class Feature:
     def whole(self) -> Feature:
         """Return the feature whose column is the effect itself: its regressor, or its law."""
         kind = Whole if self.effect.regressor is None else OwnRegressor
-        return kind(self.effect, self.joint, self.choices, self.equations, self.friction)
+        return kind(self.effect, self.joint, self.choices, self.equations, self.friction, self.shared)
 
     def at(self, equations: ArmEquations) -> Feature:
-        """Return the feature of the same arm with other numbers; columns that hold none of them stay compiled."""
-        moved = replace(self, equations=equations)
-        if not self._compiled.holds_numbers:
-            moved.__dict__["_compiled"] = self._compiled
-        return moved
+        """Return the feature of the same arm with other numbers; its columns stay compiled."""
+        return replace(self, equations=equations)
 
     def scales(self, other: Feature) -> bool:
         """Whether another effect is friction that this one scales."""
@@ -251,10 +257,6 @@ class OwnRegressor(Whole):
     def scalable(self) -> bool:
         """False: its size follows from its parameters."""
         return False
-
-    def at(self, equations: ArmEquations) -> Feature:
-        """Return the feature of the same arm with other numbers."""
-        return replace(self, equations=equations)
 
     @cached_property
     def _regressor(self) -> Regressor:
@@ -307,7 +309,8 @@ class ActingEffect:
 
     def torques(self, signals: Signals) -> tuple[Array, Array, Array]:
         """Return what it adds to the joint torque, to the motor torque and to that of the spring (N, n), Nm."""
-        link, drive, motor = np.split(self.feature.columns(signals, self.searched) @ self.coefficients, 3, axis=1)
+        entries = self.feature.entries(signals, self.searched)
+        link, drive, motor = np.split(entries.weighted(self.coefficients), 3, axis=1)
         return link, link + motor, link - drive
 
 
@@ -386,12 +389,9 @@ def starting_state(residual: Array, columns: Callable[[float], Array], size: flo
         if power == 0.0:
             return start
         prior = COLOUR * float(np.mean(left**2)) / USUAL_START**2
-        start = float(np.clip((low + high) / 2 + _step(change, left, (low + high) / 2, prior), -1.0, 1.0))
+        step = (float(np.sum(change * left)) - prior * (low + high) / 2) / (power + prior)
+        start = float(np.clip((low + high) / 2 + step, -1.0, 1.0))
     return start
-
-
-def _step(change: Array, left: Array, start: float, prior: float) -> float:
-    return (float(np.sum(change * left)) - prior * start) / (float(np.sum(change**2)) + prior)
 
 
 def _scale(residual: Array, column: Array) -> float:

@@ -7,6 +7,7 @@ from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.interpolate import CubicSpline
 
 from elastic_arm.dynamics import Model
 from elastic_arm.errors import DiagnosisError
@@ -229,3 +230,10 @@ def drive_constants(model: Model) -> tuple[Array, Array]:
     if not drives:
         return np.zeros(model.n), np.zeros(model.n)
     return model.Psi[[spring.stiffness for spring in drives]], model.Psi[[spring.damping for spring in drives]]
+
+
+def rates_of(t: Array, values: Array) -> Array:
+    """Return the time derivatives (N, …) of signals (N, …) at their own instants t (N,), by cubic splines."""
+    spline = CubicSpline(t, values)
+    # At an instant the derivative is a coefficient of the piece that begins there.
+    return np.concatenate([spline.c[2], spline(t[-1:], 1)])

@@ -208,7 +208,7 @@ def fit_colour(stretches: list[Periodogram]) -> ColourFit:
         return np.asarray(identity + (columns * power[:, None, :]) @ columns.conj().transpose(0, 2, 1))
 
     def likelihood(covariance: Complex, inverse: Complex) -> float:
-        fit = np.real(np.einsum("gij,gji->g", inverse, sample))
+        fit = np.real(np.sum(inverse * sample.transpose(0, 2, 1), axis=(1, 2)))
         return -float(weight @ (np.linalg.slogdet(covariance)[1] + fit))
 
     covariance = model(np.zeros_like(c))
@@ -218,8 +218,8 @@ def fit_colour(stretches: list[Periodogram]) -> ColourFit:
     reached = likelihood(covariance, inverse)
     for _ in range(STEPS):
         back = inverse @ columns
-        seen = np.real(np.einsum("gis,gij,gjs->gs", back.conj(), sample, back))
-        expected = np.real(np.einsum("gis,gis->gs", columns.conj(), back))
+        seen = np.real(np.sum(back.conj() * (sample @ back), axis=1))
+        expected = np.real(np.sum(columns.conj() * back, axis=1))
         ratio = ((weight[:, None] * seen).T @ h) / np.maximum((weight[:, None] * expected).T @ h, 1e-300)
         trial = c * ratio
         covariance = model(trial)

@@ -7,6 +7,7 @@ motor; parameters that do not act linearly are arguments of the columns.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from copy import copy
 from dataclasses import dataclass, field, replace
 from functools import cached_property, reduce
 from operator import add
@@ -15,7 +16,6 @@ from typing import Any
 import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
-from scipy.interpolate import CubicSpline
 
 from elastic_arm.codegen import kernels
 from elastic_arm.codegen.recursion import Recursion
@@ -25,7 +25,7 @@ from elastic_arm.effects.model import Effect
 from elastic_arm.effects.motion import Contribution
 from elastic_arm.effects.parameters import Parameter
 from elastic_arm.effects.regressor import Once
-from elastic_arm.estimation.motion import CompletedMotion
+from elastic_arm.estimation.motion import CompletedMotion, rates_of
 from elastic_arm.estimation.smoother import Smoother
 
 Array = NDArray[np.float64]
@@ -33,8 +33,6 @@ INPUTS = (
     "x", "dx", "ddx", "tau_J", "tau_m", "dtau_J", "dtau_m",
     "progress", "elapsed", "friction_link", "friction_motor", "wound", "sign_link", "sign_motor",
 )  # fmt: skip
-# Steps of a sample interval at which the sign of a velocity is taken before it is smoothed.
-FINER = 8
 
 
 @dataclass(frozen=True)
@@ -95,14 +93,14 @@ class Signals:
         smoother
             What the residuals have passed, where it takes a part of their band: signs pass it, too.
         """
-        rates = [CubicSpline(motion.t, torque)(motion.t, 1) for torque in (motion.tau_J, motion.tau_m)]
+        rates = [rates_of(motion.t, torque) for torque in (motion.tau_J, motion.tau_m)]
         before = None
         if motion.before is not None:
             before = Signals.of(motion.before, standstill, elastic=elastic, cutoff=cutoff, smoother=smoother)
         values = _values(motion, standstill, rates, elastic=elastic)
         if smoother is not None:
             of_sides = {"sign_link": (motion.dq, standstill[0]), "sign_motor": (motion.dtheta, standstill[1])}
-            values |= {name: _smoothed_sign(motion.t, *side, smoother) for name, side in of_sides.items()}
+            values |= {name: smoother.sign(motion.t, *side) for name, side in of_sides.items()}
         return Signals(motion.t, values, cutoff, before, predicted)
 
     @staticmethod
@@ -186,15 +184,6 @@ def _values(
     return {name: np.ascontiguousarray(v) for name, v in values.items()}
 
 
-def _smoothed_sign(t: Array, velocity: Array, standstill: Array, smoother: Smoother) -> Array:
-    """Return the sign (N, n) of a velocity as the residuals hold it.
-
-    A jump is between two samples and has no band: the sign is taken at finer steps, and passes the smoother there.
-    """
-    fine = np.linspace(t[0], t[-1], (len(t) - 1) * FINER + 1)
-    return smoother.thinned(np.tanh(CubicSpline(t, velocity)(fine) / standstill), FINER)
-
-
 @dataclass(frozen=True, eq=False)
 class Entries:
     """Columns of the residuals at the recording's rate, of which only some entries are not null.
@@ -221,10 +210,17 @@ class Entries:
         return Entries(columns[:, rows, numbers], rows, numbers, (columns.shape[1], columns.shape[2]))
 
     def dense(self) -> Array:
-        """Return the columns (N, 3 n, k)."""
-        out = np.zeros((len(self.values), *self.shape))
-        out[:, self.rows, self.columns] = self.values
-        return out
+        """Return the columns (N, 3 n, k); each row of a column stands in memory as a whole."""
+        out = np.zeros((*self.shape[::-1], len(self.values)))
+        out[self.columns, self.rows] = self.values.T
+        return out.T
+
+    def weighted(self, coefficients: Array) -> Array:
+        """Return the sum (N, 3 n) of the columns times coefficients (k,)."""
+        out = np.zeros((self.shape[0], len(self.values)))
+        for values, row, column in zip(self.values.T, self.rows, self.columns, strict=True):
+            out[row] += coefficients[column] * values
+        return out.T
 
 
 @dataclass(frozen=True)
@@ -264,8 +260,8 @@ class CompiledColumns:
     equations
         Of the arm without them.
     engine
-        "numpy" for many effects that are evaluated a few times: the arm's numbers are put in, which folds constants.
-        None for code that is compiled once for all arms of a shape and runs over long recordings.
+        "numpy" for many effects that are evaluated a few times; entries that are null with the arm's numbers are left
+        out. None for code that is compiled once for all arms of a shape and runs over long recordings.
     """
 
     def __init__(self, terms: Sequence[Term], equations: ArmEquations, engine: str | None = "numpy") -> None:
@@ -281,31 +277,40 @@ class CompiledColumns:
         states = {name: ca.SX.sym(name) for term in terms for name in term.effect.states}
         argument, state = _stacked(arguments, "searched"), _stacked(states, "state")
         self._scan: Recursion | None = None
+        self._moved_states = False
         blocks = []
         for term in terms:
             numbers = {p.name: arguments.get(p.name, ca.SX.sym(p.name, p.size)) for p in term.effect.parameters}
-            contribution = _contribution(term, motion, {**numbers, **term.choices, **states})
+            values = {**numbers, **term.choices, **states}
+            contribution = reduce(add, (term.effect.law(motion, i, values) for i in term.joints))
             blocks.append(_columns(term, contribution, numbers))
             if term.effect.states:
                 self._scan = _recursion(contribution, states, symbols, argument, equations)
+                self._moved_states |= any(ca.depends_on(one, equations.Psi) for one in contribution.rates.values())
         columns = ca.horzcat(*blocks)
         # Whether they are polynomials of second degree in several searched numbers.
         several = sum(p.size for p in searched) > 1 and not states
         self.quadratic = several and ca.is_linear(ca.jacobian(ca.vec(columns), argument), argument)
-        # Whether numbers of the arm stand in them.
-        self.holds_numbers = bool(states) or ca.depends_on(columns, equations.Psi)
-        if engine == "numpy":
-            columns = ca.substitute(columns, equations.Psi, ca.DM(equations.nominal))
         self._shape = (int(columns.shape[0]), int(columns.shape[1]))
         self._arguments = sum(p.size for p in searched)
-        self._compile(ca.cse(columns), symbols, argument, state, engine)
+        self._compile(columns, symbols, argument, state, engine)
+
+    def at(self, equations: ArmEquations) -> CompiledColumns | None:
+        """Return them for the same arm with other numbers; None where these stand in what was compiled."""
+        if self._moved_states or not np.array_equal(equations.nominal == 0.0, self._equations.nominal == 0.0):
+            return None
+        moved = copy(self)
+        moved._equations = equations
+        return moved
 
     def _compile(
         self, columns: ca.SX, symbols: Mapping[str, ca.SX], argument: ca.SX, state: ca.SX, engine: str | None
     ) -> None:
         """Compile the entries that are not null, and remember where they belong."""
-        flat = ca.vec(columns)
-        kept = [int(k) for k in flat.sparsity().row() if not flat[int(k)].is_zero()]
+        Psi, numbers = self._equations.Psi, ca.DM(self._equations.nominal)
+        known = ca.vec(ca.substitute(columns, Psi, numbers) if engine == "numpy" else columns)
+        kept = [int(k) for k in known.sparsity().row() if not known[int(k)].is_zero()]
+        flat = ca.vec(ca.cse(columns))
         self.places: NDArray[np.intp] = np.array(kept, dtype=int)
         function = ca.Function(
             "columns",
@@ -350,10 +355,6 @@ class CompiledColumns:
 def _stacked(symbols: Mapping[str, ca.SX], name: str) -> ca.SX:
     """Stack symbols to one column, a stand-in where there are none."""
     return ca.vertcat(*symbols.values()) if symbols else ca.SX.sym(name, 1)
-
-
-def _contribution(term: Term, motion: SymbolicMotion, values: Mapping[str, Any]) -> Contribution:
-    return reduce(add, (term.effect.law(motion, i, values) for i in term.joints))
 
 
 def _columns(term: Term, contribution: Contribution, numbers: Mapping[str, ca.SX]) -> ca.SX:

@@ -227,10 +227,9 @@ class FreeTorques:
         """Return residuals or columns (N', R, …) without them, perhaps in the same array."""
         if not self.found:
             return values
-        acting = np.asarray(values.any(axis=0)).reshape(values.shape[1], -1).any(axis=1)
         out = values if in_place else values.copy(order="K")
-        for row in np.flatnonzero(acting):
-            for free in self._of_row.get(int(row), ()):
+        for row, torques in self._of_row.items():
+            for free in torques if out[:, row].any() else ():
                 part = out[free.instants, row]
                 part -= free.basis @ (free.basis.T @ part)
         return out

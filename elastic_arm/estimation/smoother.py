@@ -15,6 +15,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.interpolate import CubicSpline
 from scipy.signal import oaconvolve
 
 from elastic_arm.errors import IdentificationError
@@ -25,6 +26,8 @@ from elastic_arm.estimation.resampling import Grid, extended
 
 Array = NDArray[np.float64]
 
+# Steps of a sample interval at which the sign of a velocity is taken before it is smoothed.
+FINER = 8
 # The taps are cut where they have fallen to this share.
 TAIL = 1e-11
 # Noise of an acceleration that no arm's motion notices, rad/s²: positions alone serve then.
@@ -136,6 +139,21 @@ class Smoother:
             columns = used[k : k + TOGETHER]
             out[:, columns] = convolve([values[:, columns]], response, every)[0]
         return out
+
+    def sign(self, t: Array, velocity: Array, standstill: Array) -> Array:
+        """Return the sign (N, n) of a velocity as smoothed residuals hold it.
+
+        A jump is between two samples and has no band: the sign is taken at finer steps, and passes the smoother there.
+
+        Parameters
+        ----------
+        t, velocity
+            (N,) s and (N, n) rad/s.
+        standstill
+            (n,) rad/s, below which a velocity has no sign.
+        """
+        fine = np.linspace(t[0], t[-1], (len(t) - 1) * FINER + 1)
+        return self.thinned(np.tanh(CubicSpline(t, velocity)(fine) / standstill), FINER)
 
     def thinned(self, values: Array, finer: int) -> Array:
         """Pass values (N, m) at `finer` times the rate through H, and keep one of `finer`; the ends are continued."""

@@ -312,7 +312,7 @@ class WhitenedData:
 
     def plain(self, feature: Feature, searched: Sequence[float] = ()) -> list[Array]:
         """Return a feature's columns (N', R, count) in the band, one array a stretch."""
-        return self.weighted([self._in_band_of(k, feature, searched) for k in range(len(self.parts))])
+        return self.weighted([self._in_band_of(k, feature, searched) for k in range(len(self.parts))], in_place=True)
 
     def _in_band_of(self, k: int, feature: Feature, searched: Sequence[float]) -> Array:
         """Return a feature's columns (N', R, count) in stretch k."""

@@ -45,7 +45,7 @@ class Moved:
     def whiten(self, columns: Sequence[Array]) -> Array:
         return np.concatenate([(self._whitener @ c).reshape(-1, c.shape[2]) for c in columns])
 
-    def weighted(self, columns: Sequence[Array]) -> list[Array]:
+    def weighted(self, columns: Sequence[Array], *, in_place: bool = False) -> list[Array]:
         return list(columns)
 
     def plain(self, feature: Any, searched: Sequence[float]) -> list[Array]:

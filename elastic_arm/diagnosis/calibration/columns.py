@@ -11,7 +11,6 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.interpolate import CubicSpline
 
 from elastic_arm.diagnosis.calibration.calibrated_robot import calibrated_robot
 from elastic_arm.diagnosis.calibration.nuisance import NuisanceParameter
@@ -19,7 +18,7 @@ from elastic_arm.diagnosis.selection.library_building import scaling
 from elastic_arm.dynamics import Model, build_model
 from elastic_arm.effects.equations import ArmEquations
 from elastic_arm.estimation.effect_columns import ActingEffect, Feature
-from elastic_arm.estimation.motion import CompletedMotion, drive_constants
+from elastic_arm.estimation.motion import CompletedMotion, drive_constants, rates_of
 from elastic_arm.estimation.noise import wiener_filtered
 from elastic_arm.estimation.regressors import Entries
 from elastic_arm.estimation.residuals import predicted_torques
@@ -194,6 +193,7 @@ def _drive_entries(model: Model, nominal: Robot, part: Part, parameters: Sequenc
     n, elastic, motion = model.n, model.robot.elastic, part.stretch.quiet
     load = predicted_torques(model, motion)[0] if elastic else np.zeros((len(motion), n))
     K = drive_constants(model)[0] if elastic else np.ones(n)
+    rates = rates_of(motion.t, load) if any(p.what == "damping" for p in parameters) else load
     found: list[tuple[int, int, Array]] = []
     for k, parameter in enumerate(parameters):
         j = model.robot.joint_names.index(parameter.joint)
@@ -204,7 +204,7 @@ def _drive_entries(model: Model, nominal: Robot, part: Part, parameters: Sequenc
         elif parameter.what == "stiffness" and gear is not None:
             found.append((n + j, k, load[:, j] * (gear.stiffness / K[j])))
         elif parameter.what == "damping" and gear is not None:
-            found.append((n + j, k, gear.damping / K[j] * _rate(motion.t, load[:, j], part.noise, j)))
+            found.append((n + j, k, gear.damping / K[j] * _quiet(rates[:, j], part.noise, j)))
     values = np.empty((len(motion), len(found)))
     for column, (_, k, law) in enumerate(found):
         values[:, column] = law * parameters[k].prior_std
@@ -212,12 +212,11 @@ def _drive_entries(model: Model, nominal: Robot, part: Part, parameters: Sequenc
     return Entries(values, rows, numbers, (3 * n, len(parameters)))
 
 
-def _rate(t: Array, load: Array, noise: NoiseModel, j: int) -> Array:
-    """Return the rate (N,) of the predicted load (N,) of joint j, Nm/s, without what is noise of the encoders.
+def _quiet(rate: Array, noise: NoiseModel, j: int) -> Array:
+    """Return the rate (N,) of the predicted load of joint j, Nm/s, without what is noise of the encoders in it.
 
     It holds the third derivative of the links' angles. Regressed on its noise too, a damping comes out too small.
     """
-    rate = np.asarray(CubicSpline(t, load)(t, 1))
     assert noise.load is not None
     return wiener_filtered(rate, noise.rate, noise.f, (2 * np.pi * noise.f) ** 2 * noise.load[:, j])
 

@@ -74,7 +74,7 @@ def linearise(
         for feature, instance in zip(problem.features, problem.known, strict=True)
     ]
     again = [library.add(c.feature.at(equations), c.searched, fixed=c.fixed) for c in extra]
-    library.candidates.extend((*given, *again))
+    library.compete(*given, *again)
     library.close()
     return Linearised(expansion, library, tuple(given)), again
 

@@ -186,10 +186,12 @@ def placed(data: WhitenedData, side: str, joint: int, shapes: Sequence[Array]) -
         (N', k) of each stretch.
     """
     layout = data.layout
-    pattern = np.zeros(layout.rows)
+    columns = [np.zeros((thin.shape[1], layout.rows, len(thin))).T for thin in shapes]
     for name in layout.sides if side == "sensor" else (side,):
-        pattern[_row(data, name, joint)] = SHARED.get(name, 1.0) if side == "sensor" else 1.0
-    return data.weighted([pattern[None, :, None] * thin[:, None, :] for thin in shapes])
+        sign = SHARED.get(name, 1.0) if side == "sensor" else 1.0
+        for own, thin in zip(columns, shapes, strict=True):
+            own[:, _row(data, name, joint)] = sign * thin
+    return data.weighted(columns, in_place=True)
 
 
 def _row(data: WhitenedData, side: str, joint: int) -> int:

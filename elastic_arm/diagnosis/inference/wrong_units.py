@@ -16,6 +16,7 @@ from elastic_arm.diagnosis.texts.notes import wrong_unit_note
 from elastic_arm.effects import robot_effects
 from elastic_arm.effects.library.base_tilt import TILT
 from elastic_arm.effects.model import SensorEffect
+from elastic_arm.estimation.effect_columns import Feature
 from elastic_arm.recording import Recording
 from elastic_arm.recording.inspection.described_gravity import CHANCE, opposed_joints
 from elastic_arm.recording.inspection.outliers import without_outliers
@@ -38,19 +39,16 @@ def wrong_unit_notes(prepared: PreparedData, selected: Sequence[Candidate], rows
         Numbers of the residuals at which much is left.
     """
     notes, library, live = [], prepared.library, prepared.validation.layout.live
-    for candidate in library.candidates:
+
+    def rows_of(feature: Feature) -> list[int]:
+        return [row for row, place in enumerate(prepared.places) if place in _places(feature) and live[row]]
+
+    for candidate in library.among(lambda feature: _is_gain(feature) and bool(set(rows_of(feature)) & set(rows_left))):
         feature = candidate.feature
-        if feature.joint is None or not isinstance(feature.effect, SensorEffect) or not feature.linear:
-            continue
-        parameter = feature.linear[0]
-        if parameter.unit != "1" or not parameter.neutral:
-            continue
-        rows = [row for row, place in enumerate(prepared.places) if place in _places(candidate) and live[row]]
-        if not set(rows) & set(rows_left):
-            continue
+        parameter, rows = feature.linear[0], rows_of(feature)
         others = [one for one in selected if one.feature.key != feature.key]
         # In the place of friction that is still to be found any gain would do.
-        others += _frictions(prepared, feature.joint, others)
+        others += _frictions(prepared, str(feature.joint), others)
         gain = parameter.value_of(float(library.coefficients([*others, candidate])[-1][0]))
         before, after = (_squares(library.validation_residuals(own)) for own in (others, [*others, candidate]))
         # A torque divided by a hundred leaves little, whatever it is: less than what it then is has to be left.
@@ -95,12 +93,23 @@ def beside_wrong_signs(found: Diagnosis, recordings: Sequence[Recording], questi
 def _frictions(prepared: PreparedData, joint: str, beside: Sequence[Candidate]) -> list[Candidate]:
     """Return the frictions of a joint that are linear in all their numbers, but for those that are there."""
     keys = {one.feature.key for one in beside}
-    own = (one for one in prepared.library.candidates if one.feature.joint == joint and one.feature.key not in keys)
-    return [one for one in own if one.feature.effect.is_friction and one.searched == ()]
+
+    def is_wanted(feature: Feature) -> bool:
+        own = feature.joint == joint and feature.key not in keys
+        return own and feature.effect.is_friction and not feature.searched
+
+    return prepared.library.among(is_wanted)
 
 
-def _places(candidate: Candidate) -> list[tuple[str, str]]:
-    feature = candidate.feature
+def _is_gain(feature: Feature) -> bool:
+    """Whether a feature is the gain of a sensor at a joint."""
+    if feature.joint is None or not isinstance(feature.effect, SensorEffect) or not feature.linear:
+        return False
+    parameter = feature.linear[0]
+    return parameter.unit == "1" and bool(parameter.neutral)
+
+
+def _places(feature: Feature) -> list[tuple[str, str]]:
     return [(str(feature.joint), side) for side in feature.sides]
 
 

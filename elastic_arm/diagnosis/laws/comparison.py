@@ -125,7 +125,7 @@ class LawComparison:
             One of those that were compared.
         """
         k = self._laws(law.joint).index(law)
-        with_cause, without = (self._fit(base, law.joint, k)[0] for base in (self._whole, self._beside(key)))
+        with_cause, without = (self._fits(base, law.joint, [k])[0][0] for base in (self._whole, self._beside(key)))
         return self.worth(key) + with_cause - without
 
     def instead_of_numbers(self, wider: Mapping[int, float], joints: Sequence[int]) -> Iterator[LawFit]:
@@ -237,7 +237,9 @@ class LawComparison:
 
     def _ranked(self, base: _Base, joints: Sequence[int]) -> Iterator[LawFit]:
         """Yield the general laws of some joints beside a base, the one that explains most first."""
-        tried = [(law, *self._fit(base, joint, k)) for joint in joints for k, law in enumerate(self._laws(joint))]
+        tried = [
+            (law, *fit) for joint in joints for law, fit in zip(self._laws(joint), self._fits(base, joint), strict=True)
+        ]
         chosen = base.log_likelihood - self._whole.log_likelihood - float(np.log(len(tried)))
         for law, gain, size, coefficients in sorted(tried, key=lambda one: -one[1]):
             torque = [part @ coefficients for part in law.plain(self._library.sets[1])]
@@ -252,13 +254,39 @@ class LawComparison:
     def _all_laws(self) -> dict[int, list[GeneralLaw]]:
         return {}
 
-    def _fit(self, base: _Base, joint: int, k: int) -> tuple[float, float, Array]:
-        """Return the log-likelihood, nats, that a law gains over a base, its likeliest size, and its coefficients."""
-        blocks = self._of_law(joint, k)
-        gram = np.sum([columns.T @ columns for _, columns in blocks], axis=0)
-        held = np.sum([base.basis[rows].T @ columns for rows, columns in blocks], axis=0)
-        target = np.sum([columns.T @ base.left[rows] for rows, columns in blocks], axis=0)
-        values, vectors = np.linalg.eigh((gram - held.T @ held) / self._noise)
+    def _fits(self, base: _Base, joint: int, laws: Sequence[int] | None = None) -> list[tuple[float, float, Array]]:
+        """Return the log-likelihoods, nats, that laws gain over a base, their likeliest sizes, and their coefficients.
+
+        Parameters
+        ----------
+        base
+            What is in the regression.
+        joint
+            On which they act.
+        laws
+            Numbers of some of the joint's laws; all when None.
+        """
+        chosen = range(len(self._laws(joint))) if laws is None else laws
+        blocks = {k: self._of_law(joint, k) for k in chosen}
+        alike: dict[tuple[int, ...], list[int]] = {}
+        for k, own in blocks.items():
+            alike.setdefault(tuple(rows.start for rows, _ in own), []).append(k)
+        found: dict[int, tuple[float, float, Array]] = {}
+        for numbers in alike.values():
+            # The basis is the largest by far, and is gone through once for all laws that act in the same rows.
+            parts = [[blocks[k][which] for k in numbers] for which in (0, 1)]
+            together = [(own[0][0], np.hstack([columns for _, columns in own])) for own in parts]
+            held = np.sum([base.basis[rows].T @ columns for rows, columns in together], axis=0)
+            target = np.sum([columns.T @ base.left[rows] for rows, columns in together], axis=0)
+            ends = np.cumsum([blocks[k][0][1].shape[1] for k in numbers])[:-1]
+            for k, along, aim in zip(numbers, np.split(held, ends, axis=1), np.split(target, ends), strict=True):
+                gram = np.sum([columns.T @ columns for _, columns in blocks[k]], axis=0)
+                found[k] = self._gained(gram - along.T @ along, aim)
+        return [found[k] for k in chosen]
+
+    def _gained(self, gram: Array, target: Array) -> tuple[float, float, Array]:
+        """Return what a law gains, its likeliest size, and its coefficients, from products beside a base."""
+        values, vectors = np.linalg.eigh(gram / self._noise)
         seen = values > RANK**2 * values[-1]
         values, vectors = values[seen], vectors[:, seen]
         shown = vectors.T @ target / self._noise

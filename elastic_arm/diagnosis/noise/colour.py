@@ -17,10 +17,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 from scipy.fft import rfft
+from scipy.linalg import solve_triangular
 
 from elastic_arm.diagnosis.inference.lack_of_fit import placed, shapes_of
 from elastic_arm.diagnosis.laws.general_laws import changing_friction
 from elastic_arm.diagnosis.preparation import PreparedData
+from elastic_arm.diagnosis.selection.gram_fits import independent_columns
 from elastic_arm.diagnosis.selection.hypothesis import Hypothesis
 from elastic_arm.diagnosis.selection.plausible_size import typical_torques
 from elastic_arm.diagnosis.settings import ColourSettings
@@ -234,28 +236,32 @@ def _beside(spectra: Sequence[_Spectra], columns: Sequence[_Spectra], colour: Co
     """
     factors = [_factor(one, colour) for one in spectra]
     inverses = [np.linalg.inv(factor) for factor in factors]
-    # Equations are made independent in their order: a column is null before the first residual in which it shows.
+    # Equations are made independent in their order: a column is null before the first residual in which it shows. Those
+    # that begin last come first, so that what is made orthogonal in this order is null there, too.
     first = np.argmax(np.any([one.values.any(axis=0) for one in columns], axis=0), axis=0)
-    order, begun = np.argsort(first, kind="stable"), np.cumsum(np.bincount(first, minlength=spectra[0].values.shape[1]))
-    rows = [_real_rows(inverse, one.values[:, :, order]) for inverse, one in zip(inverses, columns, strict=True)]
-    aims = [_real_rows(inverse, one.values)[:, :, 0] for inverse, one in zip(inverses, spectra, strict=True)]
+    order, alone = np.argsort(-first, kind="stable"), np.zeros(1, dtype=int)
+    null = np.searchsorted(-first[order], -np.arange(spectra[0].values.shape[1]))
+    rows = [_real_rows(inverse, one.values, order) for inverse, one in zip(inverses, columns, strict=True)]
+    aims = [_real_rows(inverse, one.values, alone)[:, :, 0] for inverse, one in zip(inverses, spectra, strict=True)]
     gram, target = np.zeros((len(order), len(order))), np.zeros(len(order))
     for x, v in zip(rows, aims, strict=True):
-        for own, aim, n in zip(x, v, begun, strict=True):
-            gram[:n, :n] += own[:, :n].T @ own[:, :n]
-            target[:n] += own[:, :n].T @ aim
+        for own, aim, k in zip(x, v, null, strict=True):
+            gram[k:, k:] += own[:, k:].T @ own[:, k:]
+            target[k:] += own[:, k:].T @ aim
     scale = np.sqrt(np.maximum(np.diag(gram), 1e-300))
-    values, vectors = np.linalg.eigh(gram / np.outer(scale, scale))
-    keep = values > RANK * values[-1]
-    basis = vectors[:, keep] / np.sqrt(values[keep]) / scale[:, None]
-    beta = basis @ (basis.T @ target)
+    chosen, triangle, lost = independent_columns(gram / np.outer(scale, scale), RANK)
+    scale, null = scale[chosen], np.searchsorted(chosen, null)
+    beta = solve_triangular(triangle, target[chosen] / scale, lower=True)
+    beta -= lost @ (lost.T @ beta)
     found = []
     for one, factor, x, v in zip(spectra, factors, rows, aims, strict=True):
         shape = (*one.values.shape[:2], 2)
         held, parts = np.empty(shape), np.empty(shape)
-        for r, (own, aim, n) in enumerate(zip(x, v, begun, strict=True)):
-            held[:, r] = np.square(own[:, :n] @ basis[:n]).sum(axis=1).reshape(-1, 2)
-            parts[:, r] = (aim - own[:, :n] @ beta[:n]).reshape(-1, 2)
+        for r, (own, aim, k) in enumerate(zip(x, v, null, strict=True)):
+            some = (own[:, chosen[k:]] / scale[k:]).T
+            along = solve_triangular(triangle[k:, k:], some, lower=True, check_finite=False)
+            squares = np.square(along).sum(axis=0) - np.square(lost[k:].T @ along).sum(axis=0)
+            held[:, r], parts[:, r] = squares.reshape(-1, 2), (aim - beta[k:] @ along).reshape(-1, 2)
         # Of real columns a complex number holds two: half the leverage is each one's.
         share = np.maximum(1.0 - 0.5 * held.sum(axis=2), LEAST_SHARE)
         left = parts.view(complex)[:, :, 0] / np.sqrt(share)
@@ -263,13 +269,23 @@ def _beside(spectra: Sequence[_Spectra], columns: Sequence[_Spectra], colour: Co
     return found
 
 
-def _real_rows(inverse: Complex, values: Complex) -> Array:
-    """Return whitened columns (R, 2 F, k): coefficients are real, so that both parts of each entry are a row."""
-    F, R, k = values.shape
+def _real_rows(inverse: Complex, values: Complex, order: NDArray[np.intp]) -> Array:
+    """Return some of the columns whitened, (R, 2 F, k): both parts of each entry are a row, as coefficients are real.
+
+    Parameters
+    ----------
+    inverse
+        (F, R, R) of the noise's factors.
+    values
+        (F, R, …) columns.
+    order
+        (k,) numbers of those wanted.
+    """
+    (F, R), k = values.shape[:2], len(order)
     rows = np.empty((R, F, 2, k))
     for first in range(0, F, CHUNK):
         part = slice(first, first + CHUNK)
-        white = (inverse[part] @ np.ascontiguousarray(values[part])).transpose(1, 0, 2)
+        white = (inverse[part] @ np.take(values[part], order, axis=2)).transpose(1, 0, 2)
         rows[:, part, 0], rows[:, part, 1] = white.real, white.imag
     return rows.reshape(R, 2 * F, k)
 

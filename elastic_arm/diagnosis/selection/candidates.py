@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from functools import cached_property
 from itertools import product
 
 import numpy as np
@@ -22,6 +23,44 @@ Array = NDArray[np.float64]
 WOUND = (
     1.2  # of the median deflection of a joint: what its play may be, with encoders' zeros a little apart; convention
 )
+
+
+@dataclass(frozen=True, eq=False)
+class Candidate:
+    """A feature at certain values of its searched parameters.
+
+    Parameters
+    ----------
+    feature
+        What.
+    searched
+        Its searched parameters; None where the columns span a whole neighbourhood of them.
+    columns
+        Where its columns stand in the library.
+    fixed
+        Whether the coefficient is 1 instead of fitted.
+    """
+
+    feature: Feature
+    searched: tuple[float, ...] | None
+    columns: slice
+    fixed: bool = False
+
+    @cached_property
+    def index(self) -> NDArray[np.intp]:
+        """Column numbers."""
+        return np.arange(self.columns.start, self.columns.stop)
+
+    @property
+    def numbers(self) -> int:
+        """How many numbers it has to fit or to choose, each of several channels counting as one."""
+        chosen = sum(len(value) for value in self.feature.choices.values() if isinstance(value, tuple))
+        return len(self.index) * (not self.fixed) + len(self.feature.searched) + chosen
+
+    @cached_property
+    def free(self) -> NDArray[np.bool_]:
+        """Which of its columns have a coefficient to fit."""
+        return np.full(len(self.index), not self.fixed)
 
 
 def features(equations: ArmEquations, effects: Sequence[Effect]) -> list[Feature]:

@@ -6,7 +6,8 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg.lapack import dpocon, dpotrf, dpotrs
+from scipy.linalg import solve_triangular
+from scipy.linalg.lapack import dpocon, dpotrf, dpotrs, dpstrf
 
 Array = NDArray[np.float64]
 Index = NDArray[np.intp]
@@ -16,6 +17,9 @@ RANK = 1e-10  # relative eigenvalue below which a combination of columns is not 
 DETERMINED = 1e-7
 MANY = 32  # columns from which products of those alone that have begun are faster
 ROUNDING = 1e-14  # of coefficients, times the condition of what they solve; numerical
+HELD = (
+    1e-9  # share of a column's squares beyond others below which these hold it, far below what is determined; numerical
+)
 NULL = 1e-13  # relative eigenvalue of a combination that is null but for rounding; numerical
 
 
@@ -276,6 +280,36 @@ def orthonormal_basis(columns: Array, tolerance: float) -> Array:
     basis = own @ (vectors[:, keep] / np.sqrt(values[keep]))
     # Rounding of the products shows in combinations that are hardly determined: once more.
     return np.asarray(basis @ np.linalg.inv(np.linalg.cholesky(basis.T @ basis)).T)
+
+
+def independent_columns(gram: Array, tolerance: float) -> tuple[Index, Array, Array]:
+    """Return an orthonormal basis of columns by those among them that hold the others.
+
+    By Cholesky factorisation with pivots (Higham, Accuracy and Stability of Numerical Algorithms, 2002, section 10.3),
+    and eigenvectors of what it leaves, which is smaller than all columns.
+
+    Parameters
+    ----------
+    gram
+        (k, k) of columns of length one.
+    tolerance
+        Relative eigenvalue of it below which a combination of columns is not determined.
+
+    Returns
+    -------
+    chosen : (r,)
+        Numbers of independent columns, in order.
+    triangle : (r, r)
+        Cholesky factor of their products: it makes them orthonormal in this order.
+    lost : (r, m)
+        Orthonormal combinations of these that are not determined.
+    """
+    _, pivots, rank, _ = dpstrf(gram, tol=HELD, lower=1)
+    chosen = np.sort(np.asarray(pivots[:rank], dtype=np.intp) - 1)
+    triangle = np.asarray(np.linalg.cholesky(block(gram, chosen, chosen)), dtype=float)
+    held = solve_triangular(triangle, gram[chosen], lower=True)
+    values, vectors = np.linalg.eigh(held @ held.T)
+    return chosen, triangle, np.asarray(vectors[:, values <= tolerance * max(values, default=0.0)], dtype=float)
 
 
 def regularised(gram: Array, target: Array, rank: float) -> tuple[Array, Array]:

@@ -9,7 +9,7 @@ import numpy as np
 
 from elastic_arm.diagnosis.selection.candidates import starting_points
 from elastic_arm.diagnosis.selection.marginalisation import NuisanceColumns
-from elastic_arm.diagnosis.selection.regressor_library import RegressorLibrary
+from elastic_arm.diagnosis.selection.regressor_library import Candidate, RegressorLibrary, Wanted
 from elastic_arm.diagnosis.settings import CandidateSettings
 from elastic_arm.estimation.effect_columns import ActingEffect, Feature
 from elastic_arm.estimation.whitening import WhitenedData
@@ -22,7 +22,7 @@ def build_library(
     settings: CandidateSettings,
     nuisance: NuisanceColumns | None = None,
 ) -> RegressorLibrary:
-    """Evaluate every feature on both data sets.
+    """Return a library that evaluates every feature on both data sets when what competes is first asked for.
 
     Parameters
     ----------
@@ -36,22 +36,45 @@ def build_library(
         Columns that are marginalised.
     """
     library = RegressorLibrary(identify, validate, settings, nuisance)
-    for feature in (f for f in features if not f.effect.scales_friction):
-        for point in starting_points(feature, settings, library.sets):
-            # What has no free parameter at all has a known size; what is only searched may be scaled while searching.
-            scaled = library.add(feature, point, fixed=feature.fixed and not feature.scalable)
-            library.candidates.append(scaled)
-    library.close()
-    for feature in features:
-        if feature.effect.scales_friction:
-            library.candidates.append(library.add(beside_friction(library, feature)))
-    library.close()
+    library.compete_later(lambda wanted: _competing(library, features, settings, wanted))
     return library
+
+
+def _competing(
+    library: RegressorLibrary, features: Sequence[Feature], settings: CandidateSettings, wanted: Wanted
+) -> list[Candidate]:
+    """Take the wanted ones of features into a library at all their starting points, and return them.
+
+    Parameters
+    ----------
+    library
+        That they are taken into.
+    features, settings
+        As of :func:`build_library`.
+    wanted
+        Feature -> whether it is.
+    """
+    scaled = [f for f in features if f.effect.scales_friction and wanted(f)]
+    found: list[Candidate] = []
+    for feature in features:
+        needed = bool(scaled) and feature.effect.friction and not feature.searched
+        for point in starting_points(feature, settings, library.sets) if needed or wanted(feature) else ():
+            if not feature.effect.scales_friction:
+                # What has no free parameter at all has a known size; what is only searched may be scaled meanwhile.
+                found.append(library.add(feature, point, fixed=feature.fixed and not feature.scalable))
+    library.close()
+    further = [library.add(_beside(library, feature, found)) for feature in scaled]
+    library.close()
+    return [*(one for one in found if wanted(one.feature)), *further]
 
 
 def beside_friction(library: RegressorLibrary, feature: Feature) -> Feature:
     """Return an effect that scales friction with what a fit of friction alone finds at its place."""
-    friction = [c for c in library.candidates if c.feature.effect.friction and not c.feature.searched]
+    return _beside(library, feature, library.candidates)
+
+
+def _beside(library: RegressorLibrary, feature: Feature, candidates: Sequence[Candidate]) -> Feature:
+    friction = [c for c in candidates if c.feature.effect.friction and not c.feature.searched]
     found = zip(friction, library.coefficients(friction), strict=True)
     return scaling(feature, [ActingEffect(c.feature, c.searched or (), beta) for c, beta in found])
 

@@ -43,6 +43,8 @@ class NuisanceColumns:
         nuisance parameters.
     turned_over
         Speeds, rad/s, by joint, below which they hold how dry friction turns over.
+    squares
+        Of the columns, once anyone has asked.
     """
 
     white: tuple[Array, Array]
@@ -52,6 +54,7 @@ class NuisanceColumns:
     joints: Sequence[str]
     noise: float = 1.0
     turned_over: Mapping[str, float] = field(default_factory=dict)
+    squares: list[Array] = field(default_factory=list, repr=False, compare=False)
 
     @staticmethod
     def none(identify: WhitenedData, validate: WhitenedData) -> NuisanceColumns:
@@ -66,10 +69,18 @@ class NuisanceColumns:
         return replace(
             self,
             white=(first, second),
+            squares=[],
             validation=validation,
             centre=self.centre / factors,
             limits=self.limits / factors,
         )
+
+    @property
+    def products(self) -> list[Array]:
+        """Products (k, k) of the columns of each data set; worked out once, whatever the noise."""
+        if not self.squares:
+            self.squares.extend(products(N, N) for N in self.white)
+        return self.squares
 
     def possible(self, values: Array, joints: Collection[str | None]) -> bool:
         """Whether the nuisance parameters of some joints are within what is believable.
@@ -101,7 +112,7 @@ class Marginalisation:
 
     def __init__(self, nuisance: NuisanceColumns) -> None:
         self._nuisance = nuisance
-        own = [products(N, N) for N in nuisance.white]
+        own = nuisance.products
         one = nuisance.noise * np.eye(len(nuisance))
         self._precision = (one + own[0], one + own[1], one + own[0] + own[1])
         self._factors = [np.linalg.cholesky(a) for a in self._precision]

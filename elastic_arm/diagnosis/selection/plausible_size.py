@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elastic_arm.diagnosis.selection.hypothesis import Hypothesis, Key
+from elastic_arm.diagnosis.settings import MOST_GAIN
 from elastic_arm.diagnosis.texts.notes import impossible_size_note
 from elastic_arm.effects.model import SensorEffect
 from elastic_arm.effects.parameters import Parameter, Role
@@ -28,7 +29,6 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 
 MOST_TORQUE = 1.0  # of the largest torque of a joint: what an effect in it may take
-MOST_GAIN = 1.5  # of a sensor; one that is further off reads another quantity
 MOST_OFFSET = 0.1  # of the same: what the zero of a torque channel may be off
 PART_OF_ARM = 0.5  # of the arm's mass, and of its reach: what an effect may add
 SLACK = 1.2  # factor on every limit; convention

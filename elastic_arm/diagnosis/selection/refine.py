@@ -103,6 +103,13 @@ def refine(
     return found[0]
 
 
+def is_provisional(candidate: Candidate) -> bool:
+    """Whether columns are not yet an effect: they span a neighbourhood, were scaled, or hold to first order only."""
+    feature = candidate.feature
+    scaled = feature.fixed and not candidate.fixed
+    return candidate.searched is None or scaled or (feature.effect.regressor is not None and not feature.fixed)
+
+
 def _is_polynomial(feature: Feature) -> bool:
     """Whether the column of a feature is a polynomial of second degree: then an evaluation costs next to nothing."""
     return feature.quadratic and feature.count == 1 and not feature.fixed

@@ -6,14 +6,13 @@ choices cost less than one pass over the samples.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from copy import copy
-from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
+from elastic_arm.diagnosis.selection.candidates import Candidate
 from elastic_arm.diagnosis.selection.gram_fits import (
     BorderedFits,
     FurtherColumns,
@@ -29,45 +28,10 @@ from elastic_arm.diagnosis.settings import CandidateSettings
 from elastic_arm.estimation.effect_columns import Feature
 from elastic_arm.estimation.whitening import WhitenedData
 
+__all__ = ["Candidate", "RegressorLibrary", "Wanted"]
+
 Array = NDArray[np.float64]
-
-
-@dataclass(frozen=True, eq=False)
-class Candidate:
-    """A feature at certain values of its searched parameters.
-
-    Parameters
-    ----------
-    feature
-        What.
-    searched
-        Its searched parameters; None where the columns span a whole neighbourhood of them.
-    columns
-        Where its columns stand in the library.
-    fixed
-        Whether the coefficient is 1 instead of fitted.
-    """
-
-    feature: Feature
-    searched: tuple[float, ...] | None
-    columns: slice
-    fixed: bool = False
-
-    @cached_property
-    def index(self) -> NDArray[np.intp]:
-        """Column numbers."""
-        return np.arange(self.columns.start, self.columns.stop)
-
-    @property
-    def numbers(self) -> int:
-        """How many numbers it has to fit or to choose, each of several channels counting as one."""
-        chosen = sum(len(value) for value in self.feature.choices.values() if isinstance(value, tuple))
-        return len(self.index) * (not self.fixed) + len(self.feature.searched) + chosen
-
-    @cached_property
-    def free(self) -> NDArray[np.bool_]:
-        """Which of its columns have a coefficient to fit."""
-        return np.full(len(self.index), not self.fixed)
+Wanted = Callable[[Feature], bool]
 
 
 class RegressorLibrary:
@@ -99,13 +63,34 @@ class RegressorLibrary:
         self._marginal = [GrowingMatrix() for _ in range(5 if len(self.nuisance) else 3)]
         self._beside: tuple[Candidate, ...] = ()
         self._settings = settings
-        self.candidates: list[Candidate] = []
+        self._candidates: list[Candidate] = []
+        self._later: list[Callable[[Wanted], list[Candidate]]] = []
         self._monomials: dict[Feature, Array] = {}
         self._plain: dict[Candidate, list[Array]] = {}
         self._squares: dict[tuple[int, tuple[Candidate, ...]], Array] = {}
         self._pending: list[list[Array]] = [[e.white[:, None]] for e in self.sets]
         self._columns = [np.empty((len(e.white), 0), order="F") for e in self.sets]
         self._grams = [GrowingMatrix() for _ in self.sets]
+
+    @property
+    def candidates(self) -> list[Candidate]:
+        """What competes; columns that were left for later are made now, and come first."""
+        if self._later:
+            self._candidates[:0] = self._later.pop()(lambda feature: True)
+        return self._candidates
+
+    def among(self, wanted: Wanted) -> list[Candidate]:
+        """Return what competes of certain features; of columns that were left for later only theirs are made."""
+        made = [c for c in self._candidates if wanted(c.feature)]
+        return [*self._later[-1](wanted), *made] if self._later else made
+
+    def compete(self, *candidates: Candidate) -> None:
+        """Let candidates compete, behind those that are there."""
+        self._candidates.extend(candidates)
+
+    def compete_later(self, make: Callable[[Wanted], list[Candidate]]) -> None:
+        """Let what a function makes of certain features compete once anyone asks: some libraries are never searched."""
+        self._later.append(make)
 
     @property
     def count(self) -> int:

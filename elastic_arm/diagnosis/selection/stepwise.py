@@ -31,7 +31,7 @@ from elastic_arm.diagnosis.selection.hypothesis import (
 from elastic_arm.diagnosis.selection.plausible_hypothesis import plausible
 from elastic_arm.diagnosis.selection.plausible_size import PlausibleSizes
 from elastic_arm.diagnosis.selection.ranking import Rankings
-from elastic_arm.diagnosis.selection.refine import refine
+from elastic_arm.diagnosis.selection.refine import is_provisional, refine
 from elastic_arm.diagnosis.selection.regressor_library import Candidate, RegressorLibrary
 from elastic_arm.diagnosis.settings import DiagnosisSettings
 
@@ -45,13 +45,6 @@ def _confused(one: Candidate, other: Candidate) -> bool:
     first, second = one.feature.effect, other.feature.effect
     named = {c.effect for c in first.confusions} | {first.id}, {c.effect for c in second.confusions} | {second.id}
     return one.feature.joint == other.feature.joint and (second.id in named[0] or first.id in named[1])
-
-
-def is_provisional(candidate: Candidate) -> bool:
-    """Whether columns are not yet an effect: they span a neighbourhood, were scaled, or hold to first order only."""
-    feature = candidate.feature
-    scaled = feature.fixed and not candidate.fixed
-    return candidate.searched is None or scaled or (feature.effect.regressor is not None and not feature.fixed)
 
 
 class StepwiseSearch:
@@ -78,15 +71,30 @@ class StepwiseSearch:
     ) -> None:
         self.library, self.given = library, list(given)
         self._settings, self._search = settings, settings.search
-        self._candidates = [e for e in library.candidates if e not in self.given]
-        # One of several values tried fits by chance better than a single one: that many times less is each worth.
-        self._price = {key: np.log(count) for key, count in Counter(e.feature.key for e in library.candidates).items()}
         self._refinements_left = settings.search.refinements
         self._refined: dict[tuple[Candidate, frozenset[Candidate]], Candidate] = {}
         self._possible: dict[tuple[Candidate, ...], bool] = {}
-        self._rankings = Rankings(library, self._candidates, self._price, len(self.given), settings.search.ratio_factor)
         self._sizes, self._tie = sizes, tie_of(library)
         self._freedom = sum(e.freedom for e in library.sets)
+
+    @cached_property
+    def _competing(self) -> tuple[Candidate, ...]:
+        """All that competes as the search first asks: what is added later does not."""
+        return tuple(self.library.candidates)
+
+    @cached_property
+    def _candidates(self) -> list[Candidate]:
+        return [e for e in self._competing if e not in self.given]
+
+    @cached_property
+    def _price(self) -> dict[Key, float]:
+        """What choosing among values is worth: one of several tried fits by chance better than a single one."""
+        counts = Counter(e.feature.key for e in self._competing)
+        return {key: float(np.log(count)) for key, count in counts.items()}
+
+    @cached_property
+    def _rankings(self) -> Rankings:
+        return Rankings(self.library, self._candidates, self._price, len(self.given), self._search.ratio_factor)
 
     def _score(self, selected: Sequence[Candidate]) -> float:
         """Held-out log-likelihood less what choosing among tried values is worth."""

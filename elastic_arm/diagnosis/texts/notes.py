@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from elastic_arm.diagnosis.settings import MOST_GAIN
 from elastic_arm.diagnosis.texts.values import effect_at, estimates_text, log_likelihood_text, percent, size_text
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
+    from elastic_arm.diagnosis.calibration.mixture import Mixture
     from elastic_arm.diagnosis.inference.estimates import Agreement, ParameterEstimate
     from elastic_arm.diagnosis.laws.general_laws import GeneralLaw
     from elastic_arm.diagnosis.result import Imperfection
@@ -198,14 +200,33 @@ def general_law_note(place: str, law: GeneralLaw, gain: float) -> str:
     )
 
 
+def mixture_note(found: Mixture) -> str:
+    """Return the note on recordings that no one arm explains, but arms of their own."""
+    first, other = found.sources
+    return (
+        f"The recordings are of different arms, or the arm was changed between them: arms of their own explain "
+        f"{percent(found.share)} of what one arm leaves. Most clearly, {found.what} of {found.joint} differs between "
+        f"{first} and {other}. Diagnose each by itself."
+    )
+
+
 def imperfection_notes(imperfections: Sequence[Imperfection]) -> list[str]:
     """Return a note on each number that is further off than ordinary arms are."""
     return [
         f"{one.what} of {one.joint} is {_in_recording(one)}{size_text(one.value, one.std, one.unit)}, "
-        f"beyond what is ordinary (standard deviation {one.prior_std:.2g})."
+        f"beyond what is ordinary (standard deviation {one.prior_std:.2g}).{_mistaken(one)}"
         for one in imperfections
         if not one.ordinary
     ]
+
+
+def _mistaken(one: Imperfection) -> str:
+    """Return the remedy where a channel reads another quantity more likely than its sensor has such a gain."""
+    if not one.what.endswith("torque_gain") or 1.0 / MOST_GAIN <= one.value <= MOST_GAIN:
+        return ""
+    return (
+        " Hardly any sensor is off by so much: check the unit, the gear ratio and the torque constant of this channel."
+    )
 
 
 def _of_place(feature: Feature) -> str:

@@ -21,6 +21,7 @@ from elastic_arm.diagnosis.settings import DiagnosisSettings
 from elastic_arm.effects import EFFECTS, Catalogue
 from elastic_arm.effects.text import known_effects
 from elastic_arm.errors import DiagnosisError, RecordingError, SimulationError
+from elastic_arm.memory import keep_memory
 from elastic_arm.recording import read_recording, write_recording
 from elastic_arm.robot import Robot, load_robot
 from elastic_arm.studies.blind_challenge.arm_sampling import HIGHEST, LOWEST, SamplingRequest, sample_arm
@@ -333,6 +334,7 @@ def _recorded(folder: Path, request: SamplingRequest, level: ChallengeLevel, cat
 
 
 def _diagnose(job: tuple[str, str, str, str, str]) -> tuple[str, str]:
+    keep_memory()
     folder, name, model, without, kind = Path(job[0]), *job[1:]
     catalogue = catalogue_of(folder).withholding(without) if without else catalogue_of(folder)
     wall, cpu = time.perf_counter(), time.process_time()
