@@ -160,12 +160,19 @@ def _is_likelier(again: Diagnosis, exact: Diagnosis, settings: DiagnosisSettings
     # A link's number that is further off than those of a calibrated arm may be a cause that is not in the catalogue;
     # where an exact description takes many numbers that are off, those of links are, too.
     off = _calibrated(cause.instance.effect for cause in exact.causes) > settings.search.few_calibrated
-    named = {cause.joint for cause in again.causes if cause.instance.effect.number}
-    of_links = off or all(
-        one.ordinary or one.joint in named for one in again.imperfections if one.what.startswith("link_")
+    of_links = (
+        off
+        or _has_ordinary_sensors(again, settings)
+        or all(one.ordinary for one in again.imperfections if one.what.startswith("link_"))
     )
     better = exact.verdict == "unknown" or len(again.causes) < len(exact.causes)
     return of_links and better and _explains_with_many_off(again, settings)
+
+
+def _has_ordinary_sensors(again: Diagnosis, settings: DiagnosisSettings) -> bool:
+    """Whether a torque sensor of every joint has a zero, as no effect makes: then all of the arm is an ordinary one."""
+    zeros = [one for one in again.imperfections if one.what.endswith("torque_offset") and one.recording is None]
+    return {one.joint for one in zeros if one.differs(settings.refit.certain)} == set(again.joints)
 
 
 def _is_simple(found: Diagnosis, settings: SearchSettings) -> bool:

@@ -52,7 +52,6 @@ def test_an_effect_that_is_withheld_makes_no_mixture() -> None:
     rng = np.random.default_rng(72)
     robot = imprecise(ROBOT, rng)
     drag = Fault("oil_drag", 1, {"coefficient": 15.0}, side="motor")
-    found = diagnosed(
-        *(lambda a, b, c: ([a, b], c))(*record(robot, [*ordinary_faults(3, rng), drag], (8.0, 8.0, 6.0), rng))
-    )
+    first, second, judge = record(robot, [*ordinary_faults(ROBOT.n, rng), drag], (8.0, 8.0, 6.0), rng)
+    found = diagnosed([first, second], judge)
     assert found.verdict == "unknown" and not said(found)
