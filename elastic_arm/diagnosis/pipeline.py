@@ -160,11 +160,8 @@ def _is_likelier(again: Diagnosis, exact: Diagnosis, settings: DiagnosisSettings
     # A link's number that is further off than those of a calibrated arm may be a cause that is not in the catalogue;
     # where an exact description takes many numbers that are off, those of links are, too.
     off = _calibrated(cause.instance.effect for cause in exact.causes) > settings.search.few_calibrated
-    of_links = (
-        off
-        or _has_ordinary_sensors(again, settings)
-        or all(one.ordinary for one in again.imperfections if one.what.startswith("link_"))
-    )
+    ordinary = all(one.ordinary for one in again.imperfections if one.what.startswith("link_"))
+    of_links = off or ordinary or _has_ordinary_sensors(again, settings)
     better = exact.verdict == "unknown" or len(again.causes) < len(exact.causes)
     return of_links and better and _explains_with_many_off(again, settings)
 
