@@ -68,7 +68,7 @@ def nuisance_columns(
             out[:, :, k] = columns[:, :, 0] * parameter.prior_std
     others = [k for k, p in enumerate(parameters) if p.feature is None and not p.is_inertial]
     for out, part in zip(result, data.parts, strict=True):
-        entries = _drive_entries(model, nominal, part, [parameters[k] for k in others])
+        entries = _drive_entries(model, nominal, part, [parameters[k] for k in others], data.acting)
         out[:, :, others] = data.in_band(part, entries)
     # The same column in one recording alone.
     common = {p.feature.key: k for k, p in enumerate(parameters) if p.feature is not None and p.recording is None}
@@ -188,10 +188,12 @@ def _regressor(model: Model, motion: CompletedMotion, directions: Array) -> Arra
     return columns
 
 
-def _drive_entries(model: Model, nominal: Robot, part: Part, parameters: Sequence[NuisanceParameter]) -> Entries:
+def _drive_entries(
+    model: Model, nominal: Robot, part: Part, parameters: Sequence[NuisanceParameter], acting: Sequence[ActingEffect]
+) -> Entries:
     """Columns (N, 3 n, k): stiffness and damping by predicted torque, presliding by speed."""
     n, elastic, motion = model.n, model.robot.elastic, part.stretch.quiet
-    load = predicted_torques(model, motion)[0] if elastic else np.zeros((len(motion), n))
+    load = _wound(model, part, acting) if elastic else np.zeros((len(motion), n))
     K = drive_constants(model)[0] if elastic else np.ones(n)
     rates = rates_of(motion.t, load) if any(p.what == "damping" for p in parameters) else load
     found: list[tuple[int, int, Array]] = []
@@ -210,6 +212,18 @@ def _drive_entries(model: Model, nominal: Robot, part: Part, parameters: Sequenc
         values[:, column] = law * parameters[k].prior_std
     rows, numbers = (np.array([one[i] for one in found], dtype=int) for i in (0, 1))
     return Entries(values, rows, numbers, (3 * n, len(parameters)))
+
+
+def _wound(model: Model, part: Part, acting: Sequence[ActingEffect]) -> Array:
+    """Return the torques (N, n) by which the drives are wound, Nm: those of the model, and of effects that act.
+
+    They are what gains scale. Of the model alone, gains and stiffnesses that scale alike would leave what a payload
+    loads the drives with, and a recording would seem to show the common scale of all torques and masses.
+    """
+    load = predicted_torques(model, part.stretch.quiet)[0]
+    for effect in acting:
+        load = load + effect.torques(part.signals)[2]
+    return load
 
 
 def _quiet(rate: Array, noise: NoiseModel, j: int) -> Array:

@@ -17,6 +17,7 @@ from elastic_arm.diagnosis.calibration.torque_filters import filters_for_lags
 from elastic_arm.diagnosis.preparation import PreparedData
 from elastic_arm.diagnosis.selection.hypothesis import Hypothesis
 from elastic_arm.diagnosis.selection.regressor_library import Candidate
+from elastic_arm.diagnosis.settings import RefitSettings
 from elastic_arm.effects.model import SensorEffect
 from elastic_arm.estimation.effect_columns import Feature
 from elastic_arm.estimation.noise_colour import Colour
@@ -52,6 +53,7 @@ def recalibrated(
     scales
         (R,) by how many times more each whitened row scatters than noise, beside the others; as it was where None.
     """
+    refit = prepared.settings.refit
     causes, noise = [hypothesis.selected[k] for k in hypothesis.causes], 1.0
     problem, expansion = _with_wide_priors(prepared.calibration, prepared.found.expansion, faulty)
     values, causes = filters_for_lags(problem.parameters, expansion.values, causes)
@@ -71,6 +73,8 @@ def recalibrated(
         expansion = expand(problem, expansion.values, expansion, expansion.acting)
     if problem.parameters:
         expansion, noise, causes = calibrate(problem, expansion, causes, scaled=scaled)
+        if (own := but_for_common_scale(problem.parameters, expansion.values, faulty, refit)) is not faulty:
+            return recalibrated(prepared, hypothesis, colours, own, scaled=scaled, scales=scales)
     found, again = linearise(problem, expansion, prepared.candidates, causes, noise=noise)
     beside = Hypothesis((*found.given, *again), len(found.given), beyond=hypothesis.beyond)
     return replace(prepared, calibration=problem, found=found), beside
@@ -111,6 +115,7 @@ def final_fit(
     near
         Another one of these effects with some of what is beyond ordinary, where to begin.
     """
+    given, refit = selected, prepared.settings.refit
     if near is not None:
         problem, start = _with_wide_priors(near.problem, near.found.expansion, faulty)
         selected = near.selected
@@ -120,6 +125,8 @@ def final_fit(
             problem = problem.extended(curves)
             start = expand(problem, np.append(start.values, np.zeros(len(curves))), None, start.acting)
     expansion, noise, causes = calibrate(problem, start, selected[len(prepared.given) :], scaled=True)
+    if (own := but_for_common_scale(problem.parameters, expansion.values, faulty, refit)) is not faulty:
+        return final_fit(prepared, given, own, near)
     found, again = linearise(problem, expansion, (), causes, noise=noise)
     return FinalFit(problem, found, (*found.given, *again))
 
@@ -136,6 +143,42 @@ def _with_wide_priors(
     parameters = tuple(p.of_fault(width) if w else p for p, w in zip(problem.parameters, wide, strict=True))
     factors = np.where(wide, width, 1.0)
     return replace(problem, parameters=parameters, directions=problem.directions * factors), start.widened(factors)
+
+
+def but_for_common_scale(
+    parameters: Sequence[NuisanceParameter], values: Array, faulty: Sequence[Feature], settings: RefitSettings
+) -> Sequence[Feature]:
+    """Return what is beyond ordinary without gains that came out alike on most torque channels; it where none is.
+
+    Torques, masses, stiffnesses and friction times a factor are the same motion: no recording shows a common scale, but
+    the ordinary priors of all gains do. Without most of them it goes where what nothing explains is least unlikely, and
+    takes the gains along that still have theirs.
+
+    Parameters
+    ----------
+    parameters
+        The nuisance parameters.
+    values
+        (k,) where they came out, in standard deviations of the priors.
+    faulty
+        Beyond ordinary.
+    settings
+        How far an ordinary number may be off.
+    """
+    gains = [(p, 1.0 + float(v) * p.prior_std) for p, v in zip(parameters, values, strict=True) if p.is_gain]
+    most = settings.beyond_ordinary
+    near = [[abs(gain / other - 1.0) <= most * p.ordinary_std for p, gain in gains] for _, other in gains]
+    alike = np.array(max(near, key=sum, default=[]), dtype=bool)
+    shared = [pair for pair, one in zip(gains, alike, strict=True) if one]
+    # A gain that kept its prior and yet is another one than these tells the scale: then they are off.
+    told = any(p.widened == 1.0 for (p, _), one in zip(gains, alike, strict=True) if not one)
+    if told or len(shared) < max(2, len(gains) // 2 + 1):
+        return faulty
+    weights = np.array([p.ordinary_std**-2.0 for p, _ in shared])
+    scale = float(np.average([gain for _, gain in shared], weights=weights))
+    left = [fault for fault in faulty if not any(is_of(p, fault) for p, _ in shared)]
+    is_ordinary = abs(scale - 1.0) <= most * weights.sum() ** -0.5
+    return faulty if is_ordinary or len(left) == len(faulty) else left
 
 
 def _curves(prepared: PreparedData, selected: Sequence[Candidate]) -> list[NuisanceParameter]:

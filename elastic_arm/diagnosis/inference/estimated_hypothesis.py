@@ -178,5 +178,6 @@ def _beside_faults(
     kept = [fault for fault in further if not found.is_no_fault(fault)]
     if kept:
         found = final_estimates(prepared, selected, [*worst, *kept], near=found)
+        kept = [fault for fault in kept if found.is_freed(fault)]
     last = [found.measured(fault) for fault in (*worst, *kept)]
     return found, [fault for fault in last if fault.feature.effect.searched]

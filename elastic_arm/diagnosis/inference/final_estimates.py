@@ -221,6 +221,10 @@ class FinalEstimates:
         parameters = enumerate(self.fit.problem.parameters)
         return {k: p.widened for k, p in parameters if any(is_of(p, fault) for fault in faults)}
 
+    def is_freed(self, fault: LargeImperfection) -> bool:
+        """Whether a fault hardly has a prior here; a gain that is off by what all torque channels share has its own."""
+        return any(wider > 1.0 for wider in self.wider([fault.feature]).values())
+
     def is_gone(self, fault: LargeImperfection, values: Array, stds: Array) -> bool:
         """Whether a fault is none with other values of the nuisance parameters.
 
