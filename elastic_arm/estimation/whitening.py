@@ -25,6 +25,7 @@ from elastic_arm.estimation.motion import drive_constants, wound_by_load
 from elastic_arm.estimation.noise_colour import Colour
 from elastic_arm.estimation.observation import Observation
 from elastic_arm.estimation.regressors import Entries, Signals
+from elastic_arm.estimation.known_torques import true_load
 from elastic_arm.estimation.residuals import SLOWEST, FreeTorques, Stretch, predicted_torques, residuals
 
 Array = NDArray[np.float64]
@@ -273,7 +274,9 @@ class WhitenedData:
                     signals = signals_of(replace(motion, tau_J=load, tau_m=drive), predicted=predicted)
                 if predicted and elastic:
                     signals = signals.wound_by(spring, drive_constants(model)[0])
-                signals = signals.with_model_torques(load, drive, observation.torque_variances(model.n))
+                known = true_load(model, observation, motion, load, noise)
+                torques = observation.torque_variances(model.n)
+                signals = signals.with_model_torques(known, known + drive - load, torques)
                 self.parts.append(Part(stretch, signals, noise, observation.gains, number))
                 self.pure.append(pure)
                 alike = next(others, None)
