@@ -7,8 +7,6 @@ deflection.
 
 from __future__ import annotations
 
-from typing import Protocol
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -19,16 +17,12 @@ from elastic_arm.estimation.observation import Observation
 
 Array = NDArray[np.float64]
 
-
-class LoadNoise(Protocol):
-    """Noise of the load that a model predicts."""
-
-    f: Array
-    rate: float
-    load: Array | None
+TINY = 1e-300  # numerical
 
 
-def true_load(model: Model, observation: Observation, motion: CompletedMotion, load: Array, noise: LoadNoise) -> Array:
+def true_load(
+    model: Model, observation: Observation, motion: CompletedMotion, load: Array, f: Array, noise: Array | None
+) -> Array:
     """Return the load (N, n) Nm of each joint with as little noise as both ways to know it allow.
 
     Parameters
@@ -41,22 +35,23 @@ def true_load(model: Model, observation: Observation, motion: CompletedMotion, l
         The quiet motion, its deflections without the noise that shows in their spectra.
     load
         (N, n) Nm, as the model predicts it.
-    noise
-        Of that.
+    f, noise
+        (F,) Hz, and the noise (F, n) of that with angles of the finer encoder of each joint, Nm²; 1 is white noise of
+        1 Nm a sample.
     """
-    assert noise.load is not None
-    f, (K, D) = noise.f, drive_constants(model)
-    link, motor = (observation.position_spectrum(side, f) for side in ("link", "motor"))
-    wound = K * (motion.theta - motion.q) + D * (motion.dtheta - motion.dq)
-    measured = K**2 * (link + motor) * observation.quiet_gain(f)[:, None] ** 2
-    # As far as the deflection shows, the link's angles have the noise of their own encoder, be the motor's finer or not.
-    finer = np.maximum(observation.quiet_link_spectrum(f), 1e-300)
-    predicted = noise.load * np.maximum(link * observation.quiet_gain(f)[:, None] ** 2 / finer, 1.0)
-    found = np.empty_like(load)
+    assert noise is not None
+    K, D = drive_constants(model)
+    gain = observation.quiet_gain(f)[:, None] ** 2
+    link, motor = (observation.position_spectrum(side, f) * gain for side in ("link", "motor"))
+    wound, measured = K * (motion.theta - motion.q) + D * (motion.dtheta - motion.dq), K**2 * (link + motor)
+    # As far as the deflection shows, the link's angles have the noise of their own encoder, be the motor's the finer.
+    predicted = noise * np.maximum(link / np.maximum(observation.quiet_link_spectrum(f), TINY), 1.0)
+    both = (K > 0.0) & link.any(axis=0) & motor.any(axis=0)
+    share = np.where(both, measured / np.maximum(measured + predicted, TINY), 1.0)
+    left, found = np.where(both, share * predicted, noise), np.empty_like(load)
     for j in range(model.n):
-        if not (K[j] and link[:, j].any() and motor[:, j].any()):
-            found[:, j] = wiener_filtered(load[:, j], noise.rate, f, noise.load[:, j])
-            continue
-        share = measured[:, j] / np.maximum(measured[:, j] + predicted[:, j], 1e-300)
-        found[:, j] = wound[:, j] + reduced_to(load[:, j] - wound[:, j], noise.rate, f, share)
+        known = load[:, j]
+        if both[j]:
+            known = wound[:, j] + reduced_to(load[:, j] - wound[:, j], observation.rate, f, share[:, j])
+        found[:, j] = wiener_filtered(known, observation.rate, f, left[:, j])
     return found

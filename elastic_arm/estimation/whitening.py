@@ -21,11 +21,11 @@ from elastic_arm.estimation.band import Band, LowPass
 from elastic_arm.estimation.convolution import CircularGains, Harmonics, circular_gains, filtered_circularly
 from elastic_arm.estimation.effect_columns import ActingEffect, Feature, starting_state
 from elastic_arm.estimation.equations import EquationSet
+from elastic_arm.estimation.known_torques import true_load
 from elastic_arm.estimation.motion import drive_constants, wound_by_load
 from elastic_arm.estimation.noise_colour import Colour
 from elastic_arm.estimation.observation import Observation
 from elastic_arm.estimation.regressors import Entries, Signals
-from elastic_arm.estimation.known_torques import true_load
 from elastic_arm.estimation.residuals import SLOWEST, FreeTorques, Stretch, predicted_torques, residuals
 
 Array = NDArray[np.float64]
@@ -274,7 +274,7 @@ class WhitenedData:
                     signals = signals_of(replace(motion, tau_J=load, tau_m=drive), predicted=predicted)
                 if predicted and elastic:
                     signals = signals.wound_by(spring, drive_constants(model)[0])
-                known = true_load(model, observation, motion, load, noise)
+                known = true_load(model, observation, motion, load, noise.f, noise.load)
                 torques = observation.torque_variances(model.n)
                 signals = signals.with_model_torques(known, known + drive - load, torques)
                 self.parts.append(Part(stretch, signals, noise, observation.gains, number))
