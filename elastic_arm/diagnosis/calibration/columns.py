@@ -21,6 +21,7 @@ from elastic_arm.effects.equations import ArmEquations
 from elastic_arm.estimation.effect_columns import ActingEffect, Feature
 from elastic_arm.estimation.motion import CompletedMotion, drive_constants
 from elastic_arm.estimation.regressors import Entries
+from elastic_arm.estimation.residuals import predicted_torques
 from elastic_arm.estimation.whitening import Part, WhitenedData
 from elastic_arm.robot import Robot
 
@@ -188,13 +189,14 @@ def _regressor(model: Model, motion: CompletedMotion, directions: Array) -> Arra
 
 
 def _drive_entries(model: Model, nominal: Robot, part: Part, parameters: Sequence[NuisanceParameter]) -> Entries:
-    """Columns (N, 3 n, k): stiffness and damping by the predicted torque of the spring, presliding by speed."""
+    """Columns (N, 3 n, k): stiffness by predicted torque, damping by that of the spring, presliding by speed."""
     n, elastic, motion, signals = model.n, model.robot.elastic, part.stretch.quiet, part.signals
     K = drive_constants(model)[0] if elastic else np.ones(n)
-    # What is known to act beside the spring, such as hysteresis or play, bends how far it is wound and how fast.
-    spring = K * signals.values["wound"] if elastic else np.zeros((len(motion), n))
-    # Of a rate, the noise of the encoders counts as of no torque: regressed on it, too, a damping comes out too small.
-    known = spring + signals.model_torques["tau_J"] - signals.values["tau_J"]
+    load = predicted_torques(model, motion)[0] if elastic else np.zeros((len(motion), n))
+    # What is known to act beside the spring, such as hysteresis or play, bends how fast it is wound; and the noise of
+    # accelerations counts as of no torque: regressed on it, too, a damping would come out too small.
+    others = K * signals.values["wound"] - signals.values["tau_J"] if elastic else 0.0
+    spring = signals.model_torques["tau_J"] + others
     found: list[tuple[int, int, Array]] = []
     for k, parameter in enumerate(parameters):
         j = model.robot.joint_names.index(parameter.joint)
@@ -203,9 +205,9 @@ def _drive_entries(model: Model, nominal: Robot, part: Part, parameters: Sequenc
             w = (motion.dtheta if elastic else motion.dq)[:, j]
             found.append((2 * n + j if elastic else j, k, _turnover(w, motion.t, parameter.speeds)))
         elif parameter.what == "stiffness" and gear is not None:
-            found.append((n + j, k, spring[:, j] * (gear.stiffness / K[j])))
+            found.append((n + j, k, load[:, j] * (gear.stiffness / K[j])))
         elif parameter.what == "damping" and gear is not None:
-            found.append((n + j, k, gear.damping / K[j] * CubicSpline(motion.t, known[:, j])(motion.t, 1)))
+            found.append((n + j, k, gear.damping / K[j] * CubicSpline(motion.t, spring[:, j])(motion.t, 1)))
     values = np.empty((len(motion), len(found)))
     for column, (_, k, law) in enumerate(found):
         values[:, column] = law * parameters[k].prior_std
