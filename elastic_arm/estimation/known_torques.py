@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elastic_arm.dynamics import Model
+from elastic_arm.effects.library.torque_filters import low_pass_error
 from elastic_arm.estimation.motion import CompletedMotion, drive_constants
 from elastic_arm.estimation.noise import reduced_to, wiener_filtered
 from elastic_arm.estimation.observation import Observation
@@ -18,6 +19,19 @@ from elastic_arm.estimation.observation import Observation
 Array = NDArray[np.float64]
 
 TINY = 1e-300  # numerical
+
+
+def wound_under(torque: Array, t: Array, model: Model) -> Array:
+    """Return the deflections (N, n) rad of springs and dampers that carry torques (N, n) Nm at times t (N,) s.
+
+    The damper lets a deflection lag behind its torque by D / K. A law of the deflection that neglects it, as that of a
+    nonlinear stiffness, would take a part of the damping with it.
+    """
+    found = torque.copy()
+    for j, (K, D) in enumerate(zip(*drive_constants(model), strict=True)):
+        if K > 0.0 and D > 0.0:
+            found[:, [j]] += low_pass_error(t, torque[:, [j]], K / (2.0 * np.pi * D))
+    return found / drive_constants(model)[0]
 
 
 def true_load(

@@ -21,7 +21,7 @@ from elastic_arm.estimation.band import Band, LowPass
 from elastic_arm.estimation.convolution import CircularGains, Harmonics, circular_gains, filtered_circularly
 from elastic_arm.estimation.effect_columns import ActingEffect, Feature, starting_state
 from elastic_arm.estimation.equations import EquationSet
-from elastic_arm.estimation.known_torques import true_load
+from elastic_arm.estimation.known_torques import true_load, wound_under
 from elastic_arm.estimation.motion import drive_constants, wound_by_load
 from elastic_arm.estimation.noise_colour import Colour
 from elastic_arm.estimation.observation import Observation
@@ -273,7 +273,7 @@ class WhitenedData:
                     load, drive, spring = (torque + sum(parts) for torque, parts in added)
                     signals = signals_of(replace(motion, tau_J=load, tau_m=drive), predicted=predicted)
                 if predicted and elastic:
-                    signals = signals.wound_by(spring, drive_constants(model)[0])
+                    signals = signals.wound_by(wound_under(spring, motion.t, model))
                 known = true_load(model, observation, motion, load, noise.f, noise.load)
                 torques = observation.torque_variances(model.n)
                 signals = signals.with_model_torques(known, known + drive - load, torques)
