@@ -26,6 +26,15 @@ def wound_under(torque: Array, t: Array, model: Model) -> Array:
 
     The damper lets a deflection lag behind its torque by D / K. A law of the deflection that neglects it, as that of a
     nonlinear stiffness, would take a part of the damping with it.
+
+    Parameters
+    ----------
+    torque
+        (N, n) Nm.
+    t
+        (N,) s.
+    model
+        Its stiffness and damping are taken.
     """
     found = torque.copy()
     for j, (K, D) in enumerate(zip(*drive_constants(model), strict=True)):

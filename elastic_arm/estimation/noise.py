@@ -368,9 +368,16 @@ def wiener_filtered(values: Array, rate: float, f: Array, noise: Array) -> Array
 
 
 def reduced_to(values: Array, rate: float, f: Array, share: Array) -> Array:
-    """Return a signal (N,) without lag, with each frequency reduced to a share (F,) of it at f (F,) Hz, ascending.
+    """Return a signal (N,) with each frequency reduced to a share of it, without lag.
 
-    What lies above the last frequency is taken off.
+    Parameters
+    ----------
+    values
+        (N,) of any unit.
+    rate
+        Samples per second.
+    f, share
+        (F,) Hz, ascending, and the shares there; what lies above is taken off.
     """
     half = min(len(values), round(WIENER_SECONDS * rate)) // 2
     at = np.fft.rfftfreq(2 * half, 1.0 / rate)
