@@ -306,9 +306,9 @@ class ActingEffect:
     coefficients: Array
 
     def torques(self, signals: Signals) -> tuple[Array, Array, Array]:
-        """Return what it adds to the joint torque, to the motor torque and to that of the spring (N, n), Nm."""
+        """Return what it adds to joint torque, motor torque and that of the spring (N, n), Nm: by twisting it, nothing."""
         link, drive, motor = np.split(self.feature.columns(signals, self.searched) @ self.coefficients, 3, axis=1)
-        return link, link + motor, link - drive
+        return link, link + motor, link if self.feature.effect.twist else link - drive
 
 
 def _changed_channels(effect: SensorEffect, joint: str | None, choices: Mapping[str, Any], n: int) -> set[str]:
