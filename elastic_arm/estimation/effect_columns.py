@@ -305,10 +305,10 @@ class ActingEffect:
     searched: tuple[float, ...]
     coefficients: Array
 
-    def torques(self, signals: Signals) -> tuple[Array, Array, Array]:
-        """Return what it adds to joint torque, motor torque and that of the spring (N, n), Nm: by twisting it, nothing."""
+    def torques(self, signals: Signals) -> tuple[Array, Array, Array, Array]:
+        """Return what it adds to joint torque, motor torque, that of the spring, and beside the read deflection, Nm."""
         link, drive, motor = np.split(self.feature.columns(signals, self.searched) @ self.coefficients, 3, axis=1)
-        return link, link + motor, link if self.feature.effect.twist else link - drive
+        return link, link + motor, link if self.feature.effect.twist else link - drive, drive
 
 
 def _changed_channels(effect: SensorEffect, joint: str | None, choices: Mapping[str, Any], n: int) -> set[str]:

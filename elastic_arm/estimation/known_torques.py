@@ -44,7 +44,13 @@ def wound_under(torque: Array, t: Array, model: Model) -> Array:
 
 
 def true_load(
-    model: Model, observation: Observation, motion: CompletedMotion, load: Array, f: Array, noise: Array | None
+    model: Model,
+    observation: Observation,
+    motion: CompletedMotion,
+    load: Array,
+    laws: Array,
+    f: Array,
+    noise: Array | None,
 ) -> Array:
     """Return the load (N, n) Nm of each joint with as little noise as both ways to know it allow.
 
@@ -58,6 +64,8 @@ def true_load(
         The quiet motion, its deflections without the noise that shows in their spectra.
     load
         (N, n) Nm, as the model predicts it.
+    laws
+        (N, n) Nm, what known laws of the drive carry beside the deflection as the encoders read it.
     f, noise
         (F,) Hz, and the noise (F, n) of that with angles of the finer encoder of each joint, Nm²; 1 is white noise of
         1 Nm a sample.
@@ -66,7 +74,8 @@ def true_load(
     K, D = drive_constants(model)
     gain = observation.quiet_gain(f)[:, None] ** 2
     link, motor = (observation.position_spectrum(side, f) * gain for side in ("link", "motor"))
-    wound, measured = K * (motion.theta - motion.q) + D * (motion.dtheta - motion.dq), K**2 * (link + motor)
+    measured = K**2 * (link + motor)
+    wound = K * (motion.theta - motion.q) + D * (motion.dtheta - motion.dq) + laws
     # As far as the deflection shows, the link's angles have the noise of their own encoder, be the motor's the finer.
     predicted = noise * np.maximum(link / np.maximum(observation.quiet_link_spectrum(f), TINY), 1.0)
     both = (K > 0.0) & link.any(axis=0) & motor.any(axis=0)

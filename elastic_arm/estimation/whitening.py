@@ -263,18 +263,18 @@ class WhitenedData:
                 signals_of = partial(Signals.of, standstill=standstill, elastic=elastic, cutoff=cutoff, smoother=limits)
                 motion = wound_by_load(model, stretch.quiet) if layout.reads_torque_by_deflection else stretch.quiet
                 load, drive = predicted_torques(model, motion)
-                spring = load
+                spring, laws = load, np.zeros_like(load)
                 if predicted:
                     motion = replace(motion, tau_J=load, tau_m=drive)
                 signals = signals_of(motion, predicted=predicted)
                 if acting:
                     more = [effect.torques(signals) for effect in acting]
-                    added = zip((load, drive, spring), zip(*more, strict=True), strict=True)
-                    load, drive, spring = (torque + sum(parts) for torque, parts in added)
+                    added = zip((load, drive, spring, laws), zip(*more, strict=True), strict=True)
+                    load, drive, spring, laws = (torque + sum(parts) for torque, parts in added)
                     signals = signals_of(replace(motion, tau_J=load, tau_m=drive), predicted=predicted)
                 if predicted and elastic:
                     signals = signals.wound_by(wound_under(spring, motion.t, model))
-                known = true_load(model, observation, motion, load, noise.f, noise.load)
+                known = true_load(model, observation, motion, load, laws, noise.f, noise.load)
                 torques = observation.torque_variances(model.n)
                 signals = signals.with_model_torques(known, known + drive - load, torques)
                 self.parts.append(Part(stretch, signals, noise, observation.gains, number))

@@ -35,7 +35,7 @@ def test_the_load_is_known_better_than_by_model_or_deflection_alone() -> None:
     )
     at = np.linspace(0.0, 40.0, 400)
     noise = (INERTIA * (2 * np.pi * at) ** 2 * STD)[:, None] ** 2 * np.ones(model.n)
-    found = true_load(model, observation, motion, true + inertial, at, noise)
+    found = true_load(model, observation, motion, true + inertial, zeros, at, noise)
 
     def left(load: np.ndarray) -> np.ndarray:
         power = np.abs(np.fft.rfft((load - true)[2000:-2000], axis=0)) ** 2

@@ -20,6 +20,7 @@ from elastic_arm.diagnosis.selection.hypothesis import Key, Rival
 from elastic_arm.diagnosis.selection.regressor_library import Candidate
 from elastic_arm.effects.library.torque_filters import CHANNELS, low_pass_error, moved
 from elastic_arm.estimation.effect_columns import Feature
+from elastic_arm.estimation.noise import wiener_filtered
 from elastic_arm.estimation.whitening import Part, WhitenedData
 
 Array = NDArray[np.float64]
@@ -116,6 +117,11 @@ def _passed(part: Part, name: str, joint: int, delay: float) -> Array:
     delay
         s.
     """
-    t, torque = part.signals.t, part.signals.model_torques[name][:, [joint]]
+    t, noise = part.signals.t, part.noise
+    torque = part.signals.values[name][:, joint]
+    if noise.load is not None:
+        # The noise of accelerations is no torque that a filter could have passed.
+        torque = wiener_filtered(torque, noise.rate, noise.f, noise.load[:, joint])
+    torque = torque[:, None]
     behind = torque + low_pass_error(t, torque, 1.0 / (2.0 * np.pi * delay))
     return np.asarray(moved(t, behind, delay) - torque)
