@@ -26,7 +26,9 @@ def follow_up(found: Diagnosis, *, rng: np.random.Generator | None) -> Diagnosis
         return found
     proposal = None if rng is None else propose(found.context, found.causes, rng=rng)
     decided = set() if proposal is None else proposal.decided
-    compared = agreements(found.context)
+    # A delay that is listed as the low pass that is likelier is no cause.
+    named = {(cause.effect, cause.joint) for cause in found.causes}
+    compared = tuple(one for one in agreements(found.context) if (one.effect, one.joint) in named)
     # What has another size in every recording stands in for something else.
     differ: dict[tuple[str, str | None], float] = {}
     for one in compared:

@@ -11,6 +11,7 @@ from elastic_arm.diagnosis.assembly import assemble
 from elastic_arm.diagnosis.calibration.calibrate import is_commissioned
 from elastic_arm.diagnosis.calibration.mixture import mixture
 from elastic_arm.diagnosis.calibration.recalibration import recalibrated
+from elastic_arm.diagnosis.calibration.slow_channels import beside_low_passes
 from elastic_arm.diagnosis.inference.estimated_hypothesis import EstimatedHypothesis, estimate
 from elastic_arm.diagnosis.inference.excess import select_band, statistics_in_bands
 from elastic_arm.diagnosis.inference.judgement import Judgement, judge, measured_beside
@@ -192,7 +193,8 @@ def _diagnosed(found: Searched) -> Diagnosis:
     if found.prepared.calibration.parameters and found.hypothesis.causes:
         # Where the model and its sensors lie beside these causes, the search has less to mistake for another one.
         colours = noise_colours(found.prepared, found.hypothesis)
-        beside, _ = recalibrated(found.prepared, found.hypothesis, colours.of_sets if colours else None)
+        beside, there = recalibrated(found.prepared, found.hypothesis, colours.of_sets if colours else None)
+        beside, _ = beside_low_passes(beside, [there.selected[k] for k in there.causes])
         found = _beside_faulty_sensors(beside)
     if colours is None and (colours := noise_colours(found.prepared, found.hypothesis)) is not None:
         # Where what no motion explains is not white, that is the noise.
@@ -276,7 +278,8 @@ def _beside_largest_cause(prepared: PreparedData) -> Searched:
     Calibrated without its causes, an arm with a payload as heavy as itself comes out with gains of two, about which the
     payload's columns are no good. About the description gains are one, and what a payload does is linear in its mass.
     """
-    left, settings = misfit(prepared.library, prepared.given), prepared.settings.search
+    prepared, slow = beside_low_passes(prepared)
+    left, settings = misfit(prepared.library, [*prepared.given, *slow]), prepared.settings.search
     if left > settings.bent and prepared.calibration.parameters:
         described = as_described(prepared)
         sensors = _freed_sensors(described)
@@ -289,7 +292,7 @@ def _beside_largest_cause(prepared: PreparedData) -> Searched:
         if misfit(beside.library, there.selected) < settings.far_better * left:
             causes = [there.selected[k] for k in there.causes]
             return best_hypothesis(with_candidates(replace(beside, candidates=prepared.candidates), causes))
-    return best_hypothesis(with_candidates(prepared))
+    return best_hypothesis(with_candidates(prepared, slow))
 
 
 def _beside_faulty_sensors(prepared: PreparedData) -> Searched:

@@ -307,11 +307,11 @@ class ActingEffect:
     searched: tuple[float, ...]
     coefficients: Array
 
-    def torques(self, signals: Signals) -> tuple[Array, Array, Array]:
-        """Return what it adds to the joint torque, to the motor torque and to that of the spring (N, n), Nm."""
+    def torques(self, signals: Signals) -> tuple[Array, Array, Array, Array]:
+        """Return what it adds to joint torque, motor torque, that of the spring, and beside the read deflection, Nm."""
         entries = self.feature.entries(signals, self.searched)
         link, drive, motor = np.split(entries.weighted(self.coefficients), 3, axis=1)
-        return link, link + motor, link - drive
+        return link, link + motor, link if self.feature.effect.twist else link - drive, drive
 
 
 def _changed_channels(effect: SensorEffect, joint: str | None, choices: Mapping[str, Any], n: int) -> set[str]:

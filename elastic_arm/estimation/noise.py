@@ -364,6 +364,23 @@ def wiener_filtered(values: Array, rate: float, f: Array, noise: Array) -> Array
     half = min(len(values), round(WIENER_SECONDS * rate)) // 2
     at, power = scipy.signal.welch(values, rate, nperseg=2 * half, detrend="linear")
     share = 1.0 - np.interp(at, f, noise) * 2.0 / rate / np.maximum(power, 1e-300)
-    taps = np.fft.fftshift(np.fft.irfft(np.where(at <= f[-1], np.clip(share, 0.0, 1.0), 0.0)))
+    return reduced_to(values, rate, at[at <= f[-1]], np.clip(share, 0.0, 1.0)[at <= f[-1]])
+
+
+def reduced_to(values: Array, rate: float, f: Array, share: Array) -> Array:
+    """Return a signal (N,) with each frequency reduced to a share of it, without lag.
+
+    Parameters
+    ----------
+    values
+        (N,) of any unit.
+    rate
+        Samples per second.
+    f, share
+        (F,) Hz, ascending, and the shares there; what lies above is taken off.
+    """
+    half = min(len(values), round(WIENER_SECONDS * rate)) // 2
+    at = np.fft.rfftfreq(2 * half, 1.0 / rate)
+    taps = np.fft.fftshift(np.fft.irfft(np.interp(at, f, share, right=0.0)))
     taps = np.append(taps, taps[0]) * np.hanning(2 * half + 1)
     return np.asarray(scipy.signal.oaconvolve(np.pad(values, half, mode="edge"), taps, mode="valid"))

@@ -134,9 +134,9 @@ class Signals:
         stacked[:-1] = 0.5 * (stacked[:-1] + stacked[1:])
         return stacked
 
-    def wound_by(self, torque: Array, stiffness: Array) -> Signals:
-        """Return the signals with the deflections under torques (N, n) Nm of stiffnesses (n,) Nm/rad alone."""
-        return replace(self, values={**self.values, "wound": torque / stiffness})
+    def wound_by(self, deflection: Array) -> Signals:
+        """Return the signals with deflections (N, n) rad of the springs in the place of what the encoders read."""
+        return replace(self, values={**self.values, "wound": deflection})
 
     def with_model_torques(self, load: Array, drive: Array, noise: Mapping[str, Array]) -> Signals:
         """Return the signals with what regressors of whole effects take besides.

@@ -7,7 +7,8 @@ from dataclasses import dataclass
 import pytest
 
 from elastic_arm.diagnosis.inference.estimates import ParameterEstimate
-from elastic_arm.diagnosis.texts.findings import negative_shrink_note
+from elastic_arm.diagnosis.result import Cause
+from elastic_arm.diagnosis.texts.findings import _name, negative_shrink_note
 from elastic_arm.diagnosis.texts.values import estimates_text, instance_text, percent, probability_text
 from elastic_arm.effects import parse
 from elastic_arm.formatting import JointUnits, rounded
@@ -94,3 +95,17 @@ def test_given_effects_of_a_joint_that_slides_are_forces() -> None:
     rail = JointUnits(robot.joint_names, ["joint_2"])
     given = parse("coulomb_friction:joint_2:torque=13.9", robot)
     assert instance_text(given, rail) == "torque 13.9 N, side motor"
+
+
+def test_causes_of_one_effect_and_joint_are_told_apart_by_their_channels() -> None:
+    """Two low passes of a joint are not the same cause twice; one alone is named by effect and joint."""
+    given = [f"torque_lowpass:joint_2:cutoff=10,channels={channel}" for channel in ("joint_torque", "motor_torque")]
+    causes = [
+        Cause("torque_lowpass", "joint_2", ("motor",), "frequency", {}, 1.0, 1.0, (), parse(text, load_robot(None)))
+        for text in given
+    ]
+    assert _name(causes[0], causes[:1]) == "torque_lowpass on joint_2"
+    assert [_name(cause, causes) for cause in causes] == [
+        "torque_lowpass on joint_2 (joint_torque)",
+        "torque_lowpass on joint_2 (motor_torque)",
+    ]

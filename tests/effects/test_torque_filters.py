@@ -48,7 +48,7 @@ class Signals:
     predicted: bool
     t: np.ndarray = field(default_factory=lambda: T)
     cutoff: float = np.inf
-    torque_noise: dict = field(default_factory=lambda: {"tau_J": np.full(3, NOISE**2)})
+    torque_noise: dict = field(default_factory=lambda: dict.fromkeys(("tau_J", "tau_m"), np.full(3, NOISE**2)))
     once: Once = field(default_factory=Once)
 
     @property
@@ -57,7 +57,7 @@ class Signals:
 
     @property
     def model_torques(self):
-        return {"tau_J": np.stack([0 * T, true_torque(T), 0 * T], axis=1)}
+        return {name: np.stack([0 * T, true_torque(T), 0 * T], axis=1) for name in ("tau_J", "tau_m")}
 
 
 def error_of(effect, signals, channels=("joint_torque",)):

@@ -19,10 +19,9 @@ from elastic_arm.dynamics import Model, build_model
 from elastic_arm.effects.equations import ArmEquations
 from elastic_arm.estimation.effect_columns import ActingEffect, Feature
 from elastic_arm.estimation.motion import CompletedMotion, drive_constants, rates_of
-from elastic_arm.estimation.noise import wiener_filtered
 from elastic_arm.estimation.regressors import Entries
 from elastic_arm.estimation.residuals import predicted_torques
-from elastic_arm.estimation.whitening import NoiseModel, Part, WhitenedData
+from elastic_arm.estimation.whitening import Part, WhitenedData
 from elastic_arm.robot import Robot
 
 Array = NDArray[np.float64]
@@ -191,11 +190,16 @@ def _regressor(model: Model, motion: CompletedMotion, directions: Array) -> Arra
 def _drive_entries(
     model: Model, nominal: Robot, part: Part, parameters: Sequence[NuisanceParameter], acting: Sequence[ActingEffect]
 ) -> Entries:
-    """Columns (N, 3 n, k): stiffness and damping by predicted torque, presliding by speed."""
-    n, elastic, motion = model.n, model.robot.elastic, part.stretch.quiet
-    load = _wound(model, part, acting) if elastic else np.zeros((len(motion), n))
+    """Columns (N, 3 n, k): stiffness by predicted torque, damping by that of the spring, presliding by speed."""
+    n, elastic, motion, signals = model.n, model.robot.elastic, part.stretch.quiet, part.signals
     K = drive_constants(model)[0] if elastic else np.ones(n)
-    rates = rates_of(motion.t, load) if any(p.what == "damping" for p in parameters) else load
+    load = _wound(model, part, acting) if elastic else np.zeros((len(motion), n))
+    rates = load
+    if elastic and any(p.what == "damping" for p in parameters):
+        # What is known to act beside the spring, such as hysteresis or play, bends how fast it is wound; and the noise
+        # of accelerations counts as of no torque: regressed on it, too, a damping would come out too small.
+        others = K * signals.values["wound"] - signals.values["tau_J"]
+        rates = rates_of(motion.t, signals.model_torques["tau_J"] + others)
     found: list[tuple[int, int, Array]] = []
     for k, parameter in enumerate(parameters):
         j = model.robot.joint_names.index(parameter.joint)
@@ -206,7 +210,7 @@ def _drive_entries(
         elif parameter.what == "stiffness" and gear is not None:
             found.append((n + j, k, load[:, j] * (gear.stiffness / K[j])))
         elif parameter.what == "damping" and gear is not None:
-            found.append((n + j, k, gear.damping / K[j] * _quiet(rates[:, j], part.noise, j)))
+            found.append((n + j, k, gear.damping / K[j] * rates[:, j]))
     values = np.empty((len(motion), len(found)))
     for column, (_, k, law) in enumerate(found):
         values[:, column] = law * parameters[k].prior_std
@@ -224,15 +228,6 @@ def _wound(model: Model, part: Part, acting: Sequence[ActingEffect]) -> Array:
     for effect in acting:
         load = load + effect.torques(part.signals)[2]
     return load
-
-
-def _quiet(rate: Array, noise: NoiseModel, j: int) -> Array:
-    """Return the rate (N,) of the predicted load of joint j, Nm/s, without what is noise of the encoders in it.
-
-    It holds the third derivative of the links' angles. Regressed on its noise too, a damping comes out too small.
-    """
-    assert noise.load is not None
-    return wiener_filtered(rate, noise.rate, noise.f, (2 * np.pi * noise.f) ** 2 * noise.load[:, j])
 
 
 def _turnover(w: Array, t: Array, speeds: Sequence[float]) -> Array:

@@ -118,7 +118,7 @@ def _passed(part: Part, name: str, joint: int, delay: float) -> Array:
         s.
     """
     t, noise = part.signals.t, part.noise
-    torque = part.signals.model_torques[name][:, joint]
+    torque = part.signals.values[name][:, joint]
     if noise.load is not None:
         # The noise of accelerations is no torque that a filter could have passed.
         torque = wiener_filtered(torque, noise.rate, noise.f, noise.load[:, joint])

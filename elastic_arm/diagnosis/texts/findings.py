@@ -29,8 +29,8 @@ def verdict_sentence(found: Diagnosis) -> str:
     if not found.causes:
         places = ", ".join(f"{p.joint} ({p.side})" for p in found.unexplained[:3])
         return f"there is a gap, but no effect of the catalogue explains it; it is largest at {places}."
-    named = listed([_with_rival(cause) for cause in found.causes[:NAMED]], len(found.causes) - NAMED)
-    standing_in = [effect_at(cause.effect, cause.joint) for cause in found.causes if cause.stands_in]
+    named = listed([_with_rival(cause, found.causes) for cause in found.causes[:NAMED]], len(found.causes) - NAMED)
+    standing_in = [_name(cause, found.causes) for cause in found.causes if cause.stands_in]
     # What only stands in for a cause explains nothing.
     verb = "take away" if standing_in else "explain"
     if len(found.causes) == 1:
@@ -72,9 +72,24 @@ def left_out_note(causes: Sequence[Cause]) -> str:
     )
 
 
-def _with_rival(cause: Cause) -> str:
-    """Return a cause by name, with the strongest alternative where the recording leaves it in doubt."""
-    name = effect_at(cause.effect, cause.joint)
+def _name(cause: Cause, causes: Sequence[Cause]) -> str:
+    """Return a cause by effect and joint; with its channels where another cause has the same two."""
+    name, alike = effect_at(cause.effect, cause.joint), [(one.effect, one.joint) for one in causes]
+    several = [choice.name for choice in cause.instance.effect.choices if choice.several]
+    if not several or alike.count((cause.effect, cause.joint)) < 2:
+        return name
+    return f"{name} ({', '.join(chosen(cause.instance.parameters[choice]) for choice in several)})"
+
+
+def _with_rival(cause: Cause, causes: Sequence[Cause]) -> str:
+    """Return a cause by name, with the strongest alternative where the recording leaves it in doubt.
+
+    Parameters
+    ----------
+    cause, causes
+        The cause, and all that are named.
+    """
+    name = _name(cause, causes)
     other = max(cause.alternatives, key=lambda a: a.confidence, default=None)
     # Of an incomplete hypothesis all confidences are low: what counts is one against the other.
     if other is None or cause.confidence >= DOUBTFUL * (cause.confidence + other.confidence):

@@ -124,7 +124,8 @@ class LowPassedTorques(FilteredTorques):
         """
         t, cutoff = signals.t, float(values["cutoff"])
         if signals.predicted:
-            return low_pass_error(t, signals.values[name][:, joints], cutoff)
+            # Filtered, the noise of accelerations would leave the link's residual and enter those of drive and motor.
+            return low_pass_error(t, signals.model_torques[name][:, joints], cutoff)
         undone = signals.once(f"parts of {name} that are clear", lambda: _Undone.of(signals, name))
         # By y - x = -T y', as y + T y' = x with T = 1 / (2 pi cutoff).
         by_reading = -undone.rate[:, joints] / (2.0 * np.pi * cutoff)

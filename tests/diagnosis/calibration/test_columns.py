@@ -2,10 +2,17 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+from typing import Any
+
 import numpy as np
 import pytest
 
-from elastic_arm.diagnosis.calibration.columns import _turnover
+from elastic_arm.diagnosis.calibration.columns import _drive_entries, _turnover
+from elastic_arm.diagnosis.calibration.nuisance import NuisanceParameter
+from elastic_arm.dynamics import build_model
+from elastic_arm.estimation.motion import Motion
+from elastic_arm.robot import load_robot
 
 
 @pytest.mark.parametrize("acceleration", [0.4, -0.4, 2.5])
@@ -26,3 +33,19 @@ def test_friction_that_turns_over_gradually_has_no_impulse() -> None:
     t = np.linspace(-0.2, 0.2, 4001)
     column = _turnover(0.7 * t, t, (5e-4, 2e-3))
     assert abs(column.sum()) < 1e-9 * np.abs(column).sum()
+
+
+def test_the_column_of_a_damping_is_the_rate_at_which_the_spring_is_wound(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Hysteresis carries a part of the load: where it turns over, the load changes more than the spring is wound."""
+    t = np.arange(4000) / 1000.0
+    robot = load_robot(None)
+    model, gear = build_model(robot, "mod3"), robot.joints[1].transmission
+    assert gear is not None
+    wound = np.outer(2e-3 * np.sin(3 * t), np.ones(robot.n))
+    load = gear.stiffness * wound + 12.0 * np.tanh(wound / 1e-4)
+    signals = SimpleNamespace(values={"wound": wound, "tau_J": load}, model_torques={"tau_J": load})
+    monkeypatch.setattr("elastic_arm.diagnosis.calibration.columns.predicted_torques", lambda *_: (load, load))
+    part: Any = SimpleNamespace(signals=signals, stretch=SimpleNamespace(quiet=Motion(t)))
+    damping = NuisanceParameter("damping", "joint_2", "1", 0.4, 1.0)
+    column = _drive_entries(model, robot, part, [damping]).dense()[:, robot.n + 1, 0]
+    assert column == pytest.approx(0.4 * gear.damping * 6e-3 * np.cos(3 * t), abs=1e-3 * 0.4 * gear.damping * 6e-3)
