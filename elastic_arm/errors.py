@@ -21,19 +21,22 @@ class ElasticArmError(Exception):
     """
 
     def __init__(self, problem: str, remedy: str = "") -> None:
-        self.problem = problem
-        self.remedy = remedy
-        super().__init__(" ".join(_sentence(part) for part in (problem, remedy) if part))
+        self.problem, self.remedy = _line(problem), _line(remedy)
+        super().__init__(" ".join(_sentence(part) for part in (self.problem, self.remedy) if part))
 
 
-def _sentence(text: str) -> str:
-    """Return `text` as one line of bounded length with a full stop, unless it ends a sentence already.
+def _line(text: str) -> str:
+    """Return `text` as one line of bounded length.
 
-    It may hold names out of files: what would break the line or control a terminal is written as its code.
+    It may hold names out of files and messages: what would break the line or control a terminal is written as its code.
     """
     if len(text) > _LONGEST:
         text = f"{text[: _LONGEST // 2]} … {text[-_LONGEST // 2 :]}"
-    text = "".join(letter if letter.isprintable() else ascii(letter)[1:-1] for letter in text)
+    return "".join(letter if letter.isprintable() else ascii(letter)[1:-1] for letter in text)
+
+
+def _sentence(text: str) -> str:
+    """Return `text` with a full stop, unless it ends a sentence already."""
     return text if text.endswith((".", "?", "!")) else f"{text}."
 
 
