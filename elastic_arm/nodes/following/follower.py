@@ -138,8 +138,9 @@ class Follower:
         else:  # what leads there from the last point counts as well
             tail, row, degree = bridge
             after_ns = np.concatenate(([tail - stamp], after_ns))
-            joined = (np.vstack((before, now)) for before, now in zip(row, points.row, strict=True))
-            points = Points(*joined, np.concatenate(([degree], points.degree)))
+            joined = Row(*(np.vstack((before, now)) for before, now in zip(row, points.row, strict=True)))
+            degrees = np.concatenate(([degree], points.degree))
+            points = Points(joined.position, joined.velocity, joined.acceleration, degrees)
         known, between = points.degree[:, None], _slopes(after_ns, points.position)
         stated = np.where(known >= CUBIC, points.velocity, 0.0)
         motion = Row(

@@ -176,6 +176,8 @@ def _is_motion(side: Side) -> bool:
 
 def is_motion(t: Array, position: Array) -> bool:
     """Return whether positions (N, n), rad, at times (N,), s, are the motion of an arm, not numbers of any kind."""
+    if len(t) < 2:
+        return False
     speed = np.diff(np.unwrap(position, axis=0), axis=0) / np.diff(t)[:, None]
     return bool((np.sqrt(np.mean(speed**2, axis=0)) < _FASTEST).all())
 
