@@ -40,6 +40,28 @@ def _sentence(text: str) -> str:
     return text if text.endswith((".", "?", "!")) else f"{text}."
 
 
+def require_kind(value: object, kind: type, name: str, error: type[ElasticArmError], remedy: str) -> None:
+    """Refuse an argument of another type where a user's program hands it in, not deep inside.
+
+    Parameters
+    ----------
+    value, kind
+        What was given, and the class that it has to be of.
+    name
+        Of the argument, as the error calls it.
+    error, remedy
+        What is raised, and what to do.
+
+    Raises
+    ------
+    ElasticArmError
+        As `error`, if the value is of another type.
+    """
+    if not isinstance(value, kind):
+        found = "None" if value is None else f"of type {type(value).__name__}"
+        raise error(f"{name} is {found}, not a {kind.__name__}", remedy)
+
+
 class RobotError(ElasticArmError, ValueError):
     """A robot description (arm file or URDF) that cannot be used."""
 

@@ -17,6 +17,7 @@ from typer.testing import CliRunner, Result
 
 from elastic_arm.app import app
 from elastic_arm.cli import bag as bag_commands
+from elastic_arm.cli import processes
 from elastic_arm.cli.console import finite, out, print_json
 from tests.helpers.motions import trajectory
 
@@ -185,3 +186,26 @@ sys.meta_path.insert(0, Interrupt())
     done = in_a_process(("describe",), before, capture_output=True)
     assert done.returncode == -signal.SIGINT
     assert not done.stderr
+
+
+def test_nodes_that_do_not_end_are_not_waited_for_by_an_interrupt(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Of a demo that is stopped nothing is left behind, and nobody waits for half a minute."""
+    monkeypatch.setattr(processes, "ABANDONED", 0.3)
+    deaf = "import signal, time; signal.signal(signal.SIGINT, signal.SIG_IGN); print(flush=True); time.sleep(60)"
+    nodes = processes.Nodes(tmp_path, 1)
+    started = [subprocess.Popen([sys.executable, "-c", deaf], stdout=subprocess.PIPE, text=True) for _ in range(3)]
+    for node in started:
+        assert node.stdout is not None and node.stdout.readline()
+    with pytest.raises(KeyboardInterrupt), nodes:
+        nodes._running = {str(k): node for k, node in enumerate(started)}
+        raise KeyboardInterrupt
+    assert [node.poll() for node in started] == [-signal.SIGKILL] * 3
+
+
+def test_a_bag_whose_name_is_no_text_is_not_replayed(tmp_path: Path) -> None:
+    """ROS would refuse it by a traceback of its own."""
+    result = run("bag", "replay", tmp_path / "x\udcff")
+    assert result.exit_code == 2
+    assert "is no UTF-8 text" in result.stderr and len(result.stderr.splitlines()) == 1

@@ -35,7 +35,7 @@ _LISTED = 5  # times that are written out
 def stuck(recording: Recording) -> list[Finding]:
     """Return which channels hold one number throughout while their joints move: they measure nothing.
 
-    A joint moves where its other side does, or its velocity says so.
+    A joint moves where its other side does, or where its velocity adds up to a motion.
     """
     motion = _travels(recording)
     findings = []
@@ -54,7 +54,7 @@ def stuck(recording: Recording) -> list[Finding]:
 
 
 def _travels(recording: Recording) -> dict[tuple[str, str], Array]:
-    """Return how far joints (n,) go by each channel that says so: by positions, and by velocities in their time."""
+    """Return how far joints (n,) go by each channel that shows it: by positions, and by velocities in their time."""
     found = {}
     for name, side in recording.measured().items():
         if side.position is not None and len(side):
