@@ -21,20 +21,45 @@ class ElasticArmError(Exception):
     """
 
     def __init__(self, problem: str, remedy: str = "") -> None:
-        self.problem = problem
-        self.remedy = remedy
-        super().__init__(" ".join(_sentence(part) for part in (problem, remedy) if part))
+        self.problem, self.remedy = _line(problem), _line(remedy)
+        super().__init__(" ".join(_sentence(part) for part in (self.problem, self.remedy) if part))
 
 
-def _sentence(text: str) -> str:
-    """Return `text` as one line of bounded length with a full stop, unless it ends a sentence already.
+def _line(text: str) -> str:
+    """Return `text` as one line of bounded length.
 
-    It may hold names out of files: what would break the line or control a terminal is written as its code.
+    It may hold names out of files and messages: what would break the line or control a terminal is written as its code.
     """
     if len(text) > _LONGEST:
         text = f"{text[: _LONGEST // 2]} … {text[-_LONGEST // 2 :]}"
-    text = "".join(letter if letter.isprintable() else ascii(letter)[1:-1] for letter in text)
+    return "".join(letter if letter.isprintable() else ascii(letter)[1:-1] for letter in text)
+
+
+def _sentence(text: str) -> str:
+    """Return `text` with a full stop, unless it ends a sentence already."""
     return text if text.endswith((".", "?", "!")) else f"{text}."
+
+
+def require_kind(value: object, kind: type, name: str, error: type[ElasticArmError], remedy: str) -> None:
+    """Refuse an argument of another type where a user's program hands it in, not deep inside.
+
+    Parameters
+    ----------
+    value, kind
+        What was given, and the class that it has to be of.
+    name
+        Of the argument, as the error calls it.
+    error, remedy
+        What is raised, and what to do.
+
+    Raises
+    ------
+    ElasticArmError
+        As `error`, if the value is of another type.
+    """
+    if not isinstance(value, kind):
+        found = "None" if value is None else f"of type {type(value).__name__}"
+        raise error(f"{name} is {found}, not a {kind.__name__}", remedy)
 
 
 class RobotError(ElasticArmError, ValueError):

@@ -175,6 +175,10 @@ def replay(
     Example: elastic-arm bag replay bags/excitation --rate 2
     """
     require_ros()
+    try:
+        str(bag).encode()
+    except UnicodeEncodeError:
+        raise RecordingError(f"the name {str(bag)!r} is no UTF-8 text, and ROS takes no other", "Rename it.") from None
     # Quoted as YAML: a folder may be called 123, or `a: b`.
     parameters = [
         f"bag:={json_text(str(bag))}",

@@ -5,12 +5,15 @@ Exit codes: 0 done; 1 the work was done and its answer is "no" (a bag that fails
 
 from __future__ import annotations
 
+import contextlib
 import functools
+import io
 import json
 import math
+import os
 import re
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from typing import Any, ParamSpec, TypeVar
 
 from rich.console import Console
@@ -19,7 +22,7 @@ from rich.markup import escape
 from rich.progress import Progress, ProgressColumn
 from rich.text import Text
 
-from elastic_arm.errors import ElasticArmError
+from elastic_arm.errors import ElasticArmError, OutputError
 
 P = ParamSpec("P")
 R = TypeVar("R")
@@ -43,6 +46,10 @@ class SafeConsole(Console):
         except MarkupError:
             return super().render_str(text, **{**options, "markup": False})
 
+    def on_broken_pipe(self) -> None:
+        """Leave it to the application, as for what is written without a console."""
+        raise BrokenPipeError
+
 
 class PipeConsole(SafeConsole):
     """A console for pipes and files: every line stays whole, and ends where its text ends."""
@@ -58,6 +65,54 @@ def _console(*, stderr: bool) -> Console:
     """Return a console that wraps and shortens for a screen alone."""
     console = SafeConsole(stderr=stderr, highlight=False)
     return console if console.is_terminal else PipeConsole(stderr=stderr, highlight=False, width=UNLIMITED)
+
+
+class _GuardedOutput(io.TextIOWrapper):
+    """The standard output, whose errors are the user's to mend."""
+
+    def write(self, text: str) -> int:
+        """Write text; see :meth:`flush`."""
+        with _worded():
+            return super().write(text)
+
+    def flush(self) -> None:
+        """Hand on what was written.
+
+        Raises
+        ------
+        OutputError
+            If whatever stdout leads to does not take it. A pipe that is closed at its other end is no error of ours.
+        """
+        with _worded():
+            super().flush()
+
+
+@contextlib.contextmanager
+def _worded() -> Iterator[None]:
+    try:
+        yield
+    except BrokenPipeError:
+        raise
+    except OSError as error:
+        raise OutputError(
+            f"stdout cannot be written ({error.strerror})", "Results that go to files are not concerned; look there"
+        ) from None
+
+
+def guard_output() -> None:
+    """Have the process write on what there is: closed outputs go nowhere, and letters of no encoding as their codes."""
+    for name, number in (("stdout", 1), ("stderr", 2)):
+        if getattr(sys, name) is None:
+            nowhere = os.open(os.devnull, os.O_WRONLY)
+            if nowhere != number:  # a file opened later must not take the number of an output
+                os.dup2(nowhere, number)
+                os.close(nowhere)
+            setattr(sys, name, io.TextIOWrapper(io.FileIO(number, "w", closefd=False), "utf-8", write_through=True))
+        elif number == 1 and isinstance(sys.stdout, io.TextIOWrapper):
+            before = sys.stdout
+            sys.stdout = _GuardedOutput(
+                before.buffer, before.encoding, errors="backslashreplace", line_buffering=before.line_buffering
+            )
 
 
 out = _console(stderr=False)

@@ -137,7 +137,7 @@ def read_by_clock(
     clock: ClockChoice,
     namespace: str | None = None,
 ) -> Recording:
-    """Read a recording whose stamps mean what the user demands, with notes on units and signs that cannot be right.
+    """Read a recording whose stamps mean what the user demands, with notes on what cannot be right of it.
 
     Parameters
     ----------
@@ -162,16 +162,16 @@ def read_by_clock(
     from elastic_arm.recording.inspection.described_gravity import wrong_torques
     from elastic_arm.recording.inspection.magnitudes import beyond_limits
     from elastic_arm.recording.inspection.outliers import without_outliers
-    from elastic_arm.recording.inspection.plausibility import backward_torques, wrong_velocities
-    from elastic_arm.recording.inspection.stuck_channels import clipped_torques, frozen
+    from elastic_arm.recording.inspection.plausibility import backward_torques, jumping_angles, wrong_velocities
+    from elastic_arm.recording.inspection.stuck_channels import clipped_torques, frozen, stuck
 
     joints, arrival = robot.joint_names, clock is ClockChoice.arrival
     recording = read_recording(path, channels, joints, arrival=arrival, namespace=namespace)
     whole = without_outliers(recording)
-    signs = (*backward_torques(recording), *wrong_torques(whole, robot))
-    found = (*frozen(recording), *clipped_torques(recording), *beyond_limits(whole, robot))
+    signs = (*backward_torques(whole), *wrong_torques(whole, robot))
+    found = (*stuck(whole), *frozen(recording), *clipped_torques(whole), *beyond_limits(whole, robot))
     others = (finding.message for finding in found)
-    wrong = tuple(f"{path}: {words}." for words in (*wrong_velocities(recording), *signs, *others))
+    wrong = tuple(f"{path}: {words}." for words in (*wrong_velocities(whole), *jumping_angles(whole), *signs, *others))
     recording = replace(recording, notes=(*recording.notes, *wrong))
     if clock is ClockChoice.auto:
         return recording

@@ -9,6 +9,7 @@ import signal
 import subprocess
 import sys
 import threading
+import time
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from types import TracebackType
@@ -18,8 +19,10 @@ import yaml
 
 from elastic_arm.errors import GraphError, MissingExtraError
 
-# How long a node may take to put things in order after it was asked to stop, seconds.
+# How long a node may take to put things in order after it was asked to stop, seconds; and where the user does not wait
+# for what it leaves behind.
 PATIENCE = 30.0
+ABANDONED = 5.0
 
 
 def require_ros() -> None:
@@ -63,8 +66,14 @@ class Nodes:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
+        # A Ctrl-C that is raised again must not leave nodes behind, which the terminal does not reach.
+        signal.setitimer(signal.ITIMER_REAL, 0.0)
+        for process in self._running.values():
+            if process.poll() is None:
+                process.send_signal(signal.SIGINT)
+        end = time.monotonic() + ABANDONED
         for name in list(self._running):
-            self._end(name)
+            self._end(name, max(end - time.monotonic(), 0.1) if kind is not None else PATIENCE)
 
     def start(self, name: str, parameters: Mapping[str, Any]) -> None:
         """Start node `name` with `parameters`; what it prints on stdout arrives in `lines`."""
@@ -116,12 +125,12 @@ class Nodes:
         except queue.Empty:
             return
 
-    def _end(self, name: str) -> int:
+    def _end(self, name: str, patience: float = PATIENCE) -> int:
         process = self._running.pop(name)
         if process.poll() is None:
             process.send_signal(signal.SIGINT)
         try:
-            return process.wait(PATIENCE)
+            return process.wait(patience)
         except subprocess.TimeoutExpired:
             process.kill()
             return process.wait()

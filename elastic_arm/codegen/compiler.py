@@ -14,7 +14,7 @@ import tempfile
 from collections.abc import Callable
 from pathlib import Path
 
-from elastic_arm.codegen.cache import CACHE_VARIABLE, cache_folder
+from elastic_arm.codegen.cache import CACHE_VARIABLE, cache_folder, is_own_file, replace_folder, whole
 from elastic_arm.errors import KernelError
 
 _TIMEOUT_S = 300.0
@@ -59,7 +59,7 @@ def build(source: str, *, flags: tuple[str, ...] = ("-ffp-contract=fast",)) -> c
     Raises
     ------
     KernelError
-        If there is no compiler, $CC is no command, it refuses the source, or the cache cannot be written.
+        If there is no compiler, $CC is no command, it refuses the source, or there is no folder at all to write to.
     """
     return build_once(source, lambda: source, flags=flags)
 
@@ -77,21 +77,43 @@ def build_once(
         Prints the C code.
     flags
         Of the compiler.
+
+    Raises
+    ------
+    KernelError
+        As :func:`build`.
     """
     compiler = find_compiler()
     if compiler is None:
         raise KernelError("no C compiler was found", "Install gcc or clang, or set CC to one")
-    library = cache_folder() / f"{_key(identity, compiler, flags)}.so"
-    if not _is_whole(library):
-        _compile(source(), compiler, flags, library)
+    name = f"{_key(identity, compiler, flags)}.so"
     try:
-        return ctypes.CDLL(str(library))
+        folder = cache_folder()
+        try:
+            return _found_or_made(folder / name, source, compiler, flags)
+        except OSError as error:  # a disk that is full, may not be written, or runs no programs
+            reason = (error.strerror or str(error)).removeprefix(f"{folder / name}: ")
+        return _found_or_made(replace_folder(folder, f"cannot be used ({reason})") / name, source, compiler, flags)
     except OSError as error:
-        raise KernelError(f"{library} cannot be loaded ({error})", "Delete it; it is made again") from error
+        raise KernelError(
+            f"there is no place for compiled code ({error})", f"Set {CACHE_VARIABLE} to a folder you may write to"
+        ) from error
+
+
+def _found_or_made(
+    library: Path, source: Callable[[], str], compiler: tuple[str, ...], flags: tuple[str, ...]
+) -> ctypes.CDLL:
+    if not _is_whole(library):
+        content = _compiled(source(), compiler, flags)
+        with whole(library) as passing:
+            passing.write_bytes(content + _digest(content))  # loaders take no notice of what follows the last section
+    return ctypes.CDLL(str(library))
 
 
 def _is_whole(library: Path) -> bool:
-    """Whether a library is there with the digest that `_compile` appended: loading half of one kills the process."""
+    """Whether a library of the user's is there, with its digest: loading half of one kills the process."""
+    if not is_own_file(library):
+        return False
     try:
         content = library.read_bytes()
     except OSError:
@@ -125,30 +147,31 @@ def processor() -> str:
     return platform.machine() + "".join(sorted(set(chosen)))
 
 
-def _compile(source: str, compiler: tuple[str, ...], flags: tuple[str, ...], library: Path) -> None:
-    try:
-        library.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
-        with tempfile.TemporaryDirectory(dir=library.parent, prefix="build-") as folder:
-            text, made = Path(folder) / "kernel.c", Path(folder) / "kernel.so"
-            text.write_text(source, encoding="utf-8")
-            messages = []
-            for variant in _VARIANTS:
-                libraries = [name for flag in variant for name in _LIBRARIES.get(flag, ())]
-                command = [*compiler, *_FLAGS, *flags, *variant, str(text), "-o", str(made), *libraries, "-lm"]
+def _compiled(source: str, compiler: tuple[str, ...], flags: tuple[str, ...]) -> bytes:
+    """Return the library that the compiler makes of a source.
+
+    Raises
+    ------
+    KernelError
+        If it refuses the source, or does not end.
+    OSError
+        If there is no room for it.
+    """
+    messages = []
+    with tempfile.TemporaryDirectory(prefix="elastic_arm_") as folder:
+        text, made = Path(folder) / "kernel.c", Path(folder) / "kernel.so"
+        text.write_text(source, encoding="utf-8")
+        for variant in _VARIANTS:
+            libraries = [name for flag in variant for name in _LIBRARIES.get(flag, ())]
+            command = [*compiler, *_FLAGS, *flags, *variant, str(text), "-o", str(made), *libraries, "-lm"]
+            try:
                 done = subprocess.run(command, capture_output=True, text=True, timeout=_TIMEOUT_S, check=False)
-                if done.returncode == 0:
-                    # Loaders take no notice of what follows the last section.
-                    with made.open("r+b") as file:
-                        digest = _digest(file.read())
-                        file.write(digest)
-                    made.replace(library)
-                    return
-                messages.append(done.stderr.strip())
-    except subprocess.TimeoutExpired as error:
-        raise KernelError(f"{compiler[0]} did not end within {_TIMEOUT_S:g} s", "Run with an empty CC") from error
-    except OSError as error:
-        raise KernelError(
-            f"cannot compile in {library.parent} ({error})", f"Set {CACHE_VARIABLE} to a folder you may write to"
-        ) from error
+            except subprocess.TimeoutExpired as error:
+                raise KernelError(
+                    f"{compiler[0]} did not end within {_TIMEOUT_S:g} s", "Run with an empty CC"
+                ) from error
+            if done.returncode == 0:
+                return made.read_bytes()
+            messages.append(done.stderr.strip())
     first = messages[-1].splitlines()[0] if messages[-1] else "no message"
     raise KernelError(f"{compiler[0]} failed: {first}", "Set CC to a working C compiler, or to nothing to do without")

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import casadi as ca
 
-from elastic_arm.codegen.cache import cache_folder, source_digest, whole
+from elastic_arm.codegen.cache import cache_folder, is_own_file, source_digest, whole
 
 
 def stored(key: str, derive: Callable[[], list[ca.Function]], sources: Sequence[Path]) -> list[ca.Function]:
@@ -30,12 +30,14 @@ def stored(key: str, derive: Callable[[], list[ca.Function]], sources: Sequence[
     """
     digest = source_digest(*sources)
     name = hashlib.sha256(f"{key}:{ca.CasadiMeta.version()}:{digest}".encode()).hexdigest()[:32]
-    path = cache_folder() / f"{name}.casadi"
-    if path.exists():
-        try:
+    try:
+        path = cache_folder() / f"{name}.casadi"
+    except OSError:
+        return derive()
+    if is_own_file(path):
+        # CasADi's word for a file that it cannot read is a RuntimeError; what is stored below takes its place.
+        with contextlib.suppress(RuntimeError):
             return list(_read(path))
-        except RuntimeError:  # CasADi's word for a file it cannot read
-            path.unlink(missing_ok=True)
     functions = derive()
     with contextlib.suppress(OSError, RuntimeError), whole(path) as passing:
         _write(passing, functions)

@@ -9,7 +9,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from elastic_arm.codegen.cache import cache_folder, source_digest, whole
+from elastic_arm.codegen.cache import cache_folder, is_own_file, source_digest, whole
 from elastic_arm.codegen.program import Program, from_casadi
 
 if TYPE_CHECKING:
@@ -36,9 +36,14 @@ def cached_program(key: str, derive: Callable[[], casadi.Function], sources: Seq
     A cache that cannot be read or written costs time, never a result.
     """
     digest = source_digest(*sources, _READER)
-    path = cache_folder() / f"{hashlib.sha256(f'{key}:{digest}'.encode()).hexdigest()[:32]}.npz"
-    with contextlib.suppress(OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile):
-        return Program.load(path)
+    name = f"{hashlib.sha256(f'{key}:{digest}'.encode()).hexdigest()[:32]}.npz"
+    try:
+        path = cache_folder() / name
+    except OSError:
+        return from_casadi(derive())
+    if is_own_file(path):
+        with contextlib.suppress(OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile):
+            return Program.load(path)
     program = from_casadi(derive())
     with contextlib.suppress(OSError), whole(path) as passing:
         program.save(passing)

@@ -10,8 +10,8 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
-from elastic_arm.codegen.compiler import find_compiler
 from elastic_arm.codegen.loop import build_loop
+from elastic_arm.errors import KernelError
 
 Array = NDArray[np.float64]
 
@@ -25,17 +25,16 @@ class Recursion:
     ----------
     step
         CasADi function of z (s,), the arguments of one sample (a,), and constants (c,).
-
-    Raises
-    ------
-    KernelError
-        If there is a compiler and it fails, or $CC is no command.
     """
 
     def __init__(self, step: ca.Function) -> None:
         self._states, self._arguments, self._constants = (int(step.numel_in(i)) for i in range(3))
-        self._compiled: Any = self._build(step) if find_compiler() else None
-        self._steps: Any = None if self._compiled else self._unrolled(step)
+        self._compiled: Any = None
+        self._steps: Any = None
+        try:
+            self._compiled = self._build(step)
+        except KernelError:  # kernels say why there is no compiled code
+            self._steps = self._unrolled(step)
 
     def run(self, arguments: Array, constants: Array, start: float = 0.0) -> Array:
         """Return the states (N, s) at all samples.

@@ -37,7 +37,9 @@ from elastic_arm.diagnosis.settings import DiagnosisSettings, SearchSettings
 from elastic_arm.diagnosis.texts.notes import PRIORS_UNUSED, mixture_note
 from elastic_arm.effects.equations import ArmEquations
 from elastic_arm.effects.model import Effect, SensorEffect
+from elastic_arm.errors import DiagnosisError, require_kind
 from elastic_arm.recording import Recording
+from elastic_arm.recording.recording import recordings_of
 
 
 @dataclass(frozen=True)
@@ -100,8 +102,10 @@ def diagnose(recordings: Sequence[Recording], question: Question, validate: Sequ
     DiagnosisError
         If the recordings allow no diagnosis: no torque, no motion, too short, validation equal to identification data.
     RecordingError
-        If a recording lacks a joint.
+        If a recording lacks a joint, is something else, or holds numbers of no arm.
     """
+    recordings, validate = recordings_of(recordings), recordings_of(validate, "validate")
+    require_kind(question, Question, "question", DiagnosisError, "Give Question(robot).")
     return beside_wrong_signs(_diagnosis(recordings, question, validate), recordings, question)
 
 

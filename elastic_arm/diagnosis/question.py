@@ -6,7 +6,7 @@ from dataclasses import dataclass, field, replace
 
 from elastic_arm.diagnosis.settings import DiagnosisSettings
 from elastic_arm.effects import Catalogue, Effect, EffectInstance
-from elastic_arm.robot import Robot
+from elastic_arm.robot import Robot, require_robot
 
 
 @dataclass(frozen=True)
@@ -41,6 +41,9 @@ class Question:
     settings: DiagnosisSettings = field(default_factory=DiagnosisSettings)
     catalogue: Catalogue = field(default_factory=Catalogue.default)
     commissioned: bool = False
+
+    def __post_init__(self) -> None:
+        require_robot(self.robot)
 
     def of_commissioned_arm(self) -> Question:
         """Return it with a description that is nearly right everywhere, instead of exact."""

@@ -15,7 +15,7 @@ from elastic_arm.codegen.program_cache import cached_program
 from elastic_arm.dynamics.bodies import Bodies, ModelParameter
 from elastic_arm.dynamics.composition import compose
 from elastic_arm.dynamics.gram import Information
-from elastic_arm.robot.description import Robot
+from elastic_arm.robot.description import Robot, require_robot
 
 if TYPE_CHECKING:
     import casadi
@@ -41,8 +41,9 @@ def build_model(robot: Robot, name: str = "mod3", *, bearings: bool = False, eng
     Raises
     ------
     RobotError
-        If there is no such model, or the arm describes no bearings.
+        If there is no such model, `robot` is something else, or the arm describes no bearings.
     """
+    require_robot(robot)
     return Model(robot, name, compose(robot, name, bearings=bearings), engine)
 
 

@@ -28,7 +28,10 @@ HEAD_START_NS = NANOSECONDS
 # Clocks further apart than this, seconds, are two clocks; an arm may be late with its samples, but not that late.
 LARGEST_OFFSET = 15.0
 # With two clocks there is nothing to wait for but a mistake to mend, or /clock that has not been heard yet: seconds.
-CLOCK_PATIENCE = 10.0
+# States that say nothing of where the arm is are waited out as long: a driver may be starting.
+PATIENCE = 10.0
+# Joints stand at no larger angles, rad (or positions, m).
+LARGEST_POSITION = 1e4
 # The arm has this long, seconds, to find the generator that has found it; and this long where the arm's states and the
 # reader of the reference are two nodes, one of which may be a recorder.
 SETTLING = 0.3
@@ -64,7 +67,7 @@ class TrajectoryGenerator(ArmNode):
             JointState, graph.relative(topics.MOTOR_STATES), self._found, graph.qos(topics.MOTOR_STATES)
         )
         self._names: list[str] = []
-        self._offset = ""
+        self._trouble: GraphError | None = None
         self._born = time.monotonic()
         self._position = np.zeros(0)
         self._form: Form | None = None
@@ -96,20 +99,40 @@ class TrajectoryGenerator(ArmNode):
         """Note where the arm stands."""
         if not message.position or self._names:
             return
+        self._trouble = self._wrong_clock(message) or self._no_position(message)
+        if self._trouble is None:
+            self._names, self._position = list(message.name), np.array(message.position)
+
+    def _wrong_clock(self, message: JointState) -> GraphError | None:
+        """Return what is wrong where the arm and this node do not go by the same clock."""
+        remedy = "A simulator that is not in real time publishes /clock."
         stamp = message.header.stamp.sec + message.header.stamp.nanosec / NANOSECONDS
         now = self.get_clock().now().nanoseconds / NANOSECONDS
         if not now:  # as a clock of the arm's own reads until it is heard; a start reckoned from there would be over
-            self._offset = f"use_sim_time is set, and nobody publishes {topics.CLOCK}"
-            return
+            return GraphError(f"use_sim_time is set, and nobody publishes {topics.CLOCK}", remedy)
         if abs(now - stamp) > LARGEST_OFFSET:
-            self._offset = f"the arm's clock is {stamp - now:+.0f} s off: give both use_sim_time, or neither"
-            return
-        self._names, self._position, self._offset = list(message.name), np.array(message.position), ""
+            return GraphError(
+                f"the arm's clock is {stamp - now:+.0f} s off: give both use_sim_time, or neither", remedy
+            )
+        return None
+
+    def _no_position(self, message: JointState) -> GraphError | None:
+        """Return what is wrong where a message does not say where each joint stands."""
+        said, joints = f"{graph.resolved(self, topics.MOTOR_STATES)} holds", len(message.name)
+        remedy = "Look at it with `ros2 topic echo`: the motion begins where the arm stands."
+        if len(message.position) != joints:
+            return GraphError(f"{said} {len(message.position)} positions for {joints} joints", remedy)
+        if len(set(message.name)) != joints:
+            return GraphError(f"{said} a joint twice: {', '.join(message.name)}", remedy)
+        for name, position in zip(message.name, message.position, strict=True):
+            if not abs(position) <= LARGEST_POSITION:  # nor where it is no number
+                return GraphError(f"{said} a position of {position:.3g} rad for {name}", remedy)
+        return None
 
     def _prepare(self) -> None:
         """Plan the motion as soon as it is known where the arm stands."""
-        if self._offset and time.monotonic() - self._born > CLOCK_PATIENCE * graph.slowness():
-            raise GraphError(self._offset, "A simulator that is not in real time publishes /clock.")
+        if self._trouble is not None and time.monotonic() - self._born > PATIENCE * graph.slowness():
+            raise self._trouble
         if not self._names:
             return
         self.destroy_subscription(self._states)

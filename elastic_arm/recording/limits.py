@@ -26,6 +26,7 @@ WALKED_FIELDS = 100_000
 LAYOUTS = 256
 
 METADATA_BYTES = 10 * MEGABYTE
+FILES = 10_000  # that metadata.yaml names
 
 
 def chunk_bytes() -> int:

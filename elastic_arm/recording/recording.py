@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
-from elastic_arm.errors import RecordingError
+from elastic_arm.errors import RecordingError, require_kind
 from elastic_arm.recording.sides import ClockMode, Samples, Side
 from elastic_arm.recording.timebase.joining import join
 
@@ -134,3 +134,28 @@ class Recording:
                 "Record /joint_states or /motor_states, or both.",
             )
         return measured
+
+
+def recordings_of(given: object, name: str = "recordings") -> list[Recording]:
+    """Return what was given as recordings, one or several, as a list.
+
+    Parameters
+    ----------
+    given
+        One or several of them.
+    name
+        Of the argument, for the error.
+
+    Raises
+    ------
+    RecordingError
+        If it is anything else.
+    """
+    several: Iterable[Any] = [given]
+    if isinstance(given, Iterable) and not isinstance(given, str | bytes):
+        several = given
+    found: list[Recording] = []
+    for one in several:
+        require_kind(one, Recording, name, RecordingError, "Give what read_recording or simulate returns.")
+        found.append(one)
+    return found

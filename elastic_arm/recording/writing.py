@@ -17,7 +17,7 @@ import yaml
 from elastic_arm.errors import RecordingError
 from elastic_arm.recording import cdr, message_types
 from elastic_arm.recording.inspection.quality import check_times
-from elastic_arm.recording.recording import Recording
+from elastic_arm.recording.recording import Recording, recordings_of
 from elastic_arm.recording.sides import Array, Side, Stamps
 from elastic_arm.recording.spans import Bytes, Offsets, place
 from elastic_arm.recording.storage.bag import METADATA
@@ -112,8 +112,11 @@ def write_recording(path: str | Path, recording: Recording, compression: Compres
     Raises
     ------
     RecordingError
-        If the folder exists or cannot be written, or the recording is empty.
+        If the folder exists or cannot be written, or the recording is empty or something else.
     """
+    recordings_of(recording, "recording")
+    if not isinstance(path, str | Path):
+        raise RecordingError(f"path is of type {type(path).__name__}", "Give the name of a folder to make.")
     folder = Path(path)
     streams = _streams(recording)
     if not any(len(stream.stamp_ns) for stream in streams):

@@ -9,6 +9,7 @@ from elastic_arm.robot.description import (
     Limits,
     Robot,
     Transmission,
+    require_robot,
 )
 from elastic_arm.robot.loading import load_robot
 from elastic_arm.robot.saving import robot_to_dict, save_robot
@@ -27,6 +28,7 @@ __all__ = [
     "Transmission",
     "load_robot",
     "parse_urdf",
+    "require_robot",
     "robot_to_dict",
     "save_robot",
     "to_urdf",

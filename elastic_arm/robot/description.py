@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from elastic_arm.errors import RobotError, require_kind
 from elastic_arm.formatting import JointUnits, linear_unit
 from elastic_arm.robot.parts import (
     DH,
@@ -261,3 +262,14 @@ def _check_carriers(joint: Joint, allowed: tuple[str, str]) -> None:
             f"{joint.name}.{what}.carrier is {component.carrier!r}",
             f"A transmission rides on a body at its joint: {allowed[0]} or {allowed[1]}",
         )
+
+
+def require_robot(given: object) -> None:
+    """Refuse what is no robot where a user's program hands it in.
+
+    Raises
+    ------
+    RobotError
+        If it is anything else.
+    """
+    require_kind(given, Robot, "robot", RobotError, "Give what load_robot returns.")

@@ -61,6 +61,8 @@ def load_robot(path: str | Path | None = None, chain: str | None = None, at: str
     RobotError
         If it cannot be read, or describes no arm that can exist; names file, field, reason and remedy.
     """
+    if not isinstance(path, str | Path | None):
+        raise RobotError(f"path is of type {type(path).__name__}", "Give the name of a description, or None.")
     path = NOMINAL_ARM if path is None else Path(path)
     ends = None if chain is None else parse_chain(chain)
     if is_mjcf(path):

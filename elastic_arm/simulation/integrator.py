@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from elastic_arm.codegen.compiler import find_compiler
 from elastic_arm.codegen.loop import build_loop
-from elastic_arm.errors import SimulationError
+from elastic_arm.errors import KernelError, SimulationError
 from elastic_arm.simulation.assembly import System
 
 Array = NDArray[np.float64]
@@ -116,18 +116,27 @@ def make_integrator(system: System, name: str | None = None) -> Integrator:
     SimulationError
         If there is no integrator of that name.
     KernelError
-        If there is a compiler and it fails, or $CC is no command.
+        If "c" is asked for and cannot be had.
     """
     if name not in (None, "c", "casadi"):
         raise SimulationError(f"there is no engine {name!r}", "Choose c or casadi, or None for the faster one.")
     if name is None:
-        name = "c" if find_compiler() else "casadi"
-        if name == "casadi":
-            log.warning("no C compiler was found: the simulation runs about fifty times slower. Install gcc or clang.")
+        return _faster_integrator(system)
     if name not in system.integrators:
         system.integrators[name] = CompiledIntegrator(system) if name == "c" else CasadiIntegrator(system)
     integrator: Integrator = system.integrators[name]
     return integrator
+
+
+def _faster_integrator(system: System) -> Integrator:
+    try:
+        if find_compiler():
+            return make_integrator(system, "c")
+        reason = "no C compiler was found. Install gcc or clang."
+    except KernelError as error:
+        reason = str(error)
+    log.warning("The simulation runs about fifty times slower than compiled: %s", reason)
+    return make_integrator(system, "casadi")
 
 
 class CompiledIntegrator:

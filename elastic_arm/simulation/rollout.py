@@ -8,9 +8,9 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from elastic_arm.errors import SimulationError
+from elastic_arm.errors import SimulationError, require_kind
 from elastic_arm.recording import Recording, Side
-from elastic_arm.robot import Robot, to_urdf
+from elastic_arm.robot import Robot, require_robot, to_urdf
 from elastic_arm.simulation.settings import USUAL, SimulationSettings
 from elastic_arm.simulation.simulator import Simulator
 
@@ -63,7 +63,14 @@ def simulate(
         If the motion leaves the finite numbers, or the settings make no sense.
     EffectError
         If an effect cannot act on this arm.
+    RobotError
+        If `robot` is something else.
     """
+    require_robot(robot)
+    if not hasattr(trajectory, "evaluate"):
+        kind = type(trajectory).__name__
+        raise SimulationError(f"trajectory is of type {kind}, which is no motion", "Give what load_trajectory returns.")
+    require_kind(settings, SimulationSettings, "settings", SimulationError, "Give SimulationSettings(…).")
     seconds = trajectory.duration if duration is None else duration
     if not (np.isfinite(seconds) and seconds > 0):
         raise SimulationError(f"the duration is {seconds!r} s", "Give a positive number of seconds.")

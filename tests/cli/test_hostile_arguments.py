@@ -4,9 +4,12 @@ from __future__ import annotations
 
 import json
 import os
+import signal
 import subprocess
 import sys
+from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import pytest
 import yaml
@@ -14,6 +17,7 @@ from typer.testing import CliRunner, Result
 
 from elastic_arm.app import app
 from elastic_arm.cli import bag as bag_commands
+from elastic_arm.cli import processes
 from elastic_arm.cli.console import finite, out, print_json
 from tests.helpers.motions import trajectory
 
@@ -88,3 +92,120 @@ def test_a_reader_that_goes_away_is_no_error() -> None:
     process.stdout.close()
     assert process.stderr.read() == b""
     process.wait(60)
+
+
+MAIN = "from elastic_arm.app import main; main()"
+BAG = str(Path(__file__).parents[2] / "bags" / "validation")
+SPEAKING = {
+    "describe": ("describe",),
+    "bag info": ("bag", "info", BAG),
+    "bag info --json": ("bag", "info", BAG, "--json"),
+    "help": ("--help",),
+    "version": ("--version",),
+}
+
+
+def in_a_process(arguments: Sequence[str], before: str = "", **options: Any) -> subprocess.CompletedProcess[str]:
+    """Run a command in a process of its own, after some Python."""
+    command = [sys.executable, "-c", f"{before}\n{MAIN}", *arguments]
+    return subprocess.run(command, text=True, timeout=60, **options)
+
+
+@pytest.mark.parametrize("command", SPEAKING)
+def test_an_output_that_takes_nothing_is_an_error_in_one_line(command: str) -> None:
+    """A full disk behind `> file` is the user's to mend, and no traceback."""
+    with Path("/dev/full").open("w") as full:
+        done = in_a_process(SPEAKING[command], stdout=full, stderr=subprocess.PIPE)
+    (line,) = done.stderr.splitlines()
+    assert "stdout cannot be written (No space left on device)" in line
+    assert done.returncode == 2
+
+
+@pytest.mark.parametrize("command", SPEAKING)
+@pytest.mark.parametrize("closed", ["1", "2", "12", "012"])
+def test_outputs_that_are_closed_are_done_without(command: str, closed: str) -> None:
+    """As behind `>&-`: the command does its work, and says nothing."""
+    shut = "import os; " + "; ".join(f"os.close({number})" for number in closed)
+    code = f"{shut}; os.execv({sys.executable!r}, [{sys.executable!r}, '-c', {MAIN!r}, *{SPEAKING[command]!r}])"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60)
+    assert done.returncode == 0
+    assert not done.stderr
+
+
+def test_a_reader_that_has_gone_ends_a_command_quietly() -> None:
+    """As `head -1` does."""
+    reading, writing = os.pipe()
+    os.close(reading)
+    try:
+        done = in_a_process(SPEAKING["describe"], stdout=writing, stderr=subprocess.PIPE)
+    finally:
+        os.close(writing)
+    assert done.returncode == 128 + signal.SIGPIPE
+    assert not done.stderr
+
+
+@pytest.mark.parametrize("command", SPEAKING)
+@pytest.mark.parametrize("how", [{"LANG": "C", "LC_ALL": "C", "PYTHONUTF8": "0"}, {"PYTHONIOENCODING": "ascii"}])
+def test_letters_that_the_output_cannot_show_are_written_as_codes(command: str, how: dict[str, str]) -> None:
+    """A terminal of the C locale has no ²; whoever reads it sees which letter it is."""
+    done = in_a_process(SPEAKING[command], env={**os.environ, **how}, capture_output=True)
+    assert done.returncode == 0, done.stderr
+    if command == "describe":
+        assert "m/s\\xb2" in done.stdout
+
+
+@pytest.mark.parametrize("swallowed", [0, 1])
+def test_a_command_ends_quietly_when_it_is_interrupted(swallowed: int) -> None:
+    """Also where a library catches the interrupt, as it would any error: it is raised once more."""
+    before = f"""
+import contextlib, os, signal, sys, time, elastic_arm.app, elastic_arm.cli.describe as module
+elastic_arm.app.AGAIN = 0.2
+def load_arm(*_):
+    left = {swallowed}
+    os.kill(os.getpid(), signal.SIGINT) if not left else None
+    with contextlib.suppress(KeyboardInterrupt):
+        os.kill(os.getpid(), signal.SIGINT)
+    time.sleep(30)
+module.load_arm = load_arm
+"""
+    done = in_a_process(("describe",), before, capture_output=True)
+    assert done.returncode == 130
+    assert not done.stderr
+
+
+def test_an_interrupt_while_libraries_load_ends_the_process_quietly() -> None:
+    """The second that this takes is one in which one may think better of it."""
+    before = """
+import os, signal, sys
+class Interrupt:
+    def find_spec(self, name, path=None, target=None):
+        if name == "elastic_arm.cli.application":
+            os.kill(os.getpid(), signal.SIGINT)
+sys.meta_path.insert(0, Interrupt())
+"""
+    done = in_a_process(("describe",), before, capture_output=True)
+    assert done.returncode == -signal.SIGINT
+    assert not done.stderr
+
+
+def test_nodes_that_do_not_end_are_not_waited_for_by_an_interrupt(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Of a demo that is stopped nothing is left behind, and nobody waits for half a minute."""
+    monkeypatch.setattr(processes, "ABANDONED", 0.3)
+    deaf = "import signal, time; signal.signal(signal.SIGINT, signal.SIG_IGN); print(flush=True); time.sleep(60)"
+    nodes = processes.Nodes(tmp_path, 1)
+    started = [subprocess.Popen([sys.executable, "-c", deaf], stdout=subprocess.PIPE, text=True) for _ in range(3)]
+    for node in started:
+        assert node.stdout is not None and node.stdout.readline()
+    with pytest.raises(KeyboardInterrupt), nodes:
+        nodes._running = {str(k): node for k, node in enumerate(started)}
+        raise KeyboardInterrupt
+    assert [node.poll() for node in started] == [-signal.SIGKILL] * 3
+
+
+def test_a_bag_whose_name_is_no_text_is_not_replayed(tmp_path: Path) -> None:
+    """ROS would refuse it by a traceback of its own."""
+    result = run("bag", "replay", tmp_path / "x\udcff")
+    assert result.exit_code == 2
+    assert "is no UTF-8 text" in result.stderr and len(result.stderr.splitlines()) == 1

@@ -199,3 +199,71 @@ def test_positions_alone_may_be_streamed() -> None:
     motion = gone(arm, 0.058)
     np.testing.assert_allclose(motion.position, ramp[:58], atol=1e-15)
     np.testing.assert_allclose(motion.velocity, 0.1, atol=1e-9)
+
+
+NOW_S = 1_700_000_000
+LAST = (2**31 - 1) * 10**9
+ZEROS = [0.0, 0.0, 0.0]
+FAR = [1e3, 0.0, 0.0]
+ABSURD_STREAMS = {
+    "of 68 years": (NOW_S * 10**9, [point(0.0, ZEROS), point(2.0**31 - 1, ZEROS)], "streams 2.15e.09 s of points"),
+    "of three hours": (NOW_S * 10**9, [point(0.0, ZEROS), point(10800.0, ZEROS)], "streams 1.08e.04 s of points"),
+    "from 1970 to now": (10**9, [point(0.0, ZEROS), point(NOW_S, ZEROS)], "streams 1.7e.09 s of points"),
+    "in 2038": (LAST, [point(0.0, ZEROS)], "due 4.47e.08 s from now"),
+    "faster than any arm": (NOW_S * 10**9, [point(0.0, ZEROS), point(1.0, FAR)], "velocity of 1e.03 rad/s"),
+    "fast between points at rest": (
+        NOW_S * 10**9,
+        [point(0.0, ZEROS, velocities=ZEROS), point(1.0, FAR, velocities=ZEROS)],
+        "velocity of 1e.03 rad/s",
+    ),
+    "of huge numbers": (NOW_S * 10**9, [point(0.0, ZEROS), point(1.0, [1e308, 0.0, 0.0])], "a value of 1e.308"),
+    "of too many points": (NOW_S * 10**9, [point(1e-3 * k, ZEROS) for k in range(20_001)], "holds 20001 points"),
+}
+
+
+def in_our_time(policy: str = "refuse") -> Follower:
+    """Return a follower whose clock stands in our days, as a simulator's in real time does."""
+    made = Follower(ARM, np.zeros(3), NOW_S * 10**9, MS, policy)
+    made.at(1)
+    return made
+
+
+@pytest.mark.parametrize("what", ABSURD_STREAMS)
+@pytest.mark.parametrize("policy", ["refuse", "ignore"])
+@pytest.mark.filterwarnings("error")
+def test_an_absurd_stream_is_refused_before_memory_is_taken(what: str, policy: str) -> None:
+    """Rows are made for every step of a stream: one message must not ask for years of them."""
+    stamp, points, words = ABSURD_STREAMS[what]
+    arm = in_our_time(policy)
+    if policy == "refuse" or "fast" not in what:
+        with pytest.raises(GraphError, match=words):
+            arm.take(goal(*points, stamp_ns=stamp))
+    assert not gone(arm, 0.1).velocity.any()
+
+
+def test_a_stream_of_old_stamps_leaves_nothing_behind() -> None:
+    """What is of another clock is forgotten, also where it lies half a century back or before any."""
+    for stamp in (10**9, -(10**18)):
+        arm = in_our_time()
+        arm.take(goal(point(0.0, ZEROS), point(100.0, ZEROS), stamp_ns=stamp))
+        assert not gone(arm, 0.1).velocity.any()
+        assert not arm.stream._motions
+
+
+def test_a_stream_that_leaps_from_its_last_point_is_refused() -> None:
+    """The next message of a stream is looked at from where the one before ended."""
+    arm = follower()
+    arm.take(goal(point(0.0, ZEROS), point(0.1, ZEROS), stamp_ns=100 * MS))
+    with pytest.raises(GraphError, match=r"takes .* to a velocity of 1e.06 rad/s"):
+        arm.take(goal(point(0.0, FAR), point(0.1, FAR), stamp_ns=201 * MS))
+
+
+@pytest.mark.parametrize("policy", ["refuse", "slow_down", "ignore"])
+@pytest.mark.filterwarnings("error")
+def test_a_goal_in_weeks_is_refused(policy: str) -> None:
+    """A stretched one would leave 64 bits of nanoseconds."""
+    arm = in_our_time(policy)
+    fast = point(1.0, ZEROS, velocities=[1e6, 0.0, 0.0])
+    for sent in (goal(fast, point(2.0**31 - 1, ZEROS)), goal(point(1.0, ZEROS), stamp_ns=LAST)):
+        with pytest.raises(GraphError, match=r"is due .* s from now"):
+            arm.take(sent)

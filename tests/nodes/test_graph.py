@@ -323,6 +323,101 @@ def test_a_second_simulator_is_refused(graph: Graph) -> None:
     assert first.process.poll() is None
 
 
+def test_a_simulator_that_publishes_stays_when_another_source_turns_up(graph: Graph) -> None:
+    """It says who publishes too, from its first samples on: the arm is moving, and the newcomer is the mistake."""
+    status = graph.listen(DiagnosticArray, "/diagnostics")
+    samples = graph.listen(JointState, "/joint_states")
+    simulator = graph.start("simulator")
+    graph.until(lambda: samples, "the arm moves")
+    graph.peer.create_publisher(JointState, "/motor_states", qos("/motor_states"))
+    graph.until(
+        lambda: any("/peer publishes /motor_states too" in array.status[0].message for array in status),
+        "the newcomer is warned of",
+    )
+    assert simulator.stop() == 0
+    assert "error" not in simulator.output
+
+
+ABSURD_POSITIONS = {
+    "fewer positions than joints": {"position": [0.0]},
+    "a huge one": {"position": [0.0, 1e308, 0.0]},
+    "no number": {"position": [0.0, 0.0, float("nan")]},
+    "a joint twice": {"name": ["joint_1", "joint_1", "joint_2"], "position": [0.0, 0.0, 0.0]},
+}
+
+
+def test_states_without_a_place_of_the_arm_are_refused_by_the_generator(graph: Graph, tmp_path: Path) -> None:
+    """A generator that never learns where the arm is says what it hears, and ends with code 2."""
+    trajectory = lively_excitation(tmp_path, 2.0)
+    for k, sent in enumerate(ABSURD_POSITIONS.values()):
+        space = f"arm_{k}"
+        publisher = graph.peer.create_publisher(JointState, f"/{space}/motor_states", qos("/motor_states"))
+        message = JointState(**{"name": list(JOINTS), **sent})
+
+        def say(publisher=publisher, message=message) -> None:
+            message.header.stamp = graph.peer.get_clock().now().to_msg()
+            publisher.publish(message)
+
+        graph.peer.create_timer(0.05, say)
+        graph.start("trajectory_generator", "-r", f"__ns:=/{space}", trajectory=trajectory)
+    graph.until(lambda: all(node.process.poll() is not None for node in graph.nodes), "the generators give up")
+    said = ("1 positions for 3 joints", "of 1e+308 rad for joint_2", "of nan rad", "a joint twice")
+    for node, words in zip(graph.nodes, said, strict=True):
+        assert node.wait() == 2
+        assert words in node.output and "Traceback" not in node.output and "Warning" not in node.output
+
+
+def test_absurd_references_leave_the_arm_as_it_is(graph: Graph) -> None:
+    """One message of years of points, or of impossible numbers, is refused in words; the arm goes on."""
+    samples = graph.listen(JointState, "/joint_states")
+    simulator = graph.start("simulator", rate=250.0)
+    publishers = {
+        topic: graph.peer.create_publisher(JointTrajectory, topic, qos("/reference"))
+        for topic in ("/reference", "/simulator/joint_trajectory")
+    }
+    graph.until(lambda: samples, "the arm is there")
+    graph.until(lambda: all(p.get_subscription_count() for p in publishers.values()), "it listens")
+
+    def at(seconds: float, *position: float, **rest: list[float]) -> JointTrajectoryPoint:
+        whole, part = divmod(round(seconds * 1e9), 10**9)
+        return JointTrajectoryPoint(
+            positions=position or (0.0,) * 3, time_from_start=Duration(sec=whole, nanosec=part), **rest
+        )
+
+    nan, huge = float("nan"), 1e308
+    sent = {
+        "no points": [],
+        "no positions": [JointTrajectoryPoint()],
+        "one position": [at(1.0, 0.0)],
+        "not a number": [at(1.0, nan, nan, nan)],
+        "huge": [at(0.0), at(1.0, huge, huge, huge)],
+        "huge velocity": [at(0.0), at(1.0, velocities=[huge] * 3)],
+        "descending": [at(2.0), at(1.0)],
+        "before its stamp": [at(-5.0)],
+        "in 68 years": [at(2.0**31 - 1)],
+        "for 68 years": [at(0.0), at(2.0**31 - 1)],
+        "for three hours": [at(0.0), at(10800.0)],
+        "too many": [at(1e-3 * k) for k in range(20_001)],
+    }
+    now = graph.peer.get_clock().now().to_msg()
+    for publisher in publishers.values():
+        for points in sent.values():
+            for stamp in (None, now, type(now)(sec=2**31 - 1), type(now)(sec=-(2**31)), type(now)(sec=1)):
+                message = JointTrajectory(joint_names=list(JOINTS), points=points)
+                if stamp is not None:
+                    message.header.stamp = stamp
+                publisher.publish(message)
+        publisher.publish(JointTrajectory(joint_names=["x" * 100_000, "\x1b[31m", "[r]"], points=[at(1.0)]))
+    publishers["/simulator/joint_trajectory"].publish(
+        JointTrajectory(joint_names=list(JOINTS), points=[at(0.5, 0.02, 0.02, 0.02)])
+    )
+    graph.until(lambda: abs(samples[-1].position[0] - 0.02) < 2e-3, "a proper goal is reached")
+    assert simulator.stop() == 0
+    assert "Traceback" not in simulator.output and "Warning" not in simulator.output
+    assert "\x1b[31m[r]" not in simulator.output
+    assert len(simulator.output) < 20_000
+
+
 def test_the_identifier_obeys_its_services(graph: Graph, run: Run) -> None:
     """Pause stops the counting, save writes a result that loads, reset forgets."""
     status: dict[str, str] = {}

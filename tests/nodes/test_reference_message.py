@@ -57,6 +57,10 @@ BAD: dict[str, tuple[Callable[[], JointTrajectory], str]] = {
     "velocities alone": (lambda: with_field("positions", []), "has 0 positions"),
     "not a number": (lambda: message([1.0, float("nan"), 3.0]), "not finite"),
     "infinite acceleration": (lambda: with_field("accelerations", [0.0, 0.0, float("inf")]), "not finite"),
+    "a huge number": (lambda: message([1.0, 1e308, 3.0]), "has a value of 1e.308"),
+    "a huge velocity": (lambda: with_field("velocities", [0.0, -1e200, 0.0]), "has a value of 1e.200"),
+    "too many points": (lambda: message(*[[1.0, 2.0, 3.0]] * 20_001), "holds 20001 points"),
+    "a name of codes": (lambda: message([1.0, 2.0, 3.0], names=("a", "b", "\x1b[31m" * 9999)), "names a, b"),
     "two points at one time": (at_one_time, "do not increase"),
 }
 

@@ -57,3 +57,10 @@ def test_a_node_without_a_name_is_refused_in_the_end(monkeypatch: pytest.MonkeyP
 def test_a_publisher_that_goes_before_its_name_has_come_is_none() -> None:
     """An endpoint of a process that has ended disappears without a name, and the newcomer stays."""
     graph.require_single_publisher(Discovery([NAMELESS], [NAMELESS], []), [topics.MOTOR_STATES], 0.1)  # type: ignore[arg-type]
+
+
+def test_another_name_than_the_own_is_found_among_both() -> None:
+    """A newcomer of another name stands beside the node's own publisher."""
+    node = Discovery([OTHER, ("newcomer", "/left")])
+    node.publishers = (SimpleNamespace(topic_name="/left/motor_states"),)
+    assert graph.other_publishers(node, topics.MOTOR_STATES) == ["/left/simulator"]  # type: ignore[arg-type]

@@ -18,6 +18,7 @@ from elastic_arm.nodes.following.splines import Row
 from elastic_arm.nodes.support.collecting import Collector
 from elastic_arm.nodes.support.pacing import Pace
 from elastic_arm.nodes.support.pairing import Pairing
+from elastic_arm.nodes.support.running import run
 from elastic_arm.nodes.support.wire import Form, Inbox
 
 MS = 1_000_000
@@ -425,3 +426,23 @@ def test_a_plan_can_be_repeated() -> None:
     np.testing.assert_allclose(plan.evaluate(t + 8.0).position, plan.evaluate(t).position, atol=1e-12)
     assert not plan.evaluate(np.array([plan.duration])).velocity.any()
     assert np.isinf(Plan(trajectory, np.zeros(1), repeat=0).duration)
+
+
+# The process
+
+
+def test_a_name_that_is_no_text_is_refused_before_ros_sees_it(capsys: pytest.CaptureFixture[str]) -> None:
+    """ROS takes UTF-8 alone; a folder may be called anything."""
+    assert run(lambda: pytest.fail("a node was made"), ["replayer", "--ros-args", "-p", "bag:=x\udcff"]) == 2
+    said = capsys.readouterr().err
+    assert said.startswith("error: 'bag:=x") and "is no UTF-8 text" in said and len(said.splitlines()) == 1
+
+
+@pytest.mark.parametrize("words", [["-p", "bag:=["], ["-p", "bag"], ["-r", "x"], ["--nothing"]])
+def test_arguments_that_ros_does_not_take_are_refused_in_a_line(
+    words: list[str], capsys: pytest.CaptureFixture[str]
+) -> None:
+    """It names the argument, and there is no traceback of the library's."""
+    assert run(lambda: pytest.fail("a node was made"), ["replayer", "--ros-args", *words]) == 2
+    (line,) = [line for line in capsys.readouterr().err.splitlines() if line.startswith("error: ")]
+    assert words[-1] in line

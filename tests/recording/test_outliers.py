@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from elastic_arm.cli.options import ClockChoice, read_by_clock
 from elastic_arm.diagnosis import Question, diagnose
+from elastic_arm.errors import RecordingError
 from elastic_arm.identification import IdentificationSettings, identify
 from elastic_arm.recording import Recording, Side, read_recording, write_recording
 from elastic_arm.recording.inspection.check import check_bag
@@ -57,6 +60,62 @@ def test_absurd_numbers_are_found_and_left_out(
     kept = without_outliers(bad)
     assert len(getattr(kept, side)) == len(getattr(bad, side)) - len(found.rows)
     assert f"{side} {channel} of joint_2" in kept.notes[-1]
+
+
+@pytest.mark.parametrize("every", [60, 100, 200, 1000])
+@pytest.mark.parametrize("value", [1e4, 1e5, -1e12])
+def test_impulses_at_regular_intervals_are_outliers(recording: Recording, every: int, value: float) -> None:
+    """So many samples that they lie within the range of nearly all; their neighbours have nothing of them."""
+    spoilt = spoiled(recording, "motor", "effort", value, slice(0, None, every))
+    (found,) = find_outliers(spoilt)
+    assert found.rows.tolist() == list(range(0, len(spoilt.motor), every))
+    whole = without_outliers(spoilt)
+    assert np.abs(whole.motor.effort).max() < 5e3
+
+
+@pytest.mark.filterwarnings("error")
+def test_a_joint_without_a_channel_has_no_outliers(recording: Recording) -> None:
+    """Nor has a channel that is nowhere a number."""
+    assert find_outliers(spoiled(recording, "motor", "effort", np.nan, slice(None))) == []
+    motor = replace(recording.motor, effort=np.full_like(recording.motor.effort, np.nan))
+    assert find_outliers(replace(recording, motor=motor)) == []
+
+
+IMPOSSIBLE = {
+    "angles": ("link", "position", lambda values: values + 1e12, "link position of all joints reaches 1e.12 rad"),
+    "torques": ("motor", "effort", lambda values: values * 1e150, "motor effort of all joints reaches .*e.15. Nm"),
+    "speeds": ("motor", "velocity", lambda values: values - 1e9, "motor velocity of all joints reaches 1e.09 rad/s"),
+}
+
+
+@pytest.mark.parametrize("what", IMPOSSIBLE)
+@pytest.mark.filterwarnings("error")
+def test_a_channel_that_is_of_no_arm_throughout_is_refused(tmp_path: Path, recording: Recording, what: str) -> None:
+    """By the check, and by all that computes with it."""
+    name, channel, change, words = IMPOSSIBLE[what]
+    side = getattr(recording, name)
+    spoilt = replace(recording, **{name: replace(side, **{channel: change(side.channels()[channel])})})
+    with pytest.raises(RecordingError, match=words):
+        without_outliers(spoilt)
+    with pytest.raises(RecordingError, match=words):
+        identify(spoilt, load_robot())
+    with pytest.raises(RecordingError, match=words):
+        diagnose([spoilt], Question(load_robot()))
+    write_recording(tmp_path / "bag", spoilt)
+    (finding,) = [one for one in check_bag(tmp_path / "bag").findings if one.severity == "error"]
+    assert re.search(words, finding.message)
+
+
+@pytest.mark.parametrize("value", [1e300, -1.7e308])
+@pytest.mark.parametrize(("side", "channel"), [("link", "velocity"), ("motor", "effort")])
+@pytest.mark.filterwarnings("error")
+def test_the_largest_numbers_are_looked_at_without_a_warning_of_the_library(
+    tmp_path: Path, recording: Recording, side: str, channel: str, value: float
+) -> None:
+    """What reads a bag for a fit leaves them out before it squares anything."""
+    write_recording(tmp_path / "bag", spoiled(recording, side, channel, value, slice(10, 20)))
+    read_by_clock(tmp_path / "bag", None, load_robot(), ClockChoice.auto)
+    check_bag(tmp_path / "bag", robot=load_robot())
 
 
 def test_joints_that_rest_have_no_outliers_by_resolution() -> None:

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from elastic_arm.cli.options import ClockChoice, read_by_clock
 from elastic_arm.recording import Recording, Side, write_recording
 from elastic_arm.recording.inspection.check import check_bag
-from elastic_arm.recording.inspection.stuck_channels import clipped_torques, frozen
+from elastic_arm.recording.inspection.stuck_channels import clipped_torques, frozen, stuck
 from elastic_arm.robot.synthetic import random_arm
 
 Array = NDArray[np.float64]
@@ -127,3 +127,64 @@ def test_check_and_the_commands_that_fit_say_so(tmp_path: Path) -> None:
     named = [replace(joint, name=name) for joint, name in zip(arm.joints, NAMES, strict=True)]
     notes = read_by_clock(bag, None, arm.with_(joints=tuple(named)), ClockChoice.auto).notes
     assert {f"{bag}: {found[code]}." for code in ("clipped", "frozen")} <= set(notes)
+
+
+STUCK = {
+    "a link's encoder": (
+        "link",
+        "position",
+        0.7,
+        "link position stays where it is while the joint moves: joint_2 at 0.7",
+    ),
+    "a velocity": ("link", "velocity", 0.0, "link velocity stays where it is while the joint moves: joint_2 at 0:"),
+    "a torque of zero": ("motor", "effort", 0.0, "motor effort stays where it is while the joint moves: joint_2 at 0:"),
+    "the zero below": ("motor", "effort", -0.0, "joint_2 at 0:"),
+    "the smallest number": ("motor", "effort", 5e-324, "joint_2 at 4.94e-324:"),
+    "any torque": ("motor", "effort", 31.5, "joint_2 at 31.5:"),
+}
+
+
+def with_motor_encoders() -> Recording:
+    """A recording whose drives have encoders, too."""
+    made = recording()
+    assert made.link is not None and made.motor is not None
+    return replace(made, motor=replace(made.motor, position=made.link.position, velocity=made.link.velocity))
+
+
+@pytest.mark.parametrize("what", STUCK)
+def test_a_channel_that_holds_one_number_while_its_joint_moves_is_named(what: str, tmp_path: Path) -> None:
+    """By the check, and as a note before anything is fitted; no channel of the recording as it was."""
+    whole = with_motor_encoders()
+    assert stuck(whole) == []
+    name, channel, value, words = STUCK[what]
+    side: Side = getattr(whole, name)
+    values = side.channels()[channel].copy()
+    values[:, 1] = value
+    spoilt = replace(whole, **{name: replace(side, **{channel: values})})
+    write_recording(tmp_path / "bag", spoilt)
+    assert any(words in finding.message for finding in check_bag(tmp_path / "bag").findings)
+    read = read_by_clock(tmp_path / "bag", None, random_arm(3, np.random.default_rng(1)), ClockChoice.auto)
+    assert any(words in note and "joint_1" not in note for note in read.notes), read.notes
+
+
+def test_joints_at_rest_hold_their_numbers() -> None:
+    """Neither a joint that rests beside others that move, nor its encoder's zero of the velocity, is suspicious."""
+    whole = with_motor_encoders()
+    for name in ("link", "motor"):
+        side: Side = getattr(whole, name)
+        position, velocity = (values.copy() for values in (side.position, side.velocity))
+        position[:, 1], velocity[:, 1] = 0.3, 5e-3
+        whole = replace(whole, **{name: replace(side, position=position, velocity=velocity)})
+    assert whole.motor is not None and whole.motor.effort is not None
+    torque = whole.motor.effort.copy()
+    torque[:, 1] = 2.0
+    assert stuck(replace(whole, motor=replace(whole.motor, effort=torque))) == []
+
+
+def test_impulses_are_no_saturation() -> None:
+    """A torque that saturates leads to the end of its range; single samples do not."""
+    made = recording()
+    assert made.motor is not None and made.motor.effort is not None
+    torque = made.motor.effort.copy()
+    torque[::100, 1] = 1e5
+    assert clipped_torques(replace(made, motor=replace(made.motor, effort=torque))) == []

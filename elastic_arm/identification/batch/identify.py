@@ -39,7 +39,8 @@ from elastic_arm.identification.validation import HeldOut, validated
 from elastic_arm.recording import Recording
 from elastic_arm.recording.inspection.outliers import without_outliers
 from elastic_arm.recording.inspection.two_encoders import by_motor_encoders
-from elastic_arm.robot import Robot
+from elastic_arm.recording.recording import recordings_of
+from elastic_arm.robot import Robot, require_robot
 
 Array = NDArray[np.float64]
 # Relative error of the description: where an arm is taken for rigid it is never believed to be off by more. What
@@ -80,6 +81,8 @@ def identify(
     ------
     IdentificationError
         If the recordings allow no equation, or too few samples.
+    RecordingError, RobotError
+        If an argument is something else, or a channel holds numbers of no arm.
     """
     return identify_with(recordings, robot, settings, validate=validate, progress=progress)[0]
 
@@ -104,7 +107,8 @@ def identify_with(
     result, identifier, motion
         The result, the estimator that it came from, and the first run of smoothed motion.
     """
-    chosen = [recordings] if isinstance(recordings, Recording) else list(recordings)
+    require_robot(robot)
+    chosen, validate = recordings_of(recordings), recordings_of(validate, "validate")
     if not chosen:
         raise IdentificationError("no recording was given", "Give at least one.")
     report = progress or (lambda what, share: None)

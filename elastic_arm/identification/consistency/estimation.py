@@ -214,8 +214,10 @@ def _solve(A: Array, b: Array, chart: Chart, trust: float) -> tuple[Array, bool]
             # That the solver missed its tolerance is told from its status.
             warnings.simplefilter("ignore", UserWarning)
             problem.solve(solver=cp.CLARABEL)
-    except cp.SolverError as error:
-        raise IdentificationError(f"the convex solver gave up: {error}", "Record a richer motion.") from None
+    except cp.SolverError:  # whose words are about other solvers and their options
+        raise IdentificationError(
+            "the convex solver gave up, as numbers of very different size meet", "Look at the recording with bag check"
+        ) from None
     if x.value is None:
         raise IdentificationError(f"the convex solver found nothing ({problem.status})", "Record a richer motion.")
     solution: Array = np.array(x.value, dtype=float)

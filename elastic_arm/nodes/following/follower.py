@@ -18,6 +18,9 @@ from elastic_arm.robot import Robot
 Array = NDArray[np.float64]
 # A stream that begins farther from where the arm stands, rad, would be a jump.
 LARGEST_JUMP = 0.1
+# Those of a stream are made when it arrives: it ends at most so far ahead, seconds, and no message takes longer. The
+# trajectory generator sends 100 s at a time at most, and 10 s ahead.
+LONGEST_STREAM = 150
 # Rows of a goal are made so many steps ahead, in parts: no goal is so long that the arm has to wait for it.
 AHEAD, PART = 1000, 500
 
@@ -26,9 +29,9 @@ class Follower:
     """Takes messages of points, and gives the reference of every step.
 
     A message whose stamp is set and whose first point is at that stamp is part of a stream, as the trajectory
-    generator sends it: its points are followed as they are, and the limits that the arm states are checked. Any other
-    message is a goal (:func:`elastic_arm.nodes.following.goals.plan_goal`); where the arm states no limit, that of the
-    excitation's search counts.
+    generator sends it: its points are followed as they are, and the limits that the arm states are checked (or those
+    of any arm). Any other message is a goal (:func:`elastic_arm.nodes.following.goals.plan_goal`); where the arm states
+    no limit, that of the excitation's search counts.
 
     Parameters
     ----------
@@ -108,6 +111,12 @@ class Follower:
         self.goal, self._made = goal, self._step
 
     def _take_stream(self, stamp: int, after_ns: NDArray[np.int64], points: Points) -> None:
+        ahead = (stamp + int(after_ns[-1]) - self.now_ns) / NANOSECONDS
+        if max(ahead, after_ns[-1] / NANOSECONDS) > LONGEST_STREAM:
+            raise GraphError(
+                f"streams {after_ns[-1] / NANOSECONDS:.3g} s of points, the last of them due {ahead:.3g} s from now",
+                f"Stream at most {LONGEST_STREAM} s at a time and ahead of the arm's clock.",
+            )
         if self._policy != "ignore":
             self._check_stream(stamp, after_ns, points)
         if self.goal is not None:
@@ -126,12 +135,19 @@ class Follower:
                     f"begins {jump[joint]:.3g} rad from where {self.joints[joint]} is then",
                     "Begin where the arm is, or give time_from_start to go there.",
                 )
-        motion = points.row
-        known = points.degree[:, None]
+        else:  # what leads there from the last point counts as well
+            tail, row, degree = bridge
+            after_ns = np.concatenate(([tail - stamp], after_ns))
+            joined = Row(*(np.vstack((before, now)) for before, now in zip(row, points.row, strict=True)))
+            degrees = np.concatenate(([degree], points.degree))
+            points = Points(joined.position, joined.velocity, joined.acceleration, degrees)
+        known, between = points.degree[:, None], _slopes(after_ns, points.position)
+        stated = np.where(known >= CUBIC, points.velocity, 0.0)
         motion = Row(
-            motion.position,
-            np.where(known >= CUBIC, motion.velocity, _slopes(after_ns, motion.position)),
-            np.where(known >= QUINTIC, motion.acceleration, 0.0),
+            points.position,
+            # Points that state low velocities may lie far apart all the same.
+            np.where(np.abs(stated) > np.abs(between), stated, between),
+            np.where(known >= QUINTIC, points.acceleration, 0.0),
         )
         if (broken := self._stated.violation(motion, self.stream.present.position)) is not None:
             raise GraphError(broken.problem, "Stream within the limits of the arm file, or set the parameter limits.")

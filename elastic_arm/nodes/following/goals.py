@@ -19,8 +19,8 @@ Array = NDArray[np.float64]
 POLICIES = ("refuse", "slow_down", "ignore")
 # A goal is looked at so often between two points: the peaks of a quintic are met within a percent.
 SAMPLES = 16
-# A message of more points would hold up the arm while it is looked at.
-MOST_POINTS = 20_000
+# A goal that is due later, seconds, is a mistake in the units or of a clock; times a thousand it fits 64 bits of ns.
+LATEST = 1e6
 # Slower by more is no plan but a mistake in the units; and how often a slower plan is tried.
 SLOWEST = 1000.0
 TRIES = 8
@@ -90,11 +90,9 @@ def plan_goal(
     Raises
     ------
     GraphError
-        If the message is malformed, ends in motion, lies in the past, or breaks a limit (where the policy is to slow
-        down: one that slowing down does not mend).
+        If the message is malformed, ends in motion, lies in the past or in weeks, or breaks a limit (where the policy
+        is to slow down: one that slowing down does not mend).
     """
-    if len(message.points) > MOST_POINTS:
-        raise GraphError(f"holds {len(message.points)} points", f"Send {MOST_POINTS} at most, or stream them.")
     after_ns, points = reference_points(message, joints, present.position)
     begin = message.header.stamp.sec * NANOSECONDS + message.header.stamp.nanosec or now_ns
     coming = begin + after_ns > now_ns
@@ -103,6 +101,10 @@ def plan_goal(
         raise GraphError(
             f"lies in the past: its last point is due {late:.3g} s before now",
             "Give time_from_start, and a stamp of the arm's clock or zero for now.",
+        )
+    if (ahead := (begin + after_ns[-1] - now_ns) * 1e-9) > LATEST:
+        raise GraphError(
+            f"is due {ahead:.3g} s from now", "Give time_from_start, and a stamp of the arm's clock or zero for now."
         )
     if np.max(np.abs(points.velocity[-1])) > AT_REST:
         raise GraphError("ends in motion", "Give the last point zero velocities, or none.")

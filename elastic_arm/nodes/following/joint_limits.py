@@ -16,6 +16,8 @@ Array = NDArray[np.float64]
 SLACK = 0.02
 # Angle past a limit that counts as rounding, rad.
 ANGLE_SLACK = 1e-3
+# What no arm does, rad/s and rad/s²: limits where the description states none and none is to be assumed.
+FASTEST = {"velocity": 100.0, "acceleration": 1e4}
 _UNITS = {"position": "rad", "velocity": "rad/s", "acceleration": "rad/s²"}
 
 
@@ -37,7 +39,7 @@ class Violation:
 
 @dataclass(frozen=True, eq=False)
 class JointLimits:
-    """Limits of all joints, (n,) each, infinite where there is none.
+    """Limits of all joints, (n,) each; angles are infinite where there is none.
 
     Parameters
     ----------
@@ -46,7 +48,7 @@ class JointLimits:
     low, high, velocity, acceleration
         rad, rad/s, rad/s².
     assumed
-        Whether limits that the description does not state are those of the excitation's search.
+        Whether limits that the description does not state are those of the excitation's search, not of any arm.
     """
 
     joints: tuple[str, ...]
@@ -58,7 +60,7 @@ class JointLimits:
 
     @classmethod
     def of(cls, robot: Robot, assumed: bool) -> JointLimits:
-        """Take the limits that `robot` states; the others are assumed, or infinite."""
+        """Take the limits that `robot` states; the others are assumed, or those of any arm."""
 
         def all_of(name: str, unlimited: float) -> Array:
             default = DEFAULTS[name] if assumed else unlimited
@@ -66,9 +68,8 @@ class JointLimits:
             return np.array([default if value is None else value for value in stated], dtype=float)
 
         low, high = all_of("position_min", -np.inf), all_of("position_max", np.inf)
-        return cls(
-            robot.joint_names, low, high, all_of("velocity", np.inf), all_of("acceleration", np.inf), assumed=assumed
-        )
+        fastest = {name: all_of(name, unlimited) for name, unlimited in FASTEST.items()}
+        return cls(robot.joint_names, low, high, **fastest, assumed=assumed)
 
     def violation(self, motion: Row, start: Array) -> Violation | None:
         """Return what of a motion, (N, n) each, breaks a limit most; None where all are kept.

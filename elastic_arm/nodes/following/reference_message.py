@@ -13,6 +13,10 @@ from elastic_arm.errors import GraphError
 from elastic_arm.nodes.following.splines import CUBIC, LINEAR, QUINTIC, Row
 from elastic_arm.nodes.support.wire import NANOSECONDS
 
+# A message of more points would hold up the arm while it is looked at.
+MOST_POINTS = 20_000
+# Larger numbers, rad, rad/s or rad/s², are of no arm, and their powers are not finite.
+LARGEST = 1e9
 _FIELDS = ("positions", "velocities", "accelerations")
 
 
@@ -59,19 +63,24 @@ def reference_points(
     Raises
     ------
     GraphError
-        If a joint of the arm is missing or a name is repeated, there are no points, a point lacks its positions or has
-        another number of values than there are names, a value is not finite, or times do not increase.
+        If a joint of the arm is missing or a name is repeated, there are no points or too many, a point lacks its
+        positions or has another number of values than there are names, a value is not finite or larger than any arm's,
+        or times do not increase.
     """
     names = list(message.joint_names)
     _check_names(names, joints, partial=held is not None)
     if not message.points:
         raise GraphError("holds no points", "Send one point or more.")
+    if len(message.points) > MOST_POINTS:
+        raise GraphError(f"holds {len(message.points)} points", f"Send {MOST_POINTS} at most, or stream them.")
     after = [point.time_from_start.sec * NANOSECONDS + point.time_from_start.nanosec for point in message.points]
     if np.any(np.diff(after) <= 0):
         raise GraphError("has points whose times do not increase", "Sort them by time_from_start.")
     columns = [_column(message, field, len(names)) for field in _FIELDS]
     if not np.all(np.isfinite(columns)):
         raise GraphError("has a value that is not finite", "Send finite numbers.")
+    if (largest := max(float(np.max(np.abs(column))) for column in columns)) > LARGEST:
+        raise GraphError(f"has a value of {largest:.3g}", "Send angles in rad, velocities in rad/s.")
     named = [k for k, joint in enumerate(joints) if joint in names]
     order = [names.index(joints[k]) for k in named]
     position, velocity, acceleration = np.zeros((3, len(after), len(joints)))

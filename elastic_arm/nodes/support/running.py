@@ -14,6 +14,7 @@ from rclpy.clock import Clock, ClockType
 from rclpy.exceptions import InvalidParameterTypeException, InvalidParameterValueException, ParameterException
 from rclpy.executors import Executor
 from rclpy.experimental import EventsExecutor
+from rclpy.impl.implementation_singleton import rclpy_implementation as rcl
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 
@@ -70,9 +71,17 @@ def run(make: Callable[[], ArmNode], args: Sequence[str] | None = None) -> int:
     int
         Exit code: 0, or 2 after a mistake of the user's, which stands in one line on stderr.
     """
+    words = sys.argv if args is None else args
+    if unreadable := [word for word in words if not _is_text(word)]:
+        # ROS takes UTF-8 alone, and says so in its own way.
+        return _refuse(f"{unreadable[0]!r} is no UTF-8 text. Rename the file.")
     stop = _Stop()
     choose_transport(os.environ)
-    rclpy.init(args=list(args) if args is not None else None, signal_handler_options=SignalHandlerOptions.NO)
+    try:
+        rclpy.init(args=list(args) if args is not None else None, signal_handler_options=SignalHandlerOptions.NO)
+    except (rcl.RCLError, rcl.RCLInvalidROSArgsError, rcl.UnknownROSArgsError) as error:
+        words = " ".join(str(error).split()).removesuffix(".")
+        return _refuse(f"{words}. `config/` shows the parameters and their types.")
     try:
         _spin(make, stop)
     except ElasticArmError as error:
@@ -125,6 +134,14 @@ def _drain(executor: Executor) -> None:
         executor.spin_once(timeout_sec=QUIET)
         if time.monotonic() - began >= QUIET:
             return
+
+
+def _is_text(word: str) -> bool:
+    try:
+        word.encode()
+    except UnicodeEncodeError:
+        return False
+    return True
 
 
 def _refuse(problem: str) -> int:

@@ -15,7 +15,7 @@ from elastic_arm.recording.inspection.outliers import find_outliers, without_out
 from elastic_arm.recording.inspection.plausibility import implausible
 from elastic_arm.recording.inspection.quality import moment, wrong_rate
 from elastic_arm.recording.inspection.report import Report
-from elastic_arm.recording.inspection.stuck_channels import clipped_torques, frozen, motionless
+from elastic_arm.recording.inspection.stuck_channels import clipped_torques, frozen, motionless, stuck
 from elastic_arm.recording.namespaces import choose_namespace
 from elastic_arm.recording.reading import Content, read_content, read_recording, urdf_joints
 from elastic_arm.recording.series import Series
@@ -104,7 +104,7 @@ def _check_whole(
         for outliers in find_outliers(recording):
             report.add("warning", "outliers", f"outliers: {outliers.words()}: identify and diagnose leave them out")
         whole = without_outliers(recording)
-        report.findings += [*motionless(whole), *frozen(recording), *clipped_torques(whole)]
+        report.findings += [*motionless(whole), *stuck(whole), *frozen(recording), *clipped_torques(whole)]
         report.findings += implausible(whole)
         if robot is not None:
             report.findings += [*beyond_limits(whole, robot), *contradicted_gravity(whole, robot)]
@@ -134,11 +134,11 @@ def _check_topics(content: Content, report: Report, joints: Sequence[str] | None
     known = list(joints) if joints is not None else urdf_joints(content.robot_description)
     for topic in present:
         series = content.series[topic]
-        unknown = [name for name in series.names() if known and name not in known]
-        for name in unknown:
+        described, recorded = set(known), set(series.names())
+        for name in [name for name in series.names() if known and name not in described]:
             message = f"{topic} names joint {name}, which the robot description does not have"
             report.add("error" if joints is not None else "warning", "unknown_joint", message, topic=topic, joint=name)
-        for name in [name for name in known if joints is not None and name not in series.names()]:
+        for name in [name for name in known if joints is not None and name not in recorded]:
             report.add("error", "missing_joint", f"{topic} lacks joint {name}", topic=topic, joint=name)
         if not series.has("effort") and JOINT_TORQUES not in content.series:
             elsewhere = any(content.series[other].has("effort") for other in present)

@@ -15,12 +15,14 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from elastic_arm.recording.inspection.impossible import require_possible
 from elastic_arm.recording.recording import Recording
 from elastic_arm.recording.sides import Array, Side, joints_with
 
 _FEWEST = 50  # samples; of fewer no range is known
 _LOOKED_AT = 5000  # samples that the range is taken from
 _CENTRAL = (0.5, 99.5)  # per cent of the samples that the range spans
+_IMPULSIVE = 5.0  # times the range of medians of five samples; of noise alone it is less than twice that
 _INNER = (5.0, 95.0)  # of the narrower one that decides what is absurd
 _BEYOND = 3.0  # ranges from the neighbours
 _ABSURD = 1e2  # inner ranges from the middle; such numbers must not enter the range itself
@@ -88,6 +90,7 @@ def find_outliers(recording: Recording) -> list[Outliers]:
         if side is not None and len(side) >= _FEWEST
         for step in [float(np.median(np.diff(side.stamp_ns))) * 1e-9]
         for channel, values in side.channels().items()
+        if joints_with(values).any()
         for found in _all_of_channel(
             _ChannelSamples(name, channel, side.stamp_ns, step, *_recorded(values, recording.joints))
         )
@@ -101,10 +104,20 @@ def _recorded(values: Array, joints: Sequence[str]) -> tuple[Array, Sequence[str
 
 
 def without_outliers(recording: Recording) -> Recording:
-    """Return the recording without the samples that hold an outlier; its notes state which."""
+    """Return the recording without the samples that hold an outlier; its notes state which.
+
+    Raises
+    ------
+    RecordingError
+        If a channel is of no arm throughout, so that nothing would be left.
+    """
     found = find_outliers(recording)
-    if not found:
-        return recording
+    whole = _left(recording, found) if found else recording
+    require_possible(whole)
+    return whole
+
+
+def _left(recording: Recording, found: Sequence[Outliers]) -> Recording:
     where = recording.source or "the recording"
     kept: dict[str, Any] = {}
     for name in {outliers.side for outliers in found}:
@@ -234,6 +247,12 @@ def _resolution(column: Array) -> float:
     return float(different[different > 0].min(initial=np.inf)) if different.any() else 0.0
 
 
+def _without_impulses(values: Array) -> Array:
+    """Return medians of five samples in a row, (M, n), around some of the samples (N, n)."""
+    centres = 2 + np.arange(0, len(values) - 4, max((len(values) - 4) // _LOOKED_AT, 1))
+    return np.asarray(np.median(values[centres[:, None] + np.arange(-2, 3)], axis=1), dtype=np.float64)
+
+
 def _central(values: Array, channel: str) -> tuple[Array, Array]:
     """(n,) lower and upper end of the range of nearly all samples, never narrower than what a channel resolves."""
     looked_at = values[:: max(len(values) // _LOOKED_AT, 1)]
@@ -241,5 +260,9 @@ def _central(values: Array, channel: str) -> tuple[Array, Array]:
     limited = np.clip(looked_at, lowest, highest)
     sane = np.where(limited == looked_at, looked_at, 0.5 * (lowest + highest))
     low, high = np.percentile(sane, _CENTRAL, axis=0)
+    # Impulses that one sample in a hundred or more holds, and neighbours do not, must not widen it either.
+    calm_low, calm_high = np.percentile(_without_impulses(values), _CENTRAL, axis=0)
+    impulsive = (high - low) / _IMPULSIVE > np.maximum(calm_high - calm_low, _LEAST[channel])
+    low, high = np.where(impulsive, calm_low, low), np.where(impulsive, calm_high, high)
     narrow = 0.5 * np.maximum(np.maximum(_LEAST[channel], _SHARE * (high - low).max()) - (high - low), 0.0)
     return low - narrow, high + narrow

@@ -122,6 +122,14 @@ def backward_torques(recording: Recording) -> list[str]:
     return [finding.message for finding in _backward_findings(recording)]
 
 
+def jumping_angles(recording: Recording) -> list[str]:
+    """Return in words which angles jump by a turn between samples."""
+    sides = [(name, *_whole(side, recording.joints)) for name, side in recording.measured().items()]
+    looked_at = [(name, side.position, joints) for name, side, joints in sides if side.position is not None]
+    found = [finding for name, q, joints in looked_at if len(q) > 1 for finding in _wrapped(name, q, joints)]
+    return [finding.message for finding in found]
+
+
 def wrong_velocities(recording: Recording) -> list[str]:
     """Return in words which velocities are no derivatives of their positions, by column, unit or sign.
 
@@ -168,6 +176,8 @@ def _is_motion(side: Side) -> bool:
 
 def is_motion(t: Array, position: Array) -> bool:
     """Return whether positions (N, n), rad, at times (N,), s, are the motion of an arm, not numbers of any kind."""
+    if len(t) < 2:
+        return False
     speed = np.diff(np.unwrap(position, axis=0), axis=0) / np.diff(t)[:, None]
     return bool((np.sqrt(np.mean(speed**2, axis=0)) < _FASTEST).all())
 

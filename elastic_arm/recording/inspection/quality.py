@@ -36,7 +36,9 @@ def checked(side: Side, topic: str, joints: Sequence[str]) -> Side:
     check_times(side.stamp_ns, topic)
     for name, values in side.channels().items():
         # One sum finds any NaN or infinity in a pass; only then is it worth looking where.
-        if not np.isfinite(values.sum()) and not np.isfinite(values).all():
+        with np.errstate(over="ignore"):
+            total = values.sum()
+        if not np.isfinite(total) and not np.isfinite(values).all():
             bad = ~np.isfinite(values) & joints_with(values)
             if joints_with(values).any() and not bad.any():
                 continue

@@ -12,6 +12,8 @@ from elastic_arm.recording.sides import Array, Side, joints_with
 # An arm whose joints all travel less than this, rad, stands still.
 STILL = 1e-3
 NO_MOTION = "Record an excitation: `elastic-arm excite` makes one"
+_TRAVEL = 0.05  # rad that a joint has moved for certain: beyond play, wind-up and the steps of encoders
+_NOTHING = {"effort": 1e-9}  # Nm within which a torque does not change: no sensor resolves it
 _FEWEST = 200  # samples; below, nothing is concluded
 _LEVELS = 3  # next to the extreme, that it is compared with
 # Times the samples at any of these: a sine without noise is at its peak 2.4 times as often as a step below.
@@ -20,6 +22,7 @@ _OFTEN = 10  # updates of the channel at its extreme; less is chance
 _CLIPPED = 2e-3  # share of the samples; less spoils nothing
 _DISTINCT = 20  # values; a channel of fewer has no range to speak of
 _USUAL = 95.0  # per cent of the runs of equal values, whose length is how long the channel holds one
+_INNER = (5.0, 95.0)  # per cent of the samples between which a torque is mostly
 _AROUND = 5  # samples to either side, within which a joint that turns changes its position
 _LONG = 5  # samples in a row that repeat; a lost cycle or two is ordinary
 _TIMES = 3.0  # times the usual run of repeats, of channels that hold every value for some samples
@@ -27,6 +30,41 @@ _LOOKED_AT = 0.1  # s of a run over which a joint would have moved on; one that 
 _ADVANCE = 5e-3  # rad, beyond the steps of any encoder
 _STEPS = 10  # of the channel's resolution, likewise
 _LISTED = 5  # times that are written out
+
+
+def stuck(recording: Recording) -> list[Finding]:
+    """Return which channels hold one number throughout while their joints move: they measure nothing.
+
+    A joint moves where its other side does, or where its velocity adds up to a motion.
+    """
+    motion = _travels(recording)
+    findings = []
+    for name, side in recording.measured().items():
+        if len(side) < _FEWEST:
+            continue
+        for channel, values in side.channels().items():
+            moving = np.any([travel > _TRAVEL for what, travel in motion.items() if what != (name, channel)], axis=0)
+            constant = joints_with(values) & (np.ptp(values, axis=0) <= _NOTHING.get(channel, 0.0)) & moving
+            held = [f"{recording.joints[j]} at {float(values[0, j]) + 0.0:.3g}" for j in np.flatnonzero(constant)]
+            if held:
+                message = f"{name} {channel} stays where it is while the joint moves: {', '.join(held)}"
+                remedy = "the channel is not connected, or not read: nothing that follows from it can be trusted"
+                findings.append(Finding("warning", f"stuck_{channel}", f"{message}: {remedy}"))
+    return findings
+
+
+def _travels(recording: Recording) -> dict[tuple[str, str], Array]:
+    """Return how far joints (n,) go by each channel that shows it: by positions, and by velocities in their time."""
+    found = {}
+    for name, side in recording.measured().items():
+        if side.position is not None and len(side):
+            found[name, "position"] = np.ptp(side.position, axis=0)
+        if side.velocity is not None and len(side):
+            step = np.diff(side.stamp_ns, append=side.stamp_ns[-1])[:, None] * 1e-9
+            # Without the mean: that of a joint at rest is the sensor's zero, which adds up.
+            moving = side.velocity - side.velocity.mean(axis=0)
+            found[name, "velocity"] = np.ptp(np.cumsum(moving * step, axis=0), axis=0)
+    return found
 
 
 def clipped_torques(recording: Recording) -> list[Finding]:
@@ -82,9 +120,18 @@ def _piled(torque: Array, moving: NDArray[np.bool_]) -> dict[float, float]:
     for end, beside in ((0, slice(1, 1 + _LEVELS)), (-1, slice(-1 - _LEVELS, -1))):
         often = counts[end] >= _OFTEN * hold and counts[end] > _CLIPPED * len(torque)
         # Zero is the end of a channel that has one sign, or of one that was switched off.
-        if often and values[end] != 0.0 and counts[end] > _PILED * counts[beside].max():
+        piled = often and values[end] != 0.0 and counts[end] > _PILED * counts[beside].max()
+        if piled and not _impulses(torque, float(values[end])):
             found[float(values[end])] = float(counts[end] / len(torque))
     return found
+
+
+def _impulses(torque: Array, end: float) -> bool:
+    """Return whether a torque (N,) jumps to an end of its range and back: one that saturates leads there."""
+    rows = np.flatnonzero(torque[1:-1] == end) + 1
+    low, high = np.percentile(torque, _INNER)
+    apart = np.minimum(np.abs(torque[rows - 1] - end), np.abs(torque[rows + 1] - end))
+    return bool(len(rows) and np.mean(apart > high - low) > 0.5)
 
 
 def moves(recording: Recording) -> bool:

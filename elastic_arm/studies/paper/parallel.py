@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import multiprocessing
 import os
+import signal
 from collections.abc import Callable, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from types import TracebackType
@@ -30,7 +31,7 @@ class ProcessPool:
         if workers > 1:
             # Spawned, not forked: this process may hold threads of the kernels' engine.
             context = multiprocessing.get_context("spawn")
-            self._pool = ProcessPoolExecutor(workers, mp_context=context, initializer=_one_thread_each)
+            self._pool = ProcessPoolExecutor(workers, mp_context=context, initializer=_begin)
 
     def __enter__(self) -> ProcessPool:
         return self
@@ -39,6 +40,9 @@ class ProcessPool:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         if self._pool is not None:
+            if kind is KeyboardInterrupt:  # nobody waits for what they are at
+                for process in multiprocessing.active_children():
+                    process.terminate()
             self._pool.shutdown(cancel_futures=True)
 
     def start(self, tasks: Sequence[Task], advance: Advance) -> Results[Any]:
@@ -71,5 +75,7 @@ class ProcessPool:
         return self.start(tasks, advance)()
 
 
-def _one_thread_each() -> None:
+def _begin() -> None:
+    """Take one thread, and end quietly on a Ctrl-C, which reaches all processes of a terminal."""
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
     os.environ["OMP_NUM_THREADS"] = os.environ["OPENBLAS_NUM_THREADS"] = "1"

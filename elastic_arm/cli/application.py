@@ -1,0 +1,174 @@
+"""The commands as one application, which gathers the subcommands and imports one when it runs.
+
+Usage errors are as every other error: one line with problem and remedy, and exit status 2.
+"""
+
+from __future__ import annotations
+
+import os
+import signal
+import sys
+from collections.abc import Sequence
+from importlib import import_module
+from typing import Any, NamedTuple, cast
+
+import typer
+from typer.core import TyperCommand, TyperGroup
+
+from elastic_arm import __version__
+from elastic_arm.cli.console import print_error
+from elastic_arm.cli.several_values import SeveralValues
+from elastic_arm.errors import ElasticArmError, OutputError
+
+
+class Subcommand(NamedTuple):
+    """Where a subcommand is defined, and its line in the help of the application.
+
+    Parameters
+    ----------
+    module, attribute
+        A function, or a `typer.Typer` with subcommands of its own.
+    summary
+        The first sentence of its docstring, known before its module is imported.
+    kind
+        Class of the command.
+    """
+
+    module: str
+    attribute: str
+    summary: str
+    kind: type[TyperCommand] = TyperCommand
+
+
+SUBCOMMANDS = {
+    "describe": Subcommand(
+        "cli.describe",
+        "describe",
+        "Show an arm: joints, limits, masses, transmissions, and what a model of it has to identify.",
+    ),
+    "excite": Subcommand(
+        "cli.excite",
+        "excite",
+        "Find a Fourier trajectory whose motion separates the arm's parameters best, within all limits.",
+    ),
+    "simulate": Subcommand(
+        "cli.simulate", "simulate", "Let a simulated arm follow a trajectory, and record it as a bag."
+    ),
+    "bag": Subcommand("cli.bag", "bag_app", "Look into, check, mend and make recordings."),
+    "identify": Subcommand("cli.identify", "identify", "Identify an arm's parameters from recordings."),
+    "diagnose": Subcommand(
+        "cli.diagnose",
+        "diagnose_command",
+        "Find where a recording and a model differ, which effect the model lacks, and how far the gap shrinks with it.",
+        SeveralValues,
+    ),
+    "export": Subcommand(
+        "cli.mujoco.export",
+        "export",
+        "Write an arm, such as the robot.yaml of a diagnosis, as MJCF or URDF, and list what changes and what is left.",
+    ),
+    "replay": Subcommand(
+        "cli.mujoco.replay",
+        "replay_command",
+        "Replay a recording in MuJoCo, and measure how far each model is from it.",
+    ),
+    "challenge": Subcommand(
+        "studies.blind_challenge.command",
+        "challenge_app",
+        "Check the diagnosis on arms whose effect is withheld from it.",
+    ),
+    "paper": Subcommand(
+        "studies.paper.command",
+        "paper",
+        "Reproduce the paper: mod1, mod2, mod3 against a virtual prototype, over the ratios, down to the parameters.",
+    ),
+    "demo": Subcommand(
+        "cli.demo",
+        "demo",
+        "Move an arm in a live ROS 2 graph, record it, and identify it: live, and again from the bag.",
+    ),
+}
+
+
+def load(name: str) -> Any:
+    """Import a subcommand and return it as a command of typer's."""
+    found = SUBCOMMANDS[name]
+    defined = getattr(import_module(f"elastic_arm.{found.module}"), found.attribute)
+    holder = typer.Typer(rich_markup_mode="rich")
+    if isinstance(defined, typer.Typer):
+        holder.add_typer(defined, name=name)
+    else:
+        holder.command(name, cls=found.kind)(defined)
+    return typer.main.get_group(holder).commands[name]
+
+
+class Application(TyperGroup):
+    """The application, which knows of its subcommands no more than name and summary until one is called."""
+
+    def main(self, args: Sequence[str] | None = None, *rest: Any, **extra: Any) -> Any:
+        """Run a command and end with its exit status; errors of the command's own are worded by the command."""
+        try:
+            status = super().main(args, *rest, **{**extra, "standalone_mode": False})
+            sys.stdout.flush()
+        except BrokenPipeError:
+            # Whoever reads has gone, as `head` does; what Python writes at its end must not fail for that again.
+            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+            raise SystemExit(128 + signal.SIGPIPE) from None
+        except OutputError as error:
+            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+            print_error(error)
+            raise SystemExit(2) from None
+        except typer.TyperException as error:
+            words = " ".join(error.format_message().split()).removesuffix(".").replace("Value error, ", "")
+            if words:  # none where the help has been shown instead
+                command = self._named(sys.argv[1:] if args is None else args)
+                print_error(ElasticArmError(f"{words[:1].lower()}{words[1:]}", f"See {command} --help"))
+            raise SystemExit(error.exit_code) from None
+        raise SystemExit(status)
+
+    def _named(self, args: Sequence[str]) -> str:
+        """Return the command that arguments begin with, as its user writes it."""
+        path, command = [str(self.name)], cast(Any, self)
+        for word in args:
+            command = getattr(command, "commands", {}).get(word)
+            if command is None:
+                break
+            path.append(word)
+        return " ".join(path)
+
+    def resolve_command(self, ctx: Any, args: list[str]) -> Any:
+        """Put the subcommand that is called in its placeholder's place."""
+        if args and args[0] in SUBCOMMANDS:
+            self.commands[args[0]] = load(args[0])
+        return super().resolve_command(ctx, args)
+
+
+app = typer.Typer(
+    name="elastic-arm",
+    cls=Application,
+    help="Emulate an elastic-joint arm, identify it, and find where and why a model and a real arm differ.",
+    no_args_is_help=True,
+    rich_markup_mode="rich",
+    pretty_exceptions_enable=False,
+)
+
+
+def _placeholder() -> None:
+    """Stand for a subcommand that is not imported yet."""
+
+
+for _name, _subcommand in SUBCOMMANDS.items():
+    app.command(_name, help=_subcommand.summary)(_placeholder)
+
+
+def _version(value: bool) -> None:
+    if value:
+        typer.echo(f"elastic-arm {__version__}")
+        raise typer.Exit
+
+
+@app.callback()
+def _options(
+    version: bool = typer.Option(False, "--version", callback=_version, is_eager=True, help="Print the version."),
+) -> None:
+    """Options of the application itself."""

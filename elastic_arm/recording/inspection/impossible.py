@@ -1,0 +1,41 @@
+"""Channels whose numbers are finite and yet of no arm throughout: nothing can be computed from them."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from elastic_arm.errors import RecordingError
+from elastic_arm.recording.inspection.plausibility import listed
+from elastic_arm.recording.recording import Recording
+
+# rad (or m), rad/s, Nm, rad/s². Angles larger than that have lost the digits that a motion is computed from; numbers of
+# this size are counts of an encoder, or a channel that holds something else.
+LARGEST = {"position": 1e6, "velocity": 1e6, "effort": 1e9, "acceleration": 1e9}
+_UNITS = {"position": "rad", "velocity": "rad/s", "effort": "Nm", "acceleration": "rad/s²"}
+
+
+def require_possible(recording: Recording) -> None:
+    """Refuse a recording with numbers that no arm has; single ones are to be left out before.
+
+    Parameters
+    ----------
+    recording
+        Without outliers.
+
+    Raises
+    ------
+    RecordingError
+        Naming side, channel, joints and the largest number.
+    """
+    for name, side in recording.measured().items():
+        for channel, values in side.channels().items():
+            # Joints without the channel hold NaN.
+            largest = np.fmax.reduce(np.abs(values), axis=0, initial=0.0)
+            beyond = largest > LARGEST[channel]
+            if beyond.any():
+                what = f"{name} {channel} of {listed(recording.joints, beyond)}"
+                raise RecordingError(
+                    f"{recording.source or 'the recording'}: {what} reaches {largest.max():.3g} {_UNITS[channel]}, "
+                    "which is of no arm",
+                    "Look at its unit, and at what the channel holds",
+                )
