@@ -26,8 +26,9 @@ _MEMBER = re.compile(
     rf"\s*(?P<type>w?string<=\d{{1,10}}|{_NAME}(?:/{_NAME}){{0,2}})(?P<array>\[(?:<=)?\d{{0,10}}\])?\s+(?P<name>{_NAME})"
     r"(?P<rest>\s*=.*|\s.*|#.*)?"
 )
+# Comments and strings that do not end are tokens up to the end of the text: so none is looked through twice.
 _TOKEN = re.compile(
-    r'//[^\n]*|/\*(?:[^*]|\*(?!/))*\*/|"(?:\\.|[^"\\])*"|' + rf"'[^'\n]*'|{_NAME}|::|\d[\w.]*|\S", re.DOTALL
+    r'//[^\n]*|/\*(?:[^*]|\*(?!/))*(?:\*/)?|"(?:\\.|[^"\\])*"?|' + rf"'[^'\n]*'|{_NAME}|::|\d[\w.]*|\S", re.DOTALL
 )
 _WORD = re.compile(r"\w+")
 # What ROS 2 sends of a message without fields.
@@ -143,7 +144,9 @@ def _plain_idl(text: str) -> str:
 def _tokens(text: str) -> Iterator[str]:
     """Yield the words and marks of an IDL text without its comments, preprocessor lines and annotations."""
     lines = (line for line in text.splitlines() if not (line.startswith("#") or _skipped(line)))
-    found = (match[0] for match in _TOKEN.finditer("\n".join(lines)))
+    found = [match[0] for match in _TOKEN.finditer("\n".join(lines))]
+    if found and found[-1].startswith("/*") and not found[-1].endswith("*/"):
+        raise _Unusable("a comment does not end")
     words = [word for word in found if not word.startswith(("//", "/*"))]
     at = 0
     while at < len(words):

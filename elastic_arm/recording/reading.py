@@ -32,6 +32,7 @@ from elastic_arm.recording.topics import (
     TYPES,
 )
 
+_DIGITS = 18  # of the number of a joint
 _CONTRACT = (JOINT_STATES, MOTOR_STATES, JOINT_TORQUES, REFERENCE)
 _STATE = {name: name for name in ("position", "velocity", "effort")}
 _POINT = {
@@ -242,7 +243,8 @@ def _joints(states: Sequence[Series], wanted: Sequence[str] | None, urdf: str | 
     if not names:
         raise RecordingError(f"{states[0].topic} names no joints", "The publisher must fill the field name.")
     if wanted is not None:
-        missing = [name for name in wanted if name not in names]
+        there = set(names)
+        missing = [name for name in wanted if name not in there]
         if missing:
             raise RecordingError(
                 f"joint {', '.join(missing)} was not recorded; there are {', '.join(names)}",
@@ -250,12 +252,20 @@ def _joints(states: Sequence[Series], wanted: Sequence[str] | None, urdf: str | 
             )
         return tuple(wanted)
     known = urdf_joints(urdf)
-    if set(names) <= set(known):
-        return tuple(name for name in known if name in names)
-    numbered = [re.fullmatch(r"(.*?)(\d+)", name) for name in names]
-    if all(numbered) and len({match[1] for match in numbered if match}) == 1:
-        return tuple(sorted(names, key=lambda name: int(re.findall(r"\d+", name)[-1])))
+    recorded = set(names)
+    if recorded <= set(known):
+        return tuple(name for name in known if name in recorded)
+    numbers = {name: _number_at_end(name) for name in names}
+    if all(numbers.values()) and len({name.removesuffix(digits) for name, digits in numbers.items()}) == 1:
+        return tuple(sorted(names, key=lambda name: int(numbers[name])))
     return tuple(names)
+
+
+def _number_at_end(name: str) -> str:
+    """Return the digits at the end of a name; nothing where they are too many to count joints."""
+    # From the end, as a search from the start would look through each run of digits once for every digit of it.
+    found = re.match(r"\d*", name[::-1])
+    return "" if found is None or found.end() > _DIGITS else found[0][::-1]
 
 
 def urdf_joints(urdf: str | None) -> list[str]:
@@ -271,11 +281,14 @@ def _side(series: Series | None, joints: tuple[str, ...], paths: dict[str, str],
     if series is None:
         return None
 
+    wanted = frozenset(joints)
+
     def whole(piece: Piece) -> bool:
-        return set(joints) <= set(piece.names)
+        return wanted <= set(piece.names)
 
     if not all(whole(piece) for piece in series.pieces):
-        _refuse_split(series, joints)
+        if not any(map(whole, series.pieces)):
+            _refuse_split(series, joints)
         kept = series.keep(whole)
         notes.append(f"{series.count - kept.count} messages on {series.topic} that hold other joints were left out")
         series = kept
@@ -292,12 +305,11 @@ def _side(series: Series | None, joints: tuple[str, ...], paths: dict[str, str],
 
 
 def _refuse_split(series: Series, joints: tuple[str, ...]) -> None:
-    if not any(set(joints) <= set(piece.names) for piece in series.pieces):
-        sets = sorted({", ".join(piece.names) for piece in series.pieces})
-        raise RecordingError(
-            f"no message on {series.topic} holds all of {', '.join(joints)}; there are {' | '.join(sets)}",
-            "Name the joints of the arm: give its robot description, or a channel map (--channels).",
-        )
+    sets = sorted({", ".join(piece.names) for piece in series.pieces})
+    raise RecordingError(
+        f"no message on {series.topic} holds all of {', '.join(joints)}; there are {' | '.join(sets)}",
+        "Name the joints of the arm: give its robot description, or a channel map (--channels).",
+    )
 
 
 def _reference(series: Series | None, joints: tuple[str, ...], notes: list[str]) -> Side | None:

@@ -178,13 +178,14 @@ class Series:
             )
         if piece.names == wanted:
             return values
-        missing = [name for name in wanted if name not in piece.names]
+        places = _places(piece.names)
+        missing = [name for name in wanted if name not in places]
         if missing:
             raise RecordingError(
                 f"{self.topic}: joint {', '.join(missing)} is missing{_at(piece)}; there are {', '.join(piece.names)}",
                 "Name the joints wanted in a channel map (--channels), or record again with all joints.",
             )
-        return values[:, [piece.names.index(name) for name in wanted]]
+        return values[:, [places[name] for name in wanted]]
 
     def _gather(self, dtype: type, part: Callable[[Piece], NDArray | None], width: int | None = None) -> NDArray:
         if len(self.pieces) == 1 and self.pieces[0].whole():
@@ -201,8 +202,14 @@ def _spread(piece: Piece, path: str, names: Sequence[str], of_joints: bool) -> A
     if piece.has(path):
         values = piece.values[path]
         own = piece.names if of_joints else names[: values.shape[1]]
-        table[:, [names.index(name) for name in own]] = values
+        places = _places(names)
+        table[:, [places[name] for name in own]] = values
     return table
+
+
+def _places(names: Sequence[str]) -> dict[str, int]:
+    """Return where each name stands; the first place where it stands several times."""
+    return {name: place for place, name in reversed(list(enumerate(names)))}
 
 
 def _at(piece: Piece) -> str:

@@ -134,11 +134,11 @@ def _check_topics(content: Content, report: Report, joints: Sequence[str] | None
     known = list(joints) if joints is not None else urdf_joints(content.robot_description)
     for topic in present:
         series = content.series[topic]
-        unknown = [name for name in series.names() if known and name not in known]
-        for name in unknown:
+        described, recorded = set(known), set(series.names())
+        for name in [name for name in series.names() if known and name not in described]:
             message = f"{topic} names joint {name}, which the robot description does not have"
             report.add("error" if joints is not None else "warning", "unknown_joint", message, topic=topic, joint=name)
-        for name in [name for name in known if joints is not None and name not in series.names()]:
+        for name in [name for name in known if joints is not None and name not in recorded]:
             report.add("error", "missing_joint", f"{topic} lacks joint {name}", topic=topic, joint=name)
         if not series.has("effort") and JOINT_TORQUES not in content.series:
             elsewhere = any(content.series[other].has("effort") for other in present)

@@ -116,10 +116,11 @@ def _opened(path: Path) -> Bag:
         raise RecordingError(
             f"{path} compresses each message by itself", "Convert it with ros2 bag convert to storage compression."
         )
-    listed = [path / name for name in dict.fromkeys(metadata.files)]
-    damage += [f"{file} is named in {METADATA} and missing" for file in listed if not file.exists()]
-    damage += [f"{file} is not named in {METADATA}" for file in present if file not in listed]
-    files = [file for file in listed if file.exists()] + [file for file in present if file not in listed]
+    listed = {path / name: (path / name).exists() for name in metadata.files}
+    unlisted = [file for file in present if file not in listed]
+    damage += [f"{file} is named in {METADATA} and missing" for file, there in listed.items() if not there]
+    damage += [f"{file} is not named in {METADATA}" for file in unlisted]
+    files = [file for file, there in listed.items() if there] + unlisted
     return Bag(path, [_open_file(file) for file in files], metadata, damage)
 
 
@@ -146,10 +147,13 @@ def _metadata(file: Path, content: dict[str, Any]) -> tuple[BagMetadata, list[st
     if listed is not None and not (isinstance(listed, list) and all(isinstance(name, str) for name in listed)):
         damage.append(f"{file}: relative_file_paths is no list of names")
         listed = None
+    if listed is not None and len(listed) > limits.FILES:
+        damage.append(f"{file} names {len(listed)} files, {limits.FILES} are the limit")
+        listed = None
     names = tuple(listed or ())
     # A bag is its folder: names that lead out of it are not followed.
-    outside = [name for name in names if "\0" in name or Path(name).is_absolute() or ".." in Path(name).parts]
-    damage += [f"{file} names {name[:60]!r}, which is not in the bag's folder" for name in outside]
+    outside = {name for name in names if "\0" in name or Path(name).is_absolute() or ".." in Path(name).parts}
+    damage += [f"{file} names {name[:60]!r}, which is not in the bag's folder" for name in names if name in outside]
     files = tuple(name for name in names if name not in outside)
     return BagMetadata(count, str(mode or "").lower(), files, stated_currents(content)), damage
 
