@@ -8,10 +8,10 @@ import stat
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any
+from typing import Annotated, Any
 
 import yaml
-from pydantic import ValidationError
+from pydantic import BeforeValidator, ValidationError
 from pydantic_core import ErrorDetails
 
 from elastic_arm.errors import ElasticArmError
@@ -28,7 +28,25 @@ _SAFE_LOADER: Any = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
 _SCALARS = {"bool": "neither yes nor no", "int": "no whole number", "float": "no number", "timestamp": "no date"}
 _NO_SCALAR = (ValueError, LookupError, AttributeError, OverflowError)
 # What pydantic adds to the path of a value that may be of several types.
-_TYPE = re.compile(r"(literal|list|dict|tuple)\[|(float|int|str|bool)$")
+_TYPE = re.compile(r"(literal|list|dict|tuple|function-before)\[|(float|int|str|bool)$")
+
+
+def refuse_truth(value: Any) -> Any:
+    """Return a value that is to be a number; Python takes yes for 1.
+
+    Raises
+    ------
+    ValueError
+        If it is yes or no.
+    """
+    if isinstance(value, bool):
+        raise ValueError("is yes or no, not a number")
+    return value
+
+
+# Numbers of a user's file.
+Number = Annotated[float, BeforeValidator(refuse_truth)]
+WholeNumber = Annotated[int, BeforeValidator(refuse_truth)]
 # pydantic's kinds of faults by what was wanted there.
 _WANTED = {
     "tuple_type": "a list",
@@ -136,7 +154,7 @@ def parse_yaml(text: str) -> Any:
     return yaml.load(text, Loader=_Loader)
 
 
-class _Loader(_SAFE_LOADER):  # type: ignore[misc]
+class _Loader(_SAFE_LOADER):
     """The safe loader, which refuses scalars that are not of their kind as it does all else."""
 
 

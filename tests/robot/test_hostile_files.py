@@ -94,7 +94,7 @@ def test_pipes_devices_folders_and_nul_are_refused(tmp_path: Path, reader: str) 
         quickly(lambda name=name: READERS[reader](tmp_path / name))  # type: ignore[misc]
 
 
-@pytest.mark.parametrize("value", ["x", None, [1], {"a": 1}, True, 10**400, "1e5", [[["x"]]], float("nan")])
+@pytest.mark.parametrize("value", ["x", None, [1], {"a": 1}, True, 10**400, "1e5", [[True]], [[["x"]]], float("nan")])
 @pytest.mark.parametrize("field", ["omega", "a", "q0", "duration", "joints"])
 def test_trajectories_with_wrong_types_are_refused(tmp_path: Path, field: str, value: object) -> None:
     """Every field, with every kind of value that is not its own."""
@@ -103,7 +103,7 @@ def test_trajectories_with_wrong_types_are_refused(tmp_path: Path, field: str, v
     file = tmp_path / "a.yaml"
     file.write_text(yaml.safe_dump(content))
     kept = (
-        (field in ("omega", "duration") and value in (True, "1e5"))
+        (field in ("omega", "duration") and value == "1e5")
         or (field == "joints" and value is None)
         or (field == "q0" and value == [1])
     )
