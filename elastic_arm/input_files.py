@@ -5,13 +5,13 @@ from __future__ import annotations
 import os
 import re
 import stat
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any
+from typing import Annotated, Any
 
 import yaml
-from pydantic import ValidationError
+from pydantic import BeforeValidator, ValidationError
 from pydantic_core import ErrorDetails
 
 from elastic_arm.errors import ElasticArmError
@@ -21,10 +21,32 @@ SHOWN_FAULTS = 5
 LARGEST = 50_000_000  # bytes
 DEEPEST = 50  # collections in each other
 MOST_NODES = 500_000  # entries of a YAML file, aliases written out
+LONGEST_NUMBER = 1000  # characters; the largest number has 309 digits, and Python writes out no more than 4300
 # Written in C where the library has it: in Python, metadata.yaml takes as long as a hundred thousand messages.
-_LOADER: Any = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
+_SAFE_LOADER: Any = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
+# YAML's kinds of scalars that not every text can be, and what the library raises where one is not.
+_SCALARS = {"bool": "neither yes nor no", "int": "no whole number", "float": "no number", "timestamp": "no date"}
+_NO_SCALAR = (ValueError, LookupError, AttributeError, OverflowError)
 # What pydantic adds to the path of a value that may be of several types.
-_TYPE = re.compile(r"(literal|list|dict|tuple)\[|(float|int|str|bool)$")
+_TYPE = re.compile(r"(literal|list|dict|tuple|function-before)\[|(float|int|str|bool)$")
+
+
+def refuse_truth(value: Any) -> Any:
+    """Return a value that is to be a number; Python takes yes for 1.
+
+    Raises
+    ------
+    ValueError
+        If it is yes or no.
+    """
+    if isinstance(value, bool):
+        raise ValueError("is yes or no, not a number")
+    return value
+
+
+# Numbers of a user's file.
+Number = Annotated[float, BeforeValidator(refuse_truth)]
+WholeNumber = Annotated[int, BeforeValidator(refuse_truth)]
 # pydantic's kinds of faults by what was wanted there.
 _WANTED = {
     "tuple_type": "a list",
@@ -115,10 +137,6 @@ def read_fields(path: str | Path, kind: type[ElasticArmError], remedy: str, most
         line = f"line {min(mark.line, text.count(chr(10))) + 1}: " if mark else ""
         reason = getattr(error, "problem", None) or getattr(error, "reason", None) or "no YAML"
         raise kind(f"{path}: {line}{reason}", "Mend the YAML; indentation and colons matter.") from None
-    except (ValueError, OverflowError, AttributeError) as error:
-        # What looks like a date or a whole number and is none, such as 2001-99-99, 0x_ or five thousand digits.
-        reason = str(error).split(";")[0][:80]
-        raise kind(f"{path}: holds a number or date that is none ({reason})", "Mend it, or put it in quotes.") from None
     if not isinstance(content, dict):
         raise kind(f"{path}: holds no fields", remedy)
     return content
@@ -129,11 +147,35 @@ def parse_yaml(text: str) -> Any:
 
     Raises
     ------
-    yaml.YAMLError, ValueError, OverflowError, AttributeError
+    yaml.YAMLError
         If it is no YAML, nested too deeply, too large, or holds numbers or dates that are none.
     """
     _check_yaml(text)
-    return yaml.load(text, Loader=_LOADER)
+    return yaml.load(text, Loader=_Loader)
+
+
+class _Loader(_SAFE_LOADER):
+    """The safe loader, which refuses scalars that are not of their kind as it does all else."""
+
+
+def _scalar(kind: str) -> Callable[[Any, yaml.ScalarNode], Any]:
+    """Return what reads scalars of a kind, and refuses what is none, such as 2001-99-99 or !!bool x."""
+    construct = getattr(yaml.constructor.SafeConstructor, f"construct_yaml_{kind}")
+
+    def constructed(loader: Any, node: yaml.ScalarNode) -> Any:
+        try:
+            if isinstance(node, yaml.ScalarNode) and len(node.value) <= LONGEST_NUMBER:
+                return construct(loader, node)
+        except _NO_SCALAR:
+            pass
+        problem = f"{str(node.value)[:40]!r} is {_SCALARS[kind]}; what is text belongs in quotes"
+        raise yaml.MarkedYAMLError(problem=problem, problem_mark=node.start_mark)
+
+    return constructed
+
+
+for _kind in _SCALARS:
+    _Loader.add_constructor(f"tag:yaml.org,2002:{_kind}", _scalar(_kind))
 
 
 def _check_yaml(text: str) -> None:
@@ -141,7 +183,7 @@ def _check_yaml(text: str) -> None:
     depth = nodes = 0
     begun: list[tuple[str | None, int]] = []  # anchor of each collection that is open, and the nodes before it
     sizes: dict[str, int] = {}
-    for event in yaml.parse(text, Loader=_LOADER):
+    for event in yaml.parse(text, Loader=_SAFE_LOADER):
         if isinstance(event, yaml.CollectionStartEvent):
             depth += 1
             begun.append((event.anchor, nodes))

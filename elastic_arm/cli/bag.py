@@ -204,7 +204,7 @@ def _channels(path: Path | None) -> ChannelMap | None:
 
 def _write_draft(arrays: Path, file: Path, draft: Draft) -> None:
     """Write the draft of a mapping and print it, with what to do next."""
-    if file.exists():
+    if os.path.exists(file):
         raise RecordingError(f"{file} exists", "Give another --out, or move it away.")
     try:
         file.write_text(draft.to_yaml(), encoding="utf-8")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Sequence
 from dataclasses import replace
 from enum import StrEnum
@@ -123,7 +124,8 @@ def require_bags(bags: Sequence[Path]) -> None:
 
     seen: set[Path] = set()
     for bag in bags:
-        if not bag.exists():
+        # Path.exists raises for names that are too long.
+        if not os.path.exists(bag):
             raise RecordingError(f"{bag} does not exist", WHAT_IS_A_BAG)
         if bag.resolve() in seen:
             raise RecordingError(f"{bag} is given twice", "Give every recording once, and validate on another.")

@@ -151,16 +151,9 @@ def _explains_with_many_off(again: Diagnosis, settings: DiagnosisSettings) -> bo
 
 
 def _is_likelier(again: Diagnosis, exact: Diagnosis, settings: DiagnosisSettings) -> bool:
-    """Whether a description that is nearly right is likelier than an exact one.
+    """Whether a description that is nearly right (`again`) is likelier than an exact one.
 
-    Parameters
-    ----------
-    again
-        The diagnosis with a description that is nearly right.
-    exact
-        The diagnosis with the description as it stands.
-    settings
-        How many numbers of an exact description may be off.
+    How many numbers of an exact description may be off is one of the settings.
     """
     # A link's number that is further off than those of a calibrated arm may be a cause that is not in the catalogue;
     # where an exact description takes many numbers that are off, those of links are, too.
@@ -220,8 +213,7 @@ def _answered(found: Searched, colours: NoiseColours | None) -> Diagnosis:
     faults = causes.estimated.faults
     judgement = measured_beside(causes.prepared, causes.judgement, faults, laws.refuted(faults))
     # The gap before and after, the verdict, the causes in order, and what is left.
-    found_out = assemble(causes.prepared, judgement, causes.estimated, laws)
-    final = causes.estimated.final
+    found_out, final = assemble(causes.prepared, judgement, causes.estimated, laws), causes.estimated.final
     mixed = mixture(final.fit) if final is not None and found_out.verdict == "unknown" else None
     return found_out if mixed is None else replace(found_out, notes=(mixture_note(mixed), *found_out.notes))
 

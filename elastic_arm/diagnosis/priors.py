@@ -9,13 +9,13 @@ from typing import Annotated
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from elastic_arm.errors import DiagnosisError
-from elastic_arm.input_files import explain, read_fields
+from elastic_arm.input_files import Number, explain, read_fields
 
 COMMISSIONED = 0.2  # of what a description of parts is off by: masses to 1.2 %, centres of mass to 1.4 mm; convention
 OF_THE_ARM = ("mass", "centre_of_mass", "inertia", "product_of_inertia", "rotor", "stiffness", "damping")
 REFERENCE = "docs/diagnosis.md lists the priors"
 REMEDY = "Give a YAML file of standard deviations, such as stiffness: 0.3"
-Deviation = Annotated[float, Field(gt=0.0, allow_inf_nan=False, strict=False)]
+Deviation = Annotated[Number, Field(gt=0.0, allow_inf_nan=False, strict=False)]
 
 
 class Priors(BaseModel):

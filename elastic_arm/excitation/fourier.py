@@ -222,10 +222,17 @@ def load_trajectory(path: str | Path) -> FourierTrajectory:
     if not (isinstance(names, list) and all(isinstance(name, str) for name in names)):
         raise ExcitationError(f"{path}: joints is no list of names", remedy)
     fields["joints"] = tuple(names)
+    if truths := [name for name in wanted if _holds_truth(fields[name])]:
+        raise ExcitationError(f"{path}: {truths[0]} holds yes or no, not numbers", "Give numbers.")
     try:
         return FourierTrajectory(**fields)
     except ExcitationError as error:
         raise ExcitationError(f"{path}: {error.problem}", error.remedy) from error
+
+
+def _holds_truth(value: Any) -> bool:
+    """Whether what YAML made of a field holds yes or no, which Python takes for 1 and 0."""
+    return isinstance(value, bool) or (isinstance(value, list) and any(map(_holds_truth, value)))
 
 
 def require(condition: bool, problem: str, remedy: str) -> None:

@@ -172,6 +172,7 @@ class Layouts:
         self.type_name, self.store = type_name, store
         self.known: dict[int, list[Layout]] = {}
         self._latest: Layout | None = None
+        self._walked = 0
 
     def groups(self, spans: Spans) -> Iterator[tuple[Layout, Offsets | None]]:
         """Yield the layouts that occur among messages, each with the indices of its messages; None for all of them.
@@ -199,13 +200,14 @@ class Layouts:
         for layout in known:
             if layout.matches(one).all():
                 return layout
-        if sum(map(len, self.known.values())) >= limits.LAYOUTS:
+        if sum(map(len, self.known.values())) >= limits.LAYOUTS or self._walked > limits.LAYOUT_FIELDS:
             raise RecordingError(
                 f"its messages differ in more than {limits.LAYOUTS} ways in their names and lengths",
                 "Stop publishers that change the names or the number of joints.",
             )
         layout = layout_of(pattern, self.type_name, self.store)
         layout.learn(pattern)
+        self._walked += len(layout.fixed) + len(layout.numbers)
         known.append(layout)
         return layout
 
@@ -221,12 +223,15 @@ class _Walker:
 
     def message(self, type_name: str, path: str) -> None:
         _, fields = self.store.fielddefs[type_name]
-        self.walked += 1
+        self.count(1)
         for name, (kind, what) in fields:
-            self.walked += 1
-            if self.walked > limits.WALKED_FIELDS:
-                raise struct.error(f"it has more than {limits.WALKED_FIELDS} fields")
+            self.count(1)
             self.member(kind, what, f"{path}{name}")
+
+    def count(self, fields: int) -> None:
+        self.walked += fields
+        if self.walked > limits.WALKED_FIELDS:
+            raise struct.error(f"it has more than {limits.WALKED_FIELDS} fields")
 
     def member(self, kind: Nodetype, what: Any, path: str) -> None:
         match kind:
@@ -250,6 +255,9 @@ class _Walker:
             for index in range(count):
                 self.message(inner, f"{path}.{index}.")
         elif inner[0] == "string":
+            if count > limits.COLUMNS:
+                raise struct.error(f"{path} has {count} texts, {limits.COLUMNS} are the limit")
+            self.count(count)
             spans = [self.string() for _ in range(count)]
             self.layout.fixed += spans
             self.layout.strings[path] = [bytes(self.data[begin:end]).rstrip(b"\0").decode() for begin, end in spans]

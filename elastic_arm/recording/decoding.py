@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elastic_arm.errors import RecordingError
-from elastic_arm.recording import cdr, message_types
+from elastic_arm.recording import cdr, limits, message_types
 from elastic_arm.recording.series import Piece, Series
 from elastic_arm.recording.sides import Stamps
 from elastic_arm.recording.spans import Spans
@@ -48,7 +48,7 @@ class Decoder:
         Raises
         ------
         RecordingError
-            If a message does not fit its type.
+            If a message does not fit its type, is beyond the limits, or all of them do not fit into the memory.
         """
         spans, log_ns = block.spans(channel).in_a_row(), block.log_ns(channel)
         rows = np.arange(self._count, self._count + len(log_ns))
@@ -57,8 +57,8 @@ class Decoder:
             for layout, index in self._types(file.topic(channel)).groups(spans):
                 if id(layout) not in self._tables:
                     # What a file promises is believed up to a size; beyond it the table grows as it fills.
-                    promised = min(expected, _RESERVED // layout.size) if index is None else 0
-                    self._tables[id(layout)] = _DecodedColumns(layout, max(promised, _FIRST))
+                    promised = min(max(expected, _FIRST) if index is None else _FIRST, _RESERVED // layout.size)
+                    self._tables[id(layout)] = _DecodedColumns(layout, max(promised, 1))
                 table = self._tables[id(layout)]
                 if index is None:
                     table.append(spans, rows, log_ns)
@@ -66,6 +66,11 @@ class Decoder:
                     table.append(spans.at(index), rows[index], log_ns[index])
         except RecordingError as error:
             raise RecordingError(f"{file.path}, {self.topic}: {error.problem}", error.remedy) from None
+        except MemoryError:
+            message = f"{file.path}, {self.topic}: its messages do not fit into the memory"
+            raise RecordingError(
+                message, "Record fewer topics or shorter runs, or read it on a larger machine."
+            ) from None
         self._count += len(rows)
 
     def series(self) -> Series:
@@ -80,20 +85,29 @@ class Decoder:
         return self._layouts[topic.definition]
 
 
+def _is_whole(part: cdr.Numbers | None) -> bool:
+    """Whether a part of a stamp is one whole number of at most 32 bits, as in ROS; a bag may define it otherwise."""
+    return part is not None and part.count == 1 and part.dtype.kind in "iu" and part.dtype.itemsize <= 4
+
+
 class _DecodedColumns:
     """The numbers of all messages of one layout; grows as they come."""
 
     def __init__(self, layout: cdr.Layout, capacity: int) -> None:
         self.layout, self.count = layout, 0
         self.columns: dict[str, NDArray] = {name: np.empty(capacity, np.int64) for name in ("rows", "log_ns")}
-        stamp = [layout.numbers.get(path) for path in (_SECONDS, _NANOSECONDS)]
-        if all(part is not None and part.count == 1 for part in stamp):
+        if all(_is_whole(layout.numbers.get(path)) for path in (_SECONDS, _NANOSECONDS)):
             self.columns["stamp_ns"] = np.empty(capacity, np.int64)
-        self.values: dict[str, NDArray] = {
-            path: np.empty((capacity, numbers.count), numbers.dtype)
-            for path, numbers in layout.numbers.items()
-            if numbers.dtype.kind == "f" or "time_from_start" in path
-        }
+        self.values: dict[str, NDArray] = {}
+        for path, numbers in layout.numbers.items():
+            if numbers.dtype.kind != "f" and "time_from_start" not in path:
+                continue
+            if numbers.count > limits.COLUMNS:
+                raise RecordingError(
+                    f"field {path} holds {numbers.count} numbers, {limits.COLUMNS} are the limit",
+                    "Record a topic with one number a joint.",
+                )
+            self.values[path] = np.empty((capacity, numbers.count), numbers.dtype)
 
     def append(self, spans: Spans, rows: Stamps, log_ns: Stamps) -> None:
         """Decode messages; `rows` are their places among the topic's messages.

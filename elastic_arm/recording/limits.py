@@ -21,16 +21,25 @@ DEFINITION_FIELDS = 2000
 TYPE_DEPTH = 32
 ARRAY_LENGTH = 2**31
 
-# Of the messages of one topic: fields met in walking one message, and layouts (lengths, names, orders of joints).
+# Of the messages of one topic: fields met in walking one message, and layouts (lengths, names, orders of joints), whose
+# fields together are about so many.
 WALKED_FIELDS = 100_000
 LAYOUTS = 256
+LAYOUT_FIELDS = 1_000_000
+# Names in a message, and numbers in a field of its values: the largest robots have some hundred joints.
+COLUMNS = 10_000
 
 METADATA_BYTES = 10 * MEGABYTE
 FILES = 10_000  # that metadata.yaml names
+CHANNELS = 5000  # topics that a file describes; the largest systems have some thousand
+# Records of an MCAP file that are no messages: by number in a chunk, where they describe channels, and beside chunks by
+# the least bytes that one has with its share of what it stands for.
+RECORDS = 200_000
+RECORD_BYTES = 50
 
 
 def chunk_bytes() -> int:
-    """Return how many bytes one chunk may unpack to.
+    """Return how many bytes one chunk may unpack to, and one message of a database may have.
 
     Raises
     ------

@@ -281,11 +281,14 @@ def _side(series: Series | None, joints: tuple[str, ...], paths: dict[str, str],
     if series is None:
         return None
 
+    wanted = frozenset(joints)
+
     def whole(piece: Piece) -> bool:
-        return set(joints) <= set(piece.names)
+        return wanted <= set(piece.names)
 
     if not all(whole(piece) for piece in series.pieces):
-        _refuse_split(series, joints)
+        if not any(map(whole, series.pieces)):
+            _refuse_split(series, joints)
         kept = series.keep(whole)
         notes.append(f"{series.count - kept.count} messages on {series.topic} that hold other joints were left out")
         series = kept
@@ -302,12 +305,11 @@ def _side(series: Series | None, joints: tuple[str, ...], paths: dict[str, str],
 
 
 def _refuse_split(series: Series, joints: tuple[str, ...]) -> None:
-    if not any(set(joints) <= set(piece.names) for piece in series.pieces):
-        sets = sorted({", ".join(piece.names) for piece in series.pieces})
-        raise RecordingError(
-            f"no message on {series.topic} holds all of {', '.join(joints)}; there are {' | '.join(sets)}",
-            "Name the joints of the arm: give its robot description, or a channel map (--channels).",
-        )
+    sets = sorted({", ".join(piece.names) for piece in series.pieces})
+    raise RecordingError(
+        f"no message on {series.topic} holds all of {', '.join(joints)}; there are {' | '.join(sets)}",
+        "Name the joints of the arm: give its robot description, or a channel map (--channels).",
+    )
 
 
 def _reference(series: Series | None, joints: tuple[str, ...], notes: list[str]) -> Side | None:

@@ -46,6 +46,8 @@ class Spans:
         if len(self) < 2 or isinstance(self.begin, slice) or not (self.size == self.size[0]).all():
             return self
         width = int(self.size[0])
+        if not width:
+            return self
         buffer = column(self.buffer, f"V{width}", self.begin).view(np.uint8)
         return Spans(buffer, slice(0, len(buffer), width), self.size)
 
@@ -115,3 +117,21 @@ def progression(offsets: Offsets) -> Offsets | slice:
 def offsets_of(where: Offsets | slice) -> Offsets:
     """Return what :func:`progression` may have made a slice of."""
     return np.arange(where.start, where.stop, where.step) if isinstance(where, slice) else where
+
+
+def by_value(values: NDArray) -> dict[int, NDArray[np.intp] | slice]:
+    """Return where each value stands in an array, in order; in one pass, however many different ones there are.
+
+    Parameters
+    ----------
+    values
+        (N,) whole numbers, such as the channel of each message.
+    """
+    if not len(values):
+        return {}
+    if (values == values[0]).all():
+        return {int(values[0]): slice(None)}
+    order = np.argsort(values, kind="stable")
+    sorted_values = values[order]
+    starts = np.flatnonzero(np.concatenate([[True], sorted_values[1:] != sorted_values[:-1]]))
+    return dict(zip(sorted_values[starts].tolist(), np.split(order, starts[1:]), strict=True))

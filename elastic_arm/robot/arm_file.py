@@ -6,11 +6,12 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field
 
+from elastic_arm.input_files import refuse_truth
+
 
 def _number(value: Any) -> Any:
     """Accept what YAML 1.1 takes for text, like 1e5; refuse yes and no."""
-    if isinstance(value, bool):
-        raise ValueError("is yes or no, not a number")
+    refuse_truth(value)
     if isinstance(value, str):
         try:
             return float(value)

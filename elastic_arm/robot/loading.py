@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 from dataclasses import replace
 from pathlib import Path
@@ -87,7 +88,7 @@ def load_robot(path: str | Path | None = None, chain: str | None = None, at: str
 
 def is_mjcf(path: Path) -> bool:
     """Return whether a file is a MuJoCo model: XML whose first element is <mujoco>."""
-    if path.suffix.lower() not in (".xml", ".mjcf") or not path.is_file():
+    if path.suffix.lower() not in (".xml", ".mjcf") or not os.path.isfile(path):
         return False
     # Whether the rest is well formed is for MuJoCo to say.
     first = re.search(rb"<([A-Za-z_][\w.-]*)", _COMMENTS.sub(b"", read_bytes(path, RobotError, REMEDY)))

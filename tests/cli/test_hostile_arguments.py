@@ -46,6 +46,31 @@ def test_a_name_that_cannot_be_made_is_refused_before_the_work(command: list[str
     assert len(line) < 200
 
 
+@pytest.mark.parametrize(
+    "command",
+    [
+        ["identify"],
+        ["identify", "--validate"],
+        ["diagnose"],
+        ["bag", "info"],
+        ["bag", "check"],
+        ["bag", "import"],
+        ["describe", "--robot"],
+        ["replay"],
+    ],
+)
+@pytest.mark.parametrize("name", ["x" * 300, "x" * 300 + ".xml", "x" * 300 + ".csv", "x" * 5000])
+def test_a_name_that_no_file_can_have_is_refused(tmp_path: Path, command: list[str], name: str) -> None:
+    """Whether it is that of a recording, a file of arrays or an arm."""
+    given = [*command, str(tmp_path / name)]
+    if command[-1] == "--validate":
+        given.insert(1, str(tmp_path))
+    result = run(*given)
+    assert result.exit_code == 2, result.output
+    (line,) = result.stderr.splitlines()
+    assert line.startswith("error: ")
+
+
 @pytest.mark.parametrize("name", NAMES)
 def test_results_are_there_whatever_the_folder_is_called(tmp_path: Path, motion: Path, name: str) -> None:
     """Names that look like markup, numbers or YAML are written and printed as they stand."""

@@ -39,6 +39,8 @@ def test_a_file_changes_what_it_names_and_nothing_else(tmp_path: Path) -> None:
         ("sensors: {motor_gain: 0.1}", "sensors.motor_gain: unknown key"),
         ("mass: -0.1", "mass: is -0.1, but must be above 0"),
         ("mass: heavy", "mass: is 'heavy', not a number"),
+        ("mass: true", "mass: is yes or no, not a number"),
+        ("sensors: {motor_torque_gain: yes}", "sensors.motor_torque_gain: is yes or no, not a number"),
         ("mass: .inf", "mass: inf is not a finite number"),
         ("[1, 2]", "holds no fields"),
     ],

@@ -167,3 +167,12 @@ def test_a_linear_axis_has_lengths_and_forces() -> None:
     assert ChannelScale(unit="Nm_motor", ratio=628.0).scale("effort") == pytest.approx(628.0)
     with pytest.raises(ValueError, match="effort cannot have unit mm"):
         ChannelScale(unit="mm").check_unit("effort")
+
+
+@pytest.mark.parametrize("field", ["offset", "factor", "sign", "ratio", "index", "torque_constant"])
+def test_a_truth_is_no_number(tmp_path: Path, field: str) -> None:
+    """Python takes true for 1."""
+    channel = {"topic": "/x", field: True}
+    file = write_yaml(tmp_path / "map.yaml", {"joints": {"a": {"link": {"position": channel}}}})
+    with pytest.raises(RecordingError, match=f"{field}: is yes or no, not a number"):
+        load_channels(file)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import zipfile
 from pathlib import Path
 
@@ -133,3 +134,56 @@ def test_pipes_and_devices_are_refused(tmp_path: Path) -> None:
     for name in ("a.csv", "b.csv"):
         with pytest.raises(RecordingError, match="pipe or a device"):
             load_arrays(tmp_path / name)
+
+
+def test_arrays_of_one_name_are_refused(tmp_path: Path) -> None:
+    """The last one would count, whatever it holds; in a file, and in the files of a folder."""
+    np.save(tmp_path / "q.npy", np.arange(5.0))
+    with zipfile.ZipFile(tmp_path / "a.npz", "w") as archive:
+        archive.write(tmp_path / "q.npy", "q.npy")
+        archive.write(tmp_path / "q.npy", "q")
+    with pytest.raises(RecordingError, match="two arrays called 'q'"):
+        load_arrays(tmp_path / "a.npz")
+    (tmp_path / "a.npz").unlink()
+    (tmp_path / "q.csv").write_text("1 2\n3 4\n")
+    with pytest.raises(RecordingError, match="two files hold an array 'q'"):
+        load_arrays(tmp_path)
+
+
+def test_the_mark_of_excel_is_no_part_of_a_name(tmp_path: Path) -> None:
+    """Excel writes a byte order mark before the first column's name."""
+    (tmp_path / "a.csv").write_bytes(b"\xef\xbb\xbft;q\r\n0;1\r\n1;2\r\n")
+    assert list(load_arrays(tmp_path / "a.csv")) == ["t", "q"]
+
+
+def test_a_table_of_names_alone_is_refused_without_a_warning(tmp_path: Path, recwarn: pytest.WarningsRecorder) -> None:
+    """Comments are no numbers, either."""
+    (tmp_path / "a.csv").write_text("t,q\n# none\n")
+    with pytest.raises(RecordingError, match="no numbers below the first line"):
+        load_arrays(tmp_path / "a.csv")
+    assert not recwarn.list
+
+
+@pytest.mark.parametrize("name", ["x" * 300, "x" * 300 + ".csv", "x" * 5000 + ".npz", "x\0.csv"])
+def test_names_that_no_file_can_have_are_refused(tmp_path: Path, name: str) -> None:
+    """Before they are asked for."""
+    with pytest.raises(RecordingError):
+        load_arrays(tmp_path / name)
+
+
+@pytest.mark.parametrize(
+    ("more", "problem"),
+    [
+        (", columns: []", "columns: has 0 entries"),
+        (", columns: [true, false]", r"columns\[0\]: is yes or no"),
+        (", offset: true", "offset: is yes or no"),
+        (", factor: [true, 1]", r"factor\[0\]: is yes or no"),
+        (", sign: yes", "sign: is yes or no"),
+        (", ratio: [on, null]", r"ratio\[0\]: is yes or no"),
+        ("}}\nrows: {key: t, value: true}\nmotor: {effort: {key: q", "rows.value: is yes or no"),
+        ("}}\ncoupling: {a: {b: true}}\nmotor: {effort: {key: q", "coupling.a.b: is yes or no"),
+    ],
+)
+def test_truths_and_lists_of_nothing_are_no_numbers(tmp_path: Path, more: str, problem: str) -> None:
+    """Python takes true for 1."""
+    assert re.search(problem, refused(tmp_path, more=more))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from json import dumps as json_text
 from pathlib import Path
 from typing import Annotated
@@ -90,7 +91,7 @@ def open_arm(path: Path, chain: str | None, at: str | None) -> MjcfArm:
     RobotError
         If it is no MJCF.
     """
-    if path.is_file() and not is_mjcf(path):
+    if os.path.isfile(path) and not is_mjcf(path):
         raise RobotError(f"{path} is no MJCF", "Write one with elastic-arm export ROBOT --to mjcf --out FILE")
     return open_mjcf(path, None if chain is None else parse_chain(chain), at)
 

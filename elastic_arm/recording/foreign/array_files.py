@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import csv
+import os
 import re
 import stat
 import struct
 import tokenize
 import zipfile
 import zlib
+from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
 from typing import IO
@@ -55,12 +57,20 @@ def load_arrays(path: Path) -> Arrays:
     RecordingError
         If it cannot be read, naming the file.
     """
-    if not path.is_dir():
+    # Path.is_dir raises for names that are too long.
+    if not os.path.isdir(path):
         return {name: values for name, values in _load(path).items() if name != _WHOLE_TABLE}
+    try:
+        files = sorted(file for file in path.iterdir() if file.suffix.lower() in (*TABLES, ".npy", ".npz", ".mat"))
+    except OSError as error:
+        raise RecordingError(f"{path} cannot be read: {error.strerror}", "Check its permissions.") from None
     arrays: Arrays = {}
-    for file in sorted(file for file in path.iterdir() if file.suffix.lower() in (*TABLES, ".npy", ".npz", ".mat")):
+    for file in files:
         found = _load(file)
-        arrays |= {f"{file.stem}.{name}" if name != _WHOLE_TABLE else file.stem: v for name, v in found.items()}
+        found = {f"{file.stem}.{name}" if name != _WHOLE_TABLE else file.stem: v for name, v in found.items()}
+        if twice := sorted(arrays.keys() & found.keys()):
+            raise RecordingError(f"{path}: two files hold an array {twice[0][:60]!r}", "Give files other names.")
+        arrays |= found
     if not arrays:
         raise RecordingError(f"{path} holds no arrays", "Give a folder of .csv, .txt, .npy, .npz or .mat files.")
     return arrays
@@ -116,6 +126,9 @@ def _check_zip(path: Path) -> None:
         raise RecordingError(f"{path} cannot be read: it is no .npz file, or is cut off", "Save it with numpy.savez.")
     with zipfile.ZipFile(path) as archive:
         entries = archive.infolist()
+    counts = Counter(entry.filename.removesuffix(".npy") for entry in entries)
+    if twice := [name for name, count in counts.items() if count > 1]:
+        raise RecordingError(f"{path} holds two arrays called {twice[0][:60]!r}", "Save it with numpy.savez.")
     if any(entry.flag_bits & _ENCRYPTED for entry in entries):
         raise RecordingError(f"{path} is encrypted", "Save it with numpy.savez.")
     if other := [entry.filename for entry in entries if entry.compress_type not in _ZIP_METHODS]:
@@ -139,7 +152,8 @@ def _refuse_objects(stream: IO[bytes], path: Path, name: str) -> None:
 
 
 def _load_table(path: Path) -> Arrays:
-    with open(path, encoding="utf-8", newline="") as file:
+    # Excel begins a file with a mark that it is UTF-8.
+    with open(path, encoding="utf-8-sig", newline="") as file:
         numbered = [(n, line) for n, line in enumerate(file.read().splitlines(), start=1) if line.strip()]
     if not numbered:
         raise RecordingError(f"{path} cannot be read: it is empty", "Give a file with a table of numbers.")
@@ -149,7 +163,7 @@ def _load_table(path: Path) -> Arrays:
     words = head.lstrip("#").split() if delimiter is None else next(csv.reader([head], delimiter=delimiter))
     names = [name.strip().lstrip("#").strip() for name in words]
     nameless = all(_is_number(name) or _DECIMAL_COMMA.match(name) for name in names)
-    rows = numbered if nameless else numbered[1:]
+    rows = [(n, line) for n, line in numbered[0 if nameless else 1 :] if line.partition("#")[0].strip()]
     if not rows:
         raise ValueError("there are no numbers below the first line")
     try:
@@ -162,7 +176,7 @@ def _load_table(path: Path) -> Arrays:
     if table.shape[1] != len(names):
         raise ValueError(f"{len(names)} names in the first line, {table.shape[1]} columns of numbers")
     if len(set(names)) < len(names):
-        twice = next(name for name in names if names.count(name) > 1)
+        twice = Counter(names).most_common(1)[0][0]
         raise ValueError(f"two columns are called {twice[:60]!r}")
     return {name: table[:, column] for column, name in enumerate(names)}
 

@@ -11,12 +11,14 @@ import numpy as np
 from pydantic import BeforeValidator, Field, model_validator
 
 from elastic_arm.errors import RecordingError
-from elastic_arm.input_files import read_text
+from elastic_arm.input_files import Number, WholeNumber, read_text
 from elastic_arm.recording.foreign.array_files import load_arrays
 from elastic_arm.recording.foreign.channels import (
     CHANNEL_NAMES,
+    MOST_JOINTS,
     ChannelName,
     ChannelScale,
+    Sign,
     Strict,
     Unit,
     from_currents,
@@ -51,8 +53,8 @@ class Times(Strict):
 
     key: Key | None = None
     unit: Literal["s", "ms", "us", "ns"] = "s"
-    rate: Annotated[float, Field(gt=1e-6, lt=1e9)] | None = None
-    start: Annotated[float, Field(ge=0, lt=2**31)] = 0.0
+    rate: Annotated[Number, Field(gt=1e-6, lt=1e9)] | None = None
+    start: Annotated[Number, Field(ge=0, lt=2**31)] = 0.0
 
     @model_validator(mode="after")
     def _one_of(self) -> Self:
@@ -65,7 +67,7 @@ class Rows(Strict):
     """Which rows are taken of arrays that hold several runs: those where array `key` is `value`, as an episode's."""
 
     key: Key
-    value: int
+    value: WholeNumber
 
 
 class ArrayChannel(Strict):
@@ -85,16 +87,16 @@ class ArrayChannel(Strict):
         As in a channel map; one for all joints, or one a joint, as where some of them slide (null for those without).
     """
 
-    key: Key | list[Key]
+    key: Key | Annotated[list[Key], Field(min_length=1)]
     joints: Annotated[list[str], Field(min_length=1)] | None = None
-    columns: list[Annotated[int, Field(ge=0)]] | None = None
+    columns: Annotated[list[Annotated[WholeNumber, Field(ge=0)]], Field(min_length=1)] | None = None
     flat: bool = False
     unit: Unit | list[Unit] | None = None
-    offset: float | list[float] = 0.0
-    factor: float | list[float] = 1.0
-    sign: Literal[1, -1] | list[Literal[1, -1]] = 1
-    torque_constant: float | list[float | None] | None = None
-    ratio: float | list[float | None] | None = None
+    offset: Number | list[Number] = 0.0
+    factor: Number | list[Number] = 1.0
+    sign: Sign | list[Sign] = 1
+    torque_constant: Number | list[Number | None] | None = None
+    ratio: Number | list[Number | None] | None = None
 
     @model_validator(mode="after")
     def _one_layout(self) -> Self:
@@ -176,7 +178,7 @@ class ArrayMap(Strict):
     """
 
     times: Times
-    joints: Annotated[list[str], Field(min_length=1)]
+    joints: Annotated[list[str], Field(min_length=1, max_length=MOST_JOINTS)]
     link: SideArrays = SideArrays()
     motor: SideArrays = SideArrays()
     rows: Rows | None = None

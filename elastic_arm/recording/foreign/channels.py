@@ -7,10 +7,10 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self, TypeVar
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, model_validator
 
 from elastic_arm.errors import RecordingError
-from elastic_arm.input_files import explain, read_fields
+from elastic_arm.input_files import Number, WholeNumber, explain, read_fields, refuse_truth
 from elastic_arm.recording.foreign.coupling import Coupling, coupling_matrix
 from elastic_arm.recording.sides import Array
 from elastic_arm.recording.storage.metadata import TORQUE_CHANNELS
@@ -20,8 +20,10 @@ ChannelName = Literal["position", "velocity", "effort"]
 Unit = Literal[
     "rad", "deg", "turns", "rad/s", "deg/s", "turns/s", "rpm", "Nm", "Nm_motor", "A", "m", "mm", "m/s", "mm/s", "N"
 ]
+Sign = Annotated[Literal[1, -1], BeforeValidator(refuse_truth)]
 REMEDY = "See docs/channel_maps.md."
 REFERENCE = "docs/channel_maps.md shows every key"
+MOST_JOINTS = 1000
 CHANNEL_NAMES: tuple[ChannelName, ...] = ("position", "velocity", "effort")
 
 # A position's unit on a velocity means that unit per second.
@@ -71,11 +73,11 @@ class ChannelScale(Strict):
     """
 
     unit: Unit | None = None
-    offset: float = 0.0
-    factor: float = 1.0
-    sign: Literal[1, -1] = 1
-    torque_constant: Annotated[float, Field(gt=0)] | None = None
-    ratio: Annotated[float, Field(gt=0)] | None = None
+    offset: Number = 0.0
+    factor: Number = 1.0
+    sign: Sign = 1
+    torque_constant: Annotated[Number, Field(gt=0)] | None = None
+    ratio: Annotated[Number, Field(gt=0)] | None = None
 
     @model_validator(mode="after")
     def _consistent(self) -> Self:
@@ -126,7 +128,7 @@ class Channel(ChannelScale):
 
     topic: str
     field: str = ""
-    index: Annotated[int, Field(ge=0)] | None = None
+    index: Annotated[WholeNumber, Field(ge=0)] | None = None
     name: str = ""
 
 
@@ -177,7 +179,7 @@ class ChannelMap(Strict):
         Of motors that move several joints: joint -> motor -> factor.
     """
 
-    joints: Annotated[dict[str, JointChannels], Field(min_length=1)]
+    joints: Annotated[dict[str, JointChannels], Field(min_length=1, max_length=MOST_JOINTS)]
     time: Literal["header", "arrival"] = "header"
     coupling: Coupling = Field(default_factory=dict)
 

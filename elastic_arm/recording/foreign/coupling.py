@@ -6,10 +6,11 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from elastic_arm.input_files import Number
 from elastic_arm.recording.sides import Array, Side
 
 # Joint -> motor -> how much the joint turns for one turn of the motor, both at the joint's output.
-Coupling = dict[str, dict[str, float]]
+Coupling = dict[str, dict[str, Number]]
 
 _SINGULAR = 1e-9  # relative singular value from which on motors cannot move the joints apart
 

@@ -23,7 +23,7 @@ from mcap.opcode import Opcode
 
 from elastic_arm.errors import RecordingError
 from elastic_arm.recording import limits
-from elastic_arm.recording.spans import Bytes, Offsets, column
+from elastic_arm.recording.spans import Bytes, Offsets, by_value, column
 from elastic_arm.recording.storage.checksum import crc32_for
 from elastic_arm.recording.storage.interface import LATEST_NS
 from elastic_arm.recording.storage.mcap_blocks import McapBlock, indexed, repeated
@@ -254,13 +254,12 @@ class McapFile:
         )
 
     def _block(self, buffer: Bytes, found: Scan, horizon_ns: int) -> McapBlock:
-        channel = column(buffer, "<u2", found.messages, 9)
-        present = [int(c) for c in np.flatnonzero(np.bincount(channel))] if len(channel) else []
-        if len(present) == 1:
-            return McapBlock(buffer, {present[0]: found.messages}, horizon_ns)
-        return McapBlock(buffer, {c: found.messages[channel == c] for c in present}, horizon_ns)
+        rows = by_value(column(buffer, "<u2", found.messages, 9))
+        return McapBlock(buffer, {channel: found.messages[where] for channel, where in rows.items()}, horizon_ns)
 
     def _parse(self, others: list[Record], buffer: Bytes) -> None:
+        if sum(record.opcode in _IN_CHUNKS for record in others) > limits.RECORDS:
+            raise ValueError(f"more than {limits.RECORDS} descriptions of channels")
         for found in others:
             opcode, begin, end = found
             if opcode == Opcode.CHUNK:
@@ -281,6 +280,8 @@ class McapFile:
                 self.schemas[record.id] = record
             case records.Channel():
                 self.channels[record.id] = record
+                if len(self.channels) > limits.CHANNELS:
+                    raise ValueError(f"more than {limits.CHANNELS} channels")
             case records.Statistics():
                 self.statistics = record
 
@@ -295,7 +296,7 @@ def open_mcap(path: Path) -> McapFile:
     """
     try:
         if path.suffix in PACKED_FILES:  # rosbag2's file compression
-            buffer = np.frombuffer(unpack_file(path), np.uint8)
+            buffer = np.frombuffer(unpack_file(path, limits.unpacked_bytes()), np.uint8)
         else:
             buffer = np.asarray(np.memmap(path, np.uint8, "r")) if path.stat().st_size else np.empty(0, np.uint8)
     except OSError as error:
@@ -306,12 +307,13 @@ def open_mcap(path: Path) -> McapFile:
         raise RecordingError(f"{path} is no MCAP file", "Give a rosbag2 folder, an .mcap or a .db3 file.")
     file = McapFile(path, buffer)
     whole = len(buffer) >= 16 and buffer[-8:].tobytes() == MAGIC
-    found = scan(buffer, 8, len(buffer) - 8 if whole else len(buffer))
-    file.loose = found.messages
     try:
+        most = limits.RECORDS + len(buffer) // limits.RECORD_BYTES
+        found = scan(buffer, 8, len(buffer) - 8 if whole else len(buffer), most)
         file._parse(found.others, buffer)
     except _BAD_RECORD as error:
         raise RecordingError(f"{path} has a damaged record ({error})", "Record again.") from None
+    file.loose = found.messages
     file.check_lengths()
     if not whole:
         torn = len(buffer) - found.end

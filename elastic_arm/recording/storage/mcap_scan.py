@@ -14,6 +14,7 @@ from typing import NamedTuple
 import numpy as np
 from mcap.opcode import Opcode
 
+from elastic_arm.recording import limits
 from elastic_arm.recording.spans import Bytes, Offsets, column
 from elastic_arm.recording.storage.mcap_records import MESSAGE_HEAD, RECORD_HEAD
 
@@ -53,7 +54,7 @@ class Scan:
     end: int
 
 
-def scan(buffer: Bytes, begin: int, end: int) -> Scan:
+def scan(buffer: Bytes, begin: int, end: int, most: int = limits.RECORDS) -> Scan:
     """Find all records between `begin` and `end`; stops before a torn one, or one that is shorter than its kind.
 
     Parameters
@@ -62,6 +63,13 @@ def scan(buffer: Bytes, begin: int, end: int) -> Scan:
         The bytes.
     begin, end
         Where the first record begins, and where the last may end.
+    most
+        Records beside messages that there may be.
+
+    Raises
+    ------
+    ValueError
+        If there are more.
     """
     view = buffer.data
     found: list[Offsets] = []
@@ -86,9 +94,12 @@ def scan(buffer: Bytes, begin: int, end: int) -> Scan:
                 walked = []
         else:
             others.append(Record(opcode, at + RECORD_HEAD, after))
+            if len(others) > most:
+                raise ValueError(f"more than {most} records that are no messages")
             # A round must not leap over what is no message, so the walk begins anew behind it.
-            found.append(np.array(walked, np.int64))
-            walked = []
+            if walked:
+                found.append(np.array(walked, np.int64))
+                walked = []
         at = after
     messages = np.concatenate([*found, np.array(walked, np.int64)])
     return Scan(messages, others, at)

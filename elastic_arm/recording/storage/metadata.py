@@ -128,7 +128,7 @@ def plain_data(text: str) -> Any:
     """Return what a YAML text in a bag holds; None where it is empty, or no YAML."""
     try:
         return parse_yaml(text) if text else None
-    except (yaml.YAMLError, ValueError, OverflowError, AttributeError):
+    except yaml.YAMLError:
         return None
 
 

@@ -10,9 +10,11 @@ from functools import cached_property
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from elastic_arm.errors import RecordingError
-from elastic_arm.recording.spans import Bytes, Offsets, Spans, progression
+from elastic_arm.recording import limits
+from elastic_arm.recording.spans import Bytes, Offsets, Spans, by_value, progression
 from elastic_arm.recording.storage.metadata import Topic
 from elastic_arm.recording.storage.unpacking import PACKED_FILES, unpack_file
 
@@ -20,11 +22,14 @@ _MAGIC = b"SQLite format 3\0"
 # The library decodes its own messages, which quote what is damaged.
 _DAMAGED = (sqlite3.Error, UnicodeDecodeError)
 _ROWS = 16384  # of a block
+_BYTES = 64 * limits.MEGABYTE  # from which on a block is handed out, however few rows it has
 _REMEDY = "Give a rosbag2 folder, an .mcap or a .db3 file."
 # By timestamp: an index holds that order, so that nothing is sorted. Rows of one timestamp come as they were written.
+# A message above the limit comes as its length: SQLite tells it without reading the message.
 _MESSAGES = (
-    "SELECT topic_id, timestamp, data FROM messages WHERE typeof(data) = 'blob' AND typeof(timestamp) = 'integer' "
-    "AND typeof(topic_id) = 'integer' ORDER BY timestamp, id"
+    "SELECT topic_id, timestamp, CASE WHEN length(data) <= ? THEN data ELSE length(data) END FROM messages "
+    "WHERE typeof(data) = 'blob' AND typeof(timestamp) = 'integer' AND typeof(topic_id) = 'integer' "
+    "ORDER BY timestamp, id"
 )
 
 
@@ -52,21 +57,24 @@ class SqliteBlock:
 
     def counts(self) -> dict[int, int]:
         """Return how many messages of each channel there are."""
-        channels, counts = np.unique(self.channel, return_counts=True)
-        return dict(zip(channels.tolist(), counts.tolist(), strict=True))
+        return {channel: len(self.stamp_ns[where]) for channel, where in self._rows.items()}
 
     def spans(self, channel: int) -> Spans:
         """Return where the messages of a channel lie."""
-        chosen = self.channel == channel
+        chosen = self._rows[channel]
         return Spans(self.buffer, progression(self._begin[chosen]), self.size[chosen])
 
     def log_ns(self, channel: int) -> Offsets:
         """(N,) when the messages of a channel were received."""
-        return self.stamp_ns[self.channel == channel]
+        return self.stamp_ns[self._rows[channel]]
 
     def publish_ns(self, channel: int) -> Offsets:
         """(N,) the same: this format holds one time a message."""
         return self.log_ns(channel)
+
+    @cached_property
+    def _rows(self) -> dict[int, NDArray[np.intp] | slice]:
+        return by_value(self.channel)
 
     @cached_property
     def _begin(self) -> Offsets:
@@ -90,7 +98,7 @@ class SqliteFile:
     """
 
     path: Path
-    image: bytes | None = None
+    image: bytearray | None = None
     channels: dict[int, Topic] = field(default_factory=dict)
     damage: list[str] = field(default_factory=list)
 
@@ -147,13 +155,18 @@ class SqliteFile:
             If the file is damaged.
         """
         rows: list[tuple[int, int, bytes]] = []
+        size, most = 0, limits.chunk_bytes()
         try:
             with closing(self.connect()) as database:
-                for row in database.execute(_MESSAGES):
+                for row in database.execute(_MESSAGES, (most,)):
+                    if isinstance(row[2], int):
+                        raise sqlite3.DataError(f"a message of {row[2]} bytes, {most} are the limit")
                     rows.append(row)
-                    if len(rows) == _ROWS:
+                    size += len(row[2])
+                    if len(rows) == _ROWS or size > _BYTES:
                         yield _block(rows)
                         rows.clear()
+                        size = 0
         except _DAMAGED as error:
             problem = f"{self.path}: the database is damaged ({error})"
             if strict:
@@ -213,8 +226,9 @@ def open_sqlite(path: Path) -> SqliteFile:
     return file
 
 
-def _unpacked(path: Path) -> bytes | None:
-    return unpack_file(path) if path.suffix in PACKED_FILES else None
+def _unpacked(path: Path) -> bytearray | None:
+    # SQLite takes a copy.
+    return unpack_file(path, limits.unpacked_bytes() // 2) if path.suffix in PACKED_FILES else None
 
 
 def _head(path: Path) -> bytes:
@@ -243,6 +257,8 @@ def _channels(database: sqlite3.Connection, path: Path) -> dict[int, Topic]:
         name, type_name, qos, type_hash = map(str, texts)
         encoding, text = definitions.get(type_name, ("", ""))
         channels[number] = Topic(name, type_name, text, type_hash, qos, encoding)
+        if len(channels) > limits.CHANNELS:
+            raise RecordingError(f"{path} describes more than {limits.CHANNELS} topics", "Record fewer topics.")
     return channels
 
 

@@ -54,15 +54,22 @@ def unpack_chunk(packed: Bytes, compression: str, size: int) -> Bytes:
     return np.frombuffer(plain, np.uint8)
 
 
-def unpack_file(path: Path) -> bytes:
+def unpack_file(path: Path, limit: int) -> bytearray:
     """Return the plain bytes of a file that is compressed with zstd as a whole; of a torn one what is there.
+
+    Parameters
+    ----------
+    path
+        The file.
+    limit
+        Bytes that it may unpack to; no copy of them is made.
 
     Raises
     ------
     RecordingError
         If it is no zstd file, or unpacks to more than the limit.
     """
-    limit, plain = limits.unpacked_bytes(), bytearray()
+    plain = bytearray()
     try:
         with open(path, "rb") as file, zstandard.ZstdDecompressor().stream_reader(file) as reader:
             while piece := reader.read(_PIECE):
@@ -74,4 +81,4 @@ def unpack_file(path: Path) -> bytes:
                     )
     except zstandard.ZstdError as error:
         raise RecordingError(f"{path} cannot be read: {error}", "Copy it again: it is not whole.") from None
-    return bytes(plain)
+    return plain
