@@ -215,7 +215,10 @@ def _answered(found: Searched, colours: NoiseColours | None) -> Diagnosis:
     # The gap before and after, the verdict, the causes in order, and what is left.
     found_out, final = assemble(causes.prepared, judgement, causes.estimated, laws), causes.estimated.final
     mixed = mixture(final.fit) if final is not None and found_out.verdict == "unknown" else None
-    return found_out if mixed is None else replace(found_out, notes=(mixture_note(mixed), *found_out.notes))
+    if mixed is None:
+        return found_out
+    note = mixture_note(mixed.share, mixed.what, mixed.joint, mixed.sources)
+    return replace(found_out, notes=(note, *found_out.notes))
 
 
 def _beside_scales(found: Searched) -> Searched | None:

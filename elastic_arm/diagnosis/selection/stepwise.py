@@ -79,7 +79,7 @@ class StepwiseSearch:
 
     @cached_property
     def _competing(self) -> tuple[Candidate, ...]:
-        """All that competes as the search first asks: what is added later does not."""
+        """All that competes where the search begins: what is added later does not."""
         return tuple(self.library.candidates)
 
     @cached_property

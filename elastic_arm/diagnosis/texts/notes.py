@@ -10,7 +10,6 @@ from elastic_arm.diagnosis.texts.values import effect_at, estimates_text, log_li
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
-    from elastic_arm.diagnosis.calibration.mixture import Mixture
     from elastic_arm.diagnosis.inference.estimates import Agreement, ParameterEstimate
     from elastic_arm.diagnosis.laws.general_laws import GeneralLaw
     from elastic_arm.diagnosis.result import Imperfection
@@ -200,13 +199,22 @@ def general_law_note(place: str, law: GeneralLaw, gain: float) -> str:
     )
 
 
-def mixture_note(found: Mixture) -> str:
-    """Return the note on recordings that no one arm explains, but arms of their own."""
-    first, other = found.sources
+def mixture_note(share: float, what: str, joint: str, sources: tuple[str, str]) -> str:
+    """Return the note on recordings that no one arm explains, but arms of their own.
+
+    Parameters
+    ----------
+    share
+        Of what one arm leaves, that arms of their own explain.
+    what, joint
+        The number that differs most clearly.
+    sources
+        Two recordings between which it does.
+    """
     return (
         f"The recordings are of different arms, or the arm was changed between them: arms of their own explain "
-        f"{percent(found.share)} of what one arm leaves. Most clearly, {found.what} of {found.joint} differs between "
-        f"{first} and {other}. Diagnose each by itself."
+        f"{percent(share)} of what one arm leaves. Most clearly, {what} of {joint} differs between {sources[0]} and "
+        f"{sources[1]}. Diagnose each by itself."
     )
 
 
