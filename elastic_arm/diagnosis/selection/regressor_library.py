@@ -89,7 +89,7 @@ class RegressorLibrary:
         self._candidates.extend(candidates)
 
     def compete_later(self, make: Callable[[Wanted], list[Candidate]]) -> None:
-        """Let what a function makes of certain features compete once they are needed: some libraries are never searched."""
+        """Let what a function makes of certain features compete once needed: some libraries are never searched."""
         self._later.append(make)
 
     @property
