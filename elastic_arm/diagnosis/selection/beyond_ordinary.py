@@ -53,8 +53,8 @@ def with_effects_beyond_ordinary(
     if not len(library.nuisance) or misfit(library, hypothesis.selected) > settings.search.bent:
         return hypothesis
     beyond = _found_beyond(library, hypothesis, settings)
-    rivals = {k: _rivals_by_all_data(library, hypothesis, k, beyond) for k in hypothesis.rivals}
-    hypothesis = replace(hypothesis, rivals=rivals, beyond=hypothesis.beyond | beyond)
+    against = {k: _rivals_by_all_data(library, hypothesis, k, beyond) for k in hypothesis.rivals}
+    hypothesis = replace(hypothesis, rivals=against, beyond=hypothesis.beyond | beyond)
     taken = {candidate.feature.key for candidate in hypothesis.selected} | refused
     free = _held(library, [*features, *sensors], taken, settings)
     faults = {feature.key for feature in sensors}
