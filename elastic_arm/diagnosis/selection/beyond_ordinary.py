@@ -52,7 +52,9 @@ def with_effects_beyond_ordinary(
     """
     if not len(library.nuisance) or misfit(library, hypothesis.selected) > settings.search.bent:
         return hypothesis
-    hypothesis = replace(hypothesis, beyond=hypothesis.beyond | _found_beyond(library, hypothesis, settings))
+    beyond = _found_beyond(library, hypothesis, settings)
+    against = {k: _rivals_by_all_data(library, hypothesis, k, beyond) for k in hypothesis.rivals}
+    hypothesis = replace(hypothesis, rivals=against, beyond=hypothesis.beyond | beyond)
     taken = {candidate.feature.key for candidate in hypothesis.selected} | refused
     free = _held(library, [*features, *sensors], taken, settings)
     faults = {feature.key for feature in sensors}
@@ -144,6 +146,33 @@ def _found_beyond(library: RegressorLibrary, hypothesis: Hypothesis, settings: D
         if held and gain > settings.significance.detected * scale:
             found.add(candidate.feature.key)
     return frozenset(found)
+
+
+def _rivals_by_all_data(
+    library: RegressorLibrary, hypothesis: Hypothesis, k: int, beyond: Collection[Key]
+) -> Sequence[Rival]:
+    """Return the rivals of a cause of the search, their odds no larger than by the likelihood of all data and priors.
+
+    Of a cause that nuisance parameters could hold held-out data say nothing: there anything at all is as good.
+
+    Parameters
+    ----------
+    library
+        Of all columns.
+    hypothesis
+        Of the search.
+    k
+        Number of the cause.
+    beyond
+        Keys of those that nuisance parameters could hold.
+    """
+    rivals = hypothesis.rivals[k]
+    if hypothesis.selected[k].feature.key not in beyond:
+        return rivals
+    scale, whole = misfit(library, hypothesis.selected), library.both(hypothesis.selected)
+    without = hypothesis.without(k)
+    more = [(library.both([*without, rival.candidate]) - whole) / scale for rival in rivals]
+    return [replace(one, odds=min(one.odds, float(np.exp(min(m, 0.0))))) for one, m in zip(rivals, more, strict=True)]
 
 
 def freed(library: RegressorLibrary, number: int, prior_std: float, feature: Feature) -> Candidate:
