@@ -18,9 +18,10 @@ from elastic_arm.codegen import compiler, kernels
 from elastic_arm.codegen.cache import CACHE_VARIABLE, LARGEST_FILE, cache_folder, is_own_file
 from elastic_arm.codegen.function_cache import stored
 from elastic_arm.codegen.program_cache import cached_program
+from elastic_arm.effects import parse
 from elastic_arm.errors import KernelError
 from elastic_arm.robot import load_robot
-from elastic_arm.simulation import Simulator
+from elastic_arm.simulation import SimulationSettings, Simulator
 from tests.helpers.small_disk import fill, make_read_only, mounted
 
 SOURCE = "int answer(void) { return 42; }"
@@ -192,8 +193,11 @@ def test_without_any_folder_the_simulation_is_slow_and_goes_on(
     nowhere.write_text("no folder")
     monkeypatch.setenv(CACHE_VARIABLE, str(nowhere))
     monkeypatch.setattr(tempfile, "tempdir", str(nowhere))
+    robot = load_robot()
+    # Of a structure that no other test has compiled in this process.
+    effects = [parse(f"coulomb_friction:joint_{k}:torque=3,side=motor", robot) for k in (2, 3)]
     with caplog.at_level(logging.WARNING):
-        assert Simulator(load_robot()).integrator.name == "casadi"
+        assert Simulator(robot, SimulationSettings(effects=effects)).integrator.name == "casadi"
     assert "there is no place for compiled code" in caplog.text
 
 
