@@ -10,7 +10,7 @@ import typer
 from rich.markup import escape
 from rich.table import Table
 
-from elastic_arm.cli.console import out, print_json, reports_errors
+from elastic_arm.cli.console import err, out, print_json, reports_errors
 from elastic_arm.cli.options import AtOption, ChainOption, RobotFile, load_arm
 from elastic_arm.cli.outputs import Force, claim_file
 from elastic_arm.dynamics import build_model
@@ -19,6 +19,8 @@ from elastic_arm.formatting import linear_unit
 from elastic_arm.identification.base_parameters import BaseParameters
 from elastic_arm.identification.base_regression import BaseRegression
 from elastic_arm.robot import Robot, robot_to_dict, to_urdf
+
+_QUICK = 12  # joints whose base parameters are found before anybody wonders
 
 
 @reports_errors
@@ -45,6 +47,8 @@ def describe(
     if urdf is not None:
         claim_file(urdf, force=force, option="--urdf")
     robot = load_arm(robot_file, chain, at)
+    if robot.n > _QUICK:
+        err.print(f"compiling the equations of {robot.n} joints and looking for their base parameters: a minute or so")
     told = build_model(robot, model)
     parameters = base_of(told)
     if urdf is not None:

@@ -88,9 +88,13 @@ class Recording:
         Raises
         ------
         RecordingError
-            If neither side was recorded, or the two do not overlap in time.
+            If neither side was recorded, the stamps do not advance, or the two do not overlap in time.
         """
         try:
+            for side_name, side in self.measured().items():
+                if not (side.stamp_ns[1:] > side.stamp_ns[:-1]).all():
+                    problem = f"the stamps of {side_name} do not advance"
+                    raise RecordingError(problem, "Give every stamp once, in order.")
             return replace(join(self.link, self.motor, self.clock), clock=self.clock)
         except RecordingError as error:
             raise RecordingError(f"{self.source or 'the recording'}: {error.problem}", error.remedy) from None

@@ -16,6 +16,8 @@ Stamps = NDArray[np.int64]
 
 CHANNELS = ("position", "velocity", "effort", "acceleration")
 
+_LATEST = 2.0**63  # ns
+
 # Samples were taken regularly, whatever their stamps; or at their stamps.
 ClockMode = Literal["regular", "stamps"]
 
@@ -43,9 +45,9 @@ class Side:
     acceleration: Array | None = None
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "stamp_ns", np.asarray(self.stamp_ns, dtype=np.int64))
+        object.__setattr__(self, "stamp_ns", _checked_stamps(self.stamp_ns))
         for name, values in self.channels().items():
-            values = np.asarray(values, dtype=np.float64)
+            values = _real(name, values)
             object.__setattr__(self, name, values)
             if values.ndim != 2 or len(values) != len(self.stamp_ns):
                 raise RecordingError(
@@ -67,6 +69,42 @@ class Side:
     def at(self, index: slice | NDArray[np.intp] | NDArray[np.bool_]) -> Side:
         """Return the samples chosen by a slice, indices or a mask."""
         return Side(self.stamp_ns[index], **{name: values[index] for name, values in self.channels().items()})
+
+
+def _real(name: str, values: object) -> Array:
+    """Return numbers as an array of floats.
+
+    Raises
+    ------
+    RecordingError
+        If they are none, or complex.
+    """
+    try:
+        found = np.asarray(values)
+        if found.dtype.kind != "c":
+            return found.astype(np.float64, copy=False)
+    except (TypeError, ValueError):
+        pass
+    raise RecordingError(f"{name} holds what are no real numbers", "Give an array of floats, (N, n).")
+
+
+def _checked_stamps(values: object) -> Stamps:
+    """Return stamps as (N,) int64; whether they advance is for :class:`Recording` to say.
+
+    Raises
+    ------
+    RecordingError
+        If they are no such numbers.
+    """
+    try:
+        found = np.asarray(values)
+    except ValueError:  # rows of unequal length
+        found = np.empty((0, 0))
+    whole = found.dtype.kind == "i" or not found.size
+    whole = whole or (found.dtype.kind in "uf" and bool(np.all(np.abs(found) < _LATEST)))  # NaN is not
+    if found.ndim != 1 or not whole:
+        raise RecordingError("stamp_ns holds what are no nanoseconds in a row", "Give an array of int64, (N,).")
+    return found.astype(np.int64, copy=False)
 
 
 def joints_with(values: Array) -> NDArray[np.bool_]:

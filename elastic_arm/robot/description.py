@@ -31,6 +31,10 @@ from elastic_arm.robot.parts import (
 __all__ = ["DH", "Bearing", "Component", "Inertia", "Joint", "Limits", "Robot", "Transmission"]
 
 
+# The equations of motion grow with the cube of the joints: of 60 they take a minute to compile.
+MOST_JOINTS = 64
+
+
 @dataclass(frozen=True, eq=False)
 class Joint:
     """A joint, the link it moves and what drives it.
@@ -108,7 +112,7 @@ class Robot:
     Parameters
     ----------
     name, joints
-        At least one joint; all joints have a transmission, or none has.
+        From one to MOST_JOINTS; all joints have a transmission, or none has.
     gravity : (3,)
         In the ground frame, m/s^2.
     base_placement : (4, 4)
@@ -152,6 +156,11 @@ class Robot:
                 "Give [belt, harmonic drive], neither zero, whose product is the total ratio",
             )
         require(len(self.joints) > 0, f"robot {self.name} has no joints", "Give it at least one")
+        require(
+            len(self.joints) <= MOST_JOINTS,
+            f"robot {self.name} has {len(self.joints)} joints in a row, {MOST_JOINTS} are the limit",
+            "Name the part that is the arm by its first and last link: --chain base:tip",
+        )
         _check_unique(self.joint_names, "joint")
         _check_unique(("base", *self.link_names), "link")
         _check_transmissions(self.joints)

@@ -39,7 +39,9 @@ _TRANSMISSION_FIELDS = (
     "harmonic_drive_ratio",
 )
 REMEDY = "Give an arm file, which starts with name, gravity, base and joints, or a URDF."
-_COMMENTS = re.compile(rb"<!--.*?-->|<\?.*?\?>|<!DOCTYPE.*?>", re.DOTALL)
+# What may stand before the first element of XML.
+_BEFORE = ((b"<!--", b"-->"), (b"<?", b"?>"), (b"<!DOCTYPE", b">"))
+_ELEMENT = re.compile(rb"<([A-Za-z_][\w.-]*)")
 REFERENCE = "the nominal arm.yaml shows every field"
 
 
@@ -91,8 +93,19 @@ def is_mjcf(path: Path) -> bool:
     if path.suffix.lower() not in (".xml", ".mjcf") or not os.path.isfile(path):
         return False
     # Whether the rest is well formed is for MuJoCo to say.
-    first = re.search(rb"<([A-Za-z_][\w.-]*)", _COMMENTS.sub(b"", read_bytes(path, RobotError, REMEDY)))
-    return first is not None and first[1] in (b"mujoco", b"mujocoinclude")
+    return _first_element(read_bytes(path, RobotError, REMEDY)) in (b"mujoco", b"mujocoinclude")
+
+
+def _first_element(content: bytes) -> bytes:
+    """Return the name of the first element of XML; nothing where there is none. Every byte is looked at once."""
+    at = content.find(b"<")
+    while at >= 0:
+        if (match := _ELEMENT.match(content, at)) is not None:
+            return match[1]
+        ends = [end for begin, end in _BEFORE if content.startswith(begin, at)]
+        behind = content.find(ends[0], at) if ends else at
+        at = content.find(b"<", behind + 1) if behind >= 0 else -1
+    return b""
 
 
 def _robot(entry: ArmEntry) -> Robot:

@@ -131,6 +131,7 @@ ENTITIES = "".join(f"<!ENTITY e{i + 1} '{f'&e{i};' * 10}'>" for i in range(12))
 URDFS: dict[str, bytes] = {
     "3000 fixed joints": chain(3000).encode(),
     "300 fixed joints in a row": chain(300).encode(),
+    "100 joints in a row": chain(100, "revolute").encode(),
     "an unknown encoding": b"<?xml version='1.0' encoding='foo'?><robot name='r'/>",
     "a wide encoding that is none": b"<?xml version='1.0' encoding='utf-32'?><robot name='r'/>",
     "UTF-32": to_urdf(load_robot()).replace("utf-8", "utf-32").encode("utf-32"),

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import os
+import sys
+import time
 from dataclasses import replace
 from pathlib import Path
 
@@ -15,6 +17,7 @@ from tests.helpers.mujoco_arms import MODELS, mujoco_torque, random_motion, stat
 
 pytest.importorskip("mujoco")
 
+from elastic_arm.robot.loading import is_mjcf
 from elastic_arm.robot.mjcf import open_mjcf
 
 # A developer's folder of public models (as MuJoCo Menagerie has them), each beside its meshes or without.
@@ -209,3 +212,80 @@ def test_an_arm_file_keeps_armatures_and_effects(tmp_path: Path) -> None:
     np.testing.assert_allclose(stated_torque(again, *motion), stated_torque(robot, *motion), atol=1e-12)
     with pytest.raises(RobotError, match="armature beside a transmission"):
         replace(load_robot().joints[0], armature=0.1)
+
+
+ARM = """<mujoco><worldbody><body name="b"><joint name="{name}" axis="0 0 1"/><geom size=".1" mass="1"/>{inside}</body>
+</worldbody>{more}</mujoco>"""
+HOSTILE = {
+    "a pipe": ("j", "", '<include file="pipe.xml"/>', "pipe or a device"),
+    "a pipe of a field": ("j", "", '<asset><hfield name="h" file="pipe.xml" size="1 1 1 1"/></asset>', "pipe or a"),
+    "a picture of 10 GB": (
+        "j",
+        "",
+        '<asset><texture name="t" type="2d" builtin="flat" width="60000" height="60000"/></asset>',
+        "memory",
+    ),
+    "a field of 14 GB": (
+        "j",
+        "",
+        '<asset><hfield name="h" nrow="60000" ncol="60000" size="1 1 1 1"/></asset>',
+        "refuses",
+    ),
+    "two billion keyframes": ("j", "", '<size nkey="2000000000"/>', "s of processor"),
+    "copies without end": (
+        "j",
+        '<replicate count="100000" offset="1 0 0"><geom size=".1"/></replicate>',
+        "",
+        "processor",
+    ),
+    "100 joints in a row": (
+        "j",
+        '<body><joint/><geom size=".1"/>' * 100 + "</body>" * 100,
+        "",
+        "100 joints|101 joints",
+    ),
+    "half a character": ("&#xd800;", "", "", "no UTF-8 text"),
+}
+
+
+@pytest.mark.parametrize("name", HOSTILE)
+def test_hostile_models_are_refused_within_the_limits(
+    tmp_path: Path, name: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """MuJoCo compiles in a process of its own: what takes too much ends in one line, and nothing is waited for."""
+    monkeypatch.setattr(sys.modules["elastic_arm.robot.mjcf.engine"], "SECONDS", 2)
+    os.mkfifo(tmp_path / "pipe.xml")
+    named, inside, more, reason = HOSTILE[name]
+    file = tmp_path / "a.xml"
+    file.write_text(ARM.format(name=named, inside=inside, more=more))
+    with pytest.raises(RobotError, match=reason) as caught:
+        load_robot(file)
+    assert "\n" not in str(caught.value)
+    assert str(caught.value).startswith(f"{file}: ")
+
+
+@pytest.mark.parametrize("text", ["<!--" * 300_000, "<?" * 300_000, "<!DOCTYPE" * 300_000, "<" * 300_000])
+def test_what_stands_before_the_first_element_is_looked_at_once(tmp_path: Path, text: str) -> None:
+    """Comments that do not end."""
+    (tmp_path / "a.xml").write_text(text)
+    begin = time.process_time()
+    assert not is_mjcf(tmp_path / "a.xml")
+    assert time.process_time() - begin < 2.0
+
+
+@pytest.mark.parametrize(
+    "before", ["<?xml version='1.0'?>", "<!-- <robot> -->", "<!DOCTYPE mujoco>", "<!-- a --><!-- b -->\n"]
+)
+def test_comments_before_the_first_element_are_skipped(tmp_path: Path, before: str) -> None:
+    """As they are by XML."""
+    (tmp_path / "a.xml").write_text(f"{before}<mujoco/>")
+    assert is_mjcf(tmp_path / "a.xml")
+    (tmp_path / "a.xml").write_text(f"{before}<robot/>")
+    assert not is_mjcf(tmp_path / "a.xml")
+
+
+def test_a_keyframe_that_is_no_text_is_refused(tmp_path: Path) -> None:
+    """A name from the command line need not be UTF-8."""
+    (tmp_path / "a.xml").write_text(ARM.format(name="j", inside="", more=""))
+    with pytest.raises(RobotError, match="is no text"):
+        load_robot(tmp_path / "a.xml", at="a\udcffb")

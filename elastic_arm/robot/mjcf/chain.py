@@ -86,9 +86,17 @@ def name_of(model: Any, kind: str, index: int) -> str:
         As MuJoCo's object types are called, in lower case.
     index
         Its id.
+
+    Raises
+    ------
+    RobotError
+        If the name is no text: XML may hold half a character, as &#xd800;.
     """
     mj = engine()
-    name = mj.mj_id2name(model, getattr(mj.mjtObj, f"mjOBJ_{kind.upper()}"), index)
+    try:
+        name = mj.mj_id2name(model, getattr(mj.mjtObj, f"mjOBJ_{kind.upper()}"), index)
+    except UnicodeDecodeError:
+        raise RobotError(f"the name of {kind} {index} is no UTF-8 text", "Rename it") from None
     return name or f"{kind}_{index}"
 
 

@@ -2,12 +2,34 @@
 
 from __future__ import annotations
 
+import html
+import json
+import os
+import re
+import signal
+import subprocess
+import sys
 from pathlib import Path
 from types import ModuleType
 from typing import Any
 
 from elastic_arm.errors import MissingExtraError, RobotError
 from elastic_arm.input_files import read_bytes
+
+# Of compiling a model: beside what MuJoCo takes itself, of processor time, and of the clock for each second of that, as
+# a busy machine gives a process a tenth of a core.
+MEMORY = 2_000_000_000  # bytes
+SECONDS = 10
+PATIENCE = 10
+MOST_BODIES = 2000
+MOST_FILES = 2000
+SMALLER = "Give the arm alone: its description needs no meshes, pictures, height fields or copies"
+_PROCESS = Path(__file__).with_name("compiling_process.py")
+_ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"), "1")
+_FOLDER = re.compile(rb"\b(meshdir|texturedir|assetdir)\s*=\s*[\"']([^\"']*)")
+_FILE = re.compile(rb"\b(file\w{0,10})\s*=\s*[\"']([^\"'<>]*)")
+# Files that name no others.
+_LEAVES = (".stl", ".obj", ".msh", ".ply", ".dae", ".png", ".hdr", ".ktx", ".skn", ".bin")
 
 
 def engine(what: str = "MJCF files need", extra: str = "mujoco") -> ModuleType:
@@ -38,7 +60,7 @@ def engine(what: str = "MJCF files need", extra: str = "mujoco") -> ModuleType:
 
 
 def compiled(path: Path) -> tuple[Any, list[str]]:
-    """Compile an MJCF file.
+    """Compile an MJCF file, in a process of its own with limits of memory and time.
 
     Meshes and pictures whose files are not there are left out where every body states its inertia: then they are for
     the eye alone.
@@ -51,9 +73,13 @@ def compiled(path: Path) -> tuple[Any, list[str]]:
     Raises
     ------
     RobotError
-        If MuJoCo refuses it; the message is MuJoCo's own.
+        If MuJoCo refuses it, in its own words, or it is beyond the limits.
     """
-    _, model, notes = _opened(path)
+    mj = engine()
+    notes, content = _processed(path, "model")
+    model = mj.MjModel.from_binary_path("model.mjb", {"model.mjb": content})
+    if model.nbody > MOST_BODIES:
+        raise RobotError(f"it has {model.nbody} bodies, {MOST_BODIES} are the limit", "Give the arm alone")
     return model, notes
 
 
@@ -65,53 +91,54 @@ def saved(path: Path) -> str:
     path
         Of the file; see :func:`compiled` for errors.
     """
-    return str(_opened(path)[0].to_xml())
+    engine()
+    return _processed(path, "xml")[1].decode()
 
 
-def _opened(path: Path) -> tuple[Any, Any, list[str]]:
-    """Return specification, compiled model and notes."""
-    mj = engine()
-    read_bytes(path, RobotError, "Give the path of an MJCF file.")
+def _processed(path: Path, what: str) -> tuple[list[str], bytes]:
+    """Return what was left out, and the compiled model or the saved file."""
+    _refuse_endless(path)
+    command = [sys.executable, "-P", str(_PROCESS), str(path), str(MEMORY), str(SECONDS), what]
     try:
-        spec = mj.MjSpec.from_file(str(path))
-        notes = _without_missing_files(spec, path.parent)
-        return spec, spec.compile(), notes
-    except RobotError:
-        raise
-    except (ValueError, mj.FatalError) as error:
-        words = " ".join(str(error).split()).removeprefix("Error: ")
-        raise RobotError(f"MuJoCo refuses it: {words}", "Mend the MJCF; MuJoCo's viewer shows the same error") from None
+        run = subprocess.run(command, capture_output=True, timeout=PATIENCE * SECONDS, env=os.environ | _ONE_THREAD)
+    except subprocess.TimeoutExpired:
+        raise RobotError(f"MuJoCo takes more than {PATIENCE * SECONDS} s to compile it", SMALLER) from None
+    if run.returncode in (-signal.SIGXCPU, -signal.SIGKILL):
+        raise RobotError(f"MuJoCo takes more than {SECONDS} s of processor to compile it", SMALLER)
+    if run.returncode < 0:
+        raise RobotError(f"MuJoCo ends with {signal.Signals(-run.returncode).name} while it compiles it", SMALLER)
+    line, _, content = run.stdout.partition(b"\n")
+    if run.returncode or not line:
+        words = " ".join(run.stderr.decode("utf-8", "replace").strip().splitlines()[-1:])[:200]
+        raise RobotError(f"MuJoCo cannot compile it: {words or 'it ended without a word'}", SMALLER)
+    said = json.loads(line)
+    if "refused" in said:
+        raise RobotError(*said["refused"])
+    if "mujoco" in said:
+        raise RobotError(f"MuJoCo refuses it: {said['mujoco']}", "Mend the MJCF; MuJoCo's viewer shows the same error")
+    return said["notes"], content
 
 
-def _without_missing_files(spec: Any, folder: Path) -> list[str]:
-    """Take meshes and textures without a file, and the geoms that show them, out of a specification."""
-    meshes = folder / (spec.meshdir or "")
-    missing = {mesh.name or Path(mesh.file).stem: mesh for mesh in spec.meshes if _absent(meshes, mesh.file)}
-    shown = [geom for geom in spec.geoms if geom.meshname in missing]
-    weighing = sorted({g.parent.name for g in shown if not g.parent.explicitinertial and _moves(g.parent)})
-    if weighing:
-        raise RobotError(
-            f"mesh files are missing, and bodies {', '.join(weighing)} take their inertia from them",
-            f"Put the meshes into {meshes}, or give these bodies an <inertial>",
-        )
-    for geom in shown:
-        spec.delete(geom)
-    for mesh in missing.values():
-        spec.delete(mesh)
-    textures = folder / (spec.texturedir or "")
-    for texture in [t for t in spec.textures if _absent(textures, t.file)]:
-        spec.delete(texture)
-    return [f"{len(missing)} mesh files are missing: what they show is left out"] if missing else []
+def _refuse_endless(path: Path) -> None:
+    """Raise if the file, or one that it names, is a pipe or a device, for which MuJoCo would wait without end."""
+    left, seen = [path], {path}
+    while left:
+        content = read_bytes(left.pop(), RobotError, "Give the path of an MJCF file.")
+        folders = {path.parent, *(path.parent / _value(match) for match in _FOLDER.finditer(content))}
+        for match in _FILE.finditer(content):
+            name = _value(match)
+            for file in (folder / name for folder in folders):
+                if not os.path.exists(file) or os.path.isdir(file) or file in seen:
+                    continue
+                if not os.path.isfile(file):
+                    raise RobotError(f"it names {name[:60]!r}, which is a pipe or a device", "Save it as a file first")
+                seen.add(file)
+                if len(seen) > MOST_FILES:
+                    raise RobotError(f"it names more than {MOST_FILES} files", SMALLER)
+                if file.suffix.lower() not in _LEAVES:
+                    left.append(file)
 
 
-def _moves(body: Any) -> bool:
-    """Return whether a body moves in the world: its inertia does not matter otherwise."""
-    while body.name != "world":
-        if body.joints:
-            return True
-        body = body.parent
-    return False
-
-
-def _absent(folder: Path, file: str) -> bool:
-    return bool(file) and not (folder / file).is_file()
+def _value(match: re.Match[bytes]) -> str:
+    """Return the value of an attribute."""
+    return html.unescape(match[2].decode(errors="replace"))

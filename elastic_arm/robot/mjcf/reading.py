@@ -93,7 +93,7 @@ def open_mjcf(path: str | Path, chain: Chain | None = None, at: str | None = Non
         model, notes = compiled(path)
         found = find_chain(model, chain)
         qpos = _held_positions(model, found, at)
-        name = getattr(model, "names", b"").split(b"\0", 1)[0].decode() or path.stem
+        name = getattr(model, "names", b"").split(b"\0", 1)[0].decode(errors="replace") or path.stem
         return MjcfArm(model, found, qpos, _robot(name, model, found, qpos, notes))
 
 
@@ -102,6 +102,8 @@ def _held_positions(model: Any, chain: MjcfChain, at: str | None) -> Array:
     mj = engine()
     qpos: Array = np.array(model.qpos0, dtype=float)
     if at:
+        if not at.isprintable():
+            raise RobotError(f"at: {at!r} is no text", "Give joint=value,…, or the name of a keyframe")
         key = mj.mj_name2id(model, mj.mjtObj.mjOBJ_KEY, at)
         if key >= 0:
             qpos[:] = model.key_qpos[key]
