@@ -65,6 +65,9 @@ def nuisance_columns(
         shown = data.plain(feature) if not parameter.curve else _curved(data, feature, parameter.curve)
         for out, columns in zip(result, shown, strict=True):
             out[:, :, k] = columns[:, :, 0] * parameter.prior_std
+        if feature.read_torque == "tau_J" and parameter.is_torque_gain:
+            for out, part in zip(result, data.parts, strict=True):
+                out[:, :, k] -= _transmitted(model, data, part, parameter.joint) * parameter.prior_std
     others = [k for k, p in enumerate(parameters) if p.feature is None and not p.is_inertial]
     for out, part in zip(result, data.parts, strict=True):
         entries = _drive_entries(model, nominal, part, [parameters[k] for k in others], data.acting)
@@ -79,6 +82,21 @@ def nuisance_columns(
                 if recordings[part.recording] == parameter.recording:
                     out[:, :, k] = out[:, :, same] / wider
     return data.weighted(result, in_place=True)
+
+
+def _transmitted(model: Model, data: WhitenedData, part: Part, joint: str) -> Array:
+    """Return what transmission errors that act make of the read joint torque at the motor (N', R), Nm.
+
+    It scales with that torque. Without it a recording would seem to show the common scale of all torques and masses.
+    """
+    j, n = model.robot.joint_names.index(joint), model.n
+    values = np.zeros((len(part.stretch.quiet), 1))
+    for effect in data.acting:
+        if effect.feature.effect.twist and effect.feature.joint == joint:
+            link, motor, *_ = effect.torques(part.signals)
+            values[:, 0] += (motor - link)[:, j]
+    entries = Entries(values, np.array([2 * n + j]), np.array([0]), (3 * n, 1))
+    return data.in_band(part, entries)[:, :, 0]
 
 
 def features_at(

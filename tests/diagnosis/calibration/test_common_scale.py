@@ -24,16 +24,20 @@ from elastic_arm.simulation import SimulationSettings, simulate
 from tests.helpers.gap_recordings import ROBOT, motions
 
 PAYLOAD = EffectInstance(EFFECTS["payload"], "joint_3", {"mass": 3.0, "position": (0.05, 0.02, 0.1)})
+TWIST = EffectInstance(EFFECTS["transmission_error"], "joint_2", {"amplitude": 1e-4, "phase": 0.7, "order": 2.0})
 
 
-def test_a_load_leaves_the_common_scale_as_uncertain_as_the_priors_of_the_gains() -> None:
-    """A drive is wound by the payload, too: of the model's load alone, stiffnesses would tell the scale of all torques.
+@pytest.mark.parametrize("acting", [PAYLOAD, TWIST], ids=["payload", "transmission error"])
+def test_effects_leave_the_common_scale_as_uncertain_as_the_priors_of_the_gains(acting: EffectInstance) -> None:
+    """What is proportional to torques tells nothing of their common scale.
 
-    Then each gain was known to 0.06 %, and was ten of these deviations off.
+    A drive is wound by the payload, too: of the model's load alone, stiffnesses would tell the scale of all torques.
+    Then each gain was known to 0.06 %, and was ten of these deviations off. A transmission error turns a share of the
+    joint torque to the motor, which the gain of its sensor scales.
     """
     encoder = Encoder(resolution=2 * np.pi / 2**19)
-    known = [*known_effects(("coulomb_friction", "viscous_friction"), ROBOT), PAYLOAD]
-    settings = SimulationSettings(effects=[PAYLOAD], sensors=Sensors(encoder, encoder))
+    known = [*known_effects(("coulomb_friction", "viscous_friction"), ROBOT), acting]
+    settings = SimulationSettings(effects=[acting], sensors=Sensors(encoder, encoder))
     first, second = (simulate(ROBOT, one, settings, rng=np.random.default_rng(k)) for k, one in enumerate(motions()))
     data = prepare([first], [second], Question(ROBOT, refit=True, given=tuple(known)))
     stds = posterior(data.library, (*data.given, *tangents(data.library, data.given)), data.settings)[1]
