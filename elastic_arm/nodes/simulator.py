@@ -53,7 +53,7 @@ BEHIND = 0.2
 PACE_TOLERANCE = 0.02
 # Before the first sample, seconds on an idle machine, others can see that this one is about to publish, and it sees
 # those that start with it. Later another one is the newcomer, and this one stays.
-SETTLING = 0.3
+SETTLING = 1.0
 
 
 class SimulatorNode(ArmNode):

@@ -170,7 +170,7 @@ def test_internal_states_are_the_same_without_a_compiler(samples: int, monkeypat
         first = constants[0] * now[0] + one[0] - 0.1 * abs(one[1]) * now[0]
         now = np.array([first, constants[1] * now[1] + now[0] * one[2]])
     compiled = recursion.Recursion(step).run(arguments, constants)
-    monkeypatch.setattr(recursion, "find_compiler", lambda: None)
+    monkeypatch.setattr("elastic_arm.codegen.compiler.find_compiler", lambda: None)
     plain = recursion.Recursion(step)
     assert plain._compiled is None
     for found in (compiled, plain.run(arguments, constants)):

@@ -18,10 +18,10 @@ from elastic_arm.diagnosis.laws.comparison import LawFit
 from elastic_arm.diagnosis.laws.general_laws import link_torque
 from elastic_arm.diagnosis.selection.hypothesis import Key
 from elastic_arm.diagnosis.settings import GeneralLawSettings
+from elastic_arm.estimation.effect_columns import Feature
 from elastic_arm.estimation.whitening import WhitenedData
 
-OFFSETS = ("joint_torque_offset", "motor_torque_offset")
-DEFLECTION = ("backlash", "encoder_offset")  # what makes a deflection agree with a joint torque whose zero is wrong
+CHANNELS = {"tau_J", "tau_m"}
 
 
 def loads_for_offsets(
@@ -46,8 +46,8 @@ def loads_for_offsets(
     names = final.fit.problem.robot.joint_names
     causes = [estimated.hypothesis.selected[k].feature for k in estimated.hypothesis.causes]
     for joint in names:
-        offsets = [fault for fault in estimated.faults if fault.feature.key[:2] in {(one, joint) for one in OFFSETS}]
-        if len(offsets) < len(OFFSETS):
+        offsets = [fault for fault in estimated.faults if _is_zero_of_torque(fault.feature, joint)]
+        if {fault.feature.read_torque for fault in offsets} != CHANNELS or len(offsets) != len(CHANNELS):
             continue
         gain = _log_odds_of_one_torque(offsets, final)
         if gain <= 0.0:
@@ -55,9 +55,20 @@ def loads_for_offsets(
         size = float(np.mean([fault.value for fault in offsets]))
         law, coefficients = link_torque(sets, names.index(joint), size, settings)
         fit = LawFit(law, gain, abs(size), [part @ coefficients for part in law.plain(sets[1])])
-        beside = [feature for feature in causes if feature.joint == joint and feature.effect.id in DEFLECTION]
+        beside = [feature for feature in causes if feature.joint == joint and _moves_deflection(feature)]
         found |= dict.fromkeys((feature.key for feature in (*(fault.feature for fault in offsets), *beside)), fit)
     return found
+
+
+def _is_zero_of_torque(feature: Feature, joint: str) -> bool:
+    """Whether an effect is the zero of a torque channel of a joint."""
+    return feature.joint == joint and feature.read_torque is not None and feature.effect.set_at_start
+
+
+def _moves_deflection(feature: Feature) -> bool:
+    """Whether an effect makes a deflection agree with a joint torque whose zero is wrong: play, an encoder's zero."""
+    play = any(parameter.exceeded_by for parameter in feature.effect.parameters)
+    return play or (feature.effect.set_at_start and "q" in feature.sensed)
 
 
 def _log_odds_of_one_torque(offsets: Sequence[LargeImperfection], final: FinalEstimates) -> float:

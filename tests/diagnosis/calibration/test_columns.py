@@ -47,5 +47,5 @@ def test_the_column_of_a_damping_is_the_rate_at_which_the_spring_is_wound(monkey
     monkeypatch.setattr("elastic_arm.diagnosis.calibration.columns.predicted_torques", lambda *_: (load, load))
     part: Any = SimpleNamespace(signals=signals, stretch=SimpleNamespace(quiet=Motion(t)))
     damping = NuisanceParameter("damping", "joint_2", "1", 0.4, 1.0)
-    column = _drive_entries(model, robot, part, [damping]).dense()[:, robot.n + 1, 0]
+    column = _drive_entries(model, robot, part, [damping], ()).dense()[:, robot.n + 1, 0]
     assert column == pytest.approx(0.4 * gear.damping * 6e-3 * np.cos(3 * t), abs=1e-3 * 0.4 * gear.damping * 6e-3)
