@@ -6,8 +6,8 @@ from dataclasses import dataclass, fields, replace
 from typing import Any, Self
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.interpolate import CubicSpline
 
 from elastic_arm.dynamics import Model
 from elastic_arm.errors import DiagnosisError
@@ -234,6 +234,6 @@ def drive_constants(model: Model) -> tuple[Array, Array]:
 
 def rates_of(t: Array, values: Array) -> Array:
     """Return the time derivatives (N, …) of signals (N, …) at their own instants t (N,), by cubic splines."""
-    spline = CubicSpline(t, values)
+    spline = scipy.interpolate.CubicSpline(t, values)
     # At an instant the derivative is a coefficient of the piece that begins there.
     return np.concatenate([spline.c[2], spline(t[-1:], 1)])

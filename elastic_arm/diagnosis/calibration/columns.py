@@ -19,9 +19,10 @@ from elastic_arm.dynamics import Model, build_model
 from elastic_arm.effects.equations import ArmEquations
 from elastic_arm.estimation.effect_columns import ActingEffect, Feature
 from elastic_arm.estimation.motion import CompletedMotion, drive_constants, rates_of
+from elastic_arm.estimation.noise import wiener_filtered
 from elastic_arm.estimation.regressors import Entries
 from elastic_arm.estimation.residuals import predicted_torques
-from elastic_arm.estimation.whitening import Part, WhitenedData
+from elastic_arm.estimation.whitening import NoiseModel, Part, WhitenedData
 from elastic_arm.robot import Robot
 
 Array = NDArray[np.float64]
@@ -70,7 +71,8 @@ def nuisance_columns(
                 out[:, :, k] -= _transmitted(model, data, part, parameter.joint) * parameter.prior_std
     others = [k for k, p in enumerate(parameters) if p.feature is None and not p.is_inertial]
     for out, part in zip(result, data.parts, strict=True):
-        entries = _drive_entries(model, nominal, part, [parameters[k] for k in others], data.acting)
+        sensed = "drive" in data.layout.sides
+        entries = _drive_entries(model, nominal, part, [parameters[k] for k in others], data.acting, sensed=sensed)
         out[:, :, others] = data.in_band(part, entries)
     # The same column in one recording alone.
     common = {p.feature.key: k for k, p in enumerate(parameters) if p.feature is not None and p.recording is None}
@@ -206,14 +208,23 @@ def _regressor(model: Model, motion: CompletedMotion, directions: Array) -> Arra
 
 
 def _drive_entries(
-    model: Model, nominal: Robot, part: Part, parameters: Sequence[NuisanceParameter], acting: Sequence[ActingEffect]
+    model: Model,
+    nominal: Robot,
+    part: Part,
+    parameters: Sequence[NuisanceParameter],
+    acting: Sequence[ActingEffect],
+    *,
+    sensed: bool = True,
 ) -> Entries:
     """Columns (N, 3 n, k): stiffness by predicted torque, damping by that of the spring, presliding by speed."""
     n, elastic, motion, signals = model.n, model.robot.elastic, part.stretch.quiet, part.signals
     K = drive_constants(model)[0] if elastic else np.ones(n)
     load = _wound(model, part, acting) if elastic else np.zeros((len(motion), n))
     rates = load
-    if elastic and any(p.what == "damping" for p in parameters):
+    if elastic and not sensed and any(p.what == "damping" for p in parameters):
+        # Without a joint torque sensor the deflection stands for the torque: its noise is in residual and column.
+        rates = np.stack([_quiet(rate, part.noise, j) for j, rate in enumerate(rates_of(motion.t, load).T)], axis=1)
+    elif elastic and any(p.what == "damping" for p in parameters):
         # What is known to act beside the spring, such as hysteresis or play, bends how fast it is wound; and the noise
         # of accelerations counts as of no torque: regressed on it, too, a damping would come out too small.
         others = K * signals.values["wound"] - signals.values["tau_J"]
@@ -234,6 +245,15 @@ def _drive_entries(
         values[:, column] = law * parameters[k].prior_std
     rows, numbers = (np.array([one[i] for one in found], dtype=int) for i in (0, 1))
     return Entries(values, rows, numbers, (3 * n, len(parameters)))
+
+
+def _quiet(rate: Array, noise: NoiseModel, j: int) -> Array:
+    """Return the rate (N,) of the predicted load of joint j, Nm/s, without what is noise of the encoders in it.
+
+    It holds the third derivative of the links' angles. Regressed on its noise too, a damping comes out too small.
+    """
+    assert noise.load is not None
+    return wiener_filtered(rate, noise.rate, noise.f, (2 * np.pi * noise.f) ** 2 * noise.load[:, j])
 
 
 def _wound(model: Model, part: Part, acting: Sequence[ActingEffect]) -> Array:
