@@ -264,7 +264,10 @@ def _wound(model: Model, part: Part, acting: Sequence[ActingEffect]) -> Array:
     """
     load = predicted_torques(model, part.stretch.quiet)[0]
     for effect in acting:
-        load = load + effect.torques(part.signals)[2]
+        joint, _, spring, _ = effect.torques(part.signals)
+        # What play takes off the deflection, the stiffness would multiply as well.
+        play = any(parameter.exceeded_by for parameter in effect.feature.effect.parameters)
+        load = load + (joint if play else spring)
     return load
 
 
