@@ -66,9 +66,11 @@ def nuisance_columns(
         shown = data.plain(feature) if not parameter.curve else _curved(data, feature, parameter.curve)
         for out, columns in zip(result, shown, strict=True):
             out[:, :, k] = columns[:, :, 0] * parameter.prior_std
-        if feature.read_torque == "tau_J" and parameter.is_torque_gain:
+        if feature.read_torque != "tau_J" or not parameter.is_torque_gain:
+            continue
+        for effect in (e for e in data.acting if e.feature.effect.twist and e.feature.joint == parameter.joint):
             for out, part in zip(result, data.parts, strict=True):
-                out[:, :, k] -= _transmitted(model, data, part, parameter.joint) * parameter.prior_std
+                out[:, :, k] -= _transmitted(model, data, part, effect) * parameter.prior_std
     others = [k for k, p in enumerate(parameters) if p.feature is None and not p.is_inertial]
     for out, part in zip(result, data.parts, strict=True):
         sensed = "drive" in data.layout.sides
@@ -86,18 +88,14 @@ def nuisance_columns(
     return data.weighted(result, in_place=True)
 
 
-def _transmitted(model: Model, data: WhitenedData, part: Part, joint: str) -> Array:
-    """Return what transmission errors that act make of the read joint torque at the motor (N', R), Nm.
+def _transmitted(model: Model, data: WhitenedData, part: Part, effect: ActingEffect) -> Array:
+    """Return what a transmission error makes of the read joint torque at the motor (N', R), Nm.
 
     It scales with that torque. Without it a recording would seem to show the common scale of all torques and masses.
     """
-    j, n = model.robot.joint_names.index(joint), model.n
-    values = np.zeros((len(part.stretch.quiet), 1))
-    for effect in data.acting:
-        if effect.feature.effect.twist and effect.feature.joint == joint:
-            link, motor, *_ = effect.torques(part.signals)
-            values[:, 0] += (motor - link)[:, j]
-    entries = Entries(values, np.array([2 * n + j]), np.array([0]), (3 * n, 1))
+    j, n = model.robot.joint_names.index(str(effect.feature.joint)), model.n
+    link, motor, *_ = effect.torques(part.signals)
+    entries = Entries((motor - link)[:, [j]], np.array([2 * n + j]), np.array([0]), (3 * n, 1))
     return data.in_band(part, entries)[:, :, 0]
 
 

@@ -6,7 +6,6 @@ for itself: what the whole leaves is then hardly there in any of them.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,7 +13,6 @@ from numpy.typing import NDArray
 
 from elastic_arm.diagnosis.calibration.recalibration import FinalFit
 from elastic_arm.diagnosis.selection.gram_fits import regularised
-from elastic_arm.estimation.whitening import WhitenedData
 
 Array = NDArray[np.float64]
 
@@ -55,7 +53,7 @@ def mixture(fit: FinalFit) -> Mixture | None:
     recordings = sorted({*problem.numbers[0], *problem.numbers[1]})
     if len(recordings) < 2:
         return None
-    of_rows = np.concatenate([_recordings(*each) for each in zip(library.sets, problem.numbers, strict=True)])
+    of_rows = fit.recordings_of_rows
     own = [k for k, p in enumerate(problem.parameters) if p.recording is None]
     names = [(problem.parameters[k].what, problem.parameters[k].joint) for k in own]
     names += [(c.feature.effect.id, c.feature.joint or "the whole arm") for c in given for _ in c.index]
@@ -88,12 +86,7 @@ def _common(numbers: Array, residual: Array, priors: Array, centre: Array) -> Ar
 
 def _mean_square(fit: FinalFit, left: Array) -> float:
     """Return the mean square of what is left in whitened rows, 1 for noise, whatever the scales of the rows."""
-    sets, scales = fit.found.library.sets, fit.problem.scales
+    library, scales = fit.found.library, fit.problem.scales
     if scales is not None:
-        left = left * np.concatenate([np.repeat(scales, len(_recordings(d, range(9))) // len(scales)) for d in sets])
-    return float(left @ left) / sum(data.freedom for data in sets)
-
-
-def _recordings(data: WhitenedData, numbers: Sequence[int]) -> NDArray[np.intp]:
-    """Return the number of the recording (rows,) to which each whitened row belongs."""
-    return data.of_stretches([numbers[part.recording] for part in data.parts])
+        left = left * np.concatenate([np.repeat(scales, len(N) // len(scales)) for N in library.nuisance.white])
+    return float(left @ left) / sum(data.freedom for data in library.sets)

@@ -98,6 +98,12 @@ class FinalFit:
     found: Linearised
     selected: tuple[Candidate, ...]
 
+    @property
+    def recordings_of_rows(self) -> NDArray[np.intp]:
+        """Number of the recording (rows,) to which each whitened row of both data sets belongs."""
+        of_sets = zip(self.found.library.sets, self.problem.numbers, strict=True)
+        return np.concatenate([d.of_stretches([numbers[part.recording] for part in d.parts]) for d, numbers in of_sets])
+
 
 def final_fit(
     prepared: PreparedData, selected: Sequence[Candidate], faulty: Sequence[Feature], near: FinalFit | None = None

@@ -23,7 +23,6 @@ from elastic_arm.diagnosis.selection.hypothesis import Key, misfit
 from elastic_arm.diagnosis.selection.regressor_library import Candidate
 from elastic_arm.diagnosis.selection.tangents import tangents
 from elastic_arm.estimation.effect_columns import Feature
-from elastic_arm.estimation.whitening import WhitenedData
 
 Array = NDArray[np.float64]
 
@@ -95,7 +94,7 @@ class FinalEstimates:
         noise, residual, columns = self._noise, *self._regression
         own = np.array([is_of(p, feature) for p in problem.parameters])
         scale = np.array([p.prior_std for p in problem.parameters])
-        of_rows = np.concatenate([_recordings(*each) for each in zip(library.sets, problem.numbers, strict=True)])
+        of_rows = self.fit.recordings_of_rows
         white = np.vstack(library.nuisance.white)
         alone = np.sum(white[:, own] / scale[own], axis=1)[:, None] * (of_rows[:, None] == np.array(recordings))
         together = np.hstack([alone, white[:, ~own], columns])
@@ -260,11 +259,6 @@ class FinalEstimates:
 
 def _odds(nats: float) -> float:
     return float(np.exp(np.clip(nats, -700.0, 700.0)))
-
-
-def _recordings(data: WhitenedData, numbers: Sequence[int]) -> NDArray[np.intp]:
-    """Return the number of the recording (rows,) to which each whitened row belongs."""
-    return data.of_stretches([numbers[part.recording] for part in data.parts])
 
 
 def final_estimates(
