@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scipy.interpolate import CubicSpline
 from typer.testing import CliRunner
 
 from elastic_arm.effects import EFFECTS, Catalogue
@@ -146,6 +147,20 @@ def test_zeros_of_torques_wander_about_their_offsets() -> None:
     noise = _noise(sensors, 20_000, np.random.default_rng(2))
     assert np.all(np.abs(noise.mean(axis=0)) < 4.0 * 0.26 / np.sqrt(20_000))
     assert np.ptp(noise[:, 0].reshape(20, 1000).mean(axis=1)) > 0.1
+
+
+def test_sides_that_jitter_apart_are_sampled_where_their_stamps_say() -> None:
+    """The stamps of the two sides differ by some 28 µs, and each angle is that of its own stamp."""
+    rng = np.random.default_rng(7)
+    course = HiddenArm(ROBOT).run(random_motion(rng, 3, 3.0))
+    sensors = RealisticSensors((0.0,) * 3, link_bits=40, motor_bits=40, apart=True)
+    read = measure_realistically(course, ROBOT.joint_names, (), sensors, np.ones(3), rng)
+    assert read.link is not None and read.motor is not None
+    apart = (read.motor.stamp_ns - read.link.stamp_ns) * 1e-9
+    assert np.std(apart) == pytest.approx(np.sqrt(2) * 2e-5, rel=0.1)
+    for side, true in ((read.link, course.q), (read.motor, course.theta)):
+        t = (side.stamp_ns - 1_700_000_000_000_000_000) * 1e-9
+        np.testing.assert_allclose(side.position, CubicSpline(course.t, true)(t), atol=1e-9)
 
 
 def test_realistic_sensors_leave_out_a_side_and_thin_out_samples() -> None:

@@ -36,6 +36,8 @@ class RealisticSensors:
         "missing", "differenced" (differences of the quantised angles) or "measured".
     jitter
         Standard deviation of the instants of sampling, s.
+    apart
+        Whether the two sides are sampled at instants of their own.
     rate
         Samples a second, a divisor of 1000.
     sides
@@ -51,6 +53,7 @@ class RealisticSensors:
     motor_bits: int = 13
     velocity: str = MISSING
     jitter: float = 2e-5
+    apart: bool = False
     rate: float = 1000.0
     sides: str = BOTH
     drift: float = 0.0
@@ -91,7 +94,7 @@ def measure_realistically(
         Of the noise.
     """
     every = round(RATE / sensors.rate)
-    ideal = SensorModel(torque_noise=0.0, velocity_noise=0.0, jitter=sensors.jitter)
+    ideal = SensorModel(torque_noise=0.0, velocity_noise=0.0, jitter=sensors.jitter, apart=sensors.apart)
     taken = _every(measure(course, joints, faults, ideal, rng), every)
     assert taken.link is not None and taken.motor is not None
     sides: dict[str, Side] = {}

@@ -30,6 +30,8 @@ class SensorModel:
         rad/s, white, both velocity channels.
     jitter
         Standard deviation of the instants at which samples are taken, s; stamps are these instants.
+    apart
+        Whether motor sides are sampled at instants of their own.
     """
 
     torque_noise: float = 0.26
@@ -37,6 +39,7 @@ class SensorModel:
     encoder_step: float = 0.0
     velocity_noise: float = 1e-4
     jitter: float = 0.0
+    apart: bool = False
 
 
 def measure(
@@ -62,12 +65,12 @@ def measure(
         Of the noise.
     """
     t = course.t
-    late = np.clip(instruments.jitter * rng.standard_normal(len(t)), -0.3e-3, 0.3e-3)
-    taken = t + late
+    taken = _instants(t, instruments.jitter, rng)
+    taken_of_motor = _instants(t, instruments.jitter, rng) if instruments.apart else taken
     sensors = [fault for fault in faults if fault.effect in SENSOR_EFFECTS]
     shape = course.q.shape
 
-    def sampled(values: np.ndarray, channel: str) -> np.ndarray:
+    def sampled(values: np.ndarray, channel: str, taken: np.ndarray) -> np.ndarray:
         delays = _delays(sensors, channel, shape[1])
         spline = CubicSpline(t, values)
         if not instruments.jitter and not delays.any():
@@ -75,9 +78,10 @@ def measure(
         columns = [spline(np.maximum(taken - delay, t[0]))[:, j] for j, delay in enumerate(delays)]
         return np.stack(columns, axis=1)
 
-    q, dq = sampled(course.q, "link_encoder"), sampled(course.dq, "link_encoder")
-    theta, dtheta = sampled(course.theta, ""), sampled(course.dtheta, "")
-    tau_J, tau_m = sampled(course.tau_J, "joint_torque"), sampled(course.tau_m, "motor_torque")
+    q, dq = (sampled(values, "link_encoder", taken) for values in (course.q, course.dq))
+    theta, dtheta = (sampled(values, "", taken_of_motor) for values in (course.theta, course.dtheta))
+    tau_J = sampled(course.tau_J, "joint_torque", taken)
+    tau_m = sampled(course.tau_m, "motor_torque", taken_of_motor)
     torques = {"joint_torque": tau_J, "motor_torque": tau_m}
     _distort(torques, sensors, t)
     for fault in sensors:
@@ -88,21 +92,28 @@ def measure(
             angle = q[:, j] + p["phase"]
             dq[:, j] *= 1.0 + p["amplitude"] * np.cos(angle)
             q[:, j] += p["amplitude"] * np.sin(angle)
-    stamps = np.round(taken * 1e9).astype(np.int64) + 1_700_000_000_000_000_000
     noise = instruments
     link = Side(
-        stamps,
+        _stamps(taken),
         _encoder(q, noise, rng),
         dq + noise.velocity_noise * rng.standard_normal(shape),
         tau_J + noise.torque_noise * rng.standard_normal(shape),
     )
     motor = Side(
-        stamps,
+        _stamps(taken_of_motor),
         _encoder(theta, noise, rng),
         dtheta + noise.velocity_noise * rng.standard_normal(shape),
         tau_m + noise.torque_noise * rng.standard_normal(shape),
     )
     return Recording(tuple(joints), link=link, motor=motor, source="challenge")
+
+
+def _instants(t: np.ndarray, jitter: float, rng: np.random.Generator) -> np.ndarray:
+    return t + np.clip(jitter * rng.standard_normal(len(t)), -0.3e-3, 0.3e-3)
+
+
+def _stamps(taken: np.ndarray) -> np.ndarray:
+    return np.round(taken * 1e9).astype(np.int64) + 1_700_000_000_000_000_000
 
 
 def _distort(torques: dict[str, np.ndarray], sensors: Sequence[Fault], t: np.ndarray) -> None:

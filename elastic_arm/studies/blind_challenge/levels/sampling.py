@@ -247,6 +247,7 @@ def _sensors(level: ChallengeLevel, sides: str, sizes: Array, rng: np.random.Gen
         torque_noise=noise,
         corner=corner,
         velocity=str(rng.choice([MISSING, DIFFERENCED, MEASURED])),
+        apart=sides == BOTH and bool(rng.choice([False, True])),
         rate=float(rng.choice(level.rates)),
         sides=sides,
         drift=float(rng.uniform(0.0, level.drift)),
