@@ -186,7 +186,7 @@ def with_laws(
 ) -> list[UnexplainedResidual]:
     """Return the places where something is left, those first where a law that no catalogue states shows most.
 
-    In the place of a cause the law is as large as what only stands in for it; beside all causes it is in what is left.
+    What is left is measured with what only stands in for a law: there the law itself, if that is larger, is listed.
 
     Parameters
     ----------
@@ -201,12 +201,9 @@ def with_laws(
     """
     lacks = strongest(lacks_of_fit(prepared, laws.all))
     instead = {one.row for one in lacks_of_fit(prepared, list(laws.instead.values()))}
-    first = [
-        UnexplainedResidual(
-            *prepared.places[one.row], one.regime, one.rmse if one.row in instead else float(after.rmse[one.row])
-        )
-        for one in lacks
-    ]
+    left = {one.row: float(after.rmse[one.row]) for one in lacks}
+    left |= {one.row: max(one.rmse, left[one.row]) for one in lacks if one.row in instead}
+    first = [UnexplainedResidual(*prepared.places[one.row], one.regime, left[one.row]) for one in lacks]
     own = {(one.joint, one.side) for one in first}
     return [*first, *(one for one in places if (one.joint, one.side) not in own)]
 
@@ -221,7 +218,7 @@ def _notes(
         if p.cause is not None
     ]
     repeated = () if prepared.independent_motion else (REPEATED_MOTION,)
-    found = (*imperfect, *judgement.notes, *estimated.notes, *_law_notes(prepared, laws))
+    found = (*imperfect, *judgement.notes, *estimated.notes, *_law_notes(prepared, laws, estimated.faults))
     return (*prepared.notes, *found, *repeated)
 
 
@@ -237,12 +234,12 @@ def _impossible_numbers(
     ]
 
 
-def _law_notes(prepared: PreparedData, laws: BetterLaws) -> list[str]:
+def _law_notes(prepared: PreparedData, laws: BetterLaws, faults: Sequence[LargeImperfection]) -> list[str]:
     """Return a note on each general law that explains more than the causes, and on where more is left than noise."""
-    names = prepared.model.robot.joint_names
+    names, unlisted = prepared.model.robot.joint_names, [fault.feature.key for fault in faults]
     notes = [
-        refuted_note(effect, joint, names[fit.law.joint], fit.law, fit.gain)
-        for (effect, joint, _), fit in laws.instead.items()
+        refuted_note(*key[:2], names[fit.law.joint], fit.law, fit.gain, listed=key not in unlisted)
+        for key, fit in laws.instead.items()
     ]
     if laws.beside is not None and not notes:
         notes = [general_law_note(names[laws.beside.law.joint], laws.beside.law, laws.beside.gain)]

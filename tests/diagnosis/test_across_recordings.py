@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from types import SimpleNamespace
 
@@ -105,6 +106,24 @@ def test_sizes_that_differ_are_stated_as_a_share_of_their_mean() -> None:
     )
 
 
+def test_sizes_within_their_deviations_are_not_called_close() -> None:
+    """2 and 3 Nm, each to 0.3 Nm, agree for want of certainty, and it is said; 2 and 2.01 Nm do so by themselves."""
+    assert agreement_text(_agreement([2.0, 3.0], std=0.3)) == (
+        "agrees over the recordings: sizes differ by up to 20.0 % of their mean, within their deviations"
+    )
+    assert agreement_text(_agreement([2.0, 2.01], std=1e-4)) == (
+        "agrees over the recordings: sizes differ by up to 0.2 % of their mean"
+    )
+
+
+def test_what_shows_in_no_recording_alone_is_not_compared() -> None:
+    """Of a cause that only all recordings together show, single ones say nothing; of one that some show, they do."""
+    text = agreement_text(_agreement([2.0, 3.0], std=0.01, gains=(-1.0, 0.0)))
+    assert text == "cannot be compared over the recordings: it shows in none of them alone"
+    text = agreement_text(_agreement([2.0, 3.0], std=0.01, gains=(5.0, 0.0)))
+    assert text == "does not agree over the recordings: it shows in 1 of 2 alone"
+
+
 def test_a_cause_of_several_sizes_is_not_certain(same: Diagnosis) -> None:
     """Sizes of 1, 6 and 14 Nm reduce a confidence to less than a tenth; what agrees keeps its own."""
     assert _agreement([1.0, 6.0, 14.0], std=0.05).odds > 9.0
@@ -184,8 +203,11 @@ def test_a_number_that_probably_differs_is_no_cause() -> None:
     assert any((one.what, one.joint, one.ordinary) == ("stiffness", "joint_2", False) for one in found.imperfections)
 
 
-def _agreement(torques: list[float], std: float) -> Agreement:
+def _agreement(torques: Sequence[float], std: float, gains: Sequence[float] = ()) -> Agreement:
     """Compare dry friction of these sizes, one a recording."""
     feature = feature_of(parse(friction(6), ROBOT), ArmEquations(ROBOT, "mod3"))
-    found = [RecordingEstimate("run", {"torque": ParameterEstimate(value, std, "Nm")}, 50.0) for value in torques]
+    sizes = [{"torque": ParameterEstimate(value, std, "Nm")} for value in torques]
+    found = [
+        RecordingEstimate("run", size, gain) for size, gain in zip(sizes, gains or [50.0] * len(torques), strict=True)
+    ]
     return compared(feature, found, AgreementSettings())

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from elastic_arm.diagnosis.corrected_robot import holds_any
+from elastic_arm.diagnosis.settings import AgreementSettings
 from elastic_arm.diagnosis.texts.values import chosen, effect_at, estimates_text, listed, percent, probability_text
 from elastic_arm.effects.model import MODELS
 
@@ -206,15 +207,17 @@ def _travel(value: float, unit: str) -> str:
 
 def agreement_text(agreement: Agreement) -> str:
     """Return in words whether a cause is of one size in all recordings."""
-    spread = agreement.spread
+    spread, showing = agreement.spread, sum(f.gain > 0.0 for f in agreement.findings)
+    if not showing:
+        return "cannot be compared over the recordings: it shows in none of them alone"
     if not agreement.comparable:
         return "cannot be compared over the recordings: each alone determines its size too poorly"
-    if agreement.agrees:
-        within = f": sizes within {percent(spread)} of their mean" if spread else ""
-        return f"agrees over the recordings within its deviations{within}"
-    absent = [f for f in agreement.findings if not f.gain > 0.0]
-    if absent:
-        return f"does not agree over the recordings: it shows in {len(agreement.findings) - len(absent)} of them alone"
     apart = "more than their mean" if spread is None or spread >= 1.0 else f"up to {percent(spread)} of their mean"
+    if agreement.agrees:
+        # Closer values count as equal, however small their deviations are.
+        why = ", within their deviations" if spread and spread >= AgreementSettings().alike else ""
+        return f"agrees over the recordings: sizes differ by {apart}{why}" if spread else "agrees over the recordings"
+    if showing < len(agreement.findings):
+        return f"does not agree over the recordings: it shows in {showing} of {len(agreement.findings)} alone"
     doubt = ", which reduces its confidence" if agreement.odds > WORTH_A_LINE else ""
     return f"does not agree over the recordings: sizes differ by {apart}, beyond their deviations{doubt}"

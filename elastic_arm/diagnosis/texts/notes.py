@@ -130,7 +130,9 @@ def wrong_unit_note(feature: Feature, gain: float, share: float) -> str:
     )
 
 
-def refuted_note(effect: str, joint: str | None, place: str, law: GeneralLaw, gain: float) -> str:
+def refuted_note(
+    effect: str, joint: str | None, place: str, law: GeneralLaw, gain: float, *, listed: bool = True
+) -> str:
     """Return the note on a cause that a law without a form explains better.
 
     Parameters
@@ -143,9 +145,12 @@ def refuted_note(effect: str, joint: str | None, place: str, law: GeneralLaw, ga
         Which.
     gain
         Nats by which it is likelier.
+    listed
+        Whether the cause is among those listed; numbers of the model and the sensors are not.
     """
+    judged = "only stands in for a law that the catalogue lacks" if listed else "is no cause"
     return (
-        f"{effect_at(effect, joint)} only stands in for a law that the catalogue lacks: a torque of {place} "
+        f"{effect_at(effect, joint)} {judged}: a torque of {place} "
         f"({law.side}) as a smooth function of {law.argument} is likelier by {log_likelihood_text(gain)} nats."
     )
 

@@ -35,7 +35,7 @@ def test_a_pull_on_a_link_is_no_zero_of_both_torque_sensors() -> None:
     assert all(cause.confidence < 0.5 for cause in found.causes)
     assert (found.unexplained[0].joint, found.unexplained[0].side) == ("joint_3", "link")
     assert found.unexplained[0].rmse == pytest.approx(PULL, rel=0.2)
-    assert any("joint_torque_offset on joint_3 only stands in" in note for note in found.notes)
+    assert any("joint_torque_offset on joint_3 is no cause" in note for note in found.notes)
 
 
 def test_the_zero_of_one_torque_sensor_is_its_cause() -> None:
