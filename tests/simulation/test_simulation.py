@@ -219,6 +219,18 @@ def test_kernels_are_compiled_once_per_structure(arm, monkeypatch, tmp_path):
     assert sorted(tmp_path.glob("*.so")) == made
 
 
+@pytest.mark.parametrize("q0", [(0.0, -0.16, 0.5), (0.0, -0.14, 0.5)])
+def test_an_arm_with_play_starts_at_the_loaded_end_of_it(arm, q0):
+    """Where gravity's own slope points to the other end, too; a drive is wound by its load beyond the play."""
+    half_gap = 1e-4
+    simulator = Simulator(arm, SimulationSettings(effects=[parse(f"backlash:joint_2:half_gap={half_gap}")]), q0=q0)
+    plain = Simulator(arm, SimulationSettings(), q0=q0)
+    found, expected = (one.state.y[3:6] - one.state.y[:3] for one in (simulator, plain))
+    assert 1e-6 < np.abs(expected[1]) < half_gap
+    play = np.array([0.0, half_gap * np.sign(expected[1]), 0.0])
+    np.testing.assert_allclose(found, expected + play, atol=1e-6)
+
+
 @pytest.mark.parametrize("bearings", [False, True])
 def test_the_arm_starts_in_equilibrium(arm, bearings):
     """Held by the torque of its start, the arm hangs in its drives and does not move."""

@@ -25,15 +25,19 @@ from tests.helpers.gap_recordings import ROBOT, motions
 
 PAYLOAD = EffectInstance(EFFECTS["payload"], "joint_3", {"mass": 3.0, "position": (0.05, 0.02, 0.1)})
 TWIST = EffectInstance(EFFECTS["transmission_error"], "joint_2", {"amplitude": 1e-4, "phase": 0.7, "order": 2.0})
+PLAY = EffectInstance(EFFECTS["backlash"], "joint_2", {"half_gap": 1e-4})
+HYSTERESIS = EffectInstance(EFFECTS["hysteresis"], "joint_2", {"torque": 5.0, "width": 1e-4})
+SPRING = EffectInstance(EFFECTS["joint_spring"], "joint_2", {"stiffness": 60.0, "rest": 0.3})
 
 
-@pytest.mark.parametrize("acting", [PAYLOAD, TWIST], ids=["payload", "transmission error"])
+@pytest.mark.parametrize("acting", [PAYLOAD, TWIST, PLAY, HYSTERESIS, SPRING], ids=lambda one: one.effect.id)
 def test_effects_leave_the_common_scale_as_uncertain_as_the_priors_of_the_gains(acting: EffectInstance) -> None:
     """What is proportional to torques tells nothing of their common scale.
 
     A drive is wound by the payload, too: of the model's load alone, stiffnesses would tell the scale of all torques.
     Then each gain was known to 0.06 %, and was ten of these deviations off. A transmission error turns a share of the
-    joint torque to the motor, which the gain of its sensor scales.
+    joint torque to the motor, which the gain of its sensor scales. What play takes off the deflection, a stiffness
+    multiplies as well.
     """
     encoder = Encoder(resolution=2 * np.pi / 2**19)
     known = [*known_effects(("coulomb_friction", "viscous_friction"), ROBOT), acting]
