@@ -6,7 +6,7 @@ what is wrong and what to do about it, and carries the values that were wrong as
 
 from __future__ import annotations
 
-_LONGEST = 1000  # characters of a problem or a remedy
+_LONGEST = 1000  # characters of a problem, a remedy or a finding
 
 
 class ElasticArmError(Exception):
@@ -21,11 +21,11 @@ class ElasticArmError(Exception):
     """
 
     def __init__(self, problem: str, remedy: str = "") -> None:
-        self.problem, self.remedy = _line(problem), _line(remedy)
+        self.problem, self.remedy = one_line(problem), one_line(remedy)
         super().__init__(" ".join(_sentence(part) for part in (self.problem, self.remedy) if part))
 
 
-def _line(text: str) -> str:
+def one_line(text: str) -> str:
     """Return `text` as one line of bounded length.
 
     It may hold names out of files and messages: what would break the line or control a terminal is written as its code.

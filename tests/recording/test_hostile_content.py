@@ -140,6 +140,8 @@ def test_thousands_of_channels_are_read_in_one_pass(tmp_path: Path) -> None:
     bag = tmp_path / "a.mcap"
     bag.write_bytes(packed(*(named(("a",), 0, number + 1) for number in range(len(topics))), topics=topics))
     assert len(quickly(lambda: bag_info(bag)).topics) == len(topics)  # type: ignore[attr-defined]
+    report = quickly(lambda: check_bag(bag))
+    assert all(len(finding.message) < 1100 for finding in report.findings)  # type: ignore[attr-defined]
 
 
 def test_thousands_of_files_are_looked_for_once(tmp_path: Path) -> None:

@@ -5,6 +5,8 @@ from __future__ import annotations
 from dataclasses import asdict, dataclass, field
 from typing import Any, Literal
 
+from elastic_arm.errors import one_line
+
 Severity = Literal["error", "warning", "note"]
 
 
@@ -59,7 +61,7 @@ class Report:
         **where
             Its topic, joint and time.
         """
-        self.findings.append(Finding(severity, code, message, **where))
+        self.findings.append(Finding(severity, code, one_line(message), **where))
 
     def to_json(self) -> dict[str, Any]:
         """Return plain data."""
