@@ -15,6 +15,10 @@ import casadi as ca
 from elastic_arm.errors import EffectError
 from elastic_arm.robot import Robot, Transmission
 
+STEPS = 4  # of Newton towards the deflection of a law twice as steep as its spring: to a thousandth of it
+# A law that falls as fast as its spring rises leaves no deflection that carries the load: least slope of both, over K.
+LEAST = 0.1
+
 SX = ca.SX
 
 
@@ -121,7 +125,10 @@ class SymbolicMotion:
     friction_link, friction_motor : (n, 1)
         What friction effects add to both sides, Nm.
     wound : (n, 1)
-        The deflection under the load that a model predicts; None where it is not known.
+        The deflection of springs that carry the load a model predicts, less what laws carry that do not follow it;
+        None where it is not known.
+    loaded : (1, 1)
+        Whether `wound` is that, 1 or 0.
     """
 
     equations: Equations
@@ -142,6 +149,7 @@ class SymbolicMotion:
     friction_link: SX | None = None
     friction_motor: SX | None = None
     wound: SX | None = None
+    loaded: SX | float = 1.0
 
     @property
     def robot(self) -> Robot:
@@ -192,14 +200,31 @@ class SymbolicMotion:
         """d = theta + e(theta) - q, e the transmission error of the effects that act."""
         return self.theta + self.twist - self.q
 
-    @property
-    def deflection_under_load(self) -> SX:
-        """The deflection for a law that is nearly a stiffness: that under the load where it is known.
+    def deflection_under_load(self, i: int, law: Callable[[SX], SX]) -> SX:
+        """Return the deflection at which spring i and a law beside it, nearly a stiffness, carry the load.
 
         The stiffness itself is regressed on the predicted load. Beside it a column of the encoders' deflection would
         fit their noise, which the residual holds, too (errors in variables; Fuller, Measurement Error Models, 1987).
+        Where the load is not known it is the deflection.
+
+        Parameters
+        ----------
+        i
+            Index of the joint.
+        law
+            Deflection, rad -> the torque that it carries, Nm.
         """
-        return self.deflection if self.wound is None else self.wound
+        read = self.deflection[i]
+        if self.wound is None:
+            return read
+        d, K, wound = ca.SX.sym("d"), self.K[i], self.wound[i]
+        carried = law(d)
+        slope = ca.fmax(1.0 + ca.jacobian(carried, d) / K, LEAST)
+        step, most = (wound - d - carried / K) / slope, ca.fabs(wound) + ca.fabs(read)
+        found = read
+        for _ in range(STEPS):
+            found += ca.fmax(-most, ca.fmin(most, ca.substitute(step, d, found)))
+        return read + self.loaded * (found - read)
 
     @property
     def deflection_rate(self) -> SX:

@@ -163,6 +163,11 @@ class Feature:
         """Which residuals, of link, drive and motor side of all joints, its law adds to."""
         return np.unique(self._compiled.places % (3 * self.equations.robot.n)).tolist()
 
+    @property
+    def follows_load(self) -> bool:
+        """Whether its law takes the deflection that the load makes, of which the drive carries a part by this law."""
+        return self._compiled.follows_load
+
     def columns(self, signals: Signals, searched: Sequence[float] = (), start: float = 0.0) -> Array:
         """Evaluate the columns (N, 3 n, count).
 
@@ -289,29 +294,6 @@ class OwnRegressor(Whole):
         joints = range(robot.n) if self.joint is None else [robot.joint_names.index(self.joint)]
         values = {**self.choices, **self.parameters((), searched), "joints": joints}
         return Entries.of(self._regressor.residuals(signals, values)[:, :, None])
-
-
-@dataclass(frozen=True, eq=False)
-class ActingEffect:
-    """An effect that adds to the torques which a model predicts.
-
-    Parameters
-    ----------
-    feature, searched
-        What, and its searched parameters.
-    coefficients
-        (count,) of its columns.
-    """
-
-    feature: Feature
-    searched: tuple[float, ...]
-    coefficients: Array
-
-    def torques(self, signals: Signals) -> tuple[Array, Array, Array, Array]:
-        """Return what it adds to joint torque, motor torque, that of the spring, and beside the read deflection, Nm."""
-        entries = self.feature.entries(signals, self.searched)
-        link, drive, motor = np.split(entries.weighted(self.coefficients), 3, axis=1)
-        return link, link + motor, link if self.feature.effect.twist else link - drive, drive
 
 
 def _changed_channels(effect: SensorEffect, joint: str | None, choices: Mapping[str, Any], n: int) -> set[str]:

@@ -7,18 +7,110 @@ deflection.
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
 import numpy as np
 from numpy.typing import NDArray
 
 from elastic_arm.dynamics import Model
 from elastic_arm.effects.library.torque_filters import low_pass_error
+from elastic_arm.estimation.effect_columns import Feature
 from elastic_arm.estimation.motion import CompletedMotion, drive_constants
 from elastic_arm.estimation.noise import reduced_to, wiener_filtered
 from elastic_arm.estimation.observation import Observation
+from elastic_arm.estimation.regressors import Signals
+from elastic_arm.estimation.residuals import predicted_torques
 
 Array = NDArray[np.float64]
 
 TINY = 1e-300  # numerical
+
+
+@dataclass(frozen=True, eq=False)
+class ActingEffect:
+    """An effect that adds to the torques which a model predicts.
+
+    Parameters
+    ----------
+    feature, searched
+        What, and its searched parameters.
+    coefficients
+        (count,) of its columns.
+    """
+
+    feature: Feature
+    searched: tuple[float, ...]
+    coefficients: Array
+
+    def torques(self, signals: Signals) -> tuple[Array, Array, Array, Array]:
+        """Return what it adds to joint torque, motor torque, that of the spring, and beside the read deflection, Nm."""
+        entries = self.feature.entries(signals, self.searched)
+        link, drive, motor = np.split(entries.weighted(self.coefficients), 3, axis=1)
+        return link, link + motor, link if self.feature.effect.twist else link - drive, drive
+
+
+@dataclass(frozen=True)
+class KnownTorques:
+    """What a model and the effects that act predict along a motion.
+
+    Parameters
+    ----------
+    motion
+        With these torques in the place of the measured ones, where the model is calibrated.
+    signals
+        Of that motion.
+    load, drive
+        (N, n) Nm, tau_J and tau_m.
+    laws
+        (N, n) Nm, what the drives carry beside their springs, at the deflection as the encoders read it.
+    """
+
+    motion: CompletedMotion
+    signals: Signals
+    load: Array
+    drive: Array
+    laws: Array
+
+
+def known_torques(
+    model: Model,
+    motion: CompletedMotion,
+    acting: Sequence[ActingEffect],
+    signals_of: Callable[[CompletedMotion], Signals],
+    *,
+    predicted: bool,
+) -> KnownTorques:
+    """Return what a model and the effects that act predict along a motion.
+
+    Parameters
+    ----------
+    model
+        Of the arm.
+    motion
+        The quiet motion.
+    acting
+        Effects that are part of the predicted torques.
+    signals_of
+        Makes signals of a motion.
+    predicted
+        Whether laws take the torques that the model predicts instead of the measured ones.
+    """
+    load, drive = predicted_torques(model, motion)
+    spring, laws, measured = load, np.zeros_like(load), motion
+    if predicted:
+        motion = replace(measured, tau_J=load, tau_m=drive)
+    signals = signals_of(motion)
+    if acting:
+        for effect in acting:
+            link, motor, wound, own = effect.torques(signals)
+            load, drive, laws = load + link, drive + motor, laws + own
+            # A law that follows the load takes its part of what the drive carries by itself.
+            spring = spring + (link if effect.feature.follows_load else wound)
+        signals = signals_of(replace(measured, tau_J=load, tau_m=drive))
+    if predicted and model.robot.elastic:
+        signals = signals.wound_by(wound_under(spring, signals.t, model))
+    return KnownTorques(motion, signals, load, drive, laws)
 
 
 def wound_under(torque: Array, t: Array, model: Model) -> Array:
@@ -43,15 +135,7 @@ def wound_under(torque: Array, t: Array, model: Model) -> Array:
     return found / drive_constants(model)[0]
 
 
-def true_load(
-    model: Model,
-    observation: Observation,
-    motion: CompletedMotion,
-    load: Array,
-    laws: Array,
-    f: Array,
-    noise: Array | None,
-) -> Array:
+def true_load(model: Model, observation: Observation, known: KnownTorques, f: Array, noise: Array | None) -> Array:
     """Return the load (N, n) Nm of each joint with as little noise as both ways to know it allow.
 
     Parameters
@@ -60,30 +144,28 @@ def true_load(
         Of the arm.
     observation
         Holds the noise of the encoders.
-    motion
-        The quiet motion, its deflections without the noise that shows in their spectra.
-    load
-        (N, n) Nm, as the model predicts it.
-    laws
-        (N, n) Nm, what known laws of the drive carry beside the deflection as the encoders read it.
+    known
+        What model and effects predict along the quiet motion, its deflections without the noise that shows in their
+        spectra.
     f, noise
         (F,) Hz, and the noise (F, n) of that with angles of the finer encoder of each joint, Nm²; 1 is white noise of
         1 Nm a sample.
     """
     assert noise is not None
+    motion, load = known.motion, known.load
     K, D = drive_constants(model)
     gain = observation.quiet_gain(f)[:, None] ** 2
     link, motor = (observation.position_spectrum(side, f) * gain for side in ("link", "motor"))
     measured = K**2 * (link + motor)
-    wound = K * (motion.theta - motion.q) + D * (motion.dtheta - motion.dq) + laws
+    wound = K * (motion.theta - motion.q) + D * (motion.dtheta - motion.dq) + known.laws
     # As far as the deflection shows, the link's angles have the noise of their own encoder, be the motor's the finer.
     predicted = noise * np.maximum(link / np.maximum(observation.quiet_link_spectrum(f), TINY), 1.0)
     both = (K > 0.0) & link.any(axis=0) & motor.any(axis=0)
     share = np.where(both, measured / np.maximum(measured + predicted, TINY), 1.0)
     left, found = np.where(both, share * predicted, noise), np.empty_like(load)
     for j in range(model.n):
-        known = load[:, j]
+        best = load[:, j]
         if both[j]:
-            known = wound[:, j] + reduced_to(load[:, j] - wound[:, j], observation.rate, f, share[:, j])
-        found[:, j] = wiener_filtered(known, observation.rate, f, left[:, j])
+            best = wound[:, j] + reduced_to(load[:, j] - wound[:, j], observation.rate, f, share[:, j])
+        found[:, j] = wiener_filtered(best, observation.rate, f, left[:, j])
     return found

@@ -31,7 +31,7 @@ from elastic_arm.estimation.smoother import Smoother
 Array = NDArray[np.float64]
 INPUTS = (
     "x", "dx", "ddx", "tau_J", "tau_m", "dtau_J", "dtau_m",
-    "progress", "elapsed", "friction_link", "friction_motor", "wound", "sign_link", "sign_motor",
+    "progress", "elapsed", "friction_link", "friction_motor", "wound", "loaded", "sign_link", "sign_motor",
 )  # fmt: skip
 
 
@@ -135,8 +135,8 @@ class Signals:
         return stacked
 
     def wound_by(self, deflection: Array) -> Signals:
-        """Return the signals with deflections (N, n) rad of the springs in the place of what the encoders read."""
-        return replace(self, values={**self.values, "wound": deflection})
+        """Return the signals with deflections (N, n) rad of springs under the load, which laws may take."""
+        return replace(self, values={**self.values, "wound": deflection, "loaded": np.ones((len(self.t), 1))})
 
     def with_model_torques(self, load: Array, drive: Array, noise: Mapping[str, Array]) -> Signals:
         """Return the signals with what regressors of whole effects take besides.
@@ -178,6 +178,7 @@ def _values(
         "sign_link": np.tanh(motion.dq / standstill[0]),
         "sign_motor": np.tanh(motion.dtheta / standstill[1]),
         "wound": motion.theta - motion.q,
+        "loaded": np.zeros((len(motion.t), 1)),
         "progress": ((motion.t - begin) / length - 0.5)[:, None],
         "elapsed": (motion.t - begin)[:, None],
     }
@@ -267,7 +268,7 @@ class CompiledColumns:
     def __init__(self, terms: Sequence[Term], equations: ArmEquations, engine: str | None = "numpy") -> None:
         self._equations = equations
         n = equations.robot.n
-        sizes = {**dict.fromkeys(("x", "dx", "ddx"), equations.dof), "progress": 1, "elapsed": 1}
+        sizes = dict.fromkeys(("x", "dx", "ddx"), equations.dof) | dict.fromkeys(("progress", "elapsed", "loaded"), 1)
         symbols = {name: ca.SX.sym(name, sizes.get(name, n)) for name in INPUTS}
         searched = [p for term in terms for p in term.searched]
         arguments = {p.name: ca.SX.sym(p.name, p.size) for p in searched}
@@ -288,11 +289,12 @@ class CompiledColumns:
                 self._scan = _recursion(contribution, states, symbols, argument, equations)
                 self._moved_states |= any(ca.depends_on(one, equations.Psi) for one in contribution.rates.values())
         columns = ca.horzcat(*blocks)
-        # Whether they are polynomials of second degree in several searched numbers.
+        # Polynomials of second degree in several searched numbers?
         several = sum(p.size for p in searched) > 1 and not states
         self.quadratic = several and ca.is_linear(ca.jacobian(ca.vec(columns), argument), argument)
         self._shape = (int(columns.shape[0]), int(columns.shape[1]))
         self._arguments = sum(p.size for p in searched)
+        self.follows_load = ca.depends_on(columns, symbols["wound"])
         self._compile(columns, symbols, argument, state, engine)
 
     def at(self, equations: ArmEquations) -> CompiledColumns | None:

@@ -19,14 +19,14 @@ from elastic_arm.dynamics import Model
 from elastic_arm.errors import DiagnosisError
 from elastic_arm.estimation.band import Band, LowPass
 from elastic_arm.estimation.convolution import CircularGains, Harmonics, circular_gains, filtered_circularly
-from elastic_arm.estimation.effect_columns import ActingEffect, Feature, starting_state
+from elastic_arm.estimation.effect_columns import Feature, starting_state
 from elastic_arm.estimation.equations import EquationSet
-from elastic_arm.estimation.known_torques import true_load, wound_under
+from elastic_arm.estimation.known_torques import ActingEffect, known_torques, true_load
 from elastic_arm.estimation.motion import drive_constants, wound_by_load
 from elastic_arm.estimation.noise_colour import Colour
 from elastic_arm.estimation.observation import Observation
 from elastic_arm.estimation.regressors import Entries, Signals
-from elastic_arm.estimation.residuals import SLOWEST, FreeTorques, Stretch, predicted_torques, residuals
+from elastic_arm.estimation.residuals import SLOWEST, FreeTorques, Stretch, residuals
 
 Array = NDArray[np.float64]
 
@@ -260,23 +260,19 @@ class WhitenedData:
             limits = observation.smoother if observation.gain(np.array([band.cutoff]))[0] < WHOLE else None
             for stretch in residuals(model, observation, layout, band):
                 elastic, cutoff = model.robot.elastic, observation.cutoff
-                signals_of = partial(Signals.of, standstill=standstill, elastic=elastic, cutoff=cutoff, smoother=limits)
+                signals_of = partial(
+                    Signals.of,
+                    standstill=standstill,
+                    elastic=elastic,
+                    cutoff=cutoff,
+                    predicted=predicted,
+                    smoother=limits,
+                )
                 motion = wound_by_load(model, stretch.quiet) if layout.reads_torque_by_deflection else stretch.quiet
-                load, drive = predicted_torques(model, motion)
-                spring, laws = load, np.zeros_like(load)
-                if predicted:
-                    motion = replace(motion, tau_J=load, tau_m=drive)
-                signals = signals_of(motion, predicted=predicted)
-                if acting:
-                    more = [effect.torques(signals) for effect in acting]
-                    added = zip((load, drive, spring, laws), zip(*more, strict=True), strict=True)
-                    load, drive, spring, laws = (torque + sum(parts) for torque, parts in added)
-                    signals = signals_of(replace(motion, tau_J=load, tau_m=drive), predicted=predicted)
-                if predicted and elastic:
-                    signals = signals.wound_by(wound_under(spring, motion.t, model))
-                known = true_load(model, observation, motion, load, laws, noise.f, noise.load)
+                known = known_torques(model, motion, acting, signals_of, predicted=predicted)
+                load = true_load(model, observation, known, noise.f, noise.load)
                 torques = observation.torque_variances(model.n)
-                signals = signals.with_model_torques(known, known + drive - load, torques)
+                signals = known.signals.with_model_torques(load, load + known.drive - known.load, torques)
                 self.parts.append(Part(stretch, signals, noise, observation.gains, number))
                 self.pure.append(pure)
                 alike = next(others, None)

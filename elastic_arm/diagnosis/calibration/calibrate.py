@@ -19,7 +19,7 @@ from elastic_arm.diagnosis.selection.tangents import steps_along, tangents
 from elastic_arm.diagnosis.settings import DiagnosisSettings, RefitSettings
 from elastic_arm.effects.model import SensorEffect
 from elastic_arm.estimation.band import Band
-from elastic_arm.estimation.effect_columns import ActingEffect
+from elastic_arm.estimation.known_torques import ActingEffect
 from elastic_arm.estimation.observation import widest_band
 
 Array = NDArray[np.float64]

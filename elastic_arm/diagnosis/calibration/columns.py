@@ -17,7 +17,8 @@ from elastic_arm.diagnosis.calibration.nuisance import NuisanceParameter
 from elastic_arm.diagnosis.selection.library_building import scaling
 from elastic_arm.dynamics import Model, build_model
 from elastic_arm.effects.equations import ArmEquations
-from elastic_arm.estimation.effect_columns import ActingEffect, Feature
+from elastic_arm.estimation.effect_columns import Feature
+from elastic_arm.estimation.known_torques import ActingEffect
 from elastic_arm.estimation.motion import CompletedMotion, drive_constants, rates_of
 from elastic_arm.estimation.noise import wiener_filtered
 from elastic_arm.estimation.regressors import Entries
@@ -226,6 +227,7 @@ def _drive_entries(
         # What is known to act beside the spring, such as hysteresis or play, bends how fast it is wound; and the noise
         # of accelerations counts as of no torque: regressed on it, too, a damping would come out too small.
         others = K * signals.values["wound"] - signals.values["tau_J"]
+        others = others - sum(effect.torques(signals)[3] for effect in acting if effect.feature.follows_load)
         rates = rates_of(motion.t, signals.model_torques["tau_J"] + others)
     found: list[tuple[int, int, Array]] = []
     for k, parameter in enumerate(parameters):

@@ -24,7 +24,7 @@ from elastic_arm.diagnosis.calibration.columns import (
 from elastic_arm.diagnosis.calibration.problem import CalibrationProblem, Observations
 from elastic_arm.diagnosis.selection.marginalisation import NuisanceColumns
 from elastic_arm.dynamics import Model, build_model
-from elastic_arm.estimation.effect_columns import ActingEffect
+from elastic_arm.estimation.known_torques import ActingEffect
 from elastic_arm.estimation.whitening import WhitenedData
 
 Array = NDArray[np.float64]

@@ -16,7 +16,7 @@ from elastic_arm.diagnosis.selection.regressor_library import Candidate, Regress
 from elastic_arm.diagnosis.selection.tangents import STEP, component, free_components, scale_of
 from elastic_arm.diagnosis.settings import JudgementSettings
 from elastic_arm.effects.parameters import Parameter
-from elastic_arm.estimation.effect_columns import ActingEffect
+from elastic_arm.estimation.known_torques import ActingEffect
 from elastic_arm.estimation.whitening import WhitenedData
 
 Array = NDArray[np.float64]

@@ -11,7 +11,8 @@ from elastic_arm.diagnosis.selection.candidates import starting_points
 from elastic_arm.diagnosis.selection.marginalisation import NuisanceColumns
 from elastic_arm.diagnosis.selection.regressor_library import Candidate, RegressorLibrary, Wanted
 from elastic_arm.diagnosis.settings import CandidateSettings
-from elastic_arm.estimation.effect_columns import ActingEffect, Feature
+from elastic_arm.estimation.effect_columns import Feature
+from elastic_arm.estimation.known_torques import ActingEffect
 from elastic_arm.estimation.whitening import WhitenedData
 
 

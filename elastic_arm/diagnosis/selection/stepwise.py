@@ -100,6 +100,10 @@ class StepwiseSearch:
         """Held-out log-likelihood less what choosing among tried values is worth."""
         return self.library.held_out(selected) - sum(self._price[candidate.feature.key] for candidate in selected)
 
+    def _gained(self, score: float) -> float:
+        """Return what a score is above that of no effect, or of known ones that predict the other recording worse."""
+        return score - min(0.0, self._score(self.given))
+
     def _plausible(self, selected: Sequence[Candidate]) -> bool:
         key = tuple(selected)
         if key not in self._possible:
@@ -122,9 +126,8 @@ class StepwiseSearch:
         # The best single cause may be a wrong one that does two right ones' work, so others may begin too.
         chosen = self._grown(given)
         for score, start in islice(self._ranked(given), 1, self._search.starts):
-            if misfit(self.library, chosen) < self._search.complete or score < self._search.start_ratio * self._score(
-                chosen
-            ):
+            far = self._gained(score) < self._search.start_ratio * self._gained(self._score(chosen))
+            if far or misfit(self.library, chosen) < self._search.complete:
                 break
             chosen = first_best((chosen, self._grown(start)), self._merit, self._tie)
         return Hypothesis(tuple(chosen), len(self.given))
@@ -189,7 +192,7 @@ class StepwiseSearch:
         first, scored = None, []
         for score, trial in islice(self._ranked(chosen), self._search.shortlist):
             first = score if first is None else first
-            if score < self._search.shortlist_ratio * first:
+            if self._gained(score) < self._search.shortlist_ratio * self._gained(first):
                 break
             better = self._optimised(trial)
             # A wrong cause beside a right one may only fit best at a size that none has; an exchange then removes it.
@@ -198,8 +201,7 @@ class StepwiseSearch:
         if not scored:
             return None
         score, best = first_best(scored, lambda pair: pair[0], self._tie)
-        gain = score - self._score(chosen)
-        return best if gain > self._worth(best) else None
+        return best if score - self._score(chosen) > self._worth(best) else None
 
     def _refine(self, others: Sequence[Candidate], candidate: Candidate) -> Candidate:
         key = (candidate, frozenset(others))
@@ -219,7 +221,7 @@ class StepwiseSearch:
                 others = selected[:k] + selected[k + 1 :]
                 now = self._score(selected)
                 for score, rough in islice(self._ranked(others), self._search.shortlist):
-                    if score < self._search.shortlist_ratio * now:
+                    if self._gained(score) < self._search.shortlist_ratio * self._gained(now):
                         break
                     if rough[-1].feature.key == selected[k].feature.key:
                         continue
@@ -307,9 +309,8 @@ class StepwiseSearch:
         for k, candidate in enumerate(selected):
             better = self._refine([*selected[:k], *selected[k + 1 :]], candidate)
             trial = [*selected[:k], better, *selected[k + 1 :]]
-            if better is not candidate and (
-                is_provisional(candidate) or self.library.both(trial) > self.library.both(selected) + self._tie
-            ):
+            gains = is_provisional(candidate) or self.library.both(trial) > self.library.both(selected) + self._tie
+            if better is not candidate and gains:
                 selected = trial
         return selected
 

@@ -3,6 +3,8 @@
 from collections.abc import Mapping
 from typing import Any
 
+from casadi import SX
+
 from elastic_arm.effects.model import Confusion, Effect
 from elastic_arm.effects.motion import Contribution, SymbolicMotion
 from elastic_arm.effects.parameters import Parameter
@@ -18,7 +20,11 @@ def law(motion: SymbolicMotion, i: int, p: Mapping[str, Any]) -> Contribution:
     p
         `cubic` (Nm/rad^3).
     """
-    return motion.at(i, drive=p["cubic"] * motion.deflection_under_load[i] ** 3)
+
+    def carried(d: SX) -> SX:
+        return p["cubic"] * d**3
+
+    return motion.at(i, drive=carried(motion.deflection_under_load(i, carried)))
 
 
 EFFECT = Effect(

@@ -324,6 +324,17 @@ def test_a_known_effect_that_is_nothing_refuses_no_cause(size: float, possible: 
     assert (cause in found.selected) == possible
 
 
+def test_a_cause_is_found_beside_a_known_effect_that_predicts_the_other_recording_worse_than_nothing() -> None:
+    """Friction that has changed between two recordings costs more likelihood than a cause brings."""
+    data: Any = [Whitened(seed, {"one": size, "two": 1.0}) for seed, size in ((1, 2.0), (2, -2.0))]
+    library = RegressorLibrary(*data, SETTINGS.candidates)
+    known, cause, other = (library.add(feature(name), ()) for name in ("one", "two", "three"))
+    library.candidates.extend((known, cause, other))
+    library.close()
+    assert library.held_out([known, cause]) < 0.0
+    assert list(StepwiseSearch(library, [known], SETTINGS).best().selected) == [known, cause]
+
+
 def test_what_nuisance_parameters_do_at_joints_of_known_effects_refuses_no_cause() -> None:
     """A number of joint a beyond what is believable refuses causes of a, not of b, though friction of a is known."""
     data: Any = [Whitened(seed, {"one": 4.0, "two": 1.0}) for seed in (1, 2)]
