@@ -289,7 +289,6 @@ class CompiledColumns:
                 self._scan = _recursion(contribution, states, symbols, argument, equations)
                 self._moved_states |= any(ca.depends_on(one, equations.Psi) for one in contribution.rates.values())
         columns = ca.horzcat(*blocks)
-        # Polynomials of second degree in several searched numbers?
         several = sum(p.size for p in searched) > 1 and not states
         self.quadratic = several and ca.is_linear(ca.jacobian(ca.vec(columns), argument), argument)
         self._shape = (int(columns.shape[0]), int(columns.shape[1]))
@@ -397,6 +396,5 @@ def _recursion(
 def _states(scan: Recursion, signals: Signals, searched: Array, start: float) -> Array:
     """Run the internal states (N, s) over the samples, by the exponential Euler rule."""
     h = float(signals.t[1] - signals.t[0])
-    if signals.before is not None:
-        start = 0.0
+    start = start if signals.before is None else 0.0
     return scan.run(signals.between, np.append(searched, h), start)[-len(signals.t) :]
