@@ -31,7 +31,7 @@ def motion() -> CompletedMotion:
 
 def contribution(instance: EffectInstance, signals: Signals) -> np.ndarray:
     """What the law itself adds to the residuals, by CasADi's own evaluation (N, 3 n)."""
-    sizes = {"x": 6, "dx": 6, "ddx": 6, "progress": 1, "elapsed": 1}
+    sizes = {"x": 6, "dx": 6, "ddx": 6, "progress": 1, "elapsed": 1, "loaded": 1}
     symbols = {name: ca.SX.sym(name, sizes.get(name, 3)) for name in INPUTS}
     signs = {"link": symbols.pop("sign_link"), "motor": symbols.pop("sign_motor")}
     motion = SymbolicMotion(EQUATIONS, **symbols, sign=lambda side, i: signs[side][i])

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from elastic_arm.dynamics import build_model
-from elastic_arm.estimation.known_torques import true_load
+from elastic_arm.estimation.known_torques import KnownTorques, true_load
 from elastic_arm.estimation.motion import drive_constants
 from elastic_arm.robot import load_robot
 
@@ -35,7 +35,9 @@ def test_the_load_is_known_better_than_by_model_or_deflection_alone() -> None:
     )
     at = np.linspace(0.0, 40.0, 400)
     noise = (INERTIA * (2 * np.pi * at) ** 2 * STD)[:, None] ** 2 * np.ones(model.n)
-    found = true_load(model, observation, motion, true + inertial, zeros, at, noise)
+    signals: Any = None
+    known = KnownTorques(motion, signals, true + inertial, zeros, zeros)
+    found = true_load(model, observation, known, at, noise)
 
     def left(load: np.ndarray) -> np.ndarray:
         power = np.abs(np.fft.rfft((load - true)[2000:-2000], axis=0)) ** 2
