@@ -8,9 +8,12 @@ import pytest
 
 from elastic_arm.diagnosis.inference.estimates import ParameterEstimate
 from elastic_arm.diagnosis.result import Cause
+from elastic_arm.diagnosis.selection.candidates import feature_of
 from elastic_arm.diagnosis.texts.findings import _name, negative_shrink_note
+from elastic_arm.diagnosis.texts.notes import known_effect_note
 from elastic_arm.diagnosis.texts.values import estimates_text, instance_text, percent, probability_text
 from elastic_arm.effects import parse
+from elastic_arm.effects.equations import ArmEquations
 from elastic_arm.formatting import JointUnits, rounded
 from elastic_arm.robot import load_robot
 
@@ -49,6 +52,15 @@ def test_sizes_carry_units_and_leave_out_deviations_of_what_is_given() -> None:
     assert told == (
         "amplitude 2.031e-05 ± 1.7e-07 rad, order 2, phase 0.7 ± ? rad, position (0.0123, 0.100) ± (0.0011, 0.020) m"
     )
+
+
+@pytest.mark.parametrize(("std", "told"), [(0.1, ", fitted with torque 5.00 ± 0.10 Nm"), (38000.0, ", whose size")])
+def test_a_known_effect_of_any_size_has_no_number(std: float, told: str) -> None:
+    """A friction that is as certain of any size which an arm can have is not told as 5 ± 38000 Nm."""
+    robot = load_robot()
+    feature = feature_of(parse("coulomb_friction:joint_2:torque=5", robot), ArmEquations(robot, "mod3"))
+    note = known_effect_note(feature, {"torque": ParameterEstimate(5.0, std, "Nm")})
+    assert note.startswith(f"Known: coulomb_friction of joint_2{told}")
 
 
 @pytest.mark.parametrize(

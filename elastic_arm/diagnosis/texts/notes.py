@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from elastic_arm.diagnosis.settings import MOST_GAIN
 from elastic_arm.diagnosis.texts.values import effect_at, estimates_text, log_likelihood_text, percent, size_text
 
@@ -78,6 +80,10 @@ def unseen_notes(instances: Sequence[EffectInstance], bare: Sequence[str]) -> li
 
 def known_effect_note(feature: Feature, parameters: Mapping[str, ParameterEstimate]) -> str:
     """Return the note on what an effect that counts as part of the model came out as."""
+    widths = {parameter.name: parameter.high - parameter.low for parameter in feature.effect.parameters}
+    # As certain of any size that an arm can have.
+    if any(np.any(np.array(one.std, dtype=float) > widths[name]) for name, one in parameters.items()):
+        return f"Known: {_of_place(feature)}, whose size the recordings do not determine."
     fitted = f", fitted with {estimates_text(parameters)}" if parameters else ""
     return f"Known: {_of_place(feature)}{fitted}."
 
