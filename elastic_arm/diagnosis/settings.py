@@ -80,6 +80,8 @@ class RefitSettings:
     stable: float = 0.5  # share of a fault that has to be left beside a law that is likelier; convention
     fault_width: float = 30.0  # of a faulty sensor's prior over an ordinary one's: hardly any prior; convention
     alike: float = 0.1  # relative difference of joints up to which a sensor's fault is common to all; convention
+    # Share of the largest information on it from which a joint tells whether a fault is common to all; convention.
+    deciding: float = 0.05
     largest_scale: float = 0.6  # relative error of a stiffness; beyond, the description is of another arm; convention
     # Of a torque channel's gain, and change of a known friction in a run: a channel that reads less is of no use.
     largest_ratio: float = 0.75

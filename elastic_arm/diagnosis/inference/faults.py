@@ -127,7 +127,8 @@ def faults_beside(
         # A channel ahead of the others is no effect: it remains an imperfection.
         if fault.is_believable(prepared.settings.search.ratio_factor) and (extraordinary or _matters(prepared, fault)):
             found.append(fault if extraordinary else replace(fault, confidence=1.0))
-    return tuple(_common(prepared, found))
+    every = [(p.cause, *own[:2]) for p, own in zip(parameters, shown, strict=True) if p.cause is not None]
+    return tuple(_common(prepared, found, every))
 
 
 def _matters(prepared: PreparedData, fault: LargeImperfection) -> bool:
@@ -150,18 +151,38 @@ def _is_usual(prepared: PreparedData, fault: LargeImperfection) -> bool:
     return ordinary is not None and abs(fault.value) <= ordinary.most(prepared.rate) + clear
 
 
-def _common(prepared: PreparedData, faults: Sequence[LargeImperfection]) -> list[LargeImperfection]:
-    """Return faults that all joints have alike as one."""
+def _common(
+    prepared: PreparedData, faults: Sequence[LargeImperfection], every: Sequence[tuple[Feature, float, float]]
+) -> list[LargeImperfection]:
+    """Return faults that all joints have alike as one.
+
+    A joint of which the recording shows little beside the others has it, too: a wrist's late torque, next to nothing,
+    comes out as less late than it is, as the column of its lag is mostly noise.
+
+    Parameters
+    ----------
+    prepared
+        Data and nuisance parameters.
+    faults
+        Of single joints.
+    every
+        Effect, deviation and standard deviation of all that might be a fault.
+    """
     robot, kept, settings = prepared.model.robot, list(faults), prepared.settings.refit
     groups: dict[tuple[object, ...], list[LargeImperfection]] = {}
     for fault in faults:
         if fault.feature.effect.scope is Scope.EACH_OR_ARM:
             groups.setdefault((fault.feature.effect.id, fault.feature.key[2]), []).append(fault)
-    for group in groups.values():
+    for key, group in groups.items():
         values, stds = (np.array([getattr(f, name) for f in group]) for name in ("value", "std"))
+        shown, own = stds**-2.0 > settings.deciding * np.max(stds**-2.0), {fault.feature.key for fault in group}
+        others = [one for one in every if (one[0].effect.id, one[0].key[2]) == key and one[0].key not in own]
         mean = float(np.average(values, weights=stds**-2.0))
-        apart = max(settings.alike * abs(mean), settings.certain * float(stds.max()))
-        if len(group) < robot.n or np.abs(values - mean).max() > apart:
+        apart = max(settings.alike * abs(mean), settings.certain * float(stds[shown].max()))
+        clear = any(std**-2.0 > settings.deciding * np.max(stds**-2.0) for *_, std in others)
+        if shown.sum() < min(2, robot.n) or len(group) + len(others) < robot.n or clear:
+            continue
+        if np.abs(values - mean)[shown].max() > apart:
             continue
         first = group[0].feature
         common = replace(group[0], value=mean).instance

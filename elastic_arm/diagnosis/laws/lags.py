@@ -7,6 +7,7 @@ the motion of an arm often less than a recording shows.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from itertools import combinations
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,8 +36,8 @@ def filters_for_delays(
     """Return the low passes that could stand in the place of delays, with their odds, by key of the delay.
 
     What a low pass does beside a delay as late has the coefficient 0 of a delay and 1 of a low pass. Where the expected
-    ratio of likelihoods is below what counts as detected, or the coefficient is neither, other imperfections of the
-    model decide which of the two fits better: the odds are even.
+    ratio of likelihoods is below what counts as detected, or the coefficient is neither, or another at each joint of a
+    fault of the whole arm, other imperfections of the model decide which of the two fits better: the odds are even.
 
     Parameters
     ----------
@@ -55,16 +56,34 @@ def filters_for_delays(
         names = prepared.model.robot.joint_names
         joints = range(len(names)) if fault.feature.joint is None else [names.index(fault.feature.joint)]
         (channel,) = fault.feature.choices["channels"]
-        blocks = [_difference(data, channel, joints, fault.value) for data in sets]
+        by_joint = [[_difference(data, channel, [j], fault.value) for data in sets] for j in joints]
+        blocks = [[np.sum(parts, axis=0) for parts in zip(*own, strict=True)] for own in zip(*by_joint, strict=True)]
         expected, ratio = comparison.against(blocks)
         # In standard deviations of the coefficient, which is 1 / sqrt(2 expected).
         nearest = (abs(ratio) - expected) / np.sqrt(2.0 * max(expected, np.finfo(float).tiny))
         undecided = expected < detected or abs(nearest) > prepared.settings.refit.certain
+        if not undecided and len(by_joint) > 1:
+            told = [one for one in map(comparison.against, by_joint) if one[0] >= detected]
+            undecided = _contradict(told, prepared.settings.refit.certain)
         odds = 1.0 if undecided else float(np.exp(np.clip(ratio, -700.0, 700.0)))
         if odds > least:
             cutoff = 1.0 / (2.0 * np.pi * fault.value)
             found[fault.feature.key] = Rival(Candidate(low_pass.whole(), (cutoff,), slice(0, 0), fixed=True), odds)
     return found
+
+
+def _contradict(told: Sequence[tuple[float, float]], certain: float) -> bool:
+    """Whether the coefficients of low passes at several joints differ.
+
+    Parameters
+    ----------
+    told
+        Expected and found logarithm of the ratio of likelihoods of each.
+    certain
+        Standard deviations by which they differ for certain.
+    """
+    pairs = [(0.5 + 0.5 * ratio / expected, 0.5 / expected) for expected, ratio in told]
+    return any(abs(a - b) > certain * np.sqrt(u + v) for (a, u), (b, v) in combinations(pairs, 2))
 
 
 def _delays(prepared: PreparedData, faults: Sequence[LargeImperfection]) -> Iterator[tuple[LargeImperfection, Feature]]:

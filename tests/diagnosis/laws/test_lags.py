@@ -11,7 +11,7 @@ import pytest
 
 from elastic_arm.diagnosis.inference.estimates import ParameterEstimate
 from elastic_arm.diagnosis.laws.better_laws import BetterLaws
-from elastic_arm.diagnosis.laws.lags import filters_for_delays
+from elastic_arm.diagnosis.laws.lags import _contradict, filters_for_delays
 from elastic_arm.diagnosis.ranked_causes import RankedCause
 from elastic_arm.diagnosis.result import Cause
 from elastic_arm.diagnosis.selection.candidates import feature_of
@@ -38,6 +38,13 @@ def low_passes(monkeypatch: pytest.MonkeyPatch, expected: float, ratio: float) -
     comparison: Any = SimpleNamespace(against=lambda _: (expected, ratio))
     fault: Any = SimpleNamespace(feature=feature_of(DELAY, EQUATIONS), value=0.0022)
     return filters_for_delays(prepared, comparison, [], [fault])
+
+
+def test_joints_that_contradict_each_other_leave_both_possible() -> None:
+    """A coefficient of 1 at one joint and of 0 at another is no low pass of both, nor a delay."""
+    certain = DiagnosisSettings().refit.certain
+    assert _contradict([(31.7, 30.7), (172.3, -194.6), (38.8, -17.3)], certain)
+    assert not _contradict([(31.7, 27.0), (172.3, 150.0), (38.8, 20.0)], certain)
 
 
 @pytest.mark.parametrize("ratio", [-10.0, 50.0])
