@@ -13,7 +13,7 @@ Array = NDArray[np.float64]
 # A residual torque below this counts as equilibrium, Nm.
 TOLERANCE = 1e-9
 ITERATIONS = 100
-# Deflection from which the search begins, rad: beyond every play, where a drive's torque has a slope.
+# Deflection from which a second search begins, rad: beyond every play, where a drive's torque has a slope.
 WOUND = 5e-3
 # Largest deflection of an equilibrium, rad: an arm that hangs upside down in its drives is none.
 NEARBY = 0.5
@@ -44,27 +44,45 @@ def equilibrium(system: System, theta: Array, speed: Array) -> tuple[Array, Arra
     free = np.array([k for k in range(dof) if not motor.start <= k < motor.stop], dtype=int)
     x = np.zeros(dof)
     x[:n] = x[motor] = theta
-    held = x[free]
     rest, z = np.zeros(dof), np.zeros(system.states)
     given = (system.equations.nominal, system.effect_set.numbers(), speed)
     load = np.array(system.balance(x, rest, z, *given)).ravel()[free]
-    # Within its play a drive holds nothing, and the slope of gravity alone may point away from the end that is loaded.
-    x[free] -= WOUND * np.sign(load) * (np.abs(load) > TOLERANCE)
+    found = _solved(system, x, free, given)
+    if found is None:
+        # Within its play a drive holds nothing, and the slope of gravity alone may point away from the loaded end.
+        wound = x.copy()
+        wound[free] -= WOUND * np.sign(load) * (np.abs(load) > TOLERANCE)
+        found = _solved(system, wound, free, given)
+        if found is not None and not _is_stable(system, found[0], x, free, given):
+            found = None
+    if found is None:
+        worst = int(np.abs(load).argmax())
+        raise SimulationError(
+            f"no static equilibrium was found with the motors at {np.array2string(theta, precision=3)} rad: most is to "
+            f"be held at {system.equations.robot.joint_names[free[worst] % n]}, {np.abs(load[worst]):.3g} Nm",
+            "Check stiffness, masses and the effects' parameters.",
+        )
+    return found[0], found[1][motor]
+
+
+def _solved(system: System, x: Array, free: Array, given: tuple[Array, Array, Array]) -> tuple[Array, Array] | None:
+    """Return coordinates and torques (dof,) of an equilibrium by Newton's steps from x (dof,); None where none is."""
+    rest, z = np.zeros(system.dof), np.zeros(system.states)
     torque = np.array(system.balance(x, rest, z, *given)).ravel()
     for _ in range(ITERATIONS):
         if np.abs(torque[free]).max(initial=0.0) < TOLERANCE * (1.0 + np.abs(torque).max()):
-            if np.abs(x[free] - held).max(initial=0.0) > NEARBY:
-                break
-            return x, torque[motor]
+            return x, torque
         slope = np.array(system.stiffness_of_balance(x, rest, z, *given))[np.ix_(free, free)]
         change = np.linalg.lstsq(slope, -torque[free], rcond=None)[0]
         x, torque = _descend(system, x, torque, free, change, given)
-    worst = int(np.abs(load).argmax())
-    raise SimulationError(
-        f"no static equilibrium was found with the motors at {np.array2string(theta, precision=3)} rad: the drives of "
-        f"the arm do not hold {np.abs(load[worst]):.3g} Nm at {system.equations.robot.joint_names[free[worst] % n]}",
-        "Check stiffness, masses and the effects' parameters.",
-    )
+    return None
+
+
+def _is_stable(system: System, x: Array, held: Array, free: Array, given: tuple[Array, Array, Array]) -> bool:
+    """Whether an arm stays at coordinates x (dof,), which are near those of the motors, held (dof,)."""
+    rest, z = np.zeros(system.dof), np.zeros(system.states)
+    slope = np.array(system.stiffness_of_balance(x, rest, z, *given))[np.ix_(free, free)]
+    return bool(np.abs(x - held).max() < NEARBY and np.linalg.eigvalsh(0.5 * (slope + slope.T)).min() > 0.0)
 
 
 def _descend(

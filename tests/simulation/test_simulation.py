@@ -231,6 +231,18 @@ def test_an_arm_with_play_starts_at_the_loaded_end_of_it(arm, q0):
     np.testing.assert_allclose(found, expected + play, atol=1e-6)
 
 
+def test_a_drive_that_softens_starts_below_its_fold_or_not_at_all(arm):
+    """K d + c d³ falls beyond the square root of K / 3 |c|, where no arm stays; too soft, it holds no load at all."""
+    q0 = (0.0, 0.3, 0.5)
+    deflections = []
+    for text in ((), (parse("nonlinear_stiffness:joint_2:cubic=-3e9"),)):
+        state = Simulator(arm, SimulationSettings(effects=list(text)), q0=q0).state.y
+        deflections.append(state[4] - state[1])
+    assert deflections[1] == pytest.approx(deflections[0], rel=0.1)
+    with pytest.raises(SimulationError, match="no static equilibrium"):
+        Simulator(arm, SimulationSettings(effects=[parse("nonlinear_stiffness:joint_2:cubic=-1e10")]), q0=q0)
+
+
 @pytest.mark.parametrize("bearings", [False, True])
 def test_the_arm_starts_in_equilibrium(arm, bearings):
     """Held by the torque of its start, the arm hangs in its drives and does not move."""
