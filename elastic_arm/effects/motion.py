@@ -15,7 +15,7 @@ import casadi as ca
 from elastic_arm.errors import EffectError
 from elastic_arm.robot import Robot, Transmission
 
-STEPS = 4  # of Newton towards the deflection of a law twice as steep as its spring: to a thousandth of it
+STEPS = 4  # of Newton from the deflection that was read: to a thousandth where that is within a half of it
 # A law that falls as fast as its spring rises leaves no deflection that carries the load: least slope of both, over K.
 LEAST = 0.1
 
@@ -223,8 +223,9 @@ class SymbolicMotion:
         step, most = (wound - d - carried / K) / slope, ca.fabs(wound) + ca.fabs(read)
         found = read
         for _ in range(STEPS):
-            found += ca.fmax(-most, ca.fmin(most, ca.substitute(step, d, found)))
-        return read + self.loaded * (found - read)
+            # Beyond the fold of a falling law no deflection carries the load.
+            found = ca.fmax(-most, ca.fmin(most, found + ca.substitute(step, d, found)))
+        return ca.if_else(self.loaded > 0.0, found, read)
 
     @property
     def deflection_rate(self) -> SX:

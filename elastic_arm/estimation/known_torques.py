@@ -57,9 +57,9 @@ class KnownTorques:
     Parameters
     ----------
     motion
-        With these torques in the place of the measured ones, where the model is calibrated.
+        The quiet motion.
     signals
-        Of that motion.
+        Of that motion, with these torques in the place of the measured ones where laws take the predicted ones.
     load, drive
         (N, n) Nm, tau_J and tau_m.
     laws
@@ -97,17 +97,15 @@ def known_torques(
         Whether laws take the torques that the model predicts instead of the measured ones.
     """
     load, drive = predicted_torques(model, motion)
-    spring, laws, measured = load, np.zeros_like(load), motion
-    if predicted:
-        motion = replace(measured, tau_J=load, tau_m=drive)
-    signals = signals_of(motion)
+    spring, laws = load, np.zeros_like(load)
+    signals = signals_of(replace(motion, tau_J=load, tau_m=drive) if predicted else motion)
     if acting:
         for effect in acting:
             link, motor, wound, own = effect.torques(signals)
             load, drive, laws = load + link, drive + motor, laws + own
             # A law that follows the load takes its part of what the drive carries by itself.
             spring = spring + (link if effect.feature.follows_load else wound)
-        signals = signals_of(replace(measured, tau_J=load, tau_m=drive))
+        signals = signals_of(replace(motion, tau_J=load, tau_m=drive))
     if predicted and model.robot.elastic:
         signals = signals.wound_by(wound_under(spring, signals.t, model))
     return KnownTorques(motion, signals, load, drive, laws)

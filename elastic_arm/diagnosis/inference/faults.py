@@ -127,7 +127,13 @@ def faults_beside(
         # A channel ahead of the others is no effect: it remains an imperfection.
         if fault.is_believable(prepared.settings.search.ratio_factor) and (extraordinary or _matters(prepared, fault)):
             found.append(fault if extraordinary else replace(fault, confidence=1.0))
-    every = [(p.cause, *own[:2]) for p, own in zip(parameters, shown, strict=True) if p.cause is not None]
+    deviations = [
+        (p, float(value), float(std))
+        for p, value, std in zip(parameters, prepared.found.values + values, stds, strict=True)
+    ]
+    every = [
+        (p.cause, *p.without_prior(value * p.prior_std, std * p.prior_std)) for p, value, std in deviations if p.cause
+    ]
     return tuple(_common(prepared, found, every))
 
 
@@ -156,8 +162,9 @@ def _common(
 ) -> list[LargeImperfection]:
     """Return faults that all joints have alike as one.
 
-    A joint of which the recording shows little beside the others has it, too: a wrist's late torque, next to nothing,
-    comes out as less late than it is, as the column of its lag is mostly noise.
+    A joint of which the recording shows little beside the others has it, too, unless it shows that it has none: a
+    wrist's late torque, next to nothing, comes out as less late than it is, as the column of its lag is mostly noise.
+    The contribution is that of the joints that show it.
 
     Parameters
     ----------
@@ -179,7 +186,13 @@ def _common(
         others = [one for one in every if (one[0].effect.id, one[0].key[2]) == key and one[0].key not in own]
         mean = float(np.average(values, weights=stds**-2.0))
         apart = max(settings.alike * abs(mean), settings.certain * float(stds[shown].max()))
-        clear = any(std**-2.0 > settings.deciding * np.max(stds**-2.0) for *_, std in others)
+        # Had it the fault, such a joint would show it for certain; or it tells as much as those that have it.
+        seen = abs(mean) / (2.0 * settings.certain)
+        clear = any(
+            std**-2.0 > settings.deciding * np.max(stds**-2.0)
+            or (std < seen and abs(value) < 2.0 * settings.certain * std)
+            for _, value, std in others
+        )
         if shown.sum() < min(2, robot.n) or len(group) + len(others) < robot.n or clear:
             continue
         if np.abs(values - mean)[shown].max() > apart:

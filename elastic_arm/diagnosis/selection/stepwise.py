@@ -191,9 +191,9 @@ class StepwiseSearch:
     def _best_next(self, chosen: Sequence[Candidate]) -> list[Candidate] | None:
         first, scored = None, []
         for score, trial in islice(self._ranked(chosen), self._search.shortlist):
-            first = score if first is None else first
-            if self._gained(score) < self._search.shortlist_ratio * self._gained(first):
+            if first is not None and self._gained(score) < self._search.shortlist_ratio * self._gained(first):
                 break
+            first = score if first is None else first
             better = self._optimised(trial)
             # A wrong cause beside a right one may only fit best at a size that none has; an exchange then removes it.
             better = better if self._plausible(better) else trial

@@ -37,7 +37,10 @@ def test_a_mass_may_be_less_clear_where_the_inertia_of_its_link_is_beyond_ordina
     assert all(fault.value == pytest.approx(0.97) and fault.confidence > 0.9 for fault in found)
 
 
-@pytest.mark.parametrize(("wrist", "places"), [((2e-4, 4e-4), [None]), ((2e-4, 2e-5), ["joint_1", "joint_2"])])
+@pytest.mark.parametrize(
+    ("wrist", "places"),
+    [((2e-4, 4e-4), [None]), ((2e-4, 2e-5), ["joint_1", "joint_2"]), ((0.0, 8e-5), ["joint_1", "joint_2"])],
+)
 def test_joints_of_which_little_shows_have_what_all_others_have_alike(
     prepared: PreparedData, monkeypatch: pytest.MonkeyPatch, wrist: tuple[float, float], places: list[str | None]
 ) -> None:
