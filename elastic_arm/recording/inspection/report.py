@@ -33,6 +33,10 @@ class Finding:
     joint: str | None = None
     time: float | None = None
 
+    def __post_init__(self) -> None:
+        # Names come out of bags.
+        object.__setattr__(self, "message", one_line(self.message))
+
 
 @dataclass
 class Report:
@@ -61,7 +65,7 @@ class Report:
         **where
             Its topic, joint and time.
         """
-        self.findings.append(Finding(severity, code, one_line(message), **where))
+        self.findings.append(Finding(severity, code, message, **where))
 
     def to_json(self) -> dict[str, Any]:
         """Return plain data."""
