@@ -115,7 +115,6 @@ class Application(TyperGroup):
             os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
             raise SystemExit(128 + signal.SIGPIPE) from None
         except OutputError as error:
-            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
             print_error(error)
             raise SystemExit(2) from None
         except typer.TyperException as error:

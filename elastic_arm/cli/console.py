@@ -94,6 +94,8 @@ def _worded() -> Iterator[None]:
     except BrokenPipeError:
         raise
     except OSError as error:
+        # What Python writes at its end must not fail for that again.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
         raise OutputError(
             f"stdout cannot be written ({error.strerror})", "Results that go to files are not concerned; look there"
         ) from None
