@@ -101,13 +101,16 @@ def faults_beside(
     settings, found = prepared.settings.refit, []
     # What is unexplained bends nuisance parameters: then their priors hold them, and nothing else.
     fits = misfit(library, selected) <= prepared.settings.search.bent
-    shown = []
+    shown, every = [], []
     for p, value, std in zip(parameters, prepared.found.values + values, stds, strict=True):
         own, own_std = float(value * p.prior_std), float(std * p.prior_std)
         known = fits and 1.0 - std**2 >= settings.least_known
-        alone, uncertain = p.without_prior(own, own_std) if known else (own, own_std)
+        bare = p.without_prior(own, own_std)
+        alone, uncertain = bare if known else (own, own_std)
         beyond = p.is_beyond(alone, uncertain, settings) if known else not p.is_ordinary(own, own_std, settings)
         shown.append((alone, uncertain, beyond))
+        if p.cause is not None:
+            every.append((p.cause, *bare))
     # Of a link that turns about one axis only an inertia shows, which is its mass's as well as its tensor's: with both
     # uncertain, the mass is less clear.
     turned = {p.joint for p, (*_, beyond) in zip(parameters, shown, strict=True) if p.is_of_inertia and beyond}
@@ -127,13 +130,6 @@ def faults_beside(
         # A channel ahead of the others is no effect: it remains an imperfection.
         if fault.is_believable(prepared.settings.search.ratio_factor) and (extraordinary or _matters(prepared, fault)):
             found.append(fault if extraordinary else replace(fault, confidence=1.0))
-    deviations = [
-        (p, float(value), float(std))
-        for p, value, std in zip(parameters, prepared.found.values + values, stds, strict=True)
-    ]
-    every = [
-        (p.cause, *p.without_prior(value * p.prior_std, std * p.prior_std)) for p, value, std in deviations if p.cause
-    ]
     return tuple(_common(prepared, found, every))
 
 
@@ -182,15 +178,15 @@ def _common(
             groups.setdefault((fault.feature.effect.id, fault.feature.key[2]), []).append(fault)
     for key, group in groups.items():
         values, stds = (np.array([getattr(f, name) for f in group]) for name in ("value", "std"))
-        shown, own = stds**-2.0 > settings.deciding * np.max(stds**-2.0), {fault.feature.key for fault in group}
+        telling, own = settings.deciding * float(np.max(stds**-2.0)), {fault.feature.key for fault in group}
+        shown = stds**-2.0 > telling
         others = [one for one in every if (one[0].effect.id, one[0].key[2]) == key and one[0].key not in own]
         mean = float(np.average(values, weights=stds**-2.0))
         apart = max(settings.alike * abs(mean), settings.certain * float(stds[shown].max()))
         # Had it the fault, such a joint would show it for certain; or it tells as much as those that have it.
         seen = abs(mean) / (2.0 * settings.certain)
         clear = any(
-            std**-2.0 > settings.deciding * np.max(stds**-2.0)
-            or (std < seen and abs(value) < 2.0 * settings.certain * std)
+            std**-2.0 > telling or (std < seen and abs(value) < 2.0 * settings.certain * std)
             for _, value, std in others
         )
         if shown.sum() < min(2, robot.n) or len(group) + len(others) < robot.n or clear:

@@ -56,7 +56,7 @@ def filters_for_delays(
         names = prepared.model.robot.joint_names
         joints = range(len(names)) if fault.feature.joint is None else [names.index(fault.feature.joint)]
         (channel,) = fault.feature.choices["channels"]
-        by_joint = [[_difference(data, channel, [j], fault.value) for data in sets] for j in joints]
+        by_joint = [[_difference(data, channel, j, fault.value) for data in sets] for j in joints]
         blocks = [[np.sum(parts, axis=0) for parts in zip(*own, strict=True)] for own in zip(*by_joint, strict=True)]
         expected, ratio = comparison.against(blocks)
         # In standard deviations of the coefficient, which is 1 / sqrt(2 expected).
@@ -98,7 +98,7 @@ def _delays(prepared: PreparedData, faults: Sequence[LargeImperfection]) -> Iter
                 yield fault, other
 
 
-def _difference(data: WhitenedData, channel: str, joints: Sequence[int], delay: float) -> list[Array]:
+def _difference(data: WhitenedData, channel: str, joint: int, delay: float) -> list[Array]:
     """Return what a low pass as late as a delay adds to the residuals (N', R, 1) of a channel moved back by that.
 
     Parameters
@@ -107,19 +107,13 @@ def _difference(data: WhitenedData, channel: str, joints: Sequence[int], delay: 
         Of a recording.
     channel
         "joint_torque" or "motor_torque".
-    joints
-        Indices of those that are late.
+    joint
+        Index of the one that is late.
     delay
         s.
     """
-    side = "sensor" if channel == "joint_torque" else "motor"
-    found = [np.zeros((len(y), data.layout.rows, 1)) for y in data.y]
-    for joint in joints:
-        parts = [
-            data.band.apply(_passed(part, CHANNELS[channel], joint, delay))[part.stretch.kept] for part in data.parts
-        ]
-        found = [one + more for one, more in zip(found, placed(data, side, joint, parts), strict=True)]
-    return found
+    parts = [data.band.apply(_passed(part, CHANNELS[channel], joint, delay))[part.stretch.kept] for part in data.parts]
+    return placed(data, "sensor" if channel == "joint_torque" else "motor", joint, parts)
 
 
 def _passed(part: Part, name: str, joint: int, delay: float) -> Array:
