@@ -76,9 +76,13 @@ def client(graph: Graph, states: list[JointState]) -> Client:
     """A client of an arm that is back at rest at zero."""
     made = Client(graph)
     assert graph.call(Trigger, "/simulator/reset", Trigger.Request()).success
-    count = len(states)
-    graph.until(lambda: len(states) > count + 50, "the arm stands")
+    # States from before the reset may still wait to be read, so what they say counts and not how many have come.
+    graph.until(lambda: len(states) > 50 and all(at_zero(state) for state in states[-50:]), "the arm stands at zero")
     return made
+
+
+def at_zero(state: JointState) -> bool:
+    return bool(np.all(np.abs(state.position) < 0.05) and np.all(np.abs(state.velocity) < 0.05))
 
 
 def to(*positions: float, seconds: int = 1, names: list[str] | None = None, **rest: list[float]) -> JointTrajectory:
