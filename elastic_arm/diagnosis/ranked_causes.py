@@ -56,13 +56,15 @@ class RankedCause:
         """Return it with the confidence that it has against a general law in its place."""
         key, cause = self.candidate.feature.key, self.cause
         if key in laws.filters:
-            low_pass = laws.filters[key]
-            if low_pass.odds > 1.0:
-                cause = _as_low_pass(cause, low_pass)
+            filtered = laws.filters[key]
+            if filtered.odds > 1.0:
+                cause = _as_low_pass(cause, filtered)
             else:
-                sure = cause.confidence / (1.0 + low_pass.odds)
-                other = _alternative(low_pass, sure, self.candidate)
-                cause = replace(cause, confidence=sure, alternatives=(*cause.alternatives, other))
+                sure = cause.confidence / (1.0 + filtered.odds)
+                other = _alternative(filtered, sure, self.candidate)
+                # What the search said of the same alternative was decided by less.
+                kept = [a for a in cause.alternatives if (a.effect, a.joint) != (other.effect, other.joint)]
+                cause = replace(cause, confidence=sure, alternatives=(*kept, other))
         if key in laws.instead:
             cause = cause.against(float(np.exp(min(laws.instead[key].gain, MOST_NATS))))
         return replace(self, cause=cause)

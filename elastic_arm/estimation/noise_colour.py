@@ -234,7 +234,8 @@ def fit_colour(stretches: list[Periodogram]) -> ColourFit:
     # With a quarter of it, the mean of a random walk over the recording has the variance that it should.
     colour = Colour(coefficients, float(min(one.f[0] for one in stretches)) / 4)
     powers = _powers(stretches, colour)
-    return ColourFit(colour, reached - white, float(_lacks(stretches, powers).max()), _peakedness(powers))
+    lack = float(_lacks(stretches, powers).max())
+    return ColourFit(colour, reached - white, lack, _peakedness(stretches, powers))
 
 
 def _grouped(one: Periodogram) -> tuple[Array, Array, Array, dict[str, Complex]]:
@@ -268,14 +269,18 @@ def lacks(stretches: Sequence[Periodogram], colour: Colour) -> Array:
 
 
 def _lacks(stretches: Sequence[Periodogram], powers: Sequence[Array]) -> Array:
-    octaves: dict[int, list[Array]] = {}
+    octaves: dict[int, list[tuple[Array, Array]]] = {}
     for one, power in zip(stretches, powers, strict=True):
         octave = np.floor(np.log2(one.f)).astype(int)
         for k in map(int, np.unique(octave)):
-            octaves.setdefault(k, []).append(power[octave == k])
-    known = [np.concatenate(parts) for parts in octaves.values() if sum(map(len, parts)) >= FEWEST]
+            octaves.setdefault(k, []).append((power[octave == k], one.share[octave == k]))
     rows = stretches[0].values.shape[1]
-    return np.max([np.ones(rows), *(power.mean(axis=0) for power in known)], axis=0)
+    found = [np.ones(rows)]
+    for parts in octaves.values():
+        power, share = (np.concatenate(values) for values in zip(*parts, strict=True))
+        if len(power) >= FEWEST:
+            found.append(np.average(power, axis=0, weights=share))
+    return np.asarray(np.max(found, axis=0))
 
 
 def _powers(stretches: Sequence[Periodogram], colour: Colour) -> list[Array]:
@@ -287,9 +292,12 @@ def _powers(stretches: Sequence[Periodogram], colour: Colour) -> list[Array]:
     return found
 
 
-def _peakedness(powers: Sequence[Array]) -> float:
-    """Return of the worst row the mean of half the squared ratio of power to its mean over all frequencies."""
-    together = np.concatenate(powers)
-    mean = together.mean(axis=0)
+def _peakedness(stretches: Sequence[Periodogram], powers: Sequence[Array]) -> float:
+    """Return of the worst row the mean of half the squared ratio of power to its mean over all frequencies.
+
+    Each counts by the information that is left there: where a motion can do nearly all, the power is hardly known.
+    """
+    together, share = np.concatenate(powers), np.concatenate([one.share for one in stretches])
+    mean, square = (np.average(power, axis=0, weights=share) for power in (together, together**2))
     used = mean > UNKNOWN_SHARE
-    return float(np.max(np.mean(together**2, axis=0)[used] / (2 * mean[used] ** 2), initial=1.0))
+    return float(np.max(square[used] / (2 * mean[used] ** 2), initial=1.0))

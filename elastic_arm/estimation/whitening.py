@@ -63,6 +63,8 @@ class NoiseModel:
         (F, n) of the load that the model predicts for the quiet motion, Nm², in units as `covariance`.
     scales
         (R,) by how many times more each row scatters than this noise, beside the others; None where all do alike.
+    floor
+        Share of the torque noise that each equation has besides, on its own.
     """
 
     f: Array
@@ -72,6 +74,7 @@ class NoiseModel:
     colour: Colour | None = None
     load: Array | None = None
     scales: Array | None = None
+    floor: float = 0.0
     _whiteners: dict[bytes, NDArray[np.complex128]] = field(default_factory=dict, init=False, repr=False, compare=False)
     _gains: dict[int, CircularGains] = field(default_factory=dict, init=False, repr=False, compare=False)
 
@@ -123,7 +126,9 @@ class NoiseModel:
         found = np.zeros((len(f), *self.covariance.shape[1:]))
         for channel in self.colour.coefficients:
             way = self.torques[channel]
-            found += (way * self.colour.density(channel, f)[:, None, :]) @ way.T
+            density = self.colour.density(channel, f)
+            found += (way * density[:, None, :]) @ way.T
+            found += np.eye(len(way)) * np.tile(self.floor**2 * density, len(way) // density.shape[1])[:, None, :]
         return found
 
 
@@ -175,7 +180,8 @@ def noise_models(
     found = []
     for floor in floors:
         own = covariance + np.diag(np.tile(floor**2 * level + 1e-8, equations.rows // n))
-        found.append(NoiseModel(f, own, observation.rate, equations.torque_coefficients, observation.colour, load))
+        ways = equations.torque_coefficients
+        found.append(NoiseModel(f, own, observation.rate, ways, observation.colour, load, floor=floor))
     return found
 
 
@@ -259,12 +265,11 @@ class WhitenedData:
             standstill = _standstill(observation, noise.f, model.n)
             limits = observation.smoother if observation.gain(np.array([band.cutoff]))[0] < WHOLE else None
             for stretch in residuals(model, observation, layout, band):
-                elastic, cutoff = model.robot.elastic, observation.cutoff
                 signals_of = partial(
                     Signals.of,
                     standstill=standstill,
-                    elastic=elastic,
-                    cutoff=cutoff,
+                    elastic=model.robot.elastic,
+                    cutoff=observation.cutoff,
                     predicted=predicted,
                     smoother=limits,
                 )

@@ -13,7 +13,7 @@ from elastic_arm.diagnosis.inference.final_estimates import FinalEstimates
 from elastic_arm.diagnosis.inference.lack_of_fit import LackOfFit
 from elastic_arm.diagnosis.inference.regimes import regime, shares
 from elastic_arm.diagnosis.laws.comparison import LawComparison, LawFit
-from elastic_arm.diagnosis.laws.lags import filters_for_delays
+from elastic_arm.diagnosis.laws.lags import delays_for_filters, filters_for_delays
 from elastic_arm.diagnosis.laws.loads import loads_for_offsets
 from elastic_arm.diagnosis.preparation import PreparedData
 from elastic_arm.diagnosis.selection.hypothesis import Hypothesis, Key, Rival
@@ -34,7 +34,7 @@ class BetterLaws:
     approximated
         Keys of those causes that take at least half of what the law in their place takes.
     filters
-        Low passes that could stand in the place of delays, by key of the delay.
+        Low passes that could stand in the place of delays, by key of the delay, and delays in that of low passes.
     unlike_noise
         How many times the power of the sensors' noise is left, by row of the residuals, where that is too much.
     """
@@ -82,6 +82,8 @@ def better_laws(
     library = prepared.library if final is None else final.fit.found.library
     comparison = LawComparison(library, estimated.optimum, prepared.settings)
     filters = filters_for_delays(prepared, comparison, library.sets, estimated.faults)
+    found = [estimated.hypothesis.selected[k] for k in estimated.hypothesis.causes]
+    filters |= delays_for_filters(prepared, comparison, library.sets, found)
     loads = {} if final is None else loads_for_offsets(library.sets, estimated, final, prepared.settings.general_laws)
     beside = comparison.beside(range(prepared.model.n))
     if beside.gain <= 0.0:

@@ -12,16 +12,17 @@ from itertools import combinations
 import numpy as np
 from numpy.typing import NDArray
 
-from elastic_arm.diagnosis.calibration.torque_filters import is_low_pass
+from elastic_arm.diagnosis.calibration.torque_filters import is_low_pass, lags_of
 from elastic_arm.diagnosis.inference.faults import LargeImperfection
 from elastic_arm.diagnosis.inference.lack_of_fit import placed
 from elastic_arm.diagnosis.laws.comparison import LawComparison
 from elastic_arm.diagnosis.preparation import PreparedData
+from elastic_arm.diagnosis.selection.candidates import feature_of
 from elastic_arm.diagnosis.selection.hypothesis import Key, Rival
 from elastic_arm.diagnosis.selection.regressor_library import Candidate
-from elastic_arm.effects.library.torque_filters import CHANNELS, low_pass_error, moved
+from elastic_arm.effects import EffectInstance
+from elastic_arm.effects.library.torque_filters import CHANNELS, CLEAR, Clear, low_pass_error, moved
 from elastic_arm.estimation.effect_columns import Feature
-from elastic_arm.estimation.noise import wiener_filtered
 from elastic_arm.estimation.whitening import Part, WhitenedData
 
 Array = NDArray[np.float64]
@@ -53,12 +54,8 @@ def filters_for_delays(
     detected, least = prepared.settings.significance.detected, prepared.settings.search.least_odds
     found: dict[Key, Rival] = {}
     for fault, low_pass in _delays(prepared, faults):
-        names = prepared.model.robot.joint_names
-        joints = range(len(names)) if fault.feature.joint is None else [names.index(fault.feature.joint)]
-        (channel,) = fault.feature.choices["channels"]
-        by_joint = [[_difference(data, channel, j, fault.value) for data in sets] for j in joints]
-        blocks = [[np.sum(parts, axis=0) for parts in zip(*own, strict=True)] for own in zip(*by_joint, strict=True)]
-        expected, ratio = comparison.against(blocks)
+        by_joint = _differences(prepared, sets, fault.feature, fault.value)
+        expected, ratio = comparison.against(_summed(by_joint))
         # In standard deviations of the coefficient, which is 1 / sqrt(2 expected).
         nearest = (abs(ratio) - expected) / np.sqrt(2.0 * max(expected, np.finfo(float).tiny))
         undecided = expected < detected or abs(nearest) > prepared.settings.refit.certain
@@ -69,6 +66,42 @@ def filters_for_delays(
         if odds > least:
             cutoff = 1.0 / (2.0 * np.pi * fault.value)
             found[fault.feature.key] = Rival(Candidate(low_pass.whole(), (cutoff,), slice(0, 0), fixed=True), odds)
+    return found
+
+
+def delays_for_filters(
+    prepared: PreparedData,
+    comparison: LawComparison,
+    sets: Sequence[WhitenedData],
+    causes: Sequence[Candidate],
+) -> dict[Key, Rival]:
+    """Return the delays that could stand in the place of low passes, at even odds, by key of the low pass.
+
+    A search takes the low pass that fits best. Where what it does beside a delay as late is not to be seen, that was
+    decided by other imperfections of the model.
+
+    Parameters
+    ----------
+    prepared, comparison, sets
+        As of :func:`filters_for_delays`.
+    causes
+        Of the hypothesis.
+    """
+    found: dict[Key, Rival] = {}
+    parameters = prepared.calibration.parameters
+    for cause in causes:
+        feature, (cutoff, *_) = cause.feature, cause.searched or (np.inf,)
+        if not is_low_pass(feature.effect) or _channel(feature) is None or not np.isfinite(cutoff):
+            continue
+        lags = [lag for k in lags_of(parameters, feature) if (lag := parameters[k].feature) is not None]
+        if not lags:
+            continue
+        delay = 1.0 / (2.0 * np.pi * cutoff)
+        expected, _ = comparison.against(_summed(_differences(prepared, sets, feature, delay)))
+        if expected < prepared.settings.significance.detected:
+            values = {lags[0].linear[0].name: delay, **lags[0].choices}
+            other = feature_of(EffectInstance(lags[0].effect, feature.joint, values), lags[0].equations)
+            found[feature.key] = Rival(Candidate(other, (), slice(0, 0)), 1.0)
     return found
 
 
@@ -90,12 +123,32 @@ def _delays(prepared: PreparedData, faults: Sequence[LargeImperfection]) -> Iter
     """Yield each fault that is a delay of one torque channel, with the low pass of that channel."""
     low_passes = [feature for feature in prepared.candidates if is_low_pass(feature.effect)]
     for fault in faults:
-        channels = fault.feature.choices.get("channels", ())
-        if len(channels) != 1 or channels[0] not in CHANNELS or fault.value <= 0.0:
+        channel = _channel(fault.feature)
+        if channel is None or fault.value <= 0.0:
             continue
         for other in low_passes:
-            if other.joint == fault.feature.joint and tuple(other.choices["channels"]) == tuple(channels):
+            if other.joint == fault.feature.joint and _channel(other) == channel:
                 yield fault, other
+
+
+def _channel(feature: Feature) -> str | None:
+    """Return the torque channel on which alone an effect acts; None where there is no such."""
+    channels = tuple(feature.choices.get("channels", ()))
+    return channels[0] if len(channels) == 1 and channels[0] in CHANNELS else None
+
+
+def _differences(
+    prepared: PreparedData, sets: Sequence[WhitenedData], feature: Feature, delay: float
+) -> list[list[list[Array]]]:
+    """Return what a low pass adds to a delay (s) as late, by joint on which it acts: as :func:`_difference`, by set."""
+    names, channel = prepared.model.robot.joint_names, _channel(feature)
+    assert channel is not None
+    joints = range(len(names)) if feature.joint is None else [names.index(feature.joint)]
+    return [[_difference(data, channel, j, delay) for data in sets] for j in joints]
+
+
+def _summed(by_joint: Sequence[Sequence[Sequence[Array]]]) -> list[list[Array]]:
+    return [[np.sum(parts, axis=0) for parts in zip(*own, strict=True)] for own in zip(*by_joint, strict=True)]
 
 
 def _difference(data: WhitenedData, channel: str, joint: int, delay: float) -> list[Array]:
@@ -117,7 +170,12 @@ def _difference(data: WhitenedData, channel: str, joint: int, delay: float) -> l
 
 
 def _passed(part: Part, name: str, joint: int, delay: float) -> Array:
-    """Return a predicted torque behind a low pass, moved back by as much as that is late, less the torque, (N, 1).
+    """Return a torque behind a low pass, moved back by as much as that is late, less the torque, (N, 1).
+
+    It is the recorded one, at the frequencies at which it is far above its noise. Noise of this torque is noise of the
+    residual as well, and the difference grows with the square of the frequency: regressed on it, the residual of an arm
+    of six joints had the coefficient of a delay at one joint and of a low pass at another, whatever the arm had. The
+    torque that the model predicts is worse, as it holds the noise of the accelerations.
 
     Parameters
     ----------
@@ -130,11 +188,8 @@ def _passed(part: Part, name: str, joint: int, delay: float) -> Array:
     delay
         s.
     """
-    t, noise = part.signals.t, part.noise
-    torque = part.signals.values[name][:, joint]
-    if noise.load is not None:
-        # The noise of accelerations is no torque that a filter could have passed.
-        torque = wiener_filtered(torque, noise.rate, noise.f, noise.load[:, joint])
-    torque = torque[:, None]
+    t, motion = part.signals.t, part.stretch.motion
+    recorded = (motion.tau_J if name == "tau_J" else motion.tau_m)[:, [joint]]
+    torque = Clear(t, recorded, CLEAR * part.signals.torque_noise[name][[joint]])(recorded, [0])
     behind = torque + low_pass_error(t, torque, 1.0 / (2.0 * np.pi * delay))
     return np.asarray(moved(t, behind, delay) - torque)
