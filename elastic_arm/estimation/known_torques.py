@@ -25,6 +25,7 @@ from elastic_arm.estimation.residuals import predicted_torques
 Array = NDArray[np.float64]
 
 TINY = 1e-300  # numerical
+CLEAR = 100.0  # times its noise, from which a load is clear of it: what is left is a tenth of it in size; convention
 
 
 @dataclass(frozen=True, eq=False)
@@ -133,8 +134,13 @@ def wound_under(torque: Array, t: Array, model: Model) -> Array:
     return found / drive_constants(model)[0]
 
 
-def true_load(model: Model, observation: Observation, known: KnownTorques, f: Array, noise: Array | None) -> Array:
-    """Return the load (N, n) Nm of each joint with as little noise as both ways to know it allow.
+def true_load(
+    model: Model, observation: Observation, known: KnownTorques, f: Array, noise: Array | None
+) -> tuple[Array, Array]:
+    """Return the load (N, n) Nm of each joint, twice: with as little noise as both ways to know it allow, and clear.
+
+    The second one has only the frequencies at which it is far above its noise. That noise is in the residuals, too,
+    where torque sensors with more of it do not show it: a law over the load that may do what it likes would follow it.
 
     Parameters
     ----------
@@ -160,10 +166,11 @@ def true_load(model: Model, observation: Observation, known: KnownTorques, f: Ar
     predicted = noise * np.maximum(link / np.maximum(observation.quiet_link_spectrum(f), TINY), 1.0)
     both = (K > 0.0) & link.any(axis=0) & motor.any(axis=0)
     share = np.where(both, measured / np.maximum(measured + predicted, TINY), 1.0)
-    left, found = np.where(both, share * predicted, noise), np.empty_like(load)
+    left, found, clear = np.where(both, share * predicted, noise), np.empty_like(load), np.empty_like(load)
     for j in range(model.n):
         best = load[:, j]
         if both[j]:
             best = wound[:, j] + reduced_to(load[:, j] - wound[:, j], observation.rate, f, share[:, j])
         found[:, j] = wiener_filtered(best, observation.rate, f, left[:, j])
-    return found
+        clear[:, j] = wiener_filtered(best, observation.rate, f, left[:, j], CLEAR)
+    return found, clear

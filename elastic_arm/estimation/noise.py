@@ -344,7 +344,7 @@ def noise_filter(values: Array, rate: float, f: Array, noise: Array) -> Callable
     return filtered
 
 
-def wiener_filtered(values: Array, rate: float, f: Array, noise: Array) -> Array:
+def wiener_filtered(values: Array, rate: float, f: Array, noise: Array, least: float = 0.0) -> Array:
     """Return a signal in noise (N,) with each frequency reduced to its share of signal.
 
     The coefficient of a regression on the result is not biased by the noise (regression calibration; Carroll et al.,
@@ -360,10 +360,13 @@ def wiener_filtered(values: Array, rate: float, f: Array, noise: Array) -> Array
         (F,) Hz, ascending; what lies above is taken off.
     noise
         (F,) in it, in units squared; 1 is white noise of one unit a sample.
+    least
+        Times the noise: frequencies with less power are taken off.
     """
     half = min(len(values), round(WIENER_SECONDS * rate)) // 2
     at, power = scipy.signal.welch(values, rate, nperseg=2 * half, detrend="linear")
-    share = 1.0 - np.interp(at, f, noise) * 2.0 / rate / np.maximum(power, 1e-300)
+    expected = np.interp(at, f, noise) * 2.0 / rate
+    share = np.where(power < least * expected, 0.0, 1.0 - expected / np.maximum(power, 1e-300))
     return reduced_to(values, rate, at[at <= f[-1]], np.clip(share, 0.0, 1.0)[at <= f[-1]])
 
 

@@ -54,7 +54,7 @@ class Signals:
     torque_noise
         Variances (n,) of a sample's white noise of the recorded torques, Nm², by name.
     model_torques
-        (N, n) Nm, tau_J and tau_m as the model predicts them; empty where nobody asked.
+        (N, n) Nm, tau_J and tau_m as predicted, and tau_J where it is "clear" of noise; empty where nobody asked.
     """
 
     t: Array
@@ -138,17 +138,17 @@ class Signals:
         """Return the signals with deflections (N, n) rad of springs under the load, which laws may take."""
         return replace(self, values={**self.values, "wound": deflection, "loaded": np.ones((len(self.t), 1))})
 
-    def with_model_torques(self, load: Array, drive: Array, noise: Mapping[str, Array]) -> Signals:
+    def with_model_torques(self, load: Array, drive: Array, clear: Array, noise: Mapping[str, Array]) -> Signals:
         """Return the signals with what regressors of whole effects take besides.
 
         Parameters
         ----------
-        load, drive
-            (N, n) Nm, tau_J and tau_m as the model predicts them.
+        load, drive, clear
+            (N, n) Nm, as of :attr:`model_torques`.
         noise
             Variances (n,) of the recorded torques' white noise, Nm², by name.
         """
-        return replace(self, model_torques={"tau_J": load, "tau_m": drive}, torque_noise=noise)
+        return replace(self, model_torques={"tau_J": load, "tau_m": drive, "clear": clear}, torque_noise=noise)
 
     def curved(self, k: int) -> Signals:
         """Return the signals with L sin(k pi t / L), L the length of the recording, in the place of the time t."""

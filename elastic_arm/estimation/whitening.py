@@ -36,8 +36,8 @@ WHOLE = 0.99  # response of the smoother at the edge of the band above which law
 STANDING = 3.0  # standard deviations of velocity noise below which a joint counts as standing
 NOISE_FREQUENCIES = 400
 POSES = 12  # at which the inertia is looked up for the way of encoder noise into the residuals
-# Part of the torque channels' noise that every equation is given on its own: without it, exact encoders would make the
-# difference of two equations that share a torque sensor exact too, and rounding in the filters would look like physics.
+# Part of its noise that every equation is given on its own: without it, differences of equations would be exact in which
+# shared noise cancels (a torque sensor's; an encoder's at a drive's resonance), and what is left would look like physics.
 FLOOR = 0.1
 
 
@@ -64,7 +64,7 @@ class NoiseModel:
     scales
         (R,) by how many times more each row scatters than this noise, beside the others; None where all do alike.
     floor
-        Share of the torque noise that each equation has besides, on its own.
+        Share of its noise that each equation has besides, on its own.
     """
 
     f: Array
@@ -125,8 +125,7 @@ class NoiseModel:
         assert self.colour is not None
         found = np.zeros((len(f), *self.covariance.shape[1:]))
         for channel in self.colour.coefficients:
-            way = self.torques[channel]
-            density = self.colour.density(channel, f)
+            way, density = self.torques[channel], self.colour.density(channel, f)
             found += (way * density[:, None, :]) @ way.T
             found += np.eye(len(way)) * np.tile(self.floor**2 * density, len(way) // density.shape[1])[:, None, :]
         return found
@@ -179,8 +178,8 @@ def noise_models(
     load = accelerations @ np.mean([M**2 for M, _, _ in poses], axis=0)
     found = []
     for floor in floors:
-        own = covariance + np.diag(np.tile(floor**2 * level + 1e-8, equations.rows // n))
-        ways = equations.torque_coefficients
+        own, ways = covariance * (1.0 + floor**2 * np.eye(equations.rows)), equations.torque_coefficients
+        own += np.diag(np.tile(floor**2 * level + 1e-8, equations.rows // n))
         found.append(NoiseModel(f, own, observation.rate, ways, observation.colour, load, floor=floor))
     return found
 
@@ -275,9 +274,9 @@ class WhitenedData:
                 )
                 motion = wound_by_load(model, stretch.quiet) if layout.reads_torque_by_deflection else stretch.quiet
                 known = known_torques(model, motion, acting, signals_of, predicted=predicted)
-                load = true_load(model, observation, known, noise.f, noise.load)
-                torques = observation.torque_variances(model.n)
-                signals = known.signals.with_model_torques(load, load + known.drive - known.load, torques)
+                load, clear = true_load(model, observation, known, noise.f, noise.load)
+                drive = load + known.drive - known.load
+                signals = known.signals.with_model_torques(load, drive, clear, observation.torque_variances(model.n))
                 self.parts.append(Part(stretch, signals, noise, observation.gains, number))
                 self.pure.append(pure)
                 alike = next(others, None)

@@ -37,7 +37,7 @@ def test_the_load_is_known_better_than_by_model_or_deflection_alone() -> None:
     noise = (INERTIA * (2 * np.pi * at) ** 2 * STD)[:, None] ** 2 * np.ones(model.n)
     signals: Any = None
     known = KnownTorques(motion, signals, true + inertial, zeros, zeros)
-    found = true_load(model, observation, known, at, noise)
+    found, clear = true_load(model, observation, known, at, noise)
 
     def left(load: np.ndarray) -> np.ndarray:
         power = np.abs(np.fft.rfft((load - true)[2000:-2000], axis=0)) ** 2
@@ -47,3 +47,10 @@ def test_the_load_is_known_better_than_by_model_or_deflection_alone() -> None:
     by_model, by_deflection = left(true + inertial), left(K * (motion.theta - motion.q))
     assert np.all(left(found) < 1.2 * np.minimum(by_model, by_deflection))
     assert np.all(left(found)[0] < 0.1 * by_deflection[0]) and np.all(left(found)[1, :2] < 0.9 * by_model[1, :2])
+
+    def above(load: np.ndarray) -> np.ndarray:
+        power = np.abs(np.fft.rfft(load[2000:-2000], axis=0)) ** 2
+        return np.asarray(power[np.fft.rfftfreq(len(load) - 4000, 1 / RATE) > 20.0].sum(axis=0))
+
+    # Beyond the motion there is but noise: of that some passes, and next to nothing for a load that is clear of it.
+    assert np.all(above(clear) < 0.02 * above(found))

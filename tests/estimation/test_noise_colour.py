@@ -49,6 +49,14 @@ def test_lines_are_no_noise():
     assert fit_colour([noise({}, 0, lines)]).peakedness > 3.0
 
 
+@pytest.mark.parametrize(("share", "peaked"), [(0.02, False), (1.0, True)])
+def test_a_frequency_of_which_nothing_is_known_is_no_line(share, peaked):
+    """Where a motion can do nearly all, what is left is divided by a small number, and is no peak of the noise."""
+    one = noise({}, 0)
+    one.values[600, 1], one.share[600, 1] = 14.0, share
+    assert (fit_colour([one]).peakedness > 2.0) == peaked
+
+
 def test_more_than_noise_is_found_at_its_row_in_any_octave():
     """Five times the power of the noise in one octave of one row is lack there; the other row has none."""
     colour = Colour({"tau_J": np.eye(3 + len(CORNERS))[:1], "tau_m": np.eye(3 + len(CORNERS))[:1]}, 0.05)

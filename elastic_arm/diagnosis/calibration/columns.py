@@ -234,8 +234,9 @@ def _drive_entries(
         j = model.robot.joint_names.index(parameter.joint)
         gear = nominal.joints[j].transmission
         if parameter.speeds is not None:
-            w = (motion.dtheta if elastic else motion.dq)[:, j]
-            found.append((2 * n + j if elastic else j, k, _turnover(w, motion.t, parameter.speeds)))
+            of_motor = elastic and parameter.side == "motor"
+            w = (motion.dtheta if of_motor else motion.dq)[:, j]
+            found.append((2 * n + j if of_motor else j, k, _turnover(w, motion.t, parameter.speeds)))
         elif parameter.what == "stiffness" and gear is not None:
             found.append((n + j, k, load[:, j] * (gear.stiffness / K[j])))
         elif parameter.what == "damping" and gear is not None:

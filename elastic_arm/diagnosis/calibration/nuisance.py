@@ -6,7 +6,7 @@ the Gram matrix of all columns into its Schur complement, so that every comparis
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -18,7 +18,7 @@ from elastic_arm.dynamics.bodies import TENSOR
 from elastic_arm.effects.model import SensorEffect
 from elastic_arm.estimation.effect_columns import Feature
 from elastic_arm.estimation.motion import Motion
-from elastic_arm.robot import Robot
+from elastic_arm.robot import Joint, Robot
 
 Array = NDArray[np.float64]
 
@@ -52,6 +52,8 @@ class NuisanceParameter:
     speeds
         Of presliding alone: widths, rad/s, of the two sign functions between which friction turns over, or the width
         within which it does so early or late.
+    side
+        Of presliding alone: "link" or "motor", on which friction turns over.
     curve
         Half waves k of what a sensor's error in proportion to time does beside, L sin(k pi t / L) instead of t; 0 for
         the error itself.
@@ -71,6 +73,7 @@ class NuisanceParameter:
     error: Feature | None = None
     limit: float = np.inf
     speeds: tuple[float, ...] | None = None
+    side: str = ""
     curve: int = 0
     widened: float = 1.0
     recording: int | None = None
@@ -270,11 +273,7 @@ def nuisance_parameters(
             limit = settings.largest_scale / std if what == "stiffness" else np.inf
             error = errors.get((what, joint.name))
             found.append(NuisanceParameter(what, joint.name, unit, std, neutral, error=error, limit=limit))
-        widths = settings.presliding_speeds(0.0 if turning is None else float(turning[j]))
-        found += [
-            NuisanceParameter(f"{PRESLIDING}_{k}", joint.name, joint.unit("Nm"), priors.presliding, 0.0, speeds=speeds)
-            for k, speeds in enumerate(widths)
-        ]
+        found += _turnovers(joint, 0.0 if turning is None else float(turning[j]), priors, settings)
     for feature in features:
         chosen = _single_choices(feature)
         if feature.effect.prior is None or feature.joint is None or chosen is None:
@@ -288,6 +287,16 @@ def nuisance_parameters(
             NuisanceParameter(what, feature.joint, feature.unit(parameter), std, neutral, feature, limit=limit)
         )
     return tuple(found)
+
+
+def _turnovers(joint: Joint, turning: float, priors: Priors, settings: RefitSettings) -> Iterator[NuisanceParameter]:
+    """Yield how dry friction of a joint turns over on each side, from the speed (rad/s) at which that was found."""
+    for side in ("link", "motor") if joint.transmission is not None else ("motor",):
+        for k, speeds in enumerate(settings.presliding_speeds(turning)):
+            what = f"{PRESLIDING}_{side}_{k}"
+            yield NuisanceParameter(
+                what, joint.name, joint.unit("Nm"), priors.presliding, 0.0, speeds=speeds, side=side
+            )
 
 
 def drift_curves(feature: Feature, mean_rate: float, settings: RefitSettings) -> list[NuisanceParameter]:

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from scipy.signal import welch
 
 from elastic_arm.diagnosis.settings import RegimeSettings
+from elastic_arm.estimation.motion import rates_of
 from elastic_arm.estimation.regressors import Signals
 from elastic_arm.estimation.whitening import WhitenedData
 
@@ -100,6 +101,8 @@ def bases(
     w, a = v["dx"][:, offset + i], v["ddx"][:, offset + i]
     sign = v["sign_link" if side == "link" else "sign_motor"][:, i]
     theta, q, load = v["x"][:, motor + i], v["x"][:, i], v["tau_J"][:, i]
+    # Without the encoders' noise, which is in the residuals, too, and whose rate grows with the frequency.
+    rate = rates_of(signals.t, signals.model_torques["clear"][:, i])
     typical = float(np.sqrt(np.mean(w**2))) or 1.0
     waves = [f(k * ratios[0] * theta) for k in settings.orders for f in (np.sin, np.cos)]
     turns = [f(k * ratios[1] * theta) for k in settings.orders for f in (np.sin, np.cos)]
@@ -109,7 +112,7 @@ def bases(
         "low_speed": np.stack([np.exp(-((w / (s * typical)) ** 2)) * sign for s in settings.slow], axis=1),
         "high_speed": np.stack([w, w * np.abs(w)], axis=1),
         "acceleration": a[:, None],
-        "load": np.stack([load, load**3, v["dtau_J"][:, i]], axis=1),
+        "load": np.stack([load, load**3, rate], axis=1),
         "position": np.stack([np.sin(q), np.cos(q), np.sin(2 * q), np.cos(2 * q)], axis=1),
         "rotor_angle": np.stack(turns, axis=1),
         "wave_generator_angle": np.stack(waves, axis=1),

@@ -134,12 +134,12 @@ def _signal(name: str, column: int) -> Argument:
 
 
 def _load(joint: int) -> Argument:
-    """Return the torque (N,) that the model predicts in a joint: the noise of a measured one is in the residuals."""
-    return lambda signals: np.asarray(signals.model_torques["tau_J"][:, joint])
+    """Return the torque (N,) in a joint, as predicted and clear of noise, as that is in the residuals, too."""
+    return lambda signals: np.asarray(signals.model_torques["clear"][:, joint])
 
 
 def _loads_but(joint: int) -> Argument:
-    return lambda signals: np.delete(signals.model_torques["tau_J"], joint, axis=1)
+    return lambda signals: np.delete(signals.model_torques["clear"], joint, axis=1)
 
 
 def _root(argument: Argument) -> Argument:
