@@ -36,8 +36,8 @@ WHOLE = 0.99  # response of the smoother at the edge of the band above which law
 STANDING = 3.0  # standard deviations of velocity noise below which a joint counts as standing
 NOISE_FREQUENCIES = 400
 POSES = 12  # at which the inertia is looked up for the way of encoder noise into the residuals
-# Part of its noise that each equation is given on its own. Otherwise differences of equations would be exact where noise
-# that they share cancels (a torque sensor's; an encoder's at a drive's resonance), and rounding would look like physics.
+# Part of its noise that each equation is given on its own. Otherwise differences of equations would be exact where
+# shared noise cancels (a torque sensor's; an encoder's at a drive's resonance), and rounding would look like physics.
 FLOOR = 0.1
 
 
