@@ -73,6 +73,18 @@ def test_a_name_that_no_file_can_have_is_refused(tmp_path: Path, command: list[s
     assert line.startswith("error: ")
 
 
+@pytest.mark.parametrize("command", ["simulate", "excite", "paper"])
+def test_a_folder_that_was_removed_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, command: str) -> None:
+    """Whoever works in it may have removed it in another terminal."""
+    (tmp_path / "gone").mkdir()
+    monkeypatch.chdir(tmp_path / "gone")
+    (tmp_path / "gone").rmdir()
+    result = run(command, "--out", "out")
+    assert result.exit_code == 2, result.output
+    (line,) = result.stderr.splitlines()
+    assert "was removed" in line
+
+
 @pytest.mark.parametrize("command", [["simulate", "--effect"], ["identify", ".", "--with"]])
 def test_an_effect_that_cannot_be_is_not_repeated_at_length(tmp_path: Path, command: list[str]) -> None:
     """The line has room for the effects that there are."""
