@@ -87,8 +87,11 @@ def read_bytes(path: str | Path, kind: type[ElasticArmError], remedy: str, most:
         elif status.st_size > most:
             problem = f"has {status.st_size} bytes, {most} are the limit"
         else:
-            with open(path, "rb") as file:
-                return file.read(most)
+            with open(path, "rb", opener=_at_once) as file:
+                content: bytes | None = file.read(most)
+            if content is not None:
+                return content
+            problem = "is no file: it gives nothing to read"
     except FileNotFoundError:
         problem = "no such file"
     except OSError as error:
@@ -96,6 +99,11 @@ def read_bytes(path: str | Path, kind: type[ElasticArmError], remedy: str, most:
     except ValueError:
         problem = "is no name of a file: it holds a NUL"
     raise kind(f"{path}: {problem}", remedy)
+
+
+def _at_once(path: str, flags: int) -> int:
+    """Open a file without waiting: some of /proc call themselves regular files and wait, as /proc/kmsg does."""
+    return os.open(path, flags | os.O_NONBLOCK)
 
 
 def read_text(path: str | Path, kind: type[ElasticArmError], remedy: str, most: int = LARGEST) -> str:

@@ -115,7 +115,13 @@ def _check_name(path: Path, option: str) -> None:
 
 def _check_folder(folder: Path, option: str) -> None:
     """Refuse a folder that cannot be made or written, by its nearest part that exists."""
-    present = next(path for path in (folder.absolute(), *folder.absolute().parents) if path.exists())
+    try:
+        whole = folder.absolute()
+    except FileNotFoundError:
+        raise OutputError(
+            "the folder that the command runs in was removed", f"Go to another, or name a whole path with {option}."
+        ) from None
+    present = next(path for path in (whole, *whole.parents) if path.exists())
     if not present.is_dir():
         raise OutputError(f"{present} is a file, not a folder", f"Name another place for {option}.")
     if not os.access(present, os.W_OK | os.X_OK):

@@ -26,6 +26,7 @@ GROUP = "elastic_arm.effects"  # entry points of installed packages: NAME = "mod
 # What executing a file may raise; EffectError is a ValueError, CasADi raises RuntimeError and NotImplementedError.
 _RAISED: tuple[type[Exception], ...] = (ImportError, NameError, AttributeError, TypeError, ValueError, LookupError)
 _RAISED += (ArithmeticError, RuntimeError, AssertionError, OSError)
+_SHOWN = 60  # characters of a name that is too long
 _EXAMPLE = "docs/adding_an_effect.md shows one."
 
 
@@ -101,8 +102,9 @@ class Catalogue(Mapping[str, Effect]):
             return self[effect_id]
         close = difflib.get_close_matches(effect_id, self, n=3, cutoff=0.5)
         hint = f"Did you mean {' or '.join(close)}? " if close else ""
+        asked = effect_id if len(effect_id) <= _SHOWN else f"{effect_id[:_SHOWN]}…"
         raise EffectError(
-            f"there is no effect {effect_id!r}", f"{hint}The effects: {', '.join(self)}; --effects FILE adds more."
+            f"there is no effect {asked!r}", f"{hint}The effects: {', '.join(self)}; --effects FILE adds more."
         )
 
 

@@ -21,6 +21,7 @@ from elastic_arm.excitation.criteria import BaseRegressor, find_criterion
 from elastic_arm.excitation.fourier import FourierTrajectory, require
 from elastic_arm.excitation.limits import LimitUse, MotionLimits
 from elastic_arm.excitation.problem import Problem, Shape
+from elastic_arm.interrupts import NotedInterrupts
 
 Array = NDArray[np.float64]
 Progress = Callable[[int, float], None]
@@ -182,6 +183,7 @@ class _Course:
         self.value = np.inf
         self.history: list[tuple[int, float]] = []
         self.error: BaseException | None = None
+        self.interrupts = NotedInterrupts(self._interrupt)
         self._best: Array | None = None
         self._progress = progress
 
@@ -193,8 +195,9 @@ class _Course:
         """Evaluate a point for NOMAD."""
         if self.error is not None:
             return False
-        u = np.array([point.get_coord(i) for i in range(point.size())])
         try:
+            self.interrupts.take()
+            u = np.array([point.get_coord(i) for i in range(point.size())])
             value, excess = self.problem.both(u)
             self._note(u, value, excess)
         except BaseException as error:  # noqa: BLE001 - raised again once NOMAD, which swallows it, has returned
@@ -202,6 +205,9 @@ class _Course:
             return False
         point.setBBO(" ".join(repr(float(number)) for number in (value, *excess)).encode())
         return True
+
+    def _interrupt(self) -> None:
+        self.error = KeyboardInterrupt()
 
     def _note(self, u: Array, value: float, excess: Array) -> None:
         self.count += 1
@@ -221,6 +227,7 @@ def _run_nomad(course: _Course, start: Array, evaluations: int, seed: int) -> No
     PyNomad.setSeed(seed)
     PyNomad.resetRandomNumberGenerator()
     parameters = [*NOMAD, f"MAX_BB_EVAL {evaluations}", f"SEED {seed}"]
-    PyNomad.optimize(course, start.tolist(), [-1.0] * size, [1.0] * size, parameters)
+    with course.interrupts:
+        PyNomad.optimize(course, start.tolist(), [-1.0] * size, [1.0] * size, parameters)
     if course.error is not None:
         raise course.error

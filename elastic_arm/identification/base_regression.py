@@ -222,6 +222,11 @@ class BaseRegression:
         """The places of K and D among the base columns of each joint whose deflection is measured."""
         place = {self.names[c]: k for k, c in enumerate(self.base.columns.tolist())}
         joints = [self.model.robot.joint_names[j] for j in self.wound]
+        if lost := [name for joint in joints for name in (f"{joint}.K", f"{joint}.D") if name not in place]:
+            raise IdentificationError(
+                f"{lost[0]} is lost beside numbers of the description that are far larger",
+                "Look at its lengths, ratios and gravity",
+            )
         return [(place[f"{joint}.K"], place[f"{joint}.D"]) for joint in joints]
 
     def predict(self, motion: Motion, Psi_base: Array) -> dict[str, Array]:

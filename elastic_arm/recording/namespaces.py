@@ -6,8 +6,7 @@ from collections.abc import Sequence
 
 from elastic_arm.errors import RecordingError
 from elastic_arm.recording.storage.bag import Bag
-from elastic_arm.recording.storage.messages import read_topics
-from elastic_arm.recording.storage.metadata import Topic
+from elastic_arm.recording.storage.messages import topics_of
 from elastic_arm.recording.topics import JOINT_STATES, MOTOR_STATES, TYPES
 
 
@@ -33,7 +32,7 @@ def choose_namespace(bags: Sequence[Bag], wanted: str | None = None) -> str:
         {
             topic.name.removesuffix(states)
             for bag in bags
-            for topic in _topics(bag)
+            for topic in topics_of(bag.files)
             for states in (JOINT_STATES, MOTOR_STATES)
             if topic.name.endswith(states) and topic.type_name == TYPES[states]
         }
@@ -49,14 +48,6 @@ def choose_namespace(bags: Sequence[Bag], wanted: str | None = None) -> str:
         held = ", ".join(name or "/" for name in found) or "none"
         raise RecordingError(f"{source} holds no arm in the namespace {namespace or '/'}", f"There are: {held}.")
     return namespace
-
-
-def _topics(bag: Bag) -> list[Topic]:
-    """Return the topics of a bag; where its files do not list them all, from another look through its messages."""
-    listed = [file.topics() for file in bag.files]
-    if all(topics and all(topic.type_name for topic in topics) for topics in listed):
-        return [topic for topics in listed for topic in topics]
-    return read_topics(bag.path)
 
 
 def local_name(topic: str, namespace: str) -> str | None:

@@ -16,6 +16,10 @@ from elastic_arm.errors import RobotError
 
 # A moment or a sum of moments may miss its bound by this share of the trace: rounding of a description on its edge.
 _INERTIA_TOLERANCE = 1e-9
+# Sizes of an arm's numbers, SI units, zero apart; products of several beyond leave the range of floating-point numbers.
+_SMALLEST, _LARGEST = 1e-30, 1e30
+# A stage of a transmission. Two that are larger leave no trace of the stiffness beside the motor's inertia.
+_RATIO = 1e4
 # Of the largest second moment: as flat as a plate.
 _THIN = 1e-4
 # Direction cosines below this are rounding of a right angle; kept, they would create false base parameters.
@@ -23,7 +27,7 @@ _SNAP = 1e-12
 
 
 def checked_array(values: Any, shape: tuple[int, ...], what: str) -> np.ndarray:
-    """Return `values` as a read-only float array of `shape`; refuse other shapes and non-finite numbers.
+    """Return `values` as a read-only float array of `shape`; refuse other shapes and numbers that no arm has.
 
     Parameters
     ----------
@@ -42,6 +46,8 @@ def checked_array(values: Any, shape: tuple[int, ...], what: str) -> np.ndarray:
         raise RobotError(f"{what} has shape {array.shape}", f"Give an array of shape {shape}")
     if not np.isfinite(array).all():
         raise RobotError(f"{what} holds a number that is not finite: {values!r}", "Give finite numbers")
+    largest = float(np.abs(array).max(initial=0.0))
+    require(largest <= _LARGEST, f"{what} holds {largest:g}, which is of no arm", "Look at its unit")
     array.setflags(write=False)
     return array
 
@@ -70,7 +76,7 @@ def require(condition: bool, problem: str, remedy: str) -> None:
 
 
 def check_number(value: float, what: str, *, positive: bool = False) -> None:
-    """Refuse a number that is not finite, or negative.
+    """Refuse a number that is not finite, negative, or of no arm.
 
     Parameters
     ----------
@@ -86,6 +92,8 @@ def check_number(value: float, what: str, *, positive: bool = False) -> None:
         require(value > 0.0, f"{what} is {value:g}, but must be positive", "Give a number above zero")
     else:
         require(value >= 0.0, f"{what} is {value:g}, but must not be negative", "Give zero or a positive number")
+    sized = value == 0.0 or _SMALLEST <= value <= _LARGEST
+    require(sized, f"{what} is {value:g}, which is of no arm", "Look at its unit")
 
 
 def snap(matrix: np.ndarray) -> np.ndarray:
@@ -247,6 +255,8 @@ class Transmission:
                 f"{what} is {ratio:g}, but a transmission ratio cannot be zero or infinite",
                 "Give turns of the input for one turn of the output; 1 where there is no such stage",
             )
+            sized = 1.0 / _RATIO <= abs(ratio) <= _RATIO
+            require(sized, f"{what} is {ratio:g}, which is of no transmission", "Give that of one stage")
 
     @property
     def r_tot(self) -> float:

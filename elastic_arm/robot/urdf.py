@@ -223,10 +223,11 @@ class _Reading:
     def _axis(self, element: ET.Element, name: str) -> Array:
         axis = element.find("axis")
         direction = np.array([1.0, 0.0, 0.0]) if axis is None else vector(axis.get("xyz"), f"joint {name!r}: axis")
-        length = float(np.linalg.norm(direction))
-        if length < 1e-9:
+        largest = float(np.abs(direction).max())
+        if largest < 1e-9:
             raise RobotError(f"joint {name!r} has the axis 0 0 0", "Give the direction it turns about or slides along")
-        return direction / length
+        direction = direction / largest  # whose square may be beyond all numbers
+        return direction / np.linalg.norm(direction)
 
     def _origin(self, element: ET.Element, where: str) -> Array:
         origins = element.findall("origin")

@@ -57,6 +57,8 @@ def test_a_name_that_cannot_be_made_is_refused_before_the_work(command: list[str
         ["bag", "import"],
         ["describe", "--robot"],
         ["replay"],
+        ["challenge", "diagnose"],
+        ["challenge", "score"],
     ],
 )
 @pytest.mark.parametrize("name", ["x" * 300, "x" * 300 + ".xml", "x" * 300 + ".csv", "x" * 5000])
@@ -69,6 +71,44 @@ def test_a_name_that_no_file_can_have_is_refused(tmp_path: Path, command: list[s
     assert result.exit_code == 2, result.output
     (line,) = result.stderr.splitlines()
     assert line.startswith("error: ")
+
+
+@pytest.mark.parametrize("command", ["simulate", "excite", "paper"])
+def test_a_folder_that_was_removed_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, command: str) -> None:
+    """Whoever works in it may have removed it in another terminal."""
+    (tmp_path / "gone").mkdir()
+    monkeypatch.chdir(tmp_path / "gone")
+    (tmp_path / "gone").rmdir()
+    result = run(command, "--out", "out")
+    assert result.exit_code == 2, result.output
+    (line,) = result.stderr.splitlines()
+    assert "was removed" in line
+
+
+@pytest.mark.parametrize("command", [["simulate", "--effect"], ["identify", ".", "--with"]])
+def test_an_effect_that_cannot_be_is_not_repeated_at_length(tmp_path: Path, command: list[str]) -> None:
+    """The line has room for the effects that there are."""
+    result = run(*command, "n" * 5000, "--out", tmp_path / "out")
+    assert result.exit_code == 2, result.output
+    (line,) = result.stderr.splitlines()
+    assert "coulomb_friction" in line
+    assert "n" * 100 not in line
+
+
+@pytest.mark.parametrize("content", ["", "{", "[]", "{}", "[" * 100_000, '{"settings": 5}', "\0", None])
+@pytest.mark.parametrize("command", ["create", "diagnose", "score"])
+def test_a_damaged_manifest_of_a_challenge_is_refused(tmp_path: Path, command: str, content: str | None) -> None:
+    """Whatever stands in it; a pipe is not waited for."""
+    manifest = tmp_path / "challenge.json"
+    os.mkfifo(manifest) if content is None else manifest.write_text(content)
+    result = (
+        run("challenge", command, tmp_path, "--workers", 0)
+        if command != "score"
+        else run("challenge", command, tmp_path)
+    )
+    assert result.exit_code == 2, result.output
+    (line,) = result.stderr.splitlines()
+    assert str(manifest) in line
 
 
 @pytest.mark.parametrize("name", NAMES)

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import os
+import signal
+import time
 from pathlib import Path
 
 import numpy as np
@@ -231,6 +234,24 @@ def test_an_error_inside_the_search_comes_out(mod3: Model, limits: MotionLimits,
 
     with pytest.raises(KeyboardInterrupt):
         optimise(mod3, limits, columns, rng=np.random.default_rng(0), evaluations=1000, random=2, progress=stop)
+
+
+def test_an_interrupt_ends_the_search_and_is_heeded_after_it(
+    mod3: Model, limits: MotionLimits, columns: np.ndarray
+) -> None:
+    """NOMAD takes Ctrl-C for itself, ends as if the search were done, and keeps it for good."""
+
+    def stop(count: int, best: float) -> None:
+        if count == 5:
+            os.kill(os.getpid(), signal.SIGINT)
+
+    for _ in range(2):
+        with pytest.raises(KeyboardInterrupt):
+            optimise(mod3, limits, columns, rng=np.random.default_rng(0), evaluations=1000, random=2, progress=stop)
+    optimise(mod3, limits, columns, rng=np.random.default_rng(0), evaluations=20, random=2)
+    with pytest.raises(KeyboardInterrupt):
+        os.kill(os.getpid(), signal.SIGINT)
+        time.sleep(5.0)
 
 
 # --- figures

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from elastic_arm.dynamics import build_model
+from elastic_arm.errors import IdentificationError, RobotError
 from elastic_arm.identification import (
     Identification,
     IdentificationSettings,
@@ -17,6 +18,7 @@ from elastic_arm.identification import (
     identify_with,
     parse_laws,
 )
+from elastic_arm.identification.consistency import estimation
 from elastic_arm.identification.consistency.chart import pseudo_inertia
 from elastic_arm.identification.consistency.estimation import consistent, correlation_of_errors
 from elastic_arm.identification.consistency.identified_robot import identified_robot, odd_masses
@@ -207,3 +209,28 @@ def test_links_with_masses_that_no_such_link_has_are_named() -> None:
     first = replace(robot.joints[0], link=Inertia(0.0, np.zeros(3), np.zeros((3, 3))))
     bare = described.with_(joints=(first, *described.joints[1:]))
     assert odd_masses(bare, described) == []
+
+
+def test_a_solution_that_is_no_body_is_a_note(monkeypatch: pytest.MonkeyPatch, true_robot: Robot) -> None:
+    """The base parameters are there, whatever becomes of the arm that is made of them."""
+
+    def refusing(*_: object) -> Robot:
+        raise RobotError("inertia violates the triangle inequality", "Check it")
+
+    monkeypatch.setattr(estimation, "identified_robot", refusing)
+    samples = record(build_model(true_robot, "mod3"), np.random.default_rng(1), encoder_noise=1e-6)
+    found = identify(recorded(samples, true_robot), true_robot)
+    assert found.identified is None
+    assert "no physically consistent arm: inertia violates the triangle inequality" in found.notes
+    assert np.isfinite(found.Psi_base).all()
+
+
+def test_a_description_that_hides_the_stiffness_is_refused(true_robot: Robot) -> None:
+    """Its columns vanish in the rounding of much larger ones."""
+    samples = record(build_model(true_robot, "mod3"), np.random.default_rng(1))
+    far = true_robot
+    for joint in far.joints:
+        stages = replace(joint.transmission, belt_ratio=1e4, harmonic_drive_ratio=1e4)
+        far = far.with_joint(joint.name, transmission=stages)
+    with pytest.raises(IdentificationError, match=r"joint_1\.K is lost beside numbers of the description"):
+        identify(recorded(samples, true_robot), far)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from pathlib import Path
 
 import numpy as np
@@ -147,6 +148,14 @@ def test_a_single_axis_has_columns_of_one_name_each() -> None:
     draft = guess_mapping(arrays, ("axis",), prismatic=("axis",))
     found = {(guess.side, guess.channel): guess.unit for guess in draft.channels}
     assert found == {("link", "position"): "m", ("link", "velocity"): "m/s", ("motor", "effort"): "N"}
+
+
+def test_arrays_without_a_sample_are_refused() -> None:
+    """By the reason, and without a remark of numpy's about the mean of nothing."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        with pytest.raises(RecordingError, match="no array holds"):
+            guess_mapping({"t": np.empty(0), "q": np.empty((0, 2))}, JOINTS)
 
 
 def test_arrays_of_other_joints_are_refused() -> None:

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 import sqlite3
 import struct
+import weakref
+from collections.abc import Callable
 from pathlib import Path
 
 import lz4.frame
@@ -19,8 +22,10 @@ from elastic_arm.recording import limits, read_recording, write_recording
 from elastic_arm.recording.inspection.check import check_bag
 from elastic_arm.recording.inspection.info import bag_info
 from elastic_arm.recording.inspection.repair import repair_bag
+from elastic_arm.recording.storage import mcap as mcap_files
 from elastic_arm.recording.storage.bag import METADATA, open_bag
 from elastic_arm.recording.storage.messages import read_topics
+from elastic_arm.recording.storage.unpacking import unpack_file
 from tests.helpers.bags import stamps, states, two_sided, write_sqlite
 from tests.helpers.hostile_mcap import HUGE, chunk, index, mcap, message, quickly, record, text
 
@@ -167,6 +172,33 @@ def test_the_limits_are_configurable(tmp_path: Path, monkeypatch: pytest.MonkeyP
     monkeypatch.setenv("ELASTIC_ARM_MAX_UNPACKED_MB", "much")
     with pytest.raises(RecordingError, match="whole megabytes"):
         limits.unpacked_bytes()
+
+
+@pytest.mark.parametrize("namespaces", [True, False])
+def test_a_packed_file_is_in_memory_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, namespaces: bool) -> None:
+    """It may take half of the memory, so whoever reads it lets go of it before it is opened again."""
+    bag = write_recording(tmp_path / "bag", two_sided(np.random.default_rng(0), 300))
+    plain = next(bag.glob("*.mcap")).read_bytes()
+    plain = plain if namespaces else plain[: len(plain) // 2]  # without a summary, topics stand in the chunks
+    file = tmp_path / "a.mcap.zstd"
+    file.write_bytes(zstandard.ZstdCompressor().compress(plain))
+    opened: list[weakref.ref[bytearray]] = []
+
+    class Plain(bytearray):
+        """Can be watched."""
+
+    def unpacked(path: Path, limit: int) -> bytearray:
+        assert not [one for one in opened if one() is not None], "unpacked while it is in memory"
+        content = Plain(unpack_file(path, limit))
+        opened.append(weakref.ref(content))
+        return content
+
+    monkeypatch.setattr(mcap_files, "unpack_file", unpacked)
+    works: tuple[Callable[[Path], object], ...] = (read_recording, check_bag, bag_info, read_topics, repair_bag)
+    for work in works:
+        with contextlib.suppress(RecordingError):
+            work(file)
+    assert len(opened) > len(works)
 
 
 def test_a_chunk_above_the_limit_is_damage(bag: Path, monkeypatch: pytest.MonkeyPatch) -> None:

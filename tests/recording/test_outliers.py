@@ -84,6 +84,7 @@ def test_a_joint_without_a_channel_has_no_outliers(recording: Recording) -> None
 IMPOSSIBLE = {
     "angles": ("link", "position", lambda values: values + 1e12, "link position of all joints reaches 1e.12 rad"),
     "torques": ("motor", "effort", lambda values: values * 1e150, "motor effort of all joints reaches .*e.15. Nm"),
+    "no torques": ("motor", "effort", lambda values: 0.0 * values + 5e-324, "motor effort is 4.94e-324 Nm at most"),
     "speeds": ("motor", "velocity", lambda values: values - 1e9, "motor velocity of all joints reaches 1e.09 rad/s"),
 }
 

@@ -143,6 +143,14 @@ BAD: dict[str, tuple[Edit, str]] = {
         lambda c: (joint(c).pop("dh"), joint(c).update(after=np.diag([2.0, 1.0, 1.0, 1.0]).tolist())),
         r"joints\[1\]\.after is not a rigid placement",
     ),
+    "mass of no arm": (lambda c: joint(c)["link"].update(mass=1e200), r"link\.mass is 1e\+200, which is of no arm"),
+    "stiffness of no arm": (lambda c: joint(c).update(stiffness=1e-300), r"\.stiffness is 1e-300, which is of no arm"),
+    "damping of no arm": (lambda c: joint(c).update(damping=1e300), r"\.damping is 1e\+300, which is of no arm"),
+    "ratio of no arm": (
+        lambda c: joint(c).update(harmonic_drive_ratio=1e12), r"drive_ratio is 1e\+12, which is of no transmission",
+    ),
+    "length of no arm": (lambda c: joint(c)["dh"].update(a=1e200), r"offset holds 1e\+200, which is of no arm"),
+    "gravity of no arm": (lambda c: c.update(gravity=[0, 0, -1e200]), r"gravity holds 1e\+200, which is of no arm"),
     "limits crossed": (
         lambda c: joint(c).update(limits={"position_min": 1.0, "position_max": -1.0}), r"joints\[1\]\.limits\.position",
     ),

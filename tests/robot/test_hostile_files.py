@@ -88,9 +88,10 @@ def test_pipes_devices_folders_and_nul_are_refused(tmp_path: Path, reader: str) 
     """Nothing waits for a pipe, or reads a device without end."""
     os.mkfifo(tmp_path / "pipe.yaml")
     (tmp_path / "zero.yaml").symlink_to("/dev/zero")
+    (tmp_path / "log.yaml").symlink_to("/proc/kmsg")
     (tmp_path / "large.yaml").touch()
     os.truncate(tmp_path / "large.yaml", 10**10)
-    for name in ("pipe.yaml", "zero.yaml", "a\0b.yaml", "x" * 300, ".", "large.yaml"):
+    for name in ("pipe.yaml", "zero.yaml", "log.yaml", "a\0b.yaml", "x" * 300, ".", "large.yaml"):
         quickly(lambda name=name: READERS[reader](tmp_path / name))  # type: ignore[misc]
 
 

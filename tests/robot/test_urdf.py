@@ -449,3 +449,13 @@ def test_dynamics_of_a_joint_are_friction_of_that_size() -> None:
     assert parse_urdf(text.replace('"1.5"', '"0"').replace('"0.5"', '"0.0"')).effects == ()
     with pytest.raises(RobotError, match="joint 'joint_1': dynamics damping is -1"):
         parse_urdf(text.replace('"1.5"', '"-1"'))
+
+
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize("length", ["1e200", "1e-8", "-1e200"])
+def test_an_axis_of_any_length_is_a_direction(length: str) -> None:
+    """Its square may be beyond all numbers."""
+    arm = parse_urdf(two_joints().replace('axis xyz="0 1 0"', f'axis xyz="0 {length} 0"'))
+    unit = parse_urdf(two_joints().replace('axis xyz="0 1 0"', f'axis xyz="0 {"-" * (length[0] == "-")}1 0"'))
+    for one, other in zip(arm.joints, unit.joints, strict=True):
+        np.testing.assert_array_equal(one.before, other.before)

@@ -1,8 +1,17 @@
-"""Jobs on a cluster of processes: where it listens."""
+"""Jobs on a cluster of processes: where it listens, and how it ends."""
 
 from __future__ import annotations
 
+import os
+import signal
+import subprocess
+import sys
+import time
+from functools import partial
+from pathlib import Path
+
 import psutil
+import pytest
 
 from elastic_arm.studies.blind_challenge.parallel_jobs import _client
 
@@ -16,3 +25,35 @@ def test_a_cluster_of_this_machine_listens_on_loopback_alone() -> None:
         listening = {c.laddr.ip for c in found if c.status == psutil.CONN_LISTEN}
     assert listening
     assert listening <= {"127.0.0.1", "::1"}
+
+
+SCRIPT = """
+import sys, time
+from elastic_arm.studies.blind_challenge.parallel_jobs import mapped
+if __name__ == "__main__":
+    print(flush=True)
+    try:
+        list(mapped(time.sleep, [60.0] * 4, workers=2))
+    except KeyboardInterrupt:
+        sys.exit(130)
+"""
+
+
+@pytest.mark.parametrize("delay", [2.0, 6.0])
+def test_a_cluster_ends_quietly_on_an_interrupt(tmp_path: Path, delay: float) -> None:
+    """Workers that are starting print nothing, and those that work are not waited for."""
+    (tmp_path / "script.py").write_text(SCRIPT)
+    process = subprocess.Popen(
+        [sys.executable, str(tmp_path / "script.py")],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        start_new_session=True,
+        preexec_fn=partial(signal.signal, signal.SIGINT, signal.default_int_handler),
+    )
+    assert process.stdout is not None
+    process.stdout.readline()
+    time.sleep(delay)
+    os.killpg(process.pid, signal.SIGINT)
+    _, complaints = process.communicate(timeout=60)
+    assert complaints.decode() == ""
+    assert process.returncode == 130

@@ -3,6 +3,11 @@
 from __future__ import annotations
 
 import math
+import os
+import signal
+import subprocess
+import sys
+import time
 from functools import partial
 
 import pytest
@@ -29,3 +34,35 @@ def test_a_tasks_error_is_raised_where_its_result_is_waited_for() -> None:
         assert pool.run([partial(math.sqrt, 9.0)], lambda: None) == [3.0]
         with pytest.raises(ValueError, match="domain"):
             broken()
+
+
+SCRIPT = """
+import functools, sys, time
+from elastic_arm.studies.paper.parallel import ProcessPool
+try:
+    with ProcessPool(2) as pool:
+        results = pool.start([functools.partial(time.sleep, 60.0)] * 2, lambda: None)
+        print(flush=True)
+        results()
+except KeyboardInterrupt:
+    sys.exit(130)
+"""
+
+
+@pytest.mark.parametrize("delay", [0.0, 0.02, 0.05, 0.1, 0.3])
+def test_processes_that_are_starting_end_quietly_on_an_interrupt(delay: float) -> None:
+    """A Ctrl-C reaches all processes of a terminal, also those that still load."""
+    process = subprocess.Popen(
+        [sys.executable, "-c", SCRIPT],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        start_new_session=True,
+        preexec_fn=partial(signal.signal, signal.SIGINT, signal.default_int_handler),
+    )
+    assert process.stdout is not None
+    process.stdout.readline()
+    time.sleep(delay)
+    os.killpg(process.pid, signal.SIGINT)
+    _, complaints = process.communicate(timeout=30)
+    assert complaints.decode() == ""
+    assert process.returncode == 130

@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 
 from elastic_arm.dynamics.composition import ARMATURE
 from elastic_arm.effects import EffectInstance
-from elastic_arm.errors import IdentificationError
+from elastic_arm.errors import IdentificationError, RobotError
 from elastic_arm.identification.base_regression import BaseRegression
 from elastic_arm.identification.consistency.chart import PAIRS, Chart, chart_of
 from elastic_arm.identification.consistency.identified_robot import identified_robot
@@ -141,16 +141,18 @@ def with_consistency(
     equations = identifier.equations
     try:
         found = consistent(identifier.fit(), equations, correlated, trust)
-    except IdentificationError as error:
+        motors = {f"{joint}.{ARMATURE}" for joint in described}
+        back = [joint_of_law(name) in described or name in motors for name in equations.names]
+        Psi = np.where(back, equations.nominal, found.Psi)
+        # Numbers of very different size may leave a body outside of what one can be by more than rounding.
+        identified = identified_robot(robot, equations, Psi, effects)
+    except (IdentificationError, RobotError) as error:
         return result.with_(notes=(*result.notes, f"no physically consistent arm: {error.problem}"))
-    motors = {f"{joint}.{ARMATURE}" for joint in described}
-    back = [joint_of_law(name) in described or name in motors for name in equations.names]
-    Psi = np.where(back, equations.nominal, found.Psi)
     return result.with_(
         Psi=Psi,
         notes=(*(note for note in result.notes if note != INEXACT), *(() if found.exact else (INEXACT,))),
         consistency={"trust": found.trust, "misfit": found.misfit, "correlation": correlated},
-        identified=identified_robot(robot, equations, Psi, effects),
+        identified=identified,
     )
 
 

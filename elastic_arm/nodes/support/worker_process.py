@@ -12,6 +12,7 @@ from multiprocessing.connection import Connection
 from typing import Any
 
 from elastic_arm.errors import ElasticArmError
+from elastic_arm.interrupts import interrupts_held, take_interrupts
 
 # How much lower the priority is: what a busy machine lacks is taken from here first.
 NICE = 5
@@ -56,7 +57,8 @@ class WorkerProcess:
         context = multiprocessing.get_context("spawn")
         self._pipe, theirs = context.Pipe()
         self._process = context.Process(target=_serve, args=(theirs, self._make, self._args), daemon=True)
-        self._process.start()
+        with interrupts_held():
+            self._process.start()
         theirs.close()
 
     @property
@@ -105,7 +107,7 @@ class WorkerProcess:
 
 def _serve(pipe: Connection, make: Callable[..., Callable[[Any], Any]], args: tuple[Any, ...]) -> None:
     """Answer questions until the node closes its end, or dies."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C reaches the whole group; the node ends this process
+    take_interrupts(signal.SIG_IGN)  # Ctrl-C reaches the whole group; the node ends this process
     os.nice(NICE)
     answering = make(*args)
     while True:

@@ -141,7 +141,7 @@ def _find_times(arrays: Mapping[str, np.ndarray], count: int) -> TimeArray | Non
     """Return the array that grows from sample to sample with a rate that arms have; one called time before others."""
     found = []
     for key, values in arrays.items():
-        if values.shape != (count,) or not np.isfinite(values).all():
+        if values.shape != (count,) or count < 2 or not np.isfinite(values).all():
             continue
         steps = np.diff(values.astype(np.float64))
         if np.all(steps >= 0) and np.mean(steps > 0) > 0.5:

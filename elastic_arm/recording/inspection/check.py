@@ -56,15 +56,29 @@ def check_bag(
     RecordingError
         If it is no bag at all, or empty.
     """
-    bag = open_bag(path)
     report = Report(str(path))
+    _check_messages(path, channels, None if robot is None else robot.joint_names, report, namespace)
+    if report.usable:
+        _check_whole(path, channels, robot, report, namespace)
+    return report
+
+
+def _check_messages(
+    path: str | Path,
+    channels: ChannelMap | None,
+    joints: Sequence[str] | None,
+    report: Report,
+    namespace: str | None,
+) -> None:
+    """Add what the files of a bag and their messages show. They are closed behind it, as in `bag_info`."""
+    bag = open_bag(path)
     wanted = (*_STATES, JOINT_TORQUES, REFERENCE) if channels is None else channels.topics()
     try:
         chosen = choose_namespace([bag], namespace) if channels is None else ""
         content = read_content([bag], wanted, strict=False, namespace=chosen)
     except RecordingError as error:
         report.add("error", "undecodable", str(error))
-        return report
+        return
     for damage in content.damage:
         missing = damage.endswith("metadata.yaml is missing")
         report.add(*(("warning", "missing_metadata") if missing else ("error", "damaged")), damage)
@@ -73,17 +87,14 @@ def check_bag(
     _check_counts(bag, content, report)
     if not content.topics:
         report.add("error", "empty", "the bag holds no messages")
-        return report
+        return
     if channels is None:
-        _check_topics(content, report, None if robot is None else robot.joint_names)
+        _check_topics(content, report, joints)
     for series in content.series.values():
         if series.count and (channels is not None or series.type_name == TYPES.get(series.topic)):
             _check_series(series, report)
     if channels is None:
         _check_drift(content, report)
-    if report.usable:
-        _check_whole(path, channels, robot, report, namespace)
-    return report
 
 
 def _check_whole(

@@ -11,6 +11,8 @@ from elastic_arm.recording.recording import Recording
 # rad (or m), rad/s, Nm, rad/s². Angles larger than that have lost the digits that a motion is computed from; numbers of
 # this size are counts of an encoder, or a channel that holds something else.
 LARGEST = {"position": 1e6, "velocity": 1e6, "effort": 1e9, "acceleration": 1e9}
+# Nm; the squares of smaller torques are zero, whatever they measure.
+SMALLEST_TORQUE = 1e-150
 _UNITS = {"position": "rad", "velocity": "rad/s", "effort": "Nm", "acceleration": "rad/s²"}
 
 
@@ -37,5 +39,11 @@ def require_possible(recording: Recording) -> None:
                 raise RecordingError(
                     f"{recording.source or 'the recording'}: {what} reaches {largest.max():.3g} {_UNITS[channel]}, "
                     "which is of no arm",
+                    "Look at its unit, and at what the channel holds",
+                )
+            if channel == "effort" and 0.0 < largest.max() < SMALLEST_TORQUE:
+                raise RecordingError(
+                    f"{recording.source or 'the recording'}: {name} effort is {largest.max():.3g} Nm at most, which is "
+                    "of no arm",
                     "Look at its unit, and at what the channel holds",
                 )

@@ -101,6 +101,19 @@ def bag_info(path: str | Path, channels: ChannelMap | None = None, namespace: st
     RecordingError
         If there is nothing that can be read.
     """
+    info = _counted(path)
+    try:
+        recording = read_recording(path, channels, namespace=namespace)
+    except RecordingError as error:
+        info.notes.append(str(error))
+        return info
+    info.joints, info.notes = list(recording.joints), [n for n in recording.notes if n not in info.damage]
+    info.channels = [f"{side}.{name}" for side, values in recording.sides().items() for name in values.channels()]
+    return info
+
+
+def _counted(path: str | Path) -> BagInfo:
+    """Count the messages of a bag. Its files are closed behind it: one may take half of the memory, unpacked."""
     bag = open_bag(path)
     topics: dict[str, TopicInfo] = {}
     kinds: set[str] = set()
@@ -115,12 +128,4 @@ def bag_info(path: str | Path, channels: ChannelMap | None = None, namespace: st
                 topic.count += count
                 topic.first_ns, topic.last_ns = min(topic.first_ns, first), max(topic.last_ns, last)
     sizes = {file.path.name: file.size for file in bag.files}
-    info = BagInfo(str(path), sizes, sorted(kinds), list(topics.values()), damage=bag.all_damage())
-    try:
-        recording = read_recording(path, channels, namespace=namespace)
-    except RecordingError as error:
-        info.notes.append(str(error))
-        return info
-    info.joints, info.notes = list(recording.joints), [n for n in recording.notes if n not in info.damage]
-    info.channels = [f"{side}.{name}" for side, values in recording.sides().items() for name in values.channels()]
-    return info
+    return BagInfo(str(path), sizes, sorted(kinds), list(topics.values()), damage=bag.all_damage())

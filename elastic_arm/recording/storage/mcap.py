@@ -190,6 +190,7 @@ class McapFile:
         RecordingError
             If a chunk is damaged.
         """
+        self._before = None
         starts = np.array([*(chunk.start_ns for chunk in self.chunks), LATEST_NS], np.int64)
         first, *horizons = np.minimum.accumulate(starts[::-1])[::-1].tolist()
         if len(self.loose):
@@ -200,7 +201,7 @@ class McapFile:
                 yield block
             elif strict:
                 raise block
-            else:
+            elif block.problem not in self.damage:  # as after an earlier look
                 self.damage.append(block.problem)
 
     def _unpacked_chunks(self) -> Iterator[Bytes | RecordingError]:

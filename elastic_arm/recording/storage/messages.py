@@ -58,8 +58,19 @@ def read_topics(path: str | Path) -> list[Topic]:
     RecordingError
         If the bag cannot be read.
     """
+    return topics_of(open_bag(path).files)
+
+
+def topics_of(files: Sequence[BagFile]) -> list[Topic]:
+    """Return the topics of opened files; where a file does not list them all, from a look through its messages.
+
+    Parameters
+    ----------
+    files
+        The files; damage that is met on the way is noted in them.
+    """
     found: dict[str, Topic] = {}
-    for file in open_bag(path).files:
+    for file in files:
         if not all(topic.type_name for topic in file.topics()) or not file.topics():
             for _ in file.blocks(strict=False):
                 pass

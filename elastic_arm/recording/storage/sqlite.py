@@ -173,7 +173,8 @@ class SqliteFile:
                 raise RecordingError(
                     problem, f"Save what can be saved with: elastic-arm bag check --repair {self.path}"
                 ) from None
-            self.damage.append(problem)
+            if problem not in self.damage:  # as after an earlier look
+                self.damage.append(problem)
         if rows:
             yield _block(rows)
 

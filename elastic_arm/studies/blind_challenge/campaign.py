@@ -21,6 +21,7 @@ from elastic_arm.diagnosis.settings import DiagnosisSettings
 from elastic_arm.effects import EFFECTS, Catalogue
 from elastic_arm.effects.text import known_effects
 from elastic_arm.errors import DiagnosisError, RecordingError, SimulationError
+from elastic_arm.input_files import read_text
 from elastic_arm.memory import keep_memory
 from elastic_arm.recording import read_recording, write_recording
 from elastic_arm.robot import Robot, load_robot
@@ -44,6 +45,7 @@ from elastic_arm.studies.blind_challenge.sealed_truth import NAME, drop_pieces, 
 from elastic_arm.studies.blind_challenge.simulated_arm import arm_maker
 
 MANIFEST = "challenge.json"
+MAKE_ONE = "Name the folder of a challenge, or make one in a new folder: elastic-arm challenge create DIR"
 # Folders of answers: of the diagnosis, of the diagnosis without the arm's effect, and of plain least squares with BIC.
 ANSWERS, WITHHELD, BASELINE = "answers", "withheld", "baseline"
 FILES = "effects"  # folder of a challenge that holds copies of the files with effects of the user
@@ -147,8 +149,8 @@ def create(
     """
     plain = json.loads(json.dumps(asdict(settings)))
     manifest_path = folder / MANIFEST
-    if manifest_path.is_file():
-        known = json.loads(manifest_path.read_text())
+    if manifest_path.exists():
+        known = _read_manifest(manifest_path)
         if json.loads(json.dumps(asdict(ChallengeSettings()))) | known["settings"] != plain:
             raise DiagnosisError(f"{folder} holds another challenge", "Choose another folder")
         if "truth_sha256" in known:
@@ -225,12 +227,19 @@ def load_manifest(folder: Path) -> dict[str, Any]:
     DiagnosisError
         If there is none, or it is not complete.
     """
-    path = folder / MANIFEST
-    if not path.is_file():
-        raise DiagnosisError(f"{folder} holds no challenge", "Make one: elastic-arm challenge create DIR")
-    manifest: dict[str, Any] = json.loads(path.read_text())
+    manifest = _read_manifest(folder / MANIFEST)
     if "truth_sha256" not in manifest or not (folder / NAME).is_file():
         raise DiagnosisError(f"{folder} holds a challenge that is not complete", "Go on with challenge create")
+    return manifest
+
+
+def _read_manifest(path: Path) -> dict[str, Any]:
+    try:
+        manifest = json.loads(read_text(path, DiagnosisError, MAKE_ONE))
+    except (ValueError, RecursionError):
+        manifest = None
+    if not isinstance(manifest, dict) or not isinstance(manifest.get("settings"), dict):
+        raise DiagnosisError(f"{path} is no manifest of a challenge", MAKE_ONE)
     return manifest
 
 

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import multiprocessing
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any
 
 from elastic_arm.errors import MissingExtraError
+from elastic_arm.interrupts import interrupts_held
 
 # Each worker is one core's work; the libraries under it must not take more.
 ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
@@ -61,6 +63,12 @@ def _client(workers: int, scheduler: str | None) -> Iterator[Any]:
         with Client(scheduler) as client:
             yield client, as_completed
         return
-    cluster = LocalCluster(n_workers=workers, threads_per_worker=1, dashboard_address="127.0.0.1:0", env=ONE_THREAD)
+    with interrupts_held():  # for good in its threads and workers, which are ended below
+        cluster = LocalCluster(n_workers=workers, threads_per_worker=1, dashboard_address="127.0.0.1:0", env=ONE_THREAD)
     with cluster, Client(cluster) as client:
-        yield client, as_completed
+        try:
+            yield client, as_completed
+        except (KeyboardInterrupt, GeneratorExit):  # nobody waits for what they are at
+            for process in multiprocessing.active_children():
+                process.terminate()
+            raise

@@ -10,6 +10,8 @@ from concurrent.futures import ProcessPoolExecutor
 from types import TracebackType
 from typing import Any, TypeVar
 
+from elastic_arm.interrupts import interrupts_held, take_interrupts
+
 Result = TypeVar("Result")
 Task = Callable[[], Any]
 Advance = Callable[[], None]
@@ -65,7 +67,8 @@ class ProcessPool:
                 results.append(task())
                 advance()
             return lambda: results
-        futures = [self._pool.submit(task) for task in tasks]
+        with interrupts_held():
+            futures = [self._pool.submit(task) for task in tasks]
         for future in futures:
             future.add_done_callback(lambda _: advance())
         return lambda: [future.result() for future in futures]
@@ -77,5 +80,5 @@ class ProcessPool:
 
 def _begin() -> None:
     """Take one thread, and end quietly on a Ctrl-C, which reaches all processes of a terminal."""
-    signal.signal(signal.SIGINT, signal.SIG_DFL)
+    take_interrupts(signal.SIG_DFL)
     os.environ["OMP_NUM_THREADS"] = os.environ["OPENBLAS_NUM_THREADS"] = "1"
