@@ -67,12 +67,13 @@ def assemble(
     by_place = _by_place(prepared, judgement, hypothesis.baseline, residuals)
     still_open = _open_rows(prepared, judgement, estimated, hypothesis.baseline, residuals, by_place)
     kept = [*still_open, *laws.unlike_noise, *_rows_beyond_ordinary(prepared, estimated, ranked)]
+    gained = judgement.log_likelihood + sum(fault.gain for fault in estimated.faults)
     answer = verdict(
         _share_as_mounted(prepared, judgement, laws.refuted(estimated.faults), hypothesis.selected),
         caused=bool(ranked),
         unexplained=stands_out or bool(traces) or laws.beside is not None or bool(kept),
         open_places=bool(still_open),
-        refuted=bool(laws.instead),
+        refuted=bool(laws.instead) or (prepared.mounting is None and laws.outweigh(gained)),
         settings=settings.judgement,
     )
     if answer == "unknown":
@@ -170,7 +171,7 @@ def verdict(
     open_places
         Whether some joint and side keeps too much of its own gap.
     refuted
-        Whether some cause stands in for a law that no catalogue has.
+        Whether some cause stands in for a law that no catalogue has, or such a law explains more than all of them.
     """
     if open_places or refuted:
         return "unknown"

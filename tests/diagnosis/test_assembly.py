@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import replace
 from functools import cache
+from types import SimpleNamespace
+from typing import Any
 
 import pytest
 
@@ -12,6 +14,7 @@ from elastic_arm.diagnosis import Question
 from elastic_arm.diagnosis.assembly import assemble
 from elastic_arm.diagnosis.inference.estimated_hypothesis import EstimatedHypothesis, estimate
 from elastic_arm.diagnosis.inference.judgement import Judgement, judge
+from elastic_arm.diagnosis.laws.better_laws import BetterLaws
 from elastic_arm.diagnosis.pipeline import best_hypothesis
 from elastic_arm.diagnosis.preparation import PreparedData, prepare, with_candidates
 from elastic_arm.diagnosis.result import Diagnosis
@@ -119,3 +122,11 @@ def test_without_a_gap_nothing_shrinks() -> None:
     judgement = judge(prepared, found.stepwise.with_rivals(found.hypothesis))
     found = assemble(prepared, judgement, estimate(prepared, judgement.hypothesis))
     assert (found.verdict, found.causes, found.shrink, found.shrink_interval) == ("none", (), None, None)
+
+
+def test_a_law_that_explains_more_than_all_causes_leaves_the_gap_unexplained() -> None:
+    """A late channel of 90 nats does not explain an arm on which a law of no catalogue explains 340."""
+    law: Any = SimpleNamespace(gain=340.0)
+    assert BetterLaws(law).outweigh(90.0)
+    assert not BetterLaws(law).outweigh(500.0)
+    assert not BetterLaws().outweigh(0.0)

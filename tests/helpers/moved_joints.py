@@ -68,4 +68,4 @@ def _signals(rng: np.random.Generator) -> Signals:
         "sign_motor": np.tanh(dq / 1e-3),
         "progress": (t / t[-1] - 0.5)[:, None],
     }
-    return Signals(t, values, model_torques={"tau_J": load, "tau_m": load})
+    return Signals(t, values, model_torques={"tau_J": load, "tau_m": load, "clear": load})

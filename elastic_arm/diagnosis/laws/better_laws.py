@@ -50,6 +50,10 @@ class BetterLaws:
         """Each of them."""
         return [*self.instead.values(), *([self.beside] if self.beside else [])]
 
+    def outweigh(self, gained: float) -> bool:
+        """Whether the one beside all causes explains more than they gain together, nats."""
+        return self.beside is not None and self.beside.gain > gained
+
     def refuted(self, faults: Sequence[LargeImperfection]) -> list[LargeImperfection]:
         """Return those faults in whose place one of them explains more."""
         return [fault for fault in faults if fault.feature.key in self.instead]

@@ -11,7 +11,7 @@ import pytest
 from elastic_arm.diagnosis.calibration.columns import _drive_entries, _turnover
 from elastic_arm.diagnosis.calibration.nuisance import NuisanceParameter
 from elastic_arm.dynamics import build_model
-from elastic_arm.estimation.motion import Motion
+from elastic_arm.estimation.motion import CompletedMotion, Motion
 from elastic_arm.robot import load_robot
 
 
@@ -49,3 +49,17 @@ def test_the_column_of_a_damping_is_the_rate_at_which_the_spring_is_wound(monkey
     damping = NuisanceParameter("damping", "joint_2", "1", 0.4, 1.0)
     column = _drive_entries(model, robot, part, [damping], ()).dense()[:, robot.n + 1, 0]
     assert column == pytest.approx(0.4 * gear.damping * 6e-3 * np.cos(3 * t), abs=1e-3 * 0.4 * gear.damping * 6e-3)
+
+
+@pytest.mark.parametrize(("side", "row"), [("link", 1), ("motor", 7)])
+def test_friction_turns_over_in_the_equation_of_its_own_side(side: str, row: int) -> None:
+    """By the velocity of that side; the other equations do not show it."""
+    t, robot = np.arange(2000) / 1000.0, load_robot(None)
+    velocity = {"link": np.outer(0.5 * np.sin(7 * t), np.ones(robot.n)), "motor": np.outer(np.cos(5 * t), [1, 1, 1])}
+    none = np.zeros_like(velocity["link"])
+    quiet = CompletedMotion(t, none, velocity["link"], none, none, velocity["motor"], none, none, none)
+    part: Any = SimpleNamespace(signals=None, stretch=SimpleNamespace(quiet=quiet))
+    turnover = NuisanceParameter("presliding", "joint_2", "Nm", 2.0, 0.0, speeds=(5e-4, 2e-3), side=side)
+    columns = _drive_entries(build_model(robot, "mod3"), robot, part, [turnover], ()).dense()[:, :, 0]
+    assert columns[:, row] == pytest.approx(2.0 * _turnover(velocity[side][:, 1], t, (5e-4, 2e-3)))
+    assert not np.delete(columns, row, axis=1).any()

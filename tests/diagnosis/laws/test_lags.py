@@ -11,7 +11,7 @@ import pytest
 
 from elastic_arm.diagnosis.inference.estimates import ParameterEstimate
 from elastic_arm.diagnosis.laws.better_laws import BetterLaws
-from elastic_arm.diagnosis.laws.lags import _contradict, filters_for_delays
+from elastic_arm.diagnosis.laws.lags import _contradict, _passed, delays_for_filters, filters_for_delays
 from elastic_arm.diagnosis.ranked_causes import RankedCause
 from elastic_arm.diagnosis.result import Cause
 from elastic_arm.diagnosis.selection.candidates import feature_of
@@ -108,3 +108,41 @@ def test_a_low_pass_moved_back_differs_from_nothing_at_second_order() -> None:
     inner = slice(100, -100)
     expected = -0.5 * T**2 * omega**2 * np.sin(omega * t)
     np.testing.assert_allclose((behind - torque)[inner, 0], expected[inner], atol=0.1 * np.abs(expected).max())
+
+
+@pytest.mark.parametrize(("expected", "doubtful"), [(0.5 * DETECTED, True), (2.0 * DETECTED, False)])
+def test_a_low_pass_that_a_delay_could_be_is_said_to_be_either(
+    expected: float, doubtful: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """What a search took for a low pass is compared with the delay: where their difference is not to be seen, both."""
+    monkeypatch.setattr("elastic_arm.diagnosis.laws.lags._difference", lambda *_: [])
+    lag: Any = SimpleNamespace(
+        is_lag=True, joint="joint_1", channel="motor_torque", feature=feature_of(DELAY, EQUATIONS)
+    )
+    prepared: Any = SimpleNamespace(
+        settings=DiagnosisSettings(),
+        model=SimpleNamespace(robot=ROBOT),
+        calibration=SimpleNamespace(parameters=[lag]),
+    )
+    comparison: Any = SimpleNamespace(against=lambda _: (expected, expected))
+    cause = Candidate(feature_of(LOW_PASS, EQUATIONS).whole(), (16.0,), slice(0, 0), fixed=True)
+    found = delays_for_filters(prepared, comparison, [], [cause])
+    assert list(found) == ([cause.feature.key] if doubtful else [])
+    for rival in found.values():
+        assert (rival.candidate.feature.effect.id, rival.candidate.feature.joint) == ("time_delay", "joint_1")
+        assert rival.odds == 1.0
+
+
+def test_noise_of_the_torque_does_not_decide_between_delay_and_low_pass() -> None:
+    """What is left of it in the difference of the two follows itself in the residual by less than a tenth."""
+    rng, t, T, std = np.random.default_rng(5), np.arange(0.0, 20.0, 1e-3), 2e-3, 0.3
+    true = 30.0 * np.sin(2 * np.pi * 0.7 * t) + 8.0 * np.sin(2 * np.pi * 4.0 * t)
+    noise = std * rng.standard_normal(len(t))
+    motion = SimpleNamespace(tau_J=None, tau_m=(true + noise)[:, None])
+    signals = SimpleNamespace(t=t, torque_noise={"tau_m": np.array([std**2])})
+    part: Any = SimpleNamespace(signals=signals, stretch=SimpleNamespace(motion=motion))
+    column = _passed(part, "tau_m", 0, T)[200:-200, 0]
+    torque = true[:, None]
+    clean = (moved(t, torque + low_pass_error(t, torque, 1.0 / (2 * np.pi * T)), T) - torque)[200:-200, 0]
+    assert column @ clean == pytest.approx(clean @ clean, rel=0.1)
+    assert abs((column - clean) @ noise[200:-200]) < 0.1 * clean @ clean
