@@ -21,8 +21,10 @@ from elastic_arm.diagnosis.selection.candidates import feature_of
 from elastic_arm.diagnosis.selection.hypothesis import Key, Rival
 from elastic_arm.diagnosis.selection.regressor_library import Candidate
 from elastic_arm.effects import EffectInstance
-from elastic_arm.effects.library.torque_filters import CHANNELS, CLEAR, Clear, low_pass_error, moved
+from elastic_arm.effects.library.torque_filters import CHANNELS, low_pass_error, moved
 from elastic_arm.estimation.effect_columns import Feature
+from elastic_arm.estimation.known_torques import CLEAR
+from elastic_arm.estimation.noise import wiener_filtered
 from elastic_arm.estimation.whitening import Part, WhitenedData
 
 Array = NDArray[np.float64]
@@ -188,8 +190,9 @@ def _passed(part: Part, name: str, joint: int, delay: float) -> Array:
     delay
         s.
     """
-    t, motion = part.signals.t, part.stretch.motion
-    recorded = (motion.tau_J if name == "tau_J" else motion.tau_m)[:, [joint]]
-    torque = Clear(t, recorded, CLEAR * part.signals.torque_noise[name][[joint]])(recorded, [0])
+    t, motion, noise = part.signals.t, part.stretch.motion, part.noise
+    recorded = (motion.tau_J if name == "tau_J" else motion.tau_m)[:, joint]
+    white = np.full(len(noise.f), part.signals.torque_noise[name][joint])
+    torque = wiener_filtered(recorded, noise.rate, noise.f, white, CLEAR)[:, None]
     behind = torque + low_pass_error(t, torque, 1.0 / (2.0 * np.pi * delay))
     return np.asarray(moved(t, behind, delay) - torque)

@@ -140,7 +140,8 @@ def test_noise_of_the_torque_does_not_decide_between_delay_and_low_pass() -> Non
     noise = std * rng.standard_normal(len(t))
     motion = SimpleNamespace(tau_J=None, tau_m=(true + noise)[:, None])
     signals = SimpleNamespace(t=t, torque_noise={"tau_m": np.array([std**2])})
-    part: Any = SimpleNamespace(signals=signals, stretch=SimpleNamespace(motion=motion))
+    noises = SimpleNamespace(rate=1000.0, f=np.linspace(0.0, 50.0, 400))
+    part: Any = SimpleNamespace(signals=signals, stretch=SimpleNamespace(motion=motion), noise=noises)
     column = _passed(part, "tau_m", 0, T)[200:-200, 0]
     torque = true[:, None]
     clean = (moved(t, torque + low_pass_error(t, torque, 1.0 / (2 * np.pi * T)), T) - torque)[200:-200, 0]
