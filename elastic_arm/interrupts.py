@@ -42,7 +42,8 @@ class NotedInterrupts:
     """Calls a function on SIGINT while a library runs that takes it for itself, as NOMAD does at every step, for good.
 
     A context, in which nothing is raised: a library that calls Python swallows what is. Behind it SIGINT does what it
-    did before. In other threads than the main one, and where SIGINT is ignored, nothing is done.
+    did before. Where it was ignored, or ends the process, it is and does so within, too, without a call. In other
+    threads than the main one nothing is done.
 
     Parameters
     ----------
@@ -64,5 +65,6 @@ class NotedInterrupts:
 
     def take(self) -> None:
         """Take SIGINT back from the library, which has called Python."""
-        if self._main and callable(self._before):
-            signal.signal(signal.SIGINT, lambda number, frame: self._note())
+        before = self._before
+        if self._main and before is not None:
+            signal.signal(signal.SIGINT, (lambda number, frame: self._note()) if callable(before) else before)

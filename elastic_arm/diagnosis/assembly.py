@@ -67,7 +67,7 @@ def assemble(
     by_place = _by_place(prepared, judgement, hypothesis.baseline, residuals)
     still_open = _open_rows(prepared, judgement, estimated, hypothesis.baseline, residuals, by_place)
     kept = [*still_open, *laws.unlike_noise, *_rows_beyond_ordinary(prepared, estimated, ranked)]
-    # Causes of a gap that shows by size explain more of it than they gain beside numbers that are off.
+    # A gap that shows by size is judged by the share that causes take of it, a faint one by nats alone.
     faint = measure.name == "likelihood" and prepared.mounting is None
     gained = judgement.log_likelihood + sum(fault.gain for fault in estimated.faults)
     answer = verdict(

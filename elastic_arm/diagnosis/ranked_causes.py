@@ -60,10 +60,12 @@ class RankedCause:
             if filtered.odds > 1.0:
                 cause = _as_low_pass(cause, filtered)
             else:
-                sure = cause.confidence / (1.0 + filtered.odds)
+                feature = filtered.candidate.feature
+                same = [a for a in cause.alternatives if (a.effect, a.joint) == (feature.effect.id, feature.joint)]
+                # What the search gave to both is shared anew: it was decided by other columns.
+                sure = (cause.confidence + sum(a.confidence for a in same)) / (1.0 + filtered.odds)
+                kept = [a for a in cause.alternatives if a not in same]
                 other = _alternative(filtered, sure, self.candidate)
-                # What the search said of the same alternative was decided by less.
-                kept = [a for a in cause.alternatives if (a.effect, a.joint) != (other.effect, other.joint)]
                 cause = replace(cause, confidence=sure, alternatives=(*kept, other))
         if key in laws.instead:
             cause = cause.against(float(np.exp(min(laws.instead[key].gain, MOST_NATS))))

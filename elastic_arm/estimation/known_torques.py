@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elastic_arm.dynamics import Model
-from elastic_arm.effects.library.torque_filters import low_pass_error
+from elastic_arm.effects.library.torque_filters import CLEAR, low_pass_error
 from elastic_arm.estimation.effect_columns import Feature
 from elastic_arm.estimation.motion import CompletedMotion, drive_constants
 from elastic_arm.estimation.noise import reduced_to, wiener_filtered
@@ -25,7 +25,6 @@ from elastic_arm.estimation.residuals import predicted_torques
 Array = NDArray[np.float64]
 
 TINY = 1e-300  # numerical
-CLEAR = 100.0  # times its noise, from which a load is clear of it: what is left is a tenth of it in size; convention
 
 
 @dataclass(frozen=True, eq=False)

@@ -64,7 +64,7 @@ class NoiseModel:
     scales
         (R,) by how many times more each row scatters than this noise, beside the others; None where all do alike.
     floor
-        Share of its noise that each equation has besides, on its own.
+        Share of the size of its noise that each equation has besides, on its own.
     """
 
     f: Array
@@ -127,8 +127,7 @@ class NoiseModel:
         for channel in self.colour.coefficients:
             way, density = self.torques[channel], self.colour.density(channel, f)
             found += (way * density[:, None, :]) @ way.T
-            found += np.eye(len(way)) * np.tile(self.floor**2 * density, len(way) // density.shape[1])[:, None, :]
-        return found
+        return found * (1.0 + self.floor**2 * np.eye(found.shape[1]))
 
 
 def noise_models(

@@ -101,7 +101,8 @@ def bases(
     w, a = v["dx"][:, offset + i], v["ddx"][:, offset + i]
     sign = v["sign_link" if side == "link" else "sign_motor"][:, i]
     theta, q, load = v["x"][:, motor + i], v["x"][:, i], v["tau_J"][:, i]
-    # Without the encoders' noise, which is in the residuals, too, and whose rate grows with the frequency.
+    # Of the load clear of noise: that of the encoders is in the residuals, too, and differentiating raises it. The load
+    # itself is the one of which the columns of nuisance parameters are made, so that these hold what is theirs.
     rate = rates_of(signals.t, signals.model_torques["clear"][:, i])
     typical = float(np.sqrt(np.mean(w**2))) or 1.0
     waves = [f(k * ratios[0] * theta) for k in settings.orders for f in (np.sin, np.cos)]

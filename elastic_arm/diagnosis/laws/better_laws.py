@@ -86,7 +86,8 @@ def better_laws(
     library = prepared.library if final is None else final.fit.found.library
     comparison = LawComparison(library, estimated.optimum, prepared.settings)
     filters = filters_for_delays(prepared, comparison, library.sets, estimated.faults)
-    found = [estimated.hypothesis.selected[k] for k in estimated.hypothesis.causes]
+    keys = {estimated.hypothesis.selected[k].feature.key for k in estimated.hypothesis.causes}
+    found = [candidate for candidate in estimated.optimum if candidate.feature.key in keys and candidate.fixed]
     filters |= delays_for_filters(prepared, comparison, library.sets, found)
     loads = {} if final is None else loads_for_offsets(library.sets, estimated, final, prepared.settings.general_laws)
     beside = comparison.beside(range(prepared.model.n))

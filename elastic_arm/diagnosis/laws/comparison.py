@@ -170,19 +170,27 @@ class LawComparison:
         found[list(wider)] = list(wider.values())
         return found
 
-    def against(self, blocks: Sequence[Sequence[Array]]) -> tuple[float, float]:
+    def against(self, blocks: Sequence[Sequence[Array]], cause: Candidate | None = None) -> tuple[float, float]:
         """Return by how many nats a law is to be expected to lose against another one, and by how many that wins.
 
         Parameters
         ----------
         blocks
             What the other one adds to the residuals (N', R, 1) of each stretch, of identification and validation.
+        cause
+            The law, where it is a cause of a fixed size: neither that nor its parameters compete with the other one.
+            None where it is among the nuisance parameters.
         """
+        base = self._whole if cause is None else self._beside(cause.feature.key)
+        left = base.left
+        if cause is not None:
+            own = np.concatenate([self._library.matrix(which, cause.index) for which in (0, 1)])
+            left = left - _without(self._with_priors(own), base.basis)[:, 0]
         sets = zip(self._library.sets, blocks, strict=True)
         column = self._with_priors(np.vstack([data.whiten(parts) for data, parts in sets]))
-        column = _without(column, self._whole.basis)[:, 0]
+        column = _without(column, base.basis)[:, 0]
         expected = 0.5 * float(column @ column) / self._noise
-        return expected, float(column @ self._whole.left) / self._noise - expected
+        return expected, float(column @ left) / self._noise - expected
 
     @cached_property
     def _whole(self) -> _Base:

@@ -134,7 +134,7 @@ def _signal(name: str, column: int) -> Argument:
 
 
 def _load(joint: int) -> Argument:
-    """Return the torque (N,) in a joint, as predicted and clear of noise, as that is in the residuals, too."""
+    """Return the predicted torque (N,) in a joint, clear of the encoders' noise, which is in the residuals, too."""
     return lambda signals: np.asarray(signals.model_torques["clear"][:, joint])
 
 

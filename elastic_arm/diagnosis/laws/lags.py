@@ -21,9 +21,8 @@ from elastic_arm.diagnosis.selection.candidates import feature_of
 from elastic_arm.diagnosis.selection.hypothesis import Key, Rival
 from elastic_arm.diagnosis.selection.regressor_library import Candidate
 from elastic_arm.effects import EffectInstance
-from elastic_arm.effects.library.torque_filters import CHANNELS, low_pass_error, moved
+from elastic_arm.effects.library.torque_filters import CHANNELS, CLEAR, low_pass_error, moved
 from elastic_arm.estimation.effect_columns import Feature
-from elastic_arm.estimation.known_torques import CLEAR
 from elastic_arm.estimation.noise import wiener_filtered
 from elastic_arm.estimation.whitening import Part, WhitenedData
 
@@ -77,20 +76,21 @@ def delays_for_filters(
     sets: Sequence[WhitenedData],
     causes: Sequence[Candidate],
 ) -> dict[Key, Rival]:
-    """Return the delays that could stand in the place of low passes, at even odds, by key of the low pass.
+    """Return the delays that could stand in the place of low passes of one torque channel, by key of the low pass.
 
     A search takes the low pass that fits best. Where what it does beside a delay as late is not to be seen, that was
-    decided by other imperfections of the model.
+    decided by other imperfections of the model; and where the delay fits better, the search had other columns: the odds
+    are even.
 
     Parameters
     ----------
     prepared, comparison, sets
         As of :func:`filters_for_delays`.
     causes
-        Of the hypothesis.
+        Of the hypothesis, where the comparison was made.
     """
     found: dict[Key, Rival] = {}
-    parameters = prepared.calibration.parameters
+    parameters, settings = prepared.calibration.parameters, prepared.settings
     for cause in causes:
         feature, (cutoff, *_) = cause.feature, cause.searched or (np.inf,)
         if not is_low_pass(feature.effect) or _channel(feature) is None or not np.isfinite(cutoff):
@@ -99,11 +99,14 @@ def delays_for_filters(
         if not lags:
             continue
         delay = 1.0 / (2.0 * np.pi * cutoff)
-        expected, _ = comparison.against(_summed(_differences(prepared, sets, feature, delay)))
-        if expected < prepared.settings.significance.detected:
+        added = _summed(_differences(prepared, sets, feature, delay))
+        expected, ratio = comparison.against([[-part for part in parts] for parts in added], cause)
+        decided = expected >= settings.significance.detected
+        odds = float(np.exp(np.clip(ratio, -700.0, 0.0))) if decided else 1.0
+        if odds > settings.search.least_odds:
             values = {lags[0].linear[0].name: delay, **lags[0].choices}
             other = feature_of(EffectInstance(lags[0].effect, feature.joint, values), lags[0].equations)
-            found[feature.key] = Rival(Candidate(other, (), slice(0, 0)), 1.0)
+            found[feature.key] = Rival(Candidate(other, (), slice(0, 0)), odds)
     return found
 
 
@@ -192,7 +195,9 @@ def _passed(part: Part, name: str, joint: int, delay: float) -> Array:
     """
     t, motion, noise = part.signals.t, part.stretch.motion, part.noise
     recorded = (motion.tau_J if name == "tau_J" else motion.tau_m)[:, joint]
-    white = np.full(len(noise.f), part.signals.torque_noise[name][joint])
-    torque = wiener_filtered(recorded, noise.rate, noise.f, white, CLEAR)[:, None]
+    density = np.full(len(noise.f), part.signals.torque_noise[name][joint])
+    if noise.colour is not None:
+        density += noise.colour.density(name, noise.f)[:, joint]
+    torque = wiener_filtered(recorded, noise.rate, noise.f, density, CLEAR)[:, None]
     behind = torque + low_pass_error(t, torque, 1.0 / (2.0 * np.pi * delay))
     return np.asarray(moved(t, behind, delay) - torque)

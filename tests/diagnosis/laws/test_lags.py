@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scipy.signal import lfilter
 
 from elastic_arm.diagnosis.inference.estimates import ParameterEstimate
 from elastic_arm.diagnosis.laws.better_laws import BetterLaws
@@ -124,7 +125,7 @@ def test_a_low_pass_that_a_delay_could_be_is_said_to_be_either(
         model=SimpleNamespace(robot=ROBOT),
         calibration=SimpleNamespace(parameters=[lag]),
     )
-    comparison: Any = SimpleNamespace(against=lambda _: (expected, expected))
+    comparison: Any = SimpleNamespace(against=lambda *_: (expected, -expected))
     cause = Candidate(feature_of(LOW_PASS, EQUATIONS).whole(), (16.0,), slice(0, 0), fixed=True)
     found = delays_for_filters(prepared, comparison, [], [cause])
     assert list(found) == ([cause.feature.key] if doubtful else [])
@@ -133,17 +134,24 @@ def test_a_low_pass_that_a_delay_could_be_is_said_to_be_either(
         assert rival.odds == 1.0
 
 
-def test_noise_of_the_torque_does_not_decide_between_delay_and_low_pass() -> None:
-    """What is left of it in the difference of the two follows itself in the residual by less than a tenth."""
+@pytest.mark.parametrize("slow", [False, True])
+def test_noise_of_the_torque_does_not_decide_between_delay_and_low_pass(slow: bool) -> None:
+    """What is left of it in the difference of the two follows itself in the residual by less than a third."""
     rng, t, T, std = np.random.default_rng(5), np.arange(0.0, 20.0, 1e-3), 2e-3, 0.3
     true = 30.0 * np.sin(2 * np.pi * 0.7 * t) + 8.0 * np.sin(2 * np.pi * 4.0 * t)
-    noise = std * rng.standard_normal(len(t))
+    noise, white, colour = std * rng.standard_normal(len(t)), std**2, None
+    if slow:
+        # First order, 10 ms: its density is that of a low pass of 16 Hz, and next to none is white.
+        keep = np.exp(-1e-3 / 0.01)
+        noise, white = lfilter([np.sqrt(1.0 - keep**2)], [1.0, -keep], noise), 1e-3 * std**2
+        density = std**2 * (1.0 - keep**2) / (1.0 - keep) ** 2
+        colour = SimpleNamespace(density=lambda _, f: (density / (1.0 + (f / 15.9) ** 2))[:, None])
     motion = SimpleNamespace(tau_J=None, tau_m=(true + noise)[:, None])
-    signals = SimpleNamespace(t=t, torque_noise={"tau_m": np.array([std**2])})
-    noises = SimpleNamespace(rate=1000.0, f=np.linspace(0.0, 50.0, 400))
+    signals = SimpleNamespace(t=t, torque_noise={"tau_m": np.array([white])})
+    noises = SimpleNamespace(rate=1000.0, f=np.linspace(0.0, 50.0, 400), colour=colour)
     part: Any = SimpleNamespace(signals=signals, stretch=SimpleNamespace(motion=motion), noise=noises)
     column = _passed(part, "tau_m", 0, T)[200:-200, 0]
     torque = true[:, None]
     clean = (moved(t, torque + low_pass_error(t, torque, 1.0 / (2 * np.pi * T)), T) - torque)[200:-200, 0]
     assert column @ clean == pytest.approx(clean @ clean, rel=0.1)
-    assert abs((column - clean) @ noise[200:-200]) < 0.1 * clean @ clean
+    assert abs((column - clean) @ noise[200:-200]) < 0.3 * clean @ clean
