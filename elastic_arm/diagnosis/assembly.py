@@ -67,15 +67,12 @@ def assemble(
     by_place = _by_place(prepared, judgement, hypothesis.baseline, residuals)
     still_open = _open_rows(prepared, judgement, estimated, hypothesis.baseline, residuals, by_place)
     kept = [*still_open, *laws.unlike_noise, *_rows_beyond_ordinary(prepared, estimated, ranked)]
-    # A gap that shows by size is judged by the share that causes take of it, a faint one by nats alone.
-    faint = measure.name == "likelihood" and prepared.mounting is None
-    gained = judgement.log_likelihood + sum(fault.gain for fault in estimated.faults)
     answer = verdict(
         _share_as_mounted(prepared, judgement, laws.refuted(estimated.faults), hypothesis.selected),
         caused=bool(ranked),
         unexplained=stands_out or bool(traces) or laws.beside is not None or bool(kept),
         open_places=bool(still_open),
-        refuted=bool(laws.instead) or (faint and laws.outweigh(gained)),
+        refuted=bool(laws.instead) or (prepared.mounting is None and laws.outweigh(judgement, estimated)),
         settings=settings.judgement,
     )
     if answer == "unknown":

@@ -124,9 +124,15 @@ def test_without_a_gap_nothing_shrinks() -> None:
     assert (found.verdict, found.causes, found.shrink, found.shrink_interval) == ("none", (), None, None)
 
 
-def test_a_law_that_explains_more_than_all_causes_leaves_the_gap_unexplained() -> None:
+@pytest.mark.parametrize(
+    ("measure", "gain", "outweighed"), [("likelihood", 340, 1), ("likelihood", 80, 0), ("excess", 340, 0)]
+)
+def test_a_law_that_explains_more_than_all_causes_of_a_faint_gap_leaves_it_unexplained(
+    measure: str, gain: float, outweighed: bool
+) -> None:
     """A late channel of 90 nats does not explain an arm on which a law of no catalogue explains 340."""
-    law: Any = SimpleNamespace(gain=340.0)
-    assert BetterLaws(law).outweigh(90.0)
-    assert not BetterLaws(law).outweigh(500.0)
-    assert not BetterLaws().outweigh(0.0)
+    judgement: Any = SimpleNamespace(measure=SimpleNamespace(name=measure), log_likelihood=10.0)
+    estimated: Any = SimpleNamespace(faults=(SimpleNamespace(gain=80.0),))
+    law: Any = SimpleNamespace(gain=gain)
+    assert BetterLaws(law).outweigh(judgement, estimated) == outweighed
+    assert not BetterLaws().outweigh(judgement, estimated)

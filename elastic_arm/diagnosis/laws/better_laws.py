@@ -10,6 +10,7 @@ import numpy as np
 from elastic_arm.diagnosis.inference.estimated_hypothesis import EstimatedHypothesis
 from elastic_arm.diagnosis.inference.faults import LargeImperfection
 from elastic_arm.diagnosis.inference.final_estimates import FinalEstimates
+from elastic_arm.diagnosis.inference.judgement import Judgement
 from elastic_arm.diagnosis.inference.lack_of_fit import LackOfFit
 from elastic_arm.diagnosis.inference.regimes import regime, shares
 from elastic_arm.diagnosis.laws.comparison import LawComparison, LawFit
@@ -50,9 +51,10 @@ class BetterLaws:
         """Each of them."""
         return [*self.instead.values(), *([self.beside] if self.beside else [])]
 
-    def outweigh(self, gained: float) -> bool:
-        """Whether the one beside all causes explains more than they gain together, nats."""
-        return self.beside is not None and self.beside.gain > gained
+    def outweigh(self, judgement: Judgement, estimated: EstimatedHypothesis) -> bool:
+        """Whether the one beside all causes explains more than they do, of a gap that does not show by size."""
+        gained = judgement.log_likelihood + sum(fault.gain for fault in estimated.faults)
+        return judgement.measure.name == "likelihood" and self.beside is not None and self.beside.gain > gained
 
     def refuted(self, faults: Sequence[LargeImperfection]) -> list[LargeImperfection]:
         """Return those faults in whose place one of them explains more."""
