@@ -70,10 +70,15 @@ def test_how_gradually_friction_turns_over_is_uncertain_about_where_it_was_found
     robot, settings = load_robot(), RefitSettings()
     turning = np.linspace(0.0, 0.02, robot.n)
     found = nuisance_parameters(robot, (), 1000.0, Priors(), settings, turning=turning)
-    speeds = [p.speeds for p in found if p.joint == robot.joint_names[-1] and p.speeds]
-    assert speeds == [pytest.approx(pair) for pair in ((0.005, 0.02), (0.02, 0.08), (0.02,))]
-    usual = [p.speeds for p in found if p.joint == robot.joint_names[0] and p.speeds]
-    assert usual == [pytest.approx(pair) for pair in ((5e-4, 2e-3), (2e-3, 8e-3), (2e-3,))]
+    for side in ("link", "motor"):
+        own = [p for p in found if p.speeds and p.side == side]
+        speeds = [p.speeds for p in own if p.joint == robot.joint_names[-1]]
+        assert speeds == [pytest.approx(pair) for pair in ((0.005, 0.02), (0.02, 0.08), (0.02,))]
+        usual = [p.speeds for p in own if p.joint == robot.joint_names[0]]
+        assert usual == [pytest.approx(pair) for pair in ((5e-4, 2e-3), (2e-3, 8e-3), (2e-3,))]
+    # Of one equation a joint both sides would be one parameter twice, with a prior that is too wide.
+    single = nuisance_parameters(robot, (), 1000.0, Priors(), settings, turning=turning, sides=("motor",))
+    assert {p.side for p in single if p.speeds} == {"motor"}
 
 
 def test_gains_of_currents_are_as_uncertain_as_torque_constants(tmp_path: Path) -> None:

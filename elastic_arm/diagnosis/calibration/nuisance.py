@@ -231,6 +231,7 @@ def nuisance_parameters(
     settings: RefitSettings,
     motor_inertias: Array | None = None,
     turning: Array | None = None,
+    sides: Sequence[str] = ("link", "motor"),
 ) -> tuple[NuisanceParameter, ...]:
     """Return the numbers of an arm and of its sensors that have a prior.
 
@@ -251,6 +252,8 @@ def nuisance_parameters(
         parameter when None.
     turning
         (n,) speeds within which dry friction was found to turn over, rad/s; None where they were not looked for.
+    sides
+        Of the equations: with one of them alone, how friction turns over is the same on both sides of a drive.
     """
     found: list[NuisanceParameter] = []
     features = tuple(features)
@@ -273,7 +276,7 @@ def nuisance_parameters(
             limit = settings.largest_scale / std if what == "stiffness" else np.inf
             error = errors.get((what, joint.name))
             found.append(NuisanceParameter(what, joint.name, unit, std, neutral, error=error, limit=limit))
-        found += _turnovers(joint, 0.0 if turning is None else float(turning[j]), priors, settings)
+        found += _turnovers(joint, 0.0 if turning is None else float(turning[j]), priors, settings, sides)
     for feature in features:
         chosen = _single_choices(feature)
         if feature.effect.prior is None or feature.joint is None or chosen is None:
@@ -289,9 +292,12 @@ def nuisance_parameters(
     return tuple(found)
 
 
-def _turnovers(joint: Joint, turning: float, priors: Priors, settings: RefitSettings) -> Iterator[NuisanceParameter]:
+def _turnovers(
+    joint: Joint, turning: float, priors: Priors, settings: RefitSettings, sides: Sequence[str]
+) -> Iterator[NuisanceParameter]:
     """Yield how dry friction of a joint turns over on each side, from the speed (rad/s) at which that was found."""
-    for side in ("link", "motor") if joint.transmission is not None else ("motor",):
+    apart = joint.transmission is not None and {"link", "motor"} <= set(sides)
+    for side in ("link", "motor") if apart else ("motor",):
         for k, speeds in enumerate(settings.presliding_speeds(turning)):
             what = f"{PRESLIDING}_{side}_{k}"
             yield NuisanceParameter(

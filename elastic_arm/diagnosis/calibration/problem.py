@@ -154,7 +154,9 @@ def problem_of(
     ]
     inertias = motor_inertia_scales([piece for one in observed[0] for piece in one.pieces])
     first, turning = observed[0][0], observed[0][0].turning
-    parameters = nuisance_parameters(robot, shown, first.rate, settings.priors, settings.refit, inertias, turning)
+    parameters = nuisance_parameters(
+        robot, shown, first.rate, settings.priors, settings.refit, inertias, turning, layout.sides
+    )
     if layout.reads_torque_by_deflection:
         parameters = tuple(unreferenced(parameter) for parameter in parameters)
     parameters += of_each_recording(parameters, exact.numbers[1].stop, settings.priors.between_recordings)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import multiprocessing
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
@@ -64,7 +65,14 @@ def _client(workers: int, scheduler: str | None) -> Iterator[Any]:
             yield client, as_completed
         return
     with interrupts_held():  # for good in its threads and workers, which are ended below
-        cluster = LocalCluster(n_workers=workers, threads_per_worker=1, dashboard_address="127.0.0.1:0", env=ONE_THREAD)
+        # A worker that an interrupt ended is reported as restarted, a warning, while the cluster closes.
+        cluster = LocalCluster(
+            n_workers=workers,
+            threads_per_worker=1,
+            dashboard_address="127.0.0.1:0",
+            env=ONE_THREAD,
+            silence_logs=logging.ERROR,
+        )
     with cluster, Client(cluster) as client:
         try:
             yield client, as_completed

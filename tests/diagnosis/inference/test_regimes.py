@@ -34,6 +34,7 @@ SIGNALS: Any = SimpleNamespace(
         "sign_link": np.sign(SPEED)[:, None],
         "sign_motor": np.sign(SPEED)[:, None],
     },
+    model_torques={"clear": LOAD[:, None]},
 )
 DATA: Any = SimpleNamespace(
     layout=SimpleNamespace(n=1, sides=("link", "motor")),
