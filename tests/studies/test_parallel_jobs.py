@@ -2,18 +2,13 @@
 
 from __future__ import annotations
 
-import os
-import signal
-import subprocess
-import sys
-import time
-from functools import partial
 from pathlib import Path
 
 import psutil
 import pytest
 
 from elastic_arm.studies.blind_challenge.parallel_jobs import _client
+from tests.helpers.interrupted import interrupted
 
 
 def test_a_cluster_of_this_machine_listens_on_loopback_alone() -> None:
@@ -43,17 +38,6 @@ if __name__ == "__main__":
 def test_a_cluster_ends_quietly_on_an_interrupt(tmp_path: Path, delay: float) -> None:
     """Workers that are starting print nothing, and those that work are not waited for."""
     (tmp_path / "script.py").write_text(SCRIPT)
-    process = subprocess.Popen(
-        [sys.executable, str(tmp_path / "script.py")],
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        start_new_session=True,
-        preexec_fn=partial(signal.signal, signal.SIGINT, signal.default_int_handler),
-    )
-    assert process.stdout is not None
-    process.stdout.readline()
-    time.sleep(delay)
-    os.killpg(process.pid, signal.SIGINT)
-    _, complaints = process.communicate(timeout=60)
-    assert complaints.decode() == ""
-    assert process.returncode == 130
+    status, complaints = interrupted([str(tmp_path / "script.py")], delay, patience=60.0)
+    assert complaints == ""
+    assert status == 130

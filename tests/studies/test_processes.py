@@ -3,16 +3,12 @@
 from __future__ import annotations
 
 import math
-import os
-import signal
-import subprocess
-import sys
-import time
 from functools import partial
 
 import pytest
 
 from elastic_arm.studies.paper.parallel import ProcessPool
+from tests.helpers.interrupted import interrupted
 
 
 @pytest.mark.parametrize("workers", [1, 2])
@@ -52,17 +48,6 @@ except KeyboardInterrupt:
 @pytest.mark.parametrize("delay", [0.0, 0.02, 0.05, 0.1, 0.3])
 def test_processes_that_are_starting_end_quietly_on_an_interrupt(delay: float) -> None:
     """A Ctrl-C reaches all processes of a terminal, also those that still load."""
-    process = subprocess.Popen(
-        [sys.executable, "-c", SCRIPT],
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        start_new_session=True,
-        preexec_fn=partial(signal.signal, signal.SIGINT, signal.default_int_handler),
-    )
-    assert process.stdout is not None
-    process.stdout.readline()
-    time.sleep(delay)
-    os.killpg(process.pid, signal.SIGINT)
-    _, complaints = process.communicate(timeout=30)
-    assert complaints.decode() == ""
-    assert process.returncode == 130
+    status, complaints = interrupted(["-c", SCRIPT], delay, patience=30.0)
+    assert complaints == ""
+    assert status == 130
