@@ -11,10 +11,12 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import fdtrc
 
 from elastic_arm.effects.equations import ArmEquations
 from elastic_arm.estimation.motion import Motion
-from elastic_arm.recording.inspection.described_gravity import LEFT, OVERHEAD, SIZE, TURNED, angle_between
+from elastic_arm.identification.verdict import MotionStatistics
+from elastic_arm.recording.inspection.described_gravity import CHANCE, LEFT, OVERHEAD, SIZE, TURNED, angle_between
 from elastic_arm.robot import Robot
 
 Array = NDArray[np.float64]
@@ -97,8 +99,8 @@ def other_mounting(robot: Robot, model: str, motions: Sequence[Motion]) -> Mount
     """Return how the arm is mounted, where its torques exclude what is described; None where they do not.
 
     Torques are linear in gravity, whatever its direction: three columns, beside dry friction and a zero of each joint.
-    The joints that carry most decide. Only where another direction explains them far better, and better than channels
-    of the wrong sign would, the arm is called mounted otherwise.
+    The joints that carry most decide. Only where another direction explains them far better, by more than chance, and
+    better than channels of the wrong sign would, the arm is called mounted otherwise.
 
     Parameters
     ----------
@@ -130,6 +132,7 @@ def other_mounting(robot: Robot, model: str, motions: Sequence[Motion]) -> Mount
         angle_between(shown, described) <= TURNED
         or not SIZE[0] * size <= length <= SIZE[1] * size
         or left >= LEFT * before
+        or _chance(before, left, max(motions, key=len), joints.shape[1:]) > CHANCE
     ):
         return None
     x, y = (np.radians(STEP * round(np.degrees(angle) / STEP)) for angle in tilt_of(shown))
@@ -159,6 +162,29 @@ def _side(*channels: Array | None) -> list[Array] | None:
     """Return the angle of one side and its rates; None where it was not recorded."""
     found = [channel for channel in channels if channel is not None]
     return found if len(found) == len(channels) else None
+
+
+def _chance(before: float, left: float, motion: Motion, laws: tuple[int, ...]) -> float:
+    """Return the probability that gravity of no other direction leaves so much less, by the F test.
+
+    Errors last as long as the motion does: a joint's samples are worth two independent ones a swing.
+
+    Parameters
+    ----------
+    before, left
+        Sums of squares that the described direction leaves, and a free one.
+    motion
+        Whose torques they are of.
+    laws
+        Number of joints, and of the other coefficients.
+    """
+    statistics = MotionStatistics()
+    statistics.add(motion)
+    joints, coefficients = laws
+    freedom = joints * statistics.effective_samples - coefficients - 3
+    if freedom <= 0 or left <= 0:
+        return float(freedom <= 0)
+    return float(fdtrc(3, freedom, (before - left) / 3 / (left / freedom)))
 
 
 def _left_by_joint(columns: Array, target: Array) -> Array:
