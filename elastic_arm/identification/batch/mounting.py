@@ -24,7 +24,7 @@ Array = NDArray[np.float64]
 ENOUGH = 2000  # samples of a motion that are looked at; bounds the time
 STRAIGHT = 1e-6  # of its size, by which gravity may be off straight down; numerical
 # Probability that another direction explains so much more by chance. Masses that are off are no chance, and short
-# motions take them for gravity: of 600 recordings of 5 s two had one below 0.01, of 3e-4 and 7e-3; mountings over 20 s 1e-20.
+# motions take them for gravity: of 600 recordings of 5 s two had 7e-3 and 3e-4. True ones of 20 s have 1e-20.
 CHANCE = 1e-5
 STEP = 1.0  # degree to which a mounting is known: masses are off, and what is compiled for an arm serves the next one
 
