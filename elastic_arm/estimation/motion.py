@@ -90,6 +90,17 @@ class Motion:
         """Whether a motor's motion has to be made of the link's, for an equation of its own beside torque sensors."""
         return self.recorded_at(joint) == {"q", "tau_J", "tau_m"}
 
+    @property
+    def encoders(self) -> Array:
+        """Which encoders angles come from, (2 n, 2 n): from [link, motor] to [q, theta], as :func:`completed` has them.
+
+        An angle that a joint lacks is made of its other one, with whose noise.
+        """
+        n = next(v.shape[1] for v in (self.q, self.theta) if v is not None)
+        has = [[name in self.recorded_at(joint) for joint in range(n)] for name in ("q", "theta")]
+        q, theta = (np.diag(np.array(there, dtype=float)) for there in has)
+        return np.block([[q, np.eye(n) - q], [np.eye(n) - theta, theta]])
+
     def channels(self) -> dict[str, Array]:
         """Return what is there for every sample, by name."""
         kept = {f.name: getattr(self, f.name) for f in fields(self) if f.name not in _NO_CHANNELS}

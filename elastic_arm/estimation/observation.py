@@ -180,18 +180,14 @@ class Observation:
         rest = np.where(np.isinf(crossover), 0.0, w / (np.minimum(crossover, 1e9) ** 2 + w**2))
         return gain * ((share * position) ** 2 + (rest * velocity) ** 2)
 
-    def torque_spectrum(self, channel: str, f: Array, n: int) -> Array:
-        """Noise of a smoothed torque channel at f (F,): (F, n), 1 = white of 1 Nm a sample.
+    def angle_spectrum(self, side: str, f: Array) -> Array:
+        """Noise of the angles of "link" or "motor", (F, n), by whichever encoder: see :meth:`position_spectrum`."""
+        spectra = np.hstack([self.position_spectrum(each, f) for each in ("link", "motor")])
+        link, motor = np.split(spectra @ self.pieces[0].encoders.T, 2, axis=1)
+        return link if side == "link" else motor
 
-        Parameters
-        ----------
-        channel
-            "tau_J" or "tau_m"; without noise where it was not recorded.
-        f
-            (F,) Hz.
-        n
-            Joints.
-        """
+    def torque_spectrum(self, channel: str, f: Array, n: int) -> Array:
+        """Noise of smoothed "tau_J" or "tau_m" at f (F,) Hz, (F, n): 1 = white of 1 Nm a sample, 0 if not recorded."""
         std = {"tau_J": self.noise.tau_J, "tau_m": self.noise.tau_m}[channel]
         return self.gain(f)[:, None] ** 2 * (np.zeros(n) if std is None else std**2)
 
@@ -213,7 +209,7 @@ class Observation:
 
     def quiet_link_spectrum(self, f: Array) -> Array:
         """Noise of the quiet motion's link angles at f (F,) Hz: (F, n), that of the finer encoder of a joint's two."""
-        link, motor = self.position_spectrum("link", f), self.position_spectrum("motor", f)
+        link, motor = self.angle_spectrum("link", f), self.position_spectrum("motor", f)
         return np.where(self._finer_motors, motor, link) * self.quiet_gain(f)[:, None] ** 2
 
     @cached_property

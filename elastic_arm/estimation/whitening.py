@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 from scipy.integrate import trapezoid
+from scipy.linalg import block_diag
 
 from elastic_arm.dynamics import Model
 from elastic_arm.errors import DiagnosisError
@@ -154,16 +155,15 @@ def noise_models(
     torque = np.hstack([observation.torque_spectrum(c, f, n) for c in ("tau_J", "tau_m")])
     spectrum = np.hstack([torque, *(observation.position_spectrum(side, f) for side in ("link", "motor"))])
     poses = _inertias(model, observation)
-    # The noise of motor angles that are made of link angles is that of the link's encoders.
-    made = np.diag([float(observation.pieces[0].follows_link_at(joint)) for joint in range(n)])
+    # What a joint lacks is made of its other encoder, with whose noise.
+    made = block_diag(np.eye(2 * n), observation.pieces[0].encoders)
     # Rows link, drive, motor of the full three; columns tau_J, tau_m, q, theta. First what is the same at all poses.
     still = np.block([[one, zero, none], [one, zero, none], [-one, one, none]])
     wound = np.block([[none, none], [none, one, -one], [none, none]])
-    way = equations.transform @ (still + drive[:, None, :] * wound)
+    way = equations.transform @ (still + drive[:, None, :] * wound) @ made
     # And what accelerations have at each, times the square of the angular frequency.
-    inertial = equations.transform @ np.array(
-        [np.block([[none, M, S], [none, zero, zero], [none, S.T + B @ made, B]]) for M, S, B in poses]
-    )
+    moved = np.array([np.block([[none, M, S], [none, zero, zero], [none, S.T, B]]) for M, S, B in poses])
+    inertial = equations.transform @ moved @ made
     squares = np.einsum("prc,psc->crs", inertial, inertial) / len(poses)
     weighted = way * spectrum[:, None, :]
     mixed = speed2 * (weighted @ inertial.mean(axis=0).T)
@@ -392,7 +392,7 @@ class WhitenedData:
 def _standstill(observation: Observation, f: Array, n: int) -> tuple[Array, Array]:
     speeds = []
     for side in ("link", "motor"):
-        density = (2 * np.pi * f[:, None]) ** 2 * observation.position_spectrum(side, f)
+        density = (2 * np.pi * f[:, None]) ** 2 * observation.angle_spectrum(side, f)
         std = np.sqrt(density.sum(axis=0) * (f[1] - f[0]) * 2 / observation.rate)
         turning = SLOWEST if observation.turning is None else observation.turning
         speeds.append(np.maximum(np.maximum(STANDING * std, SLOWEST), turning) * np.ones(n))

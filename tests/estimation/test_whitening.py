@@ -19,8 +19,11 @@ from elastic_arm.estimation.observation import Observation, observe, widest_band
 from elastic_arm.estimation.residuals import residuals
 from elastic_arm.estimation.whitening import FLOOR, NoiseModel, WhitenedData, noise_models
 from elastic_arm.recording import Side
-from elastic_arm.sensors import Sensors
+from elastic_arm.robot.synthetic import random_arm
+from elastic_arm.sensors import Encoder, Sensors, TorqueSensor
+from elastic_arm.simulation import SimulationSettings, simulate
 from tests.helpers.gap_recordings import ROBOT, motions, record
+from tests.helpers.motions import trajectory
 
 MODEL = build_model(ROBOT, "mod3")
 
@@ -45,6 +48,23 @@ def test_whitened_residuals_of_a_clean_arm_are_white_noise_of_variance_one() -> 
     """What is left where nothing is missing in the model is as much as the noise model states."""
     data = WhitenedData(MODEL, [observation()], *setting())
     assert data.white @ data.white / data.freedom == pytest.approx(1.0, abs=0.15)
+
+
+@pytest.mark.parametrize("side", ["link", "motor"])
+def test_an_encoder_counts_in_all_accelerations_that_are_made_of_it(side: str) -> None:
+    """Be it the link's or the motor's of a rigid arm: what a clean one leaves is as large as the noise model states."""
+    robot, encoder = random_arm(3, np.random.default_rng(2), elastic=False), Encoder(noise=5e-5)
+    sensors = Sensors(link_encoder=encoder, motor_encoder=encoder, motor_torque=TorqueSensor(noise=0.02))
+    settings, rng = SimulationSettings(sensors=sensors), np.random.default_rng(1)
+    recorded = simulate(robot, trajectory(seed=3), settings, duration=15.0, rng=rng)
+    link, motor = recorded.link, recorded.motor
+    assert link is not None and motor is not None
+    alone = replace(motor, velocity=None) if side == "motor" else replace(link, velocity=None, effort=motor.effort)
+    sides = {"link": None, "motor": None, side: alone}
+    seen = observe(replace(recorded, **sides))
+    equations = EquationSet.direct(seen.pieces[0].recorded, robot.n, elastic=False)
+    data = WhitenedData(build_model(robot, "mod3"), [seen], equations, Band(20.0, seen.rate))
+    assert data.white @ data.white / data.freedom == pytest.approx(1.0, abs=0.2)
 
 
 def test_the_whitener_inverts_the_covariance() -> None:

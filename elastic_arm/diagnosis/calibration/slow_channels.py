@@ -38,7 +38,7 @@ def beside_low_passes(
     found, low_passes = prepared, [f for f in prepared.candidates if is_low_pass(f.effect)]
     # The filter of most channels first: those that it holds are late no more.
     for low_pass in sorted(low_passes, key=lambda f: -len(lags_of(prepared.calibration.parameters, f))):
-        if not _is_late(found, low_pass):
+        if _is_filtered(found, low_pass, causes) or not _is_late(found, low_pass):
             continue
         # Without a corner: the lags become its time constant.
         added = Candidate(low_pass.whole(), (np.inf,), slice(0, 0), fixed=True)
@@ -58,6 +58,13 @@ def _gain(found: PreparedData, causes: Sequence[Candidate], beside: PreparedData
     before = found.library.squares_left([*found.given, *causes])
     after = beside.library.squares_left(there.selected)
     return 0.5 * (before - after) / misfit(beside.library, there.selected)
+
+
+def _is_filtered(prepared: PreparedData, low_pass: Feature, causes: Sequence[Candidate]) -> bool:
+    """Whether one of the causes filters a channel of a low pass already."""
+    parameters = prepared.calibration.parameters
+    held = {k for cause in causes if is_low_pass(cause.feature.effect) for k in lags_of(parameters, cause.feature)}
+    return not held.isdisjoint(lags_of(parameters, low_pass))
 
 
 def _is_late(prepared: PreparedData, low_pass: Feature) -> bool:

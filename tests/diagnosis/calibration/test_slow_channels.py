@@ -2,14 +2,19 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+from typing import Any
+
 import numpy as np
 import pytest
 
 from elastic_arm.diagnosis import Question, diagnose
 from elastic_arm.diagnosis.calibration.nuisance import NuisanceParameter
+from elastic_arm.diagnosis.calibration.slow_channels import beside_low_passes
 from elastic_arm.diagnosis.calibration.torque_filters import filters_for_lags
 from elastic_arm.diagnosis.selection.candidates import feature_of
 from elastic_arm.diagnosis.selection.regressor_library import Candidate
+from elastic_arm.diagnosis.settings import DiagnosisSettings
 from elastic_arm.effects import parse
 from elastic_arm.effects.equations import ArmEquations
 from elastic_arm.effects.text import known_effects
@@ -50,6 +55,18 @@ def test_a_filter_of_two_channels_takes_what_both_lag_alike() -> None:
     values, (found,) = filters_for_lags(LAGS, np.array([52.0, 2.0]), [low_pass("joint_torque+motor_torque", 50.0)])
     assert values == pytest.approx([50.0, 0.0])
     assert found.searched == pytest.approx((1.0 / (1.0 / 50.0 + 2 * np.pi * 6e-4),))
+
+
+def test_a_channel_that_a_cause_filters_gets_no_second_filter() -> None:
+    """Of a lag that is left beside a low pass, the first one takes all, and the second would have no corner."""
+    known, other = (low_pass("motor_torque", cutoff) for cutoff in (6.0, 20.0))
+    prepared: Any = SimpleNamespace(
+        calibration=SimpleNamespace(parameters=LAGS),
+        found=SimpleNamespace(values=np.array([0.0, 50.0])),
+        candidates=(other.feature,),
+        settings=DiagnosisSettings(),
+    )
+    assert beside_low_passes(prepared, [known]) == (prepared, [known])
 
 
 @pytest.mark.slow
