@@ -187,7 +187,15 @@ class Observation:
         return link if side == "link" else motor
 
     def torque_spectrum(self, channel: str, f: Array, n: int) -> Array:
-        """Noise of smoothed "tau_J" or "tau_m" at f (F,) Hz, (F, n): 1 = white of 1 Nm a sample, 0 if not recorded."""
+        """Noise of a smoothed torque channel at f (F,): (F, n), 1 = white of 1 Nm a sample.
+
+        Parameters
+        ----------
+        channel
+            "tau_J" or "tau_m"; without noise where it was not recorded.
+        f, n
+            (F,) Hz, and number of joints.
+        """
         std = {"tau_J": self.noise.tau_J, "tau_m": self.noise.tau_m}[channel]
         return self.gain(f)[:, None] ** 2 * (np.zeros(n) if std is None else std**2)
 
@@ -288,17 +296,10 @@ def observe(recording: Recording, band: float | None = None) -> Observation:
     span = (0.0, float(samples.t[-1]))
     pieces, quiet = (tuple(replace(piece, span=span) for piece in some) for some in (pieces, quiet))
     steps = {"link": encoder_steps(samples.q, noise.q), "motor": encoder_steps(samples.theta, noise.theta)}
+    torque_band = max(NARROWEST_BAND, min((one.band for one in spectra.values()), default=np.inf))
+    cutoff, source = designed.cutoff / (2 * np.pi), recording.source
     found = Observation(
-        pieces,
-        quiet,
-        clock.rate,
-        smoother,
-        noise,
-        designed.cutoff / (2 * np.pi),
-        recording.source,
-        notes,
-        steps,
-        torque_band=max(NARROWEST_BAND, min((one.band for one in spectra.values()), default=np.inf)),
+        pieces, quiet, clock.rate, smoother, noise, cutoff, source, notes, steps, torque_band=torque_band
     )
     return replace(found, quiet=tuple(found.with_filtered_deflection(piece) for piece in quiet))
 
