@@ -19,6 +19,7 @@ import numpy as np
 from scipy.stats import binom
 
 from elastic_arm.dynamics import build_model
+from elastic_arm.errors import IdentificationError
 from elastic_arm.excitation import MotionLimits, Shape, random_trajectories
 from elastic_arm.identification import IdentificationSettings, compare, identify
 from elastic_arm.recording import Recording
@@ -73,11 +74,15 @@ def record(robot: Robot, seconds: float, noise: float, seed: int) -> tuple[Recor
     return recorded, true
 
 
-def outcome(seconds: float, noise: float, seed: int) -> Outcome:
-    """Identify one recording and compare it with the truth."""
+def outcome(seconds: float, noise: float, seed: int) -> Outcome | None:
+    """Identify one recording and compare it with the truth; None where it is refused."""
     robot = load_robot(None)
     recorded, true = record(robot, seconds, noise, seed)
-    result = identify(recorded, robot, IdentificationSettings(consistent=False))
+    try:
+        result = identify(recorded, robot, IdentificationSettings(consistent=False))
+    except IdentificationError as error:
+        print(f"  seed {seed} is refused: {error}", flush=True)
+        return None
     compared = compare(result, true)
     well = np.array([estimate.verdict == "well" for estimate in result.estimates])
     return Outcome(tuple(e.name for e in result.estimates), np.array([each.z for each in compared]), well)
@@ -128,7 +133,8 @@ def main() -> None:
     with ProcessPoolExecutor(arguments.workers) as pool:
         for seconds in arguments.seconds:
             for noise in arguments.noise:
-                outcomes = list(pool.map(partial(outcome, seconds, noise), seeds))
+                tried = pool.map(partial(outcome, seconds, noise), seeds)
+                outcomes = [each for each in tried if each is not None]
                 report(seconds, noise, outcomes)
                 kept[f"z_{seconds:g}_{noise:g}"] = np.array([each.z for each in outcomes])
                 kept[f"well_{seconds:g}_{noise:g}"] = np.array([each.well for each in outcomes])
