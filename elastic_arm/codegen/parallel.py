@@ -11,8 +11,8 @@ import threading
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor, wait
-from functools import cache
-from typing import TypeVar
+from functools import cache, partial
+from typing import Generic, TypeVar, cast
 
 Item = TypeVar("Item")
 Result = TypeVar("Result")
@@ -77,22 +77,49 @@ def ahead(work: Callable[[Item], Result], items: Iterable[Item]) -> Iterator[Res
     if count == 1:
         yield from map(work, items)
         return
-    todo = iter(items)
-    begun: deque[tuple[Item, Future[Result]]] = deque()
+    begun: deque[_Task[Result]] = deque()
     try:
-        for item in todo:
-            begun.append((item, _pool(count - 1).submit(work, item)))
+        for item in items:
+            begun.append(_Task(partial(work, item), count - 1))
             if len(begun) > count:
-                yield _result(work, *begun.popleft())
+                yield begun.popleft().result()
         while begun:
-            yield _result(work, *begun.popleft())
+            yield begun.popleft().result()
     finally:
-        for _, future in begun:
-            future.cancel()
+        for task in begun:
+            task.drop()
 
 
-def _result(work: Callable[[Item], Result], item: Item, future: Future[Result]) -> Result:
-    return work(item) if future.cancel() else future.result()
+class _Task(Generic[Result]):
+    """A call that the pool of so many threads makes, or whoever wants its result before the pool has come to it.
+
+    The pool, which may be busy, holds on to the list of calls alone: a call that is done or dropped lets go of its
+    arguments at once.
+    """
+
+    def __init__(self, call: Callable[[], Result], pool: int) -> None:
+        self._calls = [call]
+        self._future: Future[Result | None] = _pool(pool).submit(_made, self._calls)
+
+    def result(self) -> Result:
+        """Return what the call returns, or raise what it raises."""
+        try:
+            call = self._calls.pop()
+        except IndexError:  # the pool has taken it
+            return cast("Result", self._future.result())
+        return call()
+
+    def drop(self) -> None:
+        """Leave the call out, unless the pool has begun it."""
+        self._calls.clear()
+
+
+def _made(calls: list[Callable[[], Result]]) -> Result | None:
+    try:
+        call = calls.pop()
+    except IndexError:  # whoever wanted the result has made the call
+        return None
+    return call()
 
 
 @cache
