@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from elastic_arm.codegen.parallel import each
 from elastic_arm.errors import RecordingError
 from elastic_arm.recording.inspection.plausibility import listed
 from elastic_arm.recording.recording import Recording
@@ -32,23 +33,26 @@ def require_possible(recording: Recording) -> None:
     RecordingError
         Naming side, channel, joints and the largest number.
     """
-    for name, side in recording.measured().items():
-        for channel, values in side.channels().items():
-            largest = _largest(values)
-            beyond = largest > LARGEST[channel]
-            if beyond.any():
-                what = f"{name} {channel} of {listed(recording.joints, beyond)}"
-                raise RecordingError(
-                    f"{recording.source or 'the recording'}: {what} reaches {largest.max():.3g} {_UNITS[channel]}, "
-                    "which is of no arm",
-                    "Look at its unit, and at what the channel holds",
-                )
-            if channel == "effort" and 0.0 < largest.max() < SMALLEST_TORQUE:
-                raise RecordingError(
-                    f"{recording.source or 'the recording'}: {name} effort is {largest.max():.3g} Nm at most, which is "
-                    "of no arm",
-                    "Look at its unit, and at what the channel holds",
-                )
+    channels = [
+        (name, channel, values)
+        for name, side in recording.measured().items()
+        for channel, values in side.channels().items()
+    ]
+    for (name, channel, _), largest in zip(channels, each(lambda one: _largest(one[2]), channels), strict=True):
+        beyond = largest > LARGEST[channel]
+        if beyond.any():
+            what = f"{name} {channel} of {listed(recording.joints, beyond)}"
+            raise RecordingError(
+                f"{recording.source or 'the recording'}: {what} reaches {largest.max():.3g} {_UNITS[channel]}, "
+                "which is of no arm",
+                "Look at its unit, and at what the channel holds",
+            )
+        if channel == "effort" and 0.0 < largest.max() < SMALLEST_TORQUE:
+            raise RecordingError(
+                f"{recording.source or 'the recording'}: {name} effort is {largest.max():.3g} Nm at most, which is "
+                "of no arm",
+                "Look at its unit, and at what the channel holds",
+            )
 
 
 def _largest(values: Array) -> Array:
