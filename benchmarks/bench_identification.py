@@ -31,6 +31,7 @@ from elastic_arm.estimation.motion import Motion
 from elastic_arm.identification import IdentificationSettings, identify
 from elastic_arm.identification.base_regression import BaseRegression
 from elastic_arm.identification.least_squares import Blocks, fit
+from elastic_arm.memory import keep_memory
 from elastic_arm.recording import Recording, Side, read_recording, write_recording
 from elastic_arm.robot import load_robot
 from elastic_arm.robot.synthetic import random_arm
@@ -251,6 +252,7 @@ def main() -> None:
     arguments = parser.parse_args()
     model = build_model(load_robot(None), "mod3")
     set_blas_threads(1)
+    keep_memory()  # as `elastic-arm identify` does
     if arguments.limits:
         report_limits(model)
         return

@@ -64,6 +64,7 @@ def each(work: Callable[[Item], Result], items: Sequence[Item]) -> list[Result]:
     try:
         take()
     finally:
+        deque(todo, 0)  # after an error, or Ctrl-C, nothing further is begun
         begun = [other for other in others if not other.cancel()]
         wait(begun)
     for other in begun:

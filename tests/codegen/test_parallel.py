@@ -69,6 +69,23 @@ def test_an_error_reaches_the_caller_and_leaves_the_pool_usable(way: Callable[..
     assert list(way(square, range(5))) == [0, 1, 4, 9, 16]
 
 
+def test_after_an_interrupt_nothing_further_is_begun(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Ctrl-C, which the thread that asks receives, ends shared work with what the others are at."""
+    monkeypatch.setattr(parallel.os, "sched_getaffinity", lambda _: range(2), raising=False)
+    monkeypatch.delenv("OMP_NUM_THREADS", raising=False)
+    begun: list[int] = []
+
+    def work(number: int) -> None:
+        begun.append(number)
+        if threading.current_thread() is threading.main_thread():
+            raise KeyboardInterrupt
+        time.sleep(0.01)
+
+    with pytest.raises(KeyboardInterrupt):
+        each(work, range(1000))
+    assert len(begun) < 500
+
+
 def test_the_variable_means_one_thread(monkeypatch: pytest.MonkeyPatch) -> None:
     """With OMP_NUM_THREADS=1 all is done by the thread that asks, item after item."""
     monkeypatch.setenv("OMP_NUM_THREADS", "1")
