@@ -50,8 +50,8 @@ def in_chunks(samples: int, work: Callable[[int, int], None]) -> None:
 
 def each(work: Callable[[Item], Result], items: Sequence[Item]) -> list[Result]:
     """Return `work(item)` of all items, in their order, by all threads, this one included; each takes the next item."""
-    count = min(threads(), len(items))
-    if count <= 1:
+    count = threads()
+    if min(count, len(items)) <= 1:
         return [work(item) for item in items]
     done: dict[int, Result] = {}
     todo = iter(range(len(items)))
@@ -60,7 +60,7 @@ def each(work: Callable[[Item], Result], items: Sequence[Item]) -> list[Result]:
         for index in todo:
             done[index] = work(items[index])
 
-    others = [_pool(count - 1).submit(take) for _ in range(count - 1)]
+    others = [_pool(count - 1).submit(take) for _ in range(min(count, len(items)) - 1)]
     try:
         take()
     finally:
