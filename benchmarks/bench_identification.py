@@ -162,6 +162,7 @@ def report_arrays(model: Model, count: int) -> None:
 
 def report_bag(model: Model, count: int, folder: Path) -> None:
     """Print the second job."""
+    keep_memory()  # as `elastic-arm identify` does
     bags = {}
     for name, size in (("whole", count), ("peer", PEER_SAMPLES)):
         bags[name] = folder / name
@@ -252,7 +253,6 @@ def main() -> None:
     arguments = parser.parse_args()
     model = build_model(load_robot(None), "mod3")
     set_blas_threads(1)
-    keep_memory()  # as `elastic-arm identify` does
     if arguments.limits:
         report_limits(model)
         return
