@@ -24,6 +24,8 @@ _WORTH_A_PART = 16384
 _PARTS_A_THREAD = 4
 # Parts begin on multiples of this many samples, so that outputs of theirs begin on cache lines.
 _BLOCK = 64
+# So many further items are begun on machines of many cores: their results wait in memory.
+_MOST_AHEAD = 4
 # Whether this is a thread of the pool.
 _OF_POOL = threading.local()
 
@@ -82,7 +84,7 @@ def ahead(work: Callable[[Item], Result], items: Iterable[Item]) -> Iterator[Res
     try:
         for item in items:
             begun.append(_Task(partial(work, item), count - 1))
-            if len(begun) > count:
+            if len(begun) > min(count, _MOST_AHEAD):
                 yield begun.popleft().result()
         while begun:
             yield begun.popleft().result()

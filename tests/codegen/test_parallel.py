@@ -141,6 +141,22 @@ def test_what_is_not_wanted_any_more_is_not_begun_and_not_kept(monkeypatch: pyte
         released.set()
 
 
+def test_no_more_than_a_few_items_are_begun_ahead(monkeypatch: pytest.MonkeyPatch) -> None:
+    """On a machine of 64 cores a recording is not in memory as a whole either."""
+    monkeypatch.setattr(parallel.os, "sched_getaffinity", lambda _: range(64), raising=False)
+    monkeypatch.delenv("OMP_NUM_THREADS", raising=False)
+    given: list[int] = []
+
+    def numbers() -> Iterator[int]:
+        for k in range(50):
+            given.append(k)
+            yield k
+
+    for used, found in enumerate(ahead(square, numbers()), 1):
+        assert found == (used - 1) ** 2
+        assert len(given) <= used + parallel._MOST_AHEAD
+
+
 def squares() -> list[int]:
     """Return some, by all threads."""
     return each(square, range(5))
