@@ -32,6 +32,7 @@ from elastic_arm.estimation.motion import Motion
 from elastic_arm.formatting import rounded
 from elastic_arm.identification import Estimate, Identification, IdentificationSettings, identify_with, parse_laws
 from elastic_arm.identification.base_regression import BaseRegression
+from elastic_arm.memory import keep_memory
 from elastic_arm.mujoco import Exported
 from elastic_arm.recording import Recording, load_channels
 
@@ -94,6 +95,7 @@ def identify(
 
         elastic-arm identify lwr_1 lwr_3 --robot lwr.urdf --with coulomb_friction:side=link --validate lwr_2
     """
+    keep_memory()
     require_bags([*bags, *(validate or [])])
     claim_folder(out_dir, RESULTS, force=force)
     catalogue = Catalogue.default().with_files(effects_files or ())

@@ -1,11 +1,21 @@
-"""Samples shared out among the cores."""
+"""Work shared out among the cores by threads: it is done in NumPy, SciPy and compiled code, which let threads run.
+
+There is one pool, whose threads share nothing out themselves. Work that none of them has begun by the time the calling
+thread has nothing else to do is done by that one: nobody waits for a pool that is busy with something else.
+"""
 
 from __future__ import annotations
 
 import os
-from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor, wait
-from functools import cache
+import threading
+from collections import deque
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor, wait
+from functools import cache, partial
+from typing import Generic, TypeVar, cast
+
+Item = TypeVar("Item")
+Result = TypeVar("Result")
 
 # Below this many samples a second thread costs more than it saves.
 _WORTH_A_THREAD = 2048
@@ -14,10 +24,16 @@ _WORTH_A_PART = 16384
 _PARTS_A_THREAD = 4
 # Parts begin on multiples of this many samples, so that outputs of theirs begin on cache lines.
 _BLOCK = 64
+# So many further items are begun on machines of many cores: their results wait in memory.
+_MOST_AHEAD = 4
+# Whether this is a thread of the pool.
+_OF_POOL = threading.local()
 
 
 def threads() -> int:
-    """Cores this process may use; OMP_NUM_THREADS bounds them."""
+    """Cores this thread may share work out to: OMP_NUM_THREADS bounds them, and there is one within shared work."""
+    if getattr(_OF_POOL, "value", False):
+        return 1
     available = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
     asked = os.environ.get("OMP_NUM_THREADS", "")
     return max(1, min(available, int(asked))) if asked.isdigit() else available
@@ -31,24 +47,91 @@ def in_chunks(samples: int, work: Callable[[int, int], None]) -> None:
         return
     parts = max(count, min(_PARTS_A_THREAD * count, samples // _WORTH_A_PART))
     step = -(-samples // (parts * _BLOCK)) * _BLOCK
-    todo = iter(range(0, samples, step))
+    each(lambda start: work(start, min(start + step, samples)), range(0, samples, step))
+
+
+def each(work: Callable[[Item], Result], items: Sequence[Item]) -> list[Result]:
+    """Return `work(item)` of all items, in their order, by all threads, this one included; each takes the next item."""
+    count = threads()
+    if min(count, len(items)) <= 1:
+        return [work(item) for item in items]
+    done: dict[int, Result] = {}
+    todo = iter(range(len(items)))
 
     def take() -> None:
-        for start in todo:
-            work(start, min(start + step, samples))
+        for index in todo:
+            done[index] = work(items[index])
 
-    others = [_pool(count - 1).submit(take) for _ in range(count - 1)]
+    others = [_pool(count - 1).submit(take) for _ in range(min(count, len(items)) - 1)]
     try:
         take()
     finally:
-        wait(others)
-    for other in others:
+        deque(todo, 0)  # after an error, or Ctrl-C, nothing further is begun
+        begun = [other for other in others if not other.cancel()]
+        wait(begun)
+    for other in begun:
         other.result()
+    return [done[index] for index in range(len(items))]
+
+
+def ahead(work: Callable[[Item], Result], items: Iterable[Item]) -> Iterator[Result]:
+    """Yield `work(item)` of all items, in their order; the other threads work on the next ones meanwhile."""
+    count = threads()
+    if count == 1:
+        yield from map(work, items)
+        return
+    begun: deque[_Task[Result]] = deque()
+    try:
+        for item in items:
+            begun.append(_Task(partial(work, item), count - 1))
+            if len(begun) > min(count, _MOST_AHEAD):
+                yield begun.popleft().result()
+        while begun:
+            yield begun.popleft().result()
+    finally:
+        for task in begun:
+            task.drop()
+
+
+class _Task(Generic[Result]):
+    """A call that the pool of so many threads makes, or whoever wants its result before the pool has come to it.
+
+    The pool, which may be busy, holds on to the list of calls alone: a call that is done or dropped lets go of its
+    arguments at once.
+    """
+
+    def __init__(self, call: Callable[[], Result], pool: int) -> None:
+        self._calls = [call]
+        self._future: Future[Result | None] = _pool(pool).submit(_made, self._calls)
+
+    def result(self) -> Result:
+        """Return what the call returns, or raise what it raises."""
+        try:
+            call = self._calls.pop()
+        except IndexError:  # the pool has taken it
+            return cast("Result", self._future.result())
+        return call()
+
+    def drop(self) -> None:
+        """Leave the call out, unless the pool has begun it."""
+        self._calls.clear()
+
+
+def _made(calls: list[Callable[[], Result]]) -> Result | None:
+    try:
+        call = calls.pop()
+    except IndexError:  # whoever wanted the result has made the call
+        return None
+    return call()
 
 
 @cache
 def _pool(size: int) -> ThreadPoolExecutor:
-    return ThreadPoolExecutor(size, thread_name_prefix="elastic-arm-kernel")
+    return ThreadPoolExecutor(size, thread_name_prefix="elastic-arm", initializer=_join_pool)
+
+
+def _join_pool() -> None:
+    _OF_POOL.value = True
 
 
 # A forked child has the pool but not its threads.

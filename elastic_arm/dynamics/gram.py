@@ -75,9 +75,8 @@ class Information:
         if measured.shape != (samples, self.rows):
             raise ValueError(f"y has shape {measured.shape}, but must be {(samples, self.rows)}")
         lanes = self._kernel.row_products(ready, measured, len(self._hi), rounded=self._rounded)
-        parts = self._sum_numpy(arrays, measured) if lanes is None else map(_sum_lanes, lanes)
-        for hi, lo in parts:
-            self._hi, self._lo = add((self._hi, self._lo), (hi, lo))
+        parts = self._sum_numpy(arrays, measured) if lanes is None else [_sum_lanes(functools.reduce(add, lanes))]
+        self._hi, self._lo = functools.reduce(add, parts, (self._hi, self._lo))
         self.samples += samples
 
     def merge(self, other: Information) -> None:

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 from scipy.signal import oaconvolve
 
+from elastic_arm.codegen.parallel import each
 from elastic_arm.errors import IdentificationError
 from elastic_arm.estimation.convolution import convolve
 from elastic_arm.estimation.motion import Motion
@@ -214,8 +215,12 @@ def instantaneous(torque: Array) -> Array:
 def design_smoother(grids: list[Grid], n: int) -> Smoother:
     """Design the smoother for a recording from the noise in its longest piece."""
     grid = max(grids, key=len)
-    link = None if grid.q is None else estimate_noise(grid.q, grid.dq, grid.rate)
-    motor = None if grid.theta is None else estimate_noise(grid.theta, grid.dtheta, grid.rate)
+
+    def noise(side: tuple[Array | None, Array | None]) -> SideNoise | None:
+        position, velocity = side
+        return None if position is None else estimate_noise(position, velocity, grid.rate)
+
+    link, motor = each(noise, ((grid.q, grid.dq), (grid.theta, grid.dtheta)))
     return Smoother.from_noise(grid.rate, link, motor, n)
 
 

@@ -294,15 +294,15 @@ def fit(blocks: Blocks, power: float = 1.0, rounds: int = 4, prior: Prior | None
     live = np.any(r[..., -1] != 0.0, axis=-1)
     weights = np.ones(blocks.groups)
     for _ in range(rounds if power else 1):
-        Psi, _, _ = _solve(together.corrected(weights, r))
+        Psi, *_ = _solve(together.corrected(weights, r))
         noise = deviations.residual_std(r, Psi, blocks.samples * blocks.share)
         weights = noise**-power
         weights /= np.sqrt(np.mean((weights * noise)[live] ** 2)) if live.any() else 1.0
     whole = together.corrected(weights, r)
     known = _joined(whole, prior)
-    Psi, number, undetermined = _solve(known)
+    Psi, number, undetermined, back = _solve(known)
     noise = deviations.residual_std(r, Psi, blocks.samples * blocks.share)
-    robust, white = _covariances(blocks, (Psi, weights, noise), known, r, prior)
+    robust, white = _covariances(blocks, (Psi, weights, noise), back, r, prior)
     if prior is not None:
         own = _prior_covariance(known, prior)
         robust, white = robust + own, white + own
@@ -326,7 +326,8 @@ def correlation(blocks: Blocks, found: Fit, samples: float) -> float:
     long = blocks.copy()
     while len(long.grams) >= 2 * FEWEST_LONG_BLOCKS and long.samples < samples * len(long.grams):
         long._halve()
-    robust, white = _covariances(long, (found.Psi, found.weights, found.noise), found.factor, blocks.total())
+    *_, back = _solve(found.factor)
+    robust, white = _covariances(long, (found.Psi, found.weights, found.noise), back, blocks.total())
     return float(np.median(np.diag(robust) / np.diag(white)))
 
 
@@ -357,8 +358,11 @@ def _equilibrated(whole: Array) -> tuple[Array, Array]:
     return whole[:, :-1] / scale, scale
 
 
-def _solve(whole: Array) -> tuple[Array, float, Array]:
-    """Solve R Psi = z; directions below the rank floor have no weight (minimum norm in equilibrated units)."""
+def _solve(whole: Array) -> tuple[Array, float, Array, Array]:
+    """Solve R Psi = z; directions below the rank floor have no weight (minimum norm in equilibrated units).
+
+    Returns Psi, the condition number, the undetermined directions, and the way from whitened coordinates to Psi.
+    """
     columns, scale = _equilibrated(whole)
     u, s, vt = np.linalg.svd(columns, full_matrices=False)
     known = s > RANK_FLOOR * s[0]
@@ -367,21 +371,19 @@ def _solve(whole: Array) -> tuple[Array, float, Array]:
         Psi = solve_triangular(columns[:P], whole[:P, -1]) / scale
     else:
         Psi = vt[known].T @ ((u[:, known].T @ whole[:, -1]) / s[known]) / scale
-    return Psi, float(s[0] / s[-1]) if s[-1] > 0 else float("inf"), vt[~known]
+    back = (vt[known].T / s[known]) / scale[:, None]
+    return Psi, float(s[0] / s[-1]) if s[-1] > 0 else float("inf"), vt[~known], back
 
 
 def _covariances(
-    blocks: Blocks, solved: tuple[Array, Array, Array], whole: Array, r: Array, prior: Prior | None = None
+    blocks: Blocks, solved: tuple[Array, Array, Array], back: Array, r: Array, prior: Prior | None = None
 ) -> tuple[Array, Array]:
     """Return the covariance from the blocks' scores, and that of white errors, for `solved`: Psi, weights and noise.
 
     Both include what :data:`CLOSURE` leaves open, where parameters differ by the last digits of an equation alone, and
     what is not known of the noise in Phi.
     """
-    (Psi, weights, noise), (columns, scale) = solved, _equilibrated(whole)
-    _, s, vt = np.linalg.svd(columns, full_matrices=False)
-    known = s > RANK_FLOOR * s[0]
-    back = (vt[known].T / s[known]) / scale[:, None]  # whitened coordinates -> Psi
+    Psi, weights, noise = solved
     systematic = deviations.white(r, weights, CLOSURE * deviations.largest_terms(r, Psi), back)
     if blocks.noisy:
         known_noise = (weights**2)[:, None, None] * functools.reduce(np.add, blocks.known_noise)

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from elastic_arm.codegen import parallel
 from elastic_arm.dynamics import Model, build_model
 from elastic_arm.errors import IdentificationError
 from elastic_arm.estimation.motion import Motion
@@ -70,6 +71,20 @@ def test_stream_and_batch_agree_to_rounding_however_samples_are_cut(model: Model
     assert np.abs((cut.Psi - whole.Psi) / whole.std).max() < 1e-6
     assert cut.Psi == pytest.approx(whole.Psi, rel=1e-9)
     assert cut.std == pytest.approx(whole.std, rel=1e-6)
+
+
+def test_all_threads_identify_what_one_does(model: Model, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of a recording of several runs, smoothed ahead, parameters and standard deviations are the same to rounding."""
+    long = recorded(record(model, np.random.default_rng(3), periods=7, **REAL))
+    settings = IdentificationSettings(consistent=False)
+    found = []
+    for threads in ("1", "2"):
+        monkeypatch.setattr(parallel.os, "sched_getaffinity", lambda _: range(2), raising=False)
+        monkeypatch.setenv("OMP_NUM_THREADS", threads)
+        found.append(identify(long, model.robot, settings))
+    alone, shared = found
+    assert shared.Psi_base == pytest.approx(alone.Psi_base, rel=1e-9)
+    assert [e.std for e in shared.estimates] == pytest.approx([e.std for e in alone.estimates], rel=1e-6)
 
 
 def test_both_torques_identify_an_arm_described_as_rigid(samples: Samples) -> None:

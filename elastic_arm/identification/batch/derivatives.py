@@ -11,6 +11,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from elastic_arm.codegen.parallel import ahead
 from elastic_arm.errors import IdentificationError
 from elastic_arm.estimation.motion import Motion
 from elastic_arm.estimation.resampling import Clock, Grid
@@ -58,8 +59,13 @@ class Derived:
 
     @property
     def motions(self) -> Iterator[Motion]:
-        """Make the runs one after another; runs of one piece of the recording follow each other without a hole."""
-        return map(self._made, self.pieces)
+        """Make the runs one after another, the next ones in other threads meanwhile; those of one piece meet."""
+        return ahead(self._made, self.pieces)
+
+    @property
+    def first(self) -> Motion:
+        """Make the first run alone."""
+        return self._made(self.pieces[0])
 
     @property
     def longest(self) -> Motion:

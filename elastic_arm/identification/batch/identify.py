@@ -148,7 +148,7 @@ def identify_with(
     if result.identified is not None:
         # Of the arm that is written, after validation has had its say.
         result = result.with_(notes=(*result.notes, *odd_masses(robot, result.identified)))
-    return result, trial.identifier, next(trial.derived[0].motions)
+    return result, trial.identifier, trial.derived[0].first
 
 
 def _estimated(trials: Trials, choice: BatchChoice) -> tuple[Identification, BatchTrial, float]:

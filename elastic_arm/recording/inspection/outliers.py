@@ -15,6 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from elastic_arm.codegen.parallel import each
 from elastic_arm.recording.inspection.impossible import require_possible
 from elastic_arm.recording.recording import Recording
 from elastic_arm.recording.sides import Array, Side, joints_with
@@ -84,17 +85,15 @@ class Outliers:
 def find_outliers(recording: Recording) -> list[Outliers]:
     """Return the outliers of the measured sides of a recording."""
     sides = {"link": recording.link, "motor": recording.motor}
-    return [
-        found
+    channels = [
+        _ChannelSamples(name, channel, side.stamp_ns, step, *_recorded(values, recording.joints))
         for name, side in sides.items()
         if side is not None and len(side) >= _FEWEST
         for step in [float(np.median(np.diff(side.stamp_ns))) * 1e-9]
         for channel, values in side.channels().items()
         if joints_with(values).any()
-        for found in _all_of_channel(
-            _ChannelSamples(name, channel, side.stamp_ns, step, *_recorded(values, recording.joints))
-        )
     ]
+    return [found for of_channel in each(lambda one: list(_all_of_channel(one)), channels) for found in of_channel]
 
 
 def _recorded(values: Array, joints: Sequence[str]) -> tuple[Array, Sequence[str]]:

@@ -3,14 +3,10 @@
 from __future__ import annotations
 
 import functools
-import os
 import struct
-from collections import deque
 from collections.abc import Callable, Iterator
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 from io import BytesIO
-from itertools import islice
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -21,6 +17,7 @@ from mcap.data_stream import ReadDataStream
 from mcap.exceptions import McapError
 from mcap.opcode import Opcode
 
+from elastic_arm.codegen.parallel import ahead
 from elastic_arm.errors import RecordingError
 from elastic_arm.recording import limits
 from elastic_arm.recording.spans import Bytes, Offsets, by_value, column
@@ -39,7 +36,6 @@ _PARSED: dict[int, Any] = {
     Opcode.STATISTICS: records.Statistics,
     Opcode.FOOTER: records.Footer,
 }
-_MOST_WORKERS = 4
 # What reading a record raises whose bytes are not what its kind promises.
 _BAD_RECORD = (McapError, ValueError, KeyError, IndexError, OverflowError, struct.error)
 _IN_CHUNKS = (Opcode.SCHEMA, Opcode.CHANNEL)  # besides messages
@@ -212,17 +208,8 @@ class McapFile:
         # Unpacking and the checksum are all that is handed over: they do without the interpreter, which many small
         # steps in two threads would keep taking from each other. Checksums and lz4, which take no longer than the way
         # of the bytes from one core to another, are not worth it.
-        workers = min((os.cpu_count() or 1) - 1, _MOST_WORKERS)
-        if workers < 1 or not any(chunk.compression == "zstd" for chunk in self.chunks):
-            yield from map(unpack, self.chunks)
-            return
-        with ThreadPoolExecutor(workers) as pool:
-            todo = iter(self.chunks)
-            ahead = deque(pool.submit(unpack, chunk) for chunk in islice(todo, 2 * workers))
-            while ahead:
-                unpacked = ahead.popleft().result()
-                ahead.extend(pool.submit(unpack, chunk) for chunk in islice(todo, 1))
-                yield unpacked
+        slow = any(chunk.compression == "zstd" for chunk in self.chunks)
+        yield from (ahead if slow else map)(unpack, self.chunks)
 
     def _unpack(self, chunk: Chunk, crc32: Callable[[Bytes], int]) -> Bytes | RecordingError:
         try:
