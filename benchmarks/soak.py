@@ -16,6 +16,7 @@ import shutil
 import sys
 import time
 from collections.abc import Sequence
+from contextlib import suppress
 from pathlib import Path
 
 import matplotlib.pyplot as plt
@@ -24,6 +25,7 @@ import rclpy
 from diagnostic_msgs.msg import DiagnosticArray
 from domain_coordinator import domain_id
 from rclpy.experimental import EventsExecutor
+from rclpy.signals import SignalHandlerOptions
 from sensor_msgs.msg import JointState
 
 from benchmarks.bench_live import JOINTS, node
@@ -42,7 +44,7 @@ class Probe:
     """A subscriber of the arm's samples and of `/diagnostics`."""
 
     def __init__(self) -> None:
-        rclpy.init()
+        rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
         self._node = rclpy.create_node("soak")
         self._stamps: list[int] = []
         self._delays: list[int] = []
@@ -92,7 +94,7 @@ def memory(pid: int) -> float:
 
 
 def soak(folder: Path, minutes: float, rate: float) -> tuple[list[dict[str, float]], dict[str, dict[str, str]]]:
-    """Run the graph; return a row an interval and the nodes' last figures on `/diagnostics`.
+    """Run the graph; return a row an interval and the nodes' last figures on `/diagnostics`. Ctrl-C ends it early.
 
     Parameters
     ----------
@@ -120,10 +122,13 @@ def soak(folder: Path, minutes: float, rate: float) -> tuple[list[dict[str, floa
         probe.spin(1.0)
     rows, began = [], time.monotonic()
     seconds = max(60.0 * minutes / INTERVALS, 1.0)
-    while time.monotonic() - began < 60.0 * minutes:
-        probe.spin(seconds)
-        sizes = {f"{name}, MB": memory(process.child.pid) for name, process in nodes.items()}
-        rows.append({"minute": (time.monotonic() - began) / 60.0, **sizes, **probe.figures(step_ns)})
+    with suppress(KeyboardInterrupt):
+        while time.monotonic() - began < 60.0 * minutes:
+            probe.spin(seconds)
+            sizes = {f"{name}, MB": memory(process.child.pid) for name, process in nodes.items()}
+            rows.append({"minute": (time.monotonic() - began) / 60.0, **sizes, **probe.figures(step_ns)})
+            done, lost = rows[-1]["minute"], sum(row["lost"] for row in rows)
+            print(f"{done:.1f} of {minutes:g} minutes, {lost:.0f} samples lost", file=sys.stderr, flush=True)
     for name in ("trajectory_generator", "simulator", "recorder", "identifier", "gap_monitor"):
         nodes[name].stop()
     return rows, probe.status
@@ -175,6 +180,9 @@ def main() -> int:
     with domain_id() as domain:
         os.environ["ROS_DOMAIN_ID"] = str(domain)
         rows, status = soak(options.out, options.minutes, options.rate)
+    if not rows:
+        print("ended before the first interval", file=sys.stderr)
+        return 130
     with (options.out / "soak.csv").open("w", newline="") as file:
         writer = csv.DictWriter(file, rows[0])
         writer.writeheader()
