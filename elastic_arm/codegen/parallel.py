@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor, wait
-from functools import cache
+from concurrent.futures import wait
+
+from elastic_arm.parallel import pool, threads
 
 # Below this many samples a second thread costs more than it saves.
 _WORTH_A_THREAD = 2048
@@ -14,13 +14,6 @@ _WORTH_A_PART = 16384
 _PARTS_A_THREAD = 4
 # Parts begin on multiples of this many samples, so that outputs of theirs begin on cache lines.
 _BLOCK = 64
-
-
-def threads() -> int:
-    """Cores this process may use; OMP_NUM_THREADS bounds them."""
-    available = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-    asked = os.environ.get("OMP_NUM_THREADS", "")
-    return max(1, min(available, int(asked))) if asked.isdigit() else available
 
 
 def in_chunks(samples: int, work: Callable[[int, int], None]) -> None:
@@ -37,20 +30,10 @@ def in_chunks(samples: int, work: Callable[[int, int], None]) -> None:
         for start in todo:
             work(start, min(start + step, samples))
 
-    others = [_pool(count - 1).submit(take) for _ in range(count - 1)]
+    others = [pool(count - 1).submit(take) for _ in range(count - 1)]
     try:
         take()
     finally:
         wait(others)
     for other in others:
         other.result()
-
-
-@cache
-def _pool(size: int) -> ThreadPoolExecutor:
-    return ThreadPoolExecutor(size, thread_name_prefix="elastic-arm-kernel")
-
-
-# A forked child has the pool but not its threads.
-if hasattr(os, "register_at_fork"):
-    os.register_at_fork(after_in_child=_pool.cache_clear)
