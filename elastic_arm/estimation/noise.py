@@ -17,6 +17,8 @@ import numpy as np
 import scipy  # its parts are loaded when they are used
 from numpy.typing import NDArray
 
+from elastic_arm.recording.inspection.torque_spectrum import without_line
+
 Array = NDArray[np.float64]
 
 ORDER = 4
@@ -363,7 +365,7 @@ def wiener_filter(values: Array, rate: float, f: Array, noise: Array) -> Callabl
         (F,) in it, in units squared; 1 is white noise of one unit a sample.
     """
     half = min(len(values), round(WIENER_SECONDS * rate)) // 2
-    at, power = scipy.signal.welch(values, rate, nperseg=2 * half, detrend=_without_line)
+    at, power = scipy.signal.welch(values, rate, nperseg=2 * half, detrend=without_line)
     expected = np.interp(at, f, noise) * 2.0 / rate
     share, known = np.clip(1.0 - expected / np.maximum(power, 1e-300), 0.0, 1.0), at <= f[-1]
 
@@ -371,13 +373,6 @@ def wiener_filter(values: Array, rate: float, f: Array, noise: Array) -> Callabl
         return reduced_to(values, rate, at[known], np.where(power < least * expected, 0.0, share)[known])
 
     return filtered
-
-
-def _without_line(pieces: Array) -> Array:
-    """Return pieces (…, N) of a signal without the straight line of each; SciPy solves least squares for it."""
-    t = np.linspace(-1.0, 1.0, pieces.shape[-1])
-    left = pieces - pieces.mean(axis=-1, keepdims=True)
-    return np.asarray(left - (left @ t)[..., None] * (t / (t @ t)))
 
 
 def reduced_to(values: Array, rate: float, f: Array, share: Array) -> Array:
