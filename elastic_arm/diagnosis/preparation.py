@@ -10,6 +10,7 @@ from itertools import chain
 import numpy as np
 from numpy.typing import NDArray
 
+from elastic_arm.codegen.parallel import share_out
 from elastic_arm.diagnosis.calibration.calibrate import calibrate
 from elastic_arm.diagnosis.calibration.expansion import expand
 from elastic_arm.diagnosis.calibration.linearisation import Linearised, linearise
@@ -47,7 +48,6 @@ from elastic_arm.estimation.observation import Observation, continued, observe
 from elastic_arm.estimation.whitening import WhitenedData
 from elastic_arm.identification.batch.mounting import Mounting
 from elastic_arm.identification.batch.turning import turning_speeds
-from elastic_arm.parallel import share_out
 from elastic_arm.recording import Recording
 from elastic_arm.recording.inspection.plausibility import smoothed_torques
 from elastic_arm.recording.inspection.two_encoders import by_motor_encoders

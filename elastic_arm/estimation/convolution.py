@@ -5,7 +5,6 @@ And circular convolution of signals with what ends at the edge of a band, which 
 
 from __future__ import annotations
 
-import os
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
@@ -14,6 +13,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 from scipy.fft import irfft, next_fast_len, rfft
+
+from elastic_arm.codegen.parallel import threads
 
 Array = NDArray[np.float64]
 
@@ -25,6 +26,7 @@ FEW = 4  # rows in which a column acts, up to which sums of spectra are faster t
 NEXT_TO_NOTHING = 1e-14  # of a direction's squares, if all of it is in samples that do not count; numerical
 # Threads pay from this many samples on.
 THREADS_FROM = 30_000
+MOST_THREADS = 2
 
 
 def convolve(signals: Sequence[Array], responses: Array, every: int = 1) -> Array:
@@ -55,7 +57,7 @@ def convolve(signals: Sequence[Array], responses: Array, every: int = 1) -> Arra
     longest = -(-min(max(BLOCK_OVER_RESPONSE * taps, SHORTEST_BLOCK), samples + taps) // every)
     blocks = -(-kept // (longest - spoilt))
     size = next_fast_len(spoilt + -(-kept // blocks), True)
-    workers = _workers() if samples >= THREADS_FROM else 1
+    workers = min(threads(), MOST_THREADS) if samples >= THREADS_FROM else 1
     early = spoilt * every - (taps - 1)
     spectra = [rfft(_phases(signal, early, (blocks, spoilt, size), every), workers=workers) for signal in signals]
     gains = rfft(_phases_of(responses, every), size)
@@ -221,12 +223,6 @@ def _alike(acting: NDArray[np.bool_]) -> Iterator[tuple[NDArray[np.intp], NDArra
             some = columns[first : first + COLUMNS]
             # A slice is written to several times as fast as listed columns are.
             yield rows, slice(some[0], some[-1] + 1) if some[-1] - some[0] < len(some) else np.array(some)
-
-
-def _workers() -> int:
-    """Return how many threads transforms may take."""
-    wanted = os.environ.get("OMP_NUM_THREADS", "")
-    return min(int(wanted) if wanted.isdigit() and int(wanted) else 2, 2, os.cpu_count() or 1)
 
 
 def _phases(signal: Array, early: int, windows: tuple[int, int, int], every: int) -> Array:

@@ -13,6 +13,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from elastic_arm.codegen.parallel import share_out
 from elastic_arm.diagnosis.calibration.calibrated_robot import nearest_robot
 from elastic_arm.diagnosis.calibration.channels import gains, lags
 from elastic_arm.diagnosis.calibration.columns import (
@@ -26,7 +27,6 @@ from elastic_arm.diagnosis.selection.marginalisation import NuisanceColumns
 from elastic_arm.dynamics import Model, build_model
 from elastic_arm.estimation.known_torques import ActingEffect
 from elastic_arm.estimation.whitening import WhitenedData
-from elastic_arm.parallel import share_out
 
 Array = NDArray[np.float64]
 

@@ -15,13 +15,13 @@ from weakref import WeakKeyDictionary
 import numpy as np
 from numpy.typing import NDArray
 
+from elastic_arm.codegen.parallel import share_out
 from elastic_arm.diagnosis.inference.regimes import bases
 from elastic_arm.diagnosis.selection.gram_fits import first_row, orthonormal_basis
 from elastic_arm.diagnosis.selection.regressor_library import Candidate, RegressorLibrary
 from elastic_arm.diagnosis.settings import DiagnosisSettings, RegimeSettings
 from elastic_arm.estimation.band import LowPass
 from elastic_arm.estimation.whitening import WhitenedData
-from elastic_arm.parallel import share_out
 
 Array = NDArray[np.float64]
 

@@ -20,13 +20,13 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import logsumexp
 
+from elastic_arm.codegen.parallel import share_out
 from elastic_arm.diagnosis.calibration.calibrate import effective_noise
 from elastic_arm.diagnosis.laws.general_laws import GeneralLaw, general_laws
 from elastic_arm.diagnosis.selection.gram_fits import first_row, orthonormal_basis, regularised
 from elastic_arm.diagnosis.selection.hypothesis import Key, misfit
 from elastic_arm.diagnosis.selection.regressor_library import Candidate, RegressorLibrary
 from elastic_arm.diagnosis.settings import DiagnosisSettings
-from elastic_arm.parallel import share_out
 
 Array = NDArray[np.float64]
 

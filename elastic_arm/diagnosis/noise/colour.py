@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from scipy.fft import rfft
 from scipy.linalg import solve_triangular
 
+from elastic_arm.codegen.parallel import share_out
 from elastic_arm.diagnosis.inference.lack_of_fit import placed, shapes_of
 from elastic_arm.diagnosis.laws.general_laws import changing_friction
 from elastic_arm.diagnosis.preparation import PreparedData
@@ -28,7 +29,6 @@ from elastic_arm.diagnosis.selection.plausible_size import typical_torques
 from elastic_arm.diagnosis.settings import ColourSettings
 from elastic_arm.estimation.convolution import Harmonics
 from elastic_arm.estimation.noise_colour import Colour, ColourFit, Periodogram, covariances, fit_colour, lacks, pooled
-from elastic_arm.parallel import share_out
 
 Array = NDArray[np.float64]
 Real = NDArray[np.floating]

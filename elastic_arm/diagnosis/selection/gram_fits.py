@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from scipy.linalg import solve_triangular
 from scipy.linalg.lapack import dpocon, dpotrf, dpotrs, dpstrf
 
-from elastic_arm.parallel import share_out
+from elastic_arm.codegen.parallel import share_out
 
 Array = NDArray[np.float64]
 Index = NDArray[np.intp]

@@ -12,6 +12,7 @@ from copy import copy
 import numpy as np
 from numpy.typing import NDArray
 
+from elastic_arm.codegen.parallel import share_out
 from elastic_arm.diagnosis.selection.candidates import Candidate
 from elastic_arm.diagnosis.selection.gram_fits import (
     BorderedFits,
@@ -27,7 +28,6 @@ from elastic_arm.diagnosis.selection.searched_points import monomials, neighbour
 from elastic_arm.diagnosis.settings import CandidateSettings
 from elastic_arm.estimation.effect_columns import Feature
 from elastic_arm.estimation.whitening import WhitenedData
-from elastic_arm.parallel import share_out
 
 __all__ = ["Candidate", "RegressorLibrary", "Wanted"]
 
