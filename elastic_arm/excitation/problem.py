@@ -133,10 +133,17 @@ class Problem:
         return best
 
     def _places(self, rng: np.random.Generator) -> Iterator[Array]:
-        """Yield motions at random places, and where none of them will do, at as many where the arm can stand."""
+        """Yield motions at random places, and where none of them will do, at as many where the arm can stand.
+
+        Where it stands at none of the first, the limits are to blame, and no others are sought.
+        """
         draws = (rng.uniform(-1.0, 1.0, self.size) for _ in range(PLACES + DRAWN))
-        yield from islice(draws, PLACES)
-        yield from islice((u for u in draws if self._stands(u)), PLACES)
+        tried = []
+        for u in islice(draws, PLACES):
+            tried.append(u)
+            yield u
+        if any(self._stands(u) for u in tried):
+            yield from islice((u for u in draws if self._stands(u)), PLACES)
 
     def _stands(self, u: Array) -> bool:
         """Whether the arm keeps torque and workspace where a motion begins, at rest."""
