@@ -135,19 +135,19 @@ class Problem:
     def _places(self, rng: np.random.Generator) -> Iterator[Array]:
         """Yield motions at random places, and where none of them will do, at as many where the arm can stand.
 
-        Where it stands at none of the first, the limits are to blame, and no others are sought.
+        Where torques hold the arm at none of the first, the limits are to blame, and no others are sought.
         """
         draws = (rng.uniform(-1.0, 1.0, self.size) for _ in range(PLACES + DRAWN))
         tried = []
         for u in islice(draws, PLACES):
             tried.append(u)
             yield u
-        if any(self._stands(u) for u in tried):
-            yield from islice((u for u in draws if self._stands(u)), PLACES)
+        if any(self._at_rest(u)[0] <= 0.0 for u in tried):
+            yield from islice((u for u in draws if self._at_rest(u).max() <= 0.0), PLACES)
 
-    def _stands(self, u: Array) -> bool:
-        """Whether the arm keeps torque and workspace where a motion begins, at rest."""
-        return bool((self._limits.use(self.trajectory(u), self._model, np.zeros(1)).excess[3:] <= 0.0).all())
+    def _at_rest(self, u: Array) -> Array:
+        """How far torque, floor and links are broken where a motion begins, (3,)."""
+        return self._limits.use(self.trajectory(u), self._model, np.zeros(1)).excess[3:]
 
     def excess(self, u: Array) -> Array:
         """How far torque, floor and links are broken, (3,)."""
