@@ -5,7 +5,7 @@ from __future__ import annotations
 import ctypes
 import sys
 
-_TRIM_THRESHOLD, _TOP_PAD, _MMAP_MAX = -1, -2, -4  # of malloc.h
+_TRIM_THRESHOLD, _TOP_PAD, _MMAP_MAX, _ARENA_MAX = -1, -2, -4, -8  # of malloc.h
 _KEPT = 1 << 30  # bytes at the end of the heap that stay
 _AHEAD = 1 << 26  # bytes that the heap grows by at once
 
@@ -14,7 +14,8 @@ def keep_memory() -> bool:
     """Have the C library keep what it was given back, instead of returning it to the system; whether it does.
 
     A diagnosis makes and drops arrays of tens of megabytes, thousands of times, and the system clears each page of new
-    ones: a tenth of the processor's time. For commands that end; glibc alone has such settings.
+    ones: a tenth of the processor's time. Threads have no heaps of their own, in which as much would be kept again. For
+    commands that end; glibc alone has such settings.
     """
     if not sys.platform.startswith("linux"):
         return False
@@ -22,6 +23,6 @@ def keep_memory() -> bool:
         set_option = ctypes.CDLL(None).mallopt
     except (AttributeError, OSError):
         return False
-    options = ((_MMAP_MAX, 0), (_TRIM_THRESHOLD, _KEPT), (_TOP_PAD, _AHEAD))
+    options = ((_MMAP_MAX, 0), (_TRIM_THRESHOLD, _KEPT), (_TOP_PAD, _AHEAD), (_ARENA_MAX, 1))
     done = [bool(set_option(option, value)) for option, value in options]
     return all(done)

@@ -9,8 +9,9 @@ from __future__ import annotations
 import os
 import threading
 from collections import deque
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor, wait
+from contextvars import copy_context
 from functools import cache, partial
 from typing import Generic, TypeVar, cast
 
@@ -47,22 +48,34 @@ def in_chunks(samples: int, work: Callable[[int, int], None]) -> None:
         return
     parts = max(count, min(_PARTS_A_THREAD * count, samples // _WORTH_A_PART))
     step = -(-samples // (parts * _BLOCK)) * _BLOCK
-    each(lambda start: work(start, min(start + step, samples)), range(0, samples, step))
+    share_out(lambda start: work(start, min(start + step, samples)), range(0, samples, step))
 
 
-def each(work: Callable[[Item], Result], items: Sequence[Item]) -> list[Result]:
-    """Return `work(item)` of all items, in their order, by all threads, this one included; each takes the next item."""
-    count = threads()
-    if min(count, len(items)) <= 1:
-        return [work(item) for item in items]
+def share_out(work: Callable[[Item], Result], items: Iterable[Item]) -> list[Result]:
+    """Return `work(item)` of all items, in their order, by all threads, this one included; each takes the next item.
+
+    It pays where NumPy, BLAS, transforms and kernels let go of the interpreter for most of the time. Results do not
+    depend on the threads. After an error nothing further is begun; of several that fail, any one's is raised.
+
+    Parameters
+    ----------
+    work
+        Of one item. What it reads must not be changed by another's.
+    items
+        All parts of the job.
+    """
+    parts, count = list(items), threads()
+    count = min(count, len(parts))
+    if count <= 1:
+        return [work(part) for part in parts]
     done: dict[int, Result] = {}
-    todo = iter(range(len(items)))
+    todo = iter(range(len(parts)))
 
     def take() -> None:
         for index in todo:
-            done[index] = work(items[index])
+            done[index] = work(parts[index])
 
-    others = [_pool(count - 1).submit(take) for _ in range(min(count, len(items)) - 1)]
+    others = [_pool(threads() - 1).submit(copy_context().run, take) for _ in range(count - 1)]
     try:
         take()
     finally:
@@ -71,11 +84,14 @@ def each(work: Callable[[Item], Result], items: Sequence[Item]) -> list[Result]:
         wait(begun)
     for other in begun:
         other.result()
-    return [done[index] for index in range(len(items))]
+    return [done[index] for index in range(len(parts))]
 
 
 def ahead(work: Callable[[Item], Result], items: Iterable[Item]) -> Iterator[Result]:
-    """Yield `work(item)` of all items, in their order; the other threads work on the next ones meanwhile."""
+    """Yield `work(item)` of all items, in their order; the other threads work on the next ones meanwhile.
+
+    The error of an item comes in its turn, as without threads.
+    """
     count = threads()
     if count == 1:
         yield from map(work, items)
@@ -101,20 +117,22 @@ class _Task(Generic[Result]):
     """
 
     def __init__(self, call: Callable[[], Result], pool: int) -> None:
-        self._calls = [call]
-        self._future: Future[Result | None] = _pool(pool).submit(_made, self._calls)
+        # What is wrong in it is as wrong there as in the caller's thread: NumPy keeps that in the context.
+        self._calls: list[Callable[[], Result]] = [partial(copy_context().run, call)]
+        self.future: Future[Result | None] = _pool(pool).submit(_made, self._calls)
 
     def result(self) -> Result:
         """Return what the call returns, or raise what it raises."""
         try:
             call = self._calls.pop()
         except IndexError:  # the pool has taken it
-            return cast("Result", self._future.result())
+            return cast("Result", self.future.result())
         return call()
 
-    def drop(self) -> None:
-        """Leave the call out, unless the pool has begun it."""
+    def drop(self) -> bool:
+        """Leave the call out; return False where the pool has begun it."""
         self._calls.clear()
+        return self.future.cancel()
 
 
 def _made(calls: list[Callable[[], Result]]) -> Result | None:

@@ -6,6 +6,7 @@ import hashlib
 import json
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
+from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -182,13 +183,17 @@ class _Builder:
         return self.value(name, *operands[: OPERATIONS[name]])
 
 
-def from_casadi(function: casadi.Function) -> Program:
-    """Read the operations of an SX function with dense inputs; outputs may be sparse, vectors or matrices."""
+@cache
+def _casadi_names() -> dict[int, str]:
+    """Return the name of each of CasADi's operations by its number."""
     import casadi
 
-    names = {
-        getattr(casadi, attribute): attribute[3:].lower() for attribute in dir(casadi) if attribute.startswith("OP_")
-    }
+    return {getattr(casadi, name): name[3:].lower() for name in dir(casadi) if name.startswith("OP_")}
+
+
+def from_casadi(function: casadi.Function) -> Program:
+    """Read the operations of an SX function with dense inputs; outputs may be sparse, vectors or matrices."""
+    names = _casadi_names()
     builder = _Builder()
     work: dict[int, int] = {}
     shapes = [function.size_out(k) for k in range(function.n_out())]

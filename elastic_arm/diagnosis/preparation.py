@@ -5,10 +5,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import chain
 
 import numpy as np
 from numpy.typing import NDArray
 
+from elastic_arm.codegen.parallel import share_out
 from elastic_arm.diagnosis.calibration.calibrate import calibrate
 from elastic_arm.diagnosis.calibration.expansion import expand
 from elastic_arm.diagnosis.calibration.linearisation import Linearised, linearise
@@ -186,7 +188,8 @@ def prepare(recordings: Sequence[Recording], validate: Sequence[Recording], ques
     """
     names, settings = question.robot.joint_names, question.settings
     chosen = [[by_motor_encoders(r.select(names), question.robot) for r in part] for part in (recordings, validate)]
-    selected = [[usable(r, settings.preprocessing) for r in part] for part in chosen]
+    cleared = share_out(lambda r: usable(r, settings.preprocessing), chain.from_iterable(chosen))
+    selected = [cleared[: len(recordings)], cleared[len(recordings) :]]
     alike = with_common_zeros([*selected[0], *selected[1]], question.robot)
     parts = split(alike[: len(recordings)], alike[len(recordings) :], settings.split)
     observed = _observed(parts, held_back=not validate)
@@ -249,7 +252,8 @@ def _known_effects(
 
 def _observed(parts: Sequence[Sequence[Recording]], *, held_back: bool) -> list[list[Observation]]:
     """Return the motion of both parts; where the second was held back from the first, it continues it."""
-    observed = [[observe(r) for r in part] for part in parts]
+    together = share_out(observe, chain.from_iterable(parts))
+    observed = [together[: len(parts[0])], together[len(parts[0]) :]]
     if not held_back:
         return observed
     cuts = [(rest.start_ns - first.start_ns) * 1e-9 for first, rest in zip(*parts, strict=True)]

@@ -17,7 +17,7 @@ from elastic_arm.dynamics import Model
 from elastic_arm.effects.library.torque_filters import CLEAR, low_pass_error
 from elastic_arm.estimation.effect_columns import Feature
 from elastic_arm.estimation.motion import CompletedMotion, drive_constants
-from elastic_arm.estimation.noise import reduced_to, wiener_filtered
+from elastic_arm.estimation.noise import reduced_to, wiener_filter
 from elastic_arm.estimation.observation import Observation
 from elastic_arm.estimation.regressors import Signals
 from elastic_arm.estimation.residuals import predicted_torques
@@ -170,6 +170,6 @@ def true_load(
         best = load[:, j]
         if both[j]:
             best = wound[:, j] + reduced_to(load[:, j] - wound[:, j], observation.rate, f, share[:, j])
-        found[:, j] = wiener_filtered(best, observation.rate, f, left[:, j])
-        clear[:, j] = wiener_filtered(best, observation.rate, f, left[:, j], CLEAR)
+        filtered = wiener_filter(best, observation.rate, f, left[:, j])
+        found[:, j], clear[:, j] = filtered(0.0), filtered(CLEAR)
     return found, clear

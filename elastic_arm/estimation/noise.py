@@ -17,6 +17,8 @@ import numpy as np
 import scipy  # its parts are loaded when they are used
 from numpy.typing import NDArray
 
+from elastic_arm.recording.inspection.torque_spectrum import without_line
+
 Array = NDArray[np.float64]
 
 ORDER = 4
@@ -318,7 +320,7 @@ def noise_filter(values: Array, rate: float, f: Array, noise: Array) -> Callable
     Parameters
     ----------
     values, rate, f, noise
-        As of :func:`wiener_filtered`. Nothing is taken off a signal that outweighs its noise up to the highest `f`.
+        As of :func:`wiener_filter`. Nothing is taken off a signal that outweighs its noise up to the highest `f`.
     """
     window = min(len(values), round(WIENER_SECONDS * rate))
     at, power = scipy.signal.welch(values, rate, nperseg=window)
@@ -344,11 +346,12 @@ def noise_filter(values: Array, rate: float, f: Array, noise: Array) -> Callable
     return filtered
 
 
-def wiener_filtered(values: Array, rate: float, f: Array, noise: Array, least: float = 0.0) -> Array:
-    """Return a signal in noise (N,) with each frequency reduced to its share of signal.
+def wiener_filter(values: Array, rate: float, f: Array, noise: Array) -> Callable[[float], Array]:
+    """Return `least` -> a signal in noise (N,) with each frequency reduced to its share of signal.
 
-    The coefficient of a regression on the result is not biased by the noise (regression calibration; Carroll et al.,
-    Measurement Error in Nonlinear Models, 2006, section 4).
+    Frequencies with less power than `least` times the noise are taken off. The coefficient of a regression on the
+    result is not biased by the noise (regression calibration; Carroll et al., Measurement Error in Nonlinear Models,
+    2006, section 4).
 
     Parameters
     ----------
@@ -360,14 +363,16 @@ def wiener_filtered(values: Array, rate: float, f: Array, noise: Array, least: f
         (F,) Hz, ascending; what lies above is taken off.
     noise
         (F,) in it, in units squared; 1 is white noise of one unit a sample.
-    least
-        Times the noise: frequencies with less power are taken off.
     """
     half = min(len(values), round(WIENER_SECONDS * rate)) // 2
-    at, power = scipy.signal.welch(values, rate, nperseg=2 * half, detrend="linear")
+    at, power = scipy.signal.welch(values, rate, nperseg=2 * half, detrend=without_line)
     expected = np.interp(at, f, noise) * 2.0 / rate
-    share = np.where(power < least * expected, 0.0, 1.0 - expected / np.maximum(power, 1e-300))
-    return reduced_to(values, rate, at[at <= f[-1]], np.clip(share, 0.0, 1.0)[at <= f[-1]])
+    share, known = np.clip(1.0 - expected / np.maximum(power, 1e-300), 0.0, 1.0), at <= f[-1]
+
+    def filtered(least: float) -> Array:
+        return reduced_to(values, rate, at[known], np.where(power < least * expected, 0.0, share)[known])
+
+    return filtered
 
 
 def reduced_to(values: Array, rate: float, f: Array, share: Array) -> Array:

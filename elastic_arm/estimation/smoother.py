@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 from scipy.signal import oaconvolve
 
-from elastic_arm.codegen.parallel import each
+from elastic_arm.codegen.parallel import share_out
 from elastic_arm.errors import IdentificationError
 from elastic_arm.estimation.convolution import convolve
 from elastic_arm.estimation.motion import Motion
@@ -220,7 +220,7 @@ def design_smoother(grids: list[Grid], n: int) -> Smoother:
         position, velocity = side
         return None if position is None else estimate_noise(position, velocity, grid.rate)
 
-    link, motor = each(noise, ((grid.q, grid.dq), (grid.theta, grid.dtheta)))
+    link, motor = share_out(noise, ((grid.q, grid.dq), (grid.theta, grid.dtheta)))
     return Smoother.from_noise(grid.rate, link, motor, n)
 
 

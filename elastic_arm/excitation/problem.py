@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from itertools import islice
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,6 +21,8 @@ SHARE = 0.98
 # A random motion that breaks torque or workspace is tried again smaller, then elsewhere.
 SHRINKING = (1.0, 0.7, 0.5, 0.35, 0.2, 0.1)
 PLACES = 60
+# Random places among which one is sought where an arm can stand: of thick links two in a hundred are free.
+DRAWN = 1000
 # Random motions that tell which columns can be told apart.
 TELLING = 10
 
@@ -119,8 +122,7 @@ class Problem:
     def random(self, rng: np.random.Generator) -> Array:
         """Draw a motion; turn it down, then move it elsewhere, until torque and workspace are kept."""
         best, least = np.zeros(self.size), np.inf
-        for _ in range(PLACES):
-            u = rng.uniform(-1.0, 1.0, self.size)
+        for u in self._places(rng):
             for factor in SHRINKING:
                 v = self._point(self.trajectory(u).scaled(factor))
                 excess = float(self.excess(v).max())
@@ -129,6 +131,23 @@ class Problem:
                 if excess < least:
                     best, least = v, excess
         return best
+
+    def _places(self, rng: np.random.Generator) -> Iterator[Array]:
+        """Yield motions at random places, and where none of them will do, at as many where the arm can stand.
+
+        Where torques hold the arm at none of the first, the limits are to blame, and no others are sought.
+        """
+        draws = (rng.uniform(-1.0, 1.0, self.size) for _ in range(PLACES + DRAWN))
+        tried = []
+        for u in islice(draws, PLACES):
+            tried.append(u)
+            yield u
+        if any(self._at_rest(u)[0] <= 0.0 for u in tried):
+            yield from islice((u for u in draws if self._at_rest(u).max() <= 0.0), PLACES)
+
+    def _at_rest(self, u: Array) -> Array:
+        """How far torque, floor and links are broken where a motion begins, (3,)."""
+        return self._limits.use(self.trajectory(u), self._model, np.zeros(1)).excess[3:]
 
     def excess(self, u: Array) -> Array:
         """How far torque, floor and links are broken, (3,)."""

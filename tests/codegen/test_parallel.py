@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 from elastic_arm.codegen import parallel
-from elastic_arm.codegen.parallel import ahead, each, in_chunks
+from elastic_arm.codegen.parallel import ahead, in_chunks, share_out
 
 
 @pytest.fixture(params=[1, 2, 3])
@@ -27,8 +27,8 @@ def cores(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> in
 
 
 def every(work: Callable[[int], int], items: range) -> Iterator[int]:
-    """Hand on what `each` returns, as `ahead` yields it."""
-    yield from each(work, items)
+    """Hand on what `share_out` returns, as `ahead` yields it."""
+    yield from share_out(work, items)
 
 
 def square(number: int) -> int:
@@ -69,6 +69,39 @@ def test_an_error_reaches_the_caller_and_leaves_the_pool_usable(way: Callable[..
     assert list(way(square, range(5))) == [0, 1, 4, 9, 16]
 
 
+def test_of_several_errors_the_first_item_s_is_raised(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The second item fails first, but `ahead` raises the error of the first, as on one thread."""
+    monkeypatch.setattr(parallel.os, "sched_getaffinity", lambda _: range(3), raising=False)
+    monkeypatch.delenv("OMP_NUM_THREADS", raising=False)
+    failed = threading.Event()
+
+    def work(number: int) -> None:
+        if number == 0:
+            assert failed.wait(10.0)
+        failed.set()
+        raise ValueError(f"item {number}")
+
+    with pytest.raises(ValueError, match="item 0"):
+        list(ahead(work, range(9)))
+
+
+@pytest.mark.skipif(np.lib.NumpyVersion(np.__version__) < "2.0.0", reason="NumPy keeps them by thread before 2.0")
+def test_an_item_sees_the_numerical_settings_of_its_caller(monkeypatch: pytest.MonkeyPatch) -> None:
+    """What is wrong in one is as wrong there as without threads."""
+    monkeypatch.setattr(parallel.os, "sched_getaffinity", lambda _: range(2), raising=False)
+    monkeypatch.delenv("OMP_NUM_THREADS", raising=False)
+    met = threading.Barrier(2, timeout=10.0)
+
+    def divided(x: np.ndarray) -> np.ndarray:
+        met.wait()
+        if threading.current_thread() is threading.main_thread():
+            return x
+        return x / np.zeros(1000)
+
+    with np.errstate(divide="raise"), pytest.raises(FloatingPointError):
+        share_out(divided, [np.ones(1000), np.ones(1000)])
+
+
 def test_after_an_interrupt_nothing_further_is_begun(monkeypatch: pytest.MonkeyPatch) -> None:
     """Ctrl-C, which the thread that asks receives, ends shared work with what the others are at."""
     monkeypatch.setattr(parallel.os, "sched_getaffinity", lambda _: range(2), raising=False)
@@ -82,7 +115,7 @@ def test_after_an_interrupt_nothing_further_is_begun(monkeypatch: pytest.MonkeyP
         time.sleep(0.01)
 
     with pytest.raises(KeyboardInterrupt):
-        each(work, range(1000))
+        share_out(work, range(1000))
     assert len(begun) < 500
 
 
@@ -90,7 +123,7 @@ def test_the_variable_means_one_thread(monkeypatch: pytest.MonkeyPatch) -> None:
     """With OMP_NUM_THREADS=1 all is done by the thread that asks, item after item."""
     monkeypatch.setenv("OMP_NUM_THREADS", "1")
     here = threading.get_ident()
-    assert {*each(lambda _: threading.get_ident(), range(8))} == {here}
+    assert {*share_out(lambda _: threading.get_ident(), range(8))} == {here}
     assert {*ahead(lambda _: threading.get_ident(), range(8))} == {here}
 
 
@@ -103,9 +136,9 @@ def test_shared_work_shares_nothing_out_itself(monkeypatch: pytest.MonkeyPatch) 
     def inner(_: int) -> tuple[bool, int, list[int]]:
         met.wait()  # so that both threads take one
         own = threading.current_thread() is threading.main_thread()
-        return own, parallel.threads(), each(square, range(4))
+        return own, parallel.threads(), share_out(square, range(4))
 
-    found = sorted(each(inner, range(2)))
+    found = sorted(share_out(inner, range(2)))
     assert found == [(False, 1, [0, 1, 4, 9]), (True, 2, [0, 1, 4, 9])]
 
 
@@ -115,7 +148,7 @@ def test_nobody_waits_for_a_busy_pool(monkeypatch: pytest.MonkeyPatch) -> None:
     released = threading.Event()
     busy = parallel._pool(1).submit(released.wait, 30.0)
     try:
-        assert each(square, range(5)) == [0, 1, 4, 9, 16]
+        assert share_out(square, range(5)) == [0, 1, 4, 9, 16]
         assert list(ahead(square, range(5))) == [0, 1, 4, 9, 16]
         assert not busy.done()
     finally:
@@ -159,7 +192,7 @@ def test_no_more_than_a_few_items_are_begun_ahead(monkeypatch: pytest.MonkeyPatc
 
 def squares() -> list[int]:
     """Return some, by all threads."""
-    return each(square, range(5))
+    return share_out(square, range(5))
 
 
 def test_a_forked_process_has_threads_of_its_own(monkeypatch: pytest.MonkeyPatch) -> None:

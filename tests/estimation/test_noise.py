@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import scipy
 
-from elastic_arm.estimation.noise import estimate_noise, noise_filter, wiener_filtered
+from elastic_arm.estimation.noise import estimate_noise, noise_filter, wiener_filter
 
 RATE = 1000.0
 T = np.arange(12_000) / RATE
@@ -52,10 +52,10 @@ def test_a_regression_on_a_filtered_signal_is_not_biased_by_its_noise() -> None:
         return float(column @ signal / (column @ column))
 
     assert coefficient(seen) < 0.55
-    filtered = wiener_filtered(seen, RATE, f, np.full(len(f), np.var(noise)))
+    filtered = wiener_filter(seen, RATE, f, np.full(len(f), np.var(noise)))(0.0)
     assert abs(coefficient(filtered) - 1.0) < 0.03
     np.testing.assert_allclose(
-        wiener_filtered(signal, RATE, f, np.zeros(len(f)))[2000:-2000], signal[2000:-2000], atol=0.02
+        wiener_filter(signal, RATE, f, np.zeros(len(f)))(0.0)[2000:-2000], signal[2000:-2000], atol=0.02
     )
 
 

@@ -20,6 +20,7 @@ from elastic_arm.excitation import (
     Shape,
     Workspace,
     optimise,
+    problem,
     random_trajectories,
 )
 from elastic_arm.excitation.criteria import distinct_columns, elastic_motion
@@ -186,6 +187,18 @@ def test_random_motions_keep_the_limits(mod3: Model, limits: MotionLimits) -> No
     motions = random_trajectories(mod3, limits, 5, rng=np.random.default_rng(0))
     assert len(motions) == 5
     assert max(limits.use(motion, mod3).excess.max() for motion in motions) <= 0.0
+
+
+def test_random_motions_are_found_where_few_places_are_free(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Where the links are thick, most random places are in the floor or in another link; others are sought then."""
+    robot = random_arm(6, np.random.default_rng(6))
+    model, limits = build_model(robot), MotionLimits.of(robot)
+    monkeypatch.setattr(problem, "PLACES", 10)
+    (motion,) = random_trajectories(model, limits, 1, rng=np.random.default_rng(0))
+    assert limits.use(motion, model).kept
+    monkeypatch.setattr(problem, "DRAWN", 0)
+    with pytest.raises(ExcitationError, match="a random motion breaks the limits everywhere"):
+        random_trajectories(model, limits, 1, rng=np.random.default_rng(0))
 
 
 @pytest.mark.slow(4)

@@ -20,7 +20,7 @@ from elastic_arm.effects.equations import ArmEquations
 from elastic_arm.estimation.effect_columns import Feature
 from elastic_arm.estimation.known_torques import ActingEffect
 from elastic_arm.estimation.motion import CompletedMotion, drive_constants, rates_of
-from elastic_arm.estimation.noise import wiener_filtered
+from elastic_arm.estimation.noise import wiener_filter
 from elastic_arm.estimation.regressors import Entries
 from elastic_arm.estimation.residuals import predicted_torques
 from elastic_arm.estimation.whitening import NoiseModel, Part, WhitenedData
@@ -191,11 +191,11 @@ def _regressor(model: Model, motion: CompletedMotion, directions: Array) -> Arra
     along[_springs(model)] = 0.0
     spins = [spin.parameter for spin in model.bodies.spins]
     columns = np.zeros((N, 3 * n, along.shape[1]))
+    x, dx, ddx = (motion.coordinates(rate, elastic=elastic) for rate in ("", "d", "dd"))
     memory = np.empty((min(N, BLOCK), (2 if elastic else 1) * n, len(along)))
     for first in range(0, N, BLOCK):
         part = slice(first, first + BLOCK)
-        x, dx, ddx = (motion.coordinates(rate, elastic=elastic)[part] for rate in ("", "d", "dd"))
-        Phi = model.regressor(x, dx, ddx, out=memory[: len(x)])
+        Phi = model.regressor(x[part], dx[part], ddx[part], out=memory[: min(BLOCK, N - first)])
         rows = (Phi.reshape(-1, len(along)) @ along).reshape(*Phi.shape[:2], -1)
         if elastic:
             columns[part, :n], columns[part, 2 * n :] = rows[:, :n], rows[:, n : 2 * n]
@@ -254,7 +254,7 @@ def _quiet(rate: Array, noise: NoiseModel, j: int) -> Array:
     It holds the third derivative of the links' angles. Regressed on its noise too, a damping comes out too small.
     """
     assert noise.load is not None
-    return wiener_filtered(rate, noise.rate, noise.f, (2 * np.pi * noise.f) ** 2 * noise.load[:, j])
+    return wiener_filter(rate, noise.rate, noise.f, (2 * np.pi * noise.f) ** 2 * noise.load[:, j])(0.0)
 
 
 def _wound(model: Model, part: Part, acting: Sequence[ActingEffect]) -> Array:

@@ -13,6 +13,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from elastic_arm.codegen.parallel import share_out
 from elastic_arm.diagnosis.calibration.calibrated_robot import nearest_robot
 from elastic_arm.diagnosis.calibration.channels import gains, lags
 from elastic_arm.diagnosis.calibration.columns import (
@@ -117,26 +118,27 @@ def expand(
     late = lags(parameters, values, robot.joint_names)
     scale = gains(parameters, values, robot.joint_names)
     corrected = [tuple(o.corrected(late, scale) for o in part) for part in problem.observed]
-    identify, validate = (
-        WhitenedData(
+
+    def whitened(which: int) -> WhitenedData:
+        return WhitenedData(
             model,
-            part,
+            corrected[which],
             problem.layout,
             problem.band,
             predicted=len(parameters) > 0,
             sticking_removed=problem.sticking_removed,
             acting=acting,
-            near=other,
+            near=None if near is None else near.data[which],
             scales=problem.scales,
         )
-        for part, other in zip(corrected, near.data if near else (None, None), strict=True)
-    )
+
+    identify, validate = share_out(whitened, (0, 1))
     seen, data = (corrected[0], corrected[1]), (identify, validate)
     if not parameters:
         return Expansion(model, values, seen, data, None)
     inertial = None if near is None else near.inertial
     if near is None or inertial is None or not _alike(data, late, near):
-        first, second = (inertial_columns(model, one, parameters, problem.directions) for one in data)
+        first, second = share_out(lambda one: inertial_columns(model, one, parameters, problem.directions), data)
         inertial, near = (first, second), None
     if near is not None and same_problem and _derivatives_hold(problem, values, acting, near):
         assert near.nuisance is not None
@@ -181,11 +183,13 @@ def _nuisance(
     acting: Sequence[ActingEffect],
 ) -> NuisanceColumns:
     features = features_at(model, problem.parameters, acting)
-    columns = [
-        nuisance_columns(model, problem.robot, one, problem.parameters, own, features, numbers)
-        for one, own, numbers in zip(data, inertial, problem.numbers, strict=True)
-    ]
-    white = (data[0].whiten(columns[0]), data[1].whiten(columns[1]))
+
+    def made(which: int) -> tuple[list[Array], Array]:
+        one, own, numbers = data[which], inertial[which], problem.numbers[which]
+        columns = nuisance_columns(model, problem.robot, one, problem.parameters, own, features, numbers)
+        return columns, one.whiten(columns)
+
+    (_, first), (validation, second) = share_out(made, (0, 1))
     limits = np.array([parameter.limit for parameter in problem.parameters])
     joints = tuple(parameter.joint for parameter in problem.parameters)
     # Twice the widest width: below, an extra friction is how dry friction turns over.
@@ -194,4 +198,4 @@ def _nuisance(
         if parameter.speeds:
             widest = 2.0 * max(parameter.speeds)
             turned_over[parameter.joint] = max(widest, turned_over.get(parameter.joint, 0.0))
-    return NuisanceColumns(white, columns[1], -values, limits, joints, turned_over=turned_over)
+    return NuisanceColumns((first, second), validation, -values, limits, joints, turned_over=turned_over)

@@ -9,11 +9,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from itertools import chain
 from weakref import WeakKeyDictionary
 
 import numpy as np
 from numpy.typing import NDArray
 
+from elastic_arm.codegen.parallel import share_out
 from elastic_arm.diagnosis.inference.regimes import bases
 from elastic_arm.diagnosis.selection.gram_fits import first_row, orthonormal_basis
 from elastic_arm.diagnosis.selection.regressor_library import Candidate, RegressorLibrary
@@ -107,11 +109,11 @@ def lack_of_fit(
     settings
         The shapes that residuals are compared with, and how much of them nuisance parameters may hold.
     """
-    n = library.sets[0].layout.n
     left = [library.remainder(which, selected, library.fit(which, selected)) for which in (0, 1)]
     explained = [_Explained.by(library, selected, which, settings.search.held) for which in (0, 1)]
-    found: list[LackOfFit] = []
-    for joint in range(n):
+
+    def of_joint(joint: int) -> list[LackOfFit]:
+        found: list[LackOfFit] = []
         shapes = {
             of: [shapes_of(data, of, joint, ratios[joint], settings.regimes) for data in library.sets]
             for of in ("link", "motor")
@@ -132,7 +134,9 @@ def lack_of_fit(
                 gain = sum(_gain(*products[which][regime], fits[1 - which]) for which in (0, 1))
                 size = np.concatenate([part[:, row] @ fits[0] for part in plain[1][regime]])
                 found.append(LackOfFit(row, regime, gain, float(np.sqrt(np.mean(size**2)))))
-    return strongest(found)
+        return found
+
+    return strongest(list(chain.from_iterable(share_out(of_joint, range(library.sets[0].layout.n)))))
 
 
 def strongest(found: Sequence[LackOfFit]) -> list[LackOfFit]:

@@ -103,7 +103,7 @@ def bases(
     theta, q, load = v["x"][:, motor + i], v["x"][:, i], v["tau_J"][:, i]
     # Of the load clear of noise: that of the encoders is in the residuals, too, and differentiating raises it. The load
     # itself is the one of which the columns of nuisance parameters are made, so that these hold what is theirs.
-    rate = rates_of(signals.t, signals.model_torques["clear"][:, i])
+    rate = signals.once("rates of the clear load", lambda: rates_of(signals.t, signals.model_torques["clear"]))[:, i]
     typical = float(np.sqrt(np.mean(w**2))) or 1.0
     waves = [f(k * ratios[0] * theta) for k in settings.orders for f in (np.sin, np.cos)]
     turns = [f(k * ratios[1] * theta) for k in settings.orders for f in (np.sin, np.cos)]

@@ -14,11 +14,13 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import chain
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.special import logsumexp
 
+from elastic_arm.codegen.parallel import share_out
 from elastic_arm.diagnosis.calibration.calibrate import effective_noise
 from elastic_arm.diagnosis.laws.general_laws import GeneralLaw, general_laws
 from elastic_arm.diagnosis.selection.gram_fits import first_row, orthonormal_basis, regularised
@@ -275,21 +277,24 @@ class LawComparison:
             Numbers of some of the joint's laws; all when None.
         """
         chosen = range(len(self._laws(joint))) if laws is None else laws
-        blocks = {k: self._of_law(joint, k) for k in chosen}
+        blocks = dict(zip(chosen, share_out(lambda k: self._of_law(joint, k), chosen), strict=True))
         alike: dict[tuple[int, ...], list[int]] = {}
         for k, own in blocks.items():
             alike.setdefault(tuple(rows.start for rows, _ in own), []).append(k)
-        found: dict[int, tuple[float, float, Array]] = {}
-        for numbers in alike.values():
+
+        def gained(numbers: Sequence[int]) -> list[tuple[float, float, Array]]:
             # The basis is the largest by far, and is gone through once for all laws that act in the same rows.
             parts = [[blocks[k][which] for k in numbers] for which in (0, 1)]
             together = [(own[0][0], np.hstack([columns for _, columns in own])) for own in parts]
             held = np.sum([base.basis[rows].T @ columns for rows, columns in together], axis=0)
             target = np.sum([columns.T @ base.left[rows] for rows, columns in together], axis=0)
             ends = np.cumsum([blocks[k][0][1].shape[1] for k in numbers])[:-1]
-            for k, along, aim in zip(numbers, np.split(held, ends, axis=1), np.split(target, ends), strict=True):
-                gram = np.sum([columns.T @ columns for _, columns in blocks[k]], axis=0)
-                found[k] = self._gained(gram - along.T @ along, aim)
+            grams = (np.sum([columns.T @ columns for _, columns in blocks[k]], axis=0) for k in numbers)
+            each = zip(grams, np.split(held, ends, axis=1), np.split(target, ends), strict=True)
+            return [self._gained(gram - along.T @ along, aim) for gram, along, aim in each]
+
+        gains = chain.from_iterable(share_out(gained, alike.values()))
+        found = dict(zip(chain.from_iterable(alike.values()), gains, strict=True))
         return [found[k] for k in chosen]
 
     def _gained(self, gram: Array, target: Array) -> tuple[float, float, Array]:

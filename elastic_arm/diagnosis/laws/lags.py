@@ -23,7 +23,7 @@ from elastic_arm.diagnosis.selection.regressor_library import Candidate
 from elastic_arm.effects import EffectInstance
 from elastic_arm.effects.library.torque_filters import CHANNELS, CLEAR, low_pass_error, moved
 from elastic_arm.estimation.effect_columns import Feature
-from elastic_arm.estimation.noise import wiener_filtered
+from elastic_arm.estimation.noise import wiener_filter
 from elastic_arm.estimation.whitening import Part, WhitenedData
 
 Array = NDArray[np.float64]
@@ -198,6 +198,6 @@ def _passed(part: Part, name: str, joint: int, delay: float) -> Array:
     density = np.full(len(noise.f), part.signals.torque_noise[name][joint])
     if noise.colour is not None:
         density += noise.colour.density(name, noise.f)[:, joint]
-    torque = wiener_filtered(recorded, noise.rate, noise.f, density, CLEAR)[:, None]
+    torque = wiener_filter(recorded, noise.rate, noise.f, density)(CLEAR)[:, None]
     behind = torque + low_pass_error(t, torque, 1.0 / (2.0 * np.pi * delay))
     return np.asarray(moved(t, behind, delay) - torque)

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from scipy.fft import rfft
 from scipy.linalg import solve_triangular
 
+from elastic_arm.codegen.parallel import share_out
 from elastic_arm.diagnosis.inference.lack_of_fit import placed, shapes_of
 from elastic_arm.diagnosis.laws.general_laws import changing_friction
 from elastic_arm.diagnosis.preparation import PreparedData
@@ -36,6 +37,7 @@ Complex = NDArray[np.complexfloating]
 RANK = 1e-6  # relative eigenvalue below which a combination of columns is not determined; numerical
 NOTHING = 1e-9  # of a column's size, if it holds nothing but a mean; numerical
 CHUNK = 64  # columns transformed, and frequencies whitened, at once: bounds the memory
+AT_ONCE = 4  # products of all columns that are made before they are summed: bounds the memory
 LONG = 4000  # coordinates of a stretch up to which the spectra of single harmonics are kept; bounds the memory
 SLOW = 5.0  # Hz, below which every frequency of a recording counts
 FREQUENCIES = 500  # above it: enough to know a smooth spectrum to some per cent
@@ -75,11 +77,11 @@ def noise_colours(prepared: PreparedData, hypothesis: Hypothesis) -> NoiseColour
     """
     library, settings = prepared.library, prepared.settings.colour
     beta = library.fit(0, hypothesis.selected)
-    spectra = [
-        _spectra(prepared, which, [library.remainder(which, hypothesis.selected, beta)[:, None]]) for which in (0, 1)
-    ]
+    spectra = share_out(
+        lambda which: _spectra(prepared, which, [library.remainder(which, hypothesis.selected, beta)[:, None]]), (0, 1)
+    )
     left = [[Periodogram(s.f, s.values[:, :, 0], np.ones(s.values.shape[:2]), s.ways) for s in own] for own in spectra]
-    fits = [fit_colour(own) for own in left]
+    fits = share_out(fit_colour, left)
     projected = []
     # The worst first: where no smooth spectrum describes that, the other one changes nothing.
     for which in sorted((0, 1), key=lambda k: -fits[k].lack):
@@ -159,26 +161,49 @@ def _spectra(prepared: PreparedData, which: int, blocks: Sequence[Array]) -> lis
     """Return the spectra of blocks of whitened columns (rows, k) of one data set, stretch by stretch."""
     data, found, first = prepared.library.sets[which], [], 0
     R, coefficients = data.layout.rows, data.layout.torque_coefficients
-    total = len(data.white) // R
     for part, harmonics in zip(data.parts, data.harmonics, strict=True):
         place = slice(first, first + harmonics.size)
         first = place.stop
         f, transform = _transform(harmonics, data.band.kept_rate, data.band.cutoff)
         values = np.zeros((sum(columns.shape[1] for columns in blocks), R, len(f)), dtype=complex)
-        done = 0
-        for columns in blocks:
-            for k in range(0, columns.shape[1], CHUNK):
-                some = columns[:, k : k + CHUNK].T.reshape(-1, R, total)[:, :, place]
-                acting = some.any(axis=2)
-                spectra = values[done : done + len(some)]
-                spectra[acting] = transform(some[acting])
-                # The mean does not count: of a constant column rounding is left, which is no direction to project out.
-                spectra[_size(spectra) < NOTHING * _size(some)] = 0.0
-                done += len(some)
+        _transform_all(values, blocks, place, transform)
         whitener = part.noise.whitener(f)
         ways = {channel: whitener @ C for channel, C in coefficients.items() if C.any()}
         found.append(_Spectra(f, values.T, ways))
     return found
+
+
+def _transform_all(
+    values: Complex, blocks: Sequence[Array], place: slice, transform: Callable[[Array], Complex]
+) -> None:
+    """Write the spectra of blocks of whitened columns (rows, k) to `values` (k in all, R, F).
+
+    Parameters
+    ----------
+    values, blocks
+        See above.
+    place
+        Where the stretch stands among the rows of each residual.
+    transform
+        Makes spectra of coordinates of the stretch.
+    """
+    starts = np.cumsum([0, *(columns.shape[1] for columns in blocks)])
+    tasks = [
+        (start + k, columns[:, k : k + CHUNK])
+        for start, columns in zip(starts, blocks, strict=False)
+        for k in range(0, columns.shape[1], CHUNK)
+    ]
+
+    def write(task: tuple[int, Array]) -> None:
+        first, columns = task
+        some = columns.T.reshape(columns.shape[1], values.shape[1], -1)[:, :, place]
+        acting = some.any(axis=2)
+        spectra = values[first : first + len(some)]
+        spectra[acting] = transform(some[acting])
+        # The mean does not count: of a constant column rounding is left, which is no direction to project out.
+        spectra[_size(spectra) < NOTHING * _size(some)] = 0.0
+
+    share_out(write, tasks)
 
 
 def _size(columns: NDArray[Any]) -> Array:
@@ -243,30 +268,58 @@ def _beside(spectra: Sequence[_Spectra], columns: Sequence[_Spectra], colour: Co
     null = np.searchsorted(-first[order], -np.arange(spectra[0].values.shape[1]))
     rows = [_real_rows(inverse, one.values, order) for inverse, one in zip(inverses, columns, strict=True)]
     aims = [_real_rows(inverse, one.values, alone)[:, :, 0] for inverse, one in zip(inverses, spectra, strict=True)]
-    gram, target = np.zeros((len(order), len(order))), np.zeros(len(order))
-    for x, v in zip(rows, aims, strict=True):
-        for own, aim, k in zip(x, v, null, strict=True):
-            gram[k:, k:] += own[:, k:].T @ own[:, k:]
-            target[k:] += own[:, k:].T @ aim
+    gram, target = _products(rows, aims, null)
     scale = np.sqrt(np.maximum(np.diag(gram), 1e-300))
     chosen, triangle, lost = independent_columns(gram / np.outer(scale, scale), RANK)
     scale, null = scale[chosen], np.searchsorted(chosen, null)
     beta = solve_triangular(triangle, target[chosen] / scale, lower=True)
     beta -= lost @ (lost.T @ beta)
+
+    def left_of(residual: tuple[Array, Array, int]) -> tuple[Array, Array]:
+        own, aim, k = residual
+        some = (own[:, chosen[k:]] / scale[k:]).T
+        along = solve_triangular(triangle[k:, k:], some, lower=True, check_finite=False)
+        squares = np.square(along).sum(axis=0) - np.square(lost[k:].T @ along).sum(axis=0)
+        return squares, aim - beta[k:] @ along
+
     found = []
     for one, factor, x, v in zip(spectra, factors, rows, aims, strict=True):
         shape = (*one.values.shape[:2], 2)
         held, parts = np.empty(shape), np.empty(shape)
-        for r, (own, aim, k) in enumerate(zip(x, v, null, strict=True)):
-            some = (own[:, chosen[k:]] / scale[k:]).T
-            along = solve_triangular(triangle[k:, k:], some, lower=True, check_finite=False)
-            squares = np.square(along).sum(axis=0) - np.square(lost[k:].T @ along).sum(axis=0)
-            held[:, r], parts[:, r] = squares.reshape(-1, 2), (aim - beta[k:] @ along).reshape(-1, 2)
+        each = zip(x, v, null, strict=True)
+        for r, (squares, rest) in enumerate(share_out(left_of, each)):
+            held[:, r], parts[:, r] = squares.reshape(-1, 2), rest.reshape(-1, 2)
         # Of real columns a complex number holds two: half the leverage is each one's.
         share = np.maximum(1.0 - 0.5 * held.sum(axis=2), LEAST_SHARE)
         left = parts.view(complex)[:, :, 0] / np.sqrt(share)
         found.append(Periodogram(one.f, (factor @ left[:, :, None])[:, :, 0], share, one.ways))
     return found
+
+
+def _products(rows: Sequence[Array], aims: Sequence[Array], null: NDArray[np.intp]) -> tuple[Array, Array]:
+    """Return the products (k, k) of columns with each other, and (k,) with residuals, over all stretches.
+
+    Parameters
+    ----------
+    rows, aims
+        (R, 2 F, k) columns and (R, 2 F) residuals of each stretch.
+    null
+        (R,) how many of the first columns are null in a residual.
+    """
+
+    def product(residual: tuple[Array, Array, int]) -> tuple[Array, Array]:
+        own, aim, k = residual
+        return own[:, k:].T @ own[:, k:], own[:, k:].T @ aim
+
+    count = rows[0].shape[2]
+    gram, target = np.zeros((count, count)), np.zeros(count)
+    residuals = [each for x, v in zip(rows, aims, strict=True) for each in zip(x, v, null.tolist(), strict=True)]
+    for first in range(0, len(residuals), AT_ONCE):
+        some = residuals[first : first + AT_ONCE]
+        for (_, _, k), (square, along) in zip(some, share_out(product, some), strict=True):
+            gram[k:, k:] += square
+            target[k:] += along
+    return gram, target
 
 
 def _real_rows(inverse: Complex, values: Complex, order: NDArray[np.intp]) -> Array:
@@ -283,10 +336,13 @@ def _real_rows(inverse: Complex, values: Complex, order: NDArray[np.intp]) -> Ar
     """
     (F, R), k = values.shape[:2], len(order)
     rows = np.empty((R, F, 2, k))
-    for first in range(0, F, CHUNK):
+
+    def write(first: int) -> None:
         part = slice(first, first + CHUNK)
         white = (inverse[part] @ np.take(values[part], order, axis=2)).transpose(1, 0, 2)
         rows[:, part, 0], rows[:, part, 1] = white.real, white.imag
+
+    share_out(write, range(0, F, CHUNK))
     return rows.reshape(R, 2 * F, k)
 
 
@@ -314,8 +370,8 @@ def _motion_columns(prepared: PreparedData, which: int, hypothesis: Hypothesis) 
     data = library.sets[which]
     tried = [c.index for c in (*library.candidates, *hypothesis.selected)]
     own = np.unique(np.concatenate([np.zeros(0, dtype=int), *tried]))
-    blocks: list[Array] = [library.matrix(which, own), library.nuisance.white[which]]
-    for joint in range(data.layout.n):
+
+    def of_joint(joint: int) -> Array:
         plain: list[Sequence[Array]] = []
         ratios = prepared.gear_ratios(joint)
         for of in ("link", "motor"):
@@ -324,5 +380,7 @@ def _motion_columns(prepared: PreparedData, which: int, hypothesis: Hypothesis) 
             shapes = [part for regime, part in found.items() if regime not in NO_MOTION]
             plain += [placed(data, side, joint, part) for side in sides for part in shapes]
         plain += [law.plain(data) for law in changing_friction(library.sets, joint, prepared.settings.general_laws)]
-        blocks.append(data.whiten([np.concatenate(parts, axis=2) for parts in zip(*plain, strict=True)]))
-    return blocks
+        return data.whiten([np.concatenate(parts, axis=2) for parts in zip(*plain, strict=True)])
+
+    general = share_out(of_joint, range(data.layout.n))
+    return [library.matrix(which, own), library.nuisance.white[which], *general]

@@ -9,6 +9,8 @@ from numpy.typing import NDArray
 from scipy.linalg import solve_triangular
 from scipy.linalg.lapack import dpocon, dpotrf, dpotrs, dpstrf
 
+from elastic_arm.codegen.parallel import share_out
+
 Array = NDArray[np.float64]
 Index = NDArray[np.intp]
 
@@ -68,13 +70,18 @@ def products(left: Array, right: Array) -> Array:
         return np.asarray(left[begin:].T @ right[begin:])
     begin_left, begin_right = first_rows(left), first_rows(right)
     begins = np.unique(begin_right)
-    found = np.zeros((left.shape[1], right.shape[1]))
-    for first, last in zip(begins, [*begins[1:], len(right)], strict=True):
+
+    def product(rows: tuple[int, int]) -> tuple[Index, Index, Array]:
+        first, last = rows
         of_left, of_right = np.flatnonzero(begin_left < last), np.flatnonzero(begin_right <= first)
         acting = right[first:last, of_right]
         # A product of a matrix with itself takes half the time.
         others = acting if left is right else left[first:last, of_left]
-        found[(of_right if left is right else of_left)[:, None], of_right] += others.T @ acting
+        return of_right if left is right else of_left, of_right, others.T @ acting
+
+    found = np.zeros((left.shape[1], right.shape[1]))
+    for of_left, of_right, part in share_out(product, zip(begins, [*begins[1:], len(right)], strict=True)):
+        found[of_left[:, None], of_right] += part
     return found
 
 

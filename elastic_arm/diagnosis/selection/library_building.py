@@ -56,15 +56,16 @@ def _competing(
         Feature -> whether it is.
     """
     scaled = [f for f in features if f.effect.scales_friction and wanted(f)]
-    found: list[Candidate] = []
+    points: list[tuple[Feature, tuple[float, ...] | None, bool]] = []
     for feature in features:
         needed = bool(scaled) and feature.effect.friction and not feature.searched
         for point in starting_points(feature, settings, library.sets) if needed or wanted(feature) else ():
             if not feature.effect.scales_friction:
                 # What has no free parameter at all has a known size; what is only searched may be scaled meanwhile.
-                found.append(library.add(feature, point, fixed=feature.fixed and not feature.scalable))
+                points.append((feature, point, feature.fixed and not feature.scalable))
+    found = library.add_all(points)
     library.close()
-    further = [library.add(_beside(library, feature, found)) for feature in scaled]
+    further = library.add_all([(_beside(library, feature, found), (), False) for feature in scaled])
     library.close()
     return [*(one for one in found if wanted(one.feature)), *further]
 

@@ -12,6 +12,7 @@ from copy import copy
 import numpy as np
 from numpy.typing import NDArray
 
+from elastic_arm.codegen.parallel import share_out
 from elastic_arm.diagnosis.selection.candidates import Candidate
 from elastic_arm.diagnosis.selection.gram_fits import (
     BorderedFits,
@@ -68,7 +69,8 @@ class RegressorLibrary:
         self._monomials: dict[Feature, Array] = {}
         self._plain: dict[Candidate, list[Array]] = {}
         self._squares: dict[tuple[int, tuple[Candidate, ...]], Array] = {}
-        self._pending: list[list[Array]] = [[e.white[:, None]] for e in self.sets]
+        # With the number of columns up to these and with them.
+        self._pending: list[list[tuple[int, Array]]] = [[(1, e.white[:, None])] for e in self.sets]
         self._columns = [np.empty((len(e.white), 0), order="F") for e in self.sets]
         self._grams = [GrowingMatrix() for _ in self.sets]
 
@@ -100,7 +102,7 @@ class RegressorLibrary:
     @property
     def _count(self) -> int:
         """Number of columns with those taken in since."""
-        return self.count + sum(columns.shape[1] for columns in self._pending[-1])
+        return self._pending[-1][-1][0] if self._pending[-1] else self.count
 
     def add(self, feature: Feature, searched: tuple[float, ...] | None = (), *, fixed: bool = False) -> Candidate:
         """Take a feature in; :meth:`close` makes it usable. It competes once it is among the candidates.
@@ -114,14 +116,22 @@ class RegressorLibrary:
         fixed
             Whether its coefficient is 1 instead of fitted.
         """
-        own = [self.columns(which, feature, searched) for which in (0, 1)]
-        return Candidate(feature, searched, self.add_columns(own), fixed)
+        return self.add_all([(feature, searched, fixed)])[0]
+
+    def add_all(self, wanted: Sequence[tuple[Feature, tuple[float, ...] | None, bool]]) -> list[Candidate]:
+        """Take features in as :meth:`add` does, with its arguments for each; all threads make their columns."""
+        parts = [(which, feature, searched) for feature, searched, _ in wanted for which in (0, 1)]
+        made = share_out(lambda part: self.columns(*part), parts)
+        return [
+            Candidate(feature, searched, self.add_columns(own), fixed)
+            for (feature, searched, fixed), *own in zip(wanted, made[::2], made[1::2], strict=True)
+        ]
 
     def add_columns(self, blocks: Sequence[Array]) -> slice:
         """Take in whitened columns (rows, k) of both data sets, and return where they stand."""
         first = self._count
         for own, columns in zip(self._pending, blocks, strict=True):
-            own.append(columns)
+            own.append((first + columns.shape[1], columns))
         return slice(first, self._count)
 
     def columns(self, which: int, feature: Feature, searched: tuple[float, ...] | None) -> Array:
@@ -162,7 +172,7 @@ class RegressorLibrary:
         for which, pending in enumerate(self._pending):
             self._reserve(which, old, now)
             columns = self._columns[which]
-            np.concatenate(pending, axis=1, out=columns[:, old:now])
+            np.concatenate([added for _, added in pending], axis=1, out=columns[:, old:now])
             pending.clear()
             new = columns[:, old:now]
             self._grams[which].extend(products(columns[:, :now] if old else new, new))

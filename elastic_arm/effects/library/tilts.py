@@ -29,6 +29,9 @@ POSES = 40
 SMOOTH, SMOOTHER = 12.0, 0.6
 PADDING = 0.5  # s mirrored at both ends, in which the tilts swing in
 RATE = 250.0  # Hz, more than the motion that columns are made of holds
+BEYOND = (
+    8.0  # of the frequency up to which moments are taken, from which rounding is left of them (exp(-32)); numerical
+)
 STEPS = 4
 
 
@@ -79,6 +82,7 @@ class TiltRegressor:
         poses = x[:: max(1, len(x) // POSES)]
         inertia = self._model.mass_matrix(np.hstack([poses, np.zeros_like(poses)])).mean(axis=0)[2 * n :, 2 * n :]
         f = _frequencies(t)
+        f = f[f <= BEYOND * smooth]
         s = 2j * np.pi * f[:, None, None]
         response = np.linalg.inv(np.diag(scale * stiffness) + s * np.diag(damping) + s**2 * inertia)
         return np.asarray(response * np.exp(-0.5 * (f / smooth) ** 2)[:, None, None])
@@ -96,6 +100,6 @@ def _driven(moment: Array, t: Array, response: Array) -> Array:
     """Return tilts and their first and second derivatives (3, N, 2n) under moments (N, 2n)."""
     count = _padding(t)
     padded = np.pad(moment, ((count, count), (0, 0)), mode="reflect")
-    tilt = (response @ np.fft.rfft(padded, axis=0)[:, :, None])[:, :, 0]
-    s = 2j * np.pi * _frequencies(t)[:, None]
-    return np.array([np.fft.irfft(tilt * s**k, len(padded), axis=0)[count : count + len(moment)] for k in range(3)])
+    tilt = (response @ scipy.fft.rfft(padded, axis=0)[: len(response), :, None])[:, :, 0]
+    s = 2j * np.pi * _frequencies(t)[: len(response), None]
+    return np.asarray(scipy.fft.irfft([tilt * s**k for k in range(3)], len(padded), axis=1)[:, count : -count or None])

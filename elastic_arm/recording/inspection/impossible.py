@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from elastic_arm.codegen.parallel import each
+from elastic_arm.codegen.parallel import share_out
 from elastic_arm.errors import RecordingError
 from elastic_arm.recording.inspection.plausibility import listed
 from elastic_arm.recording.recording import Recording
@@ -38,7 +38,7 @@ def require_possible(recording: Recording) -> None:
         for name, side in recording.measured().items()
         for channel, values in side.channels().items()
     ]
-    for (name, channel, _), largest in zip(channels, each(lambda one: _largest(one[2]), channels), strict=True):
+    for (name, channel, _), largest in zip(channels, share_out(lambda one: _largest(one[2]), channels), strict=True):
         beyond = largest > LARGEST[channel]
         if beyond.any():
             what = f"{name} {channel} of {listed(recording.joints, beyond)}"

@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from elastic_arm.codegen.parallel import each
+from elastic_arm.codegen.parallel import share_out
 from elastic_arm.recording.inspection.impossible import require_possible
 from elastic_arm.recording.recording import Recording
 from elastic_arm.recording.sides import Array, Side, joints_with
@@ -93,7 +93,7 @@ def find_outliers(recording: Recording) -> list[Outliers]:
         for channel, values in side.channels().items()
         if joints_with(values).any()
     ]
-    return [found for of_channel in each(lambda one: list(_all_of_channel(one)), channels) for found in of_channel]
+    return [found for of_channel in share_out(lambda one: list(_all_of_channel(one)), channels) for found in of_channel]
 
 
 def _recorded(values: Array, joints: Sequence[str]) -> tuple[Array, Sequence[str]]:

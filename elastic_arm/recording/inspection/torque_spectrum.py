@@ -66,7 +66,10 @@ def torque_spectrum(effort: Array, rate: float) -> TorqueSpectrum:
     effort = np.where(joints_with(effort), effort, 0.0)
     varying = effort.std(axis=0) > 0.0
     rows = min(1024, len(effort) // 2)
-    frequency, power = scipy.signal.welch(effort, rate, WINDOW, rows, detrend="linear", axis=0, scaling="density")
+    # Windows of one joint lie together: through all joints at once they would be taken number by number.
+    columns = np.ascontiguousarray(effort.T)
+    frequency, power = scipy.signal.welch(columns, rate, WINDOW, rows, detrend=without_line)
+    power = power.T
     white = np.where(varying, effort.var(axis=0), 1.0) / (0.5 * rate)
     level = 10.0 * np.log10(np.maximum(power / white, 1e-30))
     middle, top = (_between(frequency / (0.5 * rate), level, *edges) for edges in ((0.3, 0.5), (0.7, 0.95)))
@@ -80,6 +83,13 @@ def torque_spectrum(effort: Array, rate: float) -> TorqueSpectrum:
         end[j] = frequency[last]
         knee[j] = _knee(frequency[: last + 1], level[: last + 1, j])
     return TorqueSpectrum(top, computed, low_passed, end, knee)
+
+
+def without_line(pieces: Array) -> Array:
+    """Return pieces (…, N) of a signal without the straight line of each, for which SciPy solves least squares."""
+    t = np.linspace(-1.0, 1.0, pieces.shape[-1])
+    left = pieces - pieces.mean(axis=-1, keepdims=True)
+    return np.asarray(left - (left @ t)[..., None] * (t / max(float(t @ t), 1e-300)))
 
 
 def torque_spectra(recording: Recording) -> dict[str, TorqueSpectrum]:
