@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from array import array
+from collections.abc import Callable
 
 import numpy as np
 import pytest
@@ -20,6 +21,7 @@ from elastic_arm.nodes.support.pacing import Pace
 from elastic_arm.nodes.support.pairing import Pairing
 from elastic_arm.nodes.support.running import run
 from elastic_arm.nodes.support.wire import Form, Inbox
+from elastic_arm.recording import limits
 
 MS = 1_000_000
 
@@ -325,6 +327,38 @@ def test_an_inbox_gives_back_what_came_in() -> None:
     assert other_names == ("b", "a", "c")
     assert other_stamps.tolist() == [4]
     assert not list(inbox.take())
+
+
+@pytest.mark.parametrize(
+    "spoil",
+    [
+        lambda b: b"",
+        lambda b: b[:2],
+        lambda b: b[:-5],
+        lambda b: b"\x07\x07" + b[2:],
+        lambda b: b[:12] + b"\xff" * 4 + b[16:],
+        lambda b: b[:16] + b"\xff" * 8 + b[24:],
+    ],
+)
+def test_messages_that_do_not_fit_their_type_are_counted(spoil: Callable[[bytes], bytes]) -> None:
+    """Whoever publishes bytes that are no message of the type stops no node: the sound ones are read."""
+    collector = Collector(("a", "b"))
+    sound = serialize_message(joint_state(["a", "b"], stamp_ns=MS))
+    for inbox in collector.inboxes.values():
+        for message in (sound, spoil(sound)):
+            inbox.put(message)
+    samples = collector.take(everything=True)
+    assert samples is not None and len(samples) == 1
+    assert "2 messages cannot be read" in collector.problems()
+
+
+def test_messages_that_all_look_different_cost_no_time() -> None:
+    """Of 2000 messages with other names each, as many layouts are looked at as a bag may have; the rest is counted."""
+    inbox = Inbox("sensor_msgs/msg/JointState")
+    for k in range(2000):
+        inbox.put(serialize_message(joint_state([f"{k:04d}"])))
+    assert len(list(inbox.take())) == limits.LAYOUTS
+    assert inbox.unreadable == 2000 - limits.LAYOUTS
 
 
 def test_a_full_inbox_drops_the_oldest_and_says_so() -> None:
