@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import math
+import multiprocessing
+import time
 from functools import partial
+from multiprocessing.process import BaseProcess
 
 import pytest
 
@@ -51,3 +54,12 @@ def test_processes_that_are_starting_end_quietly_on_an_interrupt(delay: float) -
     status, complaints = interrupted(["-c", SCRIPT], delay, patience=30.0)
     assert complaints == ""
     assert status == 130
+
+
+def test_an_interrupt_ends_the_pools_own_processes_alone(bystander: BaseProcess) -> None:
+    """What else the process has started, as a user of the library may, goes on."""
+    with pytest.raises(KeyboardInterrupt), ProcessPool(2) as pool:
+        pool.start([partial(time.sleep, 60.0)] * 2, lambda: None)
+        raise KeyboardInterrupt
+    bystander.join(0.5)  # it has been asked to end by now, if it has been at all
+    assert multiprocessing.active_children() == [bystander]

@@ -7,6 +7,7 @@ import os
 import signal
 from collections.abc import Callable, Sequence
 from concurrent.futures import ProcessPoolExecutor
+from multiprocessing.process import BaseProcess
 from types import TracebackType
 from typing import Any, TypeVar
 
@@ -30,6 +31,7 @@ class ProcessPool:
 
     def __init__(self, workers: int) -> None:
         self._pool: ProcessPoolExecutor | None = None
+        self._own: set[BaseProcess] = set()
         if workers > 1:
             # Spawned, not forked: this process may hold threads of the kernels' engine.
             context = multiprocessing.get_context("spawn")
@@ -43,7 +45,7 @@ class ProcessPool:
     ) -> None:
         if self._pool is not None:
             if kind is KeyboardInterrupt:  # nobody waits for what they are at
-                for process in multiprocessing.active_children():
+                for process in self._own:
                     process.terminate()
             self._pool.shutdown(cancel_futures=True)
 
@@ -68,7 +70,9 @@ class ProcessPool:
                 advance()
             return lambda: results
         with interrupts_held():
+            others = set(multiprocessing.active_children())
             futures = [self._pool.submit(task) for task in tasks]
+            self._own |= set(multiprocessing.active_children()) - others
         for future in futures:
             future.add_done_callback(lambda _: advance())
         return lambda: [future.result() for future in futures]
