@@ -5,6 +5,7 @@ from __future__ import annotations
 import multiprocessing
 import os
 import signal
+import threading
 from collections.abc import Callable, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from multiprocessing.process import BaseProcess
@@ -83,6 +84,14 @@ class ProcessPool:
 
 
 def _begin() -> None:
-    """Take one thread, and end quietly on a Ctrl-C, which reaches all processes of a terminal."""
+    """Take one thread, and end quietly on a Ctrl-C, which reaches all processes of a terminal, and with the parent."""
     take_interrupts(signal.SIG_DFL)
+    threading.Thread(target=_end_with_parent, daemon=True).start()
     os.environ["OMP_NUM_THREADS"] = os.environ["OPENBLAS_NUM_THREADS"] = "1"
+
+
+def _end_with_parent() -> None:
+    """End this process once its parent has gone, be it killed: nobody would hand it another task."""
+    if (parent := multiprocessing.parent_process()) is not None:
+        parent.join()
+        os._exit(1)
