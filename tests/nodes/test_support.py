@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from array import array
 from collections.abc import Callable
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -16,6 +17,7 @@ from elastic_arm.excitation import FourierTrajectory
 from elastic_arm.nodes.following.plan import Plan
 from elastic_arm.nodes.following.reference import ReferenceQueue
 from elastic_arm.nodes.following.splines import Row
+from elastic_arm.nodes.recorder import Recorder
 from elastic_arm.nodes.support.collecting import Collector
 from elastic_arm.nodes.support.pacing import Pace
 from elastic_arm.nodes.support.pairing import Pairing
@@ -480,3 +482,20 @@ def test_arguments_that_ros_does_not_take_are_refused_in_a_line(
     assert run(lambda: pytest.fail("a node was made"), ["replayer", "--ros-args", *words]) == 2
     (line,) = [line for line in capsys.readouterr().err.splitlines() if line.startswith("error: ")]
     assert words[-1] in line
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["-p", "topics:=['no topic!']"], "'no topic!' is no name of a topic"),
+        (["-p", "bag:=" + "n" * 300], "File name too long"),
+    ],
+)
+def test_a_recorder_refuses_names_that_cannot_be_in_a_line(
+    words: list[str], said: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Names of topics that ROS has not, and of folders that no disk takes, are no tracebacks."""
+    monkeypatch.chdir(tmp_path)
+    assert run(Recorder, ["recorder", "--ros-args", *words]) == 2
+    (line,) = [line for line in capsys.readouterr().err.splitlines() if line.startswith("error: ")]
+    assert said in line
