@@ -81,7 +81,7 @@ def _real(name: str, values: object) -> Array:
     """
     try:
         if isinstance(values, np.ma.MaskedArray):
-            values = values.astype(np.float64).filled(np.nan)
+            values = np.ma.filled(values.astype(np.float64), np.nan)
         found = np.asarray(values)
         if found.dtype.kind != "c":
             return found.astype(np.float64, copy=False)
