@@ -1,7 +1,7 @@
 """The `elastic-arm` command.
 
 A module without imports of weight: libraries take a second to load, and a Ctrl-C in that time should end the process as
-quietly as one later on.
+quietly as one later on. SIGTERM is taken as Ctrl-C is: what a command has started or laid aside would outlive it.
 """
 
 from __future__ import annotations
@@ -20,31 +20,49 @@ if TYPE_CHECKING:
 __all__ = ["SUBCOMMANDS", "app", "load", "main"]
 
 __getattr__ = lazily(__name__, dict.fromkeys(("SUBCOMMANDS", "app", "load"), "elastic_arm.cli.application"))
-# Libraries swallow what is raised while they call Python, as CasADi does: a Ctrl-C is raised again after so long, s.
+# Libraries swallow what is raised while they call Python, as CasADi does: interrupts are raised again after so long, s.
 AGAIN = 3.0
 
 
 def main() -> None:
     """Entry point."""
     one_blas_thread(os.environ)
-    heeded = signal.getsignal(signal.SIGINT) is not signal.SIG_IGN  # as behind nohup
-    if heeded:
-        signal.signal(signal.SIGINT, signal.SIG_DFL)
+    # Some are ignored, as behind nohup.
+    heeded = [number for number in (signal.SIGINT, signal.SIGTERM) if signal.getsignal(number) is not signal.SIG_IGN]
+    for number in heeded:
+        signal.signal(number, signal.SIG_DFL)
     from elastic_arm.cli.application import app
     from elastic_arm.cli.console import guard_output
 
     guard_output()
-    if heeded:
-        signal.signal(signal.SIGINT, _interrupt)
-        signal.signal(signal.SIGALRM, _interrupt)
+    interrupts = _Interrupts()
+    for number in (*heeded, *([signal.SIGALRM] if heeded else [])):
+        signal.signal(number, interrupts.take)
     try:
         app()
     finally:
         signal.setitimer(signal.ITIMER_REAL, 0.0)
-        if heeded:
-            signal.signal(signal.SIGINT, signal.SIG_DFL)
+        for number in heeded:
+            signal.signal(number, signal.SIG_DFL)
+        if interrupts.came is not None:
+            # Whatever a library made of it: one that is being imported may turn it into an ImportError.
+            raise SystemExit(128 + interrupts.came)
 
 
-def _interrupt(number: int, frame: FrameType | None) -> None:
-    signal.setitimer(signal.ITIMER_REAL, AGAIN)
-    raise KeyboardInterrupt
+class _Interrupts:
+    """The signals that end a command.
+
+    Attributes
+    ----------
+    came
+        The first one.
+    """
+
+    def __init__(self) -> None:
+        self.came: int | None = None
+
+    def take(self, number: int, frame: FrameType | None) -> None:
+        """Interrupt whatever runs, and once more after a while."""
+        self.came = self.came or number
+        signal.setitimer(signal.ITIMER_REAL, AGAIN)
+        raise KeyboardInterrupt

@@ -38,33 +38,28 @@ def take_interrupts(handler: Callable[..., Any] | signal.Handlers) -> None:
     signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
 
 
-class NotedInterrupts:
-    """Calls a function on SIGINT while a library runs that takes it for itself, as NOMAD does at every step, for good.
+@contextmanager
+def interrupts_kept() -> Iterator[None]:
+    """Keep SIGINT from a library that takes it for itself and for good, as NOMAD does at every step.
 
-    A context, in which nothing is raised: a library that calls Python swallows what is. Behind it SIGINT does what it
-    did before. Where it was ignored, or ends the process, it is and does so within, too, without a call. In other
-    threads than the main one nothing is done.
-
-    Parameters
-    ----------
-    note
-        Called on each SIGINT.
+    It is held back in this thread and does behind it what it did before. A library that calls Python swallows what is
+    raised there; it has to end by itself where :func:`interrupt_waits`. Whatever other threads take, it gets.
     """
+    before = signal.getsignal(signal.SIGINT)
+    mask = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        if threading.current_thread() is threading.main_thread() and before is not None:
+            signal.signal(signal.SIGINT, before)
+        signal.pthread_sigmask(signal.SIG_SETMASK, mask)
 
-    def __init__(self, note: Callable[[], None]) -> None:
-        self._note = note
-        self._before = signal.getsignal(signal.SIGINT)
-        self._main = threading.current_thread() is threading.main_thread()
 
-    def __enter__(self) -> NotedInterrupts:
-        return self
+def interrupts_count() -> bool:
+    """Return whether SIGINT does anything, and is not ignored as in the background of a shell."""
+    return signal.getsignal(signal.SIGINT) is not signal.SIG_IGN
 
-    def __exit__(self, *_: object) -> None:
-        if self._main and self._before is not None:
-            signal.signal(signal.SIGINT, self._before)
 
-    def take(self) -> None:
-        """Take SIGINT back from the library, which has called Python."""
-        before = self._before
-        if self._main and before is not None:
-            signal.signal(signal.SIGINT, (lambda number, frame: self._note()) if callable(before) else before)
+def interrupt_waits() -> bool:
+    """Return whether a SIGINT that counts has come and is held back."""
+    return interrupts_count() and signal.SIGINT in signal.sigpending()

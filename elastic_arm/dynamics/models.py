@@ -127,7 +127,8 @@ class Model:
             Array of the result's shape to write to.
         """
         kernel = self.kernel("regressor", columns)
-        return np.asarray(kernel(x, dx, ddx, out=None if out is None else [out])).reshape(len(x), self.dof, -1)
+        width = len(self.parameters) if columns is None else len(columns)
+        return np.asarray(kernel(x, dx, ddx, out=None if out is None else [out])).reshape(len(x), self.dof, width)
 
     def mass_matrix(self, x: np.ndarray, Psi: np.ndarray | None = None) -> np.ndarray:
         """Whole matrix of (1), (N, dof, dof), in the order of x."""

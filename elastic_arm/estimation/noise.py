@@ -17,11 +17,14 @@ import numpy as np
 import scipy  # its parts are loaded when they are used
 from numpy.typing import NDArray
 
+from elastic_arm.errors import IdentificationError
 from elastic_arm.recording.inspection.torque_spectrum import without_line
 
 Array = NDArray[np.float64]
 
 ORDER = 4
+# Samples until the filter has settled, whose innovations do not count.
+SETTLING = 8 * ORDER
 # Above an eighth of the sample rate the sampled process is no longer like the continuous one of the design.
 HIGHEST_CUTOFF = np.pi / 4
 # A filter slower than this would cut into the motion of an arm.
@@ -102,6 +105,8 @@ def estimate_noise(position: Array, velocity: Array | None, rate: float) -> Side
     Cutoff and the ratio of the two noises are common to the joints of a side (they share encoders of a kind), the
     noise level is each joint's own and concentrated out of the likelihood.
     """
+    if len(position) <= SETTLING:
+        raise IdentificationError(f"{len(position)} samples in a row are too few", "Record some seconds of motion.")
     piece = _liveliest(position, LONGEST_PIECE)
     y = position[piece] - position[piece].mean(axis=0)
     v = None if velocity is None else velocity[piece] / rate
@@ -227,7 +232,7 @@ def _concentrated(observed: Array, cutoff: float, ratio: float | None) -> tuple[
         Of the filter, rad per sample; noise of the velocity over that of the position.
     """
     gain, predict, s = _steady_state(cutoff, ratio)
-    innovations = _innovations(observed, predict, gain, _observation(cutoff, ratio))[..., ORDER * 8 :]
+    innovations = _innovations(observed, predict, gain, _observation(cutoff, ratio))[..., SETTLING:]
     channels, _, samples = innovations.shape
     whitened = np.linalg.inv(np.linalg.cholesky(s)) @ innovations.reshape(channels, -1)
     variance = np.mean(whitened.reshape(innovations.shape) ** 2, axis=(0, 2)) + np.finfo(float).tiny

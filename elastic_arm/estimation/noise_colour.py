@@ -171,7 +171,7 @@ class ColourFit:
     colour
         Of the torque channels.
     gain
-        Log-likelihood over that of the white noise, nats.
+        Log-likelihood over that of the white noise, nats; minus infinity where no colour of sensors describes it.
     lack
         Largest ratio of power to power expected, over all rows and octaves that are well known.
     peakedness
@@ -216,18 +216,24 @@ def fit_colour(stretches: list[Periodogram]) -> ColourFit:
     covariance = model(c)
     inverse = np.linalg.inv(covariance)
     reached = likelihood(covariance, inverse)
-    for _ in range(STEPS):
-        back = inverse @ columns
-        seen = np.real(np.sum(back.conj() * (sample @ back), axis=1))
-        expected = np.real(np.sum(columns.conj() * back, axis=1))
-        ratio = ((weight[:, None] * seen).T @ h) / np.maximum((weight[:, None] * expected).T @ h, 1e-300)
-        trial = c * ratio
-        covariance = model(trial)
-        inverse = np.linalg.inv(covariance)
-        now = likelihood(covariance, inverse)
-        gained, reached, c = now - reached, now, trial
-        if abs(gained) < CONVERGED:
-            break
+    try:
+        for _ in range(STEPS):
+            back = inverse @ columns
+            seen = np.real(np.sum(back.conj() * (sample @ back), axis=1))
+            expected = np.real(np.sum(columns.conj() * back, axis=1))
+            if expected.min() < 0.0:
+                raise np.linalg.LinAlgError("no inverse in 16 digits")
+            ratio = ((weight[:, None] * seen).T @ h) / np.maximum((weight[:, None] * expected).T @ h, 1e-300)
+            trial = c * ratio
+            covariance = model(trial)
+            inverse = np.linalg.inv(covariance)
+            now = likelihood(covariance, inverse)
+            gained, reached, c = now - reached, now, trial
+            if abs(gained) < CONVERGED:
+                break
+    except np.linalg.LinAlgError:
+        # Residuals so far above the sensors' white noise are of no sensor's colour.
+        c, reached = np.zeros_like(c), -np.inf
     c = np.where(c * own[:, None] * h.max(axis=0) < SMALLEST, 0.0, c)
     n = ways[channels[0]].shape[2]
     coefficients = {name: c[k * n : (k + 1) * n] for k, name in enumerate(channels)}

@@ -336,15 +336,29 @@ def _mode(samples: Samples, k: NDArray[np.int64], rate: float, jitter: Array) ->
 
 
 def _roughness(position: Array) -> float:
-    """Return a robust size of what a smooth motion does not have: its sixth differences."""
+    """Return a robust size of what a smooth motion does not have: its sixth differences; infinite without any."""
     rough = np.abs(np.diff(position, 6, axis=0))
+    if not len(rough):
+        return np.inf
     scale = np.std(position, axis=0)
     return float(np.median(rough / np.where(scale > 0, scale, 1.0)))
 
 
 def extended(grid: Grid, count: int) -> Grid:
     """Continue a stretch at both ends by its mirror image, through the point for angles, so that smoothing keeps its
-    length: internal states need the motion from the first sample on. The rows made of it are dropped."""
+    length: internal states need the motion from the first sample on. The rows made of it are dropped.
+
+    Raises
+    ------
+    IdentificationError
+        If the stretch is shorter than that.
+    """
+    if len(grid) <= count:
+        raise IdentificationError(
+            f"{len(grid)} samples without a gap at {grid.rate:.3g} Hz are too few for the smoother, which needs more "
+            f"than {count}",
+            "Record longer, or more samples a second.",
+        )
     channels = {name: _mirrored(v, count, odd=name in ("q", "theta")) for name, v in grid.channels().items()}
     step = np.arange(1, count + 1) / grid.rate
     t = np.concatenate([grid.t[0] - step[::-1], grid.t, grid.t[-1] + step])

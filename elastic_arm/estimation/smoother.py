@@ -213,7 +213,15 @@ def instantaneous(torque: Array) -> Array:
 
 
 def design_smoother(grids: list[Grid], n: int) -> Smoother:
-    """Design the smoother for a recording from the noise in its longest piece."""
+    """Design the smoother for a recording from the noise in its longest piece.
+
+    Raises
+    ------
+    IdentificationError
+        If there is none of a few dozen samples.
+    """
+    if not grids:
+        raise IdentificationError("there are gaps after every few samples", "Record some seconds of motion.")
     grid = max(grids, key=len)
 
     def noise(side: tuple[Array | None, Array | None]) -> SideNoise | None:

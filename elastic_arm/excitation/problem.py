@@ -16,6 +16,8 @@ from elastic_arm.excitation.limits import MotionLimits
 
 Array = NDArray[np.float64]
 
+# More would take memory for what no arm follows; ramps in periods.
+MOST_HARMONICS, LONGEST_RAMP = 100, 100
 # Share of the kinematic limits that the search uses, so that peaks between its samples stay within them.
 SHARE = 0.98
 # A random motion that breaks torque or workspace is tried again smaller, then elsewhere.
@@ -37,13 +39,18 @@ class Shape:
     periods: int = 1
 
     def __post_init__(self) -> None:
-        require(self.harmonics >= 1, f"{self.harmonics} harmonics are asked for", "Ask for at least one")
+        require(
+            1 <= self.harmonics <= MOST_HARMONICS,
+            f"{self.harmonics} harmonics are asked for",
+            f"Ask for at least one, and for {MOST_HARMONICS} at most",
+        )
         require(
             np.isfinite(self.period) and self.period > 0.0, f"the period is {self.period:g} s", "Give a time above 0"
         )
         require(self.periods >= 1, f"{self.periods} periods are asked for", "Ask for at least one")
         ramp = self.period / 4.0 if self.ramp is None else self.ramp
-        require(np.isfinite(ramp) and ramp >= 0.0, f"the ramp is {ramp:g} s", "Give zero or a positive time")
+        longest = LONGEST_RAMP * self.period
+        require(0.0 <= ramp <= longest, f"the ramp is {ramp:g} s", f"Give zero or a time up to {longest:g} s")
         object.__setattr__(self, "ramp", float(ramp))
 
 

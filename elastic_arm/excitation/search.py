@@ -21,7 +21,7 @@ from elastic_arm.excitation.criteria import BaseRegressor, find_criterion
 from elastic_arm.excitation.fourier import FourierTrajectory, require
 from elastic_arm.excitation.limits import LimitUse, MotionLimits
 from elastic_arm.excitation.problem import Problem, Shape
-from elastic_arm.interrupts import NotedInterrupts
+from elastic_arm.interrupts import interrupt_waits, interrupts_count, interrupts_kept
 
 Array = NDArray[np.float64]
 Progress = Callable[[int, float], None]
@@ -38,6 +38,8 @@ NOMAD = (
     "BB_OUTPUT_TYPE OBJ PB PB PB",
     "DISPLAY_DEGREE 0",
 )
+# What its reason for stopping begins with where it has got a SIGINT.
+INTERRUPTED = "Ctrl-C"
 
 
 @dataclass(frozen=True, eq=False)
@@ -183,7 +185,6 @@ class _Course:
         self.value = np.inf
         self.history: list[tuple[int, float]] = []
         self.error: BaseException | None = None
-        self.interrupts = NotedInterrupts(self._interrupt)
         self._best: Array | None = None
         self._progress = progress
 
@@ -196,7 +197,8 @@ class _Course:
         if self.error is not None:
             return False
         try:
-            self.interrupts.take()
+            if interrupt_waits():
+                raise KeyboardInterrupt
             u = np.array([point.get_coord(i) for i in range(point.size())])
             value, excess = self.problem.both(u)
             self._note(u, value, excess)
@@ -205,9 +207,6 @@ class _Course:
             return False
         point.setBBO(" ".join(repr(float(number)) for number in (value, *excess)).encode())
         return True
-
-    def _interrupt(self) -> None:
-        self.error = KeyboardInterrupt()
 
     def _note(self, u: Array, value: float, excess: Array) -> None:
         self.count += 1
@@ -227,7 +226,9 @@ def _run_nomad(course: _Course, start: Array, evaluations: int, seed: int) -> No
     PyNomad.setSeed(seed)
     PyNomad.resetRandomNumberGenerator()
     parameters = [*NOMAD, f"MAX_BB_EVAL {evaluations}", f"SEED {seed}"]
-    with course.interrupts:
-        PyNomad.optimize(course, start.tolist(), [-1.0] * size, [1.0] * size, parameters)
+    with interrupts_kept():
+        found = PyNomad.optimize(course, start.tolist(), [-1.0] * size, [1.0] * size, parameters)
     if course.error is not None:
         raise course.error
+    if found["stop_reason"].startswith(INTERRUPTED) and interrupts_count():  # through another thread
+        raise KeyboardInterrupt

@@ -253,3 +253,10 @@ def _predicted(
     values[:, j] += step
     predicted = equations.predict(replace(motion, **{channel: values}), Psi)
     yield from (predicted[side].T for side in equations.sides)
+
+
+def inflation(robust: Array, white: Array) -> float:
+    """Return how many times larger variances are than those of white errors, in the median of what is determined."""
+    by_scatter, by_noise = np.diag(robust), np.diag(white)
+    known = np.isfinite(by_scatter) & np.isfinite(by_noise) & (by_noise > 0)
+    return float(np.median(by_scatter[known] / by_noise[known])) if known.any() else 1.0

@@ -328,7 +328,7 @@ def correlation(blocks: Blocks, found: Fit, samples: float) -> float:
         long._halve()
     *_, back = _solve(found.factor)
     robust, white = _covariances(long, (found.Psi, found.weights, found.noise), back, blocks.total())
-    return float(np.median(np.diag(robust) / np.diag(white)))
+    return deviations.inflation(robust, white)
 
 
 def _joined(whole: Array, prior: Prior | None) -> Array:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -12,11 +12,12 @@ from numpy.typing import NDArray
 from elastic_arm.dynamics import Model
 from elastic_arm.errors import IdentificationError
 from elastic_arm.estimation.motion import Motion
-from elastic_arm.estimation.resampling import Clock, Grid, Placing, joined, part
+from elastic_arm.estimation.resampling import Clock, Grid, Placing
 from elastic_arm.estimation.smoother import Smoother, design_smoother
 from elastic_arm.identification.accumulator import BLOCK, Accumulator
 from elastic_arm.identification.base_regression import BaseRegression, Column
 from elastic_arm.identification.deflection import Deflections, fit_deflections
+from elastic_arm.identification.incoming import IncomingRun
 from elastic_arm.identification.least_squares import MISFIT_POWER, Blocks, Fit, Prior, fit
 from elastic_arm.identification.result import Identification, result_of
 from elastic_arm.identification.saved import Recorded, Sums, read_sums, recorded_in, write_sums
@@ -25,12 +26,6 @@ from elastic_arm.recording import Samples
 
 Array = NDArray[np.float64]
 
-# Length of the first samples in motion, s, from which clock and smoother are chosen.
-CALIBRATION_SECONDS = 4.0
-# A joint that has left its first position by so much is in motion, rad: a standing arm shows no bandwidth.
-MOVED = 0.01
-# Of an arm that stands longer before its first motion, the last seconds are kept.
-STANDING_SECONDS = 60.0
 SENSED = ("q", "theta", "tau_J", "tau_m")
 
 
@@ -76,29 +71,6 @@ class Progress:
     received: int = 0
     refused: int = 0
     pieces: int = 0
-
-
-@dataclass
-class _PartialRun:
-    """The run of samples that is coming in.
-
-    Parameters
-    ----------
-    buffer
-        Samples that are not on the grid yet.
-    placing
-        Puts them there.
-    run
-        Points of the grid that wait for the smoother, or are part of its next window.
-    since, last
-        Time of the first sample that is held, and of the last one that came.
-    """
-
-    buffer: Samples | None = None
-    placing: Placing | None = None
-    run: list[Grid] = field(default_factory=list)
-    since: float = np.inf
-    last: float = -np.inf
 
 
 class Identifier:
@@ -153,13 +125,13 @@ class Identifier:
         self.smoother, self.clock = self._given
         self.accumulator: Accumulator | None = None
         self.progress = Progress()
-        self._piece = _PartialRun()
+        self._piece = IncomingRun()
         self._recorded: Recorded = ()
 
     def pause(self) -> None:
-        """Ignore samples until :meth:`resume`."""
+        """Ignore samples until :meth:`resume`. Those from which no smoother could be chosen yet are given up."""
         self.paused = True
-        self._end_piece()
+        self._end_piece(wait=True)
 
     def resume(self) -> None:
         """Take samples again."""
@@ -211,20 +183,19 @@ class Identifier:
         Raises
         ------
         IdentificationError
-            If the channels allow no equation, or differ from those before.
+            If the channels allow no equation, or differ from those before, or if neither rate nor smoother can be
+            chosen by the samples that wait, which are given up.
         """
         if self.paused or not len(samples):
             return
         self.progress.received += len(samples)
-        if samples.t[-1] < self._piece.since:
-            self._end_piece()
-        samples = self._advancing(samples)
-        if not len(samples):
+        if self._piece.is_before(samples):
+            self._end_piece(wait=True)
+        taken = self._piece.take(samples)
+        self.progress.refused += len(samples) - len(taken)
+        if not len(taken):
             return
-        self._piece.since = min(self._piece.since, float(samples.t[0]))
-        self._piece.last = float(samples.t[-1])
-        self._piece.buffer = samples if self._piece.buffer is None else joined(self._piece.buffer, samples)
-        self.choose_equations(samples)
+        self.choose_equations(taken)
         if self._calibrated(wait=True):
             self._process()
 
@@ -235,8 +206,14 @@ class Identifier:
         self.progress.samples += motion.every * len(motion)
 
     def finish(self) -> None:
-        """Work off what still waits, short of the smoother's lag; later samples start a new piece."""
-        self._end_piece()
+        """Work off what still waits, short of the smoother's lag; later samples start a new piece.
+
+        Raises
+        ------
+        IdentificationError
+            If there are too few samples to choose a smoother by.
+        """
+        self._end_piece(wait=False)
 
     def fit(self, prior: Prior | None = None) -> Fit:
         """Return the estimate from all samples so far, and from what is known beforehand.
@@ -248,9 +225,9 @@ class Identifier:
         """
         blocks = self._ready().snapshot()
         if not blocks.grams:
-            waiting = sum(map(len, self._piece.run)) + (0 if self._piece.buffer is None else len(self._piece.buffer))
             raise IdentificationError(
-                f"{waiting} samples are not yet enough for an estimate", "Wait some seconds, or record longer."
+                f"{self._piece.waiting} samples are not yet enough for an estimate",
+                "Wait some seconds, or record longer.",
             )
         rows, power = Deflections.of(self.equations), float(self.weighted)
         if rows is not None:
@@ -325,27 +302,20 @@ class Identifier:
             raise IdentificationError("no samples yet", "Add samples first.")
         return self.accumulator
 
-    def _advancing(self, samples: Samples) -> Samples:
-        """Leave out samples that are not later than those before."""
-        newest = np.maximum.accumulate(np.concatenate([[self._piece.last], samples.t]))[:-1]
-        good = samples.t > newest
-        self.progress.refused += int(np.count_nonzero(~good))
-        return samples if good.all() else part(samples, np.flatnonzero(good))
-
     def _calibrated(self, wait: bool) -> bool:
-        """Choose clock and smoother once there are enough samples."""
+        """Choose clock and smoother once there are enough samples, or as well as these allow."""
         if self.smoother is not None and self.clock is not None:
             return True
-        if self._piece.buffer is None:
+        first = self._piece.first_in_motion(wait)
+        if first is None:
             return False
-        onset = _onset(self._piece.buffer)
-        self._piece.buffer = buffer = part(self._piece.buffer, self._piece.buffer.t >= onset - STANDING_SECONDS)
-        if wait and buffer.t[-1] < onset + CALIBRATION_SECONDS:
-            return False
-        since = min(onset, max(buffer.t[-1] - CALIBRATION_SECONDS, buffer.t[0]))
-        first = part(buffer, (buffer.t >= since) & (buffer.t <= since + CALIBRATION_SECONDS))
-        self.clock = self.clock or Clock.of(first)
-        self.smoother = self.smoother or design_smoother(self.clock.place(first), self.equations.n)
+        try:
+            clock = self.clock or Clock.of(first)
+            self.smoother = self.smoother or design_smoother(clock.place(first), self.equations.n)
+        except IdentificationError:
+            self._piece = IncomingRun()  # or all that follow would wait behind these for ever
+            raise
+        self.clock = clock
         return True
 
     def _process(self, last: bool = False) -> None:
@@ -382,16 +352,8 @@ class Identifier:
         lag = 0 if self.smoother is None else self.smoother.lag
         return 2 * lag * (2 if self.columns else 1)
 
-    def _end_piece(self) -> None:
-        if self._calibrated(wait=False):
+    def _end_piece(self, wait: bool) -> None:
+        """End the run; one that is too short to choose a smoother by counts only where no other is waited for."""
+        if self._calibrated(wait):
             self._process(last=True)
-        self._piece = _PartialRun()
-
-
-def _onset(samples: Samples) -> float:
-    """Return the time at which the first joint leaves its first position; that of the last sample where all stand."""
-    position = samples.q if samples.q is not None else samples.theta
-    if position is None:
-        return float(samples.t[-1])
-    moves = (np.abs(position - position[0]) > MOVED).any(axis=1)
-    return float(samples.t[np.argmax(moves) if moves.any() else -1])
+        self._piece = IncomingRun()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import sys
 import time
@@ -108,7 +109,8 @@ class IdentifierNode(ManagedNode):
         if not self.configured:
             return
         self._take(everything=True)
-        self._identifier.finish()
+        with contextlib.suppress(IdentificationError):  # too few samples wait to make anything of
+            self._identifier.finish()
         self._estimate()
         if self._save_at_exit:
             self.get_logger().info(self._write())

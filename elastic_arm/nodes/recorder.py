@@ -7,6 +7,7 @@ from contextlib import suppress
 from functools import cache, partial
 from typing import Any
 
+from rclpy.impl.implementation_singleton import rclpy_implementation as rcl
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.topic_endpoint_info import TopicEndpointInfo
 from rosbag2_interfaces.srv import IsPaused, Pause, Resume, SplitBagfile
@@ -47,7 +48,7 @@ class Recorder(ArmNode):
         compression: Any = declare(self, "compression", "zstd", "Of the bag", choices=COMPRESSIONS)
         _load_types()  # takes long where the machine is busy: not while samples arrive
         names = wanted or [graph.relative(topic) for topic in topics.TYPES]
-        self._wanted = {self.resolve_topic_name(name) for name in names}
+        self._wanted = {self._resolved(name) for name in names}
         self._subscribed: set[str] = set()
         self._paused = False
         self._writer = StreamWriter(folder, compression, max_bytes=round(size * 1e6), max_seconds=length)
@@ -62,6 +63,15 @@ class Recorder(ArmNode):
         self.every(SEARCH_PERIOD, self._search)
         self.every(PERIOD, self._report)
         self.get_logger().info(f"recording to {folder}")
+
+    def _resolved(self, name: str) -> str:
+        try:
+            return self.resolve_topic_name(name)
+        except rcl.RCLError:
+            raise GraphError(
+                f"{name!r} is no name of a topic",
+                "It has letters, digits, _ and /, and begins with none of the digits.",
+            ) from None
 
     def tick(self) -> float:
         """Write what has waited long enough."""

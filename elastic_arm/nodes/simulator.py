@@ -314,7 +314,7 @@ class SimulatorNode(ArmNode):
         problems = [
             f"{name} publishes {graph.resolved(self, topic)} too: stop one of the two"
             for topic, names in others.items()
-            for name in names
+            for name in dict.fromkeys(names)  # a node may have several publishers
         ]
         if pace < 1.0 - PACE_TOLERANCE:
             problems.append(f"holds {100 * pace:.0f} % of the rate asked for")

@@ -72,7 +72,7 @@ class Side:
 
 
 def _real(name: str, values: object) -> Array:
-    """Return numbers as an array of floats.
+    """Return numbers as an array of floats, NaN where an array is masked.
 
     Raises
     ------
@@ -80,6 +80,8 @@ def _real(name: str, values: object) -> Array:
         If they are none, or complex.
     """
     try:
+        if isinstance(values, np.ma.MaskedArray):
+            values = np.ma.filled(values.astype(np.float64), np.nan)
         found = np.asarray(values)
         if found.dtype.kind != "c":
             return found.astype(np.float64, copy=False)

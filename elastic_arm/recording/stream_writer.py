@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import time
 from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor
@@ -61,7 +62,7 @@ class StreamWriter:
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
         self.path = Path(path)
-        if self.path.exists():
+        if os.path.exists(self.path):  # of a name that is too long Path.exists raises
             raise RecordingError(f"{self.path} exists already", "Choose another name; nothing is overwritten.")
         self._finished: list[FileSummary] = []
         self._max_bytes, self._max_ns = max_bytes, round(max_seconds * 1e9)

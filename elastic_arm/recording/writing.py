@@ -133,7 +133,7 @@ def write_recording(path: str | Path, recording: Recording, compression: Compres
             f"the recording ends at {last_ns * 1e-9:.10g} s; the stamps of ROS end at 2^31 s, in January 2038",
             "Subtract a constant from all times.",
         )
-    if folder.exists():
+    if os.path.exists(folder):  # of a name that is too long Path.exists raises
         raise RecordingError(f"{folder} exists already", "Choose another name; nothing is overwritten.")
     sink = McapSink(folder / f"{folder.name}_0.mcap", compression)
     try:

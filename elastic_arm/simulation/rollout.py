@@ -16,6 +16,9 @@ from elastic_arm.simulation.simulator import Simulator
 
 Array = NDArray[np.float64]
 
+# Nearly three hours at 1 kHz; a run is in memory as a whole, some 250 bytes a sample and joint.
+MOST_SAMPLES = 10_000_000
+
 
 class Trajectory(Protocol):
     """A reference motion."""
@@ -77,6 +80,11 @@ def simulate(
     rate = settings.rate
     if not (np.isfinite(rate) and rate > 0):
         raise SimulationError(f"the sample rate is {rate!r} Hz", "Give a positive number.")
+    if seconds * rate > MOST_SAMPLES:
+        raise SimulationError(
+            f"{seconds:g} s at {rate:g} Hz are more than {MOST_SAMPLES} samples",
+            "Simulate a shorter motion, or fewer samples a second.",
+        )
     t = np.arange(round(seconds * rate) + 1) / rate
     q, dq, ddq = trajectory.evaluate(t)
     simulator = Simulator(robot, settings, rng=rng, q0=q[0], dq0=dq[0], duration=seconds)

@@ -204,9 +204,17 @@ def test_the_answer_no_keeps_its_exit_status(bag: Path) -> None:
     assert run("bag", "check", bag).exit_code == 1
 
 
+@pytest.mark.parametrize("arguments", [["--duration", "1e9"], ["--rate", "1e9", "--duration", "1"]])
+def test_a_simulation_that_no_memory_holds_is_refused(tmp_path: Path, arguments: list[str]) -> None:
+    """Ten million samples are the most; the bag is not begun."""
+    refusal("simulate", "--out", tmp_path / "bag", *arguments)
+    assert not (tmp_path / "bag").exists()
+
+
 @pytest.mark.parametrize(
     "arguments", [["--harmonics", "0"], ["--criterion", "beauty"], ["--robot", "none.yaml"], ["--torque", "-3"],
-                  ["--margin", "-1"], ["--floor", "nan"]],
+                  ["--margin", "-1"], ["--floor", "nan"], ["--harmonics", "100000"], ["--ramp", "1e9"],
+                  ["--ramp", "nan"]],
 )  # fmt: skip
 def test_excite_refuses_what_makes_no_sense(tmp_path: Path, arguments: list[str]) -> None:
     """Unusable options end with status 2 and one line on stderr."""

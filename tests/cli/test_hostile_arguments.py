@@ -11,6 +11,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+import psutil
 import pytest
 import yaml
 from typer.testing import CliRunner, Result
@@ -219,23 +220,57 @@ def test_letters_that_the_output_cannot_show_are_written_as_codes(command: str, 
         assert "m/s\\xb2" in done.stdout
 
 
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 @pytest.mark.parametrize("swallowed", [0, 1])
-def test_a_command_ends_quietly_when_it_is_interrupted(swallowed: int) -> None:
+def test_a_command_ends_quietly_when_it_is_interrupted(number: signal.Signals, swallowed: int) -> None:
     """Also where a library catches the interrupt, as it would any error: it is raised once more."""
     before = f"""
 import contextlib, os, signal, sys, time, elastic_arm.app, elastic_arm.cli.describe as module
 elastic_arm.app.AGAIN = 0.2
 def load_arm(*_):
     left = {swallowed}
-    os.kill(os.getpid(), signal.SIGINT) if not left else None
+    os.kill(os.getpid(), {number:d}) if not left else None
     with contextlib.suppress(KeyboardInterrupt):
-        os.kill(os.getpid(), signal.SIGINT)
+        os.kill(os.getpid(), {number:d})
     time.sleep(30)
+module.load_arm = load_arm
+"""
+    done = in_a_process(("describe",), before, capture_output=True)
+    assert done.returncode == 128 + number
+    assert not done.stderr
+
+
+def test_an_interrupt_that_a_library_turns_into_another_error_is_no_traceback() -> None:
+    """An extension module that is interrupted while it loads raises an ImportError."""
+    before = """
+import os, signal, elastic_arm.cli.describe as module
+def load_arm(*_):
+    try:
+        os.kill(os.getpid(), signal.SIGINT)
+    except KeyboardInterrupt:
+        raise ImportError("initialization failed")
 module.load_arm = load_arm
 """
     done = in_a_process(("describe",), before, capture_output=True)
     assert done.returncode == 130
     assert not done.stderr
+
+
+def test_a_demo_that_is_terminated_leaves_no_nodes() -> None:
+    """They are processes of their own sessions, which nothing else would end."""
+    before = """
+import os, signal, subprocess, sys, elastic_arm.cli.demo as module
+from pathlib import Path
+def make_room(folder):
+    with module.Nodes(Path("."), 1) as nodes:
+        nodes._running["node"] = subprocess.Popen([sys.executable, "-c", "import time; time.sleep(60)"])
+        print(nodes._running["node"].pid, flush=True)
+        os.kill(os.getpid(), signal.SIGTERM)
+module._make_room = make_room
+"""
+    done = in_a_process(("demo",), before, capture_output=True)
+    assert done.returncode == 128 + signal.SIGTERM
+    assert not psutil.pid_exists(int(done.stdout))
 
 
 def test_an_interrupt_while_libraries_load_ends_the_process_quietly() -> None:

@@ -19,7 +19,7 @@ from elastic_arm.diagnosis.result import UnexplainedResidual
 from elastic_arm.diagnosis.settings import PreprocessingSettings
 from elastic_arm.effects import EFFECTS
 from elastic_arm.effects.text import known_effects
-from elastic_arm.errors import DiagnosisError
+from elastic_arm.errors import DiagnosisError, IdentificationError
 from elastic_arm.excitation import FourierTrajectory
 from elastic_arm.recording import Recording, write_recording
 from tests.helpers.effect_samples import INSTANCES
@@ -50,6 +50,12 @@ def with_effort(recording: Recording, change: Callable[[np.ndarray], np.ndarray]
 
 def at_rest(recording: Recording) -> Recording:
     sides = {n: replace(s, position=0 * s.position, velocity=0 * s.velocity) for n, s in recording.sides().items()}
+    return replace(recording, link=sides["link"], motor=sides["motor"], reference=None)
+
+
+def some(recording: Recording, rows: slice) -> Recording:
+    """Return some samples of each side."""
+    sides = {name: side.at(rows) for name, side in recording.measured().items()}
     return replace(recording, link=sides["link"], motor=sides["motor"], reference=None)
 
 
@@ -183,3 +189,18 @@ def test_zeros_beside_joints_without_a_torque_are_no_torques(clean: list[Recordi
     bare = with_effort(clean[0], lambda effort: np.where([True, False, True], 0.0 * effort, np.nan), "link", "motor")
     with pytest.raises(DiagnosisError, match="every torque channel"):
         usable(bare, PreprocessingSettings())
+
+
+@pytest.mark.parametrize("count", [5, 30, 300])
+def test_a_handful_of_samples_is_too_short_in_words(clean: list[Recording], count: int) -> None:
+    """No drift of clocks is looked for in so few, and the answer says what to record."""
+    few = [some(recording, slice(2000, 2000 + count)) for recording in clean]
+    with pytest.raises((DiagnosisError, IdentificationError), match=r"too short|too few"):
+        diagnose([few[0]], Question(ROBOT), [few[1]])
+
+
+def test_ten_samples_a_second_are_too_few_in_words(clean: list[Recording]) -> None:
+    """A stretch that is shorter than the smoother's ends is refused with what it needs."""
+    slow = [some(recording, slice(None, None, 100)) for recording in clean]
+    with pytest.raises(IdentificationError, match="too few for the smoother"):
+        diagnose([slow[0]], Question(ROBOT), [slow[1]])

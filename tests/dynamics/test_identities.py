@@ -43,6 +43,14 @@ def test_regressor_times_parameters_is_inverse_dynamics(name: str, bearings: boo
         np.testing.assert_allclose(model.regressor(x, dx, ddx) @ Psi, forces, rtol=0, atol=1e-12 * np.abs(forces).max())
 
 
+def test_no_samples_give_rows_of_none() -> None:
+    """An empty array of samples is no error: the shapes are those of any other."""
+    model = build_model(load_robot(), "mod3")
+    nothing = np.zeros((0, model.dof))
+    assert model.regressor(nothing, nothing, nothing).shape == (0, model.dof, len(model.parameters))
+    assert model.inverse_dynamics(nothing, nothing, nothing).shape == (0, model.dof)
+
+
 @pytest.mark.parametrize(("name", "bearings"), VARIANTS)
 def test_inverse_of_forward_is_the_identity(name: str, bearings: bool) -> None:
     """The accelerations under given forces need exactly these forces."""

@@ -102,3 +102,12 @@ def test_joints_without_the_channel_have_no_noise_and_change_that_of_no_other():
     coefficients[:2, 2] = 4.0
     (one,) = pooled([Colour({"tau_J": coefficients}, 0.1)], {"tau_J": np.array([1.0, 1.0, 0.0])}, 5.0)
     assert one.coefficients["tau_J"][:, 2] == pytest.approx([4.0, 4.0, 0.0])
+
+
+@pytest.mark.parametrize("rows", [(1.0, -1.0), (1.0, 0.5), (0.0, 1.0)])
+def test_what_is_far_above_any_noise_is_no_colour_of_a_sensor(rows):
+    """Residuals whose squares are 1e20 times the white noise's, as of angles in degrees, end the fit without one."""
+    one = noise({}, 0, 1e10 * np.array(rows) / np.sqrt(F)[:, None])
+    fit = fit_colour([Periodogram(one.f, one.values, one.share, {"tau_J": WAYS["tau_J"]})])
+    assert fit.gain == -np.inf
+    assert not fit.colour.coefficients["tau_J"].any()

@@ -64,6 +64,15 @@ def test_absurd_samples_are_left_out_and_counted(samples: Samples, channel: str,
     np.testing.assert_array_equal(np.concatenate([k.stamp_ns for k in kept]), np.delete(samples.stamp_ns, rows))
 
 
+def test_numbers_of_no_arm_are_left_out_from_the_first_sample_on(samples: Samples) -> None:
+    """A whole batch of 1e200 rad, before any other is known, is no range that later ones are judged by."""
+    screen = StreamScreen()
+    absurd = replace(samples, q=samples.q * 0.0 + 1e200)
+    assert len(screen.take(part(absurd, slice(0, BATCH)))) == 0
+    assert all(screen.take(batch) is batch for batch in batches(samples))
+    assert screen.left_out == BATCH
+
+
 def test_an_estimate_survives_an_absurd_sample(samples: Samples) -> None:
     """One sample of 1e6 Nm in the stream moves no parameter by more than a tenth of its deviation."""
     sound, screened = (identifier_of(load_robot(None)) for _ in range(2))

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from array import array
+from collections.abc import Callable
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -15,11 +17,13 @@ from elastic_arm.excitation import FourierTrajectory
 from elastic_arm.nodes.following.plan import Plan
 from elastic_arm.nodes.following.reference import ReferenceQueue
 from elastic_arm.nodes.following.splines import Row
+from elastic_arm.nodes.recorder import Recorder
 from elastic_arm.nodes.support.collecting import Collector
 from elastic_arm.nodes.support.pacing import Pace
 from elastic_arm.nodes.support.pairing import Pairing
 from elastic_arm.nodes.support.running import run
 from elastic_arm.nodes.support.wire import Form, Inbox
+from elastic_arm.recording import limits
 
 MS = 1_000_000
 
@@ -327,6 +331,38 @@ def test_an_inbox_gives_back_what_came_in() -> None:
     assert not list(inbox.take())
 
 
+@pytest.mark.parametrize(
+    "spoil",
+    [
+        lambda b: b"",
+        lambda b: b[:2],
+        lambda b: b[:-5],
+        lambda b: b"\x07\x07" + b[2:],
+        lambda b: b[:12] + b"\xff" * 4 + b[16:],
+        lambda b: b[:16] + b"\xff" * 8 + b[24:],
+    ],
+)
+def test_messages_that_do_not_fit_their_type_are_counted(spoil: Callable[[bytes], bytes]) -> None:
+    """Whoever publishes bytes that are no message of the type stops no node: the sound ones are read."""
+    collector = Collector(("a", "b"))
+    sound = serialize_message(joint_state(["a", "b"], stamp_ns=MS))
+    for inbox in collector.inboxes.values():
+        for message in (sound, spoil(sound)):
+            inbox.put(message)
+    samples = collector.take(everything=True)
+    assert samples is not None and len(samples) == 1
+    assert "2 messages cannot be read" in collector.problems()
+
+
+def test_messages_that_all_look_different_cost_no_time() -> None:
+    """Of 2000 messages with other names each, as many layouts are looked at as a bag may have; the rest is counted."""
+    inbox = Inbox("sensor_msgs/msg/JointState")
+    for k in range(2000):
+        inbox.put(serialize_message(joint_state([f"{k:04d}"])))
+    assert len(list(inbox.take())) == limits.LAYOUTS
+    assert inbox.unreadable == 2000 - limits.LAYOUTS
+
+
 def test_a_full_inbox_drops_the_oldest_and_says_so() -> None:
     """A node that is busy for too long loses the oldest messages, counted, and no memory."""
     inbox = Inbox("sensor_msgs/msg/JointState", capacity=2)
@@ -446,3 +482,20 @@ def test_arguments_that_ros_does_not_take_are_refused_in_a_line(
     assert run(lambda: pytest.fail("a node was made"), ["replayer", "--ros-args", *words]) == 2
     (line,) = [line for line in capsys.readouterr().err.splitlines() if line.startswith("error: ")]
     assert words[-1] in line
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["-p", "topics:=['no topic!']"], "'no topic!' is no name of a topic"),
+        (["-p", "bag:=" + "n" * 300], "File name too long"),
+    ],
+)
+def test_a_recorder_refuses_names_that_cannot_be_in_a_line(
+    words: list[str], said: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Names of topics that ROS has not, and of folders that no disk takes, are no tracebacks."""
+    monkeypatch.chdir(tmp_path)
+    assert run(Recorder, ["recorder", "--ros-args", *words]) == 2
+    (line,) = [line for line in capsys.readouterr().err.splitlines() if line.startswith("error: ")]
+    assert said in line

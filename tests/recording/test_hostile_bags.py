@@ -287,3 +287,12 @@ def test_errors_of_sqlite_that_are_no_text_are_one_line(tmp_path: Path) -> None:
         file.write_bytes(content.replace(name, name[:13] + b"\xff\xfe\x80" + name[16:]))
         assert isinstance(quickly(lambda: read_recording(file)), str)
         quickly(lambda: check_bag(file))
+
+
+def test_a_file_whose_name_no_disk_takes_is_missing(tmp_path: Path) -> None:
+    """metadata.yaml may name a file of 300 letters; the files that are there are read."""
+    folder = write_recording(tmp_path / "bag", two_sided(np.random.default_rng(0), 60))
+    metadata = folder / METADATA
+    metadata.write_text(metadata.read_text().replace("bag_0.mcap", "n" * 300 + ".mcap"))
+    assert len(read_recording(folder).link or ()) == 60
+    assert any("missing" in finding.message for finding in check_bag(folder).findings)

@@ -52,3 +52,10 @@ def test_values_that_are_no_real_numbers_are_refused(values: object) -> None:
     """The imaginary part would be lost."""
     with pytest.raises(RecordingError, match="no real numbers"):
         Side(np.arange(4), position=values)  # type: ignore[arg-type]
+
+
+def test_masked_values_are_no_values() -> None:
+    """What lies under a mask is NaN, and not whatever the array holds there."""
+    values = np.ma.masked_array(np.ones((4, 1), int), mask=[[False], [True], [False], [False]])
+    position = Side(np.arange(4), position=values).position  # type: ignore[arg-type]
+    np.testing.assert_array_equal(position, [[1.0], [np.nan], [1.0], [1.0]])

@@ -13,6 +13,7 @@ from rosbags.highlevel import AnyReader
 
 from elastic_arm.errors import RecordingError
 from elastic_arm.recording import Recording, Side, message_types, read_recording, write_recording
+from elastic_arm.recording.stream_writer import StreamWriter
 from tests.helpers.bags import (
     JOINT_STATE,
     JOINTS,
@@ -118,6 +119,15 @@ def test_nothing_is_overwritten(tmp_path: Path, rng: np.random.Generator) -> Non
     with pytest.raises(RecordingError, match="exists already"):
         write_recording(folder, two_sided(rng, 60))
     assert (folder / "bag_0.mcap").read_bytes() == before
+
+
+def test_names_that_no_disk_takes_are_refused_in_words(tmp_path: Path, rng: np.random.Generator) -> None:
+    """A name of 300 letters is too long for a folder, whoever asks for it."""
+    folder = tmp_path / ("n" * 300)
+    with pytest.raises(RecordingError, match="too long"):
+        write_recording(folder, two_sided(rng, 50))
+    with pytest.raises(RecordingError, match="too long"):
+        StreamWriter(folder)
 
 
 def test_recordings_that_cannot_be_are_refused(tmp_path: Path, rng: np.random.Generator) -> None:

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import multiprocessing
+import time
+from multiprocessing.process import BaseProcess
 from pathlib import Path
 
 import psutil
@@ -41,3 +44,14 @@ def test_a_cluster_ends_quietly_on_an_interrupt(tmp_path: Path, delay: float) ->
     status, complaints = interrupted([str(tmp_path / "script.py")], delay, patience=60.0)
     assert complaints == ""
     assert status == 130
+
+
+def test_an_interrupt_ends_the_clusters_own_processes_alone(bystander: BaseProcess) -> None:
+    """What else the process has started, as a user of the library may, goes on."""
+    with pytest.raises(KeyboardInterrupt), _client(1, None) as (client, _):
+        client.wait_for_workers(1)
+        client.submit(time.sleep, 60.0)
+        assert len(multiprocessing.active_children()) == 2
+        raise KeyboardInterrupt
+    bystander.join(0.5)  # it has been asked to end by now, if it has been at all
+    assert multiprocessing.active_children() == [bystander]

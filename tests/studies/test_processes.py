@@ -3,8 +3,14 @@
 from __future__ import annotations
 
 import math
+import multiprocessing
+import subprocess
+import sys
+import time
 from functools import partial
+from multiprocessing.process import BaseProcess
 
+import psutil
 import pytest
 
 from elastic_arm.studies.paper.parallel import ProcessPool
@@ -51,3 +57,33 @@ def test_processes_that_are_starting_end_quietly_on_an_interrupt(delay: float) -
     status, complaints = interrupted(["-c", SCRIPT], delay, patience=30.0)
     assert complaints == ""
     assert status == 130
+
+
+def test_an_interrupt_ends_the_pools_own_processes_alone(bystander: BaseProcess) -> None:
+    """What else the process has started, as a user of the library may, goes on."""
+    with pytest.raises(KeyboardInterrupt), ProcessPool(2) as pool:
+        pool.start([partial(time.sleep, 60.0)] * 2, lambda: None)
+        raise KeyboardInterrupt
+    bystander.join(0.5)  # it has been asked to end by now, if it has been at all
+    assert multiprocessing.active_children() == [bystander]
+
+
+ORPHANS = """
+import functools, multiprocessing, time
+from elastic_arm.studies.paper.parallel import ProcessPool
+with ProcessPool(2) as pool:
+    print(pool.run([functools.partial(abs, -1)] * 2, lambda: None), flush=True)
+    print(*(process.pid for process in multiprocessing.active_children()), flush=True)
+    pool.run([functools.partial(time.sleep, 60.0)] * 2, lambda: None)
+"""
+
+
+def test_processes_end_with_the_parent_however_it_ends() -> None:
+    """A parent that is killed tells nobody; its processes would wait for another task for ever."""
+    parent = subprocess.Popen([sys.executable, "-c", ORPHANS], stdout=subprocess.PIPE, stderr=subprocess.DEVNULL)
+    assert parent.stdout is not None and parent.stdout.readline()
+    orphans = [psutil.Process(int(pid)) for pid in parent.stdout.readline().split()]
+    parent.kill()
+    parent.wait()
+    _, alive = psutil.wait_procs(orphans, timeout=30.0)
+    assert len(orphans) == 2 and not alive

@@ -22,6 +22,8 @@ from elastic_arm.recording.sides import joints_with
 
 Array = NDArray[np.float64]
 
+# Means over a recording from which a clock's drift can be told: several times what is fitted to them.
+FEWEST_MEANS = 50
 TORQUES = {"link": "joint torque (effort of the link side)", "motor": "motor torque (effort of the motor side)"}
 
 
@@ -148,6 +150,8 @@ def _drifts(samples: Samples, settings: PreprocessingSettings) -> tuple[Array, A
     """Return the drifts that joints show, and their standard deviations; None where none can show one."""
     if samples.q is None or samples.theta is None:
         return None
+    if len(samples) < FEWEST_MEANS * _averaging(samples.t, settings.clock_averaging):
+        return None
     moves = np.ptp(samples.theta, axis=0) >= STILL
     moves[[joint for channel, joint in samples.lacking if channel in ("q", "theta")]] = False
     found = [_drift_of(samples, int(j), settings.clock_averaging) for j in np.flatnonzero(moves)]
@@ -181,6 +185,11 @@ def _drift_of(samples: Samples, j: int, averaging: float) -> tuple[float, float]
 
 def _averaged(t: Array, values: Array, seconds: float) -> Array:
     """Return means over blocks of some seconds."""
-    length = max(1, round(seconds / float(np.median(np.diff(t)))))
+    length = _averaging(t, seconds)
     count = len(values) // length
     return values[: count * length].reshape(count, length).mean(axis=1)
+
+
+def _averaging(t: Array, seconds: float) -> int:
+    """Return how many samples a mean over some seconds is made of."""
+    return max(1, round(seconds / float(np.median(np.diff(t))))) if len(t) > 1 else 1

@@ -227,7 +227,8 @@ def _begins(context: DiagnosisContext, starts: int) -> list[NDArray[np.intp]]:
 
 def _rms(errors: Sequence[Array]) -> Array:
     """Root mean square (H, n) of errors (starts, H, n) of all stretches; NaN where it is no prediction any more."""
-    size = np.sqrt(np.mean(np.concatenate(errors) ** 2, axis=0))
+    with np.errstate(over="ignore"):
+        size = np.sqrt(np.mean(np.concatenate(errors) ** 2, axis=0))
     return np.where(size < FARTHEST, size, np.nan)
 
 

@@ -26,6 +26,7 @@ from elastic_arm.errors import IdentificationError, RobotError
 from elastic_arm.identification.base_regression import BaseRegression
 from elastic_arm.identification.consistency.chart import PAIRS, Chart, chart_of
 from elastic_arm.identification.consistency.identified_robot import identified_robot
+from elastic_arm.identification.deviations import inflation
 from elastic_arm.identification.law_columns import joint_of_law
 from elastic_arm.identification.least_squares import Fit, correlation
 from elastic_arm.identification.result import Identification
@@ -162,11 +163,10 @@ def _data(fit: Fit, equations: BaseRegression, chart: Chart, correlated: float) 
     Errors are coloured: their effect on the estimate is larger than white ones' by a factor known from the blocks, or
     from longer ones.
     """
-    coloured = float(np.median(np.diag(fit.covariance) / np.diag(fit.white_covariance)))
-    inflation = np.sqrt(max(1.0, coloured, correlated))
+    excess = np.sqrt(max(1.0, inflation(fit.covariance, fit.white_covariance), correlated))
     # Ordinary least squares has weights of one: its rows are still in Nm.
     size = np.sqrt(np.mean((fit.weights * fit.noise) ** 2))
-    scaled = fit.factor[:-1, :] / (inflation * size)
+    scaled = fit.factor[:-1, :] / (excess * size)
     T = equations.base.T
     A = scaled[:, :-1] @ T @ chart.G
     b = scaled[:, -1] - scaled[:, :-1] @ (T @ chart.Psi0)

@@ -92,11 +92,6 @@ class Collector:
         ----------
         everything
             Also those that still wait for stragglers.
-
-        Raises
-        ------
-        RecordingError
-            If a message does not fit its type.
         """
         add = dict(zip(CHANNELS, (self.pairing.add_link, self.pairing.add_motor), strict=True))
         for topic, inbox in self.inboxes.items():
@@ -137,6 +132,7 @@ class Collector:
             f"messages do not name the joints {', '.join(self.joints)}": faults.foreign,
             "messages hold numbers that are not finite": faults.not_finite,
             "messages have other fields than those before": faults.changed,
+            "messages cannot be read": sum(box.unreadable for box in self.inboxes.values()),
             "messages were dropped, as this node was busy": sum(box.overflowed for box in self.inboxes.values()),
             "samples came too late": losses.late,
             "samples have no partner on the other topic": losses.unmatched,

@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from elastic_arm.estimation.resampling import part
 from elastic_arm.recording import Samples
+from elastic_arm.recording.inspection.impossible import LARGEST
 from elastic_arm.recording.inspection.outliers import sane_limits
 
 CHANNELS = {
@@ -23,7 +24,7 @@ OF_A_BATCH = 20
 
 
 class StreamScreen:
-    """Leaves out samples that lie a hundred times the range of those before from their middle.
+    """Leaves out samples that are of no arm, or lie a hundred times the range of those before from their middle.
 
     A recording is screened as a whole, and more closely
     (:func:`~elastic_arm.recording.inspection.outliers.without_outliers`): here what follows is not known yet, and an
@@ -51,7 +52,8 @@ class StreamScreen:
             before = self._remembered.get(name, values[:0])
             with np.errstate(over="ignore"):
                 lowest, highest = sane_limits(np.concatenate([before, values]), CHANNELS[name])
-            good &= ((values >= lowest) & (values <= highest)).all(axis=1)
+            beyond = np.abs(values) > LARGEST[CHANNELS[name]]
+            good &= ((values >= lowest) & (values <= highest) & ~beyond).all(axis=1)
         self.left_out += int(np.count_nonzero(~good))
         rows = np.flatnonzero(good)
         for name, values in known.items():

@@ -15,7 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 from rclpy.serialization import serialize_message
 
-from elastic_arm.recording import cdr, message_types
+from elastic_arm.errors import RecordingError
+from elastic_arm.recording import cdr, limits, message_types
 
 NANOSECONDS = 1_000_000_000
 # Names of the joints, stamps (N,) in ns, numbers by field (N, count).
@@ -62,12 +63,18 @@ class Inbox:
         Of the messages.
     capacity
         Messages kept at most.
+
+    Attributes
+    ----------
+    received, overflowed
+        Messages that came, and those of them that gave way.
+    unreadable
+        Messages that do not fit their type, or have one layout too many.
     """
 
     def __init__(self, type_name: str, capacity: int = 20_000) -> None:
         self.type_name = type_name
-        self.received = 0
-        self.overflowed = 0
+        self.received = self.overflowed = self.unreadable = 0
         self._messages: deque[bytes] = deque(maxlen=capacity)
 
     def put(self, message: bytes) -> None:
@@ -87,21 +94,26 @@ class Inbox:
         """Empty the box: yield names, stamps (N,) in ns and numbers by field (N, count), one layout at a time.
 
         Within a layout the order is that of arrival.
-
-        Raises
-        ------
-        RecordingError
-            If a message does not fit its type.
         """
-        messages = list(self._messages)
+        sizes: dict[int, list[bytes]] = {}
+        for message in self._messages:
+            sizes.setdefault(len(message), []).append(message)
         self._messages.clear()
-        for size in dict.fromkeys(map(len, messages)):
-            block = np.frombuffer(b"".join(m for m in messages if len(m) == size), np.uint8).reshape(-1, size)
-            while len(block):
-                layout = cdr.layout_of(block[0].data, self.type_name, message_types.typestore())
+        layouts = 0
+        for size, messages in sizes.items():
+            block = np.frombuffer(b"".join(messages), np.uint8).reshape(len(messages), size)
+            while len(block) and layouts < limits.LAYOUTS:
+                layouts += 1
+                try:
+                    layout = cdr.layout_of(block[0].data, self.type_name, message_types.typestore())
+                except RecordingError:
+                    self.unreadable += 1
+                    block = block[1:]
+                    continue
                 alike = np.all([np.all(block[:, a:b] == block[0, a:b], axis=1) for a, b in layout.fixed], axis=0)
                 yield _decoded(layout, block[alike])
                 block = block[~alike]
+            self.unreadable += len(block)
 
 
 def _decoded(layout: cdr.Layout, block: NDArray[np.uint8]) -> Decoded:

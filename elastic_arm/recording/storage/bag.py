@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -116,7 +117,8 @@ def _opened(path: Path) -> Bag:
         raise RecordingError(
             f"{path} compresses each message by itself", "Convert it with ros2 bag convert to storage compression."
         )
-    listed = {path / name: (path / name).exists() for name in metadata.files}
+    # Of a name that is too long Path.exists raises.
+    listed = {path / name: os.path.exists(path / name) for name in metadata.files}
     unlisted = [file for file in present if file not in listed]
     damage += [f"{file} is named in {METADATA} and missing" for file, there in listed.items() if not there]
     damage += [f"{file} is not named in {METADATA}" for file in unlisted]

@@ -77,6 +77,8 @@ def _client(workers: int, scheduler: str | None) -> Iterator[Any]:
         try:
             yield client, as_completed
         except (KeyboardInterrupt, GeneratorExit):  # nobody waits for what they are at
+            own = {nanny.pid for nanny in cluster.workers.values()}
             for process in multiprocessing.active_children():
-                process.terminate()
+                if process.pid in own:
+                    process.terminate()
             raise

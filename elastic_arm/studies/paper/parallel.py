@@ -5,8 +5,10 @@ from __future__ import annotations
 import multiprocessing
 import os
 import signal
+import threading
 from collections.abc import Callable, Sequence
 from concurrent.futures import ProcessPoolExecutor
+from multiprocessing.process import BaseProcess
 from types import TracebackType
 from typing import Any, TypeVar
 
@@ -30,6 +32,7 @@ class ProcessPool:
 
     def __init__(self, workers: int) -> None:
         self._pool: ProcessPoolExecutor | None = None
+        self._own: set[BaseProcess] = set()
         if workers > 1:
             # Spawned, not forked: this process may hold threads of the kernels' engine.
             context = multiprocessing.get_context("spawn")
@@ -43,7 +46,7 @@ class ProcessPool:
     ) -> None:
         if self._pool is not None:
             if kind is KeyboardInterrupt:  # nobody waits for what they are at
-                for process in multiprocessing.active_children():
+                for process in self._own:
                     process.terminate()
             self._pool.shutdown(cancel_futures=True)
 
@@ -68,7 +71,9 @@ class ProcessPool:
                 advance()
             return lambda: results
         with interrupts_held():
+            others = set(multiprocessing.active_children())
             futures = [self._pool.submit(task) for task in tasks]
+            self._own |= set(multiprocessing.active_children()) - others
         for future in futures:
             future.add_done_callback(lambda _: advance())
         return lambda: [future.result() for future in futures]
@@ -79,6 +84,14 @@ class ProcessPool:
 
 
 def _begin() -> None:
-    """Take one thread, and end quietly on a Ctrl-C, which reaches all processes of a terminal."""
+    """Take one thread, and end quietly on a Ctrl-C, which reaches all processes of a terminal, and with the parent."""
     take_interrupts(signal.SIG_DFL)
+    threading.Thread(target=_end_with_parent, daemon=True).start()
     os.environ["OMP_NUM_THREADS"] = os.environ["OPENBLAS_NUM_THREADS"] = "1"
+
+
+def _end_with_parent() -> None:
+    """End this process once its parent has gone, be it killed: nobody would hand it another task."""
+    if (parent := multiprocessing.parent_process()) is not None:
+        parent.join()
+        os._exit(1)
