@@ -118,10 +118,10 @@ def _diagnosis(recordings: Sequence[Recording], question: Question, validate: Se
     effects = [found.hypothesis.selected[k].feature.effect for k in found.hypothesis.causes]
     off = question.effects is None and _calibrated(effects) > question.settings.search.few_calibrated
     again = _commissioned(recordings, question, validate) if off else None
-    if again is not None and _explains_with_many_off(again, question.settings) and len(again.causes) < len(effects):
-        # Where it leaves open what its causes are, those that last of the search's may be fewer.
-        if all(cause.confidence > 0.5 for cause in again.causes):
-            return again
+    # Where it leaves open what its causes are, those that last of the search's may be fewer.
+    sure = again is not None and all(cause.confidence > 0.5 for cause in again.causes)
+    if again and sure and _explains_with_many_off(again, question.settings) and len(again.causes) < len(effects):
+        return again
     exact = _diagnosed(found)
     if question.effects is None and not _is_simple(exact, question.settings.search):
         again = again if off else _commissioned(recordings, question, validate)
