@@ -118,7 +118,9 @@ def _diagnosis(recordings: Sequence[Recording], question: Question, validate: Se
     effects = [found.hypothesis.selected[k].feature.effect for k in found.hypothesis.causes]
     off = question.effects is None and _calibrated(effects) > question.settings.search.few_calibrated
     again = _commissioned(recordings, question, validate) if off else None
-    if again is not None and _explains_with_many_off(again, question.settings) and len(again.causes) < len(effects):
+    # Where it leaves open what its causes are, those that last of the search's may be fewer.
+    sure = again is not None and all(cause.confidence > 0.5 for cause in again.causes)
+    if again and sure and _explains_with_many_off(again, question.settings) and len(again.causes) < len(effects):
         return again
     exact = _diagnosed(found)
     if question.effects is None and not _is_simple(exact, question.settings.search):
@@ -151,10 +153,7 @@ def _explains_with_many_off(again: Diagnosis, settings: DiagnosisSettings) -> bo
 
 
 def _is_likelier(again: Diagnosis, exact: Diagnosis, settings: DiagnosisSettings) -> bool:
-    """Whether a description that is nearly right (`again`) is likelier than an exact one.
-
-    How many numbers of an exact description may be off is one of the settings.
-    """
+    """Whether a description that is nearly right (`again`) is likelier than an exact one."""
     # A link's number that is further off than those of a calibrated arm may be a cause that is not in the catalogue;
     # where an exact description takes many numbers that are off, those of links are, too.
     off = _calibrated(cause.instance.effect for cause in exact.causes) > settings.search.few_calibrated

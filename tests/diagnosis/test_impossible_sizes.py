@@ -14,6 +14,7 @@ from tests.helpers.linear_axis import AXIS
 
 RATE, STEPS, MASS, FRICTION = 500, 10, 80.0, 20.0  # Hz, steps a sample, kg, N
 BENDS = 0.006  # m/s: far slower than any curve of the catalogue
+ENCODER = 2e-8  # m: accelerations have hardly any noise
 
 
 def recording(seed: int) -> Recording:
@@ -30,7 +31,7 @@ def recording(seed: int) -> Recording:
     # The drive holds its command from each sample to the next: recorded is the mean of the two that a sample bounds.
     mean = 0.5 * (force + np.concatenate([force[:1], force[:-1]])) + rng.normal(0.0, 0.35, len(t))
     stamps = np.rint(1e9 * t).astype(np.int64)
-    motor = Side(stamps, (position + rng.normal(0.0, 3e-7, len(t)))[:, None], effort=mean[:, None])
+    motor = Side(stamps, (position + rng.normal(0.0, ENCODER, len(t)))[:, None], effort=mean[:, None])
     return Recording(("axis",), motor=motor, source=f"axis {seed}")
 
 

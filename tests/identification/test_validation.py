@@ -8,12 +8,16 @@ import numpy as np
 import pytest
 
 from elastic_arm.dynamics import build_model
+from elastic_arm.errors import IdentificationError
 from elastic_arm.estimation.motion import Motion
-from elastic_arm.identification import identifier_of
+from elastic_arm.identification import identifier_of, identify
 from elastic_arm.identification.base_regression import BaseRegression
+from elastic_arm.identification.batch.selection import Trials
 from elastic_arm.identification.validation import HeldOut, _described
 from elastic_arm.recording import Recording, Side
 from elastic_arm.robot import load_robot, parse_urdf, to_urdf
+from elastic_arm.simulation import simulate
+from tests.helpers.motions import trajectory
 from tests.helpers.periodic_arm import derivative, link_motion
 
 
@@ -63,3 +67,17 @@ def test_noise_in_accelerations_does_not_speak_for_small_masses() -> None:
     )
     assert raw[0] > raw[1]
     assert judged[0] < 0.5 * judged[1]
+
+
+@pytest.mark.parametrize("lost", ["samples", "channel"])
+def test_a_held_out_recording_that_cannot_be_used_is_named_before_the_fit(
+    lost: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Behind the fit, which may take minutes, the error would take its result along."""
+    robot, begun, rng = load_robot(None), [], np.random.default_rng(1)
+    monkeypatch.setattr(Trials, "selected", lambda trials: begun.append(trials))
+    fitted, short = (simulate(robot, trajectory(seed=3), duration=t, rng=rng) for t in (6.0, 0.03))
+    held_out = short if lost == "samples" else replace(fitted, link=None)
+    with pytest.raises(IdentificationError, match=r"^held out .*Record|^one recording holds"):
+        identify(fitted, robot, validate=[replace(held_out, source="held out")])
+    assert not begun

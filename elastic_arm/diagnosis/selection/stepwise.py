@@ -205,9 +205,9 @@ class StepwiseSearch:
 
     def _refine(self, others: Sequence[Candidate], candidate: Candidate) -> Candidate:
         key = (candidate, frozenset(others))
+        if key not in self._refined and self._refinements_left <= 0 and not is_provisional(candidate):
+            return candidate
         if key not in self._refined:
-            if not (is_provisional(candidate) or (candidate.feature.searched and self._refinements_left > 0)):
-                return candidate
             self._refinements_left -= 1
             selected, settings = [*others, candidate], self._settings.refinement
             self._refined[key] = refine(self.library, selected, candidate, settings, self._plausible)

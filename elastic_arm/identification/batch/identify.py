@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 
@@ -36,7 +36,7 @@ from elastic_arm.identification.regularisation import (
 from elastic_arm.identification.result import Identification
 from elastic_arm.identification.stream import Identifier
 from elastic_arm.identification.validation import HeldOut, validated
-from elastic_arm.recording import Recording
+from elastic_arm.recording import Recording, Samples
 from elastic_arm.recording.inspection.outliers import without_outliers
 from elastic_arm.recording.inspection.two_encoders import by_motor_encoders
 from elastic_arm.recording.recording import recordings_of
@@ -114,6 +114,7 @@ def identify_with(
     report = progress or (lambda what, share: None)
     chosen = [by_motor_encoders(without_outliers(one.select(robot.joint_names)), robot) for one in chosen]
     prepared = [recording.samples() for recording in chosen]
+    held_out = _held_out(validate, prepared[0], robot, settings.model)
     motored = any(samples.tau_m is not None for samples in prepared)
     described, robot = robot, robot.with_armatures() if motored else robot
     armed = robot is not described
@@ -143,8 +144,8 @@ def identify_with(
     notes += [f"{', '.join(unseen)}: {UNSEEN}"] if unseen else []
     result = result.with_(notes=tuple(dict.fromkeys([*result.notes, *notes])))
     if validate:
-        held_out = _held_out(validate, trial, not choice.sticking, report)
-        result = validated(result, trial.identifier, robot, (*effects, *choice.laws), held_out, correlated)
+        motions = _held_out_motions(held_out, trial, not choice.sticking, report)
+        result = validated(result, trial.identifier, robot, (*effects, *choice.laws), motions, correlated)
     if result.identified is not None:
         # Of the arm that is written, after validation has had its say.
         result = result.with_(notes=(*result.notes, *odd_masses(robot, result.identified)))
@@ -206,18 +207,31 @@ def _covariance(trial: BatchTrial) -> Array | None:
     return known + sum(series_covariance(equations, fit, *each) for each in series)
 
 
-def _held_out(recordings: Sequence[Recording], trial: BatchTrial, stuck: bool, report: ProgressCallback) -> HeldOut:
-    """Return the motion of recordings that no fit has seen, `stuck` if it states where joints stick."""
-    identifier, equations = trial.identifier, trial.identifier.equations
-    motions = {}
+def _held_out(recordings: Sequence[Recording], fitted: Samples, robot: Robot, model: str) -> dict[str, DerivativeStage]:
+    """Return the derivative stage of each recording that no fit sees, by its source.
+
+    What cannot be used fails before the fit, which would be lost.
+    """
+    stages = {}
     for recording in recordings:
-        report(f"validation on {recording.source}", 1.0)
-        robot = identifier.model.robot
         samples = by_motor_encoders(without_outliers(recording.select(robot.joint_names)), robot).samples()
-        identifier.choose_equations(samples)
-        derived = DerivativeStage(samples, "smoother", source=recording.source)(equations, stuck=stuck)
-        derived = derived.aligned(equations, trial.derived[0])
-        motions[recording.source] = list(derived.motions)
+        channels = identifier_of(robot, model)
+        for each in (fitted, samples):
+            channels.choose_equations(each)
+        stages[recording.source] = DerivativeStage(samples, "smoother", source=recording.source)
+        stages[recording.source]()
+    return stages
+
+
+def _held_out_motions(
+    stages: Mapping[str, DerivativeStage], trial: BatchTrial, stuck: bool, report: ProgressCallback
+) -> HeldOut:
+    """Return the motion of recordings that no fit has seen, `stuck` if it states where joints stick."""
+    equations, motions = trial.identifier.equations, {}
+    for source, stage in stages.items():
+        report(f"validation on {source}", 1.0)
+        derived = stage(equations, stuck=stuck).aligned(equations, trial.derived[0])
+        motions[source] = list(derived.motions)
     return HeldOut(equations, motions)
 
 

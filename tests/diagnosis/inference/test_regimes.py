@@ -35,6 +35,7 @@ SIGNALS: Any = SimpleNamespace(
         "sign_motor": np.sign(SPEED)[:, None],
     },
     model_torques={"clear": LOAD[:, None]},
+    once=lambda _, make: make(),
 )
 DATA: Any = SimpleNamespace(
     layout=SimpleNamespace(n=1, sides=("link", "motor")),

@@ -227,23 +227,6 @@ def test_a_law_of_more_numbers_that_is_the_causes_own_is_no_rival() -> None:
         assert sum(len(rivals) for rivals in hypothesis.rivals.values()) == count
 
 
-def test_causes_without_numbers_to_search_spend_no_optimisations(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Known frictions of seven joints would use up the few that one search has."""
-    optimised = []
-
-    def noted(library: RegressorLibrary, selected: Any, which: Candidate, *_: Any) -> Candidate:
-        optimised.append(which.feature.effect.id)
-        return which
-
-    monkeypatch.setattr("elastic_arm.diagnosis.selection.stepwise.refine", noted)
-    library, _ = library_of({"one": 0.5, "three": 0.5}, "one", "three")
-    late = feature("late", searched=(COEFFICIENT,), column=lambda data, _: data.columns["two"] + data.columns["one"])
-    library.candidates.append(library.add(late, (3.0,)))
-    library.close()
-    StepwiseSearch(library, (), SETTINGS).run()
-    assert set(optimised) <= {"late"}
-
-
 def test_rivals_are_what_nearly_explains_as_much() -> None:
     """An effect with nearly the same column is a rival, one with an independent column is not."""
     library, _ = library_of({"one": 0.5}, "one", "three")
