@@ -5,6 +5,8 @@ from __future__ import annotations
 from array import array
 from collections.abc import Callable
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any, cast
 
 import numpy as np
 import pytest
@@ -13,11 +15,13 @@ from hypothesis import strategies as st
 from rclpy.serialization import deserialize_message, serialize_message
 from sensor_msgs.msg import JointState
 
+from elastic_arm.errors import ElasticArmError, RecordingError
 from elastic_arm.excitation import FourierTrajectory
 from elastic_arm.nodes.following.plan import Plan
 from elastic_arm.nodes.following.reference import ReferenceQueue
 from elastic_arm.nodes.following.splines import Row
 from elastic_arm.nodes.recorder import Recorder
+from elastic_arm.nodes.support import running
 from elastic_arm.nodes.support.collecting import Collector
 from elastic_arm.nodes.support.pacing import Pace
 from elastic_arm.nodes.support.pairing import Pairing
@@ -499,3 +503,31 @@ def test_a_recorder_refuses_names_that_cannot_be_in_a_line(
     assert run(Recorder, ["recorder", "--ros-args", *words]) == 2
     (line,) = [line for line in capsys.readouterr().err.splitlines() if line.startswith("error: ")]
     assert said in line
+
+
+def test_a_node_whose_tick_fails_knows_so_at_its_end(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The recorder reports no bag as whole that a full disk has cut off."""
+    executor = SimpleNamespace(add_node=id, remove_node=id, shutdown=list, spin_once=id)
+    monkeypatch.setattr(running, "EventsExecutor", lambda: executor)
+    known: list[ElasticArmError | None] = []
+    full = RecordingError("the disk is full", "Free space.")
+
+    class Node:
+        failure: ElasticArmError | None = None
+
+        def tick(self) -> float:
+            raise full
+
+        def done(self) -> bool:
+            return False
+
+        def close(self) -> None:
+            known.append(self.failure)
+
+        def destroy_node(self) -> None:
+            pass
+
+    make: Any = Node
+    with pytest.raises(RecordingError):
+        running._spin(make, cast("running._Stop", SimpleNamespace(asked=False)))
+    assert known == [full]

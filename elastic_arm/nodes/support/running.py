@@ -118,6 +118,9 @@ def _spin(make: Callable[[], ArmNode], stop: _Stop) -> None:
             if node.failure is not None:
                 raise node.failure
         _drain(executor)
+    except ElasticArmError as error:
+        node.failure = error  # for what its end writes and reports
+        raise
     finally:
         executor.remove_node(node)
         try:
