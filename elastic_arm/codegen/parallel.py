@@ -64,8 +64,8 @@ def share_out(work: Callable[[Item], Result], items: Iterable[Item]) -> list[Res
     items
         All parts of the job.
     """
-    parts, count = list(items), threads()
-    count = min(count, len(parts))
+    parts, cores = list(items), threads()
+    count = min(cores, len(parts))
     if count <= 1:
         return [work(part) for part in parts]
     done: dict[int, Result] = {}
@@ -75,7 +75,7 @@ def share_out(work: Callable[[Item], Result], items: Iterable[Item]) -> list[Res
         for index in todo:
             done[index] = work(parts[index])
 
-    others = [_pool(threads() - 1).submit(copy_context().run, take) for _ in range(count - 1)]
+    others = [_pool(cores - 1).submit(copy_context().run, take) for _ in range(count - 1)]
     try:
         take()
     finally:
@@ -119,20 +119,19 @@ class _Task(Generic[Result]):
     def __init__(self, call: Callable[[], Result], pool: int) -> None:
         # What is wrong in it is as wrong there as in the caller's thread: NumPy keeps that in the context.
         self._calls: list[Callable[[], Result]] = [partial(copy_context().run, call)]
-        self.future: Future[Result | None] = _pool(pool).submit(_made, self._calls)
+        self._future: Future[Result | None] = _pool(pool).submit(_made, self._calls)
 
     def result(self) -> Result:
         """Return what the call returns, or raise what it raises."""
         try:
             call = self._calls.pop()
         except IndexError:  # the pool has taken it
-            return cast("Result", self.future.result())
+            return cast("Result", self._future.result())
         return call()
 
-    def drop(self) -> bool:
-        """Leave the call out; return False where the pool has begun it."""
+    def drop(self) -> None:
+        """Leave the call out, unless the pool has begun it."""
         self._calls.clear()
-        return self.future.cancel()
 
 
 def _made(calls: list[Callable[[], Result]]) -> Result | None:

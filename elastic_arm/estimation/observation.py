@@ -180,11 +180,10 @@ class Observation:
         rest = np.where(np.isinf(crossover), 0.0, w / (np.minimum(crossover, 1e9) ** 2 + w**2))
         return gain * ((share * position) ** 2 + (rest * velocity) ** 2)
 
-    def angle_spectrum(self, side: str, f: Array) -> Array:
-        """Noise of the angles of "link" or "motor", (F, n), by whichever encoder: see :meth:`position_spectrum`."""
-        spectra = np.hstack([self.position_spectrum(each, f) for each in ("link", "motor")])
-        link, motor = np.split(spectra @ self.pieces[0].encoders.T, 2, axis=1)
-        return link if side == "link" else motor
+    def angle_spectra(self, f: Array) -> list[Array]:
+        """Noise of the angles of links and of motors, (F, n), by whichever encoder: see :meth:`position_spectrum`."""
+        spectra = np.hstack([self.position_spectrum(side, f) for side in ("link", "motor")])
+        return np.split(spectra @ self.pieces[0].encoders.T, 2, axis=1)
 
     def torque_spectrum(self, channel: str, f: Array, n: int) -> Array:
         """Noise of a smoothed torque channel at f (F,): (F, n), 1 = white of 1 Nm a sample.
@@ -217,7 +216,7 @@ class Observation:
 
     def quiet_link_spectrum(self, f: Array) -> Array:
         """Noise of the quiet motion's link angles at f (F,) Hz: (F, n), that of the finer encoder of a joint's two."""
-        link, motor = self.angle_spectrum("link", f), self.position_spectrum("motor", f)
+        link, motor = self.angle_spectra(f)
         return np.where(self._finer_motors, motor, link) * self.quiet_gain(f)[:, None] ** 2
 
     @cached_property

@@ -391,8 +391,8 @@ class WhitenedData:
 
 def _standstill(observation: Observation, f: Array, n: int) -> tuple[Array, Array]:
     speeds = []
-    for side in ("link", "motor"):
-        density = (2 * np.pi * f[:, None]) ** 2 * observation.angle_spectrum(side, f)
+    for spectrum in observation.angle_spectra(f):
+        density = (2 * np.pi * f[:, None]) ** 2 * spectrum
         std = np.sqrt(density.sum(axis=0) * (f[1] - f[0]) * 2 / observation.rate)
         turning = SLOWEST if observation.turning is None else observation.turning
         speeds.append(np.maximum(np.maximum(STANDING * std, SLOWEST), turning) * np.ones(n))

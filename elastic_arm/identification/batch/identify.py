@@ -112,7 +112,7 @@ def identify_with(
     if not chosen:
         raise IdentificationError("no recording was given", "Give at least one.")
     report = progress or (lambda what, share: None)
-    chosen = [by_motor_encoders(without_outliers(one.select(robot.joint_names)), robot) for one in chosen]
+    chosen = [_cleared(one, robot) for one in chosen]
     prepared = [recording.samples() for recording in chosen]
     held_out = _held_out(validate, prepared[0], robot, settings.model)
     motored = any(samples.tau_m is not None for samples in prepared)
@@ -150,6 +150,11 @@ def identify_with(
         # Of the arm that is written, after validation has had its say.
         result = result.with_(notes=(*result.notes, *odd_masses(robot, result.identified)))
     return result, trial.identifier, trial.derived[0].first
+
+
+def _cleared(recording: Recording, robot: Robot) -> Recording:
+    """Return the joints of the arm, without outliers, by the encoders that its equations take."""
+    return by_motor_encoders(without_outliers(recording.select(robot.joint_names)), robot)
 
 
 def _estimated(trials: Trials, choice: BatchChoice) -> tuple[Identification, BatchTrial, float]:
@@ -214,7 +219,7 @@ def _held_out(recordings: Sequence[Recording], fitted: Samples, robot: Robot, mo
     """
     stages = {}
     for recording in recordings:
-        samples = by_motor_encoders(without_outliers(recording.select(robot.joint_names)), robot).samples()
+        samples = _cleared(recording, robot).samples()
         channels = identifier_of(robot, model)
         for each in (fitted, samples):
             channels.choose_equations(each)

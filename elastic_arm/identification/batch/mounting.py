@@ -119,7 +119,8 @@ def other_mounting(robot: Robot, model: str, motions: Sequence[Motion]) -> Mount
     # Turns are those of gravity straight down.
     if not (size and motions and any(turning)) or described[2] > -(1.0 - STRAIGHT) * size:
         return None
-    found = _torques(robot, model, max(motions, key=len))
+    longest = max(motions, key=len)
+    found = _torques(robot, model, longest)
     if found is None:
         return None
     measured, moved, pull, joints = (each[:, turning] for each in found)
@@ -135,7 +136,7 @@ def other_mounting(robot: Robot, model: str, motions: Sequence[Motion]) -> Mount
         angle_between(shown, described) <= TURNED
         or not SIZE[0] * size <= length <= SIZE[1] * size
         or left >= LEFT * before
-        or _chance(before, left, max(motions, key=len), joints.shape[1:]) > CHANCE
+        or _chance(before, left, longest, joints.shape[1:]) > CHANCE
     ):
         return None
     x, y = (np.radians(STEP * round(np.degrees(angle) / STEP)) for angle in tilt_of(shown))
