@@ -1,0 +1,232 @@
+"""The data of a diagnosis at one linearisation: fits of sets of terms, and what each further term would gain."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import logsumexp
+
+from elastic_arm.evidence.grams import Bands, Grams
+from elastic_arm.evidence.pool import sized
+from elastic_arm.evidence.posterior import Posterior, Prior, _mass, posterior
+from elastic_arm.evidence.priors import SIZES
+from elastic_arm.evidence.term import Ident, Key, Term
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Fit:
+    """The posterior of one set of terms.
+
+    Parameters
+    ----------
+    model, terms
+        Of what.
+    found
+        Posterior of the numbers' coefficients and the terms'.
+    """
+
+    model: LinearModel
+    terms: tuple[Term, ...]
+    found: Posterior
+
+    @property
+    def score(self) -> float:
+        """ln p(y, set) up to a constant of the data."""
+        return self.found.evidence - sum(t.price for t in self.terms)
+
+    @cached_property
+    def slices(self) -> dict[Ident, slice]:
+        """Where the coefficients of each term stand."""
+        at, found = len(self.model.mean), {}
+        for t in self.terms:
+            found[t.ident] = slice(at, at + t.count)
+            at += t.count
+        return found
+
+    @property
+    def optional(self) -> tuple[Term, ...]:
+        """The terms that need not be there."""
+        return self.terms[len(self.model.always) :]
+
+    @property
+    def keys(self) -> frozenset[Key]:
+        """Which of them are there."""
+        return frozenset(t.key for t in self.optional)
+
+    def beta(self, term: Term) -> Array:
+        """Return the coefficients (k,) of a term."""
+        return self.found.x[self.slices[term.ident]]
+
+    def covariance(self, term: Term) -> Array:
+        """Return their covariance (k, k)."""
+        own = self.slices[term.ident]
+        return self.found.S[own, own]
+
+
+class Screen:
+    """Products of many terms with the residual and the numbers, for what each would gain.
+
+    Parameters
+    ----------
+    grams
+        Of the data.
+    terms
+        That may be added.
+    """
+
+    def __init__(self, grams: Grams, terms: Sequence[Term]) -> None:
+        self.grams, self.terms = grams, list(terms)
+        bands, order = grams.bands, grams.bands.order
+        blocks = [t.columns if t.offset is None else np.column_stack([t.offset, t.columns]) for t in self.terms]
+        sizes = np.array([b.shape[1] for b in blocks], dtype=int)
+        self.at = np.concatenate([[0], np.cumsum(sizes)])
+        self.X = np.hstack(blocks)[order] if blocks else np.zeros((len(order), 0))
+        self.with_base = bands.products(grams.base, self.X)
+        self.own = [bands.products(self.X[:, i:j], self.X[:, i:j]) for i, j in zip(self.at[:-1], self.at[1:], strict=True)]
+        self.single = np.flatnonzero(sizes == 1)
+        self.squares = np.stack([self.own[k][:, 0, 0] for k in self.single], axis=1) if len(self.single) else None
+        self._with: dict[object, Array] = {}
+
+    def _with_term(self, term: Term) -> Array:
+        if term.ident not in self._with:
+            self._with[term.ident] = self.grams.bands.products(self.grams.columns(term), self.X)
+        return self._with[term.ident]
+
+    def gains(self, fit: Fit) -> Array:
+        """Return what each term would gain beside a fit (T,) nats, its prior odds paid, and pick sizes of laws."""
+        w, x, S = 1.0 / fit.found.v, fit.found.x, fit.found.S
+        k = len(fit.model.mean)
+        rows = [np.tensordot(w, self.with_base[:, 1:], 1)]
+        b = w @ self.with_base[:, 0] - x[:k] @ rows[0]
+        at = k
+        for t in fit.terms:
+            own = np.tensordot(w, self._with_term(t), 1)
+            if t.offset is not None:
+                b = b - own[0]
+                own = own[1:]
+            rows.append(own)
+            b = b - x[at : at + t.count] @ own
+            at += t.count
+        C = np.vstack(rows)
+        SC = S @ C
+        found = np.full(len(self.terms), -np.inf)
+        self.chosen: dict[int, float] = {}
+        if len(self.single):
+            columns = self.at[self.single]
+            G = w @ self.squares - np.einsum("ij,ij->j", C[:, columns], SC[:, columns])
+            found[self.single] = self._single(np.maximum(G, 0.0), b[columns])
+        for t in np.setdiff1d(np.arange(len(self.terms)), self.single):
+            own = slice(self.at[t], self.at[t + 1])
+            G = np.tensordot(w, self.own[t], 1) - C[:, own].T @ SC[:, own]
+            found[t] = self._several(t, G, b[own])
+        return found
+
+    def _single(self, G: Array, b: Array) -> Array:
+        terms = [self.terms[k] for k in self.single]
+        price = np.array([t.price for t in terms])
+        fixed = np.array([t.offset is not None for t in terms])
+        std = np.array([1.0 if t.offset is not None else t.std[0] for t in terms])
+        low = np.array([-np.inf if t.offset is not None else t.low[0] for t in terms])
+        high = np.array([np.inf if t.offset is not None else t.high[0] for t in terms])
+        variance = 1.0 / (G + std**-2.0)
+        mean = variance * b
+        gain = 0.5 * mean * b + 0.5 * np.log(variance / std**2)
+        bounded = np.isfinite(low) | np.isfinite(high)
+        zero = np.zeros(1)
+        gain[bounded] += _mass(mean[bounded], np.sqrt(variance[bounded]), low[bounded], high[bounded]) - _mass(
+            zero, std[bounded], low[bounded], high[bounded]
+        )
+        return np.where(fixed, b - 0.5 * G, gain) - price
+
+    def _several(self, t: int, G: Array, b: Array) -> float:
+        term = self.terms[t]
+        if term.kind == "law":
+            e, U = np.linalg.eigh(G)
+            e, z = np.maximum(e, 0.0), U.T @ b
+            each = np.array([0.5 * np.sum(z**2 / (e + a**-2.0) - np.log1p(e * a * a)) for a in SIZES])
+            self.chosen[t] = float(SIZES[int(np.argmax(each))])
+            return float(logsumexp(each) - np.log(len(SIZES))) - term.price
+        D = term.std
+        Gs = G * np.outer(D, D)
+        Gs[np.diag_indices_from(Gs)] += 1.0
+        bs = b * D
+        return float(0.5 * bs @ np.linalg.solve(Gs, bs) - 0.5 * np.linalg.slogdet(Gs)[1]) - term.price
+
+    def term(self, t: int) -> Term:
+        """Return a term as :meth:`gains` found it best."""
+        return sized(self.terms[t], self.chosen[t]) if t in self.chosen else self.terms[t]
+
+
+@dataclass(eq=False)
+class LinearModel:
+    """The data at one linearisation.
+
+    Parameters
+    ----------
+    y, N
+        (rows,), (rows, k) whitened residual, and columns of the numbers for one standard deviation each.
+    bands
+        Of the rows.
+    mean, std
+        (k,) prior of the numbers' coefficients.
+    trusted
+        (k,) which of them the trust in the description scales.
+    always
+        Terms that are known to be there.
+    name, trust
+        The trust in the description, and its factor on the standard deviations.
+    """
+
+    y: Array
+    N: Array
+    bands: Bands
+    mean: Array
+    std: Array
+    trusted: NDArray[np.bool_]
+    always: tuple[Term, ...] = ()
+    name: str = ""
+    trust: float = 1.0
+    _fits: dict[object, Fit] = field(default_factory=dict, init=False)
+
+    @cached_property
+    def grams(self) -> Grams:
+        """Products of residual and columns."""
+        return Grams(self.y, self.N, self.bands)
+
+    def trusting(self, name: str, trust: float) -> LinearModel:
+        """Return the same data with another trust in the description."""
+        other = replace(self, name=name, trust=trust)
+        other.grams = self.grams
+        return other
+
+    def fit(self, terms: Sequence[Term], near: Fit | None = None) -> Fit:
+        """Return the posterior of a set of terms beside those that are known to be there.
+
+        Parameters
+        ----------
+        terms
+            The set.
+        near
+            A fit of a similar set, where its noise starts.
+        """
+        terms = tuple(terms)
+        key = frozenset(t.ident for t in terms)
+        if key not in self._fits:
+            whole = (*self.always, *terms)
+            prior = Prior(
+                np.concatenate([self.mean, *(t.mean for t in whole)]),
+                np.concatenate([np.where(self.trusted, self.trust, 1.0) * self.std, *(t.std for t in whole)]),
+                np.concatenate([np.full(len(self.mean), -np.inf), *(t.low for t in whole)]),
+                np.concatenate([np.full(len(self.mean), np.inf), *(t.high for t in whole)]),
+            )
+            start = None if near is None else near.found.v
+            products = self.grams.of(whole)
+            found = posterior(products, self.bands.n, prior, start)
+            self._fits[key] = Fit(self, whole, found)
+        return self._fits[key]
