@@ -12,13 +12,7 @@ from numpy.typing import NDArray
 
 from elastic_arm.diagnosis.changes import changes_between
 from elastic_arm.diagnosis.context import DiagnosisContext
-from elastic_arm.diagnosis.estimates import (
-    ParameterEstimate,
-    averaged,
-    estimated,
-    number_covariance,
-    numbers_at,
-)
+from elastic_arm.diagnosis.estimates import ParameterEstimate, averaged, estimated
 from elastic_arm.diagnosis.gap import Gap, Shrink, shrink
 from elastic_arm.diagnosis.preparation import Prepared, prepare
 from elastic_arm.diagnosis.question import Question
@@ -118,7 +112,8 @@ class Answer:
     def _numbers(self) -> tuple[Array, Array]:
         """All numbers and the ordinary part of them, (K,), zeros of the judging recordings fitted on these."""
         linear, fit = self.explanation.linear, self.best
-        total, ordinary = numbers_at(fit, linear.values)
+        total = linear.values + fit.numbers
+        ordinary = total - fit.far_off
         fitted = set(self.prepared.problem.indices[0])
         own = [k for k, p in enumerate(self.prepared.problem.numbers) if p.recording is not None and p.recording not in fitted]
         if own:
@@ -288,7 +283,7 @@ class Answer:
     def imperfections(self) -> tuple[Imperfection, ...]:
         """Return what the recordings say of each number."""
         problem, total = self.prepared.problem, self._numbers[0]
-        stds = np.sqrt(np.maximum(np.diag(number_covariance(self.best, len(total))), 0.0))
+        stds = np.sqrt(np.maximum(np.diag(self.best.number_covariance), 0.0))
         off = sum((np.abs(t.what).sum(axis=1) for t in self.best.optional if t.kind == "number"), np.zeros(len(total)))
         sources = problem.sources
         return tuple(

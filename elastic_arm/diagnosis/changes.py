@@ -53,7 +53,7 @@ def changes_between(explanation: Explanation, problem: Problem) -> tuple[Change,
         if term.kind == "number":
             k = int(np.flatnonzero(term.what[:, 0])[0])
             number = problem.numbers[k]
-            base = number.neutral + (explanation.linear.values[k] + best.found.x[k]) * number.prior_std
+            base = number.neutral + (explanation.linear.values[k] + best.numbers[k] - best.far_off[k]) * number.prior_std
             values = [(r, base + v * number.prior_std, s * number.prior_std) for r, v, s in values]
         found.append(Change(term.key[0], term.key[1], name, first.unit, tuple(values), confidence))
     return tuple(found)

@@ -29,31 +29,6 @@ class ParameterEstimate:
     unit: str
 
 
-def numbers_at(fit: Fit, values: Array) -> tuple[Array, Array]:
-    """Return the numbers of arm and sensors (K,), and those without what is far off, in standard deviations.
-
-    Parameters
-    ----------
-    fit
-        Of a set.
-    values
-        (K,) where the model stands.
-    """
-    ordinary = values + fit.found.x[: len(values)]
-    off = [t.what @ fit.beta(t) for t in fit.optional if t.kind == "number"]
-    return ordinary + sum(off, np.zeros(len(values))), ordinary
-
-
-def number_covariance(fit: Fit, count: int) -> Array:
-    """Return the covariance (K, K) of the numbers, what is far off included."""
-    moves = np.zeros((count, len(fit.found.x)))
-    moves[:, :count] = np.eye(count)
-    for t in fit.optional:
-        if t.kind == "number":
-            moves[:, fit.slices[t.ident]] += t.what
-    return moves @ fit.found.S @ moves.T
-
-
 def estimated(
     fit: Fit, term: Term, parameters: Sequence[Number], values: Array
 ) -> tuple[dict[str, ParameterEstimate], EffectInstance]:
@@ -67,9 +42,9 @@ def estimated(
         The numbers, and where (K,) the model stands.
     """
     if term.kind == "number":
-        total = numbers_at(fit, values)[0]
+        total = values + fit.numbers
         moved_by = np.flatnonzero(term.what.any(axis=1))
-        covariance = number_covariance(fit, len(values))[np.ix_(moved_by, moved_by)]
+        covariance = fit.number_covariance[np.ix_(moved_by, moved_by)]
         own = [parameters[k] for k in moved_by]
         return _of(term, lambda x: _number_values(term, own, x), total[moved_by], covariance)
     return _of(term, lambda x: _effect_values(term, x), *_coefficients(fit, term))

@@ -22,7 +22,7 @@ OCTAVES = np.array([0.5, 1, 2, 4, 8, 16, 32])  # Hz; edges of the octaves in whi
 class Products(NamedTuple):
     """Products of a set of terms, B bands and p coefficients."""
 
-    H: Array  # (B, p, p)
+    half: Array  # (B, p (p + 1) / 2) the lower half of H, row by row
     b: Array  # (B, p)
     yy: Array  # (B,)
 
@@ -69,6 +69,8 @@ class Grams:
         self.bands = bands
         self.base = np.column_stack([y, N])[bands.order]
         self.G0 = bands.products(self.base, self.base)
+        rows, columns = np.tril_indices(self.G0.shape[1] - 1)
+        self._base_half = self.G0[:, 1 + rows, 1 + columns]
         self._columns: dict[Ident, Array] = {}
         self._with_base: dict[Ident, Array] = {}
         self._pairs: dict[tuple[Ident, Ident], Array] = {}
@@ -97,24 +99,19 @@ class Grams:
 
     def of(self, terms: Sequence[Term]) -> Products:
         """Return the products of a set: coefficients of the numbers first, then of the terms in order."""
-        sizes = [self.G0.shape[1], *(t.count + (t.offset is not None) for t in terms)]
-        at = np.concatenate([[0], np.cumsum(sizes)])
-        G = np.empty((len(self.bands.n), at[-1], at[-1]))
-        G[:, : sizes[0], : sizes[0]] = self.G0
+        base, yy = self.G0[:, 0, 1:], self.G0[:, 0, 0]
+        rows, b = [self._base_half], []
+        offsets = [t for t in terms if t.offset is not None]
+        for t in offsets:  # of known size: off the residual
+            base = base - self.with_base(t)[:, 1:, 0]
+            yy = yy - 2.0 * self.with_base(t)[:, 0, 0] + sum(self.pair(t, o)[:, 0, 0] for o in offsets)
+        b.append(base)
         for i, one in enumerate(terms):
-            own = slice(at[i + 1], at[i + 2])
-            G[:, : sizes[0], own] = self.with_base(one)
-            G[:, own, : sizes[0]] = G[:, : sizes[0], own].transpose(0, 2, 1)
-            for k, other in enumerate(terms[: i + 1]):
-                beside = slice(at[k + 1], at[k + 2])
-                G[:, beside, own] = self.pair(other, one)
-                G[:, own, beside] = G[:, beside, own].transpose(0, 2, 1)
-        fixed = [at[i + 1] for i, t in enumerate(terms) if t.offset is not None]
-        if fixed:  # of known size: off the residual
-            e = np.zeros(G.shape[1])
-            e[0], e[fixed] = 1.0, -1.0
-            row = G @ e
-            G[:, 0, 0] = row @ e
-            G[:, 0, 1:], G[:, 1:, 0] = row[:, 1:], row[:, 1:]
-        free = np.setdiff1d(np.arange(1, at[-1]), fixed)
-        return Products(G[:, free[:, None], free], G[:, free, 0], G[:, 0, 0])
+            first = int(one.offset is not None)
+            own = self.with_base(one)[:, 0, first:]
+            b.append(own - sum(self.pair(o, one)[:, 0, first:] for o in offsets))
+            beside = [self.pair(o, one)[:, int(o.offset is not None) :, first:] for o in terms[: i + 1]]
+            block = np.concatenate([self.with_base(one)[:, 1:, first:], *beside], axis=1)
+            above = block.shape[1] - one.count
+            rows += [block[:, : above + k + 1, k] for k in range(one.count)]
+        return Products(np.concatenate(rows, axis=1), np.concatenate(b, axis=1), yy)

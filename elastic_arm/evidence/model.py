@@ -12,11 +12,14 @@ from scipy.special import logsumexp
 
 from elastic_arm.evidence.grams import Bands, Grams
 from elastic_arm.evidence.pool import sized
-from elastic_arm.evidence.posterior import Posterior, Prior, _mass, posterior
-from elastic_arm.evidence.priors import SIZES
+from elastic_arm.evidence.posterior import Posterior, Prior, mass, posterior
+from elastic_arm.evidence.priors import SIZES, TRUST
 from elastic_arm.evidence.term import Ident, Key, Term
 
 Array = NDArray[np.float64]
+
+WIDEST = max(factor for factor, _ in TRUST.values())
+UNTOLD = 1e-3  # of a prior's precision: what data tell no more of, they tell nothing of; numerical
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,7 +46,7 @@ class Fit:
     @cached_property
     def slices(self) -> dict[Ident, slice]:
         """Where the coefficients of each term stand."""
-        at, found = len(self.model.mean), {}
+        at, found = self.model.basis[0].shape[1], {}
         for t in self.terms:
             found[t.ident] = slice(at, at + t.count)
             at += t.count
@@ -59,9 +62,44 @@ class Fit:
         """Which of them are there."""
         return frozenset(t.key for t in self.optional)
 
+    @property
+    def _moves(self) -> Array:
+        """How the numbers move with the coefficients (K, p), what is far off included."""
+        V, _ = self.model.basis
+        found = np.zeros((len(V), len(self.found.x)))
+        found[:, : V.shape[1]] = V
+        for t in self.optional:
+            if t.kind == "number":
+                found[:, self.slices[t.ident]] += t.what
+        return found
+
+    @cached_property
+    def numbers(self) -> Array:
+        """Posterior means (K,) of the numbers' coefficients, what is far off included."""
+        V, _ = self.model.basis
+        return self._moves @ self.found.x + self.model.mean - V @ (V.T @ self.model.mean)
+
+    @cached_property
+    def number_covariance(self) -> Array:
+        """Their covariance (K, K)."""
+        (V, _), moves = self.model.basis, self._moves
+        own = np.where(self.model.trusted, self.model.trust, 1.0)
+        return moves @ self.found.S @ moves.T + np.outer(own, own) * (np.eye(len(V)) - V @ V.T)
+
+    @property
+    def far_off(self) -> Array:
+        """The part (K,) of the numbers that is far off."""
+        return sum((t.what @ self.beta(t) for t in self.optional if t.kind == "number"), np.zeros(len(self.model.mean)))
+
     def beta(self, term: Term) -> Array:
         """Return the coefficients (k,) of a term."""
         return self.found.x[self.slices[term.ident]]
+
+    def correlation(self, one: Term, other: Term) -> float:
+        """Return the largest correlation of coefficients of two terms."""
+        S, a, b = self.found.S, self.slices[one.ident], self.slices[other.ident]
+        std = np.sqrt(np.diag(S))
+        return float(np.max(np.abs(S[a, b]) / np.outer(std[a], std[b]), initial=0.0))
 
     def covariance(self, term: Term) -> Array:
         """Return their covariance (k, k)."""
@@ -91,6 +129,7 @@ class Screen:
         self.own = [bands.products(self.X[:, i:j], self.X[:, i:j]) for i, j in zip(self.at[:-1], self.at[1:], strict=True)]
         self.single = np.flatnonzero(sizes == 1)
         self.squares = np.stack([self.own[k][:, 0, 0] for k in self.single], axis=1) if len(self.single) else None
+        self.is_law = np.array([t.kind == "law" for t in self.terms], dtype=bool)
         self._with: dict[object, Array] = {}
 
     def _with_term(self, term: Term) -> Array:
@@ -101,7 +140,7 @@ class Screen:
     def gains(self, fit: Fit) -> Array:
         """Return what each term would gain beside a fit (T,) nats, its prior odds paid, and pick sizes of laws."""
         w, x, S = 1.0 / fit.found.v, fit.found.x, fit.found.S
-        k = len(fit.model.mean)
+        k = fit.model.basis[0].shape[1]
         rows = [np.tensordot(w, self.with_base[:, 1:], 1)]
         b = w @ self.with_base[:, 0] - x[:k] @ rows[0]
         at = k
@@ -139,7 +178,7 @@ class Screen:
         gain = 0.5 * mean * b + 0.5 * np.log(variance / std**2)
         bounded = np.isfinite(low) | np.isfinite(high)
         zero = np.zeros(1)
-        gain[bounded] += _mass(mean[bounded], np.sqrt(variance[bounded]), low[bounded], high[bounded]) - _mass(
+        gain[bounded] += mass(mean[bounded], np.sqrt(variance[bounded]), low[bounded], high[bounded]) - mass(
             zero, std[bounded], low[bounded], high[bounded]
         )
         return np.where(fixed, b - 0.5 * G, gain) - price
@@ -170,13 +209,13 @@ class LinearModel:
     Parameters
     ----------
     y, N
-        (rows,), (rows, k) whitened residual, and columns of the numbers for one standard deviation each.
+        (rows,), (rows, K) whitened residual, and columns of the numbers for one standard deviation each.
     bands
         Of the rows.
-    mean, std
-        (k,) prior of the numbers' coefficients.
+    mean
+        (K,) prior means of the numbers' coefficients, whose standard deviation is the trust.
     trusted
-        (k,) which of them the trust in the description scales.
+        (K,) which of them the trust in the description scales; the others have 1.
     always
         Terms that are known to be there.
     name, trust
@@ -187,7 +226,6 @@ class LinearModel:
     N: Array
     bands: Bands
     mean: Array
-    std: Array
     trusted: NDArray[np.bool_]
     always: tuple[Term, ...] = ()
     name: str = ""
@@ -195,14 +233,32 @@ class LinearModel:
     _fits: dict[object, Fit] = field(default_factory=dict, init=False)
 
     @cached_property
+    def basis(self) -> tuple[Array, NDArray[np.bool_]]:
+        """Combinations (K, k) of the numbers that the data tell anything of, and which of them the trust scales.
+
+        Priors of equal width stay so in any orthonormal basis; of the rest the posterior is the prior.
+        """
+        found, scaled = [], []
+        for which, widest in ((self.trusted, WIDEST), (~self.trusted, 1.0)):
+            own = np.flatnonzero(which)
+            e, U = np.linalg.eigh(self.N[:, own].T @ self.N[:, own])
+            told = e * widest**2 > UNTOLD
+            V = np.zeros((len(self.mean), int(told.sum())))
+            V[own] = U[:, told]
+            found.append(V)
+            scaled.append(np.full(V.shape[1], widest == WIDEST))
+        return np.hstack(found), np.concatenate(scaled)
+
+    @cached_property
     def grams(self) -> Grams:
         """Products of residual and columns."""
-        return Grams(self.y, self.N, self.bands)
+        untold = self.mean - self.basis[0] @ (self.basis[0].T @ self.mean)
+        return Grams(self.y - self.N @ untold, self.N @ self.basis[0], self.bands)
 
     def trusting(self, name: str, trust: float) -> LinearModel:
         """Return the same data with another trust in the description."""
         other = replace(self, name=name, trust=trust)
-        other.grams = self.grams
+        other.basis, other.grams = self.basis, self.grams
         return other
 
     def fit(self, terms: Sequence[Term], near: Fit | None = None) -> Fit:
@@ -218,15 +274,14 @@ class LinearModel:
         terms = tuple(terms)
         key = frozenset(t.ident for t in terms)
         if key not in self._fits:
-            whole = (*self.always, *terms)
+            whole, (V, scaled) = (*self.always, *terms), self.basis
+            free = np.full(V.shape[1], np.inf)
             prior = Prior(
-                np.concatenate([self.mean, *(t.mean for t in whole)]),
-                np.concatenate([np.where(self.trusted, self.trust, 1.0) * self.std, *(t.std for t in whole)]),
-                np.concatenate([np.full(len(self.mean), -np.inf), *(t.low for t in whole)]),
-                np.concatenate([np.full(len(self.mean), np.inf), *(t.high for t in whole)]),
+                np.concatenate([V.T @ self.mean, *(t.mean for t in whole)]),
+                np.concatenate([np.where(scaled, self.trust, 1.0), *(t.std for t in whole)]),
+                np.concatenate([-free, *(t.low for t in whole)]),
+                np.concatenate([free, *(t.high for t in whole)]),
             )
             start = None if near is None else near.found.v
-            products = self.grams.of(whole)
-            found = posterior(products, self.bands.n, prior, start)
-            self._fits[key] = Fit(self, whole, found)
+            self._fits[key] = Fit(self, whole, posterior(self.grams.of(whole), self.bands.n, prior, start))
         return self._fits[key]

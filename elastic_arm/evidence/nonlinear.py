@@ -49,9 +49,8 @@ def axis(p: Parameter) -> tuple[float, float]:
 
 
 def moved(p: Parameter, value: float, step: float) -> float:
-    """Return a value after a step in its coordinate, within its physical bounds."""
-    found = float(value * np.exp(step)) if p.logarithmic else value + step
-    return max(found, p.above + 1e-12) if np.isfinite(p.above) else found
+    """Return a value after a step in its coordinate, within its range."""
+    return float(np.clip(value * np.exp(step) if p.logarithmic else value + step, p.low, p.high))
 
 
 def tangent_term(columns: Columns, term: Term, theta: Sequence[float], size: float, largest: float) -> Term:
@@ -72,7 +71,7 @@ def tangent_term(columns: Columns, term: Term, theta: Sequence[float], size: flo
     """
     feature = term.feature
     assert feature is not None
-    own, found, mean, std, numbers = components(feature), [], [], [], []
+    own, found, mean, std, bounds, numbers = components(feature), [], [], [], [], []
     X = columns(feature, theta)
     for j, p in enumerate(own):
         if p.integer:
@@ -84,6 +83,7 @@ def tangent_term(columns: Columns, term: Term, theta: Sequence[float], size: flo
         here = float(np.log(theta[j])) if p.logarithmic else theta[j]
         mean.append((low + high) / 2.0 - here)
         std.append((high - low) / np.sqrt(12.0))
+        bounds.append((low - here, high - here))
         numbers.append(j)
     tangents = np.stack(found, axis=1) if found else np.zeros((len(X), 0))
     if feature.fixed:
@@ -91,7 +91,7 @@ def tangent_term(columns: Columns, term: Term, theta: Sequence[float], size: flo
     else:
         offset, linear = None, X
         own_std, own_low, own_high = linear_prior(feature, largest)
-    free = np.full(len(numbers), np.inf)
+    least, most = np.array(bounds).reshape(-1, 2).T
     return Term(
         term.key,
         "effect",
@@ -99,8 +99,8 @@ def tangent_term(columns: Columns, term: Term, theta: Sequence[float], size: flo
         np.concatenate([own_std, std]),
         odds=term.odds,
         mean=np.concatenate([np.zeros(len(own_std)), mean]),
-        low=np.concatenate([own_low, -free]),
-        high=np.concatenate([own_high, free]),
+        low=np.concatenate([own_low, least]),
+        high=np.concatenate([own_high, most]),
         offset=offset,
         feature=feature,
         theta=tuple(float(v) for v in theta),

@@ -156,7 +156,7 @@ def number_terms(parameters: Sequence[Number], values: Array, N: Array) -> list[
     found, together = [], {}
     unit = np.eye(len(parameters))
     for k, parameter in enumerate(parameters):
-        if parameter.cause is None:
+        if parameter.cause is None or not parameter.cause.effect.searched:
             continue
         key = parameter.cause.key
         found.append(_number(parameter, values[k], N, key, unit[:, [k]]))

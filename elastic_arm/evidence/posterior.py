@@ -74,14 +74,18 @@ def posterior(products: Products, n: Array, prior: Prior, start: Array | None = 
     start
         (B,) noise powers to start from.
     """
-    H, b, yy = products
-    flat, P = H.reshape(len(H), -1), prior.std**-2.0
+    half, b, yy = products
+    P, (row, column) = prior.std**-2.0, np.tril_indices(b.shape[1])
+    twice = np.where(row == column, 1.0, 2.0)  # in sums over both halves
     v = np.ones(len(n)) if start is None else start
     for _ in range(STEPS):
         w = 1.0 / v
-        x, S, logdet = _solve((w @ flat).reshape(len(P), -1), w @ b, P, prior.mean)
-        left = np.maximum(yy - 2.0 * (b @ x) + np.einsum("bi,i->b", H @ x, x), 0.0)
-        new = np.maximum(left / np.maximum(n - w * (flat @ S.ravel()), 1.0), 1.0)
+        A = np.zeros((len(P), len(P)))
+        A[row, column] = w @ half
+        x, S, logdet = _solve(A, w @ b, P, prior.mean)
+        squares, used = (half @ np.stack([x[row] * x[column] * twice, S[row, column] * twice], axis=1)).T
+        left = np.maximum(yy - 2.0 * (b @ x) + squares, 0.0)
+        new = np.maximum(left / np.maximum(n - w * used, 1.0), 1.0)
         change = float(np.max(np.abs(np.log(new / v))))
         if change < SETTLED:
             break
@@ -95,27 +99,29 @@ def posterior(products: Products, n: Array, prior: Prior, start: Array | None = 
         low, high = prior.low[bounded], prior.high[bounded]
         evidence += float(
             np.sum(
-                _mass(x[bounded], std[bounded], low, high) - _mass(prior.mean[bounded], prior.std[bounded], low, high)
+                mass(x[bounded], std[bounded], low, high) - mass(prior.mean[bounded], prior.std[bounded], low, high)
             )
         )
     return Posterior(x, S, v, left, evidence)
 
 
 def _solve(A: Array, rhs: Array, P: Array, mean: Array) -> tuple[Array, Array, float]:
-    """Return mean, covariance and ln |A| with the prior's precision added."""
+    """Return mean, covariance and ln |A| with the prior's precision added; A is given by its lower half."""
     A[np.diag_indices_from(A)] += P
     s = 1.0 / np.sqrt(np.diag(A))
     A *= np.outer(s, s)
     A[np.diag_indices_from(A)] += JITTER
-    L, _ = lapack.dpotrf(A, lower=1)
-    logdet = 2.0 * float(np.sum(np.log(np.diag(L))) - np.sum(np.log(s)))
-    inverse, _ = lapack.dpotri(L, lower=1)
-    S = np.tril(inverse) + np.tril(inverse, -1).T
+    # The transpose has the order that LAPACK takes.
+    U, _ = lapack.dpotrf(A.T, lower=0, overwrite_a=1)
+    logdet = 2.0 * float(np.sum(np.log(np.diag(U))) - np.sum(np.log(s)))
+    S, _ = lapack.dpotri(U, lower=0, overwrite_c=1)
     S *= np.outer(s, s)
+    S = np.triu(S)
+    S += np.triu(S, 1).T
     return S @ (rhs + P * mean), S, logdet
 
 
-def _mass(mean: Array, std: Array, low: Array, high: Array) -> Array:
+def mass(mean: Array, std: Array, low: Array, high: Array) -> Array:
     """Return ln of the mass (k,) of Gaussians within their bounds."""
     below, above = log_ndtr((low - mean) / std), log_ndtr((mean - high) / std)
     inside = -np.expm1(np.logaddexp(below, above))

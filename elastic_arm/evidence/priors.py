@@ -36,9 +36,12 @@ MOTION = 8.0  # Hz; above, what is left is the encoders'
 NOISY = 2.0  # power that a place may keep over its sensors' noise, in that noise: how badly a noise is known
 LISTED = 0.01  # probability of an alternative that is listed (contract)
 TRIED = 5  # proposals of a kind that are evaluated in full at each step of the search
-STARTS = 2  # sets from which the search sets out
-MOST = 16  # terms of a set
-ROUNDS = 5  # of search and linearisation
+SHORT = 0.3  # share of what a move needs that its first-order gain must reach to be evaluated in full
+WORTH = 1.0  # nats of a move that is taken: less is an alternative
+RELATED = 0.1  # correlation of two terms from which one may stand for both
+MOST = 24  # terms of a set
+ROUNDS = 8  # of search and linearisation
+ELSEWHERE, NEAR = 2, 50.0  # other sets that are linearised for themselves, and nats up to which they may be behind
 
 
 REFERENCE = "docs/diagnosis.md lists the priors"

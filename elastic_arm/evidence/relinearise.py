@@ -17,7 +17,7 @@ from elastic_arm.evidence.linearisation import Linearisation
 from elastic_arm.evidence.model import Fit, LinearModel, Screen
 from elastic_arm.evidence.nonlinear import components, moved, tangent_term
 from elastic_arm.evidence.pool import effect_terms, law_terms, linear_prior, number_terms
-from elastic_arm.evidence.priors import EFFECT, FAULT, FORMLESS, ROUNDS, STATED, TRUST
+from elastic_arm.evidence.priors import EFFECT, ELSEWHERE, FAULT, FORMLESS, NEAR, ROUNDS, STATED, TRUST
 from elastic_arm.evidence.problem import Problem
 from elastic_arm.evidence.search import Search
 from elastic_arm.evidence.term import Term
@@ -60,36 +60,65 @@ def explain(problem: Problem, *, refit: bool) -> Explanation:
     refit
         Whether the description cannot be as measured.
     """
-    count = len(problem.numbers)
+    linear = Linearisation(problem, np.zeros(len(problem.numbers)), ())
+    found = _descended(linear, None, refit)
+    for _ in range(ELSEWHERE):
+        # Exchanged at this linearisation, a set whose numbers lie elsewhere is judged by columns that are not its own.
+        other = _elsewhere(found)
+        if other is None:
+            break
+        again = _descended(found.linear, other, refit)
+        better, worse = (again, found) if again.best.score > found.best.score else (found, again)
+        better.search.take(worse.search.met.values())
+        found = replace(better, log=(*found.log, "elsewhere:", *again.log))
+    return found
+
+
+def _elsewhere(found: Explanation) -> Fit | None:
+    """Return the likeliest set without one of the most probable set's numbers that are far off; None where all keep them."""
+    off = {t.key for t in found.best.optional if t.kind == "number"}
+    sets = (fit for fit in found.search.met.values() if off - fit.keys and fit.score > found.best.score - NEAR)
+    return max(sets, key=lambda fit: fit.score, default=None)
+
+
+def _descended(linear: Linearisation, before: Fit | None, refit: bool) -> Explanation:
+    """Return the most probable set beside which the linearisation stays."""
+    problem, log, whole = linear.problem, [], False
     moving = np.array([p.moves_model for p in problem.numbers], dtype=bool)
     limits = np.array([p.limit for p in problem.numbers])
-    linear, before, log = Linearisation(problem, np.zeros(count), ()), None, []
+    if before is not None:
+        linear = _moved(linear, before, moving, limits)
     for n in range(ROUNDS):
-        found = _explained(linear, before, refit)
+        found = _explained(linear, before, refit, whole=whole)
         log += [f"{n}: {line}" for line in found.log]
         best = found.best
-        step = _step(best, count)
-        same = before is not None and before.keys == best.keys
-        farthest = np.max(np.abs(step[moving]) / _stds(best, count)[moving], initial=0.0)
-        if (same and farthest < 1.0) or n == ROUNDS - 1:
+        deviations = np.abs(best.numbers) / np.sqrt(np.diag(best.number_covariance))
+        settled = before is not None and before.keys == best.keys and np.max(deviations[moving], initial=0.0) < 1.0
+        if settled and whole:
             break
-        values = np.where(moving, np.clip(linear.values + step, -limits, limits), 0.0)
+        # Laws without a form and the moves that take long come where the linearisation has settled.
+        whole = whole or settled or n == ROUNDS - 2
         before = best
-        linear = Linearisation(problem, values, _acting(best), near=linear.data)
+        if not settled and n < ROUNDS - 1:
+            linear = _moved(linear, best, moving, limits)
     return replace(found, log=tuple(log))
 
 
-def _explained(linear: Linearisation, before: Fit | None, refit: bool) -> Explanation:
+def _moved(linear: Linearisation, fit: Fit, moving: NDArray[np.bool_], limits: Array) -> Linearisation:
+    """Return the linearisation where a fit puts the numbers."""
+    values = np.where(moving, np.clip(linear.values + fit.numbers, -limits, limits), 0.0)
+    return Linearisation(linear.problem, values, _acting(fit), near=linear.data)
+
+
+def _explained(linear: Linearisation, before: Fit | None, refit: bool, *, whole: bool) -> Explanation:
     """Return the most probable set at a linearisation, from the one found at another."""
-    count = len(linear.problem.numbers)
     always, off = known_terms(linear)
-    pool = [*pool_of(linear), *(t.with_odds(float(np.log(len(off)) - np.log(FAULT))) for t in off)]
+    pool = [*pool_of(linear, laws=whole), *(t.with_odds(float(np.log(len(off)) - np.log(FAULT))) for t in off)]
     model = LinearModel(
         linear.data.white,
         linear.numbers,
         Bands(linear.data),
         -linear.values,
-        np.ones(count),
         np.array([p.is_number for p in linear.problem.numbers], dtype=bool),
         tuple(always),
     )
@@ -101,7 +130,7 @@ def _explained(linear: Linearisation, before: Fit | None, refit: bool) -> Explan
     trust = next(iter(trusts)) if before is None else before.model.name
     while trust not in tried:
         search = Search(model.trusting(trust, trusts[trust][0]), screen, linear.columns, linear.problem.largest_at)
-        tried[trust], best = search, search.run(terms)
+        tried[trust], best = search, search.run(terms, whole=whole)
         log += [f"{trust}: {line}" for line in search.log]
         terms = best.optional
         scores = {
@@ -110,19 +139,19 @@ def _explained(linear: Linearisation, before: Fit | None, refit: bool) -> Explan
         }
         trust = max(scores, key=lambda name: scores[name])
     search = tried[trust]
-    best = search.run(terms)
+    best = search.run(terms, whole=whole)
     total = np.logaddexp.reduce(list(scores.values()))
     log.append(f"{trust}, {best.score:.1f}: {', '.join(f'{k[0]} {k[1]}' for k in best.keys) or 'nothing'}")
     return Explanation(linear, search, best, {k: float(np.exp(v - total)) for k, v in scores.items()}, tuple(log))
 
 
-def pool_of(linear: Linearisation) -> list[Term]:
+def pool_of(linear: Linearisation, *, laws: bool) -> list[Term]:
     """Return all that may be there, with its prior odds: small for each kind, shared by those that could be."""
     problem = linear.problem
     kinds = (
         (effect_terms(linear, linear.placed(problem.candidates)), EFFECT),
         (number_terms(problem.numbers, linear.values, linear.numbers), FAULT),
-        (law_terms(linear.data), FORMLESS),
+        (law_terms(linear.data) if laws else [], FORMLESS),
     )
     found = []
     for terms, odds in kinds:
@@ -159,25 +188,6 @@ def _coefficients(feature: Feature, values: Mapping[str, Any]) -> Array:
         size, phase = values[feature.linear[0].name], values[feature.phase.name]
         return size * np.array([np.cos(phase), np.sin(phase)])
     return np.concatenate([np.atleast_1d(values[p.name]) - (p.neutral or 0.0) for p in feature.linear])
-
-
-def _step(fit: Fit, count: int) -> Array:
-    """Return by how much the numbers move to where they are most probable (K,)."""
-    step = fit.found.x[:count].copy()
-    for t in fit.optional:
-        if t.kind == "number":
-            step += t.what @ fit.beta(t)
-    return step
-
-
-def _stds(fit: Fit, count: int) -> Array:
-    """Return the standard deviations of the numbers (K,), what is far off included."""
-    moves = np.zeros((count, len(fit.found.x)))
-    moves[:, :count] = np.eye(count)
-    for t in fit.optional:
-        if t.kind == "number":
-            moves[:, fit.slices[t.ident]] += t.what
-    return np.sqrt(np.maximum(np.einsum("ij,jk,ik->i", moves, fit.found.S, moves), 1e-12))
 
 
 def theta_of(term: Term, fit: Fit) -> tuple[float, ...]:

@@ -6,7 +6,7 @@ the score of the whole set decides. All sets met are kept: probabilities are sum
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from itertools import combinations
 
@@ -16,7 +16,7 @@ from scipy.special import logsumexp
 
 from elastic_arm.evidence.model import Fit, LinearModel, Screen
 from elastic_arm.evidence.nonlinear import Columns, Largest, is_open, refined
-from elastic_arm.evidence.priors import MOST, TRIED
+from elastic_arm.evidence.priors import MOST, RELATED, SHORT, TRIED, WORTH
 from elastic_arm.evidence.term import Key, Term
 
 Array = NDArray[np.float64]
@@ -43,43 +43,57 @@ class Search:
     met: dict[frozenset[Key], Fit] = field(default_factory=dict)
     _refined: dict[tuple[Key, frozenset[Key]], Term] = field(default_factory=dict)
     log: list[str] = field(default_factory=list)
+    _whole: bool = True
 
-    def run(self, start: Sequence[Term] = ()) -> Fit:
-        """Return the most probable set, from a set to start from."""
-        best = self._keep(self.model.fit(start))
-        while True:
-            better = self._grown(best) or self._first_better(best)
-            if better is None:
-                return best
-            self.log.append(f"{better.score - best.score:+.1f}: {_words(better.keys - best.keys, best.keys - better.keys)}")
+    def run(self, start: Sequence[Term] = (), *, whole: bool = True) -> Fit:
+        """Return the most probable set, from a set to start from.
+
+        Parameters
+        ----------
+        start
+            The set.
+        whole
+            Whether laws without a form may be there and all moves are tried: elsewhere than at the last linearisation,
+            laws follow its error.
+        """
+        self._whole, best = whole, self._keep(self.model.fit(start))
+        while (better := self._better(best)) is not None:
+            came, went = better.keys - best.keys, best.keys - better.keys
+            self.log.append(f"{better.score - best.score:+.1f}: {_words(came, went)}")
             best = better
-
-    def _grown(self, fit: Fit) -> Fit | None:
-        """Return the best set with one more term, less what that makes superfluous."""
-        if len(fit.optional) >= MOST:
-            return None
-        found = [f for t in self.proposals(fit) if (f := self._with(fit.optional, t, fit)).score > fit.score]
-        if not found:
-            return None
-        best = max(found, key=lambda f: f.score)
-        while (less := max(self._dropped(best), key=lambda f: f.score, default=best)).score > best.score:
-            best = less
         return best
 
-    def _first_better(self, fit: Fit) -> Fit | None:
-        """Return a better set by dropping, exchanging one, two for one, or one for two."""
-        for moves in (self._dropped, self._exchanged, self._two_for_one, self._one_for_two):
-            best = max(moves(fit), key=lambda f: f.score, default=fit)
-            if best.score > fit.score + 1e-3:
+    def _better(self, fit: Fit) -> Fit | None:
+        """Return a better set one move away: more terms first, as they are cheap to find."""
+        simple = (self._added, self._dropped, self._exchanged)
+        for moves in (*simple, self._two_for_one, self._one_for_two) if self._whole else simple:
+            best = fit
+            for one in moves(fit):
+                if one.score > best.score:
+                    best = one
+                    if moves is not self._added and best.score > fit.score + WORTH:
+                        break
+            if best.score > fit.score + WORTH:
                 return best
         return None
 
-    def proposals(self, fit: Fit, count: int = TRIED, without: frozenset[Key] = frozenset()) -> list[Term]:
-        """Return the terms that would gain most beside a fit, one of each key."""
+    def _added(self, fit: Fit) -> Iterator[Fit]:
+        if len(fit.optional) < MOST:
+            for t in self.proposals(fit):
+                yield self._with(fit.optional, t, fit)
+
+    def proposals(
+        self, fit: Fit, count: int = TRIED, without: frozenset[Key] = frozenset(), needed: float = 0.0
+    ) -> list[Term]:
+        """Return the terms that would gain most beside a fit, one of each key.
+
+        At the noise of the fit a term gains less than beside its own: as little as a share of what is needed is tried.
+        """
         gains, have = self.screen.gains(fit), fit.keys | without
         found: list[Term] = []
+        gains = np.where(self.screen.is_law & (not self._whole), -np.inf, gains)
         for t in np.argsort(-gains):
-            if len(found) == count or not np.isfinite(gains[t]):
+            if len(found) == count or not np.isfinite(gains[t]) or gains[t] < SHORT * needed:
                 break
             key = self.screen.terms[t].key
             if key not in have:
@@ -103,26 +117,33 @@ class Search:
             self.met[fit.keys] = fit
         return fit
 
+    def take(self, fits: Iterable[Fit]) -> None:
+        """Take sets that were met elsewhere."""
+        for fit in fits:
+            self._keep(fit)
+
     def _dropped(self, fit: Fit) -> Iterator[Fit]:
         for t in fit.optional:
             yield self._keep(self.model.fit([u for u in fit.optional if u is not t], fit))
 
     def _exchanged(self, fit: Fit) -> Iterator[Fit]:
         for less in list(self._dropped(fit)):
-            for t in self.proposals(less, without=fit.keys):
+            for t in self.proposals(less, without=fit.keys, needed=fit.score - less.score):
                 yield self._with(less.optional, t, less)
 
     def _two_for_one(self, fit: Fit) -> Iterator[Fit]:
         for pair in combinations(fit.optional, 2):
+            if fit.correlation(*pair) < RELATED:
+                continue
             less = self._keep(self.model.fit([u for u in fit.optional if u not in pair], fit))
-            for t in self.proposals(less, count=2, without=fit.keys):
+            for t in self.proposals(less, count=2, without=fit.keys, needed=fit.score - less.score):
                 yield self._with(less.optional, t, less)
 
     def _one_for_two(self, fit: Fit) -> Iterator[Fit]:
         for less in list(self._dropped(fit)):
             for t in self.proposals(less, count=2, without=fit.keys):
                 one = self._with(less.optional, t, less)
-                for u in self.proposals(one, count=2, without=fit.keys):
+                for u in self.proposals(one, count=2, without=fit.keys, needed=fit.score - one.score):
                     yield self._with(one.optional, u, one)
 
     def probabilities(self) -> dict[frozenset[Key], float]:
