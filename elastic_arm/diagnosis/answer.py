@@ -276,9 +276,35 @@ class Answer:
             own = (bands.place == row) & slow
             n = float(bands.n[own].sum())
             left, first = (float(np.sum(bands.n[own] * (f.found.v[own] - 1.0))) for f in (fit, empty))
-            if n and left > NOISY * n and left > LEFT * first:
+            if n and left > NOISY * n and left > LEFT * first and self._is_structured(own):
                 found.append(row)
         return found
+
+    def _is_structured(self, bands: NDArray[np.bool_]) -> bool:
+        """Whether what is left in some bands is likelier of a motion than noise.
+
+        Noise spreads its power p over the harmonics of an octave exponentially, p(p) = exp(-p/m)/m; what follows a
+        motion has much of it in few, p(p) = s/(s + p)². Each is taken at its most probable m and s.
+        """
+        model = self.explanation.search.model
+        left = self.white_left.reshape(-1, 2)
+        power = np.sum(left**2, axis=1)
+        of_pairs, odds = model.bands.of_rows[::2], 0.0
+        for band in model.bands.used[bands]:
+            p = power[of_pairs == band] + 1e-12
+            m, s = float(np.mean(p)), float(np.median(p))
+            odds += float(np.sum(np.log(s) - 2.0 * np.log(s + p) + np.log(m) + p / m))
+        return odds > 0.0
+
+    @cached_property
+    def white_left(self) -> Array:
+        """What is left of the recordings that were fitted, whitened (rows,)."""
+        model, fit = self.explanation.search.model, self.best
+        V, _ = model.basis
+        left = model.y - model.N @ (fit.numbers - fit.far_off)
+        for t in fit.terms:
+            left = left - (0.0 if t.offset is None else t.offset) - t.columns @ fit.beta(t)
+        return left
 
     def imperfections(self) -> tuple[Imperfection, ...]:
         """Return what the recordings say of each number."""
