@@ -20,6 +20,7 @@ from elastic_arm.robot.parts import (
     Bearing,
     Component,
     Inertia,
+    JointController,
     Limits,
     Transmission,
     check_number,
@@ -28,7 +29,7 @@ from elastic_arm.robot.parts import (
     require,
 )
 
-__all__ = ["DH", "Bearing", "Component", "Inertia", "Joint", "Limits", "Robot", "Transmission"]
+__all__ = ["DH", "Bearing", "Component", "Inertia", "Joint", "JointController", "Limits", "Robot", "Transmission"]
 
 
 # The equations of motion grow with the cube of the joints: of 60 they take a minute to compile.
@@ -61,6 +62,8 @@ class Joint:
         for the joint's own acceleration alone. None where nothing is known of it, and no model then holds it.
     prismatic
         Whether it slides along z instead of turning about it.
+    controller
+        Of its drive; None where nothing is known of it.
     """
 
     name: str
@@ -73,6 +76,7 @@ class Joint:
     dh: DH | None = None
     armature: float | None = None
     prismatic: bool = False
+    controller: JointController | None = None
 
     def __post_init__(self) -> None:
         if self.armature is not None:

@@ -296,6 +296,48 @@ class Limits:
 
 
 @dataclass(frozen=True)
+class JointController:
+    """tau_m = limit(kp (r(t - d) - theta) + kd (dr(t - d) - dtheta) + ki int(r - theta) + feed-forward).
+
+    Parameters
+    ----------
+    mode
+        What is commanded: ``"position"`` r alone, dr is zero; ``"velocity"`` dr alone, ki integrates its error and
+        there is no kp; ``"both"``.
+    kp, kd, ki
+        Nm/rad, Nm s/rad, and Nm/(rad s), of velocity Nm/rad; at the harmonic-drive output.
+    delay
+        d by which commands come late, s.
+    torque
+        Limit, Nm, beside that of the joint; None where there is none.
+    feedforward
+        ``"none"``, ``"gravity"``, or ``"model"``: all torque of the nominal rigid arm.
+    """
+
+    mode: str = "position"
+    kp: float = 0.0
+    kd: float = 0.0
+    ki: float = 0.0
+    delay: float = 0.0
+    torque: float | None = None
+    feedforward: str = "none"
+
+    def __post_init__(self) -> None:
+        for what, known in (("mode", ("position", "velocity", "both")), ("feedforward", ("none", "gravity", "model"))):
+            given = getattr(self, what)
+            require(given in known, f"{what} of the controller is {given!r}", f"Choose one of {', '.join(known)}")
+        for what in ("kp", "kd", "ki", "delay"):
+            check_number(getattr(self, what), what)
+        if self.torque is not None:
+            check_number(self.torque, "torque", positive=True)
+        require(
+            self.mode != "velocity" or self.kp == 0.0,
+            "a controller of velocity has a kp",
+            "Give its gains as kd and ki, or take the mode both",
+        )
+
+
+@dataclass(frozen=True)
 class DH:
     """Denavit-Hartenberg row: ``Rz(q + offset) Tz(d) Tx(a) Rx(alpha)``, m and rad (paper, Table I)."""
 

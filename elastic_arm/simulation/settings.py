@@ -26,11 +26,11 @@ class SimulationSettings:
     sensors
         What the measured channels add to the truth; those of `Sensors()` when None.
     controller
-        Default: tuned to `nominal`.
+        Default: what `nominal` states, else one that is tuned to it.
     nominal
         What the controller, and a recording, believe; the true arm when None.
     rate, substeps
-        Samples a second, and integration steps a sample (an even number).
+        Samples a second, and integration steps a sample (an even number), or more where the arm is stiff.
     engine
         "c", "casadi", or None for the faster one that this machine has.
     catalogue
