@@ -28,8 +28,8 @@ from elastic_arm.mujoco.stated_arm import StatedArm, stated_arm
 from elastic_arm.robot import Inertia, Robot
 from elastic_arm.robot.kinematics import moved
 from elastic_arm.robot.mjcf import MjcfArm, engine, open_mjcf
+from elastic_arm.robot.mjcf.drives import motor_inertia_and_damping
 from elastic_arm.robot.mjcf.engine import saved
-from elastic_arm.robot.mjcf.reading import motor_inertia_and_damping
 from elastic_arm.robot.parts import located
 from elastic_arm.robot.urdf_tree import Chain
 

@@ -10,7 +10,7 @@ from elastic_arm.mujoco.replaying import lead
 from elastic_arm.recording import Recording, Side
 from elastic_arm.robot import Robot, to_urdf
 from elastic_arm.robot.mjcf import MjcfArm, engine
-from elastic_arm.robot.mjcf.reading import torque_delays
+from elastic_arm.robot.mjcf.drives import torque_delays
 from elastic_arm.simulation.controller import Controller, tuned
 from elastic_arm.simulation.rollout import Trajectory
 

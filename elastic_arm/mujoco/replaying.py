@@ -21,7 +21,7 @@ from elastic_arm.estimation.observation import observe
 from elastic_arm.formatting import JointUnits
 from elastic_arm.recording import Recording
 from elastic_arm.robot.mjcf import MjcfArm, engine
-from elastic_arm.robot.mjcf.reading import drives_of, torque_delays
+from elastic_arm.robot.mjcf.drives import drives_of, torque_delays
 
 Array = NDArray[np.float64]
 
@@ -334,11 +334,13 @@ def _closed_loop(arm: MjcfArm, recording: Recording) -> Array | None:
     start = np.searchsorted(t, max(0.0, t[0]))
     data.qpos[arm.positions] = side.position[start]
     count = int((min(t[-1], t_reference[-1]) - t[start]) / own)
+    # From MuJoCo 4 on an actuator may have several inputs, the set-point of the angle first.
+    given = np.asarray(getattr(model, "actuator_ctrladr", np.arange(model.nu)))[actuators]
     times = t[start] + own * np.arange(1, count + 1)
     inputs = _interpolated(times - own, t_reference, reference.position)
     found = np.empty((count, arm.robot.n))
     for k in range(count):
-        data.ctrl[actuators] = inputs[k]
+        data.ctrl[given] = inputs[k]
         mj.mj_step(model, data)
         held(data)
         found[k] = data.qpos[arm.positions]

@@ -224,9 +224,9 @@ class Robot:
         they move (it counts by the square of the ratio), and all torque that they make has passed it. A single joint
         has none beside its link's: no motion separates the two.
         """
-        if self.n == 1 or any(joint.transmission is not None or joint.armature is not None for joint in self.joints):
+        if self.n == 1 or self.elastic:
             return self
-        return self.with_(joints=tuple(replace(joint, armature=0.0) for joint in self.joints))
+        return self.with_(joints=tuple(replace(joint, armature=joint.armature or 0.0) for joint in self.joints))
 
     def with_ratio(self, r_tot: float) -> Robot:
         """Return a copy whose joints all have total ratio `r_tot`, split as in the description.

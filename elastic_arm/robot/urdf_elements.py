@@ -44,6 +44,31 @@ def by_name(tree: ET.Element, tag: str) -> dict[str, ET.Element]:
     return found
 
 
+def motors(tree: ET.Element) -> dict[str, tuple[float | None, float]]:
+    """Return rotor inertia (kg m², None where none is stated) and ratio of the motors of joints, by joint.
+
+    As Drake's tags in <actuator> state them, or as the reduction of ROS 1 and ros2_control, in <actuator> or <joint>.
+    """
+    found: dict[str, tuple[float | None, float]] = {}
+    for transmission in tree.iter("transmission"):
+        joints = [str(joint.get("name")) for joint in transmission.iter("joint")]
+        inertia, ratio = None, 1.0
+        for element in transmission.iter():
+            tag = str(element.tag).rpartition("}")[2].rpartition(":")[2]
+            text = element.get("value") or element.text or ""
+            what = f"transmission {transmission.get('name')!r}: {tag}"
+            if tag == "rotor_inertia":
+                inertia = number(text, what)
+            elif tag in ("gear_ratio", "mechanicalReduction", "mechanical_reduction"):
+                ratio *= number(text, what)
+        if inertia is not None and inertia < 0.0:
+            raise RobotError(
+                f"transmission {transmission.get('name')!r}: rotor_inertia is {inertia:g}", "Give zero or more"
+            )
+        found |= dict.fromkeys(joints, (inertia, ratio))
+    return found
+
+
 def child_of(element: ET.Element, tag: str, where: str) -> ET.Element:
     """Return the child of an element that must be there.
 

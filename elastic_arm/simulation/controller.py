@@ -73,7 +73,7 @@ class Controller:
                     f"{name} of the controller is {getattr(self, name)!r}", f"Give {n} numbers, zero or more."
                 )
             object.__setattr__(self, name, values)
-        if not np.isfinite([self.kp, self.kd, self.ki, self.delay]).all():
+        if not np.isfinite(np.array([self.kp, self.kd, self.ki, self.delay])).all():
             raise SimulationError("a gain or delay of the controller is infinite", "Give finite numbers.")
         if self.commands != 1 and (self.commands < 1 or self.commands % 2):
             raise SimulationError(f"{self.commands} commands a sample", "Give 1 or an even number.")
@@ -102,32 +102,28 @@ def controller_of(robot: Robot, *, model: str = "mod3", rate: float = 1000.0) ->
     rate
         Of the samples, Hz.
     """
-    stated = [joint.controller for joint in robot.joints]
-    if not any(stated):
-        return tuned(robot, model=model, rate=rate)
-    if missing := [joint.name for joint in robot.joints if joint.controller is None]:
-        raise SimulationError(
-            f"the description states a controller of some joints and none of {', '.join(missing)}",
-            "Give each joint its own under controller, or none.",
-        )
-    drives = [drive for drive in stated if drive is not None]
-    rigid = RigidFeedforward(ArmEquations(robot, model))
-    gains = {name: np.array([getattr(drive, name) for drive in drives]) for name in ("kp", "kd", "ki", "delay")}
-    limit = np.array([np.inf if drive.torque is None else drive.torque for drive in drives])
-    weight = np.array([drive.feedforward != "none" for drive in drives], dtype=float)
-    moved = np.array([drive.feedforward == "model" for drive in drives], dtype=float)
-    velocity = np.array([drive.mode == "velocity" for drive in drives])
-    if velocity.any():
+    own = tuned(robot, model=model, rate=rate)
+    if not any(joint.controller for joint in robot.joints):
+        return own
+    names = ("kp", "kd", "ki", "delay", "limit", "speed")
+    values = {name: np.array(getattr(own, name)) for name in names}
+    held, moved = np.ones(robot.n), np.ones(robot.n)  # shares of gravity, and of the rest, that are fed forward
+    for i, joint in enumerate(robot.joints):
+        if (drive := joint.controller) is None:
+            continue
         # The integral of an error of velocity is one of position.
-        gains["kp"], gains["ki"] = np.where(velocity, gains["ki"], gains["kp"]), np.where(velocity, 0.0, gains["ki"])
-    speed = np.array([drive.mode != "position" for drive in drives], dtype=float)
+        kp, ki = (drive.ki, 0.0) if drive.mode == "velocity" else (drive.kp, drive.ki)
+        limit, speed = np.inf if drive.torque is None else drive.torque, float(drive.mode != "position")
+        for name, value in zip(names, (kp, drive.kd, ki, drive.delay, limit, speed), strict=True):
+            values[name][i] = value
+        held[i], moved[i] = drive.feedforward != "none", drive.feedforward == "model"
+    rigid = RigidFeedforward(ArmEquations(robot, model))
 
     def feedforward(q: Array, dq: Array, ddq: Array) -> Array:
-        held = rigid(q, 0.0 * q, 0.0 * q) if weight.any() else 0.0 * q
-        return weight * held + (moved * (rigid(q, dq, ddq) - held) if moved.any() else 0.0)
+        weight = rigid(q, 0.0 * q, 0.0 * q)
+        return held * weight + moved * (rigid(q, dq, ddq) - weight)
 
-    commands = _commands(gains["kp"], gains["kd"], rigid, rate)
-    return Controller(feedforward=feedforward, limit=limit, speed=speed, commands=commands, **gains)
+    return Controller(feedforward=feedforward, commands=_commands(values["kp"], values["kd"], rigid, rate), **values)
 
 
 def tuned(robot: Robot, *, bandwidth: float = BANDWIDTH, model: str = "mod3", rate: float = 1000.0) -> Controller:
