@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -23,6 +24,7 @@ from elastic_arm.mujoco.changes import (
     six,
     text_of,
 )
+from elastic_arm.mujoco.left_out import Left, left_effects, left_numbers
 from elastic_arm.mujoco.mjcf_file import ShapedMjcf
 from elastic_arm.mujoco.stated_arm import StatedArm, stated_arm
 from elastic_arm.robot import Inertia, Robot
@@ -55,7 +57,7 @@ class Exported:
     changes
         Numbers before and after.
     left
-        Effects that no number of the file states, with the reason.
+        What the file does not hold of the arm.
     notes
         What else is to be known of the file.
     units
@@ -64,7 +66,7 @@ class Exported:
 
     files: tuple[Path, ...]
     changes: tuple[Change, ...]
-    left: tuple[tuple[EffectInstance, str], ...]
+    left: tuple[Left, ...]
     notes: tuple[str, ...] = ()
     units: JointUnits = _ALL_TURN
 
@@ -137,8 +139,16 @@ def export_mjcf(
         changes = document.change(deviations)
         files = document.file.write(out)
         _check(out, chain, at, after)
-    left, notes = (*after.left, *document.left), (UNROLLED,) if unrolled else ()
-    return Exported(tuple(files), tuple(changes), left, notes, robot.units)
+    left = [*left_effects(robot, (*after.left, *document.left)), *_controllers(robot, arm.robot)]
+    return Exported(tuple(files), tuple(changes), tuple(left), (UNROLLED,) if unrolled else (), robot.units)
+
+
+def _controllers(robot: Robot, base: Robot) -> Iterator[Left]:
+    """Yield the controllers that the base's actuators do not state; these stay as they are."""
+    own = {joint.name: joint.controller for joint in base.joints}
+    other = [joint for joint in robot.joints if joint.controller and joint.controller != own[joint.name]]
+    for joint in other:
+        yield from left_numbers(robot.with_(joints=(joint,)), "the actuators of the file stay as they are")
 
 
 def _carriers(file: ShapedMjcf, arm: MjcfArm) -> list[Any] | None:

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from elastic_arm.effects import Catalogue, EffectInstance, robot_effects
 from elastic_arm.errors import OutputError
 from elastic_arm.mujoco.changes import six, text_of
+from elastic_arm.mujoco.left_out import left_coupling, left_effects, left_numbers
 from elastic_arm.mujoco.mjcf_export import Exported
 from elastic_arm.mujoco.stated_arm import StatedArm, stated_arm
 from elastic_arm.robot import Inertia, Robot
@@ -53,13 +54,16 @@ def export_new_mjcf(
     OutputError
         If the file cannot be written.
     """
-    text, left = to_mjcf(robot, catalogue=catalogue, timestep=timestep)
+    text, effects = to_mjcf(robot, catalogue=catalogue, timestep=timestep)
+    left = [*left_effects(robot, effects), *left_numbers(robot, "the new file has no such number")]
+    if robot.elastic:
+        left += left_coupling(robot, "the new file is mod2, whose rotors spin on the ground")
     try:
         out.parent.mkdir(parents=True, exist_ok=True)
         out.write_text(text, encoding="utf-8")
     except OSError as error:
         raise OutputError(f"{out} cannot be written: {error.strerror}", "Name another file.") from error
-    return Exported((out,), (), left, units=robot.units)
+    return Exported((out,), (), tuple(left), units=robot.units)
 
 
 def to_mjcf(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -21,6 +22,7 @@ from elastic_arm.mujoco.changes import (
     six,
     text_of,
 )
+from elastic_arm.mujoco.left_out import Left, left_effects, left_numbers
 from elastic_arm.mujoco.mjcf_export import Exported, require_same_joints
 from elastic_arm.mujoco.shape import ShapedXml, append_last
 from elastic_arm.mujoco.stated_arm import StatedArm, stated_arm
@@ -95,7 +97,18 @@ def export_urdf(
         out.write_text(document.text(), encoding="utf-8")
     except OSError as error:
         raise OutputError(f"{out} cannot be written: {error.strerror}", "Name another file.") from error
-    return Exported((out,), tuple(changes), tuple(left), units=robot.units)
+    listed = [*left_effects(numbers, left), *_numbers_left(robot, numbers, before, after)]
+    return Exported((out,), tuple(changes), tuple(listed), units=robot.units)
+
+
+def _numbers_left(robot: Robot, numbers: Robot, before: StatedArm, after: StatedArm) -> Iterator[Left]:
+    """Yield motor inertia that the file does not state by Drake's tags, elasticity and controllers."""
+    missing = [new.armature - old.armature for new, old in zip(after.joints, before.joints, strict=True)]
+    if robot.elastic:
+        gears = [joint.transmission for joint in robot.joints]
+        turning = [[(c.izz, r) for c, r in gear.components.values()] if gear else [] for gear in gears]
+        missing = [sum(r**2 * izz for izz, r in parts) for parts in turning]
+    yield from left_numbers(robot, _NO_NUMBER, armatures=missing, elasticity=True)
 
 
 def _joints(
