@@ -24,6 +24,8 @@ JOINT_NUMBERS = {
     "armature": ("armature", "kg m²"),
     "damping": ("damping", "Nm s/rad"),
     "friction_loss": ("frictionloss", "Nm"),
+    "stiffness": ("stiffness", "Nm/rad"),
+    "rest": ("springref", "rad"),
     "delay": ("delay of its torque sensor", "s"),
 }
 # Deviations of estimates, by effect, joint and parameter.
@@ -32,6 +34,8 @@ _FROM = {
     "armature": ("rotor_inertia_mismatch", "inertia"),
     "damping": ("viscous_friction", "coefficient"),
     "friction_loss": ("coulomb_friction", "torque"),
+    "stiffness": ("joint_spring", "stiffness"),
+    "rest": ("joint_spring", "rest"),
     "delay": ("time_delay", "delay"),
 }
 
@@ -96,7 +100,7 @@ def joint_changes(
                 if std is not None and field == "armature":
                     std *= values[0]
                 found[i, field] = Change(joint.name, number, unit, (values[0],), (values[1],), std)
-                if values[1] < 0.0:
+                if values[1] < 0.0 and field != "rest":
                     raise RobotError(
                         f"{number} of {joint.name} would be {values[1]:.4g} {unit}",
                         "No simulator takes it: record a richer motion, or state what is known (--with)",

@@ -30,7 +30,7 @@ from elastic_arm.mujoco.stated_arm import StatedArm, stated_arm
 from elastic_arm.robot import Inertia, Robot
 from elastic_arm.robot.kinematics import moved
 from elastic_arm.robot.mjcf import MjcfArm, engine, open_mjcf
-from elastic_arm.robot.mjcf.drives import motor_inertia_and_damping
+from elastic_arm.robot.mjcf.drives import motor_friction, motor_inertia_and_damping
 from elastic_arm.robot.mjcf.engine import saved
 from elastic_arm.robot.parts import located
 from elastic_arm.robot.urdf_tree import Chain
@@ -139,7 +139,10 @@ def export_mjcf(
         changes = document.change(deviations)
         files = document.file.write(out)
         _check(out, chain, at, after)
-    left = [*left_effects(robot, (*after.left, *document.left)), *_controllers(robot, arm.robot)]
+    stated = [instance.to_dict() for instance, _ in before.left]
+    # What the base states by other numbers, such as gravcomp, stays as it is.
+    lacking = [(one, reason) for one, reason in after.left if one.to_dict() not in stated]
+    left = [*left_effects(robot, (*lacking, *document.left)), *_controllers(robot, arm.robot)]
     return Exported(tuple(files), tuple(changes), tuple(left), (UNROLLED,) if unrolled else (), robot.units)
 
 
@@ -195,7 +198,9 @@ class _Document:
             element = self._joint_element(i)
             from_actuator = self._from_actuator(i, field)
             value = change.after[0] - from_actuator
-            if value < 0.0:
+            if field == "rest":
+                value *= self._angle(i)
+            elif value < 0.0:
                 raise RobotError(
                     f"{change.number} of {change.element} would be less than its actuator brings ({from_actuator:g})",
                     "Take armature and damping from the actuator to the joint in the file",
@@ -220,6 +225,11 @@ class _Document:
         self.file.set(element, solreffriction=" ".join(map(text_of, new)))
         return [Change(name, "solreffriction", "s, 1", own, new)]
 
+    def _angle(self, i: int) -> float:
+        """Return what a joint's angle in rad, or travel in m, is multiplied by in the file."""
+        stated = [element.get("angle") for element in self.file.elements("compiler") if element.get("angle")]
+        return 1.0 if self.arm.robot.joints[i].prismatic or "radian" in stated else 180.0 / np.pi
+
     def _id(self, joint: str) -> int:
         return self.arm.chain.joints[self.arm.robot.joint_names.index(joint)]
 
@@ -230,6 +240,7 @@ class _Document:
         own = {
             "armature": armature - float(model.dof_armature[dof]),
             "damping": damping - float(model.dof_damping[dof]),
+            "friction_loss": motor_friction(model, joint)[0],
         }
         return own.get(field, 0.0)
 
@@ -305,8 +316,12 @@ def _check(out: Path, chain: Chain | None, at: str | None, wanted: StatedArm) ->
     q, dq, ddq = np.random.default_rng(0).uniform(-2.0, 2.0, (3, 10, again.robot.n))
     read, asked = (build_model(robot, engine="numpy").inverse_dynamics(q, dq, ddq) for robot in (again.robot, meant))
     joints = stated_arm(again.robot).joints
-    numbers = [(j.damping, j.friction_loss) for j in joints], [(j.damping, j.friction_loss) for j in wanted.joints]
-    if np.abs(read - asked).max() > READ_BACK * np.abs(asked).max() or not np.allclose(*numbers, rtol=READ_BACK):
+    found, meant_to_be = (
+        [(j.damping, j.friction_loss, j.stiffness, j.rest) for j in e] for e in (joints, wanted.joints)
+    )
+    if np.abs(read - asked).max() > READ_BACK * np.abs(asked).max() or not np.allclose(
+        found, meant_to_be, rtol=READ_BACK
+    ):
         raise RobotError(
             "the written file is not the arm that was meant: some default or attribute overrides it",
             "Please report it with the file",

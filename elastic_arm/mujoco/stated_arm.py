@@ -25,11 +25,13 @@ MOTOR_TORQUE = "motor_torque"
 
 @dataclass(frozen=True)
 class StatedJoint:
-    """Numbers of a joint: kg m², Nm s/rad, Nm, and the delay of its recorded motor torque, s."""
+    """Numbers of a joint: kg m², Nm s/rad, Nm, of its spring Nm/rad and rad, and the delay of its motor torque, s."""
 
     armature: float = 0.0
     damping: float = 0.0
     friction_loss: float = 0.0
+    stiffness: float = 0.0
+    rest: float = 0.0
     delay: float = 0.0
 
 
@@ -94,8 +96,6 @@ def stated_arm(robot: Robot, catalogue: Catalogue | None = None, *, base: Array 
         if rule is not None:
             for i in instance.joint_indices(robot):
                 arm = rule(arm, robot, i, instance)
-        elif instance.effect.id in KEPT:
-            continue
         else:
             arm = arm.without(instance, reason_left(instance))
     if base is None or np.array_equal(base, robot.base_placement):
@@ -122,6 +122,15 @@ def _viscous(arm: StatedArm, robot: Robot, i: int, instance: EffectInstance) -> 
 
 def _coulomb(arm: StatedArm, robot: Robot, i: int, instance: EffectInstance) -> StatedArm:
     return arm.with_joint(i, friction_loss=_number(instance, "torque"))
+
+
+def _spring(arm: StatedArm, robot: Robot, i: int, instance: EffectInstance) -> StatedArm:
+    if robot.elastic:
+        return arm.without(instance, reason_left(instance))
+    added, own = _number(instance, "stiffness"), arm.joints[i]
+    whole = own.stiffness + added
+    rest = (own.stiffness * own.rest + added * _number(instance, "rest")) / whole if whole else 0.0
+    return arm.with_joint(i, stiffness=added, rest=rest - own.rest)
 
 
 def _rotor(arm: StatedArm, robot: Robot, i: int, instance: EffectInstance) -> StatedArm:
@@ -180,6 +189,7 @@ Rule = Callable[[StatedArm, Robot, int, EffectInstance], StatedArm]
 RULES: Mapping[str, Rule] = {
     "viscous_friction": _viscous,
     "coulomb_friction": _coulomb,
+    "joint_spring": _spring,
     "rotor_inertia_mismatch": _rotor,
     "payload": _payload,
     "load": _payload,
@@ -187,5 +197,3 @@ RULES: Mapping[str, Rule] = {
     "base_tilt": _tilt,
     "time_delay": _delay,
 }
-# What the user's own file states in ways that are kept as they are.
-KEPT = ("joint_spring", "carried_weight")

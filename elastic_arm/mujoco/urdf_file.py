@@ -87,6 +87,9 @@ def export_urdf(
         before = stated_arm(arm, catalogue)
         left = list(after.left) + [(one, _NO_NUMBER) for one in after.delays]
         changes = [*_joints(root, arm, before, after, deviations, left), *_links(root, arm, before, after)]
+        if not robot.elastic:
+            springs = [one for one in robot_effects(numbers, catalogue) if one.effect.id == "joint_spring"]
+            left += [(spring, _NO_NUMBER) for spring in springs]
         tilts = [one for one in robot_effects(numbers, catalogue) if one.effect.id == TILT]
         left += [(tilt, _MOUNTING) for tilt in tilts]
         if base is not None and not tilts and not np.allclose(before.gravity, after.gravity, rtol=0.0, atol=1e-9):
@@ -103,7 +106,13 @@ def export_urdf(
 
 def _numbers_left(robot: Robot, numbers: Robot, before: StatedArm, after: StatedArm) -> Iterator[Left]:
     """Yield motor inertia that the file does not state by Drake's tags, elasticity and controllers."""
-    missing = [new.armature - old.armature for new, old in zip(after.joints, before.joints, strict=True)]
+    # A new file is made without: what the arm has, and effects add, is missing.
+    own = [
+        (joint.armature or 0.0) - (file.armature or 0.0)
+        for joint, file in zip(robot.joints, numbers.joints, strict=True)
+    ]
+    stated = [new.armature - old.armature for new, old in zip(after.joints, before.joints, strict=True)]
+    missing = [a + b for a, b in zip(own, stated, strict=True)]
     if robot.elastic:
         gears = [joint.transmission for joint in robot.joints]
         turning = [[(c.izz, r) for c, r in gear.components.values()] if gear else [] for gear in gears]

@@ -255,3 +255,24 @@ def test_the_format_goes_by_the_ending(tmp_path: Path, name: str, asked: str | N
         root = {"urdf": "<robot", "mjcf": "<mujoco"}[found]
         assert result.exit_code == 0 and root in (tmp_path / name).read_text()
         assert "armature" in result.output or "bearing" in result.output
+
+
+@pytest.mark.parametrize("angle", ["radian", "degree"])
+def test_a_spring_is_written_as_stiffness_and_springref(base: Path, angle: str) -> None:
+    """A joint spring that was found is in the corrected file, in the units of its compiler, and read back."""
+    base.write_text(base.read_text().replace('angle="radian"', f'angle="{angle}"'))
+    spring = {"effect": "joint_spring", "joint": "joint2", "parameters": {"stiffness": 80.0, "rest": 0.3}}
+    done = export_mjcf(corrected(base, spring), base, base.parent / "fixed.xml")
+    assert {(c.element, c.number, c.after) for c in done.changes} == {
+        ("joint2", "stiffness", (80.0,)),
+        ("joint2", "springref", (0.3,)),
+    }
+    (again,) = [e for e in load_robot(base.parent / "fixed.xml").effects if e["effect"] == "joint_spring"]
+    assert again["parameters"] == {"stiffness": 80.0, "rest": pytest.approx(0.3)}
+
+
+def test_carried_weight_that_a_file_does_not_state_is_listed(base: Path) -> None:
+    """Weight carried by something outside is in the file as gravcomp or, where it was found, named with its torque."""
+    carried = {"effect": "carried_weight", "joint": "joint2", "parameters": {"mass": 1.0, "position": [0.0, 0.0, 0.1]}}
+    done = export_mjcf(corrected(base, carried), base, base.parent / "fixed.xml")
+    assert [(one.what, one.joint) for one in done.left] == [("carried_weight", "joint2")]

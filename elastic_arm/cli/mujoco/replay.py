@@ -19,13 +19,11 @@ from elastic_arm.cli.outputs import Force, claim_folder
 from elastic_arm.errors import OutputError, RobotError
 from elastic_arm.mujoco import Replay, replay
 from elastic_arm.mujoco.replaying import WINDOW, labels
-from elastic_arm.mujoco.video import write_video
 from elastic_arm.recording import Recording, load_channels
 from elastic_arm.robot.loading import is_mjcf, parse_chain
 from elastic_arm.robot.mjcf import MjcfArm, open_mjcf
 
 RESULTS = ("replay.json", "report.html")
-VIDEO = "replay.webp"
 
 
 @reports_errors
@@ -38,7 +36,6 @@ def replay_command(
     channels: Annotated[Path | None, typer.Option(help="Channel map of a foreign bag.")] = None,
     clock: ClockOption = ClockChoice.auto,
     out_dir: Annotated[Path, typer.Option("--out", help="Folder for the results.")] = Path("replay"),
-    video: Annotated[bool, typer.Option("--video", help="Also render the arms, recorded and simulated.")] = False,
     json: Annotated[bool, typer.Option("--json", help="Print replay.json.")] = False,
     force: Force = False,
 ) -> None:
@@ -53,10 +50,9 @@ def replay_command(
 
         elastic-arm replay run_3 --robot arm.xml --robot diagnosis/arm_corrected.xml
 
-        elastic-arm replay run_3 --robot arm.xml --window 2 --video
+        elastic-arm replay run_3 --robot arm.xml --window 2
     """
-    results = [*RESULTS, VIDEO] if video else RESULTS
-    claim_folder(out_dir, results, force=force)
+    claim_folder(out_dir, RESULTS, force=force)
     arms = {path: open_arm(path, chain, at) for path in robots}
     mapping = None if channels is None else load_channels(channels)
     found = []
@@ -70,10 +66,6 @@ def replay_command(
     else:
         print_replays(found)
         out.print(f"written: {escape(str(out_dir))}/{', '.join(RESULTS)}")
-    if video:
-        with err.status("rendering"):
-            write_video(out_dir / VIDEO, list(arms.values()), found)
-        err.print(f"written: {escape(str(out_dir / VIDEO))}")
 
 
 def open_arm(path: Path, chain: str | None, at: str | None) -> MjcfArm:
