@@ -158,17 +158,7 @@ class Sensors:
         return cls(link_encoder=encoder, motor_encoder=encoder, stamp_jitter=2e-5)
 
     def changed(self, channel: str, joint: int, n: int, **settings: float) -> Sensors:
-        """Return these sensors with settings of one channel (`joint_torque`, …) and joint (index) of `n` changed.
-
-        Parameters
-        ----------
-        channel
-            Such as `joint_torque`.
-        joint, n
-            Index of the joint, and number of joints.
-        **settings
-            New values by name.
-        """
+        """Return these sensors with settings of one channel (`joint_torque`, …) and joint (index) of `n` changed."""
         return replace(self, **{channel: getattr(self, channel).changed(joint, n, **settings)})
 
 
@@ -196,13 +186,7 @@ class SensorBank:
         self._motor_torque = _torque(sensors.motor_torque, n, rate, own[5])
 
     def read(self, true: Mapping[str, Array]) -> dict[str, Array]:
-        """Return measured channels for true ones.
-
-        Parameters
-        ----------
-        true
-            `q, dq, tau_J, theta, dtheta, tau_m`, each (N, n).
-        """
+        """Return measured channels for true ones."""
         q, dq = self._link(true["q"], true["dq"])
         theta, dtheta = self._motor(true["theta"], true["dtheta"])
         tau_J, tau_m = self._joint_torque(true["tau_J"]), self._motor_torque(true["tau_m"])

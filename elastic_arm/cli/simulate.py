@@ -125,13 +125,7 @@ def _simulated(
     duration: float | None,
     rng: np.random.Generator,
 ) -> Recording:
-    """Simulate, with a bar of what is done.
-
-    Parameters
-    ----------
-    robot, motion, settings, duration, rng
-        See :func:`elastic_arm.simulation.simulate`.
-    """
+    """Simulate, with a bar of what is done."""
     with progress_bar(TextColumn("simulating"), BarColumn(), TimeRemainingColumn()) as bar:
         task = bar.add_task("", total=None)
 

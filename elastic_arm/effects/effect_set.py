@@ -99,11 +99,6 @@ class EffectSet:
 
         Transmission errors come first: the other laws of the joint find them in the deflection. Friction comes before
         what scales it.
-
-        Raises
-        ------
-        EffectError
-            If a law gives no contribution, or no rate of an internal state.
         """
         twist, twist_rate = ca.SX(motion.n, 1), ca.SX(motion.n, 1)
         for instance, i, values in self._placed:

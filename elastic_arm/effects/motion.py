@@ -41,28 +41,10 @@ class Equations(Protocol):
         """Diagonal of B (n, 1)."""
 
     def left_side(self, x: SX, dx: SX, ddx: SX, *, model: str | None = None) -> SX:
-        """Return the left side of (1), of this model or another variant of the same arm.
-
-        Parameters
-        ----------
-        x, dx, ddx
-            (dof, 1) rad, rad/s and rad/s².
-        model
-            Another variant, mod1, mod2 or mod3; this one when None.
-        """
+        """Return the left side of (1), of this model or another variant of the same arm."""
 
     def carried_body(self, link: int, mass: SX, moment: SX, inertia: SX, x: SX, dx: SX, ddx: SX) -> SX:
-        """Return what a body fixed to a link adds to the left side of (1).
-
-        Parameters
-        ----------
-        link
-            Index of the link.
-        mass, moment, inertia
-            m (kg), m c (kg m) and the inertia about the link's frame (kg m²) of the body.
-        x, dx, ddx
-            (dof, 1) rad, rad/s and rad/s².
-        """
+        """Return what a body fixed to a link adds to the left side of (1)."""
 
     def gravity_columns(self, x: SX) -> SX:
         """Return the derivative of the left side of (1) by the gravity vector, (dof, 3)."""

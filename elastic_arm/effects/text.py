@@ -63,22 +63,7 @@ def parse(text: str, robot: Robot | None = None, catalogue: Catalogue | None = N
 
 
 def known_effects(texts: Sequence[str], robot: Robot, catalogue: Catalogue | None = None) -> tuple[EffectInstance, ...]:
-    """Return the effects that the user knows, on every joint where none is named.
-
-    Parameters
-    ----------
-    texts
-        The effects. Numbers that are given are where the fit starts; what is not given starts from no effect.
-    robot
-        The arm they sit on.
-    catalogue
-        Where their ids are looked up; the default catalogue when None.
-
-    Raises
-    ------
-    EffectError
-        If there is no such effect, joint or parameter.
-    """
+    """Return the effects that the user knows, on every joint where none is named."""
     found = []
     for text in texts:
         written = _read(text, catalogue)

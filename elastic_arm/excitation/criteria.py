@@ -117,15 +117,6 @@ def elastic_motion(model: Model, trajectory: FourierTrajectory, samples: int) ->
 
     The motors lead by the drives' deflection under the link side's torque. That torque is periodic and smooth, so its
     derivatives are those of its Fourier series.
-
-    Parameters
-    ----------
-    model
-        The arm.
-    trajectory
-        Of the links.
-    samples
-        Equally spaced over the period.
     """
     motion = trajectory.evaluate(trajectory.samples(samples))
     x, dx, ddx = (generalized(model, values) for values in motion)

@@ -236,15 +236,7 @@ def _holds_truth(value: Any) -> bool:
 
 
 def require(condition: bool, problem: str, remedy: str) -> None:
-    """Raise an ExcitationError unless the condition holds.
-
-    Parameters
-    ----------
-    condition
-        What must hold.
-    problem, remedy
-        Of the error.
-    """
+    """Raise an ExcitationError unless the condition holds."""
     if not condition:
         raise ExcitationError(problem, remedy)
 

@@ -125,12 +125,7 @@ class MotionLimits:
                 values[name] = np.minimum(values[name], given)
         workspace = workspace or Workspace.of(robot)
         return cls(
-            robot.joint_names,
-            **values,
-            workspace=workspace,
-            margin=margin,
-            assumed=tuple(assumed),
-            units=robot.units,
+            robot.joint_names, **values, workspace=workspace, margin=margin, assumed=tuple(assumed), units=robot.units
         )
 
     @property
@@ -269,15 +264,7 @@ def generalized(model: Model, values: Array) -> Array:
 
 
 def rigid_torque(model: Model, q: Array, dq: Array, ddq: Array) -> Array:
-    """Return the torque (N, n) that moves the arm with stiff drives: both rows of (1) together, Nm.
-
-    Parameters
-    ----------
-    model
-        Of the arm.
-    q, dq, ddq
-        (N, n) rad, rad/s and rad/s².
-    """
+    """Return the torque (N, n) that moves the arm with stiff drives: both rows of (1) together, Nm."""
     rows = model.inverse_dynamics(*(generalized(model, values) for values in (q, dq, ddq)))
     return rows[:, : model.n] + (rows[:, model.n : 2 * model.n] if model.robot.elastic else 0.0)
 

@@ -78,17 +78,7 @@ class Change:
 def joint_changes(
     robot: Robot, before: StatedArm, after: StatedArm, deviations: Deviations | None = None
 ) -> dict[tuple[int, str], Change]:
-    """Return the numbers of joints that change, by joint index and field of :class:`.StatedJoint`.
-
-    Parameters
-    ----------
-    robot
-        The base's arm, for names.
-    before, after
-        What the base states, and what it shall state.
-    deviations
-        Of estimates; none when None.
-    """
+    """Return the numbers of joints that change, by joint index and field of :class:`.StatedJoint`."""
     found = {}
     for i, (joint, old, new) in enumerate(zip(robot.joints, before.joints, after.joints, strict=True)):
         for field, (number, unit) in JOINT_NUMBERS.items():
@@ -115,22 +105,7 @@ def differs(old: Inertia, new: Inertia) -> bool:
 
 
 def body_after(own: Inertia, old_link: Inertia, new_link: Inertia, name: str) -> Inertia:
-    """Return the body that makes a link of several bodies the new one, the others unchanged.
-
-    Parameters
-    ----------
-    own
-        The link's main body, in the link's frame.
-    old_link, new_link
-        The whole link.
-    name
-        Of the body, for errors.
-
-    Raises
-    ------
-    RobotError
-        If no body of positive density has such inertia.
-    """
+    """Return the body that makes a link of several bodies the new one, the others unchanged."""
     ten = [inertial_parameters(body.mass, body.com, body.inertia) for body in (own, new_link, old_link)]
     try:
         return inertia_from(ten[0] + ten[1] - ten[2])
@@ -142,15 +117,7 @@ def body_after(own: Inertia, old_link: Inertia, new_link: Inertia, name: str) ->
 
 
 def inertial_change(name: str, before: Inertia, after: Inertia) -> list[Change]:
-    """Return the changes of a body's inertial.
-
-    Parameters
-    ----------
-    name
-        Of the body.
-    before, after
-        In the body's frame.
-    """
+    """Return the changes of a body's inertial."""
     found = [
         ("mass", "kg", (before.mass,), (after.mass,)),
         ("centre of mass", "m", tuple(before.com), tuple(after.com)),

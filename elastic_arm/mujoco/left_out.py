@@ -69,19 +69,7 @@ def left_effects(robot: Robot, left: Iterable[tuple[EffectInstance, str]]) -> It
 def left_numbers(
     robot: Robot, reason: str, *, armatures: Sequence[float] = (), elasticity: bool = False
 ) -> Iterator[Left]:
-    """Yield numbers that a file does not hold.
-
-    Parameters
-    ----------
-    robot
-        The arm.
-    reason
-        Why.
-    armatures
-        (n,) kg m² of motor inertia that is missing; none when empty.
-    elasticity
-        Whether its drives' stiffnesses and dampings are.
-    """
+    """Yield numbers that a file does not hold."""
     state = _Swing(robot)
     for i, joint in enumerate(robot.joints):
         gear, unit = joint.transmission, joint.unit

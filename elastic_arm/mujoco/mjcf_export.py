@@ -72,20 +72,7 @@ class Exported:
 
 
 def require_same_joints(robot: Robot, base: Robot, path: Path) -> None:
-    """Refuse an arm that the base does not describe.
-
-    Parameters
-    ----------
-    robot, base
-        The corrected arm, and the base's.
-    path
-        Of the base, for the error.
-
-    Raises
-    ------
-    RobotError
-        If joints differ, or the arm is elastic and the base is not.
-    """
+    """Refuse an arm that the base does not describe."""
     if robot.joint_names != base.joint_names:
         raise RobotError(
             f"{path} has the joints {', '.join(base.joint_names)}, the arm {', '.join(robot.joint_names)}",

@@ -74,18 +74,7 @@ class StatedArm:
 
 
 def stated_arm(robot: Robot, catalogue: Catalogue | None = None, *, base: Array | None = None) -> StatedArm:
-    """Return the numbers of a robot with those of its effects in them.
-
-    Parameters
-    ----------
-    robot
-        Rigid; its effects act.
-    catalogue
-        Where their ids are looked up; the default catalogue when None.
-    base : (4, 4)
-        Where its base stands in the file that is to have these numbers, gravity is then that which it feels there;
-        where the robot has it when None.
-    """
+    """Return the numbers of a robot with those of its effects in them."""
     arm = StatedArm(
         tuple(joint.link for joint in robot.joints),
         tuple(StatedJoint(armature=joint.armature or 0.0) for joint in robot.joints),

@@ -27,17 +27,7 @@ _SNAP = 1e-12
 
 
 def checked_array(values: Any, shape: tuple[int, ...], what: str) -> np.ndarray:
-    """Return `values` as a read-only float array of `shape`; refuse other shapes and numbers that no arm has.
-
-    Parameters
-    ----------
-    values
-        Anything that numpy makes an array of.
-    shape
-        The shape wanted.
-    what
-        Its name in errors.
-    """
+    """Return `values` as a read-only float array of `shape`; refuse other shapes and numbers that no arm has."""
     try:
         array = np.array(values, dtype=float)
     except (TypeError, ValueError) as error:
@@ -62,31 +52,13 @@ def located(where: str) -> Iterator[None]:
 
 
 def require(condition: bool, problem: str, remedy: str) -> None:
-    """Raise a RobotError unless a condition holds.
-
-    Parameters
-    ----------
-    condition
-        What must hold.
-    problem, remedy
-        Of the error.
-    """
+    """Raise a RobotError unless a condition holds."""
     if not condition:
         raise RobotError(problem, remedy)
 
 
 def check_number(value: float, what: str, *, positive: bool = False) -> None:
-    """Refuse a number that is not finite, negative, or of no arm.
-
-    Parameters
-    ----------
-    value
-        The number.
-    what
-        Its name in errors.
-    positive
-        Refuse zero, too.
-    """
+    """Refuse a number that is not finite, negative, or of no arm."""
     require(np.isfinite(value), f"{what} is {value}", "Give a finite number")
     if positive:
         require(value > 0.0, f"{what} is {value:g}, but must be positive", "Give a number above zero")

@@ -103,12 +103,7 @@ class _Reading:
         stand = self._stand()
         effects = tuple(effect for joint in joints for effect in self._friction(joint.name))
         return Robot(
-            name,
-            tuple(joints),
-            base_placement=stand,
-            base_mass=base.mass,
-            effects=effects,
-            notes=tuple(self._notes),
+            name, tuple(joints), base_placement=stand, base_mass=base.mass, effects=effects, notes=tuple(self._notes)
         )
 
     def _friction(self, name: str) -> list[dict[str, Any]]:

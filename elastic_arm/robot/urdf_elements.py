@@ -70,17 +70,7 @@ def motors(tree: ET.Element) -> dict[str, tuple[float | None, float]]:
 
 
 def child_of(element: ET.Element, tag: str, where: str) -> ET.Element:
-    """Return the child of an element that must be there.
-
-    Parameters
-    ----------
-    element
-        The parent.
-    tag
-        Of the child.
-    where
-        What the element is called in errors.
-    """
+    """Return the child of an element that must be there."""
     child = element.find(tag)
     if child is None:
         raise RobotError(
@@ -90,17 +80,7 @@ def child_of(element: ET.Element, tag: str, where: str) -> ET.Element:
 
 
 def attribute(element: ET.Element, key: str, where: str) -> str:
-    """Return an attribute that must be there.
-
-    Parameters
-    ----------
-    element
-        That has it.
-    key
-        Its name.
-    where
-        What the element is called in errors.
-    """
+    """Return an attribute that must be there."""
     value = element.get(key)
     if value is None:
         raise RobotError(f"{where}: <{element.tag}> has no {key}", "Give it")
@@ -113,17 +93,7 @@ def number(text: str, what: str) -> float:
 
 
 def vector(text: str | None, what: str, size: int = 3) -> Array:
-    """Return the finite numbers that a text holds.
-
-    Parameters
-    ----------
-    text
-        Numbers with blanks between.
-    what
-        Their name in errors.
-    size
-        How many there must be.
-    """
+    """Return the finite numbers that a text holds."""
     try:
         vector = np.array([float(word) for word in (text or "").split()])
     except ValueError as error:
@@ -140,13 +110,7 @@ def right_angles(angles: Array) -> Array:
 
 
 def rotation(roll: float, pitch: float, yaw: float) -> Array:
-    """Rz(yaw) Ry(pitch) Rx(roll), the URDF's convention.
-
-    Parameters
-    ----------
-    roll, pitch, yaw
-        rad.
-    """
+    """Rz(yaw) Ry(pitch) Rx(roll), the URDF's convention."""
     (cr, cp, cy), (sr, sp, sy) = (f(np.array([roll, pitch, yaw])) for f in (np.cos, np.sin))
     return np.array(
         [

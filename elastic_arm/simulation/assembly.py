@@ -82,17 +82,7 @@ _DERIVED = ("constants", "accelerations", "balance", "stiffness_of_balance", "fr
 
 
 def assemble(equations: ArmEquations, instances: Sequence[EffectInstance], duration: float | None = None) -> System:
-    """Put an arm and effects together, or find a system of the same shape.
-
-    Parameters
-    ----------
-    equations
-        Of the arm.
-    instances
-        The effects that act through laws.
-    duration
-        s that the run lasts, for effects that change over it; None where it has no end.
-    """
+    """Put an arm and effects together, or find a system of the same shape."""
     shape, effect_set = _shape(equations, instances), EffectSet(instances, equations.robot, duration)
     if shape not in _known:
         # On disk an arm of its own is worth keeping; every arm with effects and numbers of its own would fill it.
@@ -171,13 +161,6 @@ def law_rows(equations: ArmEquations, effect_set: EffectSet) -> ca.Function:
     """Return (x, dx, ddx, z, tau_m, Psi, p, speed) -> what the laws add to the left side of (1), and the rates of z.
 
     For engines that are not ours: `speed` (2n,) regularises the signs of the velocities, as in the simulator.
-
-    Parameters
-    ----------
-    equations
-        Of the arm.
-    effect_set
-        The laws.
     """
     n, dof = equations.robot.n, equations.dof
     x, dx, ddx = (SX.sym(name, dof) for name in ("x", "dx", "ddx"))

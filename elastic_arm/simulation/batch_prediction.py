@@ -97,22 +97,7 @@ class BatchPrediction:
         self._constants = np.zeros(0)
 
     def angles(self, motion: MeasuredMotion, begins: NDArray[np.intp], steps: Sequence[int]) -> tuple[Array, Array]:
-        """Predict the angles some samples after each start.
-
-        Parameters
-        ----------
-        motion
-            Gives the states to start from, and the motor torque: over a sample the mean of its two ends.
-        begins
-            (S,) samples from which is predicted.
-        steps
-            (H,) samples ahead, rising.
-
-        Returns
-        -------
-        q, theta
-            (S, H, n) rad.
-        """
+        """Predict the angles some samples after each start."""
         n = self._system.n
         y = self._start(motion, begins)
         torque = 0.5 * (motion.tau_m[:-1] + motion.tau_m[1:])

@@ -91,17 +91,7 @@ class Controller:
 
 
 def controller_of(robot: Robot, *, model: str = "mod3", rate: float = 1000.0) -> Controller:
-    """Return the controller that an arm's description states, else one that is tuned to it.
-
-    Parameters
-    ----------
-    robot
-        The nominal arm.
-    model
-        Variant of the feed-forward torque.
-    rate
-        Of the samples, Hz.
-    """
+    """Return the controller that an arm's description states, else one that is tuned to it."""
     own = tuned(robot, model=model, rate=rate)
     if not any(joint.controller for joint in robot.joints):
         return own

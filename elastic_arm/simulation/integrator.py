@@ -100,15 +100,7 @@ class Integrator(Protocol):
 
 
 def make_integrator(system: System, name: str | None = None) -> Integrator:
-    """Return the integrator "c" or "casadi"; the faster that this machine has when None.
-
-    Raises
-    ------
-    SimulationError
-        If there is no integrator of that name.
-    KernelError
-        If "c" is asked for and cannot be had.
-    """
+    """Return the integrator "c" or "casadi"; the faster that this machine has when None."""
     if name not in (None, "c", "casadi"):
         raise SimulationError(f"there is no engine {name!r}", "Choose c or casadi, or None for the faster one.")
     if name is None:

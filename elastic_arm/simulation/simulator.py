@@ -300,19 +300,6 @@ def sign_speed(system: System, Psi: Array, x: Array, z: Array, hold: Array, step
     """Return the speed (2n,) below which friction of each side is regularised, rad/s.
 
     :data:`SIGN_SPEED`, or more where friction would outrun an integrator of this step (s): `friction step / inertia`.
-
-    Parameters
-    ----------
-    system
-        Arm and effects.
-    Psi
-        (P,) parameters.
-    x, z
-        Coordinates and internal states at which friction is looked at.
-    hold
-        (n,) motor torque, Nm.
-    step
-        Of the integrator, s.
     """
     rest, speed = np.zeros_like(x), np.full(2 * system.n, SIGN_SPEED)
     slope, mass = (np.array(m) for m in system.friction(x, rest, z, hold, Psi, system.effect_set.numbers(), speed))

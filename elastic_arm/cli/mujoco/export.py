@@ -30,13 +30,7 @@ class Format(StrEnum):
 
 
 def format_of(file: Path, asked: Format | None) -> Format:
-    """Return the format of a file to be written, by its ending where none is asked for.
-
-    Raises
-    ------
-    RobotError
-        If the ending is of another format, or of none.
-    """
+    """Return the format of a file to be written, by its ending where none is asked for."""
     by_ending = {".urdf": [Format.urdf], ".mjcf": [Format.mjcf], ".xml": [Format.mjcf, Format.urdf]}
     possible = by_ending.get(file.suffix.lower(), [] if asked is None else [asked])
     if not possible or (asked is not None and asked not in possible):

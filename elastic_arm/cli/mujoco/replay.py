@@ -69,37 +69,14 @@ def replay_command(
 
 
 def open_arm(path: Path, chain: str | None, at: str | None) -> MjcfArm:
-    """Open the arm of an MJCF.
-
-    Parameters
-    ----------
-    path
-        Of the file.
-    chain, at
-        As the options.
-
-    Raises
-    ------
-    RobotError
-        If it is no MJCF.
-    """
+    """Open the arm of an MJCF."""
     if os.path.isfile(path) and not is_mjcf(path):
         raise RobotError(f"{path} is no MJCF", "Write one with elastic-arm export ROBOT --to mjcf --out FILE")
     return open_mjcf(path, None if chain is None else parse_chain(chain), at)
 
 
 def replay_both(correction: Correction, folder: Path, recording: Recording) -> list[Replay]:
-    """Replay a recording in the model that an arm came from and in the corrected one, and write replay.json.
-
-    Parameters
-    ----------
-    correction
-        Where the arm came from.
-    folder
-        Of the corrected file.
-    recording
-        To replay.
-    """
+    """Replay a recording in the model that an arm came from and in the corrected one, and write replay.json."""
     assert correction.base is not None  # Correction.require_mjcf has seen to it
     after = correction.path(folder)
     files = [correction.base, *([after] if after is not None and after.exists() else [])]
@@ -109,17 +86,7 @@ def replay_both(correction: Correction, folder: Path, recording: Recording) -> l
 
 
 def write_replays(found: list[Replay], source: str, folder: Path) -> None:
-    """Write replay.json and report.html.
-
-    Parameters
-    ----------
-    found
-        One for each model.
-    source
-        Of the recording.
-    folder
-        Made where it does not exist.
-    """
+    """Write replay.json and report.html."""
     # Matplotlib is slow to import, and only reports need it.
     from elastic_arm.report.html import write_report
     from elastic_arm.report.replay import sections
@@ -129,17 +96,7 @@ def write_replays(found: list[Replay], source: str, folder: Path) -> None:
 
 
 def save_replays(found: list[Replay], source: str, folder: Path) -> None:
-    """Write replay.json.
-
-    Parameters
-    ----------
-    found
-        One for each model.
-    source
-        Of the recording.
-    folder
-        Made where it does not exist.
-    """
+    """Write replay.json."""
     text = json_text({"bag": source, "replays": [one.to_dict() for one in found]}, indent=2, allow_nan=False)
     try:
         folder.mkdir(parents=True, exist_ok=True)

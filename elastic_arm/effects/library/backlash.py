@@ -11,15 +11,7 @@ from elastic_arm.effects.parameters import Parameter, Role
 
 
 def law(motion: SymbolicMotion, i: int, p: Mapping[str, Any]) -> Contribution:
-    """-K times the part of the deflection that the play takes up.
-
-    Parameters
-    ----------
-    motion, i
-        Symbols of the motion, and index of the joint.
-    p
-        `half_gap` (rad).
-    """
+    """-K times the part of the deflection that the play takes up."""
     gap, d = p["half_gap"], motion.deflection[i]
     return motion.at(i, drive=-motion.K[i] * ca.fmax(-gap, ca.fmin(gap, d)))
 
@@ -49,9 +41,7 @@ EFFECT = Effect(
     regime="load",
     confusions=(
         Confusion(
-            "encoder_offset",
-            "the joint is loaded one way throughout",
-            "motion in which the joint torque changes sign",
+            "encoder_offset", "the joint is loaded one way throughout", "motion in which the joint torque changes sign"
         ),
     ),
 )

@@ -11,15 +11,7 @@ from elastic_arm.effects.parameters import Parameter
 
 
 def law(motion: SymbolicMotion, i: int, p: Mapping[str, Any]) -> Contribution:
-    """Gravity turned into the tilted base's axes, R' g with R = Rx(a) Ry(b).
-
-    Parameters
-    ----------
-    motion, i
-        Symbols of the motion, and index of the joint.
-    p
-        `x` (rad) and `y` (rad).
-    """
+    """Gravity turned into the tilted base's axes, R' g with R = Rx(a) Ry(b)."""
     sa, ca_, sb, cb = ca.sin(p["x"]), ca.cos(p["x"]), ca.sin(p["y"]), ca.cos(p["y"])
     about_x = ca.vertcat(ca.horzcat(1, 0, 0), ca.horzcat(0, ca_, -sa), ca.horzcat(0, sa, ca_))
     about_y = ca.vertcat(ca.horzcat(cb, 0, sb), ca.horzcat(0, 1, 0), ca.horzcat(-sb, 0, cb))

@@ -21,13 +21,6 @@ def law(motion: SymbolicMotion, i: int, p: Mapping[str, Any]) -> Contribution:
     The tilts follow the moment that the rigid arm puts on its bearings; their rates follow from those of the motion.
     Without the motion's third and fourth derivative about a tenth of the effect's power is missed. A simulated arm does
     not need this law: there the tilts are coordinates.
-
-    Parameters
-    ----------
-    motion, i
-        Symbols of the motion, and index of the joint.
-    p
-        `stiffness_scale` (1).
     """
     n, zero = motion.n, ca.SX.zeros(2 * motion.n)
     _check(motion.robot)
@@ -61,8 +54,7 @@ def _check(robot: Robot) -> None:
     for joint in robot.joints:
         if joint.transmission is None or joint.transmission.bearing is None:
             raise EffectError(
-                f"{joint.name} of robot {robot.name} has no bearing",
-                "Give its stiffness and damping in the arm file.",
+                f"{joint.name} of robot {robot.name} has no bearing", "Give its stiffness and damping in the arm file."
             )
 
 

@@ -13,15 +13,7 @@ ORDERS = (2, 3, 4, 5)  # with a joint spring beside it a gas spring on a crank i
 
 
 def law(motion: SymbolicMotion, i: int, p: Mapping[str, Any]) -> Contribution:
-    """A polynomial of the joint angle in rad on the link.
-
-    Parameters
-    ----------
-    motion, i
-        Symbols of the motion, and index of the joint.
-    p
-        `torque` (Nm), the coefficients of q^2 to q^5.
-    """
+    """A polynomial of the joint angle in rad on the link."""
     powers = ca.vertcat(*(motion.q[i] ** k for k in ORDERS))
     return motion.at(i, link=ca.dot(p["torque"], powers))
 

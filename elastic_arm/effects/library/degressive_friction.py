@@ -31,9 +31,7 @@ EFFECT = Effect(
             "faster motion: viscous friction goes on rising",
         ),
         Confusion(
-            "coulomb_friction",
-            "the joint passes standstill quickly",
-            "slow reversals: Coulomb friction jumps there",
+            "coulomb_friction", "the joint passes standstill quickly", "slow reversals: Coulomb friction jumps there"
         ),
     ),
 )

@@ -12,15 +12,7 @@ from elastic_arm.effects.parameters import Parameter, Role
 
 
 def law(motion: SymbolicMotion, i: int, p: Mapping[str, Any]) -> Contribution:
-    """K and D times the false deflection and its rate.
-
-    Parameters
-    ----------
-    motion, i
-        Symbols of the motion, and index of the joint.
-    p
-        `amplitude` (rad) and `phase` (rad).
-    """
+    """K and D times the false deflection and its rate."""
     motion.gear(i)
     angle = motion.q[i] + p["phase"]
     error = p["amplitude"] * ca.sin(angle)
@@ -42,10 +34,6 @@ EFFECT: Effect = SensorEffect(
     regime="position",
     change=changing("link_encoder", eccentricity="amplitude", phase="phase"),
     confusions=(
-        Confusion(
-            "encoder_offset",
-            "the joint turns through a small angle",
-            "motion over a wide range of the joint",
-        ),
+        Confusion("encoder_offset", "the joint turns through a small angle", "motion over a wide range of the joint"),
     ),
 )

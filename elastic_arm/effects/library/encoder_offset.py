@@ -9,15 +9,7 @@ from elastic_arm.effects.motion import Contribution, SymbolicMotion
 
 
 def law(motion: SymbolicMotion, i: int, p: Mapping[str, Any]) -> Contribution:
-    """K times the offset: the deflection is read too small by it.
-
-    Parameters
-    ----------
-    motion, i
-        Symbols of the motion, and index of the joint.
-    p
-        `offset` (rad).
-    """
+    """K times the offset: the deflection is read too small by it."""
     motion.gear(i)
     return motion.at(i, drive=motion.K[i] * p["offset"])
 
@@ -36,14 +28,8 @@ EFFECT: Effect = SensorEffect(
     set_at_start=True,
     confusions=(
         Confusion(
-            "backlash",
-            "the joint is loaded one way throughout",
-            "motion in which the joint torque changes sign",
+            "backlash", "the joint is loaded one way throughout", "motion in which the joint torque changes sign"
         ),
-        Confusion(
-            "joint_torque_offset",
-            "only the drive equation can be used",
-            "the link or motor equation",
-        ),
+        Confusion("joint_torque_offset", "only the drive equation can be used", "the link or motor equation"),
     ),
 )

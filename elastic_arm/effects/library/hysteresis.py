@@ -11,15 +11,7 @@ from elastic_arm.effects.parameters import Parameter, Role
 
 
 def law(motion: SymbolicMotion, i: int, p: Mapping[str, Any]) -> Contribution:
-    """H z added to tau_J, with the Bouc-Wen state z of the deflection.
-
-    Parameters
-    ----------
-    motion, i
-        Symbols of the motion, and index of the joint.
-    p
-        `torque` (Nm), `width` (rad) and state `z`.
-    """
+    """H z added to tau_J, with the Bouc-Wen state z of the deflection."""
     z, rate = p["z"], motion.deflection_rate[i]
     z_rate = (rate - ca.fabs(rate) * z / 2 - rate * ca.fabs(z) / 2) / p["width"]
     return motion.at(i, drive=p["torque"] * z, rates={"z": z_rate})
@@ -58,9 +50,7 @@ EFFECT = Effect(
             "slower motion: the loop of hysteresis keeps its height, that of damping shrinks",
         ),
         Confusion(
-            "backlash",
-            "the deflection stays within about the width",
-            "motion that winds the drive further, both ways",
+            "backlash", "the deflection stays within about the width", "motion that winds the drive further, both ways"
         ),
     ),
 )

@@ -9,15 +9,7 @@ from elastic_arm.errors import EffectError
 
 
 def law(motion: SymbolicMotion, i: int, p: Mapping[str, Any]) -> Contribution:
-    """What mod3 has beyond mod2: S, c1, c2.
-
-    Parameters
-    ----------
-    motion, i
-        Symbols of the motion, and index of the joint.
-    p
-        Empty: it has no parameters.
-    """
+    """What mod3 has beyond mod2: S, c1, c2."""
     if motion.equations.model_name == "mod3":
         raise EffectError(
             "inertia_coupling is part of mod3 already", "Leave it out, or take mod1 or mod2 as the model."

@@ -9,15 +9,7 @@ from elastic_arm.effects.parameters import Parameter, Role
 
 
 def law(motion: SymbolicMotion, i: int, p: Mapping[str, Any]) -> Contribution:
-    """k (q - q_0) on the link.
-
-    Parameters
-    ----------
-    motion, i
-        Symbols of the motion, and index of the joint.
-    p
-        `stiffness` (Nm/rad) and `rest` (rad).
-    """
+    """k (q - q_0) on the link."""
     return motion.at(i, link=p["stiffness"] * (motion.q[i] - p["rest"]))
 
 

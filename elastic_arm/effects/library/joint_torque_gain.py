@@ -15,11 +15,7 @@ EFFECT: Effect = SensorEffect(
     change=changing("joint_torque", gain="gain"),
     prior=lambda rate: 0.01,  # strain gauges: up to 2 % of the reading, as two deviations
     confusions=(
-        Confusion(
-            "stiffness_mismatch",
-            "only the drive equation can be used",
-            "the link or motor equation",
-        ),
+        Confusion("stiffness_mismatch", "only the drive equation can be used", "the link or motor equation"),
         Confusion(
             "link_inertia_mismatch",
             "one gain on all torque sensors scales all masses, K and D alike",

@@ -12,15 +12,7 @@ from elastic_arm.effects.parameters import Parameter
 
 
 def law(motion: SymbolicMotion, i: int, p: Mapping[str, Any]) -> Contribution:
-    """What the true link has beyond the nominal one, as a body carried along with it.
-
-    Parameters
-    ----------
-    motion, i
-        Symbols of the motion, and index of the joint.
-    p
-        `mass` (1), `com` (m) and `inertia` (1).
-    """
+    """What the true link has beyond the nominal one, as a body carried along with it."""
     link = motion.robot.joints[i].link
     mass = p["mass"] * link.mass
     com = ca.DM(link.com) + p["com"]
@@ -61,11 +53,7 @@ EFFECT = Effect(
     model_parameter=True,
     number="link_mass",
     confusions=(
-        Confusion(
-            "payload",
-            "the last link changes by a point mass",
-            "only knowing what was mounted",
-        ),
+        Confusion("payload", "the last link changes by a point mass", "only knowing what was mounted"),
         Confusion(
             "link_inertia_mismatch",
             "a neighbouring link acts through the same base parameters",

@@ -24,10 +24,6 @@ EFFECT = Effect(
             "a mass on the axis of the next joint is as well one on the neighbouring link",
             "only knowing what was mounted: both act through the same base parameters",
         ),
-        Confusion(
-            "payload",
-            "the joints beyond the link stand still",
-            "motion of all joints over a wide range",
-        ),
+        Confusion("payload", "the joints beyond the link stand still", "motion of all joints over a wide range"),
     ),
 )

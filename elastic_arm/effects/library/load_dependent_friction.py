@@ -11,15 +11,7 @@ from elastic_arm.effects.parameters import Parameter
 
 
 def law(motion: SymbolicMotion, i: int, p: Mapping[str, Any]) -> Contribution:
-    """mu abs(tau_J) sign(w) on the motor side.
-
-    Parameters
-    ----------
-    motion, i
-        Symbols of the motion, and index of the joint.
-    p
-        `coefficient` (1).
-    """
+    """mu abs(tau_J) sign(w) on the motor side."""
     return motion.at(i, motor=p["coefficient"] * ca.fabs(motion.tau_J[i]) * motion.sign("motor", i))
 
 
@@ -35,11 +27,7 @@ EFFECT = Effect(
     needs_motion=True,
     friction=True,
     confusions=(
-        Confusion(
-            "coulomb_friction",
-            "the joint torque is nearly constant",
-            "reversals under clearly different loads",
-        ),
+        Confusion("coulomb_friction", "the joint torque is nearly constant", "reversals under clearly different loads"),
         Confusion(
             "motor_torque_gain",
             "the velocity seldom reverses, or the load has the sign of the velocity",

@@ -12,17 +12,7 @@ from elastic_arm.effects.motion import Contribution, SymbolicMotion
 
 
 def scaled(ratio: str, side: str, torque: Callable[[SymbolicMotion, int], ca.SX]) -> Law:
-    """Return the law (ratio - 1) times a torque of the nominal transmission.
-
-    Parameters
-    ----------
-    ratio
-        Name of the parameter, true / nominal.
-    side
-        The residual that shows it.
-    torque
-        (motion, joint index) -> Nm at the nominal number.
-    """
+    """Return the law (ratio - 1) times a torque of the nominal transmission."""
 
     def law(motion: SymbolicMotion, i: int, p: Mapping[str, Any]) -> Contribution:
         if side == "drive":

@@ -16,10 +16,6 @@ EFFECT: Effect = SensorEffect(
     prior=lambda rate: 0.4,
     set_at_start=True,
     confusions=(
-        Confusion(
-            "coulomb_friction",
-            "the joint turns one way throughout",
-            "reversals: friction changes sign there",
-        ),
+        Confusion("coulomb_friction", "the joint turns one way throughout", "reversals: friction changes sign there"),
     ),
 )

@@ -11,15 +11,7 @@ from elastic_arm.effects.parameters import Parameter
 
 
 def law(motion: SymbolicMotion, i: int, p: Mapping[str, Any]) -> Contribution:
-    """K_3 d^3 added to tau_J.
-
-    Parameters
-    ----------
-    motion, i
-        Symbols of the motion, and index of the joint.
-    p
-        `cubic` (Nm/rad^3).
-    """
+    """K_3 d^3 added to tau_J."""
 
     def carried(d: SX) -> SX:
         return p["cubic"] * d**3

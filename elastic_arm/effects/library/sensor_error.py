@@ -18,29 +18,12 @@ TORQUES = ("joint_torque", "motor_torque")
 
 # The error is linear in 1 - 1/gain, which is the coefficient that a fit gives its column.
 GAIN = Parameter(
-    "gain",
-    "1",
-    0.5,
-    2.0,
-    neutral=1.0,
-    above=0.0,
-    meaning="recorded / true",
-    from_coefficient=lambda c: 1.0 / (1.0 - c),
+    "gain", "1", 0.5, 2.0, neutral=1.0, above=0.0, meaning="recorded / true", from_coefficient=lambda c: 1.0 / (1.0 - c)
 )
 
 
 def offset(unit: str, most: float, example: tuple[float, float] | None = None) -> Parameter:
-    """Return the parameter of a wrong zero.
-
-    Parameters
-    ----------
-    unit
-        Of the channel.
-    most
-        Largest plausible offset, either way.
-    example
-        Range that is clearly seen on an industrial arm.
-    """
+    """Return the parameter of a wrong zero."""
     return Parameter("offset", unit, -most, most, neutral=0.0, example=example, meaning="recorded - true")
 
 

@@ -9,15 +9,7 @@ from elastic_arm.errors import EffectError
 
 
 def law(motion: SymbolicMotion, i: int, p: Mapping[str, Any]) -> Contribution:
-    """What mod2 has beyond mod1.
-
-    Parameters
-    ----------
-    motion, i
-        Symbols of the motion, and index of the joint.
-    p
-        Empty: it has no parameters.
-    """
+    """What mod2 has beyond mod1."""
     if motion.equations.model_name != "mod1":
         raise EffectError(
             f"spline_inertia is part of {motion.equations.model_name} already",

@@ -10,15 +10,7 @@ from elastic_arm.effects.parameters import Parameter
 
 
 def law(motion: SymbolicMotion, i: int, p: Mapping[str, Any]) -> Contribution:
-    """r (t - t_mid) / T times the friction of the side.
-
-    Parameters
-    ----------
-    motion, i
-        Symbols of the motion, and index of the joint.
-    p
-        `change` (1) and `side`.
-    """
+    """r (t - t_mid) / T times the friction of the side."""
     side = p["side"]
     added: dict[str, Any] = {side: p["change"] * motion.progress * motion.friction(side)[i]}
     return motion.at(i, **added)

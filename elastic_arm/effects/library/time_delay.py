@@ -16,13 +16,6 @@ def law(motion: SymbolicMotion, i: int, p: Mapping[str, Any]) -> Contribution:
 
     A late link encoder makes the link equation compare tau_J with the torque of a moment ago, so the difference is the
     rate of tau_J; in the drive it is as if the link were `delay` times its velocity further on.
-
-    Parameters
-    ----------
-    motion, i
-        Symbols of the motion, and index of the joint.
-    p
-        `delay` (s) and `channels`.
     """
     delay, total = p["delay"], motion.nothing()
     if "joint_torque" in p["channels"]:
@@ -37,17 +30,7 @@ def law(motion: SymbolicMotion, i: int, p: Mapping[str, Any]) -> Contribution:
 
 
 def change(sensors: Sensors, i: int, n: int, p: Mapping[str, Any]) -> Sensors:
-    """Delay the named channels of a joint.
-
-    Parameters
-    ----------
-    sensors
-        Of the arm.
-    i, n
-        Index of the joint, and number of joints.
-    p
-        `delay` (s) and `channels`.
-    """
+    """Delay the named channels of a joint."""
     for channel in p["channels"]:
         # A fit may end a rounding error below zero.
         sensors = sensors.changed(channel, i, n, delay=max(0.0, p["delay"]))

@@ -16,15 +16,7 @@ USUAL = 0.0025  # Nm/s
 
 
 def law(motion: SymbolicMotion, i: int, p: Mapping[str, Any]) -> Contribution:
-    """The mean rate times the time since the recording began.
-
-    Parameters
-    ----------
-    motion, i
-        Symbols of the motion, and index of the joint.
-    p
-        `rate` (Nm/s) and `channel`.
-    """
+    """The mean rate times the time since the recording began."""
     return misread(p["channel"], _drifted)(motion, i, p)
 
 
@@ -33,17 +25,7 @@ def _drifted(motion: SymbolicMotion, i: int, p: Mapping[str, Any]) -> ca.SX:
 
 
 def change(sensors: Sensors, i: int, n: int, p: Mapping[str, Any]) -> Sensors:
-    """Let the zero of the channel move at the rate.
-
-    Parameters
-    ----------
-    sensors
-        Of the arm.
-    i, n
-        Index of the joint, and number of joints.
-    p
-        `rate` (Nm/s) and `channel`.
-    """
+    """Let the zero of the channel move at the rate."""
     return sensors.changed(p["channel"], i, n, drift=p["rate"])
 
 
@@ -59,15 +41,7 @@ EFFECT: Effect = SensorEffect(
     signature="The residuals that hold the channel move off zero with time, whatever the motion.",
     law=law,
     parameters=(
-        Parameter(
-            "rate",
-            "Nm/s",
-            -2.0,
-            2.0,
-            neutral=0.0,
-            example=(0.1, 0.3),
-            meaning="mean over the recording",
-        ),
+        Parameter("rate", "Nm/s", -2.0, 2.0, neutral=0.0, example=(0.1, 0.3), meaning="mean over the recording"),
     ),
     choices=(Choice("channel", TORQUES, "joint_torque"),),
     sides=("link", "drive", "motor"),

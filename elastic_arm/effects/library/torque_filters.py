@@ -46,15 +46,7 @@ class FilteredTorques:
         return True
 
     def residuals(self, signals: MotionSignals, values: Mapping[str, Any]) -> Array:
-        """Return recorded less true torque in link, drive and motor residuals, (N, 3 n).
-
-        Parameters
-        ----------
-        signals
-            Of the motion.
-        values
-            Parameters of the effect, its `channels`, and `joints`, the indices of those that have it.
-        """
+        """Return recorded less true torque in link, drive and motor residuals, (N, 3 n)."""
         n, joints = self.equations.robot.n, list(values["joints"])
         link, drive, motor = (np.zeros((len(signals.t), n)) for _ in range(3))
         for channel in (c for c in values["channels"] if c in CHANNELS):
@@ -79,15 +71,7 @@ class DelayedTorques(FilteredTorques):
     """Torques that come `delay` late, and link encoders, whose delay stays of first order."""
 
     def residuals(self, signals: MotionSignals, values: Mapping[str, Any]) -> Array:
-        """Return recorded less true torque in link, drive and motor residuals, (N, 3 n).
-
-        Parameters
-        ----------
-        signals
-            Of the motion.
-        values
-            `delay` (s), `channels` and `joints`.
-        """
+        """Return recorded less true torque in link, drive and motor residuals, (N, 3 n)."""
         found = super().residuals(signals, values)
         if "link_encoder" in values["channels"]:
             equations, n = self.equations, self.equations.robot.n
@@ -201,17 +185,7 @@ class _Undone:
 
 
 def moved(t: Array, values: Array, by: float) -> Array:
-    """Return values at other times; beyond the ends they go on at the last slope.
-
-    Parameters
-    ----------
-    t
-        (N,) s.
-    values
-        (N, k).
-    by
-        s by which the times are later.
-    """
+    """Return values at other times; beyond the ends they go on at the last slope."""
     return _at(t, scipy.interpolate.CubicSpline(t, values), by)
 
 
@@ -223,17 +197,7 @@ def _at(t: Array, spline: scipy.interpolate.CubicSpline, by: float) -> Array:
 
 
 def low_pass_error(t: Array, torque: Array, cutoff: float) -> Array:
-    """Return what a first-order low pass makes of a torque (N, k), less the torque.
-
-    Parameters
-    ----------
-    t
-        (N,) s.
-    torque
-        (N, k) Nm.
-    cutoff
-        Hz.
-    """
+    """Return what a first-order low pass makes of a torque (N, k), less the torque."""
     T, step = 1.0 / (2.0 * np.pi * cutoff), float(t[1] - t[0])
     # By the trapezoidal rule, from the state that a steady change before the first sample leaves.
     gain = step / (2.0 * T + step)

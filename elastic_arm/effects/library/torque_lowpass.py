@@ -18,15 +18,7 @@ REFERENCE = 5.0  # Hz
 
 
 def law(motion: SymbolicMotion, i: int, p: Mapping[str, Any]) -> Contribution:
-    """Recorded less true torque, -T y' of a recorded torque y, as y + T y' is the true one; T = 1 / (2 pi cutoff).
-
-    Parameters
-    ----------
-    motion, i
-        Symbols of the motion, and index of the joint.
-    p
-        `cutoff` (Hz) and `channels`.
-    """
+    """Recorded less true torque, -T y' of a recorded torque y, as y + T y' is the true one; T = 1 / (2 pi cutoff)."""
     rates = {"joint_torque": motion.dtau_J, "motor_torque": motion.dtau_m}
     total = motion.nothing()
     for channel in p["channels"]:
@@ -39,17 +31,7 @@ def _error(rate: ca.SX, motion: SymbolicMotion, i: int, p: Mapping[str, Any]) ->
 
 
 def change(sensors: Sensors, i: int, n: int, p: Mapping[str, Any]) -> Sensors:
-    """Filter the named channels of a joint.
-
-    Parameters
-    ----------
-    sensors
-        Of the arm.
-    i, n
-        Index of the joint, and number of joints.
-    p
-        `cutoff` (Hz) and `channels`.
-    """
+    """Filter the named channels of a joint."""
     for channel in p["channels"]:
         sensors = sensors.changed(channel, i, n, cutoff=p["cutoff"])
     return sensors

@@ -11,15 +11,7 @@ from elastic_arm.effects.parameters import Parameter, Role
 
 
 def law(motion: SymbolicMotion, i: int, p: Mapping[str, Any]) -> Contribution:
-    """The motor gives A sin(k r_tot theta + phi) more than tau_m.
-
-    Parameters
-    ----------
-    motion, i
-        Symbols of the motion, and index of the joint.
-    p
-        `amplitude` (Nm), `phase` (rad) and `order` (1).
-    """
+    """The motor gives A sin(k r_tot theta + phi) more than tau_m."""
     angle = p["order"] * motion.gear(i).r_tot * motion.theta[i] + p["phase"]
     return motion.at(i, motor=-p["amplitude"] * ca.sin(angle))
 

@@ -11,50 +11,22 @@ from elastic_arm.effects.parameters import Parameter, Role
 
 
 def slope(motion: SymbolicMotion, i: int, p: Mapping[str, Any]) -> ca.SX:
-    """de/dtheta.
-
-    Parameters
-    ----------
-    motion, i
-        Symbols of the motion, and index of the joint.
-    p
-        `amplitude` (rad), `phase` (rad) and `order` (1).
-    """
+    """de/dtheta."""
     spatial = p["order"] * motion.gear(i).harmonic_drive_ratio
     return p["amplitude"] * spatial * ca.cos(spatial * motion.theta[i] + p["phase"])
 
 
 def twist(motion: SymbolicMotion, i: int, p: Mapping[str, Any]) -> tuple[ca.SX, ca.SX]:
-    """E = A sin(k r_hd theta + phi) and its rate.
-
-    Parameters
-    ----------
-    motion, i
-        Symbols of the motion, and index of the joint.
-    p
-        `amplitude` (rad), `phase` (rad) and `order` (1).
-    """
+    """E = A sin(k r_hd theta + phi) and its rate."""
     spatial = p["order"] * motion.gear(i).harmonic_drive_ratio
     error = p["amplitude"] * ca.sin(spatial * motion.theta[i] + p["phase"])
     return error, slope(motion, i, p) * motion.dtheta[i]
 
 
 def law(motion: SymbolicMotion, i: int, p: Mapping[str, Any]) -> Contribution:
-    """K e + D e' in the drive; by virtual work the motor feels tau_J (1 + de/dtheta).
-
-    Parameters
-    ----------
-    motion, i
-        Symbols of the motion, and index of the joint.
-    p
-        `amplitude` (rad), `phase` (rad) and `order` (1).
-    """
+    """K e + D e' in the drive; by virtual work the motor feels tau_J (1 + de/dtheta)."""
     error, rate = twist(motion, i, p)
-    return motion.at(
-        i,
-        drive=motion.K[i] * error + motion.D[i] * rate,
-        motor=motion.tau_J[i] * slope(motion, i, p),
-    )
+    return motion.at(i, drive=motion.K[i] * error + motion.D[i] * rate, motor=motion.tau_J[i] * slope(motion, i, p))
 
 
 EFFECT = Effect(

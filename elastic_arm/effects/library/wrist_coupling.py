@@ -20,13 +20,6 @@ def law(motion: SymbolicMotion, i: int, p: Mapping[str, Any]) -> Contribution:
 
     With joint angles that are combinations of motor angles, q = C q_m, the torques of the joints are C^-T times those
     of the motors: what resists one motor resists every joint that turns it.
-
-    Parameters
-    ----------
-    motion, i
-        Symbols of the motion, and index of the joint.
-    p
-        `inertia` kg m2 at the joint, `viscous` Nm s/rad, `dry` Nm, and `turns`, "with" or "against".
     """
     if i == 0:
         raise EffectError(

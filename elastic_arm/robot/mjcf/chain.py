@@ -43,22 +43,7 @@ class MjcfChain:
 
 
 def find_chain(model: Any, chain: Chain | None) -> MjcfChain:
-    """Find the arm in a model.
-
-    Parameters
-    ----------
-    model
-        Compiled `MjModel`.
-    chain
-        Names of the first and the last body; without, the joints from the world to the last hinge before the model
-        branches: slides beyond it, and joints that are coupled to one another, are fingers. Where no hinge moves, the
-        slides are the arm.
-
-    Raises
-    ------
-    RobotError
-        If there are no such bodies, or what moves between them is no serial chain of hinges and slides.
-    """
+    """Find the arm in a model."""
     base, tip = _only_chain(model) if chain is None else _named(model, chain)
     path = _path(model, base, tip)
     plays = {play: joint for body in path for play, joint in _plays(model, joints_of(model, body))}
@@ -101,22 +86,7 @@ def _plays(model: Any, joints: Sequence[int]) -> Iterator[tuple[int, int]]:
 
 
 def name_of(model: Any, kind: str, index: int) -> str:
-    """Return the name of a body, joint, actuator …; one made of its number where it has none.
-
-    Parameters
-    ----------
-    model
-        Compiled `MjModel`.
-    kind
-        As MuJoCo's object types are called, in lower case.
-    index
-        Its id.
-
-    Raises
-    ------
-    RobotError
-        If the name is no text: XML may hold half a character, as &#xd800;.
-    """
+    """Return the name of a body, joint, actuator …; one made of its number where it has none."""
     mj = engine()
     try:
         name = mj.mj_id2name(model, getattr(mj.mjtObj, f"mjOBJ_{kind.upper()}"), index)

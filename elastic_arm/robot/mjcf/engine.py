@@ -66,16 +66,6 @@ def compiled(path: Path) -> tuple[Any, list[str], bool]:
 
     Meshes and pictures whose files are not there are left out where every body states its inertia: then they are for
     the eye alone.
-
-    Returns
-    -------
-    model, notes, armatures
-        The compiled `MjModel`, what was left out, and whether any armature is stated.
-
-    Raises
-    ------
-    RobotError
-        If MuJoCo refuses it, in its own words, or it is beyond the limits.
     """
     mj = engine()
     notes, content = _processed(path, "model")
@@ -86,13 +76,7 @@ def compiled(path: Path) -> tuple[Any, list[str], bool]:
 
 
 def saved(path: Path) -> str:
-    """Return an MJCF file as MuJoCo saves it: without includes, and with a line for each body, whatever made it.
-
-    Parameters
-    ----------
-    path
-        Of the file; see :func:`compiled` for errors.
-    """
+    """Return an MJCF file as MuJoCo saves it: without includes, and with a line for each body, whatever made it."""
     engine()
     return _processed(path, "xml")[1].decode()
 
@@ -123,13 +107,7 @@ def _processed(path: Path, what: str) -> tuple[list[str], bytes]:
 
 
 def _sources(path: Path) -> Iterator[bytes]:
-    """Yield the content of the file and of those that it names, but for meshes and pictures.
-
-    Raises
-    ------
-    RobotError
-        If one is a pipe or a device, for which MuJoCo would wait without end.
-    """
+    """Yield the content of the file and of those that it names, but for meshes and pictures."""
     left, seen = [path], {path}
     while left:
         content = read_bytes(left.pop(), RobotError, "Give the path of an MJCF file.")
