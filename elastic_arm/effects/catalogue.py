@@ -109,10 +109,13 @@ class Catalogue(Mapping[str, Effect]):
 
 
 def discover(folder: ModuleType = library) -> Catalogue:
-    """Return the `EFFECT` of every module of a package, the library, that has one."""
+    """Return the `EFFECT`, or the `EFFECTS`, of every module of a package, the library, that has one."""
     modules = sorted(m.name for m in pkgutil.iter_modules(folder.__path__))
-    held = (getattr(importlib.import_module(f"{folder.__name__}.{m}"), "EFFECT", None) for m in modules)
-    return Catalogue([effect for effect in held if isinstance(effect, Effect)])
+    return Catalogue([e for m in modules for e in _held(importlib.import_module(f"{folder.__name__}.{m}"))])
+
+
+def _held(module: ModuleType) -> list[Any]:
+    return [*getattr(module, "EFFECTS", ()), *([module.EFFECT] if hasattr(module, "EFFECT") else [])]
 
 
 @lru_cache(maxsize=1)
@@ -145,7 +148,7 @@ def _of_file(path: Path) -> list[Effect]:
         raise EffectError(f"{path}: line {error.lineno}: {error.msg}", "Mend the Python of the file.") from error
     except _RAISED as error:
         raise _located(path, error, f"Mend the file; {_EXAMPLE}") from error
-    held = [*getattr(module, "EFFECTS", ()), *([module.EFFECT] if hasattr(module, "EFFECT") else [])]
+    held = _held(module)
     if not held or not all(isinstance(effect, Effect) for effect in held):
         what = "EFFECT is no Effect" if held else "holds no EFFECT"
         raise EffectError(f"{path}: {what}", f"Write EFFECT = Effect(id=…, …); {_EXAMPLE}")

@@ -1,16 +1,11 @@
 """Play in the drive."""
 
-from collections.abc import Mapping
-from typing import Any
-
 import casadi as ca
 
-from elastic_arm.effects.model import Confusion, Effect
-from elastic_arm.effects.motion import Contribution, SymbolicMotion
-from elastic_arm.effects.parameters import Parameter, Role
+from elastic_arm.effects.law import Confusion, Contribution, Effect, Numbers, Parameter, Role, SymbolicMotion
 
 
-def law(motion: SymbolicMotion, i: int, p: Mapping[str, Any]) -> Contribution:
+def law(motion: SymbolicMotion, i: int, p: Numbers) -> Contribution:
     """-K times the part of the deflection that the play takes up."""
     gap, d = p["half_gap"], motion.deflection[i]
     return motion.at(i, drive=-motion.K[i] * ca.fmax(-gap, ca.fmin(gap, d)))

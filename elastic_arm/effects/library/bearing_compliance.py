@@ -1,21 +1,27 @@
 """Bearings that tilt."""
 
-from collections.abc import Mapping
 from dataclasses import replace
-from typing import Any
 
 import casadi as ca
 
 from elastic_arm.effects.equations import ArmEquations
+from elastic_arm.effects.law import (
+    Contribution,
+    Effect,
+    Numbers,
+    Parameter,
+    Plant,
+    Role,
+    Scope,
+    StructuralEffect,
+    SymbolicMotion,
+)
 from elastic_arm.effects.library.tilts import TiltRegressor
-from elastic_arm.effects.model import Effect, Plant, Scope, StructuralEffect
-from elastic_arm.effects.motion import Contribution, SymbolicMotion
-from elastic_arm.effects.parameters import Parameter, Role
 from elastic_arm.errors import EffectError
 from elastic_arm.robot import Robot
 
 
-def law(motion: SymbolicMotion, i: int, p: Mapping[str, Any]) -> Contribution:
+def law(motion: SymbolicMotion, i: int, p: Numbers) -> Contribution:
     """What the links feel when the bearings give way as springs, without ringing.
 
     The tilts follow the moment that the rigid arm puts on its bearings; their rates follow from those of the motion.
@@ -58,7 +64,7 @@ def _check(robot: Robot) -> None:
             )
 
 
-def change(plant: Plant, p: Mapping[str, Any]) -> Plant:
+def change(plant: Plant, p: Numbers) -> Plant:
     """Free the tilts q_x, q_y, with the arm file's bearings times the scale."""
     _check(plant.robot)
     joints = []

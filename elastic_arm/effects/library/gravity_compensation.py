@@ -1,17 +1,12 @@
 """A recorded torque from which gravity has been taken, wholly or in part."""
 
-from collections.abc import Mapping
-from typing import Any
-
 import casadi as ca
 
+from elastic_arm.effects.law import Choice, Confusion, Contribution, Effect, Numbers, Parameter, Scope, SymbolicMotion
 from elastic_arm.effects.library.sensor_error import TORQUES, misread, sides_of
-from elastic_arm.effects.model import Confusion, Effect, Scope
-from elastic_arm.effects.motion import Contribution, SymbolicMotion
-from elastic_arm.effects.parameters import Choice, Parameter
 
 
-def law(motion: SymbolicMotion, i: int, p: Mapping[str, Any]) -> Contribution:
+def law(motion: SymbolicMotion, i: int, p: Numbers) -> Contribution:
     """Minus the share of g_i in the named torques, g by the model.
 
     In a simulated arm the amplifier adds that share to the motor torque that is commanded and recorded.

@@ -1,17 +1,14 @@
 """A link that is heavier or otherwise distributed than the model believes."""
 
-from collections.abc import Mapping
 from typing import Any
 
 import casadi as ca
 import numpy as np
 
-from elastic_arm.effects.model import Confusion, Effect
-from elastic_arm.effects.motion import Contribution, SymbolicMotion
-from elastic_arm.effects.parameters import Parameter
+from elastic_arm.effects.law import Confusion, Contribution, Effect, Numbers, Parameter, SymbolicMotion
 
 
-def law(motion: SymbolicMotion, i: int, p: Mapping[str, Any]) -> Contribution:
+def law(motion: SymbolicMotion, i: int, p: Numbers) -> Contribution:
     """What the true link has beyond the nominal one, as a body carried along with it."""
     link = motion.robot.joints[i].link
     mass = p["mass"] * link.mass

@@ -1,16 +1,11 @@
 """Cogging and ripple of the motor."""
 
-from collections.abc import Mapping
-from typing import Any
-
 import casadi as ca
 
-from elastic_arm.effects.model import Confusion, Effect
-from elastic_arm.effects.motion import Contribution, SymbolicMotion
-from elastic_arm.effects.parameters import Parameter, Role
+from elastic_arm.effects.law import Confusion, Contribution, Effect, Numbers, Parameter, Role, SymbolicMotion
 
 
-def law(motion: SymbolicMotion, i: int, p: Mapping[str, Any]) -> Contribution:
+def law(motion: SymbolicMotion, i: int, p: Numbers) -> Contribution:
     """The motor gives A sin(k r_tot theta + phi) more than tau_m."""
     angle = p["order"] * motion.gear(i).r_tot * motion.theta[i] + p["phase"]
     return motion.at(i, motor=-p["amplitude"] * ca.sin(angle))

@@ -1,29 +1,24 @@
 """Kinematic error of the harmonic drive."""
 
-from collections.abc import Mapping
-from typing import Any
-
 import casadi as ca
 
-from elastic_arm.effects.model import Confusion, Effect
-from elastic_arm.effects.motion import Contribution, SymbolicMotion
-from elastic_arm.effects.parameters import Parameter, Role
+from elastic_arm.effects.law import Confusion, Contribution, Effect, Numbers, Parameter, Role, SymbolicMotion
 
 
-def slope(motion: SymbolicMotion, i: int, p: Mapping[str, Any]) -> ca.SX:
+def slope(motion: SymbolicMotion, i: int, p: Numbers) -> ca.SX:
     """de/dtheta."""
     spatial = p["order"] * motion.gear(i).harmonic_drive_ratio
     return p["amplitude"] * spatial * ca.cos(spatial * motion.theta[i] + p["phase"])
 
 
-def twist(motion: SymbolicMotion, i: int, p: Mapping[str, Any]) -> tuple[ca.SX, ca.SX]:
+def twist(motion: SymbolicMotion, i: int, p: Numbers) -> tuple[ca.SX, ca.SX]:
     """E = A sin(k r_hd theta + phi) and its rate."""
     spatial = p["order"] * motion.gear(i).harmonic_drive_ratio
     error = p["amplitude"] * ca.sin(spatial * motion.theta[i] + p["phase"])
     return error, slope(motion, i, p) * motion.dtheta[i]
 
 
-def law(motion: SymbolicMotion, i: int, p: Mapping[str, Any]) -> Contribution:
+def law(motion: SymbolicMotion, i: int, p: Numbers) -> Contribution:
     """K e + D e' in the drive; by virtual work the motor feels tau_J (1 + de/dtheta)."""
     error, rate = twist(motion, i, p)
     return motion.at(i, drive=motion.K[i] * error + motion.D[i] * rate, motor=motion.tau_J[i] * slope(motion, i, p))

@@ -1,13 +1,8 @@
 """A wrist's motor that turns with the joint before its own, too."""
 
-from collections.abc import Mapping
-from typing import Any
-
 import casadi as ca
 
-from elastic_arm.effects.model import Confusion, Effect
-from elastic_arm.effects.motion import Contribution, SymbolicMotion
-from elastic_arm.effects.parameters import Choice, Parameter
+from elastic_arm.effects.law import Choice, Confusion, Contribution, Effect, Numbers, Parameter, SymbolicMotion
 from elastic_arm.errors import EffectError
 
 # rad/s within which its dry friction turns over. As that of one joint does where velocities are differences of angles.
@@ -15,7 +10,7 @@ TURNING = 0.02
 TURNS = {"with": 1.0, "against": -1.0}
 
 
-def law(motion: SymbolicMotion, i: int, p: Mapping[str, Any]) -> Contribution:
+def law(motion: SymbolicMotion, i: int, p: Numbers) -> Contribution:
     """Inertia and friction of a motor that turns by w = dq_i +- dq_(i-1), as torques of both joints.
 
     With joint angles that are combinations of motor angles, q = C q_m, the torques of the joints are C^-T times those
