@@ -72,48 +72,27 @@ def _row(settings: _Settings, name: str, n: int) -> Array:
 
 @dataclass(frozen=True)
 class TorqueSensor(_Settings):
-    """A torque channel: recorded = gain * true(t - delay) + offset + drift * t + noise, rounded to the resolution.
+    """A torque channel: recorded = gain * true(t - delay) + offset + drift * t + noise, rounded to the resolution."""
 
-    Parameters
-    ----------
-    noise
-        Standard deviation, Nm. The default is the paper's (section VII).
-    resolution
-        Step of the quantisation, Nm; zero for none.
-    gain, offset, delay
-        Recorded / true; Nm; s.
-    drift
-        Nm/s, at which the zero moves from the first sample on.
-    cutoff
-        Hz, of a first-order low pass that the true torque goes through; zero for none.
-    """
-
-    noise: PerJoint = 0.26
-    resolution: PerJoint = 0.0
+    noise: PerJoint = 0.26  # standard deviation, Nm. The default is the paper's (section VII)
+    resolution: PerJoint = 0.0  # step of the quantisation, Nm; zero for none
+    # gain, offset, delay: recorded / true; Nm; s
     gain: PerJoint = 1.0
     offset: PerJoint = 0.0
     delay: PerJoint = 0.0
-    drift: PerJoint = 0.0
-    cutoff: PerJoint = 0.0
+    drift: PerJoint = 0.0  # Nm/s, at which the zero moves from the first sample on
+    cutoff: PerJoint = 0.0  # Hz, of a first-order low pass that the true torque goes through; zero for none
 
 
 @dataclass(frozen=True)
 class Encoder(_Settings):
-    """An encoder: recorded = true(t - delay) + offset + eccentricity sin(true + phase) + noise, rounded.
+    """An encoder: recorded = true(t - delay) + offset + eccentricity sin(true + phase) + noise, rounded."""
 
-    Parameters
-    ----------
-    noise, velocity_noise
-        Standard deviations, rad and rad/s. The velocity channel has noise of its own.
-    resolution
-        Step of the quantised angle, rad; zero for none.
-    offset, eccentricity, phase, delay
-        rad, rad, rad, s.
-    """
-
+    # noise, velocity_noise: standard deviations, rad and rad/s. The velocity channel has noise of its own
     noise: PerJoint = 0.0
     velocity_noise: PerJoint = 0.0
-    resolution: PerJoint = 0.0
+    resolution: PerJoint = 0.0  # step of the quantised angle, rad; zero for none
+    # offset, eccentricity, phase, delay: rad, rad, rad, s
     offset: PerJoint = 0.0
     eccentricity: PerJoint = 0.0
     phase: PerJoint = 0.0
@@ -122,23 +101,16 @@ class Encoder(_Settings):
 
 @dataclass(frozen=True)
 class Sensors:
-    """The sensors of an arm; by default exact encoders and torques with noise of 0.26 Nm.
+    """The sensors of an arm; by default exact encoders and torques with noise of 0.26 Nm."""
 
-    Parameters
-    ----------
-    link_encoder, motor_encoder
-        The two encoders of a joint.
-    joint_torque, motor_torque
-        The torque sensor at the harmonic-drive output, and the motor's torque as its drive reports it.
-    stamp_jitter
-        Standard deviation of the stamps against the true sampling times, s.
-    """
-
+    # link_encoder, motor_encoder: the two encoders of a joint
     link_encoder: Encoder = field(default_factory=Encoder)
     motor_encoder: Encoder = field(default_factory=Encoder)
+    # joint_torque, motor_torque: the torque sensor at the harmonic-drive output, and the motor's torque as its drive
+    # reports it
     joint_torque: TorqueSensor = field(default_factory=TorqueSensor)
     motor_torque: TorqueSensor = field(default_factory=TorqueSensor)
-    stamp_jitter: float = 0.0
+    stamp_jitter: float = 0.0  # standard deviation of the stamps against the true sampling times, s
 
     def __post_init__(self) -> None:
         if not (np.isfinite(self.stamp_jitter) and self.stamp_jitter >= 0):

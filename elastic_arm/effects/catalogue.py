@@ -62,24 +62,13 @@ class Catalogue(Mapping[str, Effect]):
 
     @staticmethod
     def default() -> Catalogue:
-        """Return the effects of the library and of packages (entry points of :data:`GROUP`).
-
-        Raises
-        ------
-        EffectError
-            If an installed package's effect cannot be loaded; the message names it.
-        """
+        """Return the effects of the library and of packages (entry points of :data:`GROUP`)."""
         return _default()
 
     def with_files(self, paths: Sequence[str | Path]) -> Catalogue:
         """Return the catalogue with the effects of Python files added.
 
         A file holds one effect as `EFFECT`, or several as a list `EFFECTS`.
-
-        Raises
-        ------
-        EffectError
-            If a file does not exist, cannot be executed, holds no effect, or an id is taken; the message names it.
         """
         found = self
         for path in paths:

@@ -352,13 +352,7 @@ class EffectInstance:
         return {p.name: self.parameters[p.name] for p in self.effect.parameters}
 
     def joint_indices(self, robot: Robot) -> tuple[int, ...]:
-        """Return the joints it sits on: one, or all for an effect of the whole arm.
-
-        Raises
-        ------
-        EffectError
-            If the robot has no such joint, or the effect cannot sit there.
-        """
+        """Return the joints it sits on: one, or all for an effect of the whole arm."""
         scope, names = self.effect.scope, robot.joint_names
         if self.joint is None:
             if scope in (Scope.ARM, Scope.EACH_OR_ARM):

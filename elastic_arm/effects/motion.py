@@ -188,13 +188,6 @@ class SymbolicMotion:
         The stiffness itself is regressed on the predicted load. Beside it a column of the encoders' deflection would
         fit their noise, which the residual holds, too (errors in variables; Fuller, Measurement Error Models, 1987).
         Where the load is not known it is the deflection.
-
-        Parameters
-        ----------
-        i
-            Index of the joint.
-        law
-            Deflection, rad -> the torque that it carries, Nm.
         """
         read = self.deflection[i]
         if self.wound is None:
@@ -229,15 +222,7 @@ class SymbolicMotion:
         return self.equations.left_side(self.x, self.dx, self.ddx, model=model)
 
     def carried_body(self, link: int, mass: SX, moment: SX, inertia: SX) -> SX:
-        """Return what a body fixed to link `link` (index) adds to the left side of (1), (dof, 1).
-
-        Parameters
-        ----------
-        link
-            Index of the link.
-        mass, moment, inertia
-            m (kg), m c (kg m) and the inertia about the link's frame (kg m²) of the body.
-        """
+        """Return what a body fixed to link `link` (index) adds to the left side of (1), (dof, 1)."""
         return self.equations.carried_body(link, mass, moment, inertia, self.x, self.dx, self.ddx)
 
     def velocity(self, side: str) -> SX:
@@ -250,13 +235,7 @@ class SymbolicMotion:
         return SX(self.n, 1) if torque is None else torque
 
     def gear(self, i: int) -> Transmission:
-        """Return the transmission of joint i.
-
-        Raises
-        ------
-        EffectError
-            If the arm has none.
-        """
+        """Return the transmission of joint i."""
         transmission = self.robot.joints[i].transmission
         if transmission is None:
             raise EffectError(
@@ -266,13 +245,7 @@ class SymbolicMotion:
         return transmission
 
     def motor_inertia(self, i: int) -> SX:
-        """Return the inertia on the motor side of joint i, kg m².
-
-        Raises
-        ------
-        EffectError
-            If the arm's description holds none.
-        """
+        """Return the inertia on the motor side of joint i, kg m²."""
         joint = self.robot.joints[i]
         if joint.transmission is None and not joint.armature:
             raise EffectError(
@@ -282,13 +255,7 @@ class SymbolicMotion:
         return self.equations.B[i]
 
     def at(self, i: int, *, rates: Mapping[str, SX] | None = None, **torques: Any) -> Contribution:
-        """Return a contribution to joint i alone; `torques` are `link`, `drive`, `motor` in Nm.
-
-        Raises
-        ------
-        EffectError
-            If a torque has another name.
-        """
+        """Return a contribution to joint i alone; `torques` are `link`, `drive`, `motor` in Nm."""
         sides = {name: SX(self.n, 1) for name in ("link", "drive", "motor")}
         for name, torque in torques.items():
             if name not in sides:

@@ -162,29 +162,13 @@ class Parameter:
         return self.low - margin * abs(self.low) <= value <= self.high + margin * abs(self.high)
 
     def believable(self, value: float, ratio_factor: float, std: float = 0.0) -> bool:
-        """Return whether an arm may have a value: a ratio near its range, a size of the right sign.
-
-        Parameters
-        ----------
-        value
-            Of a linear parameter.
-        ratio_factor
-            How far outside its range a ratio may be.
-        std
-            Standard deviation of the value: of its 95 % interval an arm has to have some.
-        """
+        """Return whether an arm may have a value: a ratio near its range, a size of the right sign."""
         low, high = self.believable_range(ratio_factor)
         uncertain = 2.0 * std if self.neutral else 0.0
         return low < value + uncertain and value - uncertain < high
 
     def believable_range(self, ratio_factor: float) -> tuple[float, float]:
-        """Return between which values an arm may have it: a ratio near its range, a size of the right sign.
-
-        Parameters
-        ----------
-        ratio_factor
-            How far outside its range a ratio may be.
-        """
+        """Return between which values an arm may have it: a ratio near its range, a size of the right sign."""
         if self.neutral == 0.0 and self.low > 0.0:
             return 0.0, math.inf
         if self.neutral:

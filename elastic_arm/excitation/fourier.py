@@ -91,23 +91,7 @@ class FourierTrajectory:
     def of_periods(
         cls, period: float, a: Array, b: Array, q0: Array, *, periods: float = 1.0, ramp: float, joints: Any = ()
     ) -> FourierTrajectory:
-        """Make a trajectory that holds `periods` whole periods of `period` seconds between its ramps.
-
-        Parameters
-        ----------
-        period
-            s.
-        a, b
-            (n, H) velocity amplitudes of sines and cosines, rad/s.
-        q0
-            (n,) rad.
-        periods
-            How many between the ramps.
-        ramp
-            s of each ramp.
-        joints
-            Their names.
-        """
+        """Make a trajectory that holds `periods` whole periods of `period` seconds between its ramps."""
         require(period > 0.0, f"period is {period:g} s", "Give a time above zero")
         require(periods > 0.0, f"{periods:g} periods are asked for", "Ask for at least one")
         return cls(2.0 * np.pi / period, a, b, q0, periods * period + 2.0 * ramp, ramp, tuple(joints))
@@ -156,13 +140,7 @@ class FourierTrajectory:
         return self._with(duration=periods * self.period + 2.0 * self.ramp)
 
     def save(self, path: str | Path) -> None:
-        """Write the trajectory as YAML that :func:`load_trajectory` reads back exactly.
-
-        Raises
-        ------
-        ExcitationError
-            If the file cannot be written.
-        """
+        """Write the trajectory as YAML that :func:`load_trajectory` reads back exactly."""
         content = {
             "schema": SCHEMA,
             "joints": list(self.joints),

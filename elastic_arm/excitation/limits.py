@@ -91,19 +91,7 @@ class MotionLimits:
         workspace: Workspace | None = None,
         margin: float = MARGIN,
     ) -> MotionLimits:
-        """Take the limits of `robot`, defaults where it states none, lowered to the given ones (all joints alike).
-
-        Parameters
-        ----------
-        robot
-            The arm.
-        velocity, acceleration, torque
-            rad/s, rad/s², Nm; m/s, m/s², N for prismatic joints.
-        workspace
-            Where the links may be; anywhere when None.
-        margin
-            Least distance of links from one another and from the floor, m.
-        """
+        """Take the limits of `robot`, defaults where it states none, lowered to the given ones (all joints alike)."""
         values: dict[str, Array] = {}
         assumed: list[str] = []
         for name in DEFAULTS:
@@ -156,15 +144,6 @@ class MotionLimits:
         """Return how much of every limit a motion uses, start and stop included.
 
         Torque is the rigid arm's, theta = q: the deflections of a stiff drive change it little.
-
-        Parameters
-        ----------
-        trajectory
-            The motion.
-        model
-            Of the arm.
-        t
-            (N,) s at which it is looked at; dense over its duration when None.
         """
         q, dq, ddq = trajectory.evaluate(limit_times(trajectory) if t is None else t)
         tau = rigid_torque(model, q, dq, ddq)

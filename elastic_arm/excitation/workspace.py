@@ -47,20 +47,6 @@ class Workspace:
 
         Neighbours are left out, and so are links that touch in every pose (a wrist whose axes meet) and link ends
         whose height no joint changes.
-
-        Parameters
-        ----------
-        robot
-            The arm.
-        radius
-            Of the links, m; as the description has it when None.
-        floor
-            Height that no link may go below, m; None for no floor.
-
-        Raises
-        ------
-        ExcitationError
-            If radius or floor is no number.
         """
         for name, value in (("radius of the links", radius), ("height of the floor", floor)):
             require(value is None or bool(np.isfinite(value)), f"the {name} is {value} m", "Give a finite number.")

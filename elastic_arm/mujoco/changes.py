@@ -42,26 +42,16 @@ _FROM = {
 
 @dataclass(frozen=True)
 class Change:
-    """A number of a file that changes.
+    """A number of a file that changes."""
 
-    Parameters
-    ----------
-    element
-        Joint or body, by name.
-    number, unit
-        What it is.
-    before, after
-        Its values.
-    std
-        Standard deviation of the new value, where it was estimated.
-    """
-
-    element: str
+    element: str  # joint or body, by name
+    # number, unit: what it is
     number: str
     unit: str
+    # before, after: its values
     before: tuple[float, ...]
     after: tuple[float, ...]
-    std: float | None = None
+    std: float | None = None  # standard deviation of the new value, where it was estimated
 
     def to_dict(self) -> dict[str, object]:
         """Return it as plain data."""

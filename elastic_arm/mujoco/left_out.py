@@ -29,25 +29,15 @@ SAMPLES = 200
 
 @dataclass(frozen=True)
 class Left:
-    """A number or an effect of an arm that a file does not hold.
+    """A number or an effect of an arm that a file does not hold."""
 
-    Parameters
-    ----------
-    what, joint
-        Its name, and the joint that it sits on; None for the whole arm.
-    numbers
-        Name of each of its numbers -> value, with unit in `units`.
-    reason
-        Why it is not there.
-    cost
-        By joint, root mean square of the torque that is missing, Nm; empty where it is none or not known.
-    """
-
+    # what, joint: its name, and the joint that it sits on; None for the whole arm
     what: str
     joint: str | None
-    numbers: Mapping[str, Any]
-    reason: str
+    numbers: Mapping[str, Any]  # name of each of its numbers -> value, with unit in `units`
+    reason: str  # why it is not there
     units: Mapping[str, str] = field(default_factory=dict)
+    # by joint, root mean square of the torque that is missing, Nm; empty where it is none or not known
     cost: Mapping[str, float] = field(default_factory=dict)
 
     def to_dict(self) -> dict[str, Any]:

@@ -32,23 +32,14 @@ MOST_POINTS = 20000  # of a course that is kept for figures
 
 @dataclass(frozen=True)
 class JointErrors:
-    """How far a model is from a recording, (n,) each.
+    """How far a model is from a recording, (n,) each."""
 
-    Parameters
-    ----------
-    position, velocity, torque
-        Root mean squares, rad, rad/s and Nm.
-    correlation
-        Of the torque that the model needs with the torque recorded.
-    lag
-        s by which the recorded torque is later than the model's; NaN where no lag fits better than none.
-    """
-
+    # position, velocity, torque: root mean squares, rad, rad/s and Nm
     position: Array
     velocity: Array
     torque: Array
-    correlation: Array
-    lag: Array
+    correlation: Array  # of the torque that the model needs with the torque recorded
+    lag: Array  # s by which the recorded torque is later than the model's; NaN where no lag fits better than none
 
 
 @dataclass(frozen=True)

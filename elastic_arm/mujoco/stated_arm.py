@@ -37,27 +37,13 @@ class StatedJoint:
 
 @dataclass(frozen=True)
 class StatedArm:
-    """A rigid arm in the numbers that simulators' files hold.
+    """A rigid arm in the numbers that simulators' files hold."""
 
-    Parameters
-    ----------
-    links
-        Inertia of each link, in its frame.
-    joints
-        Numbers of each joint.
-    gravity : (3,)
-        m/s^2.
-    left
-        Effects that no number states, each with the reason.
-    delays
-        The effects that the joints' delays come from.
-    """
-
-    links: tuple[Inertia, ...]
-    joints: tuple[StatedJoint, ...]
-    gravity: Array
-    left: tuple[tuple[EffectInstance, str], ...] = ()
-    delays: tuple[EffectInstance, ...] = ()
+    links: tuple[Inertia, ...]  # inertia of each link, in its frame
+    joints: tuple[StatedJoint, ...]  # numbers of each joint
+    gravity: Array  # (3,) m/s^2
+    left: tuple[tuple[EffectInstance, str], ...] = ()  # effects that no number states, each with the reason
+    delays: tuple[EffectInstance, ...] = ()  # the effects that the joints' delays come from
 
     def with_joint(self, i: int, **numbers: float) -> StatedArm:
         """Return it with these numbers added to those of a joint."""

@@ -95,17 +95,7 @@ class Joint:
 
     @classmethod
     def from_dh(cls, name: str, link_name: str, link: Inertia, dh: DH, **rest: Any) -> Joint:
-        """Make a joint from its Denavit-Hartenberg row (paper, (3)).
-
-        Parameters
-        ----------
-        name, link_name, link
-            As of the class.
-        dh
-            The row.
-        **rest
-            Other fields of the class.
-        """
+        """Make a joint from its Denavit-Hartenberg row (paper, (3))."""
         return cls(name, link_name, link, after=dh.placement, dh=dh, **rest)
 
 
@@ -229,13 +219,7 @@ class Robot:
         return self.with_(joints=tuple(replace(joint, armature=joint.armature or 0.0) for joint in self.joints))
 
     def with_ratio(self, r_tot: float) -> Robot:
-        """Return a copy whose joints all have total ratio `r_tot`, split as in the description.
-
-        Raises
-        ------
-        RobotError
-            If the arm has no transmissions or its description does not split `r_tot`.
-        """
+        """Return a copy whose joints all have total ratio `r_tot`, split as in the description."""
         require(self.elastic, f"robot {self.name} has no transmissions", "Use an arm file with transmissions")
         known = ", ".join(f"{r:g}" for r in self.total_ratios_studied) or "none"
         require(

@@ -25,35 +25,20 @@ SOURCES = tuple(Path(__file__).parents[1] / name for name in ("codegen", "dynami
 
 @dataclass(frozen=True)
 class System:
-    """An arm with effects, ready to be integrated.
+    """An arm with effects, ready to be integrated."""
 
-    Parameters
-    ----------
-    equations, effect_set
-        The arm and the laws that act on it.
-    constants
-        (Psi, p, speed) -> all that depends on parameters alone, evaluated once.
-    accelerations
-        (x, dx, z, tau_m, constants) -> (ddx, dz, tau_J).
-    balance
-        (x, dx, z, Psi, p, speed) -> left side of (1) with the effects at no acceleration and no motor torque.
-    stiffness_of_balance
-        Its derivative by x.
-    friction
-        (x, dx, z, tau_m, Psi, p, speed) -> derivative of the left side by the signs of the velocities (dof, 2n), and
-        the mass matrix.
-    integrators
-        Made of it so far, by name; shared by all systems of its shape.
-    """
-
+    # equations, effect_set: the arm and the laws that act on it
     equations: ArmEquations
     effect_set: EffectSet
-    constants: ca.Function
-    accelerations: ca.Function
+    constants: ca.Function  # (Psi, p, speed) -> all that depends on parameters alone, evaluated once
+    accelerations: ca.Function  # (x, dx, z, tau_m, constants) -> (ddx, dz, tau_J)
+    # (x, dx, z, Psi, p, speed) -> left side of (1) with the effects at no acceleration and no motor torque
     balance: ca.Function
-    stiffness_of_balance: ca.Function
+    stiffness_of_balance: ca.Function  # its derivative by x
+    # (x, dx, z, tau_m, Psi, p, speed) -> derivative of the left side by the signs of the velocities (dof, 2n), and the
+    # mass matrix
     friction: ca.Function
-    integrators: dict[str, Any]
+    integrators: dict[str, Any]  # made of it so far, by name; shared by all systems of its shape
 
     @property
     def n(self) -> int:

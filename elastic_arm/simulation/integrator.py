@@ -44,47 +44,24 @@ class IntegratorState:
 
 @dataclass(frozen=True)
 class Solution:
-    """The motion at each sample, and the torques around it.
+    """The motion at each sample, and the torques around it."""
 
-    Parameters
-    ----------
-    y : (N, 2 dof + states)
-        As in :class:`IntegratorState`.
-    tau_J, tau_m : (N, n)
-        Means over the sample interval centred on the sample, Nm.
-    command : (N, n)
-        Motor torque held from the sample on, Nm.
-    """
-
-    y: Array
+    y: Array  # (N, 2 dof + states) as in :class:`IntegratorState`
+    # tau_J, tau_m: (N, n) means over the sample interval centred on the sample, Nm
     tau_J: Array
     tau_m: Array
-    command: Array
+    command: Array  # (N, n) motor torque held from the sample on, Nm
 
 
 @dataclass(frozen=True)
 class ClosedLoop:
-    """What does not change during a run.
+    """What does not change during a run."""
 
-    Parameters
-    ----------
-    constants
-        Of the system, as its function of that name gives them.
-    gains : (4, n)
-        kp in Nm/rad, kd in Nm s/rad, ki in Nm/(rad s), torque limit in Nm.
-    period
-        Of the samples, s.
-    half_steps
-        Integration steps in half a period.
-    commands
-        A sample: 1, or an even number that divides the steps.
-    """
-
-    constants: Array
-    gains: Array
-    period: float
-    half_steps: int
-    commands: int = 1
+    constants: Array  # of the system, as its function of that name gives them
+    gains: Array  # (4, n) kp in Nm/rad, kd in Nm s/rad, ki in Nm/(rad s), torque limit in Nm
+    period: float  # of the samples, s
+    half_steps: int  # integration steps in half a period
+    commands: int = 1  # a sample: 1, or an even number that divides the steps
 
 
 class Integrator(Protocol):

@@ -175,18 +175,7 @@ class Simulator:
         return self._samples / self.rate
 
     def follow(self, q: Array, dq: Array, ddq: Array) -> tuple[Truth, dict[str, Array]]:
-        """Run over a reference of the motor side, (N, n) each, at the sample rate.
-
-        Parameters
-        ----------
-        q, dq, ddq
-            (N, n) rad, rad/s and rad/s².
-
-        Returns
-        -------
-        truth, measured
-            Of the N samples: the truth, and the channels q, dq, tau_J, theta, dtheta, tau_m as the sensors read them.
-        """
+        """Run over a reference of the motor side, (N, n) each, at the sample rate."""
         given = np.concatenate([q, dq, ddq], axis=1, dtype=float)
         late = np.split(self._late(given), 3, axis=1)
         return self._advance(self._loop, self.controller.commanded(late[0], late[1], late[2], self.rate))
@@ -220,17 +209,6 @@ class Simulator:
 
         Bearings start untilted. `command` is the motor torque held until now, `z` the internal states of effects;
         both are zero when None.
-
-        Parameters
-        ----------
-        q, theta
-            (n,) rad.
-        dq, dtheta
-            (n,) rad/s.
-        command
-            (n,) motor torque held until now, Nm; zero when None.
-        z
-            Internal states of the effects; zero when None.
         """
         dof = self.system.dof
         parts = (q, theta) if self.robot.elastic else (q,)
@@ -246,11 +224,6 @@ class Simulator:
         """Go on from the present motion with other effects; internal states of effects start anew.
 
         Equations of a shape not met before are compiled, which takes a second or two.
-
-        Raises
-        ------
-        EffectError, SimulationError
-            If an effect cannot act on this arm, or leaves it no equilibrium; the arm goes on with those it had.
         """
         before = vars(self).copy()
         try:

@@ -158,18 +158,11 @@ class Clear:
 
 @dataclass(frozen=True)
 class _Undone:
-    """What undoing a low pass of a recorded torque takes, at any corner.
+    """What undoing a low pass of a recorded torque takes, at any corner."""
 
-    Parameters
-    ----------
-    rate
-        (N, n) Nm/s of the recorded torque, where it is clear of its noise.
-    clear, visible
-        Keep the frequencies at which it is clear of its noise, and at which it shows; None where no model's torque is
-        there to take its place.
-    """
-
-    rate: Array
+    rate: Array  # (N, n) Nm/s of the recorded torque, where it is clear of its noise
+    # clear, visible: keep the frequencies at which it is clear of its noise, and at which it shows; None where no
+    # model's torque is there to take its place
     clear: Clear | None = None
     visible: Clear | None = None
 

@@ -19,27 +19,13 @@ WORLD = 0
 
 @dataclass(frozen=True)
 class MjcfChain:
-    """The arm in a compiled model, by the model's ids.
+    """The arm in a compiled model, by the model's ids."""
 
-    Parameters
-    ----------
-    base
-        Body that the arm stands on.
-    joints
-        Hinges and slides from base to tip.
-    link_of
-        By body, the index of the link that it is part of; bodies outside the arm are missing.
-    held
-        Moving joints on the links that are no part of the chain, such as fingers.
-    plays
-        Joint that is the play of another -> that one; held, too.
-    """
-
-    base: int
-    joints: tuple[int, ...]
-    link_of: dict[int, int]
-    held: tuple[int, ...]
-    plays: Mapping[int, int]
+    base: int  # body that the arm stands on
+    joints: tuple[int, ...]  # hinges and slides from base to tip
+    link_of: dict[int, int]  # by body, the index of the link that it is part of; bodies outside the arm are missing
+    held: tuple[int, ...]  # moving joints on the links that are no part of the chain, such as fingers
+    plays: Mapping[int, int]  # joint that is the play of another -> that one; held, too
 
 
 def find_chain(model: Any, chain: Chain | None) -> MjcfChain:
