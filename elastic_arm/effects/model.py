@@ -58,41 +58,23 @@ class Confusion:
 
 @dataclass(frozen=True)
 class Ordinary:
-    """Up to which size an effect is ordinary: every real arm has as much, so it is counted as part of the model.
+    """Up to which size an effect is ordinary: every real arm has as much, so it is counted as part of the model."""
 
-    Parameters
-    ----------
-    parameter
-        Its size: how much there is.
-    most
-        (sample rate in Hz) -> largest ordinary distance from no effect, in the parameter's unit.
-    note
-        (parameters and choices, place) -> what the diagnosis notes of it.
-    """
-
-    parameter: str
+    parameter: str  # its size: how much there is
+    # (sample rate in Hz) -> largest ordinary distance from no effect, in the parameter's unit
     most: Callable[[float], float]
-    note: Callable[[Mapping[str, Any], str], str]
+    note: Callable[[Mapping[str, Any], str], str]  # (parameters and choices, place) -> what the diagnosis notes of it
 
 
 @dataclass(frozen=True)
 class Plant:
-    """An arm about to be simulated, as effects find and change it.
+    """An arm about to be simulated, as effects find and change it."""
 
-    Parameters
-    ----------
-    robot, sensors
-        The true arm and its sensors.
-    bearings
-        Whether its bearings tilt.
-    laws
-        Effects whose laws enter the equations.
-    """
-
+    # robot, sensors: the true arm and its sensors
     robot: Robot
     sensors: Sensors
-    bearings: bool = False
-    laws: tuple[EffectInstance, ...] = ()
+    bearings: bool = False  # whether its bearings tilt
+    laws: tuple[EffectInstance, ...] = ()  # effects whose laws enter the equations
 
 
 @dataclass(frozen=True)
@@ -266,14 +248,9 @@ class Effect:
 
 @dataclass(frozen=True)
 class SensorEffect(Effect):
-    """An effect of what the sensors record; its law is written in recorded channels.
+    """An effect of what the sensors record; its law is written in recorded channels."""
 
-    Parameters
-    ----------
-    change
-        (sensors, joint index, n, parameters) -> sensors.
-    """
-
+    # (sensors, joint index, n, parameters) -> sensors
     change: Callable[[Sensors, int, int, Mapping[str, Any]], Sensors] = field(kw_only=True)
 
     def added_to(self, plant: Plant, instance: EffectInstance) -> Plant:
@@ -286,15 +263,9 @@ class SensorEffect(Effect):
 
 @dataclass(frozen=True)
 class StructuralEffect(Effect):
-    """An effect of what the arm is made of.
+    """An effect of what the arm is made of."""
 
-    Parameters
-    ----------
-    change
-        (plant, parameters) -> plant.
-    """
-
-    change: Callable[[Plant, Mapping[str, Any]], Plant] = field(kw_only=True)
+    change: Callable[[Plant, Mapping[str, Any]], Plant] = field(kw_only=True)  # (plant, parameters) -> plant
 
     def added_to(self, plant: Plant, instance: EffectInstance) -> Plant:
         """Return the arm with its parts changed."""
@@ -305,23 +276,15 @@ class StructuralEffect(Effect):
 class EffectInstance:
     """An effect on an arm.
 
-    Parameters
-    ----------
-    effect
-        What acts.
-    joint
-        Name of the joint; None for the whole arm.
-    parameters
-        Every parameter and choice by name; those with a default may be left out.
-
     Raises
     ------
     EffectError
         If a parameter is unknown, missing, or makes no sense.
     """
 
-    effect: Effect
-    joint: str | None
+    effect: Effect  # what acts
+    joint: str | None  # name of the joint; None for the whole arm
+    # every parameter and choice by name; those with a default may be left out
     parameters: Mapping[str, Value] = field(default_factory=dict)
 
     def __post_init__(self) -> None:

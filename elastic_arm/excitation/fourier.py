@@ -33,34 +33,21 @@ _SPEED, _CURVATURE = _STEP.deriv(), _STEP.deriv(2)
 class FourierTrajectory:
     """A periodic motion of n joints that starts and stops smoothly.
 
-    Parameters
-    ----------
-    omega
-        Base frequency, rad/s.
-    a, b : (n, H)
-        Velocity amplitudes of the sines' and cosines' harmonics 1 to H, rad/s.
-    q0 : (n,)
-        Where the motion starts, stops and swings about, rad.
-    duration
-        From rest to rest, s.
-    ramp
-        Length of the smooth start and of the smooth stop, s; 0 for a series that begins and ends in full motion.
-    joints
-        Names of the joints; empty where nobody has named them.
-
     Raises
     ------
     ExcitationError
         If the numbers make no motion.
     """
 
-    omega: float
+    omega: float  # base frequency, rad/s
+    # a, b: (n, H) Velocity amplitudes of the sines' and cosines' harmonics 1 to H, rad/s
     a: Array
     b: Array
-    q0: Array
-    duration: float
+    q0: Array  # (n,) where the motion starts, stops and swings about, rad
+    duration: float  # from rest to rest, s
+    # length of the smooth start and of the smooth stop, s; 0 for a series that begins and ends in full motion
     ramp: float = 0.0
-    joints: tuple[str, ...] = ()
+    joints: tuple[str, ...] = ()  # names of the joints; empty where nobody has named them
 
     def __post_init__(self) -> None:
         for name, dimensions in (("a", 2), ("b", 2), ("q0", 1)):

@@ -43,35 +43,20 @@ FEWEST_SAMPLES = 200
 
 @dataclass(frozen=True, eq=False)
 class MotionLimits:
-    """Limits of all joints, (n,) each, and of the workspace; see :data:`DEFAULTS` and :data:`LINEAR_DEFAULTS`.
+    """Limits of all joints, (n,) each, and of the workspace; see :data:`DEFAULTS` and :data:`LINEAR_DEFAULTS`."""
 
-    Parameters
-    ----------
-    joints
-        Their names.
-    position_min, position_max, velocity, acceleration, torque
-        rad, rad/s, rad/s^2, Nm, of prismatic joints m, m/s, m/s^2, N; torque at the harmonic-drive output, infinite
-        where unlimited.
-    workspace
-        None where the arm may go everywhere.
-    margin
-        Smallest gap to the floor and between links, m; :data:`MARGIN` by default.
-    assumed
-        Sentences on limits that the description does not state.
-    units
-        Of the joints.
-    """
-
-    joints: tuple[str, ...]
+    joints: tuple[str, ...]  # their names
+    # position_min, position_max, velocity, acceleration, torque: rad, rad/s, rad/s^2, Nm, of prismatic joints m, m/s,
+    # m/s^2, N; torque at the harmonic-drive output, infinite where unlimited
     position_min: Array
     position_max: Array
     velocity: Array
     acceleration: Array
     torque: Array
-    workspace: Workspace | None = None
-    margin: float = MARGIN
-    assumed: tuple[str, ...] = ()
-    units: JointUnits = field(default_factory=lambda: JointUnits(()))
+    workspace: Workspace | None = None  # None where the arm may go everywhere
+    margin: float = MARGIN  # smallest gap to the floor and between links, m; :data:`MARGIN` by default
+    assumed: tuple[str, ...] = ()  # sentences on limits that the description does not state
+    units: JointUnits = field(default_factory=lambda: JointUnits(()))  # of the joints
 
     def __post_init__(self) -> None:
         sane = bool(np.isfinite(self.margin)) and self.margin >= 0.0

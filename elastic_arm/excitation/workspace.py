@@ -19,27 +19,14 @@ PROBES = 256
 
 @dataclass(frozen=True)
 class Workspace:
-    """What the links of an arm must stay clear of.
+    """What the links of an arm must stay clear of."""
 
-    Parameters
-    ----------
-    robot
-        Its kinematics.
-    radius
-        Of the capsules, m.
-    floor
-        Height of the floor above the ground frame's origin, against gravity, m; None without a floor.
-    heights
-        Indices of the link ends (:func:`elastic_arm.robot.kinematics.link_points`) that must stay above the floor.
-    pairs : (P, 2)
-        Links that must stay clear of each other.
-    """
-
-    robot: Robot
-    radius: float
-    floor: float | None
+    robot: Robot  # its kinematics
+    radius: float  # of the capsules, m
+    floor: float | None  # height of the floor above the ground frame's origin, against gravity, m; None without a floor
+    # indices of the link ends (:func:`elastic_arm.robot.kinematics.link_points`) that must stay above the floor
     heights: NDArray[np.intp]
-    pairs: NDArray[np.intp]
+    pairs: NDArray[np.intp]  # (P, 2) links that must stay clear of each other
 
     @classmethod
     def of(cls, robot: Robot, *, radius: float | None = None, floor: float | None = 0.0) -> Workspace:

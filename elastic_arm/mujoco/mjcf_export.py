@@ -48,27 +48,13 @@ _ALL_TURN = JointUnits(())
 
 @dataclass(frozen=True)
 class Exported:
-    """What an export wrote.
+    """What an export wrote."""
 
-    Parameters
-    ----------
-    files
-        The file, and copies of what it includes where that changed.
-    changes
-        Numbers before and after.
-    left
-        What the file does not hold of the arm.
-    notes
-        What else is to be known of the file.
-    units
-        At the arm's joints.
-    """
-
-    files: tuple[Path, ...]
-    changes: tuple[Change, ...]
-    left: tuple[Left, ...]
-    notes: tuple[str, ...] = ()
-    units: JointUnits = _ALL_TURN
+    files: tuple[Path, ...]  # the file, and copies of what it includes where that changed
+    changes: tuple[Change, ...]  # numbers before and after
+    left: tuple[Left, ...]  # what the file does not hold of the arm
+    notes: tuple[str, ...] = ()  # what else is to be known of the file
+    units: JointUnits = _ALL_TURN  # at the arm's joints
 
 
 def require_same_joints(robot: Robot, base: Robot, path: Path) -> None:

@@ -55,36 +55,17 @@ class ReplayedCourse:
 
 @dataclass(frozen=True)
 class Replay:
-    """A model on a recording.
+    """A model on a recording."""
 
-    Parameters
-    ----------
-    name
-        Of the model.
-    joints
-        Names.
-    window
-        s.
-    windows
-        How many were replayed.
-    open_loop
-        Errors in windows.
-    closed_loop
-        Root mean square of the position error under the recorded reference (n,) rad; None where there is none.
-    course
-        For figures.
-    prismatic
-        Names of the joints that slide: their errors are in m and N.
-    """
-
-    name: str
-    joints: tuple[str, ...]
-    window: float
-    windows: int
-    open_loop: JointErrors
+    name: str  # of the model
+    joints: tuple[str, ...]  # names
+    window: float  # s
+    windows: int  # how many were replayed
+    open_loop: JointErrors  # errors in windows
+    # root mean square of the position error under the recorded reference (n,) rad; None where there is none
     closed_loop: Array | None
-    course: ReplayedCourse
-    prismatic: tuple[str, ...] = ()
+    course: ReplayedCourse  # for figures
+    prismatic: tuple[str, ...] = ()  # names of the joints that slide: their errors are in m and N
 
     @property
     def units(self) -> JointUnits:

@@ -42,41 +42,23 @@ class Joint:
 
     All numbers of a prismatic joint are linear ones: travel in m for an angle, force in N for a torque, kg for an
     armature, rad of the rotor per m for a ratio.
-
-    Parameters
-    ----------
-    name
-        Of the joint, as in recordings.
-    link_name
-        Of the link it moves.
-    link
-        Inertia of that link, in its frame ``O_i``.
-    before, after : (4, 4)
-        Link i-1's frame -> the joint's frame ``O_{i-1}`` (z is the axis), and the turned joint frame -> ``O_i``.
-    transmission
-        None for a joint driven at the link (a plain URDF).
-    dh
-        The row that `after` comes from, where there is one; only kept to be written again.
-    armature
-        Inertia of the motor and its gears, as the joint feels it, of a joint without transmission, kg m^2: it counts
-        for the joint's own acceleration alone. None where nothing is known of it, and no model then holds it.
-    prismatic
-        Whether it slides along z instead of turning about it.
-    controller
-        Of its drive; None where nothing is known of it.
     """
 
-    name: str
-    link_name: str
-    link: Inertia
+    name: str  # of the joint, as in recordings
+    link_name: str  # of the link it moves
+    link: Inertia  # inertia of that link, in its frame ``O_i``
+    # before, after: (4, 4) Link i-1's frame -> the joint's frame ``O_{i-1}`` (z is the axis), and the turned joint
+    # frame -> ``O_i``
     before: np.ndarray = field(default_factory=lambda: np.eye(4))
     after: np.ndarray = field(default_factory=lambda: np.eye(4))
     limits: Limits = field(default_factory=Limits)
-    transmission: Transmission | None = None
-    dh: DH | None = None
+    transmission: Transmission | None = None  # None for a joint driven at the link (a plain URDF)
+    dh: DH | None = None  # the row that `after` comes from, where there is one; only kept to be written again
+    # inertia of the motor and its gears, as the joint feels it, of a joint without transmission, kg m^2: it counts for
+    # the joint's own acceleration alone. None where nothing is known of it, and no model then holds it
     armature: float | None = None
-    prismatic: bool = False
-    controller: JointController | None = None
+    prismatic: bool = False  # whether it slides along z instead of turning about it
+    controller: JointController | None = None  # of its drive; None where nothing is known of it
 
     def __post_init__(self) -> None:
         if self.armature is not None:
@@ -101,38 +83,23 @@ class Joint:
 
 @dataclass(frozen=True, eq=False)
 class Robot:
-    """A serial arm of n joints, revolute or prismatic.
+    """A serial arm of n joints, revolute or prismatic."""
 
-    Parameters
-    ----------
-    name, joints
-        From one to MOST_JOINTS; all joints have a transmission, or none has.
-    gravity : (3,)
-        In the ground frame, m/s^2.
-    base_placement : (4, 4)
-        ``T_0^G`` of (2).
-    base_mass
-        kg; rests on the ground and enters no equation.
-    total_ratios_studied
-        r_tot -> (r_b, r_hd) (paper, section IV-C).
-    torque_noise_std, sample_rate
-        Of the recordings this arm makes: Nm, Hz.
-    effects
-        What this arm has beyond mod3, as plain data: ``{"effect": id, "joint": name or None, "parameters": {...}}``.
-    notes
-        What was read otherwise than written (like a URDF's fixed joints), one sentence each; not part of an arm file.
-    """
-
+    # name, joints: from one to MOST_JOINTS; all joints have a transmission, or none has
     name: str
     joints: tuple[Joint, ...]
-    gravity: np.ndarray = field(default_factory=lambda: np.array([0.0, 0.0, -9.81]))
-    base_placement: np.ndarray = field(default_factory=lambda: np.eye(4))
-    base_mass: float = 0.0
+    gravity: np.ndarray = field(default_factory=lambda: np.array([0.0, 0.0, -9.81]))  # (3,) in the ground frame, m/s^2
+    base_placement: np.ndarray = field(default_factory=lambda: np.eye(4))  # (4, 4) ``T_0^G`` of (2)
+    base_mass: float = 0.0  # kg; rests on the ground and enters no equation
     base_dh: DH | None = None
+    # r_tot -> (r_b, r_hd) (paper, section IV-C)
     total_ratios_studied: Mapping[float, tuple[float, float]] = field(default_factory=dict)
+    # torque_noise_std, sample_rate: of the recordings this arm makes: Nm, Hz
     torque_noise_std: float = 0.26
     sample_rate: float = 1000.0
+    # what this arm has beyond mod3, as plain data: ``{"effect": id, "joint": name or None, "parameters": {...}}``
     effects: tuple[Mapping[str, Any], ...] = ()
+    # what was read otherwise than written (like a URDF's fixed joints), one sentence each; not part of an arm file
     notes: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:

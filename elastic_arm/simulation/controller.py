@@ -38,30 +38,19 @@ def no_feedforward(q: Array, dq: Array, ddq: Array) -> Array:
 
 @dataclass(frozen=True)
 class Controller:
-    """A controller that reads the motor side without noise.
+    """A controller that reads the motor side without noise."""
 
-    Parameters
-    ----------
-    kp, kd, ki : (n,)
-        Nm/rad, Nm s/rad, Nm/(rad s). The integral rests where the torque is at its limit.
-    feedforward
-        Reference q, dq, ddq (N, n) -> torque (N, n).
-    limit, delay : (n,)
-        Nm, beside the joint's own limit, and s by which the reference comes late.
-    speed : (n,)
-        1 where the reference's rate is followed; 0 where it counts as zero, so that kd damps the motor's own.
-    commands
-        A sample: 1, or an even number.
-    """
-
+    # kp, kd, ki: (n,) Nm/rad, Nm s/rad, Nm/(rad s). The integral rests where the torque is at its limit
     kp: Array
     kd: Array
-    feedforward: Feedforward = no_feedforward
+    feedforward: Feedforward = no_feedforward  # reference q, dq, ddq (N, n) -> torque (N, n)
     ki: Array | float = 0.0
+    # limit, delay: (n,) Nm, beside the joint's own limit, and s by which the reference comes late
     limit: Array | float = np.inf
     delay: Array | float = 0.0
+    # (n,) 1 where the reference's rate is followed; 0 where it counts as zero, so that kd damps the motor's own
     speed: Array | float = 1.0
-    commands: int = 1
+    commands: int = 1  # a sample: 1, or an even number
 
     def __post_init__(self) -> None:
         n = np.size(self.kp)

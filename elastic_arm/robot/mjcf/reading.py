@@ -37,24 +37,12 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class MjcfArm:
-    """An arm in a compiled MuJoCo model.
+    """An arm in a compiled MuJoCo model."""
 
-    Parameters
-    ----------
-    model
-        `MjModel`.
-    chain
-        Which of its bodies and joints are the arm.
-    qpos : (nq,)
-        Positions at which what is outside the chain is held; chain joints at their reference.
-    robot
-        The arm as data.
-    """
-
-    model: Any
-    chain: MjcfChain
-    qpos: Array
-    robot: Robot
+    model: Any  # `MjModel`
+    chain: MjcfChain  # which of its bodies and joints are the arm
+    qpos: Array  # (nq,) positions at which what is outside the chain is held; chain joints at their reference
+    robot: Robot  # the arm as data
 
     @property
     def positions(self) -> NDArray[np.intp]:
