@@ -337,7 +337,7 @@ class EffectInstance:
         """Return why no arm has the effect at this size, in words; None where one may.
 
         A size is beyond what is plausible of any arm, or it is a torque that is larger than the joint's own limit:
-        such a size says that a unit, a sign or a mapping is wrong, and it is no property of an arm to be written down.
+        a unit, a sign or a mapping is wrong then, and there is no property of an arm to be written down.
         """
         torques = [robot.joints[i].limits.torque for i in self.joint_indices(robot)]
         limit = math.inf if None in torques else max(t for t in torques if t is not None)
