@@ -135,19 +135,7 @@ class Sensors:
 
 
 class SensorBank:
-    """Sensors at work: true samples in, measured samples out, in blocks of any length.
-
-    Parameters
-    ----------
-    sensors
-        The settings.
-    n
-        Number of joints.
-    rate
-        Sample rate, Hz.
-    rng
-        Source of the noise; every channel draws from a child of its own.
-    """
+    """Sensors at work: true samples in, measured samples out, in blocks of any length."""
 
     def __init__(self, sensors: Sensors, n: int, rate: float, rng: np.random.Generator) -> None:
         self.sensors, self._rate = sensors, rate
@@ -227,15 +215,7 @@ def _encoder(
 
 
 class Drift:
-    """Moves the zero of each joint's channel at a rate of its own, from the first sample on.
-
-    Parameters
-    ----------
-    drift
-        (n,) per second.
-    rate
-        Sample rate, Hz.
-    """
+    """Moves the zero of each joint's channel at a rate of its own, from the first sample on."""
 
     def __init__(self, drift: Array, rate: float) -> None:
         self._step, self._seen = drift / rate, 0
@@ -248,15 +228,7 @@ class Drift:
 
 
 class FirstOrderFilter:
-    """A first-order low pass for each joint's channel by the bilinear rule, at rest before the first sample.
-
-    Parameters
-    ----------
-    cutoff
-        (n,) Hz; zero leaves a channel as it is.
-    rate
-        Sample rate, Hz.
-    """
+    """A first-order low pass for each joint's channel by the bilinear rule, at rest before the first sample."""
 
     def __init__(self, cutoff: Array, rate: float) -> None:
         self._on = cutoff > 0
@@ -278,15 +250,7 @@ class FirstOrderFilter:
 
 
 class DelayLine:
-    """Delays each joint's channel by its own time; the arm is taken to have been at rest before the first sample.
-
-    Parameters
-    ----------
-    delay
-        (n,) s, not negative.
-    rate
-        Sample rate, Hz.
-    """
+    """Delays each joint's channel by its own time; the arm is taken to have been at rest before the first sample."""
 
     def __init__(self, delay: Array, rate: float) -> None:
         weights = [delay_filter(d * rate) for d in delay]

@@ -23,17 +23,7 @@ ARRAYS = recursion.Trig(np.sin, np.cos)
 
 
 class ArmEquations:
-    """Equation (1) of one arm in one model variant.
-
-    Parameters
-    ----------
-    robot
-        The arm.
-    model
-        mod1, mod2 or mod3.
-    bearings
-        Whether the bearing tilts are coordinates.
-    """
+    """Equation (1) of one arm in one model variant."""
 
     def __init__(self, robot: Robot, model: str = "mod3", *, bearings: bool = False) -> None:
         self.robot, self.model_name, self._bearings = robot, model, bearings

@@ -15,20 +15,7 @@ FOLDERS = ("meshdir", "texturedir", "assetdir")
 
 
 class ShapedMjcf:
-    """The trees of an MJCF and of all that it includes.
-
-    Parameters
-    ----------
-    path
-        Of the main file.
-    text
-        In its place; read from the file when None.
-
-    Attributes
-    ----------
-    bodies
-        Elements of all bodies in MuJoCo's order, the world left out.
-    """
+    """The trees of an MJCF and of all that it includes."""
 
     def __init__(self, path: Path, text: str | None = None) -> None:
         self._path = path

@@ -14,20 +14,7 @@ _TOKEN = re.compile(r"<!--.*?-->|<!\[CDATA\[.*?\]\]>|<\?.*?\?>|<[^>]*>|[^<]+", r
 
 
 class ShapedXml:
-    """A file as lxml's tree, and its text.
-
-    Parameters
-    ----------
-    text
-        The whole file.
-    what
-        Its name in errors.
-
-    Raises
-    ------
-    RobotError
-        If it is no XML.
-    """
+    """A file as lxml's tree, and its text."""
 
     def __init__(self, text: bytes, what: str) -> None:
         # Entities of a file that somebody sent are not expanded, and nothing is fetched.

@@ -61,23 +61,7 @@ class MeasuredMotion(Protocol):
 
 
 class BatchPrediction:
-    """An arm that can be put into many measured states at once and driven from there.
-
-    Parameters
-    ----------
-    equations
-        Of the arm.
-    laws
-        Effects that act in it.
-    Psi
-        (P,) parameters of the equations.
-    stiffness
-        (n,) Nm/rad, roughly that of the drives: the deflection at the start is found with it, by iteration.
-    period
-        s between the samples of the measured motion.
-    duration
-        s of the recording, for effects that change over it.
-    """
+    """An arm that can be put into many measured states at once and driven from there."""
 
     def __init__(
         self,

@@ -2,7 +2,7 @@
 
 import casadi as ca
 
-from elastic_arm.effects.law import Confusion, Contribution, Effect, Numbers, Parameter, Role, SymbolicMotion
+from elastic_arm.effects.law import Confusion, Contribution, Effect, Numbers, SymbolicMotion, searched
 
 
 def law(motion: SymbolicMotion, i: int, p: Numbers) -> Contribution:
@@ -19,19 +19,7 @@ EFFECT = Effect(
     "+K b to -K b and the link rings.",
     law=law,
     # A loaded drive lies at one end of its play, and is wound beyond it.
-    parameters=(
-        Parameter(
-            "half_gap",
-            "rad",
-            1e-6,
-            2e-3,
-            role=Role.SEARCHED,
-            neutral=0.0,
-            least=0.0,
-            exceeded_by="deflection",
-            meaning="b",
-        ),
-    ),
+    parameters=(searched("half_gap", "rad", 1e-06, 0.002, "b", neutral=0.0, least=0.0, exceeded_by="deflection"),),
     sides=("drive",),
     regime="load",
     confusions=(

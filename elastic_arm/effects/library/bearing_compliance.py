@@ -9,12 +9,11 @@ from elastic_arm.effects.law import (
     Contribution,
     Effect,
     Numbers,
-    Parameter,
     Plant,
-    Role,
     Scope,
     StructuralEffect,
     SymbolicMotion,
+    searched,
 )
 from elastic_arm.effects.library.tilts import TiltRegressor
 from elastic_arm.errors import EffectError
@@ -82,19 +81,7 @@ EFFECT: Effect = StructuralEffect(
     description="The joints' bearings give way about x and y; the model holds them rigid.",
     signature="Link residuals of all joints that grow with the tilting moments and ring at the bearings' resonances.",
     law=law,
-    parameters=(
-        Parameter(
-            "stiffness_scale",
-            "1",
-            0.01,
-            10.0,
-            role=Role.SEARCHED,
-            default=1.0,
-            above=0.0,
-            inverse=True,
-            meaning="true / arm file",
-        ),
-    ),
+    parameters=(searched("stiffness_scale", "1", 0.01, 10.0, "true / arm file", default=1.0, above=0.0, inverse=True),),
     scope=Scope.ARM,
     sides=("link",),
     regime="frequency",

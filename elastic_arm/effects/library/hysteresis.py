@@ -2,7 +2,7 @@
 
 import casadi as ca
 
-from elastic_arm.effects.law import Confusion, Contribution, Effect, Numbers, Parameter, Role, SymbolicMotion
+from elastic_arm.effects.law import Confusion, Contribution, Effect, Numbers, SymbolicMotion, amount, searched
 
 
 def law(motion: SymbolicMotion, i: int, p: Numbers) -> Contribution:
@@ -20,20 +20,8 @@ EFFECT = Effect(
     "the direction of winding and changes over a deflection of about the width.",
     law=law,
     parameters=(
-        Parameter(
-            "torque", "Nm", 0.1, 50.0, neutral=0.0, least=0.0, example=(5.0, 20.0), meaning="H, half the loop's height"
-        ),
-        Parameter(
-            "width",
-            "rad",
-            2e-6,
-            2e-3,
-            role=Role.SEARCHED,
-            above=0.0,
-            draw=(3e-5, 3e-4),
-            example=(2e-4, 1e-3),
-            meaning="w_h",
-        ),
+        amount("torque", "Nm", 0.1, 50.0, "H, half the loop's height", example=(5.0, 20.0)),
+        searched("width", "rad", 2e-06, 0.002, "w_h", above=0.0, draw=(3e-05, 0.0003), example=(0.0002, 0.001)),
     ),
     sides=("drive",),
     regime="velocity_reversal",

@@ -5,7 +5,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from elastic_arm.effects.law import Confusion, Contribution, Effect, Numbers, Parameter, SymbolicMotion
+from elastic_arm.effects.law import Confusion, Contribution, Effect, Numbers, Parameter, SymbolicMotion, ratio
 
 
 def law(motion: SymbolicMotion, i: int, p: Numbers) -> Contribution:
@@ -30,7 +30,7 @@ EFFECT = Effect(
     signature="Weight and inertia of that link are off, felt by the link side of its joint and of those before it.",
     law=law,
     parameters=(
-        Parameter("mass", "1", 0.5, 2.0, neutral=1.0, default=1.0, above=0.0, meaning="r, true / nominal"),
+        ratio("mass", 0.5, 2.0, "r, true / nominal", default=1.0, above=0.0),
         Parameter(
             "com",
             "m",
@@ -41,9 +41,7 @@ EFFECT = Effect(
             size=3,
             meaning="s, shift of the centre of mass",
         ),
-        Parameter(
-            "inertia", "1", 0.5, 2.0, neutral=1.0, default=1.0, above=0.0, meaning="rho, beyond that of the mass"
-        ),
+        ratio("inertia", 0.5, 2.0, "rho, beyond that of the mass", default=1.0, above=0.0),
     ),
     sides=("link",),
     regime="load",

@@ -163,9 +163,7 @@ EFFECTS = (
         example=(2.0, 6.0),
         confusions=(
             Confusion(
-                "encoder_offset",
-                ONLY_DRIVE,
-                "the link or motor equation: an encoder offset does not show there",
+                "encoder_offset", ONLY_DRIVE, "the link or motor equation: an encoder offset does not show there"
             ),
         ),
     ),
@@ -182,9 +180,7 @@ EFFECTS = (
         sides=("drive",),
         confusions=(
             Confusion(
-                "backlash",
-                "the joint is loaded one way throughout",
-                "motion in which the joint torque changes sign",
+                "backlash", "the joint is loaded one way throughout", "motion in which the joint torque changes sign"
             ),
             Confusion("joint_torque_offset", ONLY_DRIVE, "the link or motor equation"),
         ),
@@ -201,9 +197,7 @@ EFFECTS = (
         change=changing("link_encoder", eccentricity="amplitude", phase="phase"),
         confusions=(
             Confusion(
-                "encoder_offset",
-                "the joint turns through a small angle",
-                "motion over a wide range of the joint",
+                "encoder_offset", "the joint turns through a small angle", "motion over a wide range of the joint"
             ),
         ),
     ),

@@ -29,13 +29,7 @@ CHANNELS = {"joint_torque": "tau_J", "motor_torque": "tau_m"}
 
 
 class FilteredTorques:
-    """Errors of filtered torque channels as they enter the residuals; the filter is the subclass's.
-
-    Parameters
-    ----------
-    equations
-        Of the arm.
-    """
+    """Errors of filtered torque channels as they enter the residuals; the filter is the subclass's."""
 
     def __init__(self, equations: ArmEquations) -> None:
         self.equations = equations
@@ -120,17 +114,7 @@ class LowPassedTorques(FilteredTorques):
 
 
 class Clear:
-    """Keeps the frequencies up to the highest at which a recorded torque has more than a power.
-
-    Parameters
-    ----------
-    t
-        (N,) s.
-    torque
-        (N, k) Nm.
-    least
-        (k,) Nm², that of white noise of such a variance.
-    """
+    """Keeps the frequencies up to the highest at which a recorded torque has more than a power."""
 
     def __init__(self, t: Array, torque: Array, least: Array) -> None:
         step = float(t[1] - t[0])

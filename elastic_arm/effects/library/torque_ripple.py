@@ -2,7 +2,7 @@
 
 import casadi as ca
 
-from elastic_arm.effects.law import Confusion, Contribution, Effect, Numbers, Parameter, Role, SymbolicMotion
+from elastic_arm.effects.law import Confusion, Contribution, Effect, Numbers, Parameter, SymbolicMotion, phase, searched
 
 
 def law(motion: SymbolicMotion, i: int, p: Numbers) -> Contribution:
@@ -19,19 +19,8 @@ EFFECT = Effect(
     law=law,
     parameters=(
         Parameter("amplitude", "Nm", 0.1, 50.0, neutral=0.0, meaning="A, at the harmonic-drive output"),
-        Parameter("phase", "rad", -3.141592653589793, 3.141592653589793, role=Role.PHASE, default=0.0, meaning="phi"),
-        Parameter(
-            "order",
-            "1",
-            0.5,
-            48.0,
-            role=Role.SEARCHED,
-            default=1.0,
-            above=0.0,
-            integer=True,
-            draw=(1, 3),
-            meaning="k, per rotor turn",
-        ),
+        phase(),
+        searched("order", "1", 0.5, 48.0, "k, per rotor turn", default=1.0, above=0.0, integer=True, draw=(1, 3)),
     ),
     sides=("motor",),
     regime="rotor_angle",

@@ -2,7 +2,7 @@
 
 import casadi as ca
 
-from elastic_arm.effects.law import Confusion, Contribution, Effect, Numbers, Parameter, Role, SymbolicMotion
+from elastic_arm.effects.law import Confusion, Contribution, Effect, Numbers, Parameter, SymbolicMotion, phase, searched
 
 
 def slope(motion: SymbolicMotion, i: int, p: Numbers) -> ca.SX:
@@ -34,27 +34,8 @@ EFFECT = Effect(
     law=law,
     parameters=(
         Parameter("amplitude", "rad", 1e-6, 1e-3, neutral=0.0, example=(2e-5, 1e-4), meaning="A"),
-        Parameter(
-            "phase",
-            "rad",
-            -3.141592653589793,
-            3.141592653589793,
-            role=Role.PHASE,
-            default=0.0,
-            example=(-3.0, 3.0),
-            meaning="phi",
-        ),
-        Parameter(
-            "order",
-            "1",
-            0.5,
-            8.0,
-            role=Role.SEARCHED,
-            default=2.0,
-            above=0.0,
-            integer=True,
-            meaning="k, per wave-generator turn",
-        ),
+        phase((-3.0, 3.0)),
+        searched("order", "1", 0.5, 8.0, "k, per wave-generator turn", default=2.0, above=0.0, integer=True),
     ),
     sides=("drive", "motor"),
     regime="wave_generator_angle",

@@ -2,7 +2,7 @@
 
 import casadi as ca
 
-from elastic_arm.effects.law import Choice, Confusion, Contribution, Effect, Numbers, Parameter, SymbolicMotion
+from elastic_arm.effects.law import Choice, Confusion, Contribution, Effect, Numbers, SymbolicMotion, amount
 from elastic_arm.errors import EffectError
 
 # rad/s within which its dry friction turns over. As that of one joint does where velocities are differences of angles.
@@ -35,11 +35,9 @@ EFFECT = Effect(
     signature="The torque of a wrist joint follows the motion of the next joint, and the other way round.",
     law=law,
     parameters=(
-        Parameter("dry", "Nm", 0.1, 100.0, neutral=0.0, least=0.0, example=(1.0, 3.0), meaning="F, of the motor"),
-        Parameter("viscous", "Nm s/rad", 0.1, 100.0, neutral=0.0, least=0.0, example=(1.0, 3.0), meaning="b"),
-        Parameter(
-            "inertia", "kg m²", 1e-3, 10.0, neutral=0.0, least=0.0, example=(0.01, 0.1), meaning="J, at the joint"
-        ),
+        amount("dry", "Nm", 0.1, 100.0, "F, of the motor", example=(1.0, 3.0)),
+        amount("viscous", "Nm s/rad", 0.1, 100.0, "b", example=(1.0, 3.0)),
+        amount("inertia", "kg m²", 0.001, 10.0, "J, at the joint", example=(0.01, 0.1)),
     ),
     choices=(Choice("turns", ("with", "against"), "with"),),
     sides=("motor",),
