@@ -81,90 +81,55 @@ class Plant:
 class Effect:
     """An effect that acts through its law.
 
-    Parameters
-    ----------
-    id
-        As in the contract.
-    formula
-        The law as text.
-    description
-        What it is.
-    signature
-        What an engineer sees of it in a recording.
-    law
-        (motion, joint index, parameters and internal states by name) -> contribution.
-    parameters, choices
-        Its numbers, and what else has to be chosen.
-    scope, sides, regime
-        Where it shows.
-    states
-        Names of internal states, which stay within -1 and 1; they start at zero in a simulation.
-    twist
-        For a transmission error: (motion, joint index, parameters) -> e(theta) and its rate, which all laws of the
-        joint then find in the deflection.
-    confusions
-        What it may be mistaken for.
-    magnitude
-        Names of the parameters that are its size: one, or several that are the components of one; the first parameter
-        where none is named.
-    needs_motion
-        Whether it shows by the motion of its own joint alone. A drive is wound where its joint stands still, too.
-    model_parameter
-        Whether it is an error of the model's own parameters: where these are identified first, nothing of it is left.
-    number
-        Name of the number of an arm's description that it is an error of, where it is one alone: "stiffness".
-    lacked_by
-        Model variants that lack it.
-    ordinary
-        Up to which size it is no cause; None where any size is one.
-    regressor
-        (equations of an arm) -> its regressor, where the law is not enough. Parameters that act linearly keep columns
-        that are derivatives of the law; the regressor then is the effect at given values of all parameters.
-    prior
-        (sample rate in Hz) -> standard deviation of its first parameter over ordinary arms of a refit; None where an
-        ordinary arm has none of it.
-    set_at_start
-        Whether it may be another one in each recording: a zero that is set anew at each start.
-    friction
-        Whether it is friction: what laws find as the friction of its side.
-    scales_friction, in_time
-        Whether the law takes the friction of the side (`motion.friction`), and how much of the recording has passed
-        (`motion.progress`, or `motion.elapsed` in s).
-    searched
-        Whether a diagnosis looks for it; False for what acts only where a description or a user states it.
-
     Raises
     ------
     EffectError
         If the entries contradict each other.
     """
 
-    id: str
-    formula: str
-    description: str
-    signature: str
-    law: Law
+    id: str  # as in the contract
+    formula: str  # the law as text
+    description: str  # what it is
+    signature: str  # what an engineer sees of it in a recording
+    law: Law  # (motion, joint index, parameters and internal states by name) -> contribution
+    # parameters, choices: its numbers, and what else has to be chosen
     parameters: tuple[Parameter, ...] = ()
     choices: tuple[Choice, ...] = ()
+    # scope, sides, regime: where it shows
     scope: Scope = Scope.EACH
     sides: tuple[str, ...] = ()
     regime: str = "always"
+    # names of internal states, which stay within -1 and 1; they start at zero in a simulation
     states: tuple[str, ...] = ()
+    # for a transmission error: (motion, joint index, parameters) -> e(theta) and its rate, which all laws of the joint
+    # then find in the deflection
     twist: Callable[[SymbolicMotion, int, Mapping[str, Any]], tuple[ca.SX, ca.SX]] | None = None
     sides_of: Callable[[Mapping[str, Any]], tuple[str, ...]] | None = None
-    confusions: tuple[Confusion, ...] = ()
+    confusions: tuple[Confusion, ...] = ()  # what it may be mistaken for
+    # names of the parameters that are its size: one, or several that are the components of one; the first parameter
+    # where none is named
     magnitude: tuple[str, ...] = ()
+    # whether it shows by the motion of its own joint alone. A drive is wound where its joint stands still, too
     needs_motion: bool = False
+    # whether it is an error of the model's own parameters: where these are identified first, nothing of it is left
     model_parameter: bool = False
+    # name of the number of an arm's description that it is an error of, where it is one alone: "stiffness"
     number: str = ""
-    lacked_by: tuple[str, ...] = MODELS
-    ordinary: Ordinary | None = None
+    lacked_by: tuple[str, ...] = MODELS  # model variants that lack it
+    ordinary: Ordinary | None = None  # up to which size it is no cause; None where any size is one
+    # (equations of an arm) -> its regressor, where the law is not enough. Parameters that act linearly keep columns
+    # that are derivatives of the law; the regressor then is the effect at given values of all parameters
     regressor: RegressorOf | None = None
+    # (sample rate in Hz) -> standard deviation of its first parameter over ordinary arms of a refit; None where an
+    # ordinary arm has none of it
     prior: Callable[[float], float] | None = None
-    set_at_start: bool = False
-    friction: bool = False
+    set_at_start: bool = False  # whether it may be another one in each recording: a zero that is set anew at each start
+    friction: bool = False  # whether it is friction: what laws find as the friction of its side
+    # scales_friction, in_time: whether the law takes the friction of the side (`motion.friction`), and how much of the
+    # recording has passed (`motion.progress`, or `motion.elapsed` in s)
     scales_friction: bool = False
     in_time: bool = False
+    # whether a diagnosis looks for it; False for what acts only where a description or a user states it
     searched: bool = True
 
     def __post_init__(self) -> None:
