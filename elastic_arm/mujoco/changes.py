@@ -26,6 +26,7 @@ JOINT_NUMBERS = {
     "friction_loss": ("frictionloss", "Nm"),
     "stiffness": ("stiffness", "Nm/rad"),
     "rest": ("springref", "rad"),
+    "zero": ("ref", "rad"),
     "delay": ("delay of its torque sensor", "s"),
 }
 # Deviations of estimates, by effect, joint and parameter.
@@ -36,6 +37,7 @@ _FROM = {
     "friction_loss": ("coulomb_friction", "torque"),
     "stiffness": ("joint_spring", "stiffness"),
     "rest": ("joint_spring", "rest"),
+    "zero": ("joint_zero", "offset"),
     "delay": ("time_delay", "delay"),
 }
 
@@ -80,7 +82,7 @@ def joint_changes(
                 if std is not None and field == "armature":
                     std *= values[0]
                 found[i, field] = Change(joint.name, number, unit, (values[0],), (values[1],), std)
-                if values[1] < 0.0 and field != "rest":
+                if values[1] < 0.0 and field not in ("rest", "zero"):
                     raise RobotError(
                         f"{number} of {joint.name} would be {values[1]:.4g} {unit}",
                         "No simulator takes it: record a richer motion, or state what is known (--with)",

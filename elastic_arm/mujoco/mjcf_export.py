@@ -171,7 +171,12 @@ class _Document:
             element = self._joint_element(i)
             from_actuator = self._from_actuator(i, field)
             value = change.after[0] - from_actuator
-            if field == "rest":
+            if field == "zero":
+                # The position at which the model is drawn: what is read there grows by the offset.
+                own = float(self.arm.model.qpos0[self.arm.positions[i]])
+                change = replace(change, before=(own,), after=(own + value,))
+                value += own
+            if field in ("rest", "zero"):
                 value *= self._angle(i)
             elif value < 0.0:
                 raise RobotError(

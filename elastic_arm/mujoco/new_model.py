@@ -130,7 +130,7 @@ def _joints(body: ET.Element, robot: Robot, arm: StatedArm, i: int, frame: Array
     if limits.position_min is not None and limits.position_max is not None:
         ranged = {"range": f"{text_of(limits.position_min)} {text_of(limits.position_max)}"}
     stated = {"armature": numbers.armature, "damping": numbers.damping, "frictionloss": numbers.friction_loss}
-    stated |= {"stiffness": numbers.stiffness, "springref": numbers.rest}
+    stated |= {"stiffness": numbers.stiffness, "springref": numbers.rest, "ref": numbers.zero}
     if joint.transmission is not None:
         turns = joint.transmission.components.values()
         nominal = sum(ratio**2 * component.izz for component, ratio in turns)

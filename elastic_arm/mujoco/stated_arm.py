@@ -25,13 +25,14 @@ MOTOR_TORQUE = "motor_torque"
 
 @dataclass(frozen=True)
 class StatedJoint:
-    """Numbers of a joint: kg m², Nm s/rad, Nm, of its spring Nm/rad and rad, and the delay of its motor torque, s."""
+    """Numbers of a joint: kg m², Nm s/rad, Nm, its spring's Nm/rad and rad, its zero, rad, its torque's delay, s."""
 
     armature: float = 0.0
     damping: float = 0.0
     friction_loss: float = 0.0
     stiffness: float = 0.0
     rest: float = 0.0
+    zero: float = 0.0
     delay: float = 0.0
 
 
@@ -108,6 +109,10 @@ def _spring(arm: StatedArm, robot: Robot, i: int, instance: EffectInstance) -> S
     return arm.with_joint(i, stiffness=added, rest=rest - own.rest)
 
 
+def _zero(arm: StatedArm, robot: Robot, i: int, instance: EffectInstance) -> StatedArm:
+    return arm.with_joint(i, zero=_number(instance, "offset"))
+
+
 def _rotor(arm: StatedArm, robot: Robot, i: int, instance: EffectInstance) -> StatedArm:
     nominal = robot.joints[i].armature or 0.0
     return arm.with_joint(i, armature=(_number(instance, "inertia") - 1.0) * nominal)
@@ -165,6 +170,7 @@ RULES: Mapping[str, Rule] = {
     "viscous_friction": _viscous,
     "coulomb_friction": _coulomb,
     "joint_spring": _spring,
+    "joint_zero": _zero,
     "rotor_inertia_mismatch": _rotor,
     "payload": _payload,
     "load": _payload,

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from elastic_arm.effects import Catalogue, EffectInstance, robot_effects
 from elastic_arm.effects.library.base_tilt import TILT
@@ -30,6 +31,7 @@ from elastic_arm.robot import Inertia, Robot, parse_urdf, to_urdf
 from elastic_arm.robot.kinematics import moved
 from elastic_arm.robot.parts import located, nearest_tensor
 from elastic_arm.robot.urdf_elements import rotation, vector
+from elastic_arm.robot.urdf_export import rpy_of
 from elastic_arm.robot.urdf_tree import Chain
 
 # Attribute of <dynamics> by the field of a joint's numbers.
@@ -131,15 +133,34 @@ def _joints(
     changes = []
     for (_, field), change in joint_changes(arm, before, after, deviations).items():
         attribute = _ATTRIBUTES.get(field)
+        joint = next(e for e in root.findall("joint") if e.get("name") == change.element)
+        if field == "zero":
+            changes.append(_turned(joint, -change.after[0]))
         if attribute is None:
             continue
-        joint = next(e for e in root.findall("joint") if e.get("name") == change.element)
         dynamics = joint.find("dynamics")
         if dynamics is None:
             dynamics = append_last(joint, "dynamics")
         dynamics.set(attribute, text_of(change.after[0]))
         changes.append(change)
     return changes
+
+
+def _turned(joint: Any, by: float) -> Change:
+    """Turn, or slide, where a joint stands about its axis, rad or m: the change of its zero."""
+    origin, axis = joint.find("origin"), joint.find("axis")
+    xyz, rpy = (vector("0 0 0" if origin is None else origin.get(key, "0 0 0"), key) for key in ("xyz", "rpy"))
+    direction = vector("1 0 0" if axis is None else axis.get("xyz", "1 0 0"), "axis")
+    direction = direction / np.linalg.norm(direction)
+    placed = rotation(*rpy)
+    if joint.get("type") == "prismatic":
+        number, unit, before, xyz = "origin xyz", "m", xyz, xyz + by * placed @ direction
+        after = xyz
+    else:
+        number, unit, before = "origin rpy", "rad", rpy
+        after = rpy = np.array(rpy_of(placed @ Rotation.from_rotvec(by * direction).as_matrix()))
+    _child(joint, "origin", xyz=" ".join(map(text_of, xyz)), rpy=" ".join(map(text_of, rpy)))
+    return Change(str(joint.get("name")), number, unit, tuple(map(float, before)), tuple(map(float, after)))
 
 
 def _links(root: Any, arm: Robot, before: StatedArm, after: StatedArm) -> list[Change]:

@@ -276,3 +276,37 @@ def test_carried_weight_that_a_file_does_not_state_is_listed(base: Path) -> None
     carried = {"effect": "carried_weight", "joint": "joint2", "parameters": {"mass": 1.0, "position": [0.0, 0.0, 0.1]}}
     done = export_mjcf(corrected(base, carried), base, base.parent / "fixed.xml")
     assert [(one.what, one.joint) for one in done.left] == [("carried_weight", "joint2")]
+
+
+ZERO = {"effect": "joint_zero", "joint": "joint2", "parameters": {"offset": 0.05}}
+
+
+def torques_with_zero(robot: Robot, i: int, offset: float) -> tuple[np.ndarray, np.ndarray]:
+    """Return q, dq, ddq of a motion, and the torques of the arm at the angles of joint i less the offset."""
+    motion = random_motion(robot.n)
+    described = motion[0] - offset * (np.arange(robot.n) == i)
+    return motion, build_model(robot).inverse_dynamics(described, *motion[1:])
+
+
+def test_a_joint_zero_is_where_a_model_is_drawn(base: Path) -> None:
+    """The corrected MJCF has the offset as `ref`: read back, it moves as the arm whose encoders are off."""
+    robot = load_robot(base)
+    done = export_mjcf(corrected(base, ZERO), base, base.parent / "fixed.xml")
+    assert [(c.element, c.number) for c in done.changes] == [("joint2", "ref")] and not done.left
+    again = load_robot(base.parent / "fixed.xml")
+    motion, expected = torques_with_zero(robot, 1, 0.05)
+    np.testing.assert_allclose(build_model(again).inverse_dynamics(*motion), expected, rtol=1e-6, atol=1e-6)
+
+
+@pytest.mark.parametrize("with_base", [True, False])
+def test_a_joint_zero_turns_the_origin_of_a_urdfs_joint(tmp_path: Path, with_base: bool) -> None:
+    """In a URDF, the user's or a new one, the joint stands turned about its axis by the offset."""
+    own = tmp_path / "arm.urdf"
+    own.write_text(to_urdf(load_robot()))
+    robot = load_robot(own)
+    wrong = robot.with_(effects=({**ZERO, "joint": "joint_2"},))
+    done = export_urdf(wrong, own if with_base else None, tmp_path / "fixed.urdf")
+    assert [(c.element, c.number) for c in done.changes] == [("joint_2", "origin rpy")]
+    motion, expected = torques_with_zero(robot, 1, 0.05)
+    found = build_model(load_robot(tmp_path / "fixed.urdf")).inverse_dynamics(*motion)
+    np.testing.assert_allclose(found, expected, rtol=1e-6, atol=1e-6)
