@@ -28,7 +28,7 @@ DAMPING_RATIO = 0.8
 # Where the motor bounds kd: how much of the bound is used, and how far kp may then go.
 HELD_SHARE = 0.6
 LEAST_DAMPING_RATIO = 0.2
-POSES = 32  # at which the inertia of an arm is looked at
+POSES = 8  # at which the inertia of an arm is looked at
 
 
 def no_feedforward(q: Array, dq: Array, ddq: Array) -> Array:
@@ -72,6 +72,8 @@ class Controller:
 
         Between samples the reference goes on with its acceleration: what comes next is not known to a live arm.
         """
+        if self.commands == 1:
+            return np.concatenate([q, self.speed * dq, self.feedforward(q, dq, ddq)], axis=1)
         later = np.arange(self.commands)[:, None] / (self.commands * rate)
         q, dq, ddq = (values[:, None] for values in (q, dq, ddq))
         wanted = (q + later * (dq + 0.5 * later * ddq), dq + later * ddq, ddq + 0.0 * later)

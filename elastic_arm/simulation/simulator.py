@@ -149,7 +149,7 @@ class Simulator:
         limits = [np.inf if j.limits.torque is None else j.limits.torque for j in self.robot.joints]
         gains = np.array([controller.kp, controller.kd, controller.ki, np.minimum(limits, controller.limit)])
         self._loop = ClosedLoop(constants, gains, 1.0 / self.rate, steps // 2, controller.commands)
-        self._late = DelayLine(np.tile(controller.delay, 3), self.rate)
+        self._late = DelayLine(np.tile(controller.delay, 3), self.rate) if np.any(controller.delay) else None
         self.place(x[:n], x[n : 2 * n], dq0, dq0, command=hold, z=z)
         self.state.y[2 * n : len(x)] = x[2 * n :]
 
@@ -176,9 +176,10 @@ class Simulator:
 
     def follow(self, q: Array, dq: Array, ddq: Array) -> tuple[Truth, dict[str, Array]]:
         """Run over a reference of the motor side, (N, n) each, at the sample rate."""
-        given = np.concatenate([q, dq, ddq], axis=1, dtype=float)
-        late = np.split(self._late(given), 3, axis=1)
-        return self._advance(self._loop, self.controller.commanded(late[0], late[1], late[2], self.rate))
+        q, dq, ddq = (np.asarray(values, dtype=float) for values in (q, dq, ddq))
+        if self._late is not None:
+            q, dq, ddq = np.split(self._late(np.concatenate([q, dq, ddq], axis=1)), 3, axis=1)
+        return self._advance(self._loop, self.controller.commanded(q, dq, ddq, self.rate))
 
     def drive(self, tau_m: Array) -> tuple[Truth, dict[str, Array]]:
         """Run under given motor torques (N, n), Nm, each held for a sample; see :meth:`follow`."""
