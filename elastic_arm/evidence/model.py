@@ -305,7 +305,7 @@ class LinearModel:
             free = np.full(V.shape[1], np.inf)
             prior = Prior(
                 np.concatenate([V.T @ self.mean, *(t.mean for t in whole)]),
-                np.concatenate([np.where(scaled, self.trust, 1.0), *(t.std for t in whole)]),
+                np.concatenate([np.where(scaled, self.trust, 1.0), *(t.std * (self.trust if t.trusted else 1.0) for t in whole)]),
                 np.concatenate([-free, *(t.low for t in whole)]),
                 np.concatenate([free, *(t.high for t in whole)]),
             )

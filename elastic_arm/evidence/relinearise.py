@@ -185,7 +185,7 @@ def known_terms(linear: Linearisation) -> tuple[list[Term], list[Term]]:
             continue
         mean = _coefficients(feature, instance.parameters)
         width = STATED * np.maximum(np.abs(mean), 1e-3 * std)
-        always.append(Term(feature.key, "effect", X, width, mean=mean, feature=feature, theta=theta))
+        always.append(Term(feature.key, "effect", X, width, mean=mean, feature=feature, theta=theta, trusted=True))
         off.append(Term(feature.key, "stated", X, std, feature=feature, theta=theta))
     return always, off
 

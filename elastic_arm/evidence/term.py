@@ -48,6 +48,8 @@ class Term:
         Coefficient of the law at which its tangents were taken.
     scale
         Factor on the range of the size, whose prior it is.
+    trusted
+        Whether the trust in the description scales its prior: of what the description states.
     what
         Of a law without a form: the law. Of numbers: (K, k) how nu moves with the coefficients.
     """
@@ -67,6 +69,7 @@ class Term:
     tangents: tuple[int, ...] = ()
     size: float = 1.0
     scale: float = 1.0
+    trusted: bool = False
     what: Any = None
     ident: Ident = ()
 
