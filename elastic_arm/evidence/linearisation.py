@@ -16,8 +16,10 @@ from numpy.typing import NDArray
 
 from elastic_arm.dynamics import Model, build_model
 from elastic_arm.effects.equations import ArmEquations
+from elastic_arm.effects.parameters import Parameter
 from elastic_arm.equations.channels import gains, lags
 from elastic_arm.equations.number_columns import calibrated_parameters, features_at, inertial_columns, nuisance_columns
+from elastic_arm.equations.places import largest_value
 from elastic_arm.equations.robot_at import nearest_robot
 from elastic_arm.estimation.effect_columns import Feature
 from elastic_arm.estimation.known_torques import ActingEffect
@@ -50,6 +52,7 @@ class Linearisation:
     acting: tuple[ActingEffect, ...]
     which: int = 0
     near: WhitenedData | None = field(default=None, repr=False)
+    _most: dict[tuple[object, str], float] = field(default_factory=dict, init=False, repr=False)
 
     @cached_property
     def model(self) -> Model:
@@ -102,6 +105,13 @@ class Linearisation:
     def columns(self, feature: Feature, theta: Sequence[float] = ()) -> Array:
         """Return the whitened columns (rows, k) of an effect."""
         return self.data.whiten(self.data.plain(feature, theta))
+
+    def most(self, feature: Feature, parameter: Parameter) -> float:
+        """Return the largest value of a nonlinear number that the recordings allow."""
+        key = feature.key, parameter.name
+        if key not in self._most:
+            self._most[key] = largest_value(feature, parameter, (self.data,))
+        return self._most[key]
 
     def placed(self, features: Sequence[Feature]) -> list[Feature]:
         """Return effects on the arm at these values."""

@@ -14,8 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import logsumexp
 
+from elastic_arm.evidence.linearisation import Linearisation
 from elastic_arm.evidence.model import Fit, LinearModel, Screen
-from elastic_arm.evidence.nonlinear import Columns, Largest, is_open, refined
+from elastic_arm.evidence.nonlinear import is_open, refined
 from elastic_arm.evidence.priors import MOST, RELATED, SHORT, TRIED, WORTH
 from elastic_arm.evidence.term import Key, Term
 
@@ -28,18 +29,13 @@ class Search:
 
     Parameters
     ----------
-    model, screen
+    linear, model, screen
         The data, and all that may be added.
-    columns
-        Makes columns of a feature.
-    largest
-        Of a joint's torques, Nm.
     """
 
+    linear: Linearisation
     model: LinearModel
     screen: Screen
-    columns: Columns
-    largest: Largest
     met: dict[frozenset[Key], Fit] = field(default_factory=dict)
     _refined: dict[tuple[Key, frozenset[Key]], Term] = field(default_factory=dict)
     log: list[str] = field(default_factory=list)
@@ -107,7 +103,7 @@ class Search:
             return self._keep(self.model.fit([*terms, more], near))
         key = (more.key, frozenset(t.ident for t in terms))
         if key not in self._refined:
-            self._refined[key], fit = refined(self.model, self.columns, more, terms, near, self.largest)
+            self._refined[key], fit = refined(self.linear, self.model, more, terms, near)
             return self._keep(fit)
         return self._keep(self.model.fit([*terms, self._refined[key]], near))
 
