@@ -35,7 +35,7 @@ from elastic_arm.diagnosis import Question, diagnose, follow_up
 from elastic_arm.diagnosis.comparison import SimulationComparison, compare
 from elastic_arm.diagnosis.corrected_robot import deviations, holds_any, repaired_robot
 from elastic_arm.diagnosis.design.proposal import Proposal
-from elastic_arm.diagnosis.priors import read_priors
+from elastic_arm.evidence.priors import read_priors
 from elastic_arm.diagnosis.result import SEPARATING, Cause, Diagnosis
 from elastic_arm.diagnosis.settings import DiagnosisSettings
 from elastic_arm.diagnosis.texts.findings import (
@@ -185,7 +185,7 @@ def write_diagnosis(
     Parameters
     ----------
     found
-        Of :func:`~elastic_arm.diagnosis.pipeline.diagnose`.
+        Of :func:`~elastic_arm.diagnosis.answer.diagnose`.
     robot
         The nominal arm, to which the causes are added.
     folder

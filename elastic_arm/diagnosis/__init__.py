@@ -15,18 +15,18 @@ from elastic_arm.lazy_names import lazily
 
 if TYPE_CHECKING:
     from elastic_arm.diagnosis.following_up import follow_up
-    from elastic_arm.diagnosis.pipeline import diagnose
+    from elastic_arm.diagnosis.answer import diagnose
     from elastic_arm.diagnosis.question import Question
     from elastic_arm.diagnosis.result import Diagnosis
-    from elastic_arm.diagnosis.settings import DiagnosisSettings
+    from elastic_arm.evidence.priors import Priors
 
-__all__ = ["Diagnosis", "DiagnosisSettings", "Question", "diagnose", "follow_up"]
+__all__ = ["Diagnosis", "Priors", "Question", "diagnose", "follow_up"]
 
 _MODULES = {
     "Diagnosis": "elastic_arm.diagnosis.result",
-    "DiagnosisSettings": "elastic_arm.diagnosis.settings",
+    "Priors": "elastic_arm.evidence.priors",
     "Question": "elastic_arm.diagnosis.question",
-    "diagnose": "elastic_arm.diagnosis.pipeline",
+    "diagnose": "elastic_arm.diagnosis.answer",
     "follow_up": "elastic_arm.diagnosis.following_up",
 }
 

@@ -14,8 +14,8 @@ import numpy as np
 
 from elastic_arm.diagnosis.context import DiagnosisContext
 from elastic_arm.diagnosis.inference.across_recordings import compared, refitted
-from elastic_arm.diagnosis.inference.estimates import Agreement, RecordingEstimate, differs
-from elastic_arm.diagnosis.pipeline import diagnose
+from elastic_arm.diagnosis.estimates import Agreement, RecordingEstimate, differs
+from elastic_arm.diagnosis.answer import diagnose
 from elastic_arm.diagnosis.question import Question
 from elastic_arm.diagnosis.result import Diagnosis
 from elastic_arm.diagnosis.selection.regressor_library import Candidate

@@ -14,9 +14,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from elastic_arm.diagnosis.data.common_equations import common_band
-from elastic_arm.diagnosis.data.preprocessing import usable
-from elastic_arm.diagnosis.pipeline import diagnose
+from elastic_arm.diagnosis.common_equations import common_band
+from elastic_arm.diagnosis.preprocessing import usable
+from elastic_arm.diagnosis.answer import diagnose
 from elastic_arm.diagnosis.question import Question
 from elastic_arm.diagnosis.result import Diagnosis, ResidualSizes
 from elastic_arm.dynamics import build_model

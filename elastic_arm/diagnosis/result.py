@@ -10,38 +10,26 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from elastic_arm.diagnosis.inference.estimates import ParameterEstimate
-from elastic_arm.effects.model import MODELS
+from elastic_arm.diagnosis.estimates import ParameterEstimate
+from elastic_arm.effects.model import MODELS, EffectInstance
 from elastic_arm.errors import DiagnosisError
 from elastic_arm.estimation.equations import SIDES
 from elastic_arm.formatting import JointUnits
 
 if TYPE_CHECKING:
     from elastic_arm.diagnosis.context import DiagnosisContext
-    from elastic_arm.diagnosis.design.proposal import Proposal
-    from elastic_arm.diagnosis.inference.estimates import Agreement
-    from elastic_arm.diagnosis.inference.prediction import Prediction
-    from elastic_arm.effects.model import EffectInstance
+    from elastic_arm.diagnosis.next_motion import Proposal
+    from elastic_arm.diagnosis.prediction import Prediction
 
-Key = tuple[str, str | None]  # effect and joint
+Place = tuple[str, str]  # joint and side
 
-SCHEMA = "elastic_arm/diagnosis/1"
+SCHEMA = "elastic_arm/diagnosis/2"
 SEPARATING = "separating_trajectory.yaml"  # the proposed motion, beside diagnosis.json
 
 
 @dataclass(frozen=True)
 class Alternative:
-    """Another effect that could stand in a cause's place.
-
-    Parameters
-    ----------
-    effect, joint, confidence
-        What it is, and the probability that it is right.
-    separated_by
-        The motion that would discriminate between the two, in a sentence.
-    file
-        The same as a trajectory file, where one was proposed that is expected to decide.
-    """
+    """Another effect in a cause's place: its probability, and the motion that would tell the two apart."""
 
     effect: str
     joint: str | None
@@ -52,7 +40,7 @@ class Alternative:
 
 @dataclass(frozen=True)
 class Cause:
-    """An effect that the model lacks.
+    """An effect that the model lacks, or a number that is far from what the description states.
 
     Parameters
     ----------
@@ -63,19 +51,15 @@ class Cause:
     shrink
         Share of the whole gap that goes when this cause alone is added.
     confidence
-        Probability that it is right, among the candidates that compete.
+        Its posterior probability.
     alternatives
-        The others.
+        What may be there instead.
     instance
         As the simulator takes it.
-    minor
-        Whether it is a term of friction that takes less off the gap than a cause by itself must. It is there beyond
-        doubt, and never stands in for something else.
-    refitted
-        Whether it is a number of the arm beyond ordinary: the refitted numbers hold it.
-    stands_in
-        Whether something else is likelier than not in its place: a law that no catalogue states, or one that has
-        another size in every recording.
+    stated, found
+        Parameters that the description states and those that were found; None where it states nothing.
+    is_number
+        Whether it is a number of the arm, which the corrected arm holds as that.
     """
 
     effect: str
@@ -87,55 +71,26 @@ class Cause:
     confidence: float
     alternatives: tuple[Alternative, ...]
     instance: EffectInstance
-    minor: bool = False
-    refitted: bool = False
-    stands_in: bool = False
+    stated: Mapping[str, Any] | None = None
+    is_number: bool = False
 
     @property
-    def held_as(self) -> str | None:
-        """What it is of the corrected arm.
-
-        An "effect", a "number", or part of a richer "variant" of the model, which no arm file holds; None where it is
-        left out, as it only stands in for something else.
-        """
-        if self.refitted:
+    def held_as(self) -> str:
+        """What it is of the corrected arm: an "effect", a "number", or part of a richer "variant" of the model."""
+        if self.is_number:
             return "number"
-        if self.stands_in:
-            return None
         return "effect" if self.instance.effect.lacked_by == MODELS else "variant"
 
     @property
     def acts(self) -> bool:
-        """Whether the prediction with the causes has it, and that without them has not."""
-        return self.held_as in ("effect", "variant")
+        """Whether a prediction with the causes adds its law."""
+        return not self.is_number
 
-    def against(self, odds: float) -> Cause:
-        """Return it where something else has these odds to be there in its place."""
-        stands_in = self.stands_in or (odds > 1.0 and not self.minor)
-        return replace(self.less_sure(1.0 / (1.0 + odds)), stands_in=stands_in)
-
-    def less_sure(self, share: float) -> Cause:
-        """Return it with its own and its alternatives' confidence reduced to a share.
-
-        An incomplete hypothesis may owe its causes to what it lacks: it is worth the share of the gap it explains.
-        """
-        alternatives = tuple(replace(a, confidence=share * a.confidence) for a in self.alternatives)
-        return replace(self, confidence=share * self.confidence, alternatives=alternatives)
-
-    def with_separating_file(self, decided: Collection[tuple[Key, Key]]) -> Cause:
-        """Return it with the proposed file at the alternatives that it is expected to decide on.
-
-        Parameters
-        ----------
-        decided
-            Pairs of cause and alternative, each by effect and joint, on which the motion is expected to decide.
-        """
-
-        def with_file(other: Alternative) -> Alternative:
-            pair = (self.effect, self.joint), (other.effect, other.joint)
-            return replace(other, file=SEPARATING) if pair in decided else other
-
-        return replace(self, alternatives=tuple(with_file(other) for other in self.alternatives))
+    def with_separating_file(self, decided: Collection[tuple[Any, Any]]) -> Cause:
+        """Return it with the proposed file at the alternatives on which that motion is expected to decide."""
+        own = self.effect, self.joint
+        others = (replace(a, file=SEPARATING) if (own, (a.effect, a.joint)) in decided else a for a in self.alternatives)
+        return replace(self, alternatives=tuple(others))
 
     def to_dict(self) -> dict[str, Any]:
         """Return it as in `diagnosis.json`."""
@@ -145,6 +100,7 @@ class Cause:
                 chosen = self.instance.parameters[choice.name]
                 value = list(chosen) if isinstance(chosen, tuple) else chosen
                 parameters[choice.name] = {"value": value, "std": None, "unit": ""}
+        found = {name: _plain(one.value) for name, one in self.parameters.items()}
         return {
             "effect": self.effect,
             "joint": self.joint,
@@ -152,10 +108,10 @@ class Cause:
             "regime": self.regime,
             "parameters": parameters,
             "shrink": _plain(self.shrink),
-            "minor": self.minor,
-            "stands_in": self.stands_in,
-            "held_as": self.held_as,
             "confidence": _plain(self.confidence),
+            "from": None if self.stated is None else {name: _plain(value) for name, value in self.stated.items()},
+            "to": None if self.stated is None else found,
+            "held_as": self.held_as,
             "alternatives": [
                 {
                     "effect": a.effect,
@@ -170,7 +126,7 @@ class Cause:
 
 @dataclass(frozen=True)
 class Imperfection:
-    """What a recording determines of one number of the description or of a sensor.
+    """What the recordings say of one number of the description or of a sensor.
 
     Parameters
     ----------
@@ -181,7 +137,7 @@ class Imperfection:
     prior_std
         Over ordinary arms.
     ordinary
-        Whether it is within what is ordinary.
+        Whether it is likelier within that than far off.
     recording
         Of a zero that is another one in this recording than in the first, by how much; None of any other number.
     neutral
@@ -198,22 +154,45 @@ class Imperfection:
     recording: str | None = None
     neutral: float = 0.0
 
-    def differs(self, quantile: float) -> bool:
-        """Whether it is not as described, by so many standard deviations."""
-        return abs(self.value - self.neutral) > quantile * self.std
-
     def to_dict(self) -> dict[str, Any]:
         """Return it as in `diagnosis.json`."""
         of_one = {} if self.recording is None else {"recording": self.recording}
+        numbers = {name: _plain(getattr(self, name)) for name in ("value", "std", "prior_std")}
+        return {"what": self.what, "joint": self.joint, **numbers, "unit": self.unit, "ordinary": self.ordinary, **of_one}
+
+
+@dataclass(frozen=True)
+class Change:
+    """A cause that has another size in some of the recordings.
+
+    Parameters
+    ----------
+    effect, joint
+        What and where.
+    parameter, unit
+        Its size.
+    values
+        (recording, value, standard deviation) each.
+    confidence
+        Probability that the size is not the same in all.
+    """
+
+    effect: str
+    joint: str | None
+    parameter: str
+    unit: str
+    values: tuple[tuple[str, float, float], ...]
+    confidence: float
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return it as in `diagnosis.json`."""
         return {
-            "what": self.what,
+            "effect": self.effect,
             "joint": self.joint,
-            "value": _plain(self.value),
-            "std": _plain(self.std),
+            "parameter": self.parameter,
             "unit": self.unit,
-            "prior_std": _plain(self.prior_std),
-            "ordinary": self.ordinary,
-            **of_one,
+            "values": [{"recording": r, "value": _plain(v), "std": _plain(s)} for r, v, s in self.values],
+            "confidence": _plain(self.confidence),
         }
 
 
@@ -229,10 +208,10 @@ class UnexplainedResidual:
 
 @dataclass(frozen=True)
 class ResidualSizes:
-    """A residual's sizes over joints and sides, by name; a missing equation is missing here."""
+    """A residual's sizes over joints and sides; a missing equation is missing here."""
 
-    rmse: Mapping[tuple[str, str], float]
-    peak: Mapping[tuple[str, str], float]
+    rmse: Mapping[Place, float]
+    peak: Mapping[Place, float]
 
 
 @dataclass(frozen=True)
@@ -241,49 +220,38 @@ class Diagnosis:
 
     Parameters
     ----------
-    model, robot, joints
-        What was compared with.
-    prismatic
-        The joints that slide: N at these for Nm, m for rad.
+    model, robot, joints, prismatic
+        What was compared with, and the joints that slide: N at these for Nm, m for rad.
     identify, validate
         Sources of the recordings.
     independent_motion
         Whether the validation motion is another one.
+    judged
+        Recording -> from when to when it judged, s.
     band
         Hz.
+    trust
+        Probability of each trust in the description.
     verdict
         "none", "explained" or "unknown".
     noise
         (joint, side) -> Nm.
     before, after
         Sizes on the validation data.
-    shrink, shrink_interval
-        None where there is no gap.
-    shrink_by_place
-        (joint, side) -> share of its own excess that is gone, None where it had none; empty where no residual shows
-        the gap.
-    measured_by
-        "excess" of residuals over their noise, as the contract has it, or "likelihood" where no residual stands out of
-        its noise by itself.
-    log_likelihood
-        What the causes gain, nats: on each data set with coefficients of the other.
+    shrink, shrink_interval, shrink_by_place
+        Share of the gap that is gone, its 95 % interval, and of each joint and side; None where there is no gap.
     causes, unexplained
-        What was found, most important first, and where something is left. The figures of the gap after, and of its
-        shrink, are with all causes added, also those that only stand in for something else.
+        What was found, most important first, and where something is left.
     imperfections
-        Numbers of the description and of the sensors that the recording determines, where the model was refitted.
+        Numbers of the description and of the sensors.
+    changes
+        What differs between recordings.
     known
-        Effects that count as part of the model, with the sizes that were fitted, as in `diagnosis.json`.
+        Effects that count as part of the model, with their sizes, as in `diagnosis.json`.
     notes
         What the reader should know besides.
-    cumulative_shrink
-        Share of the gap that is gone with the first cause, the first two, and so on.
-    prediction
-        How far ahead the model sees, without and with the causes that act.
-    agreements
-        The causes recording by recording, where there are several.
-    proposal
-        The motion that discriminates between causes and their alternatives.
+    prediction, proposal
+        How far ahead the model sees, and the motion that tells causes from their alternatives.
     context
         What figures are drawn from; not written.
     """
@@ -294,25 +262,24 @@ class Diagnosis:
     identify: tuple[str, ...]
     validate: tuple[str, ...]
     independent_motion: bool
+    judged: Mapping[str, tuple[float, float]]
     band: float
+    trust: Mapping[str, float]
     verdict: str
-    noise: Mapping[tuple[str, str], float]
+    noise: Mapping[Place, float]
     before: ResidualSizes
     after: ResidualSizes
     shrink: float | None
     shrink_interval: tuple[float, float] | None
-    measured_by: str
-    log_likelihood: float
+    shrink_by_place: Mapping[Place, float | None]
     causes: tuple[Cause, ...]
     unexplained: tuple[UnexplainedResidual, ...]
-    prismatic: tuple[str, ...] = ()
-    shrink_by_place: Mapping[tuple[str, str], float | None] = field(default_factory=dict)
     imperfections: tuple[Imperfection, ...] = ()
+    changes: tuple[Change, ...] = ()
+    prismatic: tuple[str, ...] = ()
     known: tuple[Mapping[str, Any], ...] = ()
     notes: tuple[str, ...] = ()
-    cumulative_shrink: tuple[float, ...] = ()
     prediction: Prediction | None = None
-    agreements: tuple[Agreement, ...] = ()
     proposal: Proposal | None = None
     context: DiagnosisContext | None = field(default=None, repr=False, compare=False)
 
@@ -332,26 +299,25 @@ class Diagnosis:
                 "identify": list(self.identify),
                 "validate": list(self.validate),
                 "independent_motion": self.independent_motion,
+                "judged_s": {name: [_plain(v) for v in span] for name, span in self.judged.items()},
             },
             "band_hz": [0.0, _plain(self.band)],
+            "trust": {name: _plain(p) for name, p in self.trust.items()},
             "verdict": self.verdict,
             "noise": self._table(self.noise),
             "gap": {"before": self._sizes(self.before), "after": self._sizes(self.after)},
             "shrink": _plain(self.shrink),
-            "shrink_interval": None if self.shrink_interval is None else [_plain(v) for v in self.shrink_interval],
-            "shrink_by_place": self._table(self.shrink_by_place),
-            "measured_by": self.measured_by,
-            "log_likelihood": _plain(self.log_likelihood),
+            "shrink_interval": _plain(self.shrink_interval),
             "causes": [cause.to_dict() for cause in self.causes],
+            "shrink_by_place": self._table(self.shrink_by_place),
+            "imperfections": [one.to_dict() for one in self.imperfections],
+            "changes": [one.to_dict() for one in self.changes],
             "unexplained": [
                 {"joint": p.joint, "side": p.side, "regime": p.regime, "rmse": _plain(p.rmse)} for p in self.unexplained
             ],
-            "imperfections": [one.to_dict() for one in self.imperfections],
             "known": [dict(one) for one in self.known],
             "notes": list(self.notes),
-            "ladder": [_plain(share) for share in self.cumulative_shrink],
             "prediction": None if self.prediction is None else self.prediction.to_dict(self.units.over("rad")),
-            "agreement": [agreement.to_dict() for agreement in self.agreements],
             "next_motion": None if self.proposal is None else self.proposal.to_dict(SEPARATING),
         }
 
@@ -371,15 +337,14 @@ class Diagnosis:
             raise DiagnosisError(f"{path} cannot be written: {error.strerror}", "Choose another --out") from error
         return path
 
-    def _table(self, values: Mapping[tuple[str, str], float | None]) -> dict[str, Any]:
+    def _table(self, values: Mapping[Place, float | None]) -> dict[str, Any]:
         return {joint: {side: _plain(values.get((joint, side))) for side in SIDES} for joint in self.joints}
 
     def _sizes(self, size: ResidualSizes) -> dict[str, Any]:
-        def cell(joint: str, side: str) -> dict[str, Any] | None:
-            place = (joint, side)
+        def cell(place: Place) -> dict[str, Any] | None:
             return {"rmse": _plain(size.rmse[place]), "max": _plain(size.peak[place])} if place in size.rmse else None
 
-        return {joint: {side: cell(joint, side) for side in SIDES} for joint in self.joints}
+        return {joint: {side: cell((joint, side)) for side in SIDES} for joint in self.joints}
 
 
 def plain_parameters(parameters: Mapping[str, ParameterEstimate]) -> dict[str, Any]:

@@ -9,7 +9,7 @@ import numpy as np
 
 from elastic_arm.diagnosis.comparison import SimulationComparison
 from elastic_arm.diagnosis.context import DiagnosisContext
-from elastic_arm.diagnosis.inference.estimates import Agreement
+from elastic_arm.diagnosis.estimates import Agreement
 from elastic_arm.diagnosis.result import SEPARATING, Cause, Diagnosis, Imperfection
 from elastic_arm.diagnosis.settings import DiagnosisSettings
 from elastic_arm.diagnosis.texts.findings import (

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from scipy.signal import welch
 
 from elastic_arm.diagnosis.context import DiagnosisContext
-from elastic_arm.diagnosis.inference.prediction import Prediction
+from elastic_arm.diagnosis.prediction import Prediction
 from elastic_arm.diagnosis.result import Cause, Diagnosis
 from elastic_arm.estimation.equations import SIDES
 from elastic_arm.excitation import FourierTrajectory

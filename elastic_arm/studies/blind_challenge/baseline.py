@@ -16,8 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elastic_arm.diagnosis import Question
-from elastic_arm.diagnosis.data.common_equations import common_band
-from elastic_arm.diagnosis.selection.candidates import feature_of, features
+from elastic_arm.diagnosis.common_equations import common_band
+from elastic_arm.equations.places import feature_of, features
 from elastic_arm.dynamics import Model, build_model
 from elastic_arm.effects.equations import ArmEquations
 from elastic_arm.estimation.effect_columns import Feature

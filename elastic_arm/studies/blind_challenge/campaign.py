@@ -16,7 +16,7 @@ import numpy as np
 
 import elastic_arm
 from elastic_arm.diagnosis import Question, diagnose
-from elastic_arm.diagnosis.priors import Priors
+from elastic_arm.evidence.priors import Priors
 from elastic_arm.diagnosis.settings import DiagnosisSettings
 from elastic_arm.effects import EFFECTS, Catalogue
 from elastic_arm.effects.text import known_effects

@@ -1,0 +1,445 @@
+"""The diagnosis from recordings to result: where, which, how far."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from elastic_arm.diagnosis.changes import changes_between
+from elastic_arm.diagnosis.context import DiagnosisContext
+from elastic_arm.diagnosis.estimates import ParameterEstimate, averaged, estimated
+from elastic_arm.diagnosis.gap import Gap, Shrink, shrink
+from elastic_arm.diagnosis.preparation import Prepared, prepare
+from elastic_arm.diagnosis.question import Question
+from elastic_arm.diagnosis.regimes import regime, shares
+from elastic_arm.diagnosis.result import (
+    Alternative,
+    Cause,
+    Diagnosis,
+    Imperfection,
+    ResidualSizes,
+    UnexplainedResidual,
+    plain_parameters,
+)
+from elastic_arm.diagnosis.words import REPEATED_MOTION, law_note, no_separation, shape_note
+from elastic_arm.effects.model import EffectInstance
+from elastic_arm.errors import DiagnosisError, require_kind
+from elastic_arm.evidence.grams import OCTAVES
+from elastic_arm.evidence.linearisation import Linearisation
+from elastic_arm.evidence.model import Fit
+from elastic_arm.evidence.priors import LEFT, LISTED, MOTION, NOISY
+from elastic_arm.evidence.relinearise import Explanation, explain, theta_of
+from elastic_arm.evidence.term import Key, Term
+from elastic_arm.recording import Recording
+from elastic_arm.recording.recording import recordings_of
+
+Array = NDArray[np.float64]
+Name = tuple[str, str | None]  # effect and joint: the same law on two sides is one cause
+
+
+def diagnose(recordings: Sequence[Recording], question: Question, validate: Sequence[Recording] = ()) -> Diagnosis:
+    """Find where recordings and model differ, which effects cause it, and how far the gap shrinks with them.
+
+    Parameters
+    ----------
+    recordings
+        What causes are fitted on.
+    question
+        Arm, model, known effects, catalogue and priors.
+    validate
+        What judges them; the last third of the recordings where none is given.
+
+    Raises
+    ------
+    DiagnosisError
+        If the recordings allow no diagnosis: no torque, no motion, too short, validation equal to identification data.
+    RecordingError
+        If a recording lacks a joint, is something else, or holds numbers of no arm.
+    """
+    recordings, validate = recordings_of(recordings), recordings_of(validate, "validate")
+    require_kind(question, Question, "question", DiagnosisError, "Give Question(robot).")
+    prepared = prepare(recordings, validate, question)
+    return Answer(prepared, explain(prepared.problem, refit=question.refit), question).result()
+
+
+@dataclass(frozen=True)
+class Answer:
+    """What is said of recordings by the posterior of the sets of terms that were met.
+
+    Parameters
+    ----------
+    prepared
+        What was to be explained.
+    explanation
+        Sets and their posteriors.
+    question
+        What was asked.
+    """
+
+    prepared: Prepared
+    explanation: Explanation
+    question: Question
+
+    @property
+    def best(self) -> Fit:
+        """The most probable set."""
+        return self.explanation.best
+
+    @cached_property
+    def sets(self) -> list[tuple[float, Fit]]:
+        """All sets met with their probabilities, the most probable first."""
+        search = self.explanation.search
+        found = [(p, search.met[s]) for s, p in search.probabilities().items()]
+        return sorted(found, key=lambda one: -one[0])
+
+    def probability(self, name: Name) -> float:
+        """Return the probability that an effect is there, on whatever side."""
+        return sum(p for p, fit in self.sets if any(_name(k) == name for k in fit.keys))
+
+    # -- the recordings that judge
+
+    @cached_property
+    def judging(self) -> Linearisation:
+        """The last linearisation, of the recordings that judge."""
+        return replace(self.explanation.linear, which=1, near=None)
+
+    @cached_property
+    def _numbers(self) -> tuple[Array, Array]:
+        """All numbers and the ordinary part of them, (K,), zeros of the judging recordings fitted on these."""
+        linear, fit = self.explanation.linear, self.best
+        total = linear.values + fit.numbers
+        ordinary = total - fit.far_off
+        fitted = set(self.prepared.problem.indices[0])
+        own = [k for k, p in enumerate(self.prepared.problem.numbers) if p.recording is not None and p.recording not in fitted]
+        if own:
+            left = self.judging.data.white - self.judging.numbers @ (total - linear.values) - self._white_causes(fit.terms)
+            N = self.judging.numbers[:, own]
+            power = max(float(np.mean(left**2)), 1.0)
+            z = np.linalg.solve(N.T @ N / power + np.eye(len(own)), N.T @ left / power)
+            total[own] += z
+            ordinary[own] += z
+        return total, ordinary
+
+    def _white_causes(self, terms: Sequence[Term]) -> Array:
+        found = np.zeros(len(self.judging.data.white))
+        for t in terms:
+            if t.kind in ("effect", "stated"):
+                found += self.judging.columns(t.feature, theta_of(t, self.best)) @ self._coefficients(t)
+        return found
+
+    def _coefficients(self, term: Term) -> Array:
+        return np.ones(1) if term.offset is not None else self.best.beta(term)[: term.linear]
+
+    def _added(self, term: Term, *, stated: bool = False) -> list[Array]:
+        """Return what a term adds to the residuals (N', R) of each stretch that judges, Nm; or what is stated of it."""
+        if term.kind == "number":
+            moves = term.what @ self.best.beta(term)
+            return [N @ moves for N in self._plain_numbers]
+        if term.kind == "law":
+            return [X @ self.best.beta(term) for X in term.what.plain(self.judging.data)]
+        columns = self.judging.data.plain(term.feature, theta_of(term, self.best))
+        beta = term.mean if stated and term.trusted else self._coefficients(term)
+        return [X @ beta for X in columns]
+
+    @cached_property
+    def _plain_numbers(self) -> list[Array]:
+        return self.judging.plain_numbers
+
+    @cached_property
+    def added(self) -> dict[Any, list[Array]]:
+        """What each term of the best set adds to the residuals of each stretch, Nm."""
+        return {t.ident: self._added(t) for t in self.best.terms if t.kind != "law"}
+
+    @cached_property
+    def before(self) -> list[Array]:
+        """Residuals (N', R) of each stretch of the description, known effects in it; refitted where that was asked."""
+        total, ordinary = self._numbers
+        at = ordinary if self.question.refit else np.where([p.recording is not None for p in self.prepared.problem.numbers], ordinary, 0.0)
+        step = at - self.explanation.linear.values
+        left = [y - N @ step for y, N in zip(self.judging.data.y, self._plain_numbers, strict=True)]
+        return _less(left, [self._added(t, stated=True) for t in self._always])
+
+    @property
+    def _always(self) -> tuple[Term, ...]:
+        return self.best.terms[: len(self.best.model.always)]
+
+    @cached_property
+    def numbers_added(self) -> list[Array]:
+        """What the ordinary deviations of the numbers change beside :attr:`before`."""
+        if self.question.refit:
+            return [np.zeros_like(y) for y in self.before]
+        ordinary = np.where([p.recording is not None for p in self.prepared.problem.numbers], 0.0, self._numbers[1])
+        return [N @ ordinary for N in self._plain_numbers]
+
+    @cached_property
+    def after(self) -> list[Array]:
+        """Residuals of each stretch with the causes and what is ordinary."""
+        causes = [self.added[t.ident] for t in self.best.optional if t.kind != "law"]
+        known = [[b - a for a, b in zip(self._added(t, stated=True), self.added[t.ident], strict=True)] for t in self._always]
+        return _less(self.before, [self.numbers_added, *known, *causes])
+
+    @cached_property
+    def gaps(self) -> tuple[Gap, Gap]:
+        """Before and after."""
+        data = self.judging.data
+        return Gap.of(data, self.before), Gap.of(data, self.after)
+
+    @cached_property
+    def shrink(self) -> Shrink:
+        """By how much the gap shrinks."""
+        return shrink(*self.gaps)
+
+    # -- what is said
+
+    @property
+    def places(self) -> list[tuple[str, str]]:
+        """Joint and side of each residual."""
+        layout = self.prepared.problem.layout
+        return [(joint, side) for side in layout.sides for joint in self.prepared.problem.robot.joint_names]
+
+    def causes(self) -> list[tuple[Cause, list[Array]]]:
+        """Return the effects that are likelier there than not, most important first, each with what it leaves alone."""
+        found = []
+        names = dict.fromkeys(_name(k) for _, fit in self.sets for k in fit.keys if k[0] != "law")
+        for name in names:
+            if (p := self.probability(name)) > 0.5:
+                found.append(self._cause(name, p))
+        found.sort(key=lambda one: -one[0].shrink)
+        return found
+
+    def _cause(self, name: Name, probability: float) -> tuple[Cause, list[Array]]:
+        holding = [(p, fit, t) for p, fit in self.sets for t in fit.optional if t.kind != "law" and _name(t.key) == name]
+        _, fit, term = holding[0]
+        problem = self.prepared.problem
+        values = self.explanation.linear.values
+        each, instance = [], None
+        for p, one, t in holding:
+            if p < LISTED * probability or t.key != term.key or (t.kind, t.count) != (term.kind, term.count):
+                continue
+            parameters, own = estimated(one, t, problem.numbers, values)
+            instance = instance or own
+            each.append((p, parameters))
+        sides = dict.fromkeys(side for p, _, t in holding if p > 0.05 * probability for side in t.feature.sides)
+        stated = next((i for _, i in problem.known if term.kind == "stated" and (i.effect.id, i.joint) == name), None)
+        here = next((t for t in self.best.optional if _name(t.key) == name), None)
+        alone = self.before if here is None else _less(self.before, [self.added[here.ident]])
+        share = shrink(self.gaps[0], Gap.of(self.judging.data, alone)).share
+        cause = Cause(
+            effect=name[0],
+            joint=name[1],
+            sides=tuple(sides),
+            regime=term.feature.effect.regime,
+            parameters=averaged(each),
+            shrink=0.0 if share is None else share,
+            confidence=probability,
+            alternatives=tuple(self._alternatives(name, term)),
+            instance=instance,
+            stated=None if stated is None else dict(stated.numbers),
+            is_number=term.kind == "number" and term.feature.effect.model_parameter,
+        )
+        return cause, alone
+
+    def _alternatives(self, name: Name, term: Term) -> Iterator[Alternative]:
+        """Yield what is there in the sets without a cause and not in the most probable one, most probable first."""
+        sure = {_name(k) for k in self.best.keys}
+        found: dict[Name, float] = {}
+        for p, fit in self.sets:
+            own = {_name(k) for k in fit.keys if k[0] != "law"}
+            if name not in own:
+                for other in own - sure:
+                    found[other] = found.get(other, 0.0) + p
+        words = {c.effect: c.separated_by for c in term.feature.effect.confusions}
+        for other, p in sorted(found.items(), key=lambda one: -one[1]):
+            if p >= LISTED:
+                yield Alternative(*other, p, words.get(other[0], no_separation(term.feature.effect.id, other[0])))
+
+    def laws(self) -> list[tuple[float, Term]]:
+        """Return the laws without a form that are likelier there than not."""
+        found: dict[Key, tuple[float, Term]] = {}
+        for p, fit in self.sets:
+            for t in fit.optional:
+                if t.kind == "law":
+                    before, first = found.get(t.key, (0.0, t))
+                    found[t.key] = before + p, first
+        # One place has one law; which of several it follows may be open.
+        at_place: dict[tuple[Any, ...], list[tuple[float, Term]]] = {}
+        for p, t in found.values():
+            at_place.setdefault((t.what.joint, t.what.side), []).append((p, t))
+        return [max(each, key=lambda one: one[0]) for each in at_place.values() if sum(p for p, _ in each) > 0.5]
+
+    def open_rows(self) -> list[int]:
+        """Return the residuals that keep more power than their sensors may have as noise, and much of their own gap."""
+        model, fit = self.explanation.search.model, self.best
+        bands, empty = model.bands, model.fit(())
+        slow = OCTAVES[np.minimum(bands.octave, len(OCTAVES) - 1)] <= MOTION
+        found = []
+        for row in range(bands.places):
+            own = (bands.place == row) & slow
+            n = float(bands.n[own].sum())
+            left, first = (float(np.sum(bands.n[own] * (f.found.v[own] - 1.0))) for f in (fit, empty))
+            if n and left > NOISY * n and left > LEFT * first and self._is_structured(own):
+                found.append(row)
+        return found
+
+    def _is_structured(self, bands: NDArray[np.bool_]) -> bool:
+        """Whether what is left in some bands is likelier of a motion than noise.
+
+        Noise spreads its power p over the harmonics of an octave exponentially, p(p) = exp(-p/m)/m; what follows a
+        motion has much of it in few, p(p) = s/(s + p)². Each is taken at its most probable m and s.
+        """
+        model = self.explanation.search.model
+        left = self.white_left.reshape(-1, 2)
+        power = np.sum(left**2, axis=1)
+        of_pairs, odds = model.bands.of_rows[::2], 0.0
+        for band in model.bands.used[bands]:
+            p = power[of_pairs == band] + 1e-12
+            m, s = float(np.mean(p)), float(np.median(p))
+            odds += float(np.sum(np.log(s) - 2.0 * np.log(s + p) + np.log(m) + p / m))
+        return odds > 0.0
+
+    @cached_property
+    def white_left(self) -> Array:
+        """What is left of the recordings that were fitted, whitened (rows,)."""
+        model, fit = self.explanation.search.model, self.best
+        V, _ = model.basis
+        left = model.y - model.N @ (fit.numbers - fit.far_off)
+        for t in fit.terms:
+            left = left - (0.0 if t.offset is None else t.offset) - t.columns @ fit.beta(t)
+        return left
+
+    def imperfections(self) -> tuple[Imperfection, ...]:
+        """Return what the recordings say of each number."""
+        problem, total = self.prepared.problem, self._numbers[0]
+        stds = np.sqrt(np.maximum(np.diag(self.best.number_covariance), 0.0))
+        off = sum((np.abs(t.what).sum(axis=1) for t in self.best.optional if t.kind == "number"), np.zeros(len(total)))
+        sources = problem.sources
+        return tuple(
+            Imperfection(
+                p.what,
+                p.joint,
+                p.unit,
+                float(p.neutral + value * p.prior_std),
+                float(std * p.prior_std),
+                p.prior_std,
+                not far,
+                None if p.recording is None else sources[p.recording],
+                p.neutral,
+            )
+            for p, value, std, far in zip(problem.numbers, total, stds, off > 0.0, strict=True)
+            if p.is_number
+        )
+
+    def known(self) -> list[tuple[EffectInstance, dict[str, ParameterEstimate]]]:
+        """Return the known effects as they came out."""
+        values = self.explanation.linear.values
+        return [estimated(self.best, t, self.prepared.problem.numbers, values)[::-1] for t in self._always]
+
+    def result(self) -> Diagnosis:
+        """Return the diagnosis."""
+        prepared, problem = self.prepared, self.prepared.problem
+        causes, laws, rows = self.causes(), self.laws(), self.open_rows()
+        before, after = self.gaps
+        unexplained = self._unexplained(laws, rows)
+        verdict = "unknown" if unexplained else "explained" if causes else "none"
+        share = self.shrink.share
+        if share is None and causes:
+            share = self._whitened_share()
+        data, names = self.judging.data, problem.robot.joint_names
+        live = problem.layout.live
+        named = lambda values: {p: float(v) for p, v, there in zip(self.places, values, live, strict=True) if there}  # noqa: E731
+        known = self.known()
+        notes = [law_note(names[t.what.joint], t.what) for _, t in laws]
+        notes += [shape_note(*self.places[row]) for row in rows]
+        notes += [*prepared.notes, *(() if prepared.independent_motion else (REPEATED_MOTION,))]
+        ratios = [self._gear_ratios(row) for row in range(len(self.places))]
+        return Diagnosis(
+            model=problem.model,
+            robot=problem.robot.name,
+            joints=names,
+            prismatic=tuple(problem.robot.units.prismatic),
+            identify=prepared.sources[0],
+            validate=prepared.sources[1],
+            independent_motion=prepared.independent_motion,
+            judged=prepared.judged,
+            band=problem.band.cutoff,
+            trust=self.explanation.trust,
+            verdict=verdict,
+            noise=named(np.sqrt(before.noise.sum(axis=1))),
+            before=ResidualSizes(named(before.rmse), named(before.peak)),
+            after=ResidualSizes(named(after.rmse), named(after.peak)),
+            shrink=None if verdict == "none" else share,
+            shrink_interval=None if verdict == "none" else self.shrink.interval or ((share, share) if share is not None else None),
+            shrink_by_place={p: (None if np.isnan(v) else v) for p, v in named(self.shrink.by_row).items()},
+            causes=tuple(cause for cause, _ in causes),
+            unexplained=tuple(unexplained),
+            imperfections=self.imperfections(),
+            changes=changes_between(self.explanation, problem),
+            known=tuple(
+                {
+                    "effect": instance.effect.id,
+                    "joint": instance.joint,
+                    "sides": list(instance.sides),
+                    "parameters": plain_parameters(parameters),
+                }
+                for instance, parameters in known
+            ),
+            notes=tuple(notes),
+            context=DiagnosisContext(
+                explanation=self.explanation,
+                judging=self.judging,
+                before=self.before,
+                after=self.after,
+                alone=[alone for _, alone in causes],
+                regimes=[shares(data, self.before, row, ratios[row]) for row in range(len(self.places))],
+                known=tuple(instance for instance, _ in known),
+                unseen=prepared.unseen,
+                held_back=problem.held_back,
+            ),
+        )
+
+    def _whitened_share(self) -> float:
+        """Return the share of the power over the noise that is gone, whitened: where no octave shows a gap by itself."""
+        model, fit = self.explanation.search.model, self.best
+        empty = model.fit(())
+        first, left = (float(np.sum(np.maximum(f.found.left - model.bands.n, 0.0))) for f in (empty, fit))
+        return 1.0 - left / first if first else 0.0
+
+    def _unexplained(self, laws: Sequence[tuple[float, Term]], rows: Sequence[int]) -> list[UnexplainedResidual]:
+        names, after = self.prepared.problem.robot.joint_names, self.gaps[1]
+        places = self.places
+        found = {}
+        for _, t in laws:
+            side = t.what.side if t.what.side in self.prepared.problem.layout.sides else self.prepared.problem.layout.sides[0]
+            row = places.index((names[t.what.joint], side))
+            found[row] = None
+        for row in rows:
+            found.setdefault(row, None)
+        result = []
+        for row in found:
+            shown = shares(self.judging.data, self.after, row, self._gear_ratios(row))
+            result.append(UnexplainedResidual(*places[row], regime(shown), float(after.rmse[row])))
+        return result
+
+    def _gear_ratios(self, row: int) -> tuple[float, float]:
+        """Return r_hd and r_tot of the joint to which a residual belongs."""
+        robot = self.prepared.problem.robot
+        gear = robot.joints[row % robot.n].transmission
+        return (gear.harmonic_drive_ratio, gear.r_tot) if gear else (1.0, 1.0)
+
+
+def _name(key: Key) -> Name:
+    return key[0], key[1]
+
+
+def _less(first: Sequence[Array], added: Sequence[Sequence[Array]]) -> list[Array]:
+    """Return residuals of each stretch without what some terms add."""
+    left = [y.copy() for y in first]
+    for own in added:
+        for y, more in zip(left, own, strict=True):
+            y -= more
+    return left

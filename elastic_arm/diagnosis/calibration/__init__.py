@@ -1,1 +1,0 @@
-"""What is ordinarily imperfect, marginalised: nuisance parameters, their columns, and where they lie most probably."""

@@ -1,0 +1,75 @@
+"""The equations and the band in which all recordings of a diagnosis are compared."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from elastic_arm.dynamics import Model
+from elastic_arm.errors import DiagnosisError
+from elastic_arm.estimation.band import Band
+from elastic_arm.estimation.equations import EquationSet
+from elastic_arm.estimation.observation import Observation, widest_band
+from elastic_arm.robot import Robot
+
+ALIKE = 1.01  # ratio of sample rates that counts as one rate
+ONE_ENCODER = 5.0  # Hz; above it the deflection that a single encoder does not show changes the motion
+# Of a band's edge, Hz, times the length of a stretch, s: below, its filters leave too little. They take 4.2 and 3.6 over
+# the edge; half of what the first leaves must be longer than the second.
+NARROW = 12.0
+
+
+def common_equations(
+    observations: Sequence[Observation], model: Model
+) -> tuple[EquationSet, Band]:
+    """Return equations and band that all recordings allow.
+
+    Parameters
+    ----------
+    observations
+        Of all recordings.
+    model
+        The nominal model.
+
+    Raises
+    ------
+    DiagnosisError
+        If the recordings hold different channels, or have different sample rates.
+    """
+    layouts = [EquationSet.of(o.pieces[0], model) for o in observations]
+    if any(layout != layouts[0] for layout in layouts):
+        raise DiagnosisError(
+            "the recordings do not hold the same channels", "Diagnose those with equal channels together"
+        )
+    rate = min(o.rate for o in observations)
+    if max(o.rate for o in observations) > ALIKE * rate:
+        raise DiagnosisError("the recordings have different sample rates", "Diagnose those of one rate together")
+    longest = min(max(len(piece) / o.rate - 2.0 * o.margin for piece in o.pieces) for o in observations)
+    torque_band = max(min(o.torque_band for o in observations), NARROW / max(longest, 1e-3))
+    return layouts[0], common_band(layouts[0], model, rate, torque_band)
+
+
+def common_band(
+    layout: EquationSet, model: Model, rate: float, torque_band: float = np.inf
+) -> Band:
+    """Return the band in which residuals are compared.
+
+    Parameters
+    ----------
+    layout
+        Usable equations.
+    model
+        The nominal model.
+    rate
+        Hz, of the recordings.
+    torque_band
+        Hz, from which on torques were low-passed before they were recorded: above, they are not those of the motion.
+    """
+    widest = min(widest_band(rate), torque_band)
+    return Band(min(widest, ONE_ENCODER) if has_one_encoder(layout, model.robot) else widest, rate)
+
+
+def has_one_encoder(layout: EquationSet, robot: Robot) -> bool:
+    """Whether an elastic arm is one equation a joint, in which the deflection follows the load."""
+    return len(layout.sides) == 1 and robot.elastic

@@ -1,1 +1,0 @@
-"""Recordings made ready: dead channels and clocks, and which part is fitted and which judges."""

@@ -1,0 +1,131 @@
+"""Sizes of causes and numbers from the posterior: means and deviations over the sets that hold them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from elastic_arm.equations.numbers import Number
+from elastic_arm.effects.model import EffectInstance
+from elastic_arm.evidence.model import Fit
+from elastic_arm.evidence.nonlinear import components, moved
+from elastic_arm.evidence.term import Term
+
+Array = NDArray[np.float64]
+
+STEP = 1e-4  # of a standard deviation, for derivatives of parameters by coefficients; numerical
+
+
+@dataclass(frozen=True)
+class ParameterEstimate:
+    """A parameter with its standard deviation (None: not determined); several numbers for a vector."""
+
+    value: Any
+    std: Any
+    unit: str
+
+
+def estimated(
+    fit: Fit, term: Term, parameters: Sequence[Number], values: Array
+) -> tuple[dict[str, ParameterEstimate], EffectInstance]:
+    """Return the parameters of a cause with deviations, and the effect as the simulator takes it.
+
+    Parameters
+    ----------
+    fit, term
+        The set, and the cause in it.
+    parameters, values
+        The numbers, and where (K,) the model stands.
+    """
+    if term.kind == "number":
+        total = values + fit.numbers
+        moved_by = np.flatnonzero(term.what.any(axis=1))
+        covariance = fit.number_covariance[np.ix_(moved_by, moved_by)]
+        own = [parameters[k] for k in moved_by]
+        return _of(term, lambda x: _number_values(term, own, x), total[moved_by], covariance)
+    return _of(term, lambda x: _effect_values(term, x), *_coefficients(fit, term))
+
+
+def _coefficients(fit: Fit, term: Term) -> tuple[Array, Array]:
+    """Return the coefficients of an effect and their covariance; of a stated one that is off, those of both together."""
+    beta, covariance = fit.beta(term), fit.covariance(term)
+    if term.kind == "stated":
+        (known,) = (t for t in fit.terms if t.kind == "effect" and t.key == term.key)
+        first, second = fit.slices[known.ident], fit.slices[term.ident]
+        S = fit.found.S
+        covariance = S[first, first] + S[second, second] + S[first, second] + S[second, first]
+        beta = beta + fit.found.x[first]
+    return beta, covariance
+
+
+def _effect_values(term: Term, beta: Array) -> dict[str, Any]:
+    theta, own = list(term.theta), components(term.feature)
+    for k, j in enumerate(term.tangents):
+        theta[j] = moved(own[j], theta[j], float(beta[term.linear + k]))
+    linear = [] if term.feature.fixed else [float(b) for b in beta[: term.linear]]
+    return dict(term.feature.parameters(linear, theta))
+
+
+def _number_values(term: Term, parameters: Sequence[Number], x: Array) -> dict[str, Any]:
+    """Return the effect's parameters for numbers at x (m,) standard deviations."""
+    effect, first = term.feature.effect, parameters[0]
+    found: dict[str, Any] = {p.name: p.default for p in effect.parameters if p.default is not None}
+    found[effect.parameters[0].name] = first.neutral + float(x[0]) * first.prior_std
+    by_name = {p.what: float(v) * p.prior_std for p, v in zip(parameters, x, strict=True)}
+    if "com" in found and "link_com_x" in by_name:
+        found["com"] = tuple(by_name[f"link_com_{axis}"] for axis in "xyz")
+        found["inertia"] = 1.0 + float(np.mean([by_name[f"link_inertia_{axis}"] for axis in ("xx", "yy", "zz")]))
+    return found
+
+
+def _of(
+    term: Term, values: Callable[[Array], dict[str, Any]], x: Array, covariance: Array
+) -> tuple[dict[str, ParameterEstimate], EffectInstance]:
+    feature, names = term.feature, term.feature.effect.parameters
+    flat = lambda found: np.concatenate([np.atleast_1d(np.asarray(found[p.name], dtype=float)) for p in names])  # noqa: E731
+    here = values(x)
+    if not names:
+        return {}, EffectInstance(feature.effect, feature.joint, dict(feature.choices))
+    std = np.sqrt(np.maximum(np.diag(covariance), 1e-300))
+    slopes = np.stack(
+        [(flat(values(x + STEP * s * e)) - flat(values(x - STEP * s * e))) / (2 * STEP * s) for s, e in zip(std, np.eye(len(x)), strict=True)],
+        axis=1,
+    ) if len(x) else np.zeros((len(flat(here)), 0))
+    deviations = np.sqrt(np.maximum(np.einsum("ij,jk,ik->i", slopes, covariance, slopes), 0.0))
+    found, at = {}, 0
+    for p in names:
+        own = deviations[at : at + p.size]
+        at += p.size
+        value = list(here[p.name]) if p.size > 1 else float(here[p.name])
+        known = None if p.integer or not own.any() else ([float(v) for v in own] if p.size > 1 else float(own[0]))
+        found[p.name] = ParameterEstimate(value, known if known is not None else ([None] * p.size if p.size > 1 else None), feature.unit(p))
+    bounded = {p.name: _physical(p, here[p.name]) for p in names}
+    return found, EffectInstance(feature.effect, feature.joint, {**bounded, **feature.choices})
+
+
+def _physical(parameter: Any, value: Any) -> Any:
+    """Return a value that an arm can have: a mean may lie a rounding error outside."""
+    if not np.isfinite(parameter.above):
+        return value
+    least = parameter.above + 1e-12 * max(1.0, abs(parameter.high))
+    return tuple(max(v, least) for v in value) if isinstance(value, list | tuple) else max(float(value), least)
+
+
+def averaged(found: Sequence[tuple[float, Mapping[str, ParameterEstimate]]]) -> dict[str, ParameterEstimate]:
+    """Return mean and deviation of parameters over sets, (probability, parameters) each, the most probable first."""
+    weights = np.array([w for w, _ in found])
+    weights = weights / weights.sum()
+    result = {}
+    for name, first in found[0][1].items():
+        if first.std is None or isinstance(first.value, list):
+            result[name] = first
+            continue
+        rows = [(w, one[name]) for w, (_, one) in zip(weights, found, strict=True) if one[name].std is not None]
+        mean = sum(w * e.value for w, e in rows) / sum(w for w, _ in rows)
+        variance = sum(w * (e.std**2 + (e.value - mean) ** 2) for w, e in rows) / sum(w for w, _ in rows)
+        result[name] = ParameterEstimate(float(mean), float(np.sqrt(variance)), first.unit)
+    return result

@@ -1,0 +1,108 @@
+"""How large the gap is, and how far it shrinks: power over the sensors' noise, by joint, side and octave.
+
+    e = max(P - noise, 0)    over the octaves in which P is more than the noise by more than chance before
+    shrink = 1 - sum e(after) / sum e(before)
+
+A slow effect drowns in the noise of a wide band and is plain in its own octave, so that no band has to be chosen.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.signal import periodogram
+from scipy.stats import chi2
+
+from elastic_arm.estimation.band import LowPass
+from elastic_arm.estimation.whitening import WhitenedData
+from elastic_arm.evidence.grams import OCTAVES
+
+Array = NDArray[np.float64]
+
+CHANCE = 1e-5  # probability of an octave of noise that counts as more
+KNOWN = 0.2  # of the noise's power: how well it is known; spectra of quantised encoders are off by a seventh
+
+
+@dataclass(frozen=True)
+class Gap:
+    """Powers of residuals by row and octave (R, O), Nm².
+
+    Parameters
+    ----------
+    power, noise
+        Of the residuals, and of the sensors' noise in them.
+    count
+        Numbers of independent values.
+    rmse, peak
+        (R,) over the whole band, Nm.
+    """
+
+    power: Array
+    noise: Array
+    count: Array
+    rmse: Array
+    peak: Array
+
+    @staticmethod
+    def of(data: WhitenedData, residuals: Sequence[Array]) -> Gap:
+        """Measure residuals (N', R) of each stretch of recordings."""
+        octaves, rows = len(OCTAVES) + 1, data.layout.rows
+        power, noise, count = (np.zeros((rows, octaves)) for _ in range(3))
+        rate, low_pass = data.band.kept_rate, LowPass(data.band.cutoff, data.band.kept_rate)
+        total = sum(len(r) for r in residuals)
+        for own, pure in zip(residuals, data.pure, strict=True):
+            share = len(own) / total
+            f, density = periodogram(own, rate, window="hann", detrend=False, axis=0)
+            octave = np.searchsorted(OCTAVES, f, side="right")
+            step = f[1] - f[0]
+            sensors = np.stack(
+                [np.interp(f, pure.f, np.real(pure.covariance[:, r, r])) for r in range(rows)], axis=1
+            ) * (low_pass.gain(f)[:, None] ** 2 * 2.0 / pure.rate)
+            for o in range(octaves):
+                there = octave == o
+                power[:, o] += share * density[there].sum(axis=0) * step
+                noise[:, o] += share * sensors[there].sum(axis=0) * step
+                count[:, o] += 2.0 * there.sum() / 1.5  # a Hann window correlates neighbours
+        values = np.concatenate(list(residuals))
+        return Gap(power, noise, np.maximum(count, 1.0), np.sqrt(np.mean(values**2, axis=0)), np.abs(values).max(axis=0))
+
+    @property
+    def significant(self) -> NDArray[np.bool_]:
+        """Where (R, O) there is more than noise."""
+        return self.power > self.noise * (KNOWN + chi2.isf(CHANCE, self.count) / self.count)
+
+    @property
+    def excess(self) -> Array:
+        """Power over the noise (R, O), Nm²."""
+        return np.maximum(self.power - self.noise, 0.0)
+
+    def place(self, where: NDArray[np.bool_]) -> Array:
+        """Return the excess (R,) in some octaves."""
+        return np.where(where, self.excess, 0.0).sum(axis=1)
+
+
+@dataclass(frozen=True)
+class Shrink:
+    """By how much a gap shrinks: share, 95 % interval, and the share of each row's own gap (NaN: it has none)."""
+
+    share: float | None
+    interval: tuple[float, float] | None
+    by_row: Array
+
+
+def shrink(before: Gap, after: Gap) -> Shrink:
+    """Compare the gap without and with something added; nothing where there is none before."""
+    where = before.significant
+    first, left = before.place(where), after.place(where)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        by_row = np.where(first > 0.0, 1.0 - left / first, np.nan)
+    total = float(first.sum())
+    if total == 0.0:
+        return Shrink(None, None, by_row)
+    error = np.where(where, np.hypot(after.power * np.sqrt(2.0 / after.count), 0.5 * KNOWN * after.noise), 0.0)
+    std = float(np.sqrt(np.sum(error**2))) / total
+    share = 1.0 - float(left.sum()) / total
+    return Shrink(share, (share - 2.0 * std, min(1.0, share + 2.0 * std)), by_row)

@@ -1,1 +1,0 @@
-"""Laws that no catalogue states, with which the causes are compared."""

@@ -1,0 +1,318 @@
+"""The motion within the arm's limits that discriminates between a cause and its alternatives.
+
+If one of two effects is there, the other, refitted to the same motion, leaves a remainder. With whitened columns s of
+the true effect and X of what a refit can combine, the expected log-likelihood ratio is half the squared norm of the
+remainder, 0.5 |s - X X^+ s|^2 (the discrimination criterion of Atkinson and Fedorov 1975, T-optimality). Motions are
+drawn, judged by it, and the best is improved by random steps.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from itertools import product
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from elastic_arm.diagnosis.context import DiagnosisContext
+from elastic_arm.diagnosis.predicted_experiment import ExperimentConditions, PredictedExperiment
+from elastic_arm.diagnosis.result import Cause
+from elastic_arm.dynamics import Model
+from elastic_arm.errors import ExcitationError
+from elastic_arm.estimation.effect_columns import Feature
+from elastic_arm.evidence.model import Fit
+from elastic_arm.evidence.nonlinear import axis, components, moved
+from elastic_arm.evidence.relinearise import theta_of
+from elastic_arm.evidence.term import Term
+from elastic_arm.excitation import FourierTrajectory, MotionLimits, Shape, random_trajectories
+
+Array = NDArray[np.float64]
+# Makes whitened columns (rows, k) of a feature at values of its nonlinear parameters.
+Columns = Callable[[Feature, Sequence[float]], Array]
+
+DEPENDENT = 1e-6  # relative singular value below which a combination of columns is not determined; numerical
+DECISIVE = 12.0  # nats from which a recording is expected to decide: odds of 160,000
+MOST_PAIRS = 6  # of effects between which a motion shall discriminate; bounds the time
+SECONDS = 20.0  # length of the motion
+KINDS = ((2, 1), (5, 1), (5, 2), (4, 4))  # harmonics, periods: slow to fast
+DRAWN, STEPS = 16, 60  # motions of each kind, and random steps from the best; bounds the time
+AMPLITUDES = (1.0, 0.3)  # friction shows near standstill, inertia at full speed
+STRIDE, CENTRE_STRIDE = 0.25, 0.1  # of the amplitudes, and of the joints' half ranges, in a step
+LIMIT_USE = 0.98  # of the limits
+NEIGHBOUR = 0.1  # of a nonlinear number's range: how far off its neighbours are that span what a refit can do
+RATE = 500.0  # Hz; enough for ripple of the rotor's fourth order at full speed
+
+
+@dataclass(frozen=True)
+class PairSeparation:
+    """Two effects of which one is there, and how far a recording discriminates between them.
+
+    Parameters
+    ----------
+    cause, alternative
+        Effect and joint of the two.
+    here, expected
+        Log-likelihood by which this recording decides, and by which the proposed motion is expected to, nats.
+    decides
+        Whether the proposed motion is expected to decide.
+    """
+
+    cause: tuple[str, str | None]
+    alternative: tuple[str, str | None]
+    here: float
+    expected: float = 0.0
+    decides: bool = False
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return it as plain data."""
+        return {
+            **{
+                name: {"effect": effect, "joint": joint}
+                for name, (effect, joint) in (("cause", self.cause), ("alternative", self.alternative))
+            },
+            "log_likelihood": {"this_recording": float(f"{self.here:.4g}"), "proposed": float(f"{self.expected:.4g}")},
+            "decides": self.decides,
+        }
+
+
+@dataclass(frozen=True)
+class Proposal:
+    """A motion that is expected to discriminate between effects.
+
+    Parameters
+    ----------
+    trajectory
+        None where no motion within the limits was found.
+    pairs
+        Between which it discriminates, and how well.
+    candidates
+        How many motions were judged.
+    notes
+        What had to be assumed, or why there is no motion.
+    """
+
+    trajectory: FourierTrajectory | None
+    pairs: tuple[PairSeparation, ...]
+    candidates: int
+    notes: tuple[str, ...] = ()
+
+    @property
+    def seconds(self) -> float:
+        """Length of the motion, s."""
+        return 0.0 if self.trajectory is None else self.trajectory.duration
+
+    @property
+    def decided(self) -> set[tuple[tuple[str, str | None], tuple[str, str | None]]]:
+        """Cause and alternative of each pair on which the motion is expected to decide."""
+        return set() if self.trajectory is None else {(p.cause, p.alternative) for p in self.pairs if p.decides}
+
+    @property
+    def worthwhile(self) -> bool:
+        """Whether there is a motion, and it is expected to decide anything."""
+        return self.trajectory is not None and any(pair.decides for pair in self.pairs)
+
+    def to_dict(self, file: str) -> dict[str, Any]:
+        """Return it as plain data; `file` is where the trajectory is written."""
+        return {
+            "file": file if self.worthwhile else None,
+            "duration_s": self.seconds or None,
+            "candidates": self.candidates,
+            "pairs": [pair.to_dict() for pair in self.pairs],
+            "notes": list(self.notes),
+        }
+
+
+@dataclass(frozen=True)
+class CompetingEffect:
+    """One of the effects that may be there: its columns at some nonlinear numbers, its coefficients, what a refit can do."""
+
+    effect: str
+    joint: str | None
+    feature: Feature
+    theta: tuple[float, ...]
+    coefficients: Array
+    refits: tuple[tuple[float, ...], ...]
+
+    @property
+    def name(self) -> tuple[str, str | None]:
+        """Effect and joint."""
+        return self.effect, self.joint
+
+    def signal(self, columns: Columns) -> Array:
+        """Return what it adds (rows,)."""
+        return columns(self.feature, self.theta) @ self.coefficients
+
+    def refit_columns(self, columns: Columns) -> Array:
+        """Return the columns (rows, k) that a refit combines; none where its size is known."""
+        if not self.feature.effect.parameters:
+            return np.zeros((len(self.signal(columns)), 0))
+        return np.hstack([columns(self.feature, point) for point in self.refits])
+
+
+AmbiguousPair = tuple[CompetingEffect, CompetingEffect, tuple[CompetingEffect, ...]]
+
+
+def propose(context: DiagnosisContext, causes: Sequence[Cause], *, rng: np.random.Generator) -> Proposal | None:
+    """Return the motion that separates causes from their alternatives best; None where there are no alternatives.
+
+    Parameters
+    ----------
+    context, causes
+        Of the diagnosis.
+    rng
+        Draws the motions.
+    """
+    ambiguous = _ambiguous_pairs(context, causes)
+    if not ambiguous:
+        return None
+    linear = context.explanation.linear
+    here = _separations(ambiguous, linear.columns)
+    names = [(one.name, other.name) for one, other, _ in ambiguous]
+    limits = MotionLimits.of(context.model.robot)
+    conditions = ExperimentConditions.of(linear.model, linear.data)
+
+    def judge(trajectory: FourierTrajectory) -> list[float]:
+        return _separations(ambiguous, PredictedExperiment(conditions, trajectory, RATE).white)
+
+    try:
+        best, expected, count = _search(context.model, limits, judge, rng)
+    except ExcitationError as error:
+        pairs = [PairSeparation(*pair, value) for pair, value in zip(names, here, strict=True)]
+        return Proposal(None, tuple(pairs), 0, (*limits.assumed, str(error)))
+    pairs = [
+        # A recording that ought to have decided and did not shows that neither is right.
+        PairSeparation(*pair, now, then, then >= DECISIVE and then > now)
+        for pair, now, then in zip(names, here, expected, strict=True)
+    ]
+    return Proposal(best, tuple(pairs), count, limits.assumed)
+
+
+def separation(pair: AmbiguousPair, columns: Columns) -> float:
+    """Log-likelihood by which a recording is expected to decide between two effects, whichever is there.
+
+    Parameters
+    ----------
+    pair
+        The two, and what acts beside them in either case.
+    columns
+        Makes whitened columns for the recording.
+    """
+    one, other, beside = pair
+    always = [effect.refit_columns(columns) for effect in beside]
+    found = []
+    for true, wrong in ((one, other), (other, one)):
+        target, reach = true.signal(columns), wrong.refit_columns(columns)
+        if not reach.shape[1]:
+            target = target - wrong.signal(columns)
+        found.append(0.5 * _unexplained(target, np.hstack([reach, *always])))
+    return min(found)
+
+
+def _separations(ambiguous: Sequence[AmbiguousPair], columns: Columns) -> list[float]:
+    """Return the separation of every pair; columns that several share are evaluated once."""
+    known: dict[tuple[Feature, tuple[float, ...]], Array] = {}
+
+    def remembered(feature: Feature, searched: Sequence[float]) -> Array:
+        key = (feature, tuple(searched))
+        if key not in known:
+            known[key] = columns(feature, searched)
+        return known[key]
+
+    return [separation(pair, remembered) for pair in ambiguous]
+
+
+def _unexplained(target: Array, columns: Array) -> float:
+    """Sum of squares of what least squares on the columns leaves of the target."""
+    u, s, _ = np.linalg.svd(columns, full_matrices=False) if columns.size else (columns, np.zeros(0), None)
+    basis = u[:, s > DEPENDENT * s[0]] if len(s) else np.zeros((len(target), 0))
+    target = target - basis @ (basis.T @ target)
+    return float(target @ target)
+
+
+def _search(
+    model: Model,
+    limits: MotionLimits,
+    judge: Callable[[FourierTrajectory], list[float]],
+    rng: np.random.Generator,
+) -> tuple[FourierTrajectory, list[float], int]:
+    """Return the best motion, how it separates each pair, and how many were judged."""
+    drawn, ramp = [], SECONDS / 10.0
+    for harmonics, periods in KINDS:
+        shape = Shape(harmonics, (SECONDS - 2 * ramp) / periods, ramp, periods)
+        drawn += random_trajectories(model, limits, DRAWN, rng=rng, shape=shape)
+    tried = [motion.scaled(share) for motion, share in product(drawn, AMPLITUDES)]
+    scored = [(judge(motion), motion) for motion in tried]
+    values, best = max(scored, key=lambda pair: _criterion(pair[0]))
+    for _ in range(STEPS):
+        moved = _moved(best, limits, rng)
+        if not limits.use(moved, model).kept:
+            continue
+        now = judge(moved)
+        if _criterion(now) > _criterion(values):
+            values, best = now, moved
+    return best, values, len(tried) + STEPS
+
+
+def _criterion(values: Sequence[float]) -> float:
+    """One pair that is hard to separate counts more than another that is separated twice over."""
+    return float(np.sum(np.log1p(values)))
+
+
+def _moved(
+    motion: FourierTrajectory, limits: MotionLimits, rng: np.random.Generator
+) -> FourierTrajectory:
+    """Return the motion after a random step of amplitudes and centre, within the limits."""
+    a, b = (
+        values + STRIDE * np.std(values) * rng.standard_normal(values.shape) for values in (motion.a, motion.b)
+    )
+    q0 = motion.q0 + CENTRE_STRIDE * limits.half_range * rng.standard_normal(motion.n)
+    q0 = np.clip(q0, limits.position_min, limits.position_max)
+    moved = FourierTrajectory(motion.omega, a, b, q0, motion.duration, motion.ramp, motion.joints)
+    return limits.fitted(moved, LIMIT_USE)
+
+
+def _ambiguous_pairs(context: DiagnosisContext, causes: Sequence[Cause]) -> list[AmbiguousPair]:
+    """Return causes and alternatives, most probable alternatives first."""
+    best = context.explanation.best
+    own = {(t.key[0], t.key[1]): _competing(best, t) for t in best.optional if t.kind != "law"}
+    found: list[tuple[float, AmbiguousPair]] = []
+    for cause in causes:
+        name = (cause.effect, cause.joint)
+        if name not in own:
+            continue
+        beside = tuple(one for other, one in own.items() if other != name)
+        for alternative in cause.alternatives:
+            if rival := _rival(context, name, (alternative.effect, alternative.joint)):
+                found.append((alternative.confidence, (own[name], rival, beside)))
+    found.sort(key=lambda pair: -pair[0])
+    return [pair for _, pair in found[:MOST_PAIRS]]
+
+
+def _rival(context: DiagnosisContext, cause: tuple[str, str | None], other: tuple[str, str | None]) -> CompetingEffect | None:
+    """Return an alternative as the most probable set has it that holds it and not the cause."""
+    best: tuple[float, Fit, Term] | None = None
+    for fit in context.explanation.search.met.values():
+        names = {(t.key[0], t.key[1]): t for t in fit.optional}
+        if other in names and cause not in names and (best is None or fit.score > best[0]):
+            best = fit.score, fit, names[other]
+    return None if best is None else _competing(best[1], best[2])
+
+
+def _competing(fit: Fit, term: Term) -> CompetingEffect:
+    """Return a term of a fit by columns of its law; a refit moves its nonlinear numbers to their neighbours."""
+    feature, theta = term.feature, theta_of(term, fit)
+    if term.kind == "number":
+        beta = np.zeros(feature.count)
+        beta[0] = float(fit.beta(term)[0])
+    else:
+        beta = np.ones(1) if term.offset is not None else fit.beta(term)[: term.linear]
+    points: list[tuple[float, ...]] = [theta]
+    own: list[Any] = components(feature)
+    for j, p in enumerate(own if theta else []):
+        if not p.integer:
+            low, high = axis(p)
+            step = NEIGHBOUR * (high - low)
+            points += [(*theta[:j], moved(p, theta[j], sign * step), *theta[j + 1 :]) for sign in (-1.0, 1.0)]
+    return CompetingEffect(term.key[0], term.key[1], feature, theta, beta, tuple(points))

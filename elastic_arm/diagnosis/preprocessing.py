@@ -1,0 +1,200 @@
+"""Repairs of a recording before it is diagnosed: dead torque channels, clocks that drift apart.
+
+A channel that holds one number throughout was not recorded, whatever its message holds. Two clocks that stamp
+two topics show in the twist of the drives: link and motor turn alike but for a deflection that follows the load, so a
+lag between them that grows with time, the same on every joint, is the clocks'.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from elastic_arm.errors import DiagnosisError
+from elastic_arm.estimation.effect_columns import Feature
+from elastic_arm.recording import Recording, Samples, Side
+from elastic_arm.recording.inspection.outliers import without_outliers
+from elastic_arm.recording.inspection.stuck_channels import NO_MOTION, STILL, moves
+from elastic_arm.recording.sides import joints_with
+
+Array = NDArray[np.float64]
+
+AVERAGING = 0.02  # s; clocks are compared on means over as long
+SHIFT = 1e-5  # s over the recording; less changes nothing that can be measured
+CERTAIN = 10.0  # standard deviations of each joint's drift; coloured errors need many
+AGREEMENT = 0.2  # relative difference between joints up to which a drift is common to all
+PASSES = 3  # of estimating and removing a drift
+DIFFERENCE = 1e-3  # of the velocities' spread: equal to differences of positions up to rounding
+# Means over a recording from which a clock's drift can be told: several times what is fitted to them.
+FEWEST_MEANS = 50
+TORQUES = {"link": "joint torque (effort of the link side)", "motor": "motor torque (effort of the motor side)"}
+
+
+def usable(recording: Recording) -> Recording:
+    """Return the recording without outliers and dead torque channels, its clocks together; its notes state it.
+
+    Raises
+    ------
+    DiagnosisError
+        If the arm stands still, or every torque channel is dead.
+    """
+    whole = without_outliers(recording)
+    if not moves(whole):
+        raise DiagnosisError(f"{recording.source or 'the recording'} holds no motion", NO_MOTION)
+    return _one_clock(_without_differences(_live(whole)))
+
+
+def standing(recording: Recording) -> list[str]:
+    """Return the names of the joints that do not move."""
+    side = recording.motor or recording.link
+    if side is None or side.position is None:
+        return []
+    return [j for j, span in zip(recording.joints, np.ptp(side.position, axis=0), strict=True) if span < STILL]
+
+
+def needs_motion(feature: Feature) -> bool:
+    """Whether an effect shows by the motion of its joint alone; a drive winds up where the joint stands still, too."""
+    return feature.effect.needs_motion and "drive" not in feature.sides
+
+
+def _live(recording: Recording) -> Recording:
+    """Leave out torque channels that hold one number throughout."""
+    where = recording.source or "the recording"
+    sides: dict[str, Side | None] = {"link": recording.link, "motor": recording.motor}
+    notes, dead = [], []
+    for name, side in sides.items():
+        if side is None or side.effort is None or not len(side):
+            continue
+        there = joints_with(side.effort)
+        constant = there & (np.ptp(side.effort, axis=0) == 0.0)
+        if constant[there].all():
+            dead.append(TORQUES[name])
+            sides[name] = replace(side, effort=None)
+        elif constant.any():
+            joints = ", ".join(j for j, c in zip(recording.joints, constant, strict=True) if c)
+            notes.append(
+                f"{where}: {TORQUES[name]} of {joints} is one number throughout: do not trust what is said of it."
+            )
+    if dead and all(side is None or side.effort is None for side in sides.values()):
+        raise DiagnosisError(
+            f"every torque channel of {where} is empty: {' and '.join(dead)} hold one number throughout",
+            "Record the effort of /motor_states, of /joint_states, or both",
+        )
+    notes += [f"{where}: {channel} holds one number throughout: taken as not recorded." for channel in dead]
+    return replace(recording, link=sides["link"], motor=sides["motor"], notes=(*recording.notes, *notes))
+
+
+def _without_differences(recording: Recording) -> Recording:
+    """Leave out velocities that are differences of the positions: they hold nothing new, half a sample late."""
+    where = recording.source or "the recording"
+    sides: dict[str, Side | None] = {"link": recording.link, "motor": recording.motor}
+    found = []
+    for name, side in sides.items():
+        if side is None or side.position is None or side.velocity is None or len(side) < 3:
+            continue
+        steps = np.diff(side.stamp_ns)[:, None] * 1e-9
+        differences = [np.diff(side.position, axis=0) / step for step in (steps, np.median(steps))]
+        errors = [
+            np.median(np.abs(velocity - difference), axis=0).max()
+            for difference in differences
+            for velocity in (side.velocity[1:], side.velocity[:-1])
+        ]
+        if min(errors) < DIFFERENCE * np.std(side.velocity):
+            sides[name] = replace(side, velocity=None)
+            found.append(name)
+    if not found:
+        return recording
+    words = f"{where}: {' and '.join(found)} velocities are differences of the positions: left out."
+    return replace(recording, link=sides["link"], motor=sides["motor"], notes=(*recording.notes, words))
+
+
+def _one_clock(recording: Recording) -> Recording:
+    """Stamp the link side by the motor side's clock where the two drift apart."""
+    link, motor = recording.link, recording.motor
+    if link is None or motor is None or link.position is None or motor.position is None:
+        return recording
+    total = clock_drift(recording.samples())
+    if total is None:
+        return recording
+    mended = _restamped(recording, link, total)
+    for _ in range(PASSES - 1):
+        # What is left of a drift that is there is taken out, however small.
+        drifts = _drifts(mended.samples())
+        total += 0.0 if drifts is None else _mean(*drifts)
+        mended = _restamped(recording, link, total)
+    note = (
+        f"{recording.source or 'the recording'}: the clocks of link and motor side drift apart by {1e6 * total:.3g} us "
+        f"a second, {1e3 * abs(total) * recording.duration:.3g} ms in all: taken out by the motion of all joints."
+    )
+    return replace(mended, notes=(*recording.notes, note))
+
+
+def _restamped(recording: Recording, link: Side, drift: float) -> Recording:
+    """Return the recording with the link side stamped by a clock that runs slower by a drift."""
+    since = link.stamp_ns - link.stamp_ns[0]
+    stamps = link.stamp_ns[0] + np.round(since / (1.0 + drift)).astype(np.int64)
+    return replace(recording, link=replace(link, stamp_ns=stamps))
+
+
+def clock_drift(samples: Samples) -> float | None:
+    """Return by how much the link side's clock runs faster than the motor side's (1), None where they keep together."""
+    found = _drifts(samples)
+    if found is None:
+        return None
+    drifts, stds = found
+    mean = _mean(drifts, stds)
+    seconds = float(samples.t[-1] - samples.t[0])
+    certain = bool((np.abs(drifts) > CERTAIN * stds).all())
+    alike = bool((np.abs(drifts - mean) < AGREEMENT * abs(mean)).all())
+    return mean if certain and alike and abs(mean) * seconds > SHIFT else None
+
+
+def _drifts(samples: Samples) -> tuple[Array, Array] | None:
+    """Return the drifts that joints show, and their standard deviations; None where none can show one."""
+    if samples.q is None or samples.theta is None:
+        return None
+    if len(samples) < FEWEST_MEANS * _averaging(samples.t, AVERAGING):
+        return None
+    moves = np.ptp(samples.theta, axis=0) >= STILL
+    moves[[joint for channel, joint in samples.lacking if channel in ("q", "theta")]] = False
+    found = [_drift_of(samples, int(j), AVERAGING) for j in np.flatnonzero(moves)]
+    if not found:
+        return None
+    drifts, stds = (np.array(column) for column in zip(*found, strict=True))
+    return drifts, stds
+
+
+def _mean(drifts: Array, stds: Array) -> float:
+    return float(np.average(drifts, weights=stds**-2.0))
+
+
+def _drift_of(samples: Samples, j: int, averaging: float) -> tuple[float, float]:
+    """Return the drift that one joint shows, and its standard deviation: the lag's part that grows with time."""
+    assert samples.q is not None and samples.theta is not None
+    t, q, theta = (_averaged(samples.t, v, averaging) for v in (samples.t, samples.q[:, j], samples.theta[:, j]))
+    torques = [c for c in (samples.tau_J, samples.tau_m) if c is not None][:1]
+    loads = [_averaged(samples.t, c[:, j], averaging) for c in torques]
+    v = np.gradient(theta, t)
+    later = (t - t.mean()) * v
+    columns = np.stack(
+        [later, v, np.sign(v), np.gradient(v, t), np.ones_like(t), *loads, *(c**3 for c in loads)], axis=1
+    )
+    scale = np.maximum(np.linalg.norm(columns, axis=0), 1e-300)
+    beta, *_ = np.linalg.lstsq(columns / scale, theta - q, rcond=1e-10)
+    left = theta - q - columns / scale @ beta
+    inverse = np.linalg.pinv((columns / scale).T @ (columns / scale))
+    return float(beta[0] / scale[0]), float(np.sqrt(inverse[0, 0] * left.var()) / scale[0]) + 1e-12
+
+
+def _averaged(t: Array, values: Array, seconds: float) -> Array:
+    """Return means over blocks of some seconds."""
+    length = _averaging(t, seconds)
+    count = len(values) // length
+    return values[: count * length].reshape(count, length).mean(axis=1)
+
+
+def _averaging(t: Array, seconds: float) -> int:
+    """Return how many samples a mean over some seconds is made of."""
+    return max(1, round(seconds / float(np.median(np.diff(t))))) if len(t) > 1 else 1

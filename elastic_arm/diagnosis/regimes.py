@@ -1,0 +1,143 @@
+"""In which regime a residual is large: the simplest thing that it follows."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.signal import welch
+
+
+from elastic_arm.estimation.motion import rates_of
+from elastic_arm.estimation.regressors import Signals
+from elastic_arm.estimation.whitening import WhitenedData
+
+Array = NDArray[np.float64]
+
+ORDERS = (1, 2, 3, 4)  # of the angles of rotor and wave generator
+SLOW = (0.1, 0.3)  # of the typical speed: widths of the two low-speed shapes
+MOTION = 3.0  # Hz; spectral lines are looked for above the motion's own frequencies
+START = 1.0  # s that count as the start
+WEAK, ALIKE = 0.1, 0.9  # share of the power below which a regime describes nothing; of the best, up to which simpler is named
+
+REGIMES = (
+    "always",
+    "velocity_reversal",
+    "low_speed",
+    "high_speed",
+    "acceleration",
+    "load",
+    "position",
+    "rotor_angle",
+    "wave_generator_angle",
+    "frequency",
+    "start",
+    "drift",
+)
+
+
+def shares(
+    data: WhitenedData, values: Sequence[Array], row: int, ratios: tuple[float, float]
+) -> dict[str, float]:
+    """Share of one residual's power that follows each regime.
+
+    Parameters
+    ----------
+    data
+        The data set to which the residuals belong.
+    values
+        Residuals (N', R) of each stretch, Nm.
+    row
+        Which residual; its joint and side follow from the layout.
+    ratios
+        r_hd and r_tot of its joint.
+    """
+    n = data.layout.n
+    side, joint = data.layout.sides[row // n], row % n
+    r = np.concatenate([v[:, row] for v in values])
+    parts = [bases(part.signals, side, joint, n, ratios) for part in data.parts]
+    found: dict[str, float] = {}
+    power = float(np.mean(r**2)) or 1.0
+    for regime in parts[0]:
+        basis = np.concatenate(
+            [data.band.apply(p[regime])[part.stretch.kept] for p, part in zip(parts, data.parts, strict=True)]
+        )
+        beta = np.linalg.lstsq(basis, r, rcond=1e-8)[0]
+        left = float(np.mean((r - basis @ beta) ** 2))
+        # A fit with more columns explains more by chance alone.
+        found[regime] = max(0.0, 1.0 - left / power * len(r) / max(1, len(r) - basis.shape[1]))
+    found["start"] = _start_share(values, row, data.band.kept_rate, START)
+    found["frequency"] = _line_share(r, data.band.kept_rate, MOTION)
+    return found
+
+
+def regime(found: dict[str, float]) -> str:
+    """Return the regime that describes a residual best, the simpler one where two do alike."""
+    best = max(found.values())
+    if best < WEAK:
+        return "always"
+    return next(name for name in REGIMES if found.get(name, 0.0) > ALIKE * best)
+
+
+def bases(
+    signals: Signals, side: str, i: int, n: int, ratios: tuple[float, float]
+) -> dict[str, Array]:
+    """Return the columns (N, k) at the recording's rate that a residual of joint i would follow, by regime.
+
+    Parameters
+    ----------
+    signals
+        Of the motion.
+    side
+        "link", or another: which velocity and sign the residual follows.
+    i, n
+        The joint, and the number of joints.
+    ratios
+        r_hd and r_tot of the joint.
+    """
+    v = signals.values
+    # Without transmissions the motor turns with the link.
+    motor = n if v["x"].shape[1] > n else 0
+    offset = 0 if side == "link" else motor
+    w, a = v["dx"][:, offset + i], v["ddx"][:, offset + i]
+    sign = v["sign_link" if side == "link" else "sign_motor"][:, i]
+    theta, q, load = v["x"][:, motor + i], v["x"][:, i], v["tau_J"][:, i]
+    # Of the load clear of noise: that of the encoders is in the residuals, too, and differentiating raises it. The load
+    # itself is the one of which the columns of nuisance parameters are made, so that these hold what is theirs.
+    rate = signals.once("rates of the clear load", lambda: rates_of(signals.t, signals.model_torques["clear"]))[:, i]
+    typical = float(np.sqrt(np.mean(w**2))) or 1.0
+    waves = [f(k * ratios[0] * theta) for k in ORDERS for f in (np.sin, np.cos)]
+    turns = [f(k * ratios[1] * theta) for k in ORDERS for f in (np.sin, np.cos)]
+    return {
+        "always": np.ones((len(w), 1)),
+        "velocity_reversal": sign[:, None],
+        "low_speed": np.stack([np.exp(-((w / (s * typical)) ** 2)) * sign for s in SLOW], axis=1),
+        "high_speed": np.stack([w, w * np.abs(w)], axis=1),
+        "acceleration": a[:, None],
+        "load": np.stack([load, load**3, rate], axis=1),
+        "position": np.stack([np.sin(q), np.cos(q), np.sin(2 * q), np.cos(2 * q)], axis=1),
+        "rotor_angle": np.stack(turns, axis=1),
+        "wave_generator_angle": np.stack(waves, axis=1),
+        "drift": np.stack([np.ones(len(w)), signals.t], axis=1),
+    }
+
+
+def _start_share(values: Sequence[Array], row: int, rate: float, seconds: float) -> float:
+    """Share of the power in the first seconds beyond their share of the time."""
+    first = values[0][:, row]
+    count = min(len(first), max(1, int(seconds * rate)))
+    total = sum(float(np.sum(v[:, row] ** 2)) for v in values)
+    time = count / sum(len(v) for v in values)
+    share = float(np.sum(first[:count] ** 2)) / total if total else 0.0
+    return max(0.0, (share - time) / (1.0 - time))
+
+
+def _line_share(r: Array, rate: float, motion: float) -> float:
+    """Share of the power within the strongest narrow line above the motion's own frequencies."""
+    f, spectrum = welch(r, rate, nperseg=min(len(r), int(4 * rate)))
+    above = f > motion
+    if not above.any():
+        return 0.0
+    peak = int(np.argmax(np.where(above, spectrum, 0.0)))
+    return float(spectrum[max(0, peak - 2) : peak + 3].sum() / max(spectrum.sum(), 1e-300))

@@ -1,1 +1,0 @@
-"""Which effects belong: candidates, their regressors, stepwise search, refinement of nonlinear parameters."""

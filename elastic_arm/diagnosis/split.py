@@ -1,0 +1,113 @@
+"""Which part of the recordings is fitted and which part judges."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from elastic_arm.errors import DiagnosisError
+from elastic_arm.recording import Recording
+
+Array = NDArray[np.float64]
+
+HELD_BACK = 1.0 / 3.0  # share of each recording that judges
+SHORTEST = 2.5  # s of either part
+RATE = 50.0  # Hz at which motions are compared; above the motions' own frequencies
+REPEATED = 0.02  # difference over spread below which a motion counts as a repetition
+ROWS, SHARED = 200, 0.2  # of a judging recording, looked for in what is fitted; share that may be found: noise repeats none
+
+
+def split(
+    recordings: Sequence[Recording], validate: Sequence[Recording]
+) -> tuple[list[Recording], list[Recording]]:
+    """Return recordings to fit and to judge: the last third of each where no validation recording is given.
+
+    Parameters
+    ----------
+    recordings, validate
+        As given by the user.
+
+    Raises
+    ------
+    DiagnosisError
+        If the parts would be too short, or a recording is to judge itself.
+    """
+    if not recordings:
+        raise DiagnosisError("no recording is given", "Name a bag")
+    if validate:
+        for judge in validate:
+            if any(_contains(r, judge) for r in recordings):
+                raise DiagnosisError(
+                    f"{judge.source or 'the validation recording'} is also what is fitted",
+                    "Validate on another recording, or leave --validate out: the last third then judges",
+                )
+        return list(recordings), list(validate)
+    least = SHORTEST / HELD_BACK
+    for r in recordings:
+        if r.duration * HELD_BACK < SHORTEST:
+            raise DiagnosisError(
+                f"{r.source or 'the recording'} lasts {r.duration:.1f} s, too short to hold a third back for judging",
+                f"Record at least {least:.0f} s, or give another recording with --validate",
+            )
+    ends = [r.duration * (1.0 - HELD_BACK) for r in recordings]
+    first = [r.between(0.0, end) for r, end in zip(recordings, ends, strict=True)]
+    rest = [r.between(end, r.duration + 1.0) for r, end in zip(recordings, ends, strict=True)]
+    return first, rest
+
+
+def independent(identify: Sequence[Recording], validate: Sequence[Recording]) -> bool:
+    """Whether the judging motion is another one than the fitted ones, not a repetition at another time.
+
+    Parameters
+    ----------
+    identify, validate
+        The two parts.
+    """
+    rate, alike = RATE, REPEATED
+    return not any(_repeats(_course(v, rate), _course(r, rate), alike) for v in validate for r in identify)
+
+
+def _course(recording: Recording, rate: float) -> Array:
+    samples = recording.samples()
+    position = samples.theta if samples.theta is not None else samples.q
+    if position is None:
+        raise DiagnosisError(f"{recording.source or 'the recording'} holds no positions", "Record positions")
+    t = np.arange(samples.t[0], samples.t[-1], 1.0 / rate)
+    return np.stack([np.interp(t, samples.t, column) for column in position.T], axis=1)
+
+
+def _repeats(part: Array, whole: Array, alike: float) -> bool:
+    """Whether `part` is found somewhere in `whole`: least mean-square distance over all shifts."""
+    if len(part) > len(whole):
+        part, whole = whole, part
+    middle = part.mean(axis=0)
+    part, whole = part - middle, whole - middle
+    spread = float(np.mean(part**2))
+    if spread == 0.0 or len(part) < 2:
+        return True
+    size = len(whole) + len(part)
+    product = np.fft.irfft(np.fft.rfft(whole, size, axis=0) * np.fft.rfft(part[::-1], size, axis=0), size, axis=0)
+    shifts = slice(len(part) - 1, len(whole))
+    energy = np.cumsum(np.vstack([np.zeros(whole.shape[1]), whole**2]), axis=0)
+    windows = energy[len(part) :] - energy[: len(energy) - len(part)]
+    distance = (windows + np.sum(part**2, axis=0) - 2 * product[shifts]).sum(axis=1) / part.size
+    return bool(distance.min() < alike**2 * spread)
+
+
+def _contains(recording: Recording, part: Recording) -> bool:
+    """Whether much of `part` was taken from `recording`, whatever its stamps: noise does not repeat itself."""
+    whole, own = _rows(recording), _rows(part)
+    if whole.shape[1] != own.shape[1] or not len(own):
+        return False
+    known = {row.tobytes() for row in whole}
+    sample = own[:: max(1, len(own) // ROWS)]
+    return sum(row.tobytes() in known for row in sample) > SHARED * len(sample)
+
+
+def _rows(recording: Recording) -> Array:
+    """Return all channels (N, k) of the motor side, or of the link side where there is none."""
+    side = recording.motor or recording.link
+    channels = [] if side is None else list(side.channels().values())
+    return np.hstack(channels) if channels else np.zeros((0, 0))

@@ -1,0 +1,278 @@
+"""Effects, sizes, probabilities and what was found, in words, for screen, report and notes."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any
+
+from elastic_arm.effects.model import MODELS
+from elastic_arm.formatting import JointUnits, rounded
+
+if TYPE_CHECKING:
+    from elastic_arm.diagnosis.estimates import ParameterEstimate
+    from elastic_arm.diagnosis.prediction import Prediction
+    from elastic_arm.diagnosis.result import Alternative, Cause, Change, Diagnosis
+    from elastic_arm.effects import EffectInstance
+    from elastic_arm.equations.formless import GeneralLaw
+
+DOUBT = 0.001  # that stays with every confidence and every alternative
+WORTH_A_LINE = 0.05  # probability of an alternative that has a line of its own
+NAMED = 4  # causes that the verdict names
+
+LOW_PASSED = (
+    "residuals are compared below that, as the motion's torques are missing above, with noise of 0.5 % of the torque, "
+    "as the recording shows none"
+)
+REPEATED_MOTION = "The validation data repeat the motion of the fit: it is not an independent motion."
+
+
+def effect_at(effect: str, joint: str | None) -> str:
+    """Return an effect with its place."""
+    return f"{effect} on {joint or 'the whole arm'}"
+
+
+def estimates_text(parameters: Mapping[str, ParameterEstimate], between: str = ", ") -> str:
+    """Return parameters with standard deviations and units as text; what is whole or given has no deviation."""
+    return between.join(f"{name} {size_text(e.value, e.std, e.unit)}" for name, e in parameters.items())
+
+
+def instance_text(instance: EffectInstance, units: JointUnits) -> str:
+    """Return all that an effect was given, with the units at its joint.
+
+    Parameters
+    ----------
+    instance
+        On a joint, or the whole arm.
+    units
+        Of the arm.
+    """
+    given, joint = instance.parameters, instance.joint
+    numbers = [f"{p.name} {size_text(given[p.name], 0.0, units.at(joint, p.unit))}" for p in instance.effect.parameters]
+    choices = [f"{c.name} {chosen(given[c.name])}" for c in instance.effect.choices]
+    return ", ".join([*numbers, *choices])
+
+
+def percent(share: float | None) -> str:
+    """Return a share of the gap as text; none is zero."""
+    return f"{round(100 * (share or 0.0), 1) + 0.0:.1f} %"  # + 0.0: no "-0.0"
+
+
+def probability_text(probability: float) -> str:
+    """Return a probability as text that never claims certainty."""
+    if not DOUBT <= probability <= 1.0 - DOUBT:
+        return f"< {percent(DOUBT)}" if probability < DOUBT else f"> {percent(1.0 - DOUBT)}"
+    return f"{100 * probability:.{0 if 0.01 <= probability <= 0.99 else 1}f} %"
+
+
+def log_likelihood_text(value: float) -> str:
+    """Return a log-likelihood with two digits; differences below a tenth are none."""
+    if value < 0.1:
+        return "0"
+    if value < 100.0:
+        return f"{value:.2g}"
+    two_digits = float(f"{value:.2g}")
+    return f"{two_digits:,.0f}".replace(",", "\u202f")
+
+
+def listed(names: Sequence[str], more: int = 0) -> str:
+    """Return names as a list in a sentence, the last one being how many more there are."""
+    names = [*names, f"{more} more"] if more > 0 else names
+    return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}"
+
+
+def chosen(value: object) -> str:
+    """Return what was chosen of an effect, such as its channels."""
+    return " and ".join(value) if isinstance(value, tuple) else str(value)
+
+
+def size_text(value: Any, std: Any, unit: str = "1") -> str:
+    """Return a number, or a vector of them, with its unit and the digits that its standard deviation warrants.
+
+    Parameters
+    ----------
+    value
+        A number, or a list of them.
+    std
+        Of each; zero where it is given, None where it is not known.
+    unit
+        "1" for a ratio.
+    """
+    vector = isinstance(value, list | tuple)
+    values = list(value) if vector else [value]
+    stds = list(std) if isinstance(std, list | tuple) else [std] * len(values)
+    parts = zip(*(_pair(v, s) for v, s in zip(values, stds, strict=True)), strict=True)
+    number, deviation = (f"({', '.join(part)})" if vector else part[0] for part in parts)
+    size = number if all(s == 0.0 for s in stds) else f"{number} ± {deviation}"
+    return size if unit == "1" else f"{size} {unit}"
+
+
+def _pair(value: float, std: float | None) -> tuple[str, str]:
+    return (f"{value:.4g}", "?") if std is None else rounded(value, std)
+
+
+def standing_note(joint: str) -> str:
+    """Return the note on a joint that does not move."""
+    return f"{joint} stands still: nothing can be said of what its motion would show."
+
+
+def bare_note(joints: Sequence[str]) -> str:
+    """Return the note on joints without a torque."""
+    words = "without a torque, and so without an equation: nothing is said of what it alone would show"
+    return f"{', '.join(joints)}: {words}."
+
+
+def unseen_notes(instances: Sequence[EffectInstance], bare: Sequence[str]) -> list[str]:
+    """Return notes on known effects that act in no torque that was recorded.
+
+    Parameters
+    ----------
+    instances
+        Those in no equation, as of the motor side where that was not recorded.
+    bare
+        The joints without a torque.
+    """
+    places: dict[str, dict[str, list[str]]] = {}
+    for instance in instances:
+        of_motor = "motor torque" if set(instance.sides) == {"motor"} else "channel that shows them"
+        missing = "torque of the joint" if instance.joint in bare else of_motor
+        places.setdefault(missing, {}).setdefault(instance.effect.id, []).append(str(instance.joint))
+    found = []
+    for missing, joints in places.items():
+        names = "; ".join(effect_at(effect, ", ".join(at)) for effect, at in joints.items())
+        found.append(f"Known, but not seen, as no {missing} was recorded: {names}. They stay as stated.")
+    return found
+
+
+def law_note(joint: str, law: GeneralLaw) -> str:
+    """Return the note on a law without a form."""
+    return (
+        f"A torque of {joint} ({law.side}) that follows {law.argument} is likelier there than not, and no effect of the "
+        "catalogue has this form."
+    )
+
+
+def shape_note(joint: str, side: str) -> str:
+    """Return the note on a residual that keeps more power than its sensors have as noise."""
+    return f"What is left at {joint} ({side}) is larger than the noise of its sensors, and no effect explains it."
+
+
+def no_separation(effect: str, other: str) -> str:
+    """Return that no motion is known that separates two effects."""
+    return f"a motion in which {effect} and {other} act differently"
+
+
+def verdict_sentence(found: Diagnosis) -> str:
+    """Return the verdict as a sentence."""
+    if found.verdict == "none":
+        return "recording and model agree within the noise of the sensors."
+    if not found.causes:
+        places = ", ".join(f"{p.joint} ({p.side})" for p in found.unexplained[:3])
+        return f"there is a gap, but no effect of the catalogue explains it; it is largest at {places}."
+    named = listed([_with_rival(cause) for cause in found.causes[:NAMED]], len(found.causes) - NAMED)
+    verb = "explains" if len(found.causes) == 1 else "explain"
+    sentence = f"{named} {verb} {percent(found.shrink)} of the gap on motion that no fit has seen"
+    return f"{sentence}." if found.verdict == "explained" else f"{sentence}; what is left has another cause."
+
+
+def _with_rival(cause: Cause) -> str:
+    """Return a cause by name, with the strongest alternative where the recording leaves it in doubt."""
+    name = effect_at(cause.effect, cause.joint)
+    other = max(cause.alternatives, key=lambda a: a.confidence, default=None)
+    if other is None or other.confidence < WORTH_A_LINE:
+        return name
+    return f"{name} (or {effect_at(other.effect, other.joint)}: this recording does not separate them)"
+
+
+def held_text(cause: Cause) -> str:
+    """Return where the corrected arm has a cause."""
+    if cause.held_as == "variant":
+        return f"part of {next(model for model in MODELS if model not in cause.instance.effect.lacked_by)}"
+    return {"effect": "in robot.yaml", "number": "number in robot.yaml"}[cause.held_as]
+
+
+def cause_size(cause: Cause, between: str = ", ") -> str:
+    """Return a cause's parameters, and the channels it acts in, as text; those that were stated as "from → to"."""
+    several = [choice.name for choice in cause.instance.effect.choices if choice.several]
+    sizes = estimates_text(cause.parameters, between)
+    if cause.stated is not None:
+        stated = between.join(f"{value:.4g}" for value in cause.stated.values() if isinstance(value, float))
+        sizes = f"{stated} → {sizes}"
+    parts = [sizes, *(chosen(cause.instance.parameters[name]) for name in several)]
+    return between.join(part for part in parts if part) or "no free size"
+
+
+def sides_text(cause: Cause) -> str:
+    """Return the sides on which a cause shows; those of one drive that the recording does not separate by "or"."""
+    friction = any(choice.name == "side" for choice in cause.instance.effect.choices)
+    return (" or " if friction else ", ").join(cause.sides)
+
+
+def alone_text(cause: Cause) -> str:
+    """Return by how much a cause shrinks the gap alone; one that helps only beside the others has no number."""
+    return "only beside others" if percent(cause.shrink).startswith("-") else percent(cause.shrink)
+
+
+def listed_alternatives(cause: Cause) -> tuple[list[Alternative], str]:
+    """Return the alternatives that are worth a line each, and the others summed up in words, empty for none."""
+    likely = [other for other in cause.alternatives if other.confidence >= WORTH_A_LINE]
+    faint = [other for other in cause.alternatives if other.confidence < WORTH_A_LINE]
+    if len(faint) < 2:
+        return [*likely, *faint], ""
+    names = listed([effect_at(other.effect, other.joint) for other in faint[:NAMED]], len(faint) - NAMED)
+    return likely, f"{names} ({probability_text(sum(other.confidence for other in faint))} together)"
+
+
+def gap_at(found: Diagnosis, joint: str, side: str) -> str:
+    """Return the size of a residual without and with the causes, and the share of its own gap that is gone.
+
+    Parameters
+    ----------
+    found
+        The diagnosis.
+    joint, side
+        Which residual; "–" where there is no such equation.
+    """
+    place = (joint, side)
+    if place not in found.before.rmse:
+        return "–"
+    sizes = f"{found.before.rmse[place]:.3g}"
+    if found.causes:
+        sizes += f" → {found.after.rmse[place]:.3g}"
+    return f"{sizes} ({share_at(found, joint, side)})"
+
+
+def share_at(found: Diagnosis, joint: str, side: str) -> str:
+    """Return the share of a residual's own gap that is gone, as text."""
+    share = found.shrink_by_place.get((joint, side))
+    if share is None:
+        return "no clear gap"
+    if not found.causes:
+        return "gap"
+    return "larger" if percent(share).startswith("-") else f"{percent(share)} gone"
+
+
+def prediction_sentence(found: Diagnosis, prediction: Prediction) -> str:
+    """Return in a sentence how far the prediction error of the worst angle falls, or why that is not known."""
+    before, after = prediction.before or {}, prediction.after or {}
+    if prediction.reason:
+        return f"{prediction.reason[0].upper()}{prediction.reason[1:]}."
+    joint, side = max(before, key=lambda place: before[place][-1])
+    unit = found.units.at(joint, "rad")
+    errors = [_travel(size[joint, side][-1], unit) for size in (before, after)]
+    horizon = f"{1e3 * prediction.horizons[-1]:g} ms"
+    sentence = f"Driven by the measured torque, the model errs by {errors[0]} after {horizon} at the worst angle"
+    added = f"; with the causes added, by {errors[1]}" if any(c.acts for c in found.causes) else ""
+    return f"{sentence} ({joint}, {side}){added}."
+
+
+def _travel(value: float, unit: str) -> str:
+    """Return an angle, or the travel of a prismatic joint, with the prefix that suits it."""
+    prefix, factor = next(((p, f) for p, f in (("", 1.0), ("m", 1e3)) if value * f >= 1.0), ("µ", 1e6))
+    return f"{value * factor:.3g} {prefix}{unit}"
+
+
+def change_text(change: Change) -> str:
+    """Return in a sentence how a size differs between recordings."""
+    what = change.effect.replace("_", " ")
+    sizes = "; ".join(f"{size_text(value, std, change.unit)} in {recording}" for recording, value, std in change.values)
+    return f"{what} of {change.joint or 'the whole arm'} changed: {sizes} ({probability_text(change.confidence)})"

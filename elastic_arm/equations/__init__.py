@@ -1,0 +1,1 @@
+"""From numbers, laws and sensors to residuals and columns of a recording."""

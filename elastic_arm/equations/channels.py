@@ -1,0 +1,54 @@
+"""Lags and gains of channels at values of the nuisance parameters."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from elastic_arm.equations.numbers import Number
+
+Array = NDArray[np.float64]
+
+
+def lags(parameters: Sequence[Number], values: Array, joints: Sequence[str]) -> dict[str, Array]:
+    """Return by how much each channel is late, (n,) s by channel, at these values of the nuisance parameters.
+
+    Parameters
+    ----------
+    parameters
+        The nuisance parameters.
+    values
+        (k,) in units of the priors' standard deviations.
+    joints
+        Names, in order.
+    """
+    return _by_channel([p.is_lag for p in parameters], parameters, values, joints)
+
+
+def gains(parameters: Sequence[Number], values: Array, joints: Sequence[str]) -> dict[str, Array]:
+    """Return the gains of torque channels, (n,) by channel, at these values of the nuisance parameters.
+
+    Parameters
+    ----------
+    parameters
+        The nuisance parameters.
+    values
+        (k,) in units of the priors' standard deviations.
+    joints
+        Names, in order.
+    """
+    return _by_channel([p.is_gain for p in parameters], parameters, values, joints)
+
+
+def _by_channel(
+    chosen: Sequence[bool], parameters: Sequence[Number], values: Array, joints: Sequence[str]
+) -> dict[str, Array]:
+    """Return values of the chosen parameters, (n,) by channel in their units; as described where a joint has none."""
+    found: dict[str, Array] = {}
+    for one, parameter, value in zip(chosen, parameters, values, strict=True):
+        if one and (channel := parameter.channel) is not None:
+            of_joints = found.setdefault(channel, np.full(len(joints), parameter.neutral))
+            of_joints[joints.index(parameter.joint)] = parameter.neutral + value * parameter.prior_std
+    return found

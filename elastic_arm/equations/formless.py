@@ -1,0 +1,226 @@
+"""Laws that no catalogue states: any smooth function of what a joint's friction, springs, drive and sensors depend on.
+
+A law of the catalogue has a form. Where the form is wrong, a function without one explains more, although each of its
+many coefficients has a price (:mod:`.comparison`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.interpolate import BSpline
+from scipy.signal import lfilter
+
+from elastic_arm.estimation.regressors import Signals
+from elastic_arm.estimation.whitening import WhitenedData
+
+Array = NDArray[np.float64]
+Argument = Callable[[Signals], Array]
+
+# Numbers of cubic splines over the root of a speed, the recording, an angle (of friction, of a torque) and a load: each
+# coefficient has its price, so that too many cost a few nats and no truth.
+SPEEDS, TIMES, PLACES, ANGLES, LOADS = 10, 12, 16, 32, 12
+RELAXATIONS = (0.03, 0.1, 0.3, 1.0, 3.0)  # s; from a cycle of fast motion to a slow one
+SHARED = {"link": 1.0, "drive": 1.0, "motor": -1.0}
+DEGREE = 3  # of the splines
+MEAN = 30.0  # prior standard deviation of a law's mean over that of a spline; convention
+
+
+@dataclass(frozen=True)
+class GeneralLaw:
+    """Functions of the motion whose sum with any coefficients is a law.
+
+    Parameters
+    ----------
+    joint
+        Index of the joint on which it acts.
+    side
+        "link", "drive", "motor", or "sensor" for what a torque sensor reads.
+    argument
+        What it depends on, in words.
+    shapes
+        Signals -> (N, k) functions.
+    friction
+        Whether it is a general form of friction: dry friction of one size is among its functions.
+    """
+
+    joint: int
+    side: str
+    argument: str
+    shapes: Callable[[Signals], Array]
+    friction: bool = False
+
+    def plain(self, data: WhitenedData) -> list[Array]:
+        """Return its columns (N', R, k) in the band, one array a stretch; coefficients of 1 make about 1 Nm."""
+        parts = [data.band.apply(self.shapes(part.signals))[part.stretch.kept] for part in data.parts]
+        return placed(data, self.side, self.joint, parts)
+
+
+def general_laws(sets: Sequence[WhitenedData], joint: int) -> list[GeneralLaw]:
+    """Return the general laws of a joint.
+
+    Parameters
+    ----------
+    sets
+        Of identification and validation: they span the functions' arguments.
+    joint
+        Its index.
+    """
+    n, sides = sets[0].layout.n, sets[0].layout.sides
+    found = []
+    for side in (side for side in ("link", "motor") if side in sides):
+        first = n if side == "motor" and sets[0].parts[0].signals.values["x"].shape[1] > n else 0
+        angle, speed, sign = _signal("x", first + joint), _signal("dx", first + joint), _signal(f"sign_{side}", joint)
+        over_speed = _splines(sets, _root(speed), SPEEDS)
+        resisting = {
+            "its speed": _and(_times(sign, over_speed), over_speed),
+            "its direction, changing with its angle": _times(sign, _splines(sets, angle, PLACES)),
+        }
+        found += [GeneralLaw(joint, side, argument, shapes, friction=True) for argument, shapes in resisting.items()]
+        found.append(_over_angle(sets, joint, side, angle))
+    found += changing_friction(sets, joint)
+    if "drive" in sides:
+        load = _load(joint)
+        found.append(GeneralLaw(joint, "drive", "its load", _splines(sets, load, LOADS)))
+        found.append(
+            GeneralLaw(joint, "drive", "its load some time before", _scaled(sets, _relaxed(load, RELAXATIONS)))
+        )
+    if n > 1:
+        found.append(GeneralLaw(joint, "sensor", "the loads of other joints", _scaled(sets, _loads_but(joint))))
+    return found
+
+
+def changing_friction(sets: Sequence[WhitenedData], joint: int) -> list[GeneralLaw]:
+    """Return the general laws in which friction changes over time, one of each side.
+
+    Parameters
+    ----------
+    sets, joint
+        As of :func:`general_laws`.
+    """
+    over_time, found = _splines(sets, _signal("progress", 0), TIMES), []
+    for side in (side for side in ("link", "motor") if side in sets[0].layout.sides):
+        shapes = _times(_signal(f"sign_{side}", joint), over_time)
+        found.append(GeneralLaw(joint, side, "its direction, changing over time", shapes, friction=True))
+    return found
+
+
+def _over_angle(
+    sets: Sequence[WhitenedData], joint: int, side: str, angle: Argument
+) -> GeneralLaw:
+    return GeneralLaw(joint, side, "its angle", _splines(sets, angle, ANGLES))
+
+
+def _signal(name: str, column: int) -> Argument:
+    return lambda signals: np.asarray(signals.values[name][:, column])
+
+
+def _load(joint: int) -> Argument:
+    """Return the predicted torque (N,) in a joint, clear of the encoders' noise, which is in the residuals, too."""
+    return lambda signals: np.asarray(signals.model_torques["clear"][:, joint])
+
+
+def _loads_but(joint: int) -> Argument:
+    return lambda signals: np.delete(signals.model_torques["clear"], joint, axis=1)
+
+
+def _root(argument: Argument) -> Argument:
+    """Return the root of a magnitude: friction bends most at low speed."""
+    return lambda signals: np.sqrt(np.abs(argument(signals)))
+
+
+def _times(factor: Argument, shapes: Argument) -> Argument:
+    return lambda signals: factor(signals)[:, None] * shapes(signals)
+
+
+def _and(first: Argument, second: Argument) -> Argument:
+    return lambda signals: np.hstack([first(signals), second(signals)])
+
+
+def _scaled(sets: Sequence[WhitenedData], shapes: Argument) -> Argument:
+    """Return torques that together have 1 Nm over all recordings."""
+    values = np.concatenate([shapes(part.signals) for data in sets for part in data.parts])
+    size = float(np.sqrt(np.mean(np.sum(values**2, axis=1)))) or 1.0
+    return lambda signals: shapes(signals) / size
+
+
+def _splines(sets: Sequence[WhitenedData], argument: Argument, count: int) -> Argument:
+    """Return cubic B-splines over the range of an argument in all recordings, and their mean.
+
+    The mean has a wider prior than the bends: a large constant does not have to be paid for by each spline.
+
+    Parameters
+    ----------
+    sets
+        The recordings.
+    argument
+        Signals -> (N,).
+    count
+        Number of splines.
+    """
+    values = np.concatenate([argument(part.signals) for data in sets for part in data.parts])
+    low, high = float(values.min()), float(values.max())
+    high = max(high, low + 1e-9)
+    step = (high - low) / (count - DEGREE)
+    knots = low + step * np.arange(-DEGREE, count + 1)
+
+    def shapes(signals: Signals) -> Array:
+        within = np.clip(argument(signals), low, high)
+        # The right end belongs to the last interval.
+        local = BSpline.design_matrix(np.minimum(within, high - 1e-9 * step), knots, DEGREE).toarray()
+        return np.hstack([local, np.full((len(within), 1), MEAN)])
+
+    return shapes
+
+
+def _relaxed(load: Argument, constants: Sequence[float]) -> Argument:
+    """Return a load behind first-order lags: what a drive that creeps or remembers follows.
+
+    Parameters
+    ----------
+    load
+        Signals -> (N,) Nm.
+    constants
+        s.
+    """
+
+    def shapes(signals: Signals) -> Array:
+        values, step = load(signals), float(np.median(np.diff(signals.t)))
+        start, found = values[0], []
+        for constant in constants:
+            share = step / (constant + step)
+            found.append(lfilter([share], [1.0, share - 1.0], values - start))
+        return np.stack(found, axis=1)
+
+    return shapes
+
+
+def placed(data: WhitenedData, side: str, joint: int, shapes: Sequence[Array]) -> list[Array]:
+    """Return shapes as columns (N', R, k) of the residuals in which a side of a joint shows, treated as those are.
+
+    Parameters
+    ----------
+    data
+        Of a recording.
+    side
+        "link", "drive", "motor", or "sensor" for all that share a torque sensor.
+    joint
+        Its index.
+    shapes
+        (N', k) of each stretch.
+    """
+    layout = data.layout
+    columns = [np.zeros((thin.shape[1], layout.rows, len(thin))).T for thin in shapes]
+    for name in layout.sides if side == "sensor" else (side,):
+        sign = SHARED.get(name, 1.0) if side == "sensor" else 1.0
+        for own, thin in zip(columns, shapes, strict=True):
+            own[:, _row(data, name, joint)] = sign * thin
+    return data.weighted(columns, in_place=True)
+
+
+def _row(data: WhitenedData, side: str, joint: int) -> int:
+    sides = data.layout.sides
+    return (sides.index(side) if side in sides else 0) * data.layout.n + joint

@@ -1,0 +1,300 @@
+"""Columns of nuisance parameters: what one standard deviation of each prior changes in the residuals.
+
+A measured torque enters an equation with the coefficient one: whatever scales a torque (a sensor's gain, a stiffness)
+has a column of torque that the model predicts. With the measured torque in its place, no torque sensor and a massless
+arm would explain every recording.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from elastic_arm.equations.robot_at import calibrated_robot
+from elastic_arm.equations.numbers import Number
+from elastic_arm.equations.places import scaling
+from elastic_arm.dynamics import Model, build_model
+from elastic_arm.effects.equations import ArmEquations
+from elastic_arm.estimation.effect_columns import Feature
+from elastic_arm.estimation.known_torques import ActingEffect
+from elastic_arm.estimation.motion import CompletedMotion, drive_constants, rates_of
+from elastic_arm.estimation.noise import wiener_filter
+from elastic_arm.estimation.regressors import Entries
+from elastic_arm.estimation.residuals import predicted_torques
+from elastic_arm.estimation.whitening import NoiseModel, Part, WhitenedData
+from elastic_arm.robot import Robot
+
+Array = NDArray[np.float64]
+
+STEP = 1e-4  # of a prior's standard deviation, for derivatives of Psi; numerical
+BLOCK = 512  # samples of the regressor that are evaluated at once: what the caches hold
+MOST = 2.5e8  # bytes of columns at the recording's rate that are made at once
+
+
+def nuisance_columns(
+    model: Model,
+    nominal: Robot,
+    data: WhitenedData,
+    parameters: Sequence[Number],
+    inertial: Sequence[Array],
+    features: Mapping[int, Feature],
+    recordings: Sequence[int] = (),
+) -> list[Array]:
+    """Return columns (N', R, k) of each stretch, Nm for one standard deviation of each prior.
+
+    Parameters
+    ----------
+    model
+        At the present values of the arm's numbers.
+    nominal
+        The description, to which relative changes refer.
+    data
+        Whitened residuals of the model.
+    parameters
+        The nuisance parameters.
+    inertial
+        Of :func:`inertial_columns`, of each stretch.
+    features
+        Of :func:`features_at`.
+    recordings
+        Number of each of the data's recordings; those of zeros that are others in each act on its own alone.
+    """
+    result = [columns.copy(order="K") for columns in inertial]
+    for k, feature in features.items():
+        parameter = parameters[k]
+        shown = data.plain(feature)
+        for out, columns in zip(result, shown, strict=True):
+            out[:, :, k] = columns[:, :, 0] * parameter.prior_std
+        if feature.read_torque != "tau_J" or not parameter.is_torque_gain:
+            continue
+        for effect in (e for e in data.acting if e.feature.effect.twist and e.feature.joint == parameter.joint):
+            for out, part in zip(result, data.parts, strict=True):
+                out[:, :, k] -= _transmitted(model, data, part, effect) * parameter.prior_std
+    others = [k for k, p in enumerate(parameters) if p.feature is None and not p.is_inertial]
+    for out, part in zip(result, data.parts, strict=True):
+        sensed = "drive" in data.layout.sides
+        entries = _drive_entries(model, nominal, part, [parameters[k] for k in others], data.acting, sensed=sensed)
+        out[:, :, others] = data.in_band(part, entries)
+    # The same column in one recording alone.
+    common = {p.feature.key: k for k, p in enumerate(parameters) if p.feature is not None and p.recording is None}
+    for k, parameter in enumerate(parameters):
+        if parameter.feature is not None and parameter.recording is not None:
+            same = common[parameter.feature.key]
+            wider = parameters[same].prior_std / parameter.prior_std
+            for out, part in zip(result, data.parts, strict=True):
+                if recordings[part.recording] == parameter.recording:
+                    out[:, :, k] = out[:, :, same] / wider
+    return data.weighted(result, in_place=True)
+
+
+def _transmitted(model: Model, data: WhitenedData, part: Part, effect: ActingEffect) -> Array:
+    """Return what a transmission error makes of the read joint torque at the motor (N', R), Nm.
+
+    It scales with that torque. Without it a recording would seem to show the common scale of all torques and masses.
+    """
+    j, n = model.robot.joint_names.index(str(effect.feature.joint)), model.n
+    link, motor, *_ = effect.torques(part.signals)
+    entries = Entries((motor - link)[:, [j]], np.array([2 * n + j]), np.array([0]), (3 * n, 1))
+    return data.in_band(part, entries)[:, :, 0]
+
+
+def features_at(
+    model: Model, parameters: Sequence[Number], acting: Sequence[ActingEffect] = ()
+) -> dict[int, Feature]:
+    """Return the effects that nuisance parameters are, by number of the parameter; each compiled once for all data.
+
+    Parameters
+    ----------
+    model
+        At the present values of the arm's numbers: a wrong zero of an encoder is wound by the stiffness where it is.
+    parameters
+        The nuisance parameters.
+    acting
+        Known effects: the friction that changes with temperature is among them.
+    """
+    equations = ArmEquations(model.robot, model.name)
+    return {
+        k: scaling(parameter.feature.at(equations), acting)
+        for k, parameter in enumerate(parameters)
+        if parameter.feature is not None and parameter.recording is None
+    }
+
+
+def inertial_columns(
+    model: Model, data: WhitenedData, parameters: Sequence[Number], directions: Array
+) -> list[Array]:
+    """Return the columns (N', R, k) of the inertial numbers of each stretch, zero for other parameters.
+
+    They are linear in Psi and depend on the motion alone.
+
+    Parameters
+    ----------
+    model
+        Of the residuals.
+    data
+        Whitened residuals of the model.
+    parameters
+        The nuisance parameters.
+    directions
+        (P, k) of :func:`directions_of`.
+    """
+    chosen = [k for k, parameter in enumerate(parameters) if parameter.is_inertial]
+    found = []
+    for part in data.parts:
+        motion = part.stretch.quiet
+        # Each column stands in memory as a whole: others are put beside it, and it is transformed.
+        out = np.zeros((len(parameters), data.layout.rows, len(part.stretch.t))).T
+        count = max(1, int(MOST / (3 * model.n * len(motion) * 8)))
+        for first in range(0, len(chosen), count):
+            some = chosen[first : first + count]
+            out[:, :, some] = data.in_band(part, _regressor(model, motion, directions[:, some]))
+        found.append(out)
+    return found
+
+
+def calibrated_parameters(model: Model, nominal: Robot, values: Array, directions: Array) -> Array:
+    """Return Psi (P,) with inertial numbers at these values, linear in them whether or not bodies are physical.
+
+    Parameters
+    ----------
+    model
+        Its stiffness and damping are kept.
+    nominal
+        The description, to which relative changes refer.
+    values
+        (k,) deviations from the description, in units of the priors' standard deviations.
+    directions
+        (P, k) of :func:`directions_of`.
+    """
+    moved = build_model(nominal, model.name).Psi + directions @ values
+    springs = _springs(model)
+    moved[springs] = model.Psi[springs]
+    return np.asarray(moved)
+
+
+def _springs(model: Model) -> list[int]:
+    """Return the numbers of stiffnesses and dampings in Psi."""
+    return [index for spring in model.bodies.springs for index in (spring.stiffness, spring.damping)]
+
+
+def _regressor(model: Model, motion: CompletedMotion, directions: Array) -> Array:
+    """Columns (N, 3 n, k) of directions (P, k) of Psi."""
+    n, N, elastic = model.n, len(motion), model.robot.elastic
+    along = directions.copy()
+    along[_springs(model)] = 0.0
+    spins = [spin.parameter for spin in model.bodies.spins]
+    columns = np.zeros((N, 3 * n, along.shape[1]))
+    x, dx, ddx = (motion.coordinates(rate, elastic=elastic) for rate in ("", "d", "dd"))
+    memory = np.empty((min(N, BLOCK), (2 if elastic else 1) * n, len(along)))
+    for first in range(0, N, BLOCK):
+        part = slice(first, first + BLOCK)
+        Phi = model.regressor(x[part], dx[part], ddx[part], out=memory[: min(BLOCK, N - first)])
+        rows = (Phi.reshape(-1, len(along)) @ along).reshape(*Phi.shape[:2], -1)
+        if elastic:
+            columns[part, :n], columns[part, 2 * n :] = rows[:, :n], rows[:, n : 2 * n]
+        else:
+            # The armature stands in the motor's row, as in the residuals.
+            motor = Phi[:, :, spins] @ along[spins]
+            columns[part, :n], columns[part, 2 * n :] = rows - motor, motor
+    return columns
+
+
+def _drive_entries(
+    model: Model,
+    nominal: Robot,
+    part: Part,
+    parameters: Sequence[Number],
+    acting: Sequence[ActingEffect],
+    *,
+    sensed: bool = True,
+) -> Entries:
+    """Columns (N, 3 n, k): stiffness by predicted torque, damping by that of the spring, presliding by speed."""
+    n, elastic, motion, signals = model.n, model.robot.elastic, part.stretch.quiet, part.signals
+    K = drive_constants(model)[0] if elastic else np.ones(n)
+    load = _wound(model, part, acting) if elastic else np.zeros((len(motion), n))
+    rates = load
+    if elastic and not sensed and any(p.what == "damping" for p in parameters):
+        # Without a joint torque sensor the deflection stands for the torque: its noise is in residual and column.
+        rates = np.stack([_quiet(rate, part.noise, j) for j, rate in enumerate(rates_of(motion.t, load).T)], axis=1)
+    elif elastic and any(p.what == "damping" for p in parameters):
+        # What is known to act beside the spring, such as hysteresis or play, bends how fast it is wound; and the noise
+        # of accelerations counts as of no torque: regressed on it, too, a damping would come out too small.
+        others = K * signals.values["wound"] - signals.values["tau_J"]
+        others = others - sum(effect.torques(signals)[3] for effect in acting if effect.feature.follows_load)
+        rates = rates_of(motion.t, signals.model_torques["tau_J"] + others)
+    found: list[tuple[int, int, Array]] = []
+    for k, parameter in enumerate(parameters):
+        j = model.robot.joint_names.index(parameter.joint)
+        gear = nominal.joints[j].transmission
+        if parameter.speeds is not None:
+            of_motor = elastic and parameter.side == "motor"
+            w = (motion.dtheta if of_motor else motion.dq)[:, j]
+            found.append((2 * n + j if of_motor else j, k, _turnover(w, motion.t, parameter.speeds)))
+        elif parameter.what == "stiffness" and gear is not None:
+            found.append((n + j, k, load[:, j] * (gear.stiffness / K[j])))
+        elif parameter.what == "damping" and gear is not None:
+            found.append((n + j, k, gear.damping / K[j] * rates[:, j]))
+    values = np.empty((len(motion), len(found)))
+    for column, (_, k, law) in enumerate(found):
+        values[:, column] = law * parameters[k].prior_std
+    rows, numbers = (np.array([one[i] for one in found], dtype=int) for i in (0, 1))
+    return Entries(values, rows, numbers, (3 * n, len(parameters)))
+
+
+def _quiet(rate: Array, noise: NoiseModel, j: int) -> Array:
+    """Return the rate (N,) of the predicted load of joint j, Nm/s, without what is noise of the encoders in it.
+
+    It holds the third derivative of the links' angles. Regressed on its noise too, a damping comes out too small.
+    """
+    assert noise.load is not None
+    return wiener_filter(rate, noise.rate, noise.f, (2 * np.pi * noise.f) ** 2 * noise.load[:, j])(0.0)
+
+
+def _wound(model: Model, part: Part, acting: Sequence[ActingEffect]) -> Array:
+    """Return the torques (N, n) by which the drives are wound, Nm: those of the model, and of effects that act.
+
+    They are what gains scale. Of the model alone, gains and stiffnesses that scale alike would leave what a payload
+    loads the drives with, and a recording would seem to show the common scale of all torques and masses.
+    """
+    load = predicted_torques(model, part.stretch.quiet)[0]
+    for effect in acting:
+        joint, _, spring, _ = effect.torques(part.signals)
+        # What play takes off the deflection, the stiffness would multiply as well.
+        play = any(parameter.exceeded_by for parameter in effect.feature.effect.parameters)
+        load = load + (joint if play else spring)
+    return load
+
+
+def _turnover(w: Array, t: Array, speeds: Sequence[float]) -> Array:
+    """Return how dry friction of 1 Nm may turn over (N,) beside the sign of a velocity w (N,).
+
+    Between two widths of the sign function; or, of a single width, all of it early or late. Dry friction makes the
+    acceleration jump, and the smoothed velocity crosses zero as much later as the jump exceeds the acceleration.
+    """
+    if len(speeds) == 2:
+        return np.asarray(np.tanh(w / speeds[1]) - np.tanh(w / speeds[0]))
+    return np.asarray(np.sign(np.gradient(w, t)) * (1.0 - np.tanh(w / speeds[0]) ** 2))
+
+
+def directions_of(nominal: Robot, model: str, parameters: Sequence[Number]) -> Array:
+    """Return the derivative (P, k) of Psi by the numbers of the arm, for one standard deviation of each prior.
+
+    Parameters
+    ----------
+    nominal
+        The description, where it is evaluated.
+    model
+        The variant of the model.
+    parameters
+        The nuisance parameters.
+    """
+    base = build_model(nominal, model).Psi
+    found = np.zeros((len(base), len(parameters)))
+    for k, parameter in enumerate(parameters):
+        if parameter.feature is None:
+            values = np.zeros(len(parameters))
+            values[k] = STEP
+            found[:, k] = (build_model(calibrated_robot(nominal, parameters, values), model).Psi - base) / STEP
+    return found

@@ -1,0 +1,108 @@
+"""A number of the arm or of a sensor that may differ from what is stated, and where it acts."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from elastic_arm.estimation.effect_columns import Feature
+
+PRESLIDING = "presliding"  # how gradually dry friction changes its sign: no number of the arm or of a sensor
+
+
+@dataclass(frozen=True)
+class Number:
+    """One number that may differ from what the description states.
+
+    Parameters
+    ----------
+    what
+        Which, e.g. "link_mass"; the id of an effect for what an effect's file states.
+    joint
+        Of the joint, or of the link behind it.
+    unit
+        "1" for a ratio.
+    prior_std
+        Of its deviation from the description.
+    neutral
+        Its value as described: 1 for a ratio, else 0.
+    feature
+        The effect of a sensor or of warming friction; None for a number of the arm.
+    error
+        The effect of a number of the arm that is off; None where the catalogue has none.
+    limit
+        Largest deviation about which the model is made, in standard deviations of the prior.
+    speeds
+        Of presliding alone: widths, rad/s, of the two sign functions between which friction turns over, or the width
+        within which it does so early or late.
+    side
+        Of presliding alone: "link" or "motor", on which friction turns over.
+    recording
+        Number of the recording in which alone it acts: by how much a zero is another one there than in the first; None
+        of what is the same in all.
+    """
+
+    what: str
+    joint: str
+    unit: str
+    prior_std: float
+    neutral: float
+    feature: Feature | None = None
+    error: Feature | None = None
+    limit: float = np.inf
+    speeds: tuple[float, ...] | None = None
+    side: str = ""
+    recording: int | None = None
+
+    @property
+    def cause(self) -> Feature | None:
+        """The effect as which it is reported where it is far off; None of what is another one in each recording."""
+        return None if self.recording is not None else self.feature or self.error
+
+    @property
+    def is_number(self) -> bool:
+        """Whether it is a number of the arm or of a sensor, and not a detail of how a law is met."""
+        return not self.what.startswith(PRESLIDING)
+
+    @property
+    def is_torque_gain(self) -> bool:
+        """Whether it scales what a torque channel reads."""
+        return self.unit == "1" and self.feature is not None and self.feature.read_torque is not None
+
+    @property
+    def is_inertial(self) -> bool:
+        """Whether the residuals are linear in it whatever its size: a mass, a centre of mass, an inertia."""
+        return self.feature is None and self.what.startswith(("link_", "rotor_", "spline_"))
+
+    @property
+    def is_of_link(self) -> bool:
+        """Whether it is an inertial number of a link."""
+        return self.is_inertial and self.what.startswith("link_")
+
+    @property
+    def is_lag(self) -> bool:
+        """Whether it is how late a channel is."""
+        return self.feature is not None and "channels" in self.feature.choices
+
+    @property
+    def is_gain(self) -> bool:
+        """Whether it is the gain of a torque channel."""
+        return self.feature is not None and self.neutral == 1.0 and self.feature.read_torque is not None
+
+    @property
+    def channel(self) -> str | None:
+        """The channel whose lag or gain it is; None of anything else."""
+        if self.feature is None:
+            return None
+        if self.is_lag:
+            (channel,) = self.feature.choices["channels"]
+            return str(channel)
+        return self.feature.read_torque if self.is_gain else None
+
+    @property
+    def moves_model(self) -> bool:
+        """Whether residuals are made anew at its value: of the arm's numbers, of lags and of gains, not of offsets."""
+        if self.feature is not None:
+            return self.is_lag or self.is_gain
+        return self.is_number

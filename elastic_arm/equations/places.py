@@ -1,0 +1,110 @@
+"""Every effect of a catalogue at every place of an arm where it could show, and where a search for it starts."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterable, Sequence
+from dataclasses import replace
+
+import numpy as np
+from elastic_arm.effects.equations import ArmEquations
+from elastic_arm.effects.model import Effect, EffectInstance
+from elastic_arm.effects.parameters import Parameter
+from elastic_arm.estimation.effect_columns import SENSED, Feature, OwnRegressor, has_columns
+from elastic_arm.estimation.known_torques import ActingEffect
+from elastic_arm.estimation.motion import Motion
+from elastic_arm.estimation.whitening import WhitenedData
+
+
+WOUND = (
+    1.2  # of the median deflection of a joint: what its play may be, with encoders' zeros a little apart; convention
+)
+
+
+def features(equations: ArmEquations, effects: Sequence[Effect]) -> list[Feature]:
+    """Return every effect at every place where it adds something to this model's residuals."""
+    found = [feature_of(instance, equations) for effect in effects for instance in effect.candidates(equations.robot)]
+    return [feature for feature in found if _possible(feature) and feature.acts]
+
+
+def _possible(feature: Feature) -> bool:
+    """Whether the arm has what the effect acts in: without transmissions there is no drive."""
+    if feature.equations.robot.elastic:
+        return True
+    sides = set(feature.sides)
+    return ("link" in sides or sides == {"motor"}) and "link_encoder" not in feature.choices.get("channels", ())
+
+
+def recorded_features(found: Iterable[Feature], motion: Motion) -> list[Feature]:
+    """Return the features without those of sensors that were not recorded; of several channels those that were.
+
+    Parameters
+    ----------
+    found
+        Every effect at every place.
+    motion
+        Of the recordings: its channels, among q, theta, tau_J and tau_m, may be those of some joints alone.
+    """
+    kept: dict[tuple[object, ...], Feature] = {}
+    for feature in found:
+        joints = feature.equations.robot.joint_names
+        recorded = motion.recorded if feature.joint is None else motion.recorded_at(joints.index(feature.joint))
+        if _is_repeated(feature, recorded):
+            continue
+        shown = {
+            name: tuple(channel for channel in chosen if SENSED.get(channel) in recorded)
+            for name, chosen in feature.choices.items()
+            if isinstance(chosen, tuple) and set(chosen) <= set(SENSED)
+        }
+        if all(shown.values()):
+            only = replace(feature, choices={**feature.choices, **shown}) if shown else feature
+            if only.sensed <= recorded:
+                kept.setdefault(only.key, only)
+    return list(kept.values())
+
+
+def _is_repeated(feature: Feature, recorded: Collection[str]) -> bool:
+    """Whether it is what the same effect on the motor side is: a rigid joint has two sides beside a torque sensor."""
+    one_side = not feature.equations.robot.elastic and "tau_J" not in recorded
+    return one_side and feature.choices.get("side") == "link"
+
+
+def feature_of(instance: EffectInstance, equations: ArmEquations) -> Feature:
+    """Return the feature of an effect on an arm."""
+    effect = instance.effect
+    chosen = {c.name: instance.parameters[c.name] for c in effect.choices}
+    kind = OwnRegressor if effect.regressor is not None and not has_columns(effect) else Feature
+    return kind(effect, instance.joint, chosen, equations)
+
+
+def largest_value(feature: Feature, parameter: Parameter, sets: Sequence[WhitenedData]) -> float:
+    """Return the largest value of a searched parameter that recordings allow; infinite where they say nothing of it.
+
+    Beyond it a law is another one: a drive whose play is wider than it is ever wound transmits no torque.
+
+    Parameters
+    ----------
+    feature, parameter
+        The effect at its place, and which of its numbers.
+    sets
+        The recordings.
+    """
+    if not parameter.exceeded_by or feature.joint is None:
+        return np.inf
+    joint, n = feature.equations.robot.joint_names.index(feature.joint), sets[0].layout.n
+    positions = np.concatenate([part.signals.values["x"] for data in sets for part in data.parts])
+    return WOUND * float(np.median(np.abs(positions[:, n + joint] - positions[:, joint])))
+
+
+def scaling(feature: Feature, acting: Sequence[ActingEffect]) -> Feature:
+    """Return an effect that scales friction with the friction at its place among effects that act; others as given."""
+    if not feature.effect.scales_friction:
+        return feature
+    wholes = []
+    for effect in acting:
+        of = effect.feature
+        if not feature.scales(of):
+            continue
+        values = of.parameters([] if of.fixed else [float(b) for b in effect.coefficients], effect.searched)
+        flat = [np.atleast_1d(values[p.name]) for p in of.effect.parameters]
+        wholes.append((of.whole(), tuple(float(v) for v in np.concatenate(flat))))
+    return replace(feature, friction=tuple(wholes))

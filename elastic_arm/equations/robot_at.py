@@ -1,0 +1,100 @@
+"""The arm whose numbers are off by what the nuisance parameters say."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from elastic_arm.equations.numbers import Number
+from elastic_arm.dynamics.bodies import TENSOR
+from elastic_arm.errors import RobotError
+from elastic_arm.robot import Component, Inertia, Joint, Robot
+
+Array = NDArray[np.float64]
+
+LINK_SHARES = (1.0, 0.75, 0.5, 0.25)  # of the links' deviations, tried until the bodies are physical
+
+
+def calibrated_robot(robot: Robot, parameters: Sequence[Number], values: Array) -> Robot:
+    """Return the arm with its numbers at these values.
+
+    Parameters
+    ----------
+    robot
+        The description.
+    parameters
+        The nuisance parameters.
+    values
+        (k,) deviations from the description, in units of the priors' standard deviations.
+
+    Raises
+    ------
+    RobotError
+        If no physical body has such inertia.
+    """
+    deviations: dict[str, dict[str, float]] = {}
+    for parameter, value in zip(parameters, values, strict=True):
+        if parameter.feature is None:
+            deviations.setdefault(parameter.joint, {})[parameter.what] = float(value) * parameter.prior_std
+    return robot.with_(joints=tuple(_changed(joint, deviations[joint.name]) for joint in robot.joints))
+
+
+def nearest_robot(robot: Robot, parameters: Sequence[Number], values: Array) -> Robot:
+    """Return the arm with its numbers at these values, its links only as far as they are physical bodies.
+
+    Parameters
+    ----------
+    robot
+        The description.
+    parameters
+        The nuisance parameters.
+    values
+        (k,) deviations from the description, in units of the priors' standard deviations.
+    """
+    of_links = np.array([parameter.what.startswith("link_") for parameter in parameters])
+    for share in LINK_SHARES:
+        try:
+            return calibrated_robot(robot, parameters, np.where(of_links, share * values, values))
+        except RobotError:
+            continue
+    return calibrated_robot(robot, parameters, np.where(of_links, 0.0, values))
+
+
+def _changed(joint: Joint, deviation: dict[str, float]) -> Joint:
+    gear = joint.transmission
+    if gear is not None:
+        rotor, spline = (max(0.05, 1.0 + deviation[what]) for what in ("rotor_inertia", "spline_inertia_ratio"))
+        gear = replace(
+            gear,
+            rotor=_scaled(gear.rotor, rotor),
+            wave_generator=_scaled(gear.wave_generator, rotor),
+            spline=_scaled(gear.spline, spline),
+            stiffness=gear.stiffness * max(0.05, 1.0 + deviation["stiffness"]),
+            damping=gear.damping * max(0.01, 1.0 + deviation["damping"]),
+        )
+    armature = joint.armature
+    if armature:
+        armature *= max(0.05, 1.0 + deviation["rotor_inertia"])
+    elif armature is not None:
+        armature = max(0.0, deviation.get("rotor_inertia", 0.0))
+    return replace(joint, link=_changed_link(joint.link, deviation), transmission=gear, armature=armature)
+
+
+def _changed_link(link: Inertia, deviation: dict[str, float]) -> Inertia:
+    ratio = 1.0 + deviation["link_mass"]
+    inertia = np.array(link.inertia, dtype=float) * ratio
+    size = np.trace(np.asarray(link.inertia)) / 3.0
+    for a, b in TENSOR:
+        change = size * deviation[f"link_inertia_{'xyz'[a]}{'xyz'[b]}"]
+        inertia[a, b] += change
+        if a != b:
+            inertia[b, a] += change
+    com = np.asarray(link.com, dtype=float) + [deviation[f"link_com_{axis}"] for axis in "xyz"]
+    return replace(link, mass=link.mass * ratio, com=com, inertia=inertia)
+
+
+def _scaled(part: Component, ratio: float) -> Component:
+    return replace(part, ixx=part.ixx * ratio, izz=part.izz * ratio)

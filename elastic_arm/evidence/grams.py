@@ -1,0 +1,117 @@
+"""Products of residual and columns, place by place and octave by octave: G_b = A_b' A_b.
+
+All that is decided needs no more of the data. Each pair of columns is multiplied once.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from elastic_arm.evidence.term import Ident, Term
+from elastic_arm.estimation.whitening import WhitenedData
+
+Array = NDArray[np.float64]
+
+OCTAVES = np.array([0.5, 1, 2, 4, 8, 16, 32])  # Hz; edges of the octaves in which noise has a power of its own
+
+
+class Products(NamedTuple):
+    """Products of a set of terms, B bands and p coefficients."""
+
+    half: Array  # (B, p (p + 1) / 2) the lower half of H, row by row
+    b: Array  # (B, p)
+    yy: Array  # (B,)
+
+
+class Bands:
+    """Place and octave of each whitened row.
+
+    Parameters
+    ----------
+    data
+        Whitened residuals.
+    """
+
+    def __init__(self, data: WhitenedData) -> None:
+        f = np.concatenate([np.repeat(np.arange(h.size // 2) * data.band.kept_rate / h.samples, 2) for h in data.harmonics])
+        octaves, self.places = len(OCTAVES) + 1, data.layout.rows
+        own = np.searchsorted(OCTAVES, f, side="right")
+        self.of_rows = np.concatenate([place * octaves + own for place in range(self.places)])
+        self.counts = np.bincount(self.of_rows, minlength=self.places * octaves)
+        self.order = np.argsort(self.of_rows, kind="stable")
+        ends = np.searchsorted(self.of_rows[self.order], np.arange(len(self.counts) + 1))
+        self.used = np.flatnonzero(self.counts)
+        self.slices = [slice(int(ends[b]), int(ends[b + 1])) for b in self.used]
+        self.n = self.counts[self.used].astype(float)
+        self.place, self.octave = np.divmod(self.used, octaves)
+
+    def products(self, A: Array, B: Array) -> Array:
+        """Return (bands, a, b) of columns whose rows are in the order of the bands."""
+        return np.stack([A[s].T @ B[s] for s in self.slices])
+
+
+class Grams:
+    """Products of the residual, the numbers' columns and those of terms.
+
+    Parameters
+    ----------
+    y, N
+        (rows,) and (rows, k) whitened residual and columns of the numbers.
+    bands
+        Place and octave of the rows.
+    """
+
+    def __init__(self, y: Array, N: Array, bands: Bands) -> None:
+        self.bands = bands
+        self.base = np.column_stack([y, N])[bands.order]
+        self.G0 = bands.products(self.base, self.base)
+        rows, columns = np.tril_indices(self.G0.shape[1] - 1)
+        self._base_half = self.G0[:, 1 + rows, 1 + columns]
+        self._columns: dict[Ident, Array] = {}
+        self._with_base: dict[Ident, Array] = {}
+        self._pairs: dict[tuple[Ident, Ident], Array] = {}
+
+    def columns(self, term: Term) -> Array:
+        """Return the columns (rows, [1 +] k) of a term in the order of the bands, its offset first where it has one."""
+        if term.ident not in self._columns:
+            own = term.columns if term.offset is None else np.column_stack([term.offset, term.columns])
+            self._columns[term.ident] = own[self.bands.order]
+        return self._columns[term.ident]
+
+    def with_base(self, term: Term) -> Array:
+        """Return the products (B, 1 + k, m) of residual and numbers with a term's columns."""
+        if term.ident not in self._with_base:
+            self._with_base[term.ident] = self.bands.products(self.base, self.columns(term))
+        return self._with_base[term.ident]
+
+    def pair(self, one: Term, other: Term) -> Array:
+        """Return the products (B, m, m') of two terms' columns."""
+        key = (one.ident, other.ident)
+        if key not in self._pairs:
+            found = self.bands.products(self.columns(one), self.columns(other))
+            self._pairs[key] = found
+            self._pairs[key[::-1]] = found.transpose(0, 2, 1)
+        return self._pairs[key]
+
+    def of(self, terms: Sequence[Term]) -> Products:
+        """Return the products of a set: coefficients of the numbers first, then of the terms in order."""
+        base, yy = self.G0[:, 0, 1:], self.G0[:, 0, 0]
+        rows, b = [self._base_half], []
+        offsets = [t for t in terms if t.offset is not None]
+        for t in offsets:  # of known size: off the residual
+            base = base - self.with_base(t)[:, 1:, 0]
+            yy = yy - 2.0 * self.with_base(t)[:, 0, 0] + sum(self.pair(t, o)[:, 0, 0] for o in offsets)
+        b.append(base)
+        for i, one in enumerate(terms):
+            first = int(one.offset is not None)
+            own = self.with_base(one)[:, 0, first:]
+            b.append(own - sum(self.pair(o, one)[:, 0, first:] for o in offsets))
+            beside = [self.pair(o, one)[:, int(o.offset is not None) :, first:] for o in terms[: i + 1]]
+            block = np.concatenate([self.with_base(one)[:, 1:, first:], *beside], axis=1)
+            above = block.shape[1] - one.count
+            rows += [block[:, : above + k + 1, k] for k in range(one.count)]
+        return Products(np.concatenate(rows, axis=1), np.concatenate(b, axis=1), yy)

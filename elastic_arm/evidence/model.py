@@ -1,0 +1,314 @@
+"""The data of a diagnosis at one linearisation: fits of sets of terms, and what each further term would gain."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import logsumexp
+
+from elastic_arm.evidence.grams import Bands, Grams
+from elastic_arm.evidence.pool import sized
+from elastic_arm.evidence.posterior import Posterior, Prior, mass, posterior
+from elastic_arm.evidence.priors import FORMLESS, SCALES, SIZES, TRUST
+from elastic_arm.evidence.term import Ident, Key, Term
+
+Array = NDArray[np.float64]
+
+WIDEST = max(one.factor for one in TRUST.values())
+UNTOLD = 1e-3  # of a prior's precision: what data tell no more of, they tell nothing of; numerical
+
+
+@dataclass(frozen=True, eq=False)
+class Fit:
+    """The posterior of one set of terms.
+
+    Parameters
+    ----------
+    model, terms
+        Of what.
+    found
+        Posterior of the numbers' coefficients and the terms'.
+    """
+
+    model: LinearModel
+    terms: tuple[Term, ...]
+    found: Posterior
+
+    @property
+    def score(self) -> float:
+        """ln p(y, set) up to a constant of the data."""
+        return self.found.evidence - sum(t.price + self.model.doubt(t) for t in self.optional)
+
+    @cached_property
+    def slices(self) -> dict[Ident, slice]:
+        """Where the coefficients of each term stand."""
+        at, found = self.model.basis[0].shape[1], {}
+        for t in self.terms:
+            found[t.ident] = slice(at, at + t.count)
+            at += t.count
+        return found
+
+    @property
+    def optional(self) -> tuple[Term, ...]:
+        """The terms that need not be there."""
+        return self.terms[len(self.model.always) :]
+
+    @property
+    def keys(self) -> frozenset[Key]:
+        """Which of them are there."""
+        return frozenset(t.key for t in self.optional)
+
+    @property
+    def _moves(self) -> Array:
+        """How the numbers move with the coefficients (K, p), what is far off included."""
+        V, _ = self.model.basis
+        found = np.zeros((len(V), len(self.found.x)))
+        found[:, : V.shape[1]] = V
+        for t in self.optional:
+            if t.kind == "number":
+                found[:, self.slices[t.ident]] += t.what
+        return found
+
+    @cached_property
+    def numbers(self) -> Array:
+        """Posterior means (K,) of the numbers' coefficients, what is far off included."""
+        V, _ = self.model.basis
+        return self._moves @ self.found.x + self.model.mean - V @ (V.T @ self.model.mean)
+
+    @cached_property
+    def number_covariance(self) -> Array:
+        """Their covariance (K, K)."""
+        (V, _), moves = self.model.basis, self._moves
+        own = np.where(self.model.trusted, self.model.trust, 1.0)
+        return moves @ self.found.S @ moves.T + np.outer(own, own) * (np.eye(len(V)) - V @ V.T)
+
+    @property
+    def far_off(self) -> Array:
+        """The part (K,) of the numbers that is far off."""
+        return sum((t.what @ self.beta(t) for t in self.optional if t.kind == "number"), np.zeros(len(self.model.mean)))
+
+    def beta(self, term: Term) -> Array:
+        """Return the coefficients (k,) of a term."""
+        return self.found.x[self.slices[term.ident]]
+
+    def correlation(self, one: Term, other: Term) -> float:
+        """Return the largest correlation of coefficients of two terms."""
+        S, a, b = self.found.S, self.slices[one.ident], self.slices[other.ident]
+        std = np.sqrt(np.diag(S))
+        return float(np.max(np.abs(S[a, b]) / np.outer(std[a], std[b]), initial=0.0))
+
+    def covariance(self, term: Term) -> Array:
+        """Return their covariance (k, k)."""
+        own = self.slices[term.ident]
+        return self.found.S[own, own]
+
+
+class Screen:
+    """Products of many terms with the residual and the numbers, for what each would gain.
+
+    Parameters
+    ----------
+    grams
+        Of the data.
+    terms
+        That may be added.
+    """
+
+    def __init__(self, grams: Grams, terms: Sequence[Term]) -> None:
+        self.grams, self.terms = grams, list(terms)
+        bands, order = grams.bands, grams.bands.order
+        blocks = [t.columns if t.offset is None else np.column_stack([t.offset, t.columns]) for t in self.terms]
+        sizes = np.array([b.shape[1] for b in blocks], dtype=int)
+        self.at = np.concatenate([[0], np.cumsum(sizes)])
+        self.X = np.hstack(blocks)[order] if blocks else np.zeros((len(order), 0))
+        self.with_base = bands.products(grams.base, self.X)
+        self.own = [bands.products(self.X[:, i:j], self.X[:, i:j]) for i, j in zip(self.at[:-1], self.at[1:], strict=True)]
+        self.single = np.flatnonzero(sizes == 1)
+        self.squares = np.stack([self.own[k][:, 0, 0] for k in self.single], axis=1) if len(self.single) else None
+        self.is_law = np.array([t.kind == "law" for t in self.terms], dtype=bool)
+        self._with: dict[object, Array] = {}
+
+    def _with_term(self, term: Term) -> Array:
+        if term.ident not in self._with:
+            self._with[term.ident] = self.grams.bands.products(self.grams.columns(term), self.X)
+        return self._with[term.ident]
+
+    def gains(self, fit: Fit) -> Array:
+        """Return what each term would gain beside a fit (T,) nats, its prior odds paid, and pick sizes of laws."""
+        w, x, S = 1.0 / fit.found.v, fit.found.x, fit.found.S
+        k = fit.model.basis[0].shape[1]
+        rows = [np.tensordot(w, self.with_base[:, 1:], 1)]
+        b = w @ self.with_base[:, 0] - x[:k] @ rows[0]
+        at = k
+        for t in fit.terms:
+            own = np.tensordot(w, self._with_term(t), 1)
+            if t.offset is not None:
+                b = b - own[0]
+                own = own[1:]
+            rows.append(own)
+            b = b - x[at : at + t.count] @ own
+            at += t.count
+        C = np.vstack(rows)
+        SC = S @ C
+        found = np.full(len(self.terms), -np.inf)
+        self.chosen: dict[int, float] = {}
+        if len(self.single):
+            columns = self.at[self.single]
+            G = w @ self.squares - np.einsum("ij,ij->j", C[:, columns], SC[:, columns])
+            found[self.single] = self._single(fit.model, np.maximum(G, 0.0), b[columns])
+        for t in np.setdiff1d(np.arange(len(self.terms)), self.single):
+            own = slice(self.at[t], self.at[t + 1])
+            G = np.tensordot(w, self.own[t], 1) - C[:, own].T @ SC[:, own]
+            found[t] = self._several(fit.model, int(t), G, b[own])
+        return found
+
+    def _single(self, model: LinearModel, G: Array, b: Array) -> Array:
+        terms = [self.terms[k] for k in self.single]
+        price = np.array([t.price + model.doubt(t) for t in terms])
+        fixed = np.array([t.offset is not None for t in terms])
+        std = np.array([1.0 if t.offset is not None else t.std[0] for t in terms])
+        low = np.array([-np.inf if t.offset is not None else t.low[0] for t in terms])
+        high = np.array([np.inf if t.offset is not None else t.high[0] for t in terms])
+        bounded = np.isfinite(low) | np.isfinite(high)
+        each = []
+        for scale in SCALES:
+            prior = scale * std
+            variance = 1.0 / (G + prior**-2.0)
+            mean = variance * b
+            gain = 0.5 * mean * b + 0.5 * np.log(variance / prior**2)
+            gain[bounded] += mass(mean[bounded], np.sqrt(variance[bounded]), low[bounded], high[bounded]) - mass(
+                np.zeros(1), prior[bounded], low[bounded], high[bounded]
+            )
+            each.append(gain)
+        best = np.argmax(each, axis=0)
+        for k, scale, free in zip(self.single, SCALES[best], ~fixed, strict=True):
+            if free:
+                self.chosen[int(k)] = float(scale)
+        return np.where(fixed, b - 0.5 * G, np.max(each, axis=0) - np.log(len(SCALES))) - price
+
+    def _several(self, model: LinearModel, t: int, G: Array, b: Array) -> float:
+        term = self.terms[t]
+        if term.kind == "law":
+            e, U = np.linalg.eigh(G)
+            e, z = np.maximum(e, 0.0), U.T @ b
+            each = np.array([0.5 * np.sum(z**2 / (e + a**-2.0) - np.log1p(e * a * a)) for a in SIZES])
+            self.chosen[t] = float(SIZES[int(np.argmax(each))])
+            return float(logsumexp(each) - np.log(len(SIZES))) - term.price - model.doubt(term)
+        each = []
+        for scale in SCALES:
+            D = scale * term.std
+            Gs = G * np.outer(D, D)
+            Gs[np.diag_indices_from(Gs)] += 1.0
+            each.append(float(0.5 * (b * D) @ np.linalg.solve(Gs, b * D) - 0.5 * np.linalg.slogdet(Gs)[1]))
+        self.chosen[t] = float(SCALES[int(np.argmax(each))])
+        return max(each) - float(np.log(len(SCALES))) - term.price - model.doubt(term)
+
+    def term(self, t: int) -> Term:
+        """Return a term as :meth:`gains` found it best."""
+        term = self.terms[t]
+        if t not in self.chosen:
+            return term
+        return sized(term, self.chosen[t]) if term.kind == "law" else term.scaled(self.chosen[t])
+
+
+@dataclass(eq=False)
+class LinearModel:
+    """The data at one linearisation.
+
+    Parameters
+    ----------
+    y, N
+        (rows,), (rows, K) whitened residual, and columns of the numbers for one standard deviation each.
+    bands
+        Of the rows.
+    mean
+        (K,) prior means of the numbers' coefficients, whose standard deviation is the trust.
+    trusted
+        (K,) which of them the trust in the description scales; the others have 1.
+    always
+        Terms that are known to be there.
+    name
+        The trust in the description.
+    """
+
+    y: Array
+    N: Array
+    bands: Bands
+    mean: Array
+    trusted: NDArray[np.bool_]
+    always: tuple[Term, ...] = ()
+    name: str = ""
+    _fits: dict[object, Fit] = field(default_factory=dict, init=False)
+
+    @cached_property
+    def basis(self) -> tuple[Array, NDArray[np.bool_]]:
+        """Combinations (K, k) of the numbers that the data tell anything of, and which of them the trust scales.
+
+        Priors of equal width stay so in any orthonormal basis; of the rest the posterior is the prior.
+        """
+        found, scaled = [], []
+        for which, widest in ((self.trusted, WIDEST), (~self.trusted, 1.0)):
+            own = np.flatnonzero(which)
+            e, U = np.linalg.eigh(self.N[:, own].T @ self.N[:, own])
+            told = e * widest**2 > UNTOLD
+            V = np.zeros((len(self.mean), int(told.sum())))
+            V[own] = U[:, told]
+            found.append(V)
+            scaled.append(np.full(V.shape[1], widest == WIDEST))
+        return np.hstack(found), np.concatenate(scaled)
+
+    @cached_property
+    def grams(self) -> Grams:
+        """Products of residual and columns."""
+        untold = self.mean - self.basis[0] @ (self.basis[0].T @ self.mean)
+        return Grams(self.y - self.N @ untold, self.N @ self.basis[0], self.bands)
+
+    @property
+    def trust(self) -> float:
+        """Factor on the standard deviations of the numbers."""
+        return TRUST[self.name].factor
+
+    def doubt(self, term: Term) -> float:
+        """Return -ln of the prior odds that one of the terms of a kind is there, nats."""
+        if term.kind == "change":
+            return 0.0
+        return -float(np.log(TRUST[self.name].effect * (FORMLESS if term.kind == "law" else 1.0)))
+
+    def _posterior(self, terms: Sequence[Term], prior: Prior, start: Array | None) -> Posterior:
+        coloured = float(np.log(TRUST[self.name].coloured))
+        return posterior(self.grams.of(terms), self.bands.n, prior, self.bands.place, coloured, start)
+
+    def trusting(self, name: str) -> LinearModel:
+        """Return the same data with another trust in the description."""
+        other = replace(self, name=name)
+        other.basis, other.grams = self.basis, self.grams
+        return other
+
+    def fit(self, terms: Sequence[Term], near: Fit | None = None) -> Fit:
+        """Return the posterior of a set of terms beside those that are known to be there.
+
+        Parameters
+        ----------
+        terms
+            The set.
+        near
+            A fit of a similar set, where its noise starts.
+        """
+        terms = tuple(terms)
+        key = frozenset(t.ident for t in terms)
+        if key not in self._fits:
+            whole, (V, scaled) = (*self.always, *terms), self.basis
+            free = np.full(V.shape[1], np.inf)
+            prior = Prior(
+                np.concatenate([V.T @ self.mean, *(t.mean for t in whole)]),
+                np.concatenate([np.where(scaled, self.trust, 1.0), *(t.std * (self.trust if t.trusted else 1.0) for t in whole)]),
+                np.concatenate([-free, *(t.low for t in whole)]),
+                np.concatenate([free, *(t.high for t in whole)]),
+            )
+            start = None if near is None else near.found.v
+            self._fits[key] = Fit(self, whole, self._posterior(whole, prior, start))
+        return self._fits[key]

@@ -1,0 +1,196 @@
+"""Nonlinear numbers of laws, by Gauss and Newton on the Gram matrices.
+
+About theta_0 a law is X(theta_0) beta + beta_0 dX/dtheta (theta - theta_0): its derivatives are further columns, whose
+coefficients have the prior of theta over its range. So the evidence of a set is Laplace's, and sizes are as uncertain
+as the nonlinear numbers make them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from elastic_arm.effects.parameters import Parameter
+from elastic_arm.estimation.effect_columns import Feature
+from elastic_arm.evidence.model import Fit, LinearModel
+from elastic_arm.evidence.pool import linear_prior
+from elastic_arm.evidence.priors import SCALES
+from elastic_arm.evidence.term import Term
+
+Array = NDArray[np.float64]
+Columns = Callable[[Feature, Sequence[float]], Array]
+Largest = Callable[[str | None], float]  # Nm, of the torques of a joint
+
+STEP = 1e-3  # of derivatives, in the coordinates of the numbers over their ranges; numerical
+STEPS = 6  # of Gauss and Newton
+LONGEST = 0.25  # of a range, of one step
+SETTLED = 0.1  # of its standard deviation: a step that is none; numerical
+
+
+def components(feature: Feature) -> list[Parameter]:
+    """Return the parameter of each nonlinear number."""
+    return [p for p in feature.searched for _ in range(p.size)]
+
+
+def is_open(term: Term) -> bool:
+    """Whether a term has nonlinear numbers to move, or is one to first order alone."""
+    feature = term.feature
+    if term.kind != "effect" or feature is None:
+        return False
+    whole = feature.effect.regressor is not None and bool(feature.linear)
+    return whole or (feature.count == 1 and any(not p.integer for p in components(feature)))
+
+
+def axis(p: Parameter) -> tuple[float, float]:
+    """Return the coordinates of a parameter's range: logarithms where values are spread so."""
+    return (float(np.log(p.low)), float(np.log(p.high))) if p.logarithmic else (p.low, p.high)
+
+
+def moved(p: Parameter, value: float, step: float) -> float:
+    """Return a value after a step in its coordinate, within its range."""
+    return float(np.clip(value * np.exp(step) if p.logarithmic else value + step, p.low, p.high))
+
+
+def tangent_term(columns: Columns, term: Term, theta: Sequence[float], size: float, largest: float) -> Term:
+    """Return a term at some nonlinear numbers with its derivatives by them.
+
+    Parameters
+    ----------
+    columns
+        Makes columns of a feature.
+    term
+        Of the effect.
+    theta
+        The numbers.
+    size
+        Coefficient of its one column there; 1 where that is known.
+    largest
+        Torque of its joint, Nm.
+    """
+    feature = term.feature
+    assert feature is not None
+    own, found, mean, std, bounds, numbers = components(feature), [], [], [], [], []
+    X = columns(feature, theta)
+    for j, p in enumerate(own):
+        if p.integer:
+            continue
+        low, high = axis(p)
+        h = STEP * (high - low) if not p.logarithmic else STEP
+        ends = [columns(feature, [*theta[:j], moved(p, theta[j], s * h), *theta[j + 1 :]]) for s in (1.0, -1.0)]
+        found.append(size * (ends[0] - ends[1]).sum(axis=1) / (2.0 * h))
+        here = float(np.log(theta[j])) if p.logarithmic else theta[j]
+        mean.append((low + high) / 2.0 - here)
+        std.append((high - low) / np.sqrt(12.0))
+        bounds.append((low - here, high - here))
+        numbers.append(j)
+    tangents = np.stack(found, axis=1) if found else np.zeros((len(X), 0))
+    if feature.fixed:
+        offset, linear, own_std, own_low, own_high = X.sum(axis=1), X[:, :0], *(np.zeros(0),) * 3
+    else:
+        offset, linear = None, X
+        own_std, own_low, own_high = linear_prior(feature, largest)
+        own_std = own_std * term.scale
+    least, most = np.array(bounds).reshape(-1, 2).T
+    return Term(
+        term.key,
+        "effect",
+        np.hstack([linear, tangents]),
+        np.concatenate([own_std, std]),
+        odds=term.odds,
+        grid=0.0 if feature.fixed else float(np.log(len(SCALES))),
+        mean=np.concatenate([np.zeros(len(own_std)), mean]),
+        low=np.concatenate([own_low, least]),
+        high=np.concatenate([own_high, most]),
+        offset=offset,
+        feature=feature,
+        theta=tuple(float(v) for v in theta),
+        tangents=tuple(numbers),
+        size=size,
+        scale=term.scale,
+    )
+
+
+def start_of(term: Term, fit: Fit) -> tuple[Feature, tuple[float, ...], float]:
+    """Return feature, nonlinear numbers and size from which a term is refined, by a fit that holds it."""
+    feature = term.feature
+    assert feature is not None
+    beta = fit.beta(term)
+    if np.isnan(term.theta).any():  # linear in size and size times numbers
+        size = float(beta[0]) if beta[0] else 1e-12
+        theta = [float(np.clip(b / size, p.low, p.high)) for b, p in zip(beta[1:], components(feature), strict=True)]
+        return feature, tuple(theta), size
+    if feature.effect.regressor is not None and feature.linear:
+        values = feature.parameters([float(b) for b in beta], term.theta)
+        flat = np.concatenate([np.atleast_1d(values[p.name]) for p in feature.effect.parameters])
+        inside = [float(np.clip(v, p.low, p.high)) for v, p in zip(flat, components(feature.whole()), strict=True)]
+        return feature.whole(), tuple(inside), 1.0
+    if feature.fixed:
+        return feature, term.theta, 1.0
+    return feature, term.theta, float(beta[0])
+
+
+def refined(
+    model: LinearModel, columns: Columns, term: Term, others: Sequence[Term], near: Fit, largest: Largest
+) -> tuple[Term, Fit]:
+    """Return a term with its nonlinear numbers where they are most probable beside others, and the fit of all.
+
+    Parameters
+    ----------
+    model
+        The data.
+    columns
+        Makes columns of a feature.
+    term, others
+        The set.
+    near
+        A fit of a similar set.
+    largest
+        Of a joint's torques, Nm.
+    """
+    first = model.fit([*others, term], near)
+    feature, theta, size = start_of(term, first)
+    own = largest(feature.joint)
+    start = replace(term, feature=feature)
+    best = tangent_term(columns, start, theta, size, own)
+    fit = model.fit([*others, best], first)
+    for _ in range(STEPS):
+        step = _step(best, fit)
+        if step is None:
+            break
+        better = None
+        for share in (1.0, 0.3):
+            there = [
+                moved(p, v, share * s) for p, v, s in zip(components(feature), best.theta, step, strict=True)
+            ]
+            size = best.size if feature.fixed else float(fit.beta(best)[0])
+            one = tangent_term(columns, start, there, size, own)
+            now = model.fit([*others, one], fit)
+            if now.score > fit.score:
+                better = one, now
+                break
+        if better is None:
+            break
+        gained = better[1].score - fit.score
+        best, fit = better
+        if gained < SETTLED:
+            break
+    return best, fit
+
+
+def _step(term: Term, fit: Fit) -> Array | None:
+    """Return the step of each nonlinear number in its coordinate; None where none moves."""
+    if not term.tangents:
+        return None
+    beta, variance = fit.beta(term), np.diag(fit.covariance(term))
+    own = components(term.feature)
+    step = np.zeros(len(own))
+    moves = False
+    for k, j in enumerate(term.tangents):
+        at = term.linear + k
+        low, high = axis(own[j])
+        step[j] = float(np.clip(beta[at], -LONGEST * (high - low), LONGEST * (high - low)))
+        moves |= abs(step[j]) > SETTLED * float(np.sqrt(variance[at]))
+    return step if moves else None

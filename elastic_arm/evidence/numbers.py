@@ -1,0 +1,150 @@
+"""Which numbers of an arm and its sensors are uncertain, each with its prior: nu ~ N(0, (tau std)²)."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from elastic_arm.dynamics.bodies import TENSOR
+from elastic_arm.equations.numbers import PRESLIDING, Number
+from elastic_arm.estimation.effect_columns import Feature
+from elastic_arm.estimation.motion import Motion
+from elastic_arm.evidence.priors import OFFSET_SHARE, PRESLIDING_SHARE, ZERO_AS_MOUNTED, Priors
+from elastic_arm.robot import Joint, Robot
+
+Array = NDArray[np.float64]
+
+LEAST_SCALE = 1e-9  # numerical; of roots of sums of squares of torques and accelerations
+# Largest relative error of a stiffness, and of a torque channel's gain, about which the model is made; numerical.
+LARGEST_SCALE, LARGEST_RATIO = 0.9, 0.75
+# rad/s: the width of the sign function about which dry friction turns over. Of it, the pairs of widths between which it
+# does, and a width within which it does so early or late; they span what gradual sign functions have in common.
+TURNING = 2e-3
+WIDTHS = ((0.25, 1.0), (1.0, 4.0), (1.0,))
+
+
+def numbers_of(
+    robot: Robot,
+    features: Iterable[Feature],
+    rate: float,
+    priors: Priors,
+    pieces: Sequence[Motion],
+    largest: Array,
+    turning: Array | None,
+    sides: Sequence[str],
+) -> tuple[Number, ...]:
+    """Return the numbers of an arm and of its sensors that have a prior.
+
+    Parameters
+    ----------
+    robot
+        The description.
+    features
+        Effects of sensors and of the arm's numbers at every place; sensors' without a prior in their file are left out.
+    rate
+        Hz, of the recordings.
+    priors
+        Of the arm's numbers, and those of sensors that differ from their files.
+    pieces
+        The motion, from which the scale of a motor inertia follows that is not described.
+    largest
+        (n,) torques of the joints, Nm: zeros and presliding are a share of them at most.
+    turning
+        (n,) speeds within which dry friction was found to turn over, rad/s; None where they were not looked for.
+    sides
+        Of the equations: with one of them alone, how friction turns over is the same on both sides of a drive.
+    """
+    found: list[Number] = []
+    features, inertias = tuple(features), _motor_inertias(pieces)
+    errors = {(feature.effect.number, feature.joint): feature for feature in features if feature.effect.number}
+    for j, joint in enumerate(robot.joints):
+        stds = {"link_mass": ("1", priors.mass, 1.0)}
+        stds |= {f"link_com_{axis}": ("m", priors.centre_of_mass, 0.0) for axis in "xyz"}
+        for a, b in TENSOR:
+            std = priors.inertia if a == b else priors.product_of_inertia
+            stds[f"link_inertia_{'xyz'[a]}{'xyz'[b]}"] = ("1", std, 0.0)
+        if joint.transmission is not None:
+            stds |= {"rotor_inertia": ("1", priors.rotor, 1.0), "spline_inertia_ratio": ("1", priors.rotor, 1.0)}
+            stds |= {"stiffness": ("1", priors.stiffness, 1.0), "damping": ("1", priors.damping, 1.0)}
+        if joint.armature:
+            stds |= {"rotor_inertia": ("1", priors.rotor, 1.0)}
+        elif joint.armature is not None and inertias is not None:
+            stds |= {"rotor_inertia": ("kg" if joint.prismatic else "kg m^2", float(inertias[j]), 0.0)}
+        for what, (unit, std, neutral) in stds.items():
+            limit = LARGEST_SCALE / std if what == "stiffness" else np.inf
+            error = errors.get((what, joint.name)) if neutral == 1.0 else None
+            found.append(Number(what, joint.name, unit, std, neutral, error=error, limit=limit))
+        presliding = min(priors.presliding, PRESLIDING_SHARE * float(largest[j]))
+        found += _turnovers(joint, 0.0 if turning is None else float(turning[j]), presliding, sides)
+    for feature in features:
+        chosen = _single_choices(feature)
+        if feature.effect.prior is None or feature.joint is None or chosen is None:
+            continue
+        parameter = feature.linear[0]
+        std = priors.sensors.get(feature.effect.id, feature.effect.prior(rate))
+        if parameter.unit == "Nm" and feature.effect.id not in priors.sensors:
+            std = min(std, OFFSET_SHARE * float(largest[robot.joint_names.index(feature.joint)]))
+        limit = LARGEST_RATIO / std if parameter.unit == "1" else np.inf
+        what, neutral = "_".join([feature.effect.id, *chosen]), parameter.neutral or 0.0
+        found.append(Number(what, feature.joint, feature.unit(parameter), std, neutral, feature, limit=limit))
+    return tuple(found)
+
+
+def _turnovers(joint: Joint, turning: float, std: float, sides: Sequence[str]) -> Iterator[Number]:
+    """Yield how dry friction of a joint turns over on each side, from the speed (rad/s) at which that was found."""
+    apart = joint.transmission is not None and {"link", "motor"} <= set(sides)
+    width = max(turning, TURNING)
+    for side in ("link", "motor") if apart else ("motor",):
+        for k, shares in enumerate(WIDTHS):
+            speeds = tuple(share * width for share in shares)
+            yield Number(f"{PRESLIDING}_{side}_{k}", joint.name, joint.unit("Nm"), std, 0.0, speeds=speeds, side=side)
+
+
+def _motor_inertias(pieces: Sequence[Motion]) -> Array | None:
+    """Return the motor inertias (n,) kg m² that alone would need all the motor torque; None where none was recorded.
+
+    A description of links alone gives no idea of what their motors' inertia is: with gears it may be a hundred times
+    that of a wrist.
+    """
+    squares: Array = np.zeros((2, 1))
+    for piece in pieces:
+        ddq = piece.ddq if piece.ddq is not None else piece.ddtheta
+        if piece.tau_m is None or ddq is None:
+            return None
+        squares = squares + np.array([np.nansum(np.square(values), axis=0) for values in (piece.tau_m, ddq)])
+    torque, acceleration = np.sqrt(squares)
+    return np.asarray(np.maximum(torque, LEAST_SCALE) / np.maximum(acceleration, LEAST_SCALE))
+
+
+def unreferenced(number: Number) -> Number:
+    """Return it with the prior of an arm without joint torque sensors: no known torque has set its encoders' zeros."""
+    own, zero = number.feature, number.unit in ("rad", "m")
+    if own is None or "q" not in own.sensed or not zero:
+        return number
+    return replace(number, prior_std=max(number.prior_std, ZERO_AS_MOUNTED))
+
+
+def of_each_recording(numbers: Sequence[Number], count: int, share: float) -> tuple[Number, ...]:
+    """Return by how much the zeros of sensors are others in each of some recordings than in the first.
+
+    Parameters
+    ----------
+    numbers
+        Those that all recordings have in common.
+    count
+        How many recordings there are.
+    share
+        Standard deviation over that of the zero itself.
+    """
+    zeros = [p for p in numbers if p.feature is not None and p.feature.effect.set_at_start]
+    apart = [replace(p, what=f"{p.what}_difference", prior_std=share * p.prior_std) for p in zeros]
+    return tuple(replace(p, recording=k) for k in range(1, count) for p in apart)
+
+
+def _single_choices(feature: Feature) -> list[str] | None:
+    """Return what was chosen of an effect's choices; None where several were made at once."""
+    chosen = [(value,) if isinstance(value, str) else tuple(value) for value in feature.choices.values()]
+    return None if any(len(values) > 1 for values in chosen) else [values[0] for values in chosen]

@@ -1,0 +1,214 @@
+"""What could be in the data: effects of the catalogue at every place, numbers that are far off, laws without a form."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from itertools import product
+
+import numpy as np
+from numpy.typing import NDArray
+
+from elastic_arm.codegen.parallel import share_out
+from elastic_arm.equations.numbers import Number
+from elastic_arm.equations.formless import general_laws
+from elastic_arm.equations.places import largest_value, scaling
+from elastic_arm.effects.model import Scope
+from elastic_arm.effects.parameters import Parameter
+from elastic_arm.estimation.effect_columns import Feature
+from elastic_arm.estimation.whitening import WhitenedData
+from elastic_arm.evidence.linearisation import Linearisation
+from elastic_arm.evidence.priors import SIZES, WIDE
+from elastic_arm.evidence.term import Key, Term
+
+Array = NDArray[np.float64]
+Columns = Callable[[Feature, Sequence[float]], Array]
+
+GRID, COARSE, ORDERS = 7, 5, 12  # values tried of one nonlinear number, of each of several, and of an order
+COEFFICIENTS = np.concatenate([s * np.geomspace(1e-8, 1e8, 2001) for s in (-1.0, 1.0)])  # where bounds are looked for
+
+
+def coefficient_range(parameter: Parameter) -> tuple[float, float, float]:
+    """Return the standard deviation of the coefficient of a linear parameter's column, and its bounds.
+
+    The range of the file is the deviation; a size that physics gives a sign has no other, and a ratio is positive.
+    """
+    if parameter.from_coefficient is not None:
+        values = np.array([parameter.value_of(float(c)) for c in COEFFICIENTS])
+        within = COEFFICIENTS[(values >= parameter.low) & (values <= parameter.high)]
+        span = float(np.abs(within).max())
+        one_sided = bool((within > 0).all() or (within < 0).all())
+        low, high = (0.0, np.inf) if within.min() > 0 else (-np.inf, 0.0) if one_sided else (-np.inf, np.inf)
+        return span, low, high if parameter.neutral is None else min(high, 0.99)
+    neutral = parameter.neutral or 0.0
+    low = 0.0 if parameter.neutral == 0.0 and parameter.low > 0.0 else parameter.above - neutral
+    return max(abs(parameter.high - neutral), abs(parameter.low - neutral)), low, np.inf
+
+
+def linear_prior(feature: Feature, largest: float) -> tuple[Array, Array, Array]:
+    """Return standard deviations and bounds (k,) of the coefficients of a feature's columns.
+
+    Parameters
+    ----------
+    feature
+        The effect at its place.
+    largest
+        Torque of its joint, Nm: no effect of the unit of a torque exceeds it ordinarily.
+    """
+    found: list[tuple[float, float, float]] = []
+    for parameter in feature.linear:
+        span, low, high = coefficient_range(parameter)
+        if parameter.unit == "Nm":
+            span = min(span, largest)
+        found += [(span, low, high)] * parameter.size
+    if feature.phase is not None:
+        found = [(found[0][0], -np.inf, np.inf)] * 2
+    std, low_, high_ = (np.array(column, dtype=float) for column in zip(*found, strict=True)) if found else (np.zeros(0),) * 3
+    return std, low_, high_
+
+
+def effect_terms(linear: Linearisation, features: Sequence[Feature]) -> list[Term]:
+    """Return the terms of effects, at several values of their nonlinear numbers.
+
+    Parameters
+    ----------
+    linear
+        Residuals and their derivatives.
+    features
+        Effects at their places.
+    """
+    wanted: list[tuple[Feature, tuple[float, ...], float]] = []
+    for feature in features:
+        feature = scaling(feature, linear.acting)
+        if feature.effect.scales_friction and not feature.friction:
+            continue
+        points = starting_points(feature, linear.data)
+        wanted += [(feature, point, float(np.log(len(points)))) for point in points]
+
+    def made(one: tuple[Feature, tuple[float, ...], float]) -> Term:
+        feature, point, price = one
+        own = linear.problem.largest_at(feature.joint)
+        if sum(p.size for p in feature.searched) > len(feature.searched) and feature.quadratic and feature.count == 1:
+            return _relaxed(linear.columns, feature, own)
+        X = linear.columns(feature, point)
+        if feature.fixed and not feature.searched:
+            return Term(feature.key, "effect", X[:, :0], np.zeros(0), grid=price, offset=X.sum(axis=1), feature=feature)
+        if feature.fixed:  # scaled while its numbers are looked for
+            return Term(feature.key, "effect", X, np.ones(1), grid=price, low=np.zeros(1), feature=feature, theta=point)
+        std, low, high = linear_prior(feature, own)
+        return Term(feature.key, "effect", X, std, grid=price, low=low, high=high, feature=feature, theta=point)
+
+    return share_out(made, wanted)
+
+
+def _relaxed(columns: Columns, feature: Feature, largest: float) -> Term:
+    """Return a term linear in (size, size times each nonlinear number), where the law is a polynomial in them."""
+    count = sum(p.size for p in feature.searched)
+    points = quadratic_points(count)
+    values = np.hstack([columns(feature, tuple(point)) for point in points]) @ np.linalg.inv(monomials(points).T)
+    (std,), (low,), (high,) = linear_prior(feature, largest)
+    reach = np.array([max(abs(p.low), abs(p.high)) for p in feature.searched for _ in range(p.size)])
+    free = np.full(count, np.inf)
+    return Term(
+        feature.key,
+        "effect",
+        values[:, : 1 + count],
+        std * np.append(1.0, reach),
+        low=np.append(low, -free),
+        high=np.append(high, free),
+        feature=feature,
+        theta=(np.nan,) * count,
+    )
+
+
+def starting_points(feature: Feature, data: WhitenedData) -> list[tuple[float, ...]]:
+    """Return values of the nonlinear numbers from which a search may start."""
+    components = [p for p in feature.searched for _ in range(p.size)]
+    if not components:
+        return [()]
+    if len(components) > len(feature.searched):
+        return [tuple((p.low + p.high) / 2 for p in components)]
+    count = GRID if len(components) == 1 else COARSE
+    most = [largest_value(feature, p, (data,)) for p in components]
+    return list(product(*(_spread(p, m, count) for p, m in zip(components, most, strict=True))))
+
+
+def _spread(parameter: Parameter, most: float, count: int) -> list[float]:
+    low, high = parameter.low, max(min(parameter.high, most), parameter.low)
+    if parameter.integer:
+        first = int(np.ceil(low))
+        return [float(k) for k in range(first, min(first + ORDERS - 1, int(high)) + 1)]
+    return [float(v) for v in (np.geomspace if parameter.logarithmic else np.linspace)(low, high, count)]
+
+
+def number_terms(parameters: Sequence[Number], values: Array, N: Array) -> list[Term]:
+    """Return the terms of numbers of the arm and its sensors that are far off, by their ordinary columns.
+
+    Parameters
+    ----------
+    parameters
+        The numbers.
+    values
+        (k,) where the model stands, in standard deviations.
+    N
+        (rows, k) whitened columns for one standard deviation each.
+    """
+    found, together = [], {}
+    unit = np.eye(len(parameters))
+    for k, parameter in enumerate(parameters):
+        if parameter.cause is None or not parameter.cause.effect.searched:
+            continue
+        key = parameter.cause.key
+        found.append(_number(parameter, values[k], N, key, unit[:, [k]]))
+        if parameter.is_of_link:
+            own = [i for i, p in enumerate(parameters) if p.is_of_link and p.joint == parameter.joint]
+            found.append(_number(parameter, values[k], N, key, unit[:, own]))
+        if parameter.cause.effect.scope is Scope.EACH_OR_ARM:
+            together.setdefault((key[0], None, key[2]), []).append(k)
+    for key, own in together.items():
+        if len(own) > 1:
+            first = parameters[own[0]]
+            moves = sum(unit[:, [k]] * first.prior_std / parameters[k].prior_std for k in own)
+            found.append(_number(first, values[own[0]], N, key, moves))
+    return found
+
+
+def _number(parameter: Number, value: float, N: Array, key: Key, moves: Array) -> Term:
+    """Return the term of numbers that move by (K, k) for each coefficient, the first of them a parameter."""
+    count = moves.shape[1]
+    low = np.full(count, -np.inf)
+    if parameter.unit == "1" and parameter.neutral == 1.0:
+        low[0] = -0.98 / parameter.prior_std - value  # ratios are positive
+    std = np.full(count, WIDE)
+    return Term(key, "number", N @ moves, std, low=low, feature=parameter.cause, what=moves)
+
+
+def law_terms(data: WhitenedData) -> list[Term]:
+    """Return the laws without a form, their size open (:func:`sized`)."""
+    laws = [law for joint in range(data.layout.n) for law in general_laws((data,), joint)]
+
+    def made(law) -> Term:
+        X = data.whiten(law.plain(data))
+        return Term(("law", law.joint, (law.side, law.argument)), "law", X, np.ones(X.shape[1]), what=law)
+
+    return share_out(made, laws)
+
+
+def sized(term: Term, size: float) -> Term:
+    """Return a law without a form at one of the sizes it may have."""
+    return replace(
+        term, std=np.full(term.count, size), grid=float(np.log(len(SIZES))), ident=(*term.ident, size)
+    )
+
+
+def monomials(points: Array) -> Array:
+    """Return all monomials (M, m) up to the second degree of k numbers (M, k): one, the numbers, their products."""
+    first, second = np.triu_indices(points.shape[1])
+    return np.hstack([np.ones((len(points), 1)), points, points[:, first] * points[:, second]])
+
+
+def quadratic_points(k: int) -> Array:
+    """Return points (m, k) at which a polynomial of second degree in k numbers is determined."""
+    one = np.eye(k)
+    pairs = [one[i] + one[j] for i in range(k) for j in range(i)]
+    return np.concatenate([np.zeros((1, k)), one, -one, np.reshape(pairs, (-1, k))])

@@ -1,0 +1,134 @@
+"""Every number of the diagnosis that decides: priors, and bounds of the search, each with unit and source.
+
+What is found is what is most probable under them (:mod:`.posterior`). How far the numbers of a description are
+ordinarily off may be stated in a file (:func:`read_priors`); what sensors do is stated in the files of their effects.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import Annotated, NamedTuple
+
+import numpy as np
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+
+from elastic_arm.errors import DiagnosisError
+from elastic_arm.input_files import Number, explain, read_fields
+
+
+
+class Trust(NamedTuple):
+    """What kind of description and sensors an arm may have.
+
+    Parameters
+    ----------
+    factor
+        On the standard deviations of the numbers.
+    prior
+        Probability of the kind.
+    effect
+        Prior odds that one of the effects that could be there is, and that one of the numbers is far off: where
+        numbers, sensors and noise are exact, all that is left is an effect; elsewhere, most of what is left is what no
+        model has.
+    coloured
+        Prior odds that the noise of a place has a spectrum of its own.
+    """
+
+    factor: float
+    prior: float
+    effect: float
+    coloured: float
+
+
+# A simulation is as measured, an identified arm as calibrated, drawings and catalogues are as built; convention.
+TRUST = {
+    "as measured": Trust(1e-3, 0.3, 0.1, 1e-3),
+    "as calibrated": Trust(0.2, 0.3, 1e-6, 0.1),
+    "as built": Trust(1.0, 0.3, 1e-6, 0.1),
+    "rough": Trust(4.0, 0.1, 1e-6, 0.1),
+}
+FORMLESS = 0.1  # odds of a law without a form over those of an effect: the catalogue has what arms mostly have
+SCALES = np.array([1.0, 0.1, 0.01, 1e-3, 1e-4])  # of a size's range: effects are of all sizes
+WIDE = 30.0  # standard deviation of a number that is far off, in ordinary ones: hardly any prior; convention
+STATED = 0.3  # relative standard deviation of a stated effect: friction changes so with temperature and wear
+SIZES = np.array([0.01, 0.03, 0.1, 0.3, 1.0, 3.0, 10.0, 30.0, 100.0])  # Nm; of laws without a form, joints of every kind
+LEFT = 0.1  # share of a place's own gap that may be left (contract)
+ZERO_AS_MOUNTED = 1e-3  # rad; of a link encoder never compared with the motor's under a known torque
+OFFSET_SHARE, PRESLIDING_SHARE = 0.02, 0.1  # of a joint's largest torque: its zero, its friction below the least speed
+CHANGED = 1e-2  # prior odds that a size is not the same in all recordings of one arm
+MOTION = 8.0  # Hz; above, what is left is the encoders'
+NOISY = 2.0  # power that a place may keep over its sensors' noise, in that noise: how badly a noise is known
+LISTED = 0.01  # probability of an alternative that is listed (contract)
+TRIED = 5  # proposals of a kind that are evaluated in full at each step of the search
+SHORT = 0.3  # share of what a move needs that its first-order gain must reach to be evaluated in full
+WORTH = 1.0  # nats of a move that is taken: less is an alternative
+RELATED = 0.1  # correlation of two terms from which one may stand for both
+MOST = 24  # terms of a set
+ROUNDS = 8  # of search and linearisation
+ELSEWHERE, NEAR = 2, 50.0  # other sets that are linearised for themselves, and nats up to which they may be behind
+
+
+REFERENCE = "docs/diagnosis.md lists the priors"
+REMEDY = "Give a YAML file of standard deviations, such as stiffness: 0.3"
+Deviation = Annotated[Number, Field(gt=0.0, allow_inf_nan=False, strict=False)]
+
+
+class Priors(BaseModel):
+    """Standard deviations of what a description states of an arm, relative where no unit is given.
+
+    CAD masses leave out cables, grease and covers; catalogues of harmonic drives state stiffness to about 30 % and give
+    no damping. What sensors do is stated in the files of their effects; `sensors` overrules it, by the effect's id.
+    """
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    mass: Deviation = 0.06
+    centre_of_mass: Deviation = 0.007  # m
+    inertia: Deviation = 0.08  # of the mean moment of inertia about the centre of mass
+    product_of_inertia: Deviation = 0.05  # of the same
+    rotor: Deviation = 0.06
+    stiffness: Deviation = 0.15
+    damping: Deviation = 0.40
+    # Of a zero between recordings, over that of the zero itself: what it was set wrong by, each start repeats nearly.
+    between_recordings: Deviation = 0.3
+    presliding: Deviation = 2.0  # Nm; dry friction turns over gradually, below a speed that nobody states
+    sensors: Mapping[str, Deviation] = Field(default_factory=dict)
+    torque_constant: Deviation = 0.15  # of a torque channel that is a current; of magnets, by motor and temperature
+
+    def of_currents(self, channels: Iterable[str]) -> Priors:
+        """Return those of an arm of which some torque channels are currents; what was stated of their gains stays.
+
+        Parameters
+        ----------
+        channels
+            Of "joint_torque" and "motor_torque".
+        """
+        gains = {f"{channel}_gain": self.torque_constant for channel in channels}
+        return self.model_copy(update={"sensors": {**gains, **self.sensors}})
+
+
+def read_priors(path: str | Path, sensors: Iterable[str]) -> Priors:
+    """Read standard deviations from a YAML file; those that it leaves out keep their defaults.
+
+    Parameters
+    ----------
+    path
+        The file.
+    sensors
+        Ids of the effects of sensors that have a prior.
+
+    Raises
+    ------
+    DiagnosisError
+        If the file cannot be read, or holds an unknown key or what is no standard deviation.
+    """
+    content, known = read_fields(path, DiagnosisError, REMEDY), sorted(sensors)
+    try:
+        priors = Priors.model_validate(content)
+    except ValidationError as error:
+        problem, remedy = explain(error, REFERENCE)
+        raise DiagnosisError(f"{path}: {problem}", remedy) from None
+    if unknown := [name for name in priors.sensors if name not in known]:
+        raise DiagnosisError(f"{path}: sensors.{unknown[0]}: unknown key", f"Choose of {', '.join(known)}.")
+    return priors

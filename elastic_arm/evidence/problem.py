@@ -1,0 +1,126 @@
+"""What is to be explained: recordings, equations, the numbers that may be off, and effects that are known."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from elastic_arm.effects import Effect, EffectInstance
+from elastic_arm.effects.equations import ArmEquations
+from elastic_arm.equations.number_columns import directions_of
+from elastic_arm.equations.numbers import Number
+from elastic_arm.equations.places import feature_of, features, recorded_features
+from elastic_arm.estimation.band import Band
+from elastic_arm.estimation.effect_columns import Feature
+from elastic_arm.estimation.equations import EquationSet
+from elastic_arm.estimation.observation import Observation
+from elastic_arm.evidence.numbers import numbers_of, of_each_recording, unreferenced
+from elastic_arm.evidence.priors import Priors
+from elastic_arm.robot import Robot
+
+Array = NDArray[np.float64]
+Observations = tuple[Observation, ...]
+
+
+@dataclass(frozen=True)
+class Problem:
+    """What is to be explained.
+
+    Parameters
+    ----------
+    robot, model
+        The description, and the variant of the model.
+    observed
+        The recordings that are fitted, and those that judge.
+    layout, band
+        Usable equations, and where they are compared.
+    numbers
+        That may be off.
+    directions
+        (P, K) derivative of Psi by them.
+    stated, given
+        Effects that the description states, and those that the user knows.
+    candidates
+        Effects that may be there, at their places.
+    largest
+        (n,) torques of the joints, Nm.
+    held_back
+        Whether the recordings that judge are the last parts of those that are fitted.
+    """
+
+    robot: Robot
+    model: str
+    observed: tuple[Observations, Observations]
+    layout: EquationSet
+    band: Band
+    numbers: tuple[Number, ...]
+    directions: Array
+    stated: tuple[EffectInstance, ...]
+    given: tuple[EffectInstance, ...]
+    candidates: tuple[Feature, ...]
+    largest: Array
+    held_back: bool = False
+
+    @property
+    def indices(self) -> tuple[range, range]:
+        """Numbers of the recordings that are fitted, and of those that judge."""
+        first, second = (len(part) for part in self.observed)
+        return range(first), range(second) if self.held_back else range(first, first + second)
+
+    @property
+    def sources(self) -> dict[int, str]:
+        """The recordings, by number."""
+        parts = zip(self.indices, self.observed, strict=True)
+        return {k: one.source for indices, part in parts for k, one in zip(indices, part, strict=True)}
+
+    @cached_property
+    def known(self) -> tuple[tuple[Feature, EffectInstance], ...]:
+        """Known effects at their places on the arm as it is described, those of the description first."""
+        equations = ArmEquations(self.robot, self.model)
+        return tuple((feature_of(instance, equations), instance) for instance in (*self.stated, *self.given))
+
+    def largest_at(self, joint: str | None) -> float:
+        """Return the largest torque (Nm) of a joint, or of all."""
+        return float(self.largest.max() if joint is None else self.largest[self.robot.joint_names.index(joint)])
+
+
+def uncertain_numbers(
+    robot: Robot,
+    model: str,
+    observed: tuple[Observations, Observations],
+    layout: EquationSet,
+    effects: Sequence[Effect],
+    known: Sequence[EffectInstance],
+    largest: Array,
+    priors: Priors,
+    held_back: bool,
+) -> tuple[tuple[Number, ...], Array]:
+    """Return the numbers of an arm and its recorded channels that may be off, and the derivative of Psi by them.
+
+    Parameters
+    ----------
+    robot, model, observed, layout, known, largest, held_back
+        As of :class:`Problem`.
+    effects
+        Of sensors, of the arm's numbers and of warming friction; those of the first and the last have priors.
+    priors
+        Of the numbers.
+    """
+    equations = ArmEquations(robot, model)
+    friction = [feature_of(instance, equations) for instance in known]
+    shown = [
+        feature
+        for feature in recorded_features(features(equations, effects), observed[0][0].pieces[0])
+        if not feature.effect.scales_friction or any(feature.scales(one) for one in friction)
+    ]
+    pieces, first = [piece for one in observed[0] for piece in one.pieces], observed[0][0]
+    found = numbers_of(robot, shown, first.rate, priors, pieces, largest, first.turning, layout.sides)
+    if layout.reads_torque_by_deflection:
+        found = tuple(unreferenced(number) for number in found)
+    count = len(observed[0]) + (0 if held_back else len(observed[1]))
+    found += of_each_recording(found, count, priors.between_recordings)
+    return found, directions_of(robot, model, found)

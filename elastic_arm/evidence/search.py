@@ -1,0 +1,157 @@
+"""The most probable sets of terms: moves over sets, each judged by the one score.
+
+Add, drop, exchange, two for one, one for two. What a further term would gain at the noise of the present fit proposes;
+the score of the whole set decides. All sets met are kept: probabilities are sums over them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, field
+from itertools import combinations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import logsumexp
+
+from elastic_arm.evidence.model import Fit, LinearModel, Screen
+from elastic_arm.evidence.nonlinear import Columns, Largest, is_open, refined
+from elastic_arm.evidence.priors import MOST, RELATED, SHORT, TRIED, WORTH
+from elastic_arm.evidence.term import Key, Term
+
+Array = NDArray[np.float64]
+
+
+@dataclass
+class Search:
+    """A search over sets of terms at one linearisation.
+
+    Parameters
+    ----------
+    model, screen
+        The data, and all that may be added.
+    columns
+        Makes columns of a feature.
+    largest
+        Of a joint's torques, Nm.
+    """
+
+    model: LinearModel
+    screen: Screen
+    columns: Columns
+    largest: Largest
+    met: dict[frozenset[Key], Fit] = field(default_factory=dict)
+    _refined: dict[tuple[Key, frozenset[Key]], Term] = field(default_factory=dict)
+    log: list[str] = field(default_factory=list)
+    _whole: bool = True
+
+    def run(self, start: Sequence[Term] = (), *, whole: bool = True) -> Fit:
+        """Return the most probable set, from a set to start from.
+
+        Parameters
+        ----------
+        start
+            The set.
+        whole
+            Whether laws without a form may be there and all moves are tried: elsewhere than at the last linearisation,
+            laws follow its error.
+        """
+        self._whole, best = whole, self._keep(self.model.fit(start))
+        while (better := self._better(best)) is not None:
+            came, went = better.keys - best.keys, best.keys - better.keys
+            self.log.append(f"{better.score - best.score:+.1f}: {_words(came, went)}")
+            best = better
+        return best
+
+    def _better(self, fit: Fit) -> Fit | None:
+        """Return a better set one move away: more terms first, as they are cheap to find."""
+        simple = (self._added, self._dropped, self._exchanged)
+        for moves in (*simple, self._two_for_one, self._one_for_two) if self._whole else simple:
+            best = fit
+            for one in moves(fit):
+                if one.score > best.score:
+                    best = one
+                    if moves is not self._added and best.score > fit.score + WORTH:
+                        break
+            if best.score > fit.score + WORTH:
+                return best
+        return None
+
+    def _added(self, fit: Fit) -> Iterator[Fit]:
+        if len(fit.optional) < MOST:
+            for t in self.proposals(fit):
+                yield self._with(fit.optional, t, fit)
+
+    def proposals(
+        self, fit: Fit, count: int = TRIED, without: frozenset[Key] = frozenset(), needed: float = 0.0
+    ) -> list[Term]:
+        """Return the terms that would gain most beside a fit, one of each key.
+
+        At the noise of the fit a term gains less than beside its own: as little as a share of what is needed is tried.
+        """
+        gains, have = self.screen.gains(fit), fit.keys | without
+        found: list[Term] = []
+        gains = np.where(self.screen.is_law & (not self._whole), -np.inf, gains)
+        for t in np.argsort(-gains):
+            if len(found) == count or not np.isfinite(gains[t]) or gains[t] < SHORT * needed:
+                break
+            key = self.screen.terms[t].key
+            if key not in have:
+                found.append(self.screen.term(int(t)))
+                have = have | {key}
+        return found
+
+    def _with(self, terms: Sequence[Term], more: Term, near: Fit) -> Fit:
+        """Return the fit of a set with one more term, its nonlinear numbers where they are most probable."""
+        if not is_open(more):
+            return self._keep(self.model.fit([*terms, more], near))
+        key = (more.key, frozenset(t.ident for t in terms))
+        if key not in self._refined:
+            self._refined[key], fit = refined(self.model, self.columns, more, terms, near, self.largest)
+            return self._keep(fit)
+        return self._keep(self.model.fit([*terms, self._refined[key]], near))
+
+    def _keep(self, fit: Fit) -> Fit:
+        known = self.met.get(fit.keys)
+        if known is None or fit.score > known.score:
+            self.met[fit.keys] = fit
+        return fit
+
+    def take(self, fits: Iterable[Fit]) -> None:
+        """Take sets that were met elsewhere."""
+        for fit in fits:
+            self._keep(fit)
+
+    def _dropped(self, fit: Fit) -> Iterator[Fit]:
+        for t in fit.optional:
+            yield self._keep(self.model.fit([u for u in fit.optional if u is not t], fit))
+
+    def _exchanged(self, fit: Fit) -> Iterator[Fit]:
+        for less in list(self._dropped(fit)):
+            for t in self.proposals(less, without=fit.keys, needed=fit.score - less.score):
+                yield self._with(less.optional, t, less)
+
+    def _two_for_one(self, fit: Fit) -> Iterator[Fit]:
+        for pair in combinations(fit.optional, 2):
+            if fit.correlation(*pair) < RELATED:
+                continue
+            less = self._keep(self.model.fit([u for u in fit.optional if u not in pair], fit))
+            for t in self.proposals(less, count=2, without=fit.keys, needed=fit.score - less.score):
+                yield self._with(less.optional, t, less)
+
+    def _one_for_two(self, fit: Fit) -> Iterator[Fit]:
+        for less in list(self._dropped(fit)):
+            for t in self.proposals(less, count=2, without=fit.keys):
+                one = self._with(less.optional, t, less)
+                for u in self.proposals(one, count=2, without=fit.keys, needed=fit.score - one.score):
+                    yield self._with(one.optional, u, one)
+
+    def probabilities(self) -> dict[frozenset[Key], float]:
+        """Return the probability of each set met."""
+        sets = list(self.met)
+        scores = np.array([self.met[s].score for s in sets])
+        return dict(zip(sets, np.exp(scores - logsumexp(scores)).tolist(), strict=True))
+
+
+def _words(came: frozenset[Key], went: frozenset[Key]) -> str:
+    return " ".join([*(f"+{k[0]}/{k[1]}" for k in came), *(f"-{k[0]}/{k[1]}" for k in went)])

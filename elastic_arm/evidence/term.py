@@ -1,0 +1,107 @@
+"""What may be in the data: y = N nu + sum over terms of (offset + X beta) + e, beta ~ N(mean, std²) within bounds.
+
+A law of the catalogue, a number of the arm or a sensor that is far off, and a law without a form are the same thing
+with another prior and another word in the report.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from elastic_arm.estimation.effect_columns import Feature
+from elastic_arm.evidence.priors import SCALES
+
+Array = NDArray[np.float64]
+Key = tuple[str, str | None, tuple[Any, ...]]  # effect, joint, choices
+Ident = tuple[Any, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class Term:
+    """One thing that may be in the data.
+
+    Parameters
+    ----------
+    key
+        Effect, joint and choices; two terms of one key are the same thing at other nonlinear numbers.
+    kind
+        "effect", "number" (of the arm or a sensor, far off) or "law" (without a form).
+    columns
+        (rows, k) whitened.
+    std, mean, low, high
+        (k,) of the prior of the coefficients: Gaussian, truncated.
+    odds
+        ln of the number of terms among which it is chosen, nats.
+    grid
+        -ln of the prior probability of these nonlinear numbers among those tried.
+    offset
+        (rows,) what it adds whatever the coefficients; None for nothing.
+    feature, theta
+        Effect at its place, and its nonlinear numbers.
+    tangents
+        Which components of `theta` the last columns are derivatives by.
+    size
+        Coefficient of the law at which its tangents were taken.
+    scale
+        Factor on the range of the size, whose prior it is.
+    trusted
+        Whether the trust in the description scales its prior: of what the description states.
+    what
+        Of a law without a form: the law. Of numbers: (K, k) how nu moves with the coefficients.
+    """
+
+    key: Key
+    kind: str
+    columns: Array
+    std: Array
+    odds: float = 0.0
+    grid: float = 0.0
+    mean: Array | None = None
+    low: Array | None = None
+    high: Array | None = None
+    offset: Array | None = None
+    feature: Feature | None = None
+    theta: tuple[float, ...] = ()
+    tangents: tuple[int, ...] = ()
+    size: float = 1.0
+    scale: float = 1.0
+    trusted: bool = False
+    what: Any = None
+    ident: Ident = ()
+
+    def __post_init__(self) -> None:
+        k = self.columns.shape[1]
+        for name, value in (("mean", 0.0), ("low", -np.inf), ("high", np.inf)):
+            if getattr(self, name) is None:
+                object.__setattr__(self, name, np.full(k, value))
+        if not self.ident:
+            size = self.size if self.tangents else 1.0
+            object.__setattr__(self, "ident", (self.kind, *self.key, self.theta, self.tangents, size, k))
+
+    @property
+    def count(self) -> int:
+        """Number of coefficients."""
+        return self.columns.shape[1]
+
+    @property
+    def linear(self) -> int:
+        """Number of coefficients of the law itself, without those of its nonlinear numbers."""
+        return self.count - len(self.tangents)
+
+    @property
+    def price(self) -> float:
+        """-ln of the prior probability that it is this one of those that could be, nats."""
+        return self.odds + self.grid
+
+    def scaled(self, scale: float) -> Term:
+        """Return an effect or number of another scale."""
+        std = self.std * np.where(np.arange(self.count) < self.linear, scale, 1.0)
+        return replace(self, std=std, scale=scale, grid=self.grid + float(np.log(len(SCALES))), ident=(*self.ident, scale))
+
+    def with_odds(self, odds: float) -> Term:
+        """Return it with other prior odds."""
+        return replace(self, odds=odds)
