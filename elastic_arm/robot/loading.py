@@ -161,7 +161,9 @@ def _overlaid(entry: OverlayEntry, folder: Path) -> Robot:
     for joint in robot.joints:
         with located(f"transmissions.{joint.name}."):
             given = entry.transmissions.get(joint.name)
-            joints.append(replace(joint, transmission=None if given is None else _transmission(given)))
+            gear = None if given is None else _transmission(given)
+            # The rotor of a transmission holds the motor's inertia.
+            joints.append(replace(joint, transmission=gear, armature=joint.armature if gear is None else None))
     robot = robot.with_(joints=tuple(joints))
     for name, limits in entry.limits.items():
         with located(f"limits.{name}: "):

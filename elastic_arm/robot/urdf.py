@@ -252,9 +252,9 @@ class _Reading:
                 continue
             if inertia is not None:
                 of = f"rotor inertia {inertia:g} kg m² by a ratio of {ratio:g}"
-                self._notes.append(f"joint {name!r}: {of} is its armature")
+                self._notes.append(f"<transmission> of joint {name!r}: {of} is its armature")
             elif ratio != 1.0:
                 self._notes.append(
-                    f"joint {name!r}: of its reduction of {ratio:g} nothing is taken, as no rotor inertia is stated "
-                    "(drake:rotor_inertia)"
+                    f"<transmission> of joint {name!r}: its reduction of {ratio:g} is left out, as no rotor inertia is "
+                    "stated (drake:rotor_inertia)"
                 )
