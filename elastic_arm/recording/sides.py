@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -114,6 +114,18 @@ def joints_with(values: Array) -> NDArray[np.bool_]:
     if len(values) and not np.isnan(values[0]).any():
         return np.ones(values.shape[1], np.bool_)
     return np.asarray(~np.isnan(values).all(axis=0))
+
+
+def listed(joints: Sequence[str], chosen: Any) -> str:
+    """Return the names of the chosen joints (n,), as a mask, or that they are all."""
+    return "all joints" if np.all(chosen) else ", ".join(np.array(joints)[chosen])
+
+
+def span_of(values: Array) -> str:
+    """Return the smallest and the largest of some numbers as text; one where they are alike."""
+    # Three digits, and 1000 rather than 1e+03.
+    low, high = (f"{float(f'{end:.3g}'):g}" for end in (np.min(values), np.max(values)))
+    return low if low == high else f"{low} to {high}"
 
 
 @dataclass(frozen=True)

@@ -85,22 +85,7 @@ class BagInfo:
 
 
 def bag_info(path: str | Path, channels: ChannelMap | None = None, namespace: str | None = None) -> BagInfo:
-    """Sum up a bag.
-
-    Parameters
-    ----------
-    path
-        Bag folder, .mcap or .db3 file.
-    channels
-        A channel map, for a foreign bag.
-    namespace
-        Of the arm, where the bag holds several.
-
-    Raises
-    ------
-    RecordingError
-        If there is nothing that can be read.
-    """
+    """Sum up a bag, of the arm in a namespace where it holds several; a RecordingError if nothing can be read."""
     info = _counted(path)
     try:
         recording = read_recording(path, channels, namespace=namespace)

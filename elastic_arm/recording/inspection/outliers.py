@@ -1,9 +1,10 @@
-"""Numbers that are finite and yet far beyond all others of their channel: damaged words, not motion or torque.
+"""What a recording needs before anything is computed from it, done once: for the check and for all that fits.
 
-A sample counts as an outlier where it lies further from the median of its neighbours than several times the range in
-which nearly all samples of the channel lie. Noise, impacts and friction reversals stay well within that. A single
-sample counts, too, that lies off the cubic through its four neighbours by many times what the others do, and by more
-than an arm can move in a sample.
+Samples of zeros alone that another publisher sends between those of the arm are left out. Numbers that are finite and
+yet far beyond all others of their channel, damaged words, are left out, too: those further from the median of their
+neighbours than several times the range in which nearly all samples of the channel lie, and single ones that lie off the
+cubic through four neighbours by many times what the others do, and by more than an arm can move in a sample. Angles
+that are given within a turn are unwound. Where a joint jumps as none can, the recording is parted.
 """
 
 from __future__ import annotations
@@ -16,10 +17,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elastic_arm.codegen.parallel import share_out
-from elastic_arm.recording.inspection.impossible import require_possible
+from elastic_arm.errors import RecordingError
+from elastic_arm.recording.inspection.quality import moment
+from elastic_arm.recording.inspection.report import Finding, warning
 from elastic_arm.recording.recording import Recording
-from elastic_arm.recording.sides import Array, Side, joints_with
+from elastic_arm.recording.sides import Array, Side, joints_with, listed
 
+# rad (or m), rad/s, Nm, rad/s². Angles larger than that have lost the digits that a motion is computed from; numbers of
+# this size are counts of an encoder, or a channel that holds something else.
+LARGEST = {"position": 1e6, "velocity": 1e6, "effort": 1e9, "acceleration": 1e9}
+_UNITS = {"position": "rad", "velocity": "rad/s", "effort": "Nm", "acceleration": "rad/s²"}
+# Nm; the squares of smaller torques are zero, whatever they measure.
+SMALLEST_TORQUE = 1e-150
+_ROWS = 64  # samples taken for one row, where all that is asked are extremes
 _FEWEST = 50  # samples; of fewer no range is known
 _LOOKED_AT = 5000  # samples that the range is taken from
 _CENTRAL = (0.5, 99.5)  # per cent of the samples that the range spans
@@ -41,6 +51,7 @@ _OPPOSITE = 0.45  # of a spike's distance, by which its neighbours are off the o
 _CUBIC = np.array([1.0, -4.0, 6.0, -4.0, 1.0]) / 6.0
 _BLOCK = 16384  # samples looked at together: what a core's cache holds
 _LEAST = {"position": 1e-3, "velocity": 1e-3, "effort": 0.1, "acceleration": 1e-2}  # rad, rad/s, Nm, rad/s^2
+_APART, _APART_SECONDS = 6, 0.02  # samples, and s, left out behind a jump: a hole that nobody bridges
 
 
 @dataclass(frozen=True)
@@ -82,6 +93,166 @@ class Outliers:
         return f"{what} up to {self.largest:.3g}, where nearly all others lie between {low:.3g} and {high:.3g}"
 
 
+def usable(recording: Recording) -> Recording:
+    """Return the recording as all that computes from it takes it; its notes state what was done.
+
+    Raises
+    ------
+    RecordingError
+        If a channel is of no arm throughout, so that nothing would be left.
+    """
+    whole, found = cleared(recording)
+    if not found:
+        return whole
+    where = recording.source or "the recording"
+    return replace(whole, notes=(*recording.notes, *(f"{where}: {finding.message}." for finding in found)))
+
+
+without_outliers = usable
+
+
+def cleared(recording: Recording) -> tuple[Recording, list[Finding]]:
+    """Return the recording as it can be used, and what was done to it; one of which nothing was is the same object."""
+    found: list[Finding] = []
+    for step in (_without_zeros, _without_outliers, _in_one_piece):
+        recording = step(recording, found)
+    _require_possible(recording)
+    return recording, found
+
+
+def _without_zeros(recording: Recording, found: list[Finding]) -> Recording:
+    """Leave out samples of zeros alone that are no motion: the joint was nearer to its next sample than to zero."""
+    kept: dict[str, Any] = {}
+    for name, side in recording.measured().items():
+        if side.position is None or len(side) < _FEWEST:
+            continue
+        zero = np.flatnonzero(~np.nan_to_num(side.position).any(axis=1))
+        if not len(zero):
+            continue
+        rows = np.hstack([np.nan_to_num(values[zero]) for values in side.channels().values()])
+        zero = zero[~rows.any(axis=1)]
+        others = np.setdiff1d(np.arange(len(side)), zero)
+        place = np.searchsorted(others, zero)
+        inner = (place > 0) & (place < len(others))
+        zero, before = zero[inner], others[place[inner] - 1]
+        after = others[place[inner]]
+        q = side.position
+        away = np.minimum(np.abs(q[before]), np.abs(q[after])) - np.abs(q[after] - q[before])
+        least = [_STEPS * _resolution(column) for column in q.T]
+        foreign = zero[(away > least).any(axis=1)]
+        if len(foreign):
+            words = f"{len(foreign)} of {len(side)} samples of the {name} side hold zeros alone"
+            remedy = f"first at {moment(side.stamp_ns, int(foreign[0]))}; a second publisher? They are left out"
+            found.append(warning("zeros_between", f"{words} between others", remedy))
+            kept[name] = side.at(np.delete(np.arange(len(side)), foreign))
+    return replace(recording, **kept) if kept else recording
+
+
+def _without_outliers(recording: Recording, found: list[Finding]) -> Recording:
+    good: dict[str, NDArray[np.bool_]] = {}
+    for outliers in find_outliers(recording):
+        side: Side = getattr(recording, outliers.side)
+        good.setdefault(outliers.side, np.ones(len(side), np.bool_))[outliers.rows] = False
+        found.append(Finding("warning", "outliers", f"left out as outliers: {outliers.words()}"))
+    kept: dict[str, Any] = {name: getattr(recording, name).at(rows) for name, rows in good.items()}
+    return replace(recording, **kept) if kept else recording
+
+
+def _in_one_piece(recording: Recording, found: list[Finding]) -> Recording:
+    """Unwind angles that are given within a turn, and part sides where a joint jumps as none can."""
+    kept: dict[str, Any] = {}
+    for name, side in recording.measured().items():
+        if side.position is None or len(side) < _FEWEST or not _plain(side.position):
+            continue
+        t = np.asarray((side.stamp_ns - side.stamp_ns[0]) * 1e-9)
+        columns = [(t, column) for column in np.ascontiguousarray(side.position.T)]
+        position, parted = side.position.copy(), np.zeros(len(side), np.bool_)
+        looked_at = share_out(lambda one: _continuous(*one), columns)
+        for j, (joint, each) in enumerate(zip(recording.joints, looked_at, strict=True)):
+            what, many = f"{name} position of {joint}", "the furthest " if len(each.rows) > 1 else ""
+            if len(each.turned):
+                position[:, j] = each.q
+                first = f"{len(each.turned)} times, first after {moment(side.stamp_ns, int(each.turned[0]))}"
+                words = f"{what} is given within a turn of {each.turn:.4g} rad, and jumps by it {first}: it was unwound"
+                found.append(Finding("note", "wrapped", words))
+            if not len(each.rows):
+                continue
+            k = int(np.argmax(np.abs(each.size)))
+            place = f"by {each.size[k]:.4g} rad after sample {each.rows[k]}, {moment(side.stamp_ns, int(each.rows[k]))}"
+            words = f"{what} jumps {f'{len(each.rows)} times ' if many else ''}as no joint moves, {many}{place}"
+            if len(each.rows) > _SPIKE_SHARE * len(side):
+                remedy = "two publishers, or a channel that is no angle? Nothing that follows from it can be trusted"
+            else:
+                remedy = "joined recordings, or an encoder whose zero was set? The recording is parted there"
+                for row in each.rows.tolist():
+                    parted[row + 1 : row + 1 + max(_APART, round(_APART_SECONDS * len(t) / t[-1]))] = True
+            found.append(Finding("warning", "jumps", f"{words}: {remedy}", joint=joint, time=float(t[each.rows[k]])))
+        if parted.any() or not np.array_equal(position, side.position, equal_nan=True):
+            kept[name] = replace(side, position=position).at(~parted)
+    return replace(recording, **kept) if kept else recording
+
+
+def _plain(position: Array) -> bool:
+    return bool(np.nanmax(np.abs(position), initial=0.0) < LARGEST["position"])
+
+
+class _Continuous(NamedTuple):
+    """An angle `q` (N,) without its turns, unwound behind samples `turned`, and its jumps by `size` behind `rows`."""
+
+    q: Array
+    turned: NDArray[np.intp]
+    turn: float
+    rows: NDArray[np.intp]
+    size: Array
+
+
+def _continuous(t: Array, q: Array) -> _Continuous:
+    """Take out the turns of an angle, and find where it jumps otherwise.
+
+    Three jumps and more of one size are turns, too: a motor's angle within its turn jumps by that over the gear ratio.
+    """
+    step = np.diff(q)
+    turns = np.rint(step / (2 * np.pi))
+    if np.isnan(q[0]):
+        return _Continuous(q, np.empty(0, np.intp), 0.0, np.empty(0, np.intp), np.empty(0))
+    if turns.any():
+        rows, _, _ = _jumps(t, _less(q, 2 * np.pi * turns))
+        turns[rows] = 0.0
+        q = _less(q, 2 * np.pi * turns)
+    turned, turn = np.flatnonzero(turns), 2 * np.pi
+    rows, size, doubt = _jumps(t, q)
+    usual = float(np.median(np.abs(size))) if len(rows) > 2 else 0.0
+    if usual and not len(turned) and (np.abs(np.abs(size) - usual) < doubt).all():
+        jumps = np.zeros_like(step)
+        jumps[rows] = usual * np.sign(size)
+        return _Continuous(_less(q, jumps), rows, usual, rows[:0], size[:0])
+    return _Continuous(q, turned, turn, rows, size)
+
+
+def _less(q: Array, jumps: Array) -> Array:
+    return q - np.concatenate([[0.0], np.cumsum(jumps)])
+
+
+def _jumps(t: Array, q: Array) -> tuple[NDArray[np.intp], Array, Array]:
+    """Return behind which samples an angle (N,) moves much faster than before and after, by how much more, and limits.
+
+    No force does that to a joint. Of a channel that holds its values the intervals between updates are looked at.
+    """
+    rows = np.flatnonzero(np.diff(q) != 0.0)
+    if len(rows) < _FEWEST:
+        return rows[:0], np.empty(0), np.empty(0)
+    ends = np.append(rows, len(q) - 1)
+    moved, lasting = np.diff(q[ends]), np.diff(t[ends])
+    near = np.pad(moved / lasting, 2, mode="reflect")
+    around = np.stack([near[k : k + len(moved)] for k in (0, 1, 3, 4)])
+    bent = moved[1:] - moved[:-1] * (lasting[1:] / lasting[:-1])
+    noise = 1.48 * float(np.median(np.abs(bent - np.median(bent))))
+    limit = _SPIKE * noise + 0.5 * _ACCELERATION * lasting**2 + _STEPS * _resolution(q)
+    found = np.flatnonzero(np.abs(moved) - np.abs(around).max(axis=0) * lasting > limit)
+    size = moved[found] - np.median(around[:, found], axis=0) * lasting[found]
+    return rows[found], size, 2.0 * limit[found]
+
+
 def find_outliers(recording: Recording) -> list[Outliers]:
     """Return the outliers of the measured sides of a recording."""
     sides = {"link": recording.link, "motor": recording.motor}
@@ -100,34 +271,6 @@ def _recorded(values: Array, joints: Sequence[str]) -> tuple[Array, Sequence[str
     """Return a channel's columns (N, k) of the joints that have it, and their names."""
     there = joints_with(values)
     return (values, joints) if there.all() else (values[:, there], [joints[j] for j in np.flatnonzero(there).tolist()])
-
-
-def without_outliers(recording: Recording) -> Recording:
-    """Return the recording without the samples that hold an outlier; its notes state which.
-
-    Raises
-    ------
-    RecordingError
-        If a channel is of no arm throughout, so that nothing would be left.
-    """
-    found = find_outliers(recording)
-    whole = _left(recording, found) if found else recording
-    require_possible(whole)
-    return whole
-
-
-def _left(recording: Recording, found: Sequence[Outliers]) -> Recording:
-    where = recording.source or "the recording"
-    kept: dict[str, Any] = {}
-    for name in {outliers.side for outliers in found}:
-        side: Side = getattr(recording, name)
-        good = np.ones(len(side), np.bool_)
-        for outliers in found:
-            if outliers.side == name:
-                good[outliers.rows] = False
-        kept[name] = side.at(good)
-    notes = [f"{where}: left out as outliers: {outliers.words()}." for outliers in found]
-    return replace(recording, notes=(*recording.notes, *notes), **kept)
 
 
 def sane_limits(values: Array, channel: str) -> tuple[Array, Array]:
@@ -265,3 +408,36 @@ def _central(values: Array, channel: str) -> tuple[Array, Array]:
     low, high = np.where(impulsive, calm_low, low), np.where(impulsive, calm_high, high)
     narrow = 0.5 * np.maximum(np.maximum(_LEAST[channel], _SHARE * (high - low).max()) - (high - low), 0.0)
     return low - narrow, high + narrow
+
+def _require_possible(recording: Recording) -> None:
+    """Refuse a recording with numbers that no arm has, naming side, channel, joints and the largest number."""
+    channels = [
+        (name, channel, values)
+        for name, side in recording.measured().items()
+        for channel, values in side.channels().items()
+    ]
+    for (name, channel, _), largest in zip(channels, share_out(lambda one: _largest(one[2]), channels), strict=True):
+        what = ""
+        if (beyond := largest > LARGEST[channel]).any():
+            what = f"{name} {channel} of {listed(recording.joints, beyond)} reaches {largest.max():.3g}"
+        elif channel == "effort" and 0.0 < largest.max() < SMALLEST_TORQUE:
+            what = f"{name} effort is {largest.max():.3g}"
+        if what:
+            most = " at most" if "reaches" not in what else ""
+            raise RecordingError(
+                f"{recording.source or 'the recording'}: {what} {_UNITS[channel]}{most}, which is of no arm",
+                "Look at its unit, and at what the channel holds",
+            )
+
+
+def _largest(values: Array) -> Array:
+    """Return the largest magnitude (n,) in each column (N, n); joints without the channel hold NaN."""
+    largest = np.zeros(values.shape[1])
+    for start in range(0, len(values), _BLOCK):
+        block = values[start : start + _BLOCK]
+        # NumPy is slow along the first axis of a narrow array: many rows are taken for one.
+        rows = block.reshape(-1, _ROWS * len(largest)) if len(block) % _ROWS == 0 else block
+        for extreme in (np.fmax.reduce(rows, axis=0), np.fmin.reduce(rows, axis=0)):
+            found = np.fmax.reduce(np.abs(extreme.reshape(-1, len(largest))), axis=0)
+            largest = np.fmax(largest, found)
+    return largest

@@ -19,12 +19,11 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from elastic_arm.recording.inspection.report import Finding
-from elastic_arm.recording.inspection.torque_spectrum import torque_spectrum
+from elastic_arm.recording.inspection.report import Finding, warning
+from elastic_arm.recording.inspection.torque_spectrum import FEWEST, torque_spectrum
 from elastic_arm.recording.recording import Recording
-from elastic_arm.recording.sides import Array, Side, joints_with
+from elastic_arm.recording.sides import Array, Side, joints_with, listed, span_of
 
-_FEWEST = 200  # samples; below, nothing is concluded
 _ENOUGH = 20_000  # samples of a side that show a wrong unit; bounds the time
 _WINDOW = 0.02  # s over which a velocity is compared with the position's advance: above the encoders' steps
 _STILL = 1e-3  # rad/s rms below which a joint does not move
@@ -32,9 +31,7 @@ _TRAVEL = 0.05  # rad that a joint has moved all the same, if at a speed below: 
 _FASTEST = 500.0  # rad/s rms from sample to sample; beyond, the numbers are no motion of an arm
 _SMOOTH = "smooth_torque"
 _FOLLOWS = 0.5  # share of a velocity that its position must explain
-_SELDOM = 0.02  # share of samples at which a joint can pass a full turn
 _GAIN = 0.03  # a unit or a sign is off by more
-_HELD = 0.002  # share of repeated samples; a lost cycle in 500 is ordinary
 _REGULAR = 2e-6  # of the interval: rounding of stamps to a nanosecond or a float, no clock
 _COMMON = 0.02  # of the interval: joints advance too far together by more than that
 _AGREE = 0.3  # correlation of two groups of joints about it
@@ -80,19 +77,20 @@ class _ComparedMotion:
 
 
 def implausible(recording: Recording) -> list[Finding]:
-    """Return what no sensors of a moving arm measure; nothing of numbers that are no motion at all."""
+    """Return what no sensors of a moving arm measure; nothing of numbers that are no motion at all.
+
+    Of a long recording the middle decides on velocities and stamps: what is wrong shows in every stretch.
+    """
     sides = {name: _whole(side, recording.joints) for name, side in recording.measured().items()}
     if not all(_is_motion(side) for side, _ in sides.values()):
         return []
     findings = _same_arrays(recording)
     for name, (side, joints) in sides.items():
-        if len(side) < _FEWEST:
+        if len(side) < FEWEST:
             continue
-        if side.position is not None:
-            findings += _wrapped(name, side.position, joints)
-            findings += _held(name, side, joints)
         if side.position is not None and side.velocity is not None:
-            motion = _compared(side)
+            begin = max(0, (len(side) - _ENOUGH) // 2)
+            motion = _compared(side.at(slice(begin, begin + _ENOUGH)))
             findings += _velocities(name, motion, joints)
             findings += _stamps(name, motion)
         if side.effort is not None:
@@ -112,38 +110,9 @@ def _whole(side: Side, joints: Sequence[str]) -> tuple[Side, Sequence[str]]:
 def smoothed_torques(recording: Recording) -> list[str]:
     """Return in words which torques were low-passed before they were recorded: they hold not even noise above."""
     sides = [(name, side) for name, side in (("link", recording.link), ("motor", recording.motor)) if side is not None]
-    long = [(name, side) for name, side in sides if side.effort is not None and len(side) >= _FEWEST]
+    long = [(name, side) for name, side in sides if side.effort is not None and len(side) >= FEWEST]
     found = [finding for name, side in long for finding in _noiseless(name, side, recording.joints)]
     return [finding.message for finding in found if finding.code == _SMOOTH]
-
-
-def backward_torques(recording: Recording) -> list[str]:
-    """Return in words which torques do work against the friction of their joints."""
-    return [finding.message for finding in _backward_findings(recording)]
-
-
-def jumping_angles(recording: Recording) -> list[str]:
-    """Return in words which angles jump by a turn between samples."""
-    sides = [(name, *_whole(side, recording.joints)) for name, side in recording.measured().items()]
-    looked_at = [(name, side.position, joints) for name, side, joints in sides if side.position is not None]
-    found = [finding for name, q, joints in looked_at if len(q) > 1 for finding in _wrapped(name, q, joints)]
-    return [finding.message for finding in found]
-
-
-def wrong_velocities(recording: Recording) -> list[str]:
-    """Return in words which velocities are no derivatives of their positions, by column, unit or sign.
-
-    Of a long recording the middle decides: a wrong unit shows in every stretch.
-    """
-    found: list[Finding] = []
-    for name, whole in recording.sides().items():
-        if name == "reference" or whole.position is None or whole.velocity is None:
-            continue
-        begin = max(0, (len(whole) - _ENOUGH) // 2)
-        side, joints = _whole(whole.at(slice(begin, begin + _ENOUGH)), recording.joints)
-        if len(side) >= _FEWEST and _is_motion(side):
-            found += _velocities(name, _compared(side), joints)
-    return [finding.message for finding in found if finding.severity == "warning"]
 
 
 def _compared(side: Side) -> _ComparedMotion:
@@ -202,7 +171,7 @@ def _velocities(name: str, motion: _ComparedMotion, joints: Sequence[str]) -> li
     findings = []
     if strange.any():
         message = f"{name} velocity of {listed(joints, strange)} is not the derivative of the position"
-        findings.append(Finding("warning", "velocity", f"{message}: check the columns, units and signs"))
+        findings.append(warning("velocity", message, "check the columns, units and signs"))
     if scaled.any():
         factors = span_of(1.0 / motion.gain[scaled])
         message = f"{name} velocity of {listed(joints, scaled)} is {factors} times the derivative of the position"
@@ -210,7 +179,7 @@ def _velocities(name: str, motion: _ComparedMotion, joints: Sequence[str]) -> li
         alike = np.abs(motion.gain[moving] / np.median(motion.gain[moving]) - 1.0) < _GAIN
         if alike.all() and scaled[moving].all():
             remedy = f"check units and signs, and the unit of the times: the samples come at {1 / motion.step:.3g} Hz"
-        findings.append(Finding("warning", "velocity", f"{message}: {remedy}"))
+        findings.append(warning("velocity", message, remedy))
     if late.any():
         for words, chosen in (("behind", late & (motion.lag > 0.0)), ("ahead of", late & (motion.lag < 0.0))):
             if chosen.any():
@@ -218,37 +187,6 @@ def _velocities(name: str, motion: _ComparedMotion, joints: Sequence[str]) -> li
                 message = f"{name} velocity of {listed(joints, chosen)} is {size}: one of the two was filtered"
                 findings.append(Finding("note", "velocity_lag", message))
     return findings
-
-
-def _wrapped(name: str, q: Array, joints: Sequence[str]) -> list[Finding]:
-    turns = np.abs(np.abs(np.diff(q, axis=0)) - 2 * np.pi) < 0.5
-    jumps = turns.any(axis=0) & (turns.mean(axis=0) < _SELDOM) & (np.abs(np.diff(q, axis=0)).max(axis=0) < 7.0)
-    if not jumps.any():
-        return []
-    message = f"{name} position of {listed(joints, jumps)} jumps by a turn between samples"
-    return [Finding("warning", "wrapped", f"{message}: an angle that is given within one turn; unwrap it")]
-
-
-def _held(name: str, side: Side, joints: Sequence[str]) -> list[Finding]:
-    """Find positions that repeat although the joint moves by more than the encoder's steps.
-
-    Of a channel that is updated every third cycle a step is that of three: the noise is what it is off from there.
-    """
-    assert side.position is not None
-    step = np.diff(side.position, axis=0)
-    updated = scipy.ndimage.uniform_filter1d((step != 0.0).astype(np.float64), 9, axis=0)
-    smallest = np.where(step != 0.0, np.abs(step), np.inf).min(axis=0)
-    expected = scipy.ndimage.uniform_filter1d(step, 9, axis=0)
-    off = np.ma.array(np.abs(step * updated - expected), mask=step == 0.0)
-    noise = 1.48 * np.ma.median(off, axis=0).filled(0.0)
-    held = (step == 0.0) & (np.abs(expected) > 4.0 * np.maximum(smallest, noise))
-    share = held.mean(axis=0)
-    many = share > _HELD
-    if not many.any():
-        return []
-    message = f"{span_of(100 * share[many])} % of the {name} positions of {listed(joints, many)} repeat the one before"
-    remedy = "the joint moves: cycles were missed, or the channel is updated more slowly than it is stamped"
-    return [Finding("warning", "held", f"{message} while {remedy}")]
 
 
 def _stamps(name: str, motion: _ComparedMotion) -> list[Finding]:
@@ -264,7 +202,7 @@ def _stamps(name: str, motion: _ComparedMotion) -> list[Finding]:
     parts = (slice(0, None, 2), slice(1, None, 2))
     ahead, weight = zip(*(_common(rest[:, part], mean[:, part]) for part in parts), strict=True)
     sure = (weight[0] > np.median(weight[0])) & (weight[1] > np.median(weight[1]))
-    if np.count_nonzero(sure) < _FEWEST // 4:
+    if np.count_nonzero(sure) < FEWEST // 4:
         return []
     one, other = (part[sure] - part[sure].mean() for part in ahead)
     both = float(np.mean(one * other))
@@ -285,7 +223,7 @@ def _followed(name: str, jitter: Array, ahead: Array, step: float) -> list[Findi
     usual = np.abs(jitter) < 1.5  # no gaps
     jitter, ahead = jitter[usual] - jitter[usual].mean(), ahead[usual]
     power = float(jitter @ jitter)
-    if len(jitter) < _FEWEST // 4 or np.sqrt(power / len(jitter)) < _JITTER:
+    if len(jitter) < FEWEST // 4 or np.sqrt(power / len(jitter)) < _JITTER:
         return []
     slope = float(jitter @ ahead) / power
     doubt = float(np.std(ahead - slope * jitter)) / np.sqrt(power)
@@ -333,7 +271,7 @@ def _backward_findings(recording: Recording) -> list[Finding]:
         for j in absent.tolist():
             angle[:, j] = np.interp(motor.stamp_ns, link.stamp_ns, link.position[:, j])
     side, joints = _whole(Side(motor.stamp_ns, angle, effort=motor.effort), recording.joints)
-    known = len(side) >= _FEWEST and len(joints) > 0 and _is_motion(side)
+    known = len(side) >= FEWEST and len(joints) > 0 and _is_motion(side)
     return _backwards(side, joints) if known else []
 
 
@@ -373,15 +311,3 @@ def _same_arrays(recording: Recording) -> list[Finding]:
             message = f"link and motor {channel} of {listed(recording.joints, same)} are the same numbers: {words}"
             findings.append(Finding("warning", f"same_{channel}", message))
     return findings
-
-
-def listed(joints: Sequence[str], chosen: Any) -> str:
-    """Return the names of the chosen joints (n,), as a mask, or that they are all."""
-    return "all joints" if np.all(chosen) else ", ".join(np.array(joints)[chosen])
-
-
-def span_of(values: Array) -> str:
-    """Return the smallest and the largest of some numbers as text; one where they are alike."""
-    # Three digits, and 1000 rather than 1e+03.
-    low, high = (f"{float(f'{end:.3g}'):g}" for end in (np.min(values), np.max(values)))
-    return low if low == high else f"{low} to {high}"
