@@ -194,15 +194,14 @@ def _note(found: list[Finding], words: str, code: str = "reading", severity: Sev
 def _mapped_recording(
     series: Mapping[str, Series], content: Content, channels: ChannelMap, found: list[Finding]
 ) -> Recording:
-    sides = {}
-    for name in ("link", "motor"):
-        sides[name], notes = mapped_side(channels, name, series)  # type: ignore[arg-type]
-        for words in notes:
-            _note(found, words)
+    link, of_link = mapped_side(channels, "link", series)
+    motor, of_motor = mapped_side(channels, "motor", series)
+    for words in (*of_link, *of_motor):
+        _note(found, words)
     for each in series.values():
         found += each.findings
     urdf, currents = content.robot_description, channels.currents()
-    return Recording(tuple(channels.joints), **sides, robot_description=urdf, currents=currents)
+    return Recording(tuple(channels.joints), link, motor, robot_description=urdf, currents=currents)
 
 
 def _contract_recording(
@@ -296,9 +295,7 @@ def urdf_joints(urdf: str | None) -> list[str]:
         return []
 
 
-def _side(
-    series: Series | None, joints: tuple[str, ...], paths: dict[str, str], found: list[Finding]
-) -> Side | None:
+def _side(series: Series | None, joints: tuple[str, ...], paths: dict[str, str], found: list[Finding]) -> Side | None:
     """Build a side from the messages that hold the joints, joined where several kinds have a part of them each."""
     if series is None:
         return None
@@ -314,10 +311,8 @@ def _side(
             side = own
             continue
         side, own, words = pair(side, own, f"messages of {', '.join(names)}", "those of the other joints")
-        joined = {
-            name: own.channels().get(name, values) if name not in side.channels() else np.fmax(side.channels()[name], values)
-            for name, values in own.channels().items()
-        }
+        before = side.channels()
+        joined = {name: np.fmax(before.get(name, values), values) for name, values in own.channels().items()}
         side = replace(side, **joined)
         _note(found, f"{series.topic} holds messages of {', '.join(names)} apart from the others: they are joined")
         for each in words:
@@ -326,8 +321,8 @@ def _side(
     for name, values in side.channels().items():
         there = joints_with(values)
         if not there.any():
-            words = f"{series.topic}.{paths[name]} is NaN throughout and counts as not recorded"
-            _note(found, words, "nan_channel", "warning")
+            missing = f"{series.topic}.{paths[name]} is NaN throughout and counts as not recorded"
+            _note(found, missing, "nan_channel", "warning")
             side = replace(side, **{name: None})  # type: ignore[arg-type]
         elif not there.all():
             without = ", ".join(joint for joint, one in zip(joints, there, strict=True) if not one)

@@ -9,6 +9,7 @@ import numpy as np
 
 from elastic_arm.errors import RecordingError
 from elastic_arm.recording.foreign.channels import ChannelMap
+from elastic_arm.recording.inspection.outliers import without_zeros
 from elastic_arm.recording.inspection.quality import REPAIR, moment, wrong_rate
 from elastic_arm.recording.inspection.recorded import looked_through
 from elastic_arm.recording.inspection.report import Report
@@ -16,7 +17,7 @@ from elastic_arm.recording.reading import Content, open_content, recording_of, u
 from elastic_arm.recording.recording import Recording
 from elastic_arm.recording.sides import Stamps
 from elastic_arm.recording.storage.bag import open_bag
-from elastic_arm.recording.topics import JOINT_STATES, JOINT_TORQUES, MOTOR_STATES, REFERENCE, TYPES
+from elastic_arm.recording.topics import JOINT_STATES, JOINT_TORQUES, MOTOR_STATES, REFERENCE
 from elastic_arm.robot import Robot
 
 _STATES = (JOINT_STATES, MOTOR_STATES)
@@ -130,7 +131,7 @@ def _check_names(content: Content, report: Report, joints: Sequence[str] | None)
 def _check_times(recording: Recording, report: Report, *, named: bool) -> None:
     """Look at the stamps of each side for gaps, and rates that are odd, change or spread."""
     seen: list[Stamps] = []
-    for name, side in recording.sides().items():
+    for name, side in without_zeros(recording, []).sides().items():
         if any(np.array_equal(side.stamp_ns, stamps) for stamps in seen):
             continue
         seen.append(side.stamp_ns)

@@ -10,10 +10,9 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from elastic_arm.recording.inspection.plausibility import listed, span_of
 from elastic_arm.recording.inspection.report import Finding
 from elastic_arm.recording.recording import Recording
-from elastic_arm.recording.sides import Array, Side, joints_with
+from elastic_arm.recording.sides import Array, Side, joints_with, listed, span_of
 from elastic_arm.robot import Robot
 from elastic_arm.robot.parts import Limits
 

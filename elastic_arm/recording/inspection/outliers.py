@@ -114,37 +114,34 @@ without_outliers = usable
 def cleared(recording: Recording) -> tuple[Recording, list[Finding]]:
     """Return the recording as it can be used, and what was done to it; one of which nothing was is the same object."""
     found: list[Finding] = []
-    for step in (_without_zeros, _without_outliers, _in_one_piece):
+    for step in (without_zeros, _without_outliers, _in_one_piece):
         recording = step(recording, found)
     _require_possible(recording)
     return recording, found
 
 
-def _without_zeros(recording: Recording, found: list[Finding]) -> Recording:
-    """Leave out samples of zeros alone that are no motion: the joint was nearer to its next sample than to zero."""
+def without_zeros(recording: Recording, found: list[Finding]) -> Recording:
+    """Leave out samples of zeros alone where most are no motion: their neighbours are nearer to each other."""
     kept: dict[str, Any] = {}
     for name, side in recording.measured().items():
-        if side.position is None or len(side) < _FEWEST:
-            continue
-        zero = np.flatnonzero(~np.nan_to_num(side.position).any(axis=1))
-        if not len(zero):
-            continue
-        rows = np.hstack([np.nan_to_num(values[zero]) for values in side.channels().values()])
-        zero = zero[~rows.any(axis=1)]
-        others = np.setdiff1d(np.arange(len(side)), zero)
-        place = np.searchsorted(others, zero)
-        inner = (place > 0) & (place < len(others))
-        zero, before = zero[inner], others[place[inner] - 1]
-        after = others[place[inner]]
         q = side.position
-        away = np.minimum(np.abs(q[before]), np.abs(q[after])) - np.abs(q[after] - q[before])
-        least = [_STEPS * _resolution(column) for column in q.T]
-        foreign = zero[(away > least).any(axis=1)]
-        if len(foreign):
-            words = f"{len(foreign)} of {len(side)} samples of the {name} side hold zeros alone"
-            remedy = f"first at {moment(side.stamp_ns, int(foreign[0]))}; a second publisher? They are left out"
-            found.append(warning("zeros_between", f"{words} between others", remedy))
-            kept[name] = side.at(np.delete(np.arange(len(side)), foreign))
+        if q is None or len(side) < _FEWEST:
+            continue
+        zero = np.flatnonzero(~np.nan_to_num(q).any(axis=1))
+        for values in side.channels().values():
+            zero = zero[~np.nan_to_num(values[zero]).any(axis=1)]
+        others = np.delete(np.arange(len(side)), zero)
+        if not len(zero) or not len(others):
+            continue
+        place = np.clip(np.searchsorted(others, zero), 1, len(others) - 1)
+        before, after = q[others[place - 1]], q[others[place]]
+        least = [_STEPS * _resolution(column) for column in q[others].T]
+        away = np.minimum(np.abs(before), np.abs(after)) - np.abs(after - before) > least
+        if np.mean(away.any(axis=1)) > 0.5:
+            words = f"{len(zero)} of {len(side)} samples of the {name} side hold zeros alone, between others"
+            first = moment(side.stamp_ns, int(zero[0]))
+            found.append(warning("zeros_between", words, f"a second publisher? They are left out, first at {first}"))
+            kept[name] = side.at(others)
     return replace(recording, **kept) if kept else recording
 
 
@@ -408,6 +405,7 @@ def _central(values: Array, channel: str) -> tuple[Array, Array]:
     low, high = np.where(impulsive, calm_low, low), np.where(impulsive, calm_high, high)
     narrow = 0.5 * np.maximum(np.maximum(_LEAST[channel], _SHARE * (high - low).max()) - (high - low), 0.0)
     return low - narrow, high + narrow
+
 
 def _require_possible(recording: Recording) -> None:
     """Refuse a recording with numbers that no arm has, naming side, channel, joints and the largest number."""

@@ -210,33 +210,6 @@ def _impulses(torque: Array, end: float) -> bool:
     return bool(len(rows) and np.mean(apart > high - low) > 0.5)
 
 
-def _piled(torque: Array, moving: NDArray[np.bool_]) -> dict[float, float]:
-    """Return the ends of the range of a torque (N,) at which its samples pile up, with their shares."""
-    values, counts = np.unique(torque[moving], return_counts=True)
-    if len(values) < _DISTINCT:
-        return {}
-    changes = np.flatnonzero(np.diff(torque, prepend=np.nan, append=np.nan) != 0.0)
-    runs, heights = np.diff(changes), torque[changes[:-1]]
-    inner = runs[(heights > values[0]) & (heights < values[-1])]
-    hold = float(np.percentile(inner, _USUAL)) if len(inner) else 1.0
-    found = {}
-    for end, beside in ((0, slice(1, 1 + _LEVELS)), (-1, slice(-1 - _LEVELS, -1))):
-        often = counts[end] >= _OFTEN * hold and counts[end] > _CLIPPED * len(torque)
-        # Zero is the end of a channel that has one sign, or of one that was switched off.
-        piled = often and values[end] != 0.0 and counts[end] > _PILED * counts[beside].max()
-        if piled and not _impulses(torque, float(values[end])):
-            found[float(values[end])] = float(counts[end] / len(torque))
-    return found
-
-
-def _impulses(torque: Array, end: float) -> bool:
-    """Return whether a torque (N,) jumps to an end of its range and back: one that saturates leads there."""
-    rows = np.flatnonzero(torque[1:-1] == end) + 1
-    low, high = np.percentile(torque, _INNER)
-    apart = np.minimum(np.abs(torque[rows - 1] - end), np.abs(torque[rows + 1] - end))
-    return bool(len(rows) and np.mean(apart > high - low) > 0.5)
-
-
 def frozen(recording: Recording) -> list[Finding]:
     """Return when all channels stay the same for a while although the arm moves: what was recorded is an old sample."""
     link, motor = recording.link, recording.motor

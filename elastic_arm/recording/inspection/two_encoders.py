@@ -1,7 +1,8 @@
-"""Encoders of links and of motors of an arm that is described as rigid: both measure one angle.
+"""Both encoders of a joint: of its link and of its motor.
 
-The torque of a motor goes with the motion of its own encoder. What a link's encoder has besides is its lag, its zero
-and the compliance of a drive, of which a rigid arm has none.
+Of an arm that is described as rigid both measure one angle: the torque of a motor goes with the motion of its own
+encoder, and what a link's encoder has besides is its lag and its zero. Of any arm the two may disagree by more than a
+drive winds up: theta - q = a + b q + tau / K + T dq, where the zero a and the ratio b should be none.
 """
 
 from __future__ import annotations
@@ -10,24 +11,70 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
+from scipy.signal import fftconvolve
 
-from elastic_arm.recording.inspection.plausibility import listed, span_of
+from elastic_arm.recording.inspection.report import Finding, warning
 from elastic_arm.recording.recording import Recording
-from elastic_arm.recording.sides import Array, Samples, joints_with
+from elastic_arm.recording.sides import Array, Samples, joints_with, listed, span_of
 from elastic_arm.robot import Robot
+
+_FEWEST = 200  # samples; below, nothing is concluded
+_CERTAIN = 5.0  # standard deviations
+_RATIO = 5e-4  # more than a ratio that is given with four digits is off
+UNREFERENCED = 0.05  # rad; encoders are set to zero more closely than that, and no drive is assembled so
+
+
+def disagreeing(recording: Recording) -> list[Finding]:
+    """Return at which joints the two encoders disagree by a constant, or by a ratio."""
+    found = []
+    apart = _apart(recording)
+    if apart is not None:
+        zero, ratio = apart
+        if (off := np.abs(zero) > UNREFERENCED).any():
+            message = f"motor and link position of {listed(recording.joints, off)} are {span_of(zero[off])} rad apart"
+            remedy = "an encoder that was not referenced? Give its zero (offset in the map)"
+            found.append(warning("encoder_zeros", f"{message} throughout, more than a drive winds up", remedy))
+        if (off := np.abs(ratio) > _RATIO).any():
+            message = f"motor positions of {listed(recording.joints, off)} are {span_of(1.0 + ratio[off])} times those"
+            remedy = "check the gear ratios of the map, and the encoders' resolutions"
+            found.append(warning("encoder_ratio", f"{message} of the link, what the torques wind up apart", remedy))
+    return found
+
+
+def _apart(recording: Recording) -> tuple[Array, Array] | None:
+    """Return by how much motors are ahead of links, (n,) rad, and by which part of the angle; zero where uncertain."""
+    sides = recording.link, recording.motor
+    if any(side is None or side.position is None or len(side) < _FEWEST for side in sides):
+        return None
+    samples = recording.samples()
+    q, theta = samples.q, samples.theta
+    if q is None or theta is None or len(samples) < _FEWEST:
+        return None
+    loads = [x for x in (samples.tau_J, samples.tau_m) if x is not None]
+    found = np.zeros((2, recording.n))
+    for j in range(recording.n):
+        if {("q", j), ("theta", j)} & samples.lacking or not np.ptp(q[:, j]):
+            continue
+        speed = np.gradient(theta[:, j], samples.t)
+        lag = [speed] if samples.dtheta is None else [speed, samples.dtheta[:, j]]
+        columns = np.column_stack([np.ones(len(q)), q[:, j], *lag, *(load[:, j] for load in loads)])
+        scale = np.maximum(np.linalg.norm(columns, axis=0), 1e-300)
+        behind = theta[:, j] - q[:, j]
+        fit, *_ = np.linalg.lstsq(columns / scale, behind, rcond=None)
+        rest = behind - columns @ (fit / scale)
+        alike = fftconvolve(rest, rest[::-1])[len(rest) :] / max(float(rest @ rest), 1e-300)
+        inverse = np.linalg.pinv((columns / scale).T @ (columns / scale), hermitian=True)
+        slow = 1.0 + 2.0 * float(np.maximum(alike, 0.0).max() * 0.0 + alike @ alike)
+        doubt = np.sqrt(np.diag(inverse) * float(rest @ rest) / len(rest) * slow)
+        sure = np.abs(fit[:2]) > _CERTAIN * doubt[:2]
+        found[:, j] = np.where(sure, fit[:2] / scale[:2], 0.0)
+    return found[0], found[1]
 
 
 def by_motor_encoders(recording: Recording, robot: Robot) -> Recording:
     """Return a recording of a rigid arm without link encoders where motors have an encoder and a torque, with a note.
 
     That of any other arm, and one with joint torques, which go with the links, is returned as it is.
-
-    Parameters
-    ----------
-    recording
-        Of the arm.
-    robot
-        Its description.
     """
     link, motor = recording.link, recording.motor
     if robot.elastic or link is None or motor is None or link.effort is not None:

@@ -40,7 +40,9 @@ def in_order(stamp_ns: Stamps, topic: str) -> tuple[Stamps, NDArray[np.intp], li
         return stamp_ns, rows, found
     far = _far_off(stamp_ns[rows], rows)
     if far.any():
-        words = f"{topic}: {far.sum()} of {len(rows)} messages have a stamp more than a second off all others, the first"
+        words = (
+            f"{topic}: {far.sum()} of {len(rows)} messages have a stamp more than a second off all others, the first"
+        )
         message = f"{words} {moment(stamp_ns, int(rows[far].min()))}: they are left out"
         found.append(Finding("warning", "stray_stamps", message, topic=topic))
         rows = rows[~far]
@@ -77,8 +79,7 @@ def _one_clock(stamp_ns: Stamps, topic: str) -> tuple[Stamps, list[Finding]]:
 
 
 def _far_off(stamp_ns: Stamps, rows: NDArray[np.intp]) -> NDArray[np.bool_]:
-    """Return which of sorted stamps, of messages that arrived as `rows`, stand alone at an end and did not come there.
-    """
+    """Return which sorted stamps, of messages that arrived as `rows`, stand alone at an end and did not come there."""
     far = np.zeros(len(rows), np.bool_)
     for ends, last in ((range(len(rows) - 1, 0, -1), len(rows) - 1), (range(len(rows) - 1), 0)):
         for i in ends:

@@ -1,0 +1,35 @@
+"""All findings about the numbers of a recording: for the check, and as notes for the commands that fit."""
+
+from __future__ import annotations
+
+from elastic_arm.recording.inspection.described_gravity import contradicted_gravity
+from elastic_arm.recording.inspection.magnitudes import beyond_limits
+from elastic_arm.recording.inspection.outliers import cleared
+from elastic_arm.recording.inspection.plausibility import implausible
+from elastic_arm.recording.inspection.report import Finding
+from elastic_arm.recording.inspection.stuck_channels import channel_findings, frozen
+from elastic_arm.recording.inspection.two_encoders import disagreeing
+from elastic_arm.recording.recording import Recording
+from elastic_arm.robot import Robot
+
+
+def looked_through(recording: Recording, robot: Robot | None = None) -> list[Finding]:
+    """Return what had to be done to use a recording, and what no sensors of a moving arm, or of this one, measure.
+
+    Raises
+    ------
+    RecordingError
+        If a channel is of no arm throughout, or the sides do not belong together.
+    """
+    whole, found = cleared(recording)
+    notes = [note for note in whole.samples().notes if note not in recording.notes]
+    found += [Finding("note", "reading", note) for note in notes]
+    found += [*channel_findings(whole), *frozen(recording), *implausible(whole), *disagreeing(whole)]
+    return found if robot is None else [*found, *beyond_limits(whole, robot), *contradicted_gravity(whole, robot)]
+
+
+def doubts(recording: Recording, robot: Robot) -> list[str]:
+    """Return in words what cannot be right of a recording that is to be fitted; what fits look for is left out."""
+    mended = {finding.message for finding in cleared(recording)[1]}
+    found = [one for one in looked_through(recording, robot) if one.severity == "warning" and one.code != "mounting"]
+    return [finding.message for finding in found if finding.message not in mended]
