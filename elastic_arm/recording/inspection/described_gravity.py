@@ -63,6 +63,7 @@ RANK = 1e-9  # of the largest singular value; numerical
 SIDES = {"tau_J": "link", "tau_m": "motor"}
 # Another arrangement is named where it is e^10 times as likely, and leaves a tenth of the torques that it changes.
 CERTAIN, EXPLAINED = 10.0, 0.1
+NO_TORQUE = 1e-9  # Nm; what changes less is none
 CHANGED = 0.1  # of the logarithm of what is left
 
 
@@ -145,7 +146,8 @@ def contradicted_gravity(recording: Recording, robot: Robot) -> list[Finding]:
     """
     found = []
     for side, motion, fit in _fits(recording, robot):
-        found += _arranged(motion, side, robot) or (_judged(fit, side, robot) if fit.gravity.any() else [])
+        if fit.gravity.any():
+            found += _size(fit, side, robot) or _arranged(motion, side, robot) or _judged(fit, side, robot)
     return found
 
 
@@ -234,7 +236,7 @@ def _related(torque: Array, gravity: Array) -> tuple[float, float, float, float]
 def _arranged(motion: _Motion, side: str, robot: Robot) -> list[Finding]:
     """Return which joints turn the other way, or have their channels exchanged, as the geometry shows it."""
     n, found = robot.n, []
-    if len(motion.measured) < n or n < 2 or len(motion.q) < FEWEST:
+    if len(motion.measured) < n or n < 2 or len(motion.q) < FEWEST or (np.ptp(motion.torque, axis=0) < NO_TORQUE).any():
         return []
     motion = motion._replace(**{k: getattr(motion, k)[:: max(1, len(motion.q) // TRIED)] for k in motion._fields[:4]})
     model = build_model(robot)
@@ -349,7 +351,7 @@ def _judged(fit: GravityFit, side: str, robot: Robot) -> list[Finding]:
         return [warning("mounting", message, remedy)]
     against, along = fit.against, fit.along
     if not against.any():
-        return _size(fit, side, robot) or _missing(fit, side, robot)
+        return _missing(fit, side, robot)
     joints = listed(robot.joint_names, against)
     message = (
         f"{side} effort of {joints} runs against the gravity that the description predicts (correlation "

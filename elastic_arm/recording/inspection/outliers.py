@@ -51,6 +51,7 @@ _OPPOSITE = 0.45  # of a spike's distance, by which its neighbours are off the o
 _CUBIC = np.array([1.0, -4.0, 6.0, -4.0, 1.0]) / 6.0
 _BLOCK = 16384  # samples looked at together: what a core's cache holds
 _LEAST = {"position": 1e-3, "velocity": 1e-3, "effort": 0.1, "acceleration": 1e-2}  # rad, rad/s, Nm, rad/s^2
+_OF_A_TURN = 0.1  # that nearly all steps are below, where turns can be told from motion
 _APART, _APART_SECONDS = 6, 0.02  # samples, and s, left out behind a jump: a hole that nobody bridges
 
 
@@ -165,28 +166,45 @@ def _in_one_piece(recording: Recording, found: list[Finding]) -> Recording:
         columns = [(t, column) for column in np.ascontiguousarray(side.position.T)]
         position, parted = side.position.copy(), np.zeros(len(side), np.bool_)
         looked_at = share_out(lambda one: _continuous(*one), columns)
+        jumping = [row for each in looked_at for row in each.rows.tolist()]
         for j, (joint, each) in enumerate(zip(recording.joints, looked_at, strict=True)):
-            what, many = f"{name} position of {joint}", "the furthest " if len(each.rows) > 1 else ""
+            what, rows = f"{name} position of {joint}", each.rows
             if len(each.turned):
                 position[:, j] = each.q
                 first = f"{len(each.turned)} times, first after {moment(side.stamp_ns, int(each.turned[0]))}"
                 words = f"{what} is given within a turn of {each.turn:.4g} rad, and jumps by it {first}: it was unwound"
                 found.append(Finding("note", "wrapped", words))
-            if not len(each.rows):
+            if not len(rows):
                 continue
             k = int(np.argmax(np.abs(each.size)))
-            place = f"by {each.size[k]:.4g} rad after sample {each.rows[k]}, {moment(side.stamp_ns, int(each.rows[k]))}"
-            words = f"{what} jumps {f'{len(each.rows)} times ' if many else ''}as no joint moves, {many}{place}"
-            if len(each.rows) > _SPIKE_SHARE * len(side):
-                remedy = "two publishers, or a channel that is no angle? Nothing that follows from it can be trusted"
-            else:
-                remedy = "joined recordings, or an encoder whose zero was set? The recording is parted there"
-                for row in each.rows.tolist():
+            many = ("", "") if len(rows) == 1 else (f"{len(rows)} times ", "the furthest ")
+            place = f"by {each.size[k]:.4g} rad after sample {rows[k]}, {moment(side.stamp_ns, int(rows[k]))}"
+            words = f"{what} jumps {many[0]}as no joint moves, {many[1]}{place}"
+            remedy = "two publishers, or a channel that is no angle? Nothing that follows from it can be trusted"
+            if len(rows) <= _SPIKE_SHARE * len(side):
+                for row in rows.tolist():
                     parted[row + 1 : row + 1 + max(_APART, round(_APART_SECONDS * len(t) / t[-1]))] = True
-            found.append(Finding("warning", "jumps", f"{words}: {remedy}", joint=joint, time=float(t[each.rows[k]])))
+                alone = np.array([jumping.count(row) == 1 and _runs_on(side.effort, row) for row in rows.tolist()])
+                alone &= each.runs_on & (side.effort is not None or recording.n > 1)
+                jumps = np.zeros(len(side) - 1)
+                jumps[rows[alone]] = each.size[alone]
+                position[:, j] = _less(position[:, j], jumps)
+                remedy = "joined recordings? It is parted there"
+                if alone.all():
+                    remedy = "speed and all else run on, so its zero was set: it is taken for running on from before"
+            found.append(Finding("warning", "jumps", f"{words}: {remedy}", joint=joint, time=float(t[rows[k]])))
         if parted.any() or not np.array_equal(position, side.position, equal_nan=True):
             kept[name] = replace(side, position=position).at(~parted)
     return replace(recording, **kept) if kept else recording
+
+
+def _runs_on(effort: Array | None, row: int) -> bool:
+    """Return whether torques (N, n) change no more behind a sample than they usually do."""
+    if effort is None:
+        return True
+    steps = np.abs(np.diff(effort[max(row - _LOOKED_AT, 0) : row + _LOOKED_AT], axis=0))
+    usual = np.nanpercentile(steps, _NEARLY_ALL, axis=0) if joints_with(effort).all() else np.inf
+    return bool((np.abs(effort[row + 1] - effort[row]) <= 2.0 * usual).all())
 
 
 def _plain(position: Array) -> bool:
@@ -194,13 +212,14 @@ def _plain(position: Array) -> bool:
 
 
 class _Continuous(NamedTuple):
-    """An angle `q` (N,) without its turns, unwound behind samples `turned`, and its jumps by `size` behind `rows`."""
+    """An angle (N,) unwound behind samples `turned`; its jumps by `size` behind `rows`, and where its speed runs on."""
 
     q: Array
     turned: NDArray[np.intp]
     turn: float
     rows: NDArray[np.intp]
     size: Array
+    runs_on: NDArray[np.bool_]
 
 
 def _continuous(t: Array, q: Array) -> _Continuous:
@@ -208,36 +227,38 @@ def _continuous(t: Array, q: Array) -> _Continuous:
 
     Three jumps and more of one size are turns, too: a motor's angle within its turn jumps by that over the gear ratio.
     """
-    step = np.diff(q)
-    turns = np.rint(step / (2 * np.pi))
     if np.isnan(q[0]):
-        return _Continuous(q, np.empty(0, np.intp), 0.0, np.empty(0, np.intp), np.empty(0))
+        return _Continuous(q, *(np.empty(0, np.intp), 0.0, np.empty(0, np.intp), np.empty(0), np.empty(0, np.bool_)))
+    turns = np.rint(np.diff(q) / (2 * np.pi))
     if turns.any():
-        rows, _, _ = _jumps(t, _less(q, 2 * np.pi * turns))
-        turns[rows] = 0.0
+        # What still jumps then was no turn, and nothing is where any two samples are half a turn apart.
+        unwound = _less(q, 2 * np.pi * turns)
+        turns[_jumps(t, unwound)[0]] = 0.0
+        turns *= np.percentile(np.abs(np.diff(unwound)), _NEARLY_ALL) < _OF_A_TURN * 2 * np.pi
         q = _less(q, 2 * np.pi * turns)
-    turned, turn = np.flatnonzero(turns), 2 * np.pi
-    rows, size, doubt = _jumps(t, q)
+    turned = np.flatnonzero(turns)
+    rows, size, doubt, runs_on = _jumps(t, q)
     usual = float(np.median(np.abs(size))) if len(rows) > 2 else 0.0
     if usual and not len(turned) and (np.abs(np.abs(size) - usual) < doubt).all():
-        jumps = np.zeros_like(step)
+        jumps = np.zeros_like(turns)
         jumps[rows] = usual * np.sign(size)
-        return _Continuous(_less(q, jumps), rows, usual, rows[:0], size[:0])
-    return _Continuous(q, turned, turn, rows, size)
+        return _Continuous(_less(q, jumps), rows, usual, rows[:0], size[:0], runs_on[:0])
+    return _Continuous(q, turned, 2 * np.pi, rows, size, runs_on)
 
 
 def _less(q: Array, jumps: Array) -> Array:
     return q - np.concatenate([[0.0], np.cumsum(jumps)])
 
 
-def _jumps(t: Array, q: Array) -> tuple[NDArray[np.intp], Array, Array]:
-    """Return behind which samples an angle (N,) moves much faster than before and after, by how much more, and limits.
+def _jumps(t: Array, q: Array) -> tuple[NDArray[np.intp], Array, Array, NDArray[np.bool_]]:
+    """Return behind which samples an angle (N,) moves much faster than before and after, as no force makes a joint.
 
-    No force does that to a joint. Of a channel that holds its values the intervals between updates are looked at.
+    With by how much it jumps there, within which limits that is known, and whether the speed is the same behind it. Of
+    a channel that holds its values the intervals between updates are looked at.
     """
     rows = np.flatnonzero(np.diff(q) != 0.0)
     if len(rows) < _FEWEST:
-        return rows[:0], np.empty(0), np.empty(0)
+        return rows[:0], np.empty(0), np.empty(0), np.empty(0, np.bool_)
     ends = np.append(rows, len(q) - 1)
     moved, lasting = np.diff(q[ends]), np.diff(t[ends])
     near = np.pad(moved / lasting, 2, mode="reflect")
@@ -246,8 +267,10 @@ def _jumps(t: Array, q: Array) -> tuple[NDArray[np.intp], Array, Array]:
     noise = 1.48 * float(np.median(np.abs(bent - np.median(bent))))
     limit = _SPIKE * noise + 0.5 * _ACCELERATION * lasting**2 + _STEPS * _resolution(q)
     found = np.flatnonzero(np.abs(moved) - np.abs(around).max(axis=0) * lasting > limit)
-    size = moved[found] - np.median(around[:, found], axis=0) * lasting[found]
-    return rows[found], size, 2.0 * limit[found]
+    around, lasting, limit = around[:, found], lasting[found], limit[found]
+    size = moved[found] - np.median(around, axis=0) * lasting
+    runs_on = np.abs(around[2] - around[1]) * lasting < 2.0 * limit
+    return rows[found], size, 2.0 * limit, runs_on
 
 
 def find_outliers(recording: Recording) -> list[Outliers]:

@@ -54,9 +54,9 @@ def check_times(stamp_ns: Stamps, topic: str) -> None:
     step = np.diff(stamp_ns)
     at = int(np.argmax(step <= 0))
     if step[at] == 0:
-        raise RecordingError(f"{topic} repeats the stamp of {moment(stamp_ns, at)}", "Give every sample its own time.")
+        raise RecordingError(f"{topic} repeats the stamp of {moment(stamp_ns, at)}", REPAIR)
     problem = f"{topic} jumps back in time by {-step[at] * 1e-9:.6g} s after {moment(stamp_ns, at)}"
-    raise RecordingError(problem, "Sort the samples by their times, or give a part with one clock.")
+    raise RecordingError(problem, REPAIR)
 
 
 def check_stamped(stamp_ns: Stamps, topic: str) -> None:

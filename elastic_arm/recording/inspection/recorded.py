@@ -22,14 +22,16 @@ def looked_through(recording: Recording, robot: Robot | None = None) -> list[Fin
         If a channel is of no arm throughout, or the sides do not belong together.
     """
     whole, found = cleared(recording)
-    notes = [note for note in whole.samples().notes if note not in recording.notes]
-    found += [Finding("note", "reading", note) for note in notes]
-    found += [*channel_findings(whole), *frozen(recording), *implausible(whole), *disagreeing(whole)]
-    return found if robot is None else [*found, *beyond_limits(whole, robot), *contradicted_gravity(whole, robot)]
+    found += [Finding("note", "reading", note) for note in whole.samples().notes if note not in recording.notes]
+    return found + _seen(whole, recording, robot)
 
 
 def doubts(recording: Recording, robot: Robot) -> list[str]:
-    """Return in words what cannot be right of a recording that is to be fitted; what fits look for is left out."""
-    mended = {finding.message for finding in cleared(recording)[1]}
-    found = [one for one in looked_through(recording, robot) if one.severity == "warning" and one.code != "mounting"]
-    return [finding.message for finding in found if finding.message not in mended]
+    """Return in words what cannot be right of a recording to be fitted; fits look for the mounting themselves."""
+    found = _seen(cleared(recording)[0], recording, robot)
+    return [finding.message for finding in found if finding.severity == "warning" and finding.code != "mounting"]
+
+
+def _seen(whole: Recording, recording: Recording, robot: Robot | None) -> list[Finding]:
+    found = [*channel_findings(whole), *frozen(recording), *implausible(whole), *disagreeing(whole)]
+    return found if robot is None else [*found, *beyond_limits(whole, robot), *contradicted_gravity(whole, robot)]

@@ -129,12 +129,14 @@ def _held(column: Array, moving: NDArray[np.bool_]) -> tuple[float, float]:
     clear = size > max(_CLEAR * smallest, _SMALL * float(np.sqrt(np.mean(size**2))))
     runs = np.diff(changes)
     between = clear[:-1] & clear[1:] & moving[changes[:-1] + 1]
+    # Longer ones are standstills, or the recording froze.
+    between &= runs <= _LONG * max(float(np.median(runs[between])) if between.any() else 1.0, 1.0)
     repeats = int((runs[between] - 1).sum())
     # Changes by one step that lie between clear ones.
     chance = int(((size[1:-1] < 1.5 * smallest) & clear[:-2] & clear[2:]).sum())
     if repeats <= chance + 4.0 * np.sqrt(chance + 1.0):
         return 0.0, 1.0
-    return repeats / len(column), float(np.median(runs[between]))
+    return repeats / float(runs[between].sum()), float(np.median(runs[between]))
 
 
 def _filled_in(column: Array, moving: NDArray[np.bool_]) -> float:

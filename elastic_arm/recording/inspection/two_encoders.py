@@ -20,6 +20,7 @@ from elastic_arm.robot import Robot
 
 _FEWEST = 200  # samples; below, nothing is concluded
 _CERTAIN = 5.0  # standard deviations
+_TOGETHER = 0.01  # of the squares of the motor's angle, that the link's does not explain
 _RATIO = 5e-4  # more than a ratio that is given with four digits is off
 UNREFERENCED = 0.05  # rad; encoders are set to zero more closely than that, and no drive is assembled so
 
@@ -35,9 +36,10 @@ def disagreeing(recording: Recording) -> list[Finding]:
             remedy = "an encoder that was not referenced? Give its zero (offset in the map)"
             found.append(warning("encoder_zeros", f"{message} throughout, more than a drive winds up", remedy))
         if (off := np.abs(ratio) > _RATIO).any():
-            message = f"motor positions of {listed(recording.joints, off)} are {span_of(1.0 + ratio[off])} times those"
-            remedy = "check the gear ratios of the map, and the encoders' resolutions"
-            found.append(warning("encoder_ratio", f"{message} of the link, what the torques wind up apart", remedy))
+            times = ", ".join(f"{1.0 + each:.4f}" for each in ratio[off])
+            message = f"motor positions of {listed(recording.joints, off)} are {times} times those of the link"
+            remedy = "check the gear ratios and signs of the map, and the encoders' resolutions"
+            found.append(warning("encoder_ratio", f"{message}, besides what torques wind up", remedy))
     return found
 
 
@@ -64,9 +66,11 @@ def _apart(recording: Recording) -> tuple[Array, Array] | None:
         rest = behind - columns @ (fit / scale)
         alike = fftconvolve(rest, rest[::-1])[len(rest) :] / max(float(rest @ rest), 1e-300)
         inverse = np.linalg.pinv((columns / scale).T @ (columns / scale), hermitian=True)
-        slow = 1.0 + 2.0 * float(np.maximum(alike, 0.0).max() * 0.0 + alike @ alike)
+        slow = 1.0 + 2.0 * float(alike @ alike)
         doubt = np.sqrt(np.diag(inverse) * float(rest @ rest) / len(rest) * slow)
-        sure = np.abs(fit[:2]) > _CERTAIN * doubt[:2]
+        # Angles that have nothing to do with each other are not two of one joint.
+        together = float(rest @ rest) < _TOGETHER * len(rest) * float(np.var(theta[:, j]))
+        sure = together & (np.abs(fit[:2]) > _CERTAIN * doubt[:2])
         found[:, j] = np.where(sure, fit[:2] / scale[:2], 0.0)
     return found[0], found[1]
 
