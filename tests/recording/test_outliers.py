@@ -238,7 +238,7 @@ def test_joined_recordings_are_parted() -> None:
 def test_what_forces_do_is_no_jump() -> None:
     """An impact changes the speed at once, a held channel goes by steps, a joint starts and stops: nothing is said."""
     whole = turning()
-    impact = moved(whole, lambda q: q + np.outer(np.maximum(T - 8.0, 0.0), [3.0, -4.0]))
+    impact = moved(whole, lambda q: q + np.outer(np.maximum(T - 8.0, 0.0), [0.5, -0.6]))
     stop = moved(whole, lambda q: np.where((T > 5.0)[:, None] & (T < 9.0)[:, None], q[500], q) + 0.0 * q)
     for one in (whole, impact, turning(2e-5, 10), turning(2e-5, 50)):
         assert usable(one) is one
