@@ -15,18 +15,6 @@ def choose_namespace(bags: Sequence[Bag], wanted: str | None = None) -> str:
 
     Where none is asked for, it is that of the topics without a namespace if they are there, and otherwise the only one
     that holds states.
-
-    Parameters
-    ----------
-    bags
-        Opened bags, parts of one recording.
-    wanted
-        With or without slashes at the ends; None for whichever there is.
-
-    Raises
-    ------
-    RecordingError
-        If there are several, or not the one that is asked for.
     """
     found = sorted(
         {

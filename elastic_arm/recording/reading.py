@@ -46,41 +46,19 @@ _POINT = {
 
 @dataclass
 class Content:
-    """The topics of one or several bags.
+    """The topics of one or several bags."""
 
-    Parameters
-    ----------
-    series, decoders
-        By topic, those requested; the series once all is read.
-    robot_description
-        The last URDF on /robot_description.
-    topics
-        All topics that have messages, with their types.
-    messages
-        Number of messages on all topics.
-    damage
-        What was wrong with the bags.
-    remarks
-        What cannot be known of the bags, and is no damage.
-    promised
-        Number of messages by metadata.yaml; None where it does not say.
-    source, currents
-        The bags by name; their torque channels that are currents times a torque constant.
-    namespace
-        Of the arm; names in `series` and `decoders` are those within it.
-    """
-
-    series: dict[str, Series] = field(default_factory=dict)
+    series: dict[str, Series] = field(default_factory=dict)  # By topic, those requested; the series once all is read
     decoders: dict[str, Decoder] = field(default_factory=dict)
-    robot_description: str | None = None
-    topics: dict[str, str] = field(default_factory=dict)
-    messages: int = 0
-    damage: list[str] = field(default_factory=list)
-    remarks: list[str] = field(default_factory=list)
-    promised: int | None = None
-    source: str = ""
+    robot_description: str | None = None  # The last URDF on /robot_description
+    topics: dict[str, str] = field(default_factory=dict)  # All topics that have messages, with their types
+    messages: int = 0  # Number of messages on all topics
+    damage: list[str] = field(default_factory=list)  # What was wrong with the bags
+    remarks: list[str] = field(default_factory=list)  # What cannot be known of the bags, and is no damage
+    promised: int | None = None  # Number of messages by metadata.yaml; None where it does not say
+    source: str = ""  # The bags by name; their torque channels that are currents times a torque constant
     currents: tuple[str, ...] = ()
-    namespace: str = ""
+    namespace: str = ""  # Of the arm; names in `series` and `decoders` are those within it
 
     def take(self, file: BagFile, block: Block, wanted: Collection[str]) -> None:
         """Decode the wanted topics of a block; the messages of the others are counted alone."""

@@ -83,13 +83,7 @@ class Recording:
         return (max(int(side.stamp_ns[-1]) for side in self._measured()) - self.start_ns) * 1e-9
 
     def samples(self) -> Samples:
-        """Bring both sides to one time base; see :func:`elastic_arm.recording.timebase.joining.join`.
-
-        Raises
-        ------
-        RecordingError
-            If neither side was recorded, the stamps do not advance, or the two do not overlap in time.
-        """
+        """Bring both sides to one time base; see :func:`elastic_arm.recording.timebase.joining.join`."""
         try:
             for side_name, side in self.measured().items():
                 if not (side.stamp_ns[1:] > side.stamp_ns[:-1]).all():
@@ -108,13 +102,7 @@ class Recording:
         return replace(self, **cut)
 
     def select(self, joints: Sequence[str]) -> Recording:
-        """Return the recording with the columns of `joints`, in that order.
-
-        Raises
-        ------
-        RecordingError
-            If a joint was not recorded.
-        """
+        """Return the recording with the columns of `joints`, in that order."""
         unknown = [name for name in joints if name not in self.joints]
         if unknown:
             raise RecordingError(
@@ -141,20 +129,7 @@ class Recording:
 
 
 def recordings_of(given: object, name: str = "recordings") -> list[Recording]:
-    """Return what was given as recordings, one or several, as a list.
-
-    Parameters
-    ----------
-    given
-        One or several of them.
-    name
-        Of the argument, for the error.
-
-    Raises
-    ------
-    RecordingError
-        If it is anything else.
-    """
+    """Return what was given as recordings, one or several, as a list."""
     several: Iterable[Any] = [given]
     if isinstance(given, Iterable) and not isinstance(given, str | bytes):
         several = given

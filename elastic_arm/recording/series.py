@@ -20,27 +20,13 @@ Rows = NDArray[np.intp]
 
 @dataclass(frozen=True)
 class Piece:
-    """The messages of one layout.
+    """The messages of one layout."""
 
-    Parameters
-    ----------
-    rows
-        (m,) their places among the topic's messages, in file order.
-    log_ns
-        (m,) arrival times.
-    stamp_ns
-        (m,) header stamps; None where the type has no header.
-    names
-        What the message calls its columns; empty where it names none.
-    values
-        By field path: (m, columns).
-    """
-
-    rows: Stamps
-    log_ns: Stamps
-    stamp_ns: Stamps | None
-    names: tuple[str, ...]
-    values: dict[str, Array]
+    rows: Stamps  # (m,) their places among the topic's messages, in file order
+    log_ns: Stamps  # (m,) arrival times
+    stamp_ns: Stamps | None  # (m,) header stamps; None where the type has no header
+    names: tuple[str, ...]  # What the message calls its columns; empty where it names none
+    values: dict[str, Array]  # By field path: (m, columns)
 
     def whole(self) -> bool:
         """Whether these are all messages from the first to the last."""
@@ -82,13 +68,7 @@ class Series:
         return Series(self.topic, self.type_name, again, len(rows))
 
     def holding(self, joints: Sequence[str]) -> list[tuple[Series, list[str]]]:
-        """Return as few kinds of messages as together name all joints, each with the joints to take from it.
-
-        Raises
-        ------
-        RecordingError
-            If a joint is in none of them.
-        """
+        """Return as few kinds of messages as together name all joints, each with the joints to take from it."""
         counts: dict[frozenset[str], int] = {}
         for piece in self.pieces:
             own = frozenset(piece.names) & set(joints)
@@ -181,13 +161,7 @@ class Series:
         return max((piece.values[path].shape[1] for piece in self.pieces if piece.has(path)), default=0)
 
     def columns(self, path: str, names: Sequence[str]) -> Array | None:
-        """Return field `path` for the columns named, (N, len(names)); None if no message carries it.
-
-        Raises
-        ------
-        RecordingError
-            If some messages carry it and others do not, or one of the names is missing.
-        """
+        """Return field `path` for the columns named, (N, len(names)); None if no message carries it."""
         if not self.has(path):
             return None
         wanted = tuple(names)

@@ -72,13 +72,7 @@ class Side:
 
 
 def _real(name: str, values: object) -> Array:
-    """Return numbers as an array of floats, NaN where an array is masked.
-
-    Raises
-    ------
-    RecordingError
-        If they are none, or complex.
-    """
+    """Return numbers as an array of floats, NaN where an array is masked."""
     try:
         if isinstance(values, np.ma.MaskedArray):
             values = np.ma.filled(values.astype(np.float64), np.nan)
@@ -91,13 +85,7 @@ def _real(name: str, values: object) -> Array:
 
 
 def _checked_stamps(values: object) -> Stamps:
-    """Return stamps as (N,) int64; whether they advance is for :class:`Recording` to say.
-
-    Raises
-    ------
-    RecordingError
-        If they are no such numbers.
-    """
+    """Return stamps as (N,) int64; whether they advance is for :class:`Recording` to say."""
     try:
         found = np.asarray(values)
     except ValueError:  # rows of unequal length

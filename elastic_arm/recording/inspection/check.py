@@ -35,24 +35,7 @@ def check_bag(
     robot: Robot | None = None,
     namespace: str | None = None,
 ) -> Report:
-    """Look for everything that may be wrong with a bag: what readers refuse or mend, and what no arm measures.
-
-    Parameters
-    ----------
-    path
-        Bag folder, .mcap or .db3 file.
-    channels
-        A channel map, for a foreign bag.
-    robot
-        Whose names of joints, limits and torques to compare with.
-    namespace
-        Of the arm, where the bag holds several.
-
-    Raises
-    ------
-    RecordingError
-        If it is no bag at all.
-    """
+    """Look for everything that may be wrong with a bag: what readers refuse or mend, and what no arm measures."""
     report = Report(str(path))
     recording = _read(path, channels, robot, namespace, report)
     if recording is not None:

@@ -79,27 +79,18 @@ class _Motion(NamedTuple):
 
 @dataclass(frozen=True)
 class GravityFit:
-    """Torques of one side beside the described gravity, less what is not gravity.
+    """Torques of one side beside the described gravity, less what is not gravity."""
 
-    Parameters
-    ----------
-    torque, gravity : (N, n)
-        What is left of the measured torque and of the gravity torque as described, Nm; zero where there is neither.
-    pull : (N, n, 3)
-        What is left of the derivative of the described one by the gravity vector, Nm per m/s².
-    correlation, factor, std : (n,)
-        Of the two; of the torque over the described one, with its deviation. Zero where there is no gravity.
-    chance : (n,)
-        Probability that unrelated series correlate as much with this sign.
-    """
-
+    # (N, n) What is left of the measured torque and of the gravity torque as described, Nm; zero where there is
+    # neither
     torque: Array
     gravity: Array
-    pull: Array
+    pull: Array  # (N, n, 3) What is left of the derivative of the described one by the gravity vector, Nm per m/s²
+    # (n,) Of the two; of the torque over the described one, with its deviation. Zero where there is no gravity.
     correlation: Array
     factor: Array
     std: Array
-    chance: Array
+    chance: Array  # (n,) Probability that unrelated series correlate as much with this sign
 
     @property
     def against(self) -> NDArray[np.bool_]:
@@ -136,13 +127,6 @@ def contradicted_gravity(recording: Recording, robot: Robot) -> list[Finding]:
 
     They belong to another joint or way to turn, "exchanged", "mirrored"; run against gravity, "gravity_sign"; show
     another direction, "mounting"; are far larger or smaller, "gravity_size"; or hold no gravity, "gravity_missing".
-
-    Parameters
-    ----------
-    recording
-        Of the arm; without damaged samples.
-    robot
-        Its description.
     """
     found = []
     for side, motion, fit in _fits(recording, robot):

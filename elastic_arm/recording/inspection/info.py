@@ -31,34 +31,17 @@ class TopicInfo:
 
 @dataclass
 class BagInfo:
-    """A bag in short.
+    """A bag in short."""
 
-    Parameters
-    ----------
-    path
-        Folder or file.
-    files
-        Names, with sizes in bytes.
-    compression
-        Of its chunks or files: "none", "lz4", "zstd", "unchunked", or several.
-    topics
-        In order of appearance.
-    joints, channels
-        Of the recording in it: `link.position` ...; empty where it holds none.
-    notes
-        What a reader assumes, or why it cannot use the bag.
-    damage
-        What is wrong with the files.
-    """
-
-    path: str
-    files: dict[str, int]
-    compression: list[str]
-    topics: list[TopicInfo]
+    path: str  # Folder or file
+    files: dict[str, int]  # Names, with sizes in bytes
+    compression: list[str]  # Of its chunks or files: "none", "lz4", "zstd", "unchunked", or several
+    topics: list[TopicInfo]  # In order of appearance
+    # Of the recording in it: `link.position` ...; empty where it holds none
     joints: list[str] = field(default_factory=list)
     channels: list[str] = field(default_factory=list)
-    notes: list[str] = field(default_factory=list)
-    damage: list[str] = field(default_factory=list)
+    notes: list[str] = field(default_factory=list)  # What a reader assumes, or why it cannot use the bag
+    damage: list[str] = field(default_factory=list)  # What is wrong with the files
 
     @property
     def messages(self) -> int:

@@ -40,15 +40,7 @@ def hardly_usable(recording: Recording) -> list[str]:
 
 
 def beyond_limits(recording: Recording, robot: Robot) -> list[Finding]:
-    """Return which angles and speeds are far beyond the limits of the description.
-
-    Parameters
-    ----------
-    recording
-        Of the arm; without damaged samples.
-    robot
-        Its description; joints without limits are not looked at.
-    """
+    """Return which angles and speeds are far beyond the limits of the description."""
     findings = []
     for name, side in recording.select(robot.joint_names).measured().items():
         if len(side) >= _FEWEST:

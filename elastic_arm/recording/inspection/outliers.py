@@ -57,29 +57,17 @@ _APART, _APART_SECONDS = 6, 0.02  # samples, and s, left out behind a jump: a ho
 
 @dataclass(frozen=True)
 class Outliers:
-    """The outliers of one channel of one joint.
+    """The outliers of one channel of one joint."""
 
-    Parameters
-    ----------
-    side, channel, joint
-        Where.
-    rows
-        Indices of the samples.
-    largest
-        The one furthest from zero, rad, rad/s or Nm.
-    span : (2,)
-        Between which nearly all others lie; of single samples, how far the one furthest off is from the cubic through
-        its neighbours, and how far nearly all samples are at most.
-    single
-        Whether they were found by their neighbours: they may well lie within the range of all others.
-    """
-
-    side: str
+    side: str  # Where
     channel: str
     joint: str
-    rows: NDArray[np.intp]
-    largest: float
+    rows: NDArray[np.intp]  # Indices of the samples
+    largest: float  # The one furthest from zero, rad, rad/s or Nm
+    # (2,) Between which nearly all others lie; of single samples, how far the one furthest off is from the cubic
+    # through its neighbours, and how far nearly all samples are at most
     span: Array
+    # Whether they were found by their neighbours: they may well lie within the range of all others
     single: bool = False
 
     def words(self) -> str:
@@ -95,13 +83,7 @@ class Outliers:
 
 
 def usable(recording: Recording) -> Recording:
-    """Return the recording as all that computes from it takes it; its notes state what was done.
-
-    Raises
-    ------
-    RecordingError
-        If a channel is of no arm throughout, so that nothing would be left.
-    """
+    """Return the recording as all that computes from it takes it; its notes state what was done."""
     whole, found = cleared(recording)
     if not found:
         return whole

@@ -45,28 +45,18 @@ _WORK = 0.05  # of the torque's rms times the path, beyond that
 
 @dataclass(frozen=True)
 class _ComparedMotion:
-    """One side's positions and velocities, and how the two agree.
+    """One side's positions and velocities, and how the two agree."""
 
-    Parameters
-    ----------
-    t : (N,)
-        s.
-    q, v : (N, n)
-        rad and rad/s.
-    gain, lag, share, doubt : (n,)
-        g and tau (s) of the module's equation, the share of the advance that it explains, and the standard deviation of
-        tau, s; NaN for joints at rest.
-    slow : (n,)
-        Whether the positions advance so slowly that noise of the velocity may hide what they share.
-    """
-
-    t: Array
-    q: Array
+    t: Array  # (N,) s
+    q: Array  # (N, n) rad and rad/s
     v: Array
+    # (n,) g and tau (s) of the module's equation, the share of the advance that it explains, and the standard
+    # deviation of tau, s; NaN for joints at rest
     gain: Array
     lag: Array
     share: Array
     doubt: Array
+    # (n,) Whether the positions advance so slowly that noise of the velocity may hide what they share
     slow: NDArray[np.bool_]
 
     @property

@@ -18,13 +18,7 @@ ARRIVAL = "Use the times of arrival: --clock arrival, or 'time: arrival' in a ch
 
 
 def checked(side: Side, topic: str, joints: Sequence[str]) -> Side:
-    """Return `side` if its times advance and its numbers are finite, or NaN throughout for joints without a channel.
-
-    Raises
-    ------
-    RecordingError
-        Naming the topic and every field and joint at fault, with the first time.
-    """
+    """Return `side` if its times advance and its numbers are finite, or NaN throughout for joints without a channel."""
     check_times(side.stamp_ns, topic)
     faults = []
     for name, values in side.channels().items():

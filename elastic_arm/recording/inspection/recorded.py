@@ -14,13 +14,7 @@ from elastic_arm.robot import Robot
 
 
 def looked_through(recording: Recording, robot: Robot | None = None) -> list[Finding]:
-    """Return what had to be done to use a recording, and what no sensors of a moving arm, or of this one, measure.
-
-    Raises
-    ------
-    RecordingError
-        If a channel is of no arm throughout, or the sides do not belong together.
-    """
+    """Return what had to be done to use a recording, and what no sensors of a moving arm, or of this one, measure."""
     whole, found = cleared(recording)
     found += [Finding("note", "reading", note) for note in whole.samples().notes if note not in recording.notes]
     return found + _seen(whole, recording, robot)

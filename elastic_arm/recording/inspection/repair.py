@@ -34,11 +34,6 @@ def repair_bag(path: str | Path, out: str | Path | None = None) -> Repair:
 
     Damaged chunks and torn ends are left out, and of the joint topics messages with numbers that are none. Stamps stay
     as they are: readers put messages in order.
-
-    Raises
-    ------
-    RecordingError
-        If nothing can be read, or the new bag cannot be written.
     """
     path = Path(path)
     repair = Repair(Path(out) if out is not None else path.with_name(f"{bag_stem(path)}_repaired"))

@@ -12,24 +12,13 @@ Severity = Literal["error", "warning", "note"]
 
 @dataclass(frozen=True)
 class Finding:
-    """Something found in a bag or a recording.
+    """Something found in a bag or a recording."""
 
-    Parameters
-    ----------
-    severity
-        "error": it cannot be used as it is; "warning": it can, with less accuracy; "note": good to know.
-    code
-        A word for scripts.
-    message
-        For people.
-    topic, joint, time
-        Where, as far as it is of one place; seconds from the first sample.
-    """
-
+    # "error": it cannot be used as it is; "warning": it can, with less accuracy; "note": good to know
     severity: Severity
-    code: str
-    message: str
-    topic: str | None = None
+    code: str  # A word for scripts
+    message: str  # For people
+    topic: str | None = None  # Where, as far as it is of one place; seconds from the first sample
     joint: str | None = None
     time: float | None = None
 

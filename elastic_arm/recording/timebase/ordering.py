@@ -20,18 +20,6 @@ def in_order(stamp_ns: Stamps, topic: str) -> tuple[Stamps, NDArray[np.intp], li
 
     A clock that was set back runs on from where it was. Messages that overtook each other are sorted. One whose stamp
     is far from all others is left out.
-
-    Parameters
-    ----------
-    stamp_ns
-        (N,) in the order of arrival.
-    topic
-        For the findings.
-
-    Raises
-    ------
-    RecordingError
-        If all stamps are equal.
     """
     check_stamped(stamp_ns, topic)
     stamp_ns, found = _one_clock(stamp_ns.copy(), topic)
