@@ -62,7 +62,10 @@ class _Defined:
 
 @lru_cache(maxsize=64)
 def _defined(name: str, encoding: str, text: str) -> TypeFields:
-    return _Defined(parse_definition(name, encoding, text)) if text else typestore()
+    # A known type needs no definition in another language than that of .msg files.
+    if not text or (encoding != "ros2msg" and known(name)):
+        return typestore()
+    return _Defined(parse_definition(name, encoding, text))
 
 
 def types_of(topic: Topic) -> TypeFields:
