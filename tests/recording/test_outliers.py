@@ -16,7 +16,7 @@ from elastic_arm.errors import RecordingError
 from elastic_arm.identification import IdentificationSettings, identify
 from elastic_arm.recording import Recording, Side, read_recording, write_recording
 from elastic_arm.recording.inspection.check import check_bag
-from elastic_arm.recording.inspection.outliers import _BLOCK, find_outliers, usable
+from elastic_arm.recording.inspection.outliers import find_outliers, usable
 from elastic_arm.robot import load_robot
 from tests.helpers.bags import JOINT_STATE, joint_state, two_sided, write_foreign
 
@@ -148,13 +148,16 @@ def test_a_single_sample_within_the_range_of_others_is_said_to_be_off_its_neighb
         Recording(("a", "b"), motor=Side(stamp_ns, np.sin(np.outer(t, [1.0, 1.3])), effort=torque))
     )
     words = found.words()
-    assert f"1 sample of the motor effort of b, {torque[2000, 1]:.3g}, off the curve through its neighbours by" in words
-    off, kept = float(words.split("neighbours by ")[1].split(",")[0]), float(words.split("within ")[1])
+    assert (
+        f"1 sample of the motor effort of b up to {torque[2000, 1]:.3g}, off the curve through its neighbours by up to"
+        in words
+    )
+    off, kept = float(words.split("neighbours by up to ")[1].split(",")[0]), float(words.split("within ")[1])
     assert off > 10.0 > 3.0 > kept
     assert "others lie between" not in words
 
 
-@pytest.mark.parametrize("row", [3, *range(_BLOCK - 3, _BLOCK + 6), 39_996])
+@pytest.mark.parametrize("row", [3, 20_000, 39_996])
 def test_single_samples_are_found_wherever_they_lie(row: int) -> None:
     """Those at the ends of the samples that are looked at together, too."""
     stamp_ns = 10**6 * np.arange(40_000)
