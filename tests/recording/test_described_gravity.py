@@ -54,7 +54,7 @@ def recorded(
     return Recording(robot.joint_names, link=position.beside(effort))
 
 
-@pytest.mark.parametrize("seed", range(6))
+@pytest.mark.parametrize("seed", range(4))
 @pytest.mark.parametrize("speed", [0.3, 1.0, 4.0])
 def test_right_signs_are_not_blamed(seed: int, speed: float) -> None:
     """However fast the arm moves: torques of inertia run against gravity where links point upwards."""
@@ -67,8 +67,8 @@ def test_a_joint_of_the_wrong_sign_is_named(side: str, elastic: bool) -> None:
     robot = arm(elastic=elastic)
     (finding,) = contradicted_gravity(recorded(robot, side=side, flipped=[1]), robot)
     words = finding.message
-    assert words.startswith(f"{side} effort of joint_2 runs against the gravity that the description predicts")
-    assert "measured gravity is -1.2" in words and "has the described sign: check the sign of joint_2" in words
+    assert finding.code == "gravity_sign"
+    assert words.startswith(f"{side} side: the torque of joint_2 has the other sign than described")
 
 
 @pytest.mark.parametrize("which", ["all signs", "the mounting"])
@@ -154,8 +154,7 @@ def heavier(robot: Robot) -> Robot:
 ONES = (1.0, 1.0, 1.0, 1.0)
 
 
-@pytest.mark.parametrize("seed", [2, 3])
-@pytest.mark.parametrize(("side", "elastic"), [("link", False), ("motor", False), ("motor", True)])
+@pytest.mark.parametrize(("side", "elastic", "seed"), [("link", False, 2), ("motor", True, 3)])
 @pytest.mark.parametrize(
     ("order", "signs", "which", "code", "words"),
     [
@@ -166,7 +165,7 @@ ONES = (1.0, 1.0, 1.0, 1.0)
     ],
 )
 def test_joints_and_channels_that_were_confused_are_named(
-    seed: int, side: str, elastic: bool, order: Sequence[int], signs: Sequence[float], which: str, code: str, words: str
+    side: str, elastic: bool, seed: int, order: Sequence[int], signs: Sequence[float], which: str, code: str, words: str
 ) -> None:
     """By the geometry: whatever the masses, and whether the joint carries any gravity."""
     robot = arm(seed, elastic=elastic)

@@ -1,12 +1,13 @@
 """Torques against what the arm's description predicts: signs, places and mountings that are not as taken.
 
 Of each joint's torque a zero, friction, the inertia as described and that of its motor are regressed out, and the same
-of the gravity torque as described. What is left of the two should rise together. Where it runs against each other, a
-torque or an angle has the wrong sign, or the arm is mounted otherwise. Where it rises far more or less, a unit is not
-what it is taken for; where it hardly rises at all, gravity has been taken out of the torque before it was recorded.
+of the gravity torque as described. What is left of the two should rise together. Where it runs against each other, all
+torques have the wrong sign, or the arm is mounted otherwise. Where it rises far more or less, a unit is not what it is
+taken for; where it hardly rises at all, gravity has been taken out of the torque before it was recorded.
 
-Joints that turn the other way, and channels of two joints that were exchanged, are tried: masses and inertias are left
-free, tau = Y(q, dq, ddq) pi, so that what tells is the geometry alone, however wrong the described masses are.
+Joints that turn the other way, torques of the wrong sign, and channels of two joints that were exchanged are tried:
+masses and inertias are left free, tau = Y(q, dq, ddq) pi, so that what tells is the geometry alone, however wrong the
+described masses are.
 
 Slow samples resemble each other: N of them are worth as few independent ones as the two series' autocorrelations say
 (M. S. Bartlett, Journal of the Royal Statistical Society 98 (1935) 536).
@@ -15,12 +16,10 @@ Slow samples resemble each other: N of them are worth as few independent ones as
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
 from itertools import combinations
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.signal import fftconvolve, savgol_filter
 from scipy.stats import t as student
 
@@ -29,7 +28,7 @@ from elastic_arm.effects.equations import ArmEquations
 from elastic_arm.recording.inspection.plausibility import is_motion
 from elastic_arm.recording.inspection.report import Finding, warning
 from elastic_arm.recording.recording import Recording
-from elastic_arm.recording.sides import Array, Samples, listed, span_of
+from elastic_arm.recording.sides import Array, Samples
 from elastic_arm.robot import Robot
 
 FEWEST = 200  # samples; below, nothing is concluded
@@ -38,15 +37,12 @@ ENOUGH = 5000  # samples that are looked at; bounds the time
 TRIED = 500  # of them, with every other arrangement
 WINDOW = 0.1  # s over which positions are differentiated: gravity changes more slowly
 STANDSTILL = 0.01  # rad/s within which friction turns over; convention
-AGAINST = -0.5  # correlation; a description that is right, masses aside, gives none below zero
+ALIKE = 0.5  # correlation that gravity has at least where masses alone are off; convention
 CHANCE = 0.01  # probability that unrelated torques correlate so; convention
-PLAIN = -0.9  # correlation of further joints beside one that is certain; convention
-# Of the largest gravity among the joints: less of it, as wrists have, a payload beside their axis turns over.
-CONSIDERABLE = 0.05
 # Times the described gravity: of a sign alone -1, and masses are off. Beyond, something else than gravity is at work.
 FACTOR = (1.0 / 3.0, 3.0)
 MISSING = 0.5  # times the described gravity; below for certain it was taken out, in part at least
-# Of all joints together; beyond, a unit is mistaken. Masses of a description are not off by so much; convention.
+# Beyond, a unit is mistaken. Masses of a description are not off by so much; convention.
 FAR = (0.2, 5.0)
 LIKE_DEGREES = (57.3 / 2.5, 57.3 * 2.5)  # masses are off, and a small angle is not a small part of a sine
 LIKE_KILO = (0.5e-3, 2e-3)
@@ -55,16 +51,12 @@ TURNED = 0.35  # rad from the described direction: beyond the tilts that linear 
 SIZE = (0.6, 1.5)  # of the described gravity: masses are off as well
 LEFT = 0.3  # of the squares that the described direction leaves
 OVERHEAD = 0.75 * np.pi  # rad: nearer to upside down, which all signs together are, too, than to any side
-EITHER = (
-    "either all torques have the wrong sign (sign: -1 in the map), or the arm hangs upside down (base in its arm "
-    "file); gravity alone does not tell the two apart"
-)
 RANK = 1e-9  # of the largest singular value; numerical
 SIDES = {"tau_J": "link", "tau_m": "motor"}
 # Another arrangement is named where it is e^10 times as likely, and leaves a tenth of the torques that it changes.
 CERTAIN, EXPLAINED = 10.0, 0.1
-NO_TORQUE = 1e-9  # Nm; what changes less is none
 CHANGED = 0.1  # of the logarithm of what is left
+NO_TORQUE = 1e-9  # Nm; what changes less is none
 
 
 class _Motion(NamedTuple):
@@ -77,71 +69,51 @@ class _Motion(NamedTuple):
     measured: list[int]
 
 
-@dataclass(frozen=True)
-class GravityFit:
-    """Torques of one side beside the described gravity, less what is not gravity."""
+class GravityFit(NamedTuple):
+    """Torques of one side beside the described gravity, less what is not gravity.
 
-    # (N, n) What is left of the measured torque and of the gravity torque as described, Nm; zero where there is
-    # neither
+    What is left of the torques, of gravity as described, Nm, (N, m) of the joints with a torque, and of its derivative
+    by the gravity vector, (N, m, 3); correlation of the two, factor of the first over the second with its deviation,
+    and the probability that unrelated series correlate so.
+    """
+
     torque: Array
     gravity: Array
-    pull: Array  # (N, n, 3) What is left of the derivative of the described one by the gravity vector, Nm per m/s²
-    # (n,) Of the two; of the torque over the described one, with its deviation. Zero where there is no gravity.
-    correlation: Array
-    factor: Array
-    std: Array
-    chance: Array  # (n,) Probability that unrelated series correlate as much with this sign
+    pull: Array
+    correlation: float
+    factor: float
+    std: float
+    chance: float
 
     @property
-    def against(self) -> NDArray[np.bool_]:
-        """Which joints (n,) certainly have gravity of the other sign, and which beside them plainly have."""
-        size = -self.factor
-        usual = (size > FACTOR[0]) & (size < FACTOR[1])
-        certain = usual & (self.correlation < AGAINST) & (self.chance < CHANCE)
-        heavy = self.heavy
-        plain = usual & (self.correlation < PLAIN) & heavy
-        # All of them together are no payload.
-        found = certain & (heavy | (not self.along.any()))
-        return (found | plain) if (certain & heavy).any() else np.zeros_like(certain)
-
-    @property
-    def along(self) -> NDArray[np.bool_]:
-        """Which joints (n,) certainly have gravity of the described sign."""
-        return (self.correlation > -AGAINST) & (self.chance < CHANCE)
-
-    @property
-    def heavy(self) -> NDArray[np.bool_]:
-        """Which joints (n,) carry a gravity that counts beside the largest."""
-        spread = self.gravity.std(axis=0)
-        return np.asarray(spread > CONSIDERABLE * spread.max())
-
-    @property
-    def missing(self) -> NDArray[np.bool_]:
-        """Which joints (n,) certainly have much less gravity than described, and not that of the other sign."""
-        least, most = self.factor - 3.0 * self.std, self.factor + 3.0 * self.std
-        return self.heavy & (most < MISSING) & (least > -MISSING)
+    def certain(self) -> bool:
+        """Whether the torques follow gravity, or run against it."""
+        return abs(self.correlation) > ALIKE and self.chance < CHANCE
 
 
 def contradicted_gravity(recording: Recording, robot: Robot) -> list[Finding]:
-    """Return which torques are at odds with the description.
+    """Return which torques are at odds with the description, of a recording without damaged samples.
 
     They belong to another joint or way to turn, "exchanged", "mirrored"; run against gravity, "gravity_sign"; show
     another direction, "mounting"; are far larger or smaller, "gravity_size"; or hold no gravity, "gravity_missing".
     """
     found = []
     for side, motion, fit in _fits(recording, robot):
-        if fit.gravity.any():
-            found += _size(fit, side, robot) or _arranged(motion, side, robot) or _judged(fit, side, robot)
+        found += (
+            _size(fit, side) or [finding for finding, _ in _arranged(motion, side, robot)] or _judged(fit, side, robot)
+        )
     return found
 
 
 def opposed_joints(recording: Recording, robot: Robot) -> tuple[str, ...]:
     """Return the joints whose torque runs against gravity as described, and the arm is not mounted otherwise."""
-    opposed = np.zeros(robot.n, dtype=bool)
-    for side, _, fit in _fits(recording, robot):
-        if fit.gravity.any() and any(finding.code == "gravity_sign" for finding in _judged(fit, side, robot)):
-            opposed |= fit.against
-    return tuple(name for name, against in zip(robot.joint_names, opposed.tolist(), strict=True) if against)
+    opposed: set[str] = set()
+    for side, motion, fit in _fits(recording, robot):
+        arranged = _arranged(motion, side, robot)
+        opposed |= {names[0] for finding, names in arranged if finding.code == "gravity_sign"}
+        if not arranged and any(finding.code == "gravity_sign" for finding in _judged(fit, side, robot)):
+            opposed |= set(robot.joint_names)
+    return tuple(name for name in robot.joint_names if name in opposed)
 
 
 def _fits(recording: Recording, robot: Robot) -> Iterator[tuple[str, _Motion, GravityFit]]:
@@ -153,7 +125,9 @@ def _fits(recording: Recording, robot: Robot) -> Iterator[tuple[str, _Motion, Gr
     for channel, side in SIDES.items():
         if getattr(samples, channel) is not None:
             motion = _motion(samples, position, channel)
-            yield side, motion, _fit_gravity(motion, robot, motors=side == "motor")
+            fit = _fit_gravity(motion, robot, motors=side == "motor")
+            if len(motion.q) >= FEWEST and fit.gravity.any():
+                yield side, motion, fit
 
 
 def _motion(samples: Samples, position: Array, channel: str) -> _Motion:
@@ -161,35 +135,36 @@ def _motion(samples: Samples, position: Array, channel: str) -> _Motion:
     width = max(round(WINDOW / step) // 2 * 2 + 1, 5)
     dq, ddq = (savgol_filter(position, width, 3, deriv=k, delta=step, axis=0) for k in (1, 2))
     # Across a hole there is no derivative.
-    half = width // 2
-    apart = np.flatnonzero(np.diff(samples.t) > 2.5 * step)
     holes = np.zeros(len(position), np.bool_)
-    for row in apart.tolist():
-        holes[max(row - half, 0) : row + half + 2] = True
+    for row in np.flatnonzero(np.diff(samples.t) > 2.5 * step).tolist():
+        holes[max(row - width // 2, 0) : row + width // 2 + 2] = True
     rows = np.flatnonzero(~holes)[width:-width]
     rows = rows[:: max(1, len(rows) // ENOUGH)]
-    measured = [j for j in range(position.shape[1]) if (channel, j) not in samples.lacking]
     torque: Array = getattr(samples, channel)
+    lacking = [(channel, j) in samples.lacking for j in range(position.shape[1])]
+    measured = np.flatnonzero((np.ptp(torque, axis=0) > NO_TORQUE) & ~np.array(lacking)).tolist()
     return _Motion(position[rows], dq[rows], ddq[rows], torque[rows], measured)
 
 
 def _fit_gravity(motion: _Motion, robot: Robot, *, motors: bool) -> GravityFit:
-    """Compare the torques of one side with described gravity."""
+    """Compare the torques of one side with described gravity, of all joints together."""
     states = (np.hstack([rate, rate]) if robot.elastic else rate for rate in motion[:3])
     moved, pull = ArmEquations(robot).moved_and_pulled(*states, motors=motors)
-    left, weight = np.zeros_like(motion.torque), np.zeros_like(pull)
-    related = np.tile(np.array([0.0, 0.0, 0.0, 1.0])[:, None], (1, robot.n))
-    least = RANK * float(np.abs(pull @ robot.gravity).max())
-    for j in motion.measured:
+    count = len(motion.measured)
+    left, weight, free = np.zeros((len(pull), count)), np.zeros((len(pull), count, 3)), 0.0
+    for k, j in enumerate(motion.measured):
         basis = _own(motion, j, moved[:, j])
-        left[:, j], weight[:, j] = (rows - basis @ (basis.T @ rows) for rows in (motion.torque[:, j], pull[:, j]))
-        gravity = weight[:, j] @ robot.gravity
-        # What rounding leaves of the gravity of a joint that has none is no gravity.
-        if np.abs(gravity).max() >= least:
-            related[:, j] = _related(left[:, j], gravity)
+        left[:, k], weight[:, k] = (rows - basis @ (basis.T @ rows) for rows in (motion.torque[:, j], pull[:, j]))
+        free += _independent(left[:, k], weight[:, k] @ robot.gravity)
     gravity = weight @ robot.gravity
-    gravity[:, np.abs(gravity).max(axis=0) < least] = 0.0
-    return GravityFit(left, gravity, weight, *related)
+    # What rounding leaves of the gravity of a joint that has none is no gravity.
+    if not count or np.abs(gravity).max() <= RANK * float(np.abs(pull @ robot.gravity).max()):
+        return GravityFit(left, np.zeros_like(gravity), weight, 0.0, 0.0, np.inf, 1.0)
+    squares, power, both = float(np.sum(left**2)) + 1e-300, float(np.sum(gravity**2)), float(np.sum(left * gravity))
+    correlation = both / np.sqrt(squares * power)
+    rest, free = max(1.0 - correlation**2, 1e-12), max(free - 2.0, 0.1)
+    chance = float(student.sf(abs(correlation) * np.sqrt(free / rest), free))
+    return GravityFit(left, gravity, weight, correlation, both / power, np.sqrt(squares / power * rest / free), chance)
 
 
 def _own(motion: _Motion, j: int, *more: Array) -> Array:
@@ -201,29 +176,21 @@ def _own(motion: _Motion, j: int, *more: Array) -> Array:
     return np.asarray(basis[:, sizes > RANK * sizes[0]])
 
 
-def _related(torque: Array, gravity: Array) -> tuple[float, float, float, float]:
-    """Return correlation, factor, its deviation and probability of chance of two series (N,)."""
-    powers = float(torque @ torque), float(gravity @ gravity)
-    if min(powers) <= 0.0:
-        return 0.0, 0.0, 0.0, 1.0
-    both = float(torque @ gravity)
-    correlation, factor = both / np.sqrt(powers[0] * powers[1]), both / powers[1]
-    alike = [fftconvolve(each, each[::-1])[len(each) :] / (each @ each) for each in (torque, gravity)]
-    free = len(torque) / max(1.0, 1.0 + 2.0 * float(alike[0] @ alike[1])) - 2.0
-    if free <= 0.0:
-        return correlation, factor, np.inf, 1.0
-    left = max(1.0 - correlation**2, 1e-12)
-    size = abs(correlation) * np.sqrt(free / left)
-    return correlation, factor, float(np.sqrt(powers[0] / powers[1] * left / free)), float(student.sf(size, free))
+def _independent(one: Array, other: Array) -> float:
+    """Return how many independent samples two series (N,) are worth."""
+    alike = [fftconvolve(each, each[::-1])[len(each) :] / max(float(each @ each), 1e-300) for each in (one, other)]
+    return len(one) / max(1.0, 1.0 + 2.0 * float(alike[0] @ alike[1]))
 
 
-def _arranged(motion: _Motion, side: str, robot: Robot) -> list[Finding]:
+def _arranged(motion: _Motion, side: str, robot: Robot) -> list[tuple[Finding, tuple[str, ...]]]:
     """Return which joints turn the other way, or have their channels exchanged, as the geometry shows it."""
-    n, found = robot.n, []
-    if len(motion.measured) < n or n < 2 or len(motion.q) < FEWEST or (np.ptp(motion.torque, axis=0) < NO_TORQUE).any():
-        return []
-    motion = motion._replace(**{k: getattr(motion, k)[:: max(1, len(motion.q) // TRIED)] for k in motion._fields[:4]})
-    model = build_model(robot)
+    found: list[tuple[Finding, tuple[str, ...]]] = []
+    if len(motion.measured) < 2:
+        return found
+    every = max(1, len(motion.q) // TRIED)
+    motion = _Motion(*(rate[::every] for rate in motion[:4]), motion.measured)  # type: ignore[call-arg, arg-type]
+    # A few thousand samples: compiling would take longer than all that is computed.
+    n, model = robot.n, build_model(robot, engine="numpy")
 
     def regressor(q: Array, dq: Array, ddq: Array) -> Array:
         if robot.elastic:
@@ -231,84 +198,78 @@ def _arranged(motion: _Motion, side: str, robot: Robot) -> list[Finding]:
         Y = model.regressor(q, dq, ddq)
         return np.asarray(Y[:, :n] + (Y[:, n:] if robot.elastic and side == "motor" else 0.0))
 
-    left, power, free = _squares(motion, regressor)
     for _ in range(n):
+        left, power, free = _squares(motion, regressor(*motion[:3]))
         tried = []
-        for words, code, angles, torques in _arrangements(robot.joint_names):
+        for angles, ways in _arrangements(robot.joint_names, motion.measured):
             q, dq, ddq = (angles(rate) for rate in motion[:3])
-            other = _Motion(q, dq, ddq, torques(motion.torque), motion.measured)
-            squares, *_ = _squares(other, regressor)
-            change = np.log(_back(torques, squares, n) / left)
-            tried.append((0.5 * float(free @ change), change, words, code, other))
-        odds, change, words, code, other = min(tried, key=lambda each: each[0])
+            Y = regressor(q, dq, ddq)
+            for code, words, names, torques in ways:
+                squares, *_ = _squares(_Motion(q, dq, ddq, torques(motion.torque), motion.measured), Y)
+                # In the order of the torques as they were given.
+                order = np.argsort(np.abs(torques(np.arange(1.0, n + 1.0)))[motion.measured])
+                change = np.log(squares[order] / left)
+                tried.append((0.5 * float(free @ change), change, code, words, names, angles, torques))
+        odds, change, code, words, names, angles, torques = min(tried, key=lambda each: each[0])
         changed = np.abs(change) > CHANGED
-        if -odds < CERTAIN or not changed.any():
+        share = np.log(left / power)[changed]
+        if -odds < CERTAIN or not changed.any() or np.mean(share + change[changed]) > np.log(EXPLAINED):
             break
-        before, after = (
-            float(np.exp(np.mean(np.log(x[changed])))) for x in (left / power, left * np.exp(change) / power)
-        )
-        # A torque that has the wrong sign is for gravity to say.
-        if after > 100.0 * EXPLAINED or not code:
-            break
+        before, after = (100.0 * float(np.exp(np.mean(each))) for each in (share, share + change[changed]))
         message = f"{side} side: {words}: so {after:.2g} % of the torques' squares are left, as given {before:.2g} %"
         remedy = "check names, order and signs of the columns in the map, of angle and torque"
-        found.append(warning(code, message, remedy))
-        motion = other
-        left, power, free = _squares(motion, regressor)
+        found.append((warning(code, message, remedy), names))
+        q, dq, ddq = (angles(rate) for rate in motion[:3])
+        motion = _Motion(q, dq, ddq, torques(motion.torque), motion.measured)
     return found
 
 
-def _arrangements(
-    names: Sequence[str],
-) -> Iterator[tuple[str, str, Callable[[Array], Array], Callable[[Array], Array]]]:
-    """Yield what may have been confused: in words, as a code, and how angles and torques (N, n) come right."""
+_Change = Callable[[Array], Array]
+_Way = tuple[str, str, tuple[str, ...], _Change]
+
+
+def _arrangements(joints: Sequence[str], measured: Sequence[int]) -> Iterator[tuple[_Change, list[_Way]]]:
+    """Yield what may have been confused: how angles (…, n) come right, and how torques do beside it."""
 
     def same(values: Array) -> Array:
         return values
 
-    for j, name in enumerate(names):
-        sign = np.ones(len(names))
-        sign[j] = -1.0
+    alone: list[_Way] = []
+    for j, name in enumerate(joints):
+        sign = np.where(np.arange(len(joints)) == j, -1.0, 1.0)
 
         def mirrored(values: Array, sign: Array = sign) -> Array:
             return sign * values
 
-        yield (
-            f"{name} turns the other way than described, its angle and its torque have the other sign",
-            "mirrored",
-            mirrored,
-            mirrored,
-        )
-        yield f"the angle of {name} has the other sign than described", "mirrored", mirrored, same
-        yield f"the torque of {name} has the other sign", "", same, mirrored
-    for i, j in combinations(range(len(names)), 2):
-        order = list(range(len(names)))
-        order[i], order[j] = j, i
+        both = f"{name} turns the other way than described, its angle and its torque have the other sign"
+        angle = f"the angle of {name} has the other sign than described"
+        yield mirrored, [("mirrored", both, (name,), mirrored), ("mirrored", angle, (name,), same)]
+        if j in measured:
+            alone.append(("gravity_sign", f"the torque of {name} has the other sign than described", (name,), mirrored))
+    for i, j in combinations(measured, 2):
+        order = np.arange(len(joints))
+        order[[i, j]] = j, i
 
-        def exchanged(values: Array, order: Sequence[int] = tuple(order)) -> Array:
-            return values[..., list(order)]
+        def exchanged(values: Array, order: Any = order) -> Array:
+            return values[..., order]
 
-        both = f"{names[i]} and {names[j]}"
-        yield f"effort of {both} seems to be exchanged", "exchanged", same, exchanged
-        yield f"all channels of {both} seem to be exchanged", "exchanged", exchanged, exchanged
-
-
-def _back(torques: Callable[[Array], Array], squares: Array, n: int) -> Array:
-    """Return squares (n,) by the columns of the torques as they were given."""
-    return squares[np.argsort(np.abs(torques(np.arange(1.0, n + 1.0)[None])[0]))]
+        names = (joints[i], joints[j])
+        words = "all channels of {} and {} seem to be exchanged".format(*names)
+        yield exchanged, [("exchanged", words, names, exchanged)]
+        alone.append(("exchanged", "effort of {} and {} seems to be exchanged".format(*names), names, exchanged))
+    yield same, alone
 
 
-def _squares(motion: _Motion, regressor: Callable[[Array, Array, Array], Array]) -> tuple[Array, Array, Array]:
-    """Return what free masses leave of the torques' squares (n,), what there is, and independent samples of the rest.
+def _squares(motion: _Motion, Y: Array) -> tuple[Array, Array, Array]:
+    """Return what free masses leave of the torques' squares (m,), what there is, and independent samples of the rest.
 
     Each joint has its own friction, zero, motor inertia and noise.
     """
-    Y, n = regressor(*motion[:3]), len(motion.measured)
-    bases = [_own(motion, j) for j in range(n)]
-    columns = [Y[:, j] - basis @ (basis.T @ Y[:, j]) for j, basis in enumerate(bases)]
-    torques = [motion.torque[:, j] - basis @ (basis.T @ motion.torque[:, j]) for j, basis in enumerate(bases)]
+    bases = {j: _own(motion, j) for j in motion.measured}
+    columns = [Y[:, j] - basis @ (basis.T @ Y[:, j]) for j, basis in bases.items()]
+    torques = [motion.torque[:, j] - basis @ (basis.T @ motion.torque[:, j]) for j, basis in bases.items()]
     grams, rights = [c.T @ c for c in columns], [c.T @ t for c, t in zip(columns, torques, strict=True)]
-    power = np.array([float(t @ t) for t in torques]) + 1e-300
+    power = np.array([float(t @ t) for t in torques])
     squares, rest = power, torques
     # Weighted by what is left before; three rounds are enough.
     for _ in range(3):
@@ -316,52 +277,18 @@ def _squares(motion: _Motion, regressor: Callable[[Array, Array, Array], Array])
         scale = 1.0 / np.sqrt(np.diag(gram) + 1e-12 * np.diag(gram).max())
         inverse = np.linalg.pinv(scale[:, None] * gram * scale, rcond=RANK, hermitian=True)
         rest = [t - c @ (scale * (inverse @ (scale * right))) for c, t in zip(columns, torques, strict=True)]
-        squares = np.array([float(each @ each) for each in rest]) + 1e-300
-    alike = [fftconvolve(each, each[::-1])[len(each) :] / s for each, s in zip(rest, squares, strict=True)]
-    free = np.array([len(each) / (1.0 + 2.0 * float(a @ a)) for each, a in zip(rest, alike, strict=True)])
-    return squares, power, free
+        squares = np.array([float(each @ each) for each in rest]) + 1e-12 * power
+    return squares, power, np.array([_independent(each, each) for each in rest])
 
 
-def _judged(fit: GravityFit, side: str, robot: Robot) -> list[Finding]:
-    """Return what the torques of a side show: another direction, sign or size of gravity, none of it, or nothing."""
-    shown, left = _free_gravity(fit, robot)
-    signs = np.where(fit.correlation < 0.0, -1.0, 1.0) * fit.gravity
-    by_sign = fit.torque - signs * float(np.sum(signs * fit.torque) / np.sum(signs**2))
-    turned, size = angle_between(shown, robot.gravity), float(np.linalg.norm(shown) / np.linalg.norm(robot.gravity))
-    if left < LEFT * float(np.sum(by_sign**2)) and turned > TURNED and SIZE[0] < size < SIZE[1]:
-        numbers = (" ".join(f"{value:.3g}" for value in each) for each in (shown, robot.gravity))
-        message = "{} effort shows gravity of {} m/s², where the description has {}".format(side, *numbers)
-        remedy = "the arm is mounted otherwise (base in its arm file; identify and diagnose look for it themselves)"
-        return [warning("mounting", message, remedy)]
-    against, along = fit.against, fit.along
-    if not against.any():
-        return _missing(fit, side, robot)
-    joints = listed(robot.joint_names, against)
-    message = (
-        f"{side} effort of {joints} runs against the gravity that the description predicts (correlation "
-        f"{span_of(fit.correlation[against])}): measured gravity is {span_of(fit.factor[against])} times the described "
-        "one"
-    )
-    if turned > OVERHEAD and not along.any():
-        return [warning("gravity_sign", message, EITHER)]
-    if along.any():
-        message += f", and at {listed(robot.joint_names, along)} it has the described sign"
-    remedy = f"check the sign of {joints} in the map, of the torque (sign) and of the angle, or what it carries"
-    return [warning("gravity_sign", message, remedy)]
-
-
-def _size(fit: GravityFit, side: str, robot: Robot) -> list[Finding]:
-    """Return whether the torques that certainly follow gravity are together far larger or smaller than described."""
-    sure = fit.along & fit.heavy
-    if not sure.any():
-        return []
-    gravity = fit.gravity[:, sure]
-    factor = float(np.sum(gravity * fit.torque[:, sure]) / np.sum(gravity**2))
-    if FAR[0] <= factor <= FAR[1]:
+def _size(fit: GravityFit, side: str) -> list[Finding]:
+    """Return whether torques that certainly follow gravity are far larger or smaller than described."""
+    factor = fit.factor
+    if not fit.certain or factor < 0.0 or FAR[0] <= factor <= FAR[1]:
         return []
     message = (
-        f"{side} effort of {listed(robot.joint_names, sure)} follows the gravity that the description predicts "
-        f"(correlation {span_of(fit.correlation[sure])}), but is {factor:.3g} times the described one"
+        f"{side} effort follows the gravity that the description predicts (correlation {fit.correlation:.3g}), but is "
+        f"{factor:.3g} times the described one"
     )
     remedy = "check its unit (Nm, Nm_motor with its ratio, A), that of the angles, and the masses of the description"
     if LIKE_DEGREES[0] < factor < LIKE_DEGREES[1]:
@@ -371,27 +298,28 @@ def _size(fit: GravityFit, side: str, robot: Robot) -> list[Finding]:
     return [warning("gravity_size", message, remedy)]
 
 
-def _missing(fit: GravityFit, side: str, robot: Robot) -> list[Finding]:
-    """Return of which joints the torque holds no gravity, or a part of it only."""
-    missing = fit.missing
-    if not missing.any():
-        return []
-    whole = bool((np.abs(fit.factor[missing]) < FAR[0]).all())
-    words = (
-        f"{side} effort of {listed(robot.joint_names, missing)} holds {'no' if whole else 'a part only of the'} gravity"
-    )
-    numbers = f"{span_of(fit.factor[missing])} times it, correlation {span_of(fit.correlation[missing])}"
-    message = f"{words} that the description predicts ({numbers})"
-    remedy = "gravity compensation was subtracted before the torque was recorded: record the whole torque"
-    return [warning("gravity_missing", message, f"{remedy}, or compare masses of the description")]
-
-
-def _free_gravity(fit: GravityFit, robot: Robot) -> tuple[Array, float]:
-    """Return the gravity (3,), m/s², that explains the torques of joints that turn best, and the squares it leaves."""
-    turning = [not joint.prismatic for joint in robot.joints]
-    columns, target = fit.pull[:, turning].reshape(-1, 3), fit.torque[:, turning].ravel()
+def _judged(fit: GravityFit, side: str, robot: Robot) -> list[Finding]:
+    """Return what the torques of a side show: another direction or sign of gravity, none of it, or nothing."""
+    columns, target = fit.pull.reshape(-1, 3), fit.torque.ravel()
     shown: Any = np.linalg.lstsq(columns, target, rcond=None)[0]
-    return shown, float(np.sum((target - columns @ shown) ** 2) + np.sum(fit.torque[:, np.logical_not(turning)] ** 2))
+    left, straight = (float(np.sum((target - columns @ g) ** 2)) for g in (shown, fit.factor * robot.gravity))
+    turned, size = angle_between(shown, robot.gravity), float(np.linalg.norm(shown) / np.linalg.norm(robot.gravity))
+    if left < LEFT * straight and turned > TURNED and SIZE[0] < size < SIZE[1]:
+        numbers = (" ".join(f"{value:.3g}" for value in each) for each in (shown, robot.gravity))
+        message = "{} effort shows gravity of {} m/s², where the description has {}".format(side, *numbers)
+        remedy = "the arm is mounted otherwise (base in its arm file; identify and diagnose look for it themselves)"
+        return [warning("mounting", message, remedy)]
+    times = f"{fit.factor:.3g} times the described one, correlation {fit.correlation:.3g}"
+    if fit.certain and FACTOR[0] < -fit.factor < FACTOR[1]:
+        message = f"{side} effort runs against the gravity that the description predicts ({times})"
+        remedy = "either all torques have the wrong sign (sign: -1 in the map), or the arm hangs upside down (base in "
+        return [warning("gravity_sign", message, f"{remedy}its arm file); gravity alone does not tell the two apart")]
+    if abs(fit.factor) + 3.0 * fit.std < MISSING:
+        part = "no" if abs(fit.factor) < FAR[0] else "a part only of the"
+        message = f"{side} effort holds {part} gravity that the description predicts ({times})"
+        remedy = "gravity compensation was subtracted before the torque was recorded: record the whole torque"
+        return [warning("gravity_missing", message, f"{remedy}, or compare masses of the description")]
+    return []
 
 
 def angle_between(one: Array, other: Array) -> float:
